@@ -25,7 +25,7 @@ import argparse
 import itertools
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -47,7 +47,7 @@ from bayestissue.hierarchy.derived import named_sites, new_impact, reported_site
 from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.gaussian.arrangement import expected
 from bayestissue.hierarchy.gaussian.conditional import Data
-from bayestissue.hierarchy.gaussian.impacts import Sites, SitesFirst
+from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import COORDINATES, gaussian
 from bayestissue.inference.answers.contrasts import contrasts
@@ -69,7 +69,7 @@ from bayestissue.inference.factors.conditional import population_draws
 from bayestissue.inference.posterior.approximate import marginal_model
 from bayestissue.inference.results.labels import design_dimensions, labelled
 from bayestissue.inference.results.predictions import prior_draws
-from bayestissue.inference.samplers.coordinates import straight
+from bayestissue.inference.samplers.coordinates import unwarped
 
 STUDIES, SEED, KIND = 300, 2028, "answers"
 STUDIES_FILE, TABLE = HERE / "calibration_answers_studies.csv", HERE / "calibration_answers.csv"
@@ -394,7 +394,7 @@ class Studies:
             gaussian(self._base.data, self._sites(drawn, random))
             for drawn, random in zip(worlds, randoms, strict=True)
         ]
-        laid = jax.tree.map(lambda *each: jnp.stack(each), *(data.blocked_sites for data in every))
+        laid = jax.tree.map(lambda *each: jnp.stack(each), *(data.sites for data in every))
         # Chains begin at draws of the prior, those of another study.
         begin = np.roll([self._raw(drawn) for drawn in worlds], 1, axis=0)
         raw = np.asarray(self._sample(begin, laid, jnp.stack(keys)))
@@ -404,14 +404,14 @@ class Studies:
             found = self._asked(posterior, world)
             yield {"data_set": number, "rhat": _rhat(raw[place])} | found
 
-    def _chain(self, begin: Array, laid: SitesFirst, key: Array) -> Array:
+    def _chain(self, begin: Array, laid: GaussianFactor, key: Array) -> Array:
         """Hamiltonian Monte Carlo on the marginal density of a fit, [draw, hyperparameter], unconstrained."""
-        data = gaussian(self._base.data, self._flat)._replace(blocked_sites=laid)
-        unwarped = straight(len(begin))
+        data = replace(gaussian(self._base.data, self._flat), sites=laid)
+        warp = unwarped(len(begin))
 
         def potential(y: Array) -> Array:
             model = partial(marginal_model, self._base.model)
-            return potential_energy(model, (data, None, unwarped), {}, {COORDINATES: y})
+            return potential_energy(model, (data, None, warp), {}, {COORDINATES: y})
 
         kernel = HMC(potential_fn=potential, num_steps=LEAPFROGS, trajectory_length=None)
         state = kernel.init(key, WARMUP, begin, (), {})
@@ -423,18 +423,18 @@ class Studies:
         return [float(biject_to(support[name]).inv(drawn[name])) for name in support]
 
     @cached_property
-    def _flat(self) -> Sites:
+    def _flat(self) -> GaussianFactor:
         zeros = np.zeros((len(self._base.impacts), 3))
-        return Sites(zeros, zeros, np.broadcast_to(np.eye(3), (len(zeros), 3, 3)), zeros[:, 0])
+        return GaussianFactor(zeros, zeros, np.broadcast_to(np.eye(3), (len(zeros), 3, 3)), zeros[:, 0])
 
-    def _sites(self, drawn: Mapping[str, np.ndarray], random: np.random.Generator) -> Sites:
+    def _sites(self, drawn: Mapping[str, np.ndarray], random: np.random.Generator) -> GaussianFactor:
         """What measurements of all impacts say: each a normal about the truth and its own error."""
         truth = np.column_stack([drawn["log_K_and_C"], drawn["noise"]])
         covariance = np.diag([*MEASUREMENT_SD.values(), 1 / np.sqrt(2 * SAMPLES)]) ** 2
         covariance[0, 1] = covariance[1, 0] = CORRELATION * np.prod([*MEASUREMENT_SD.values()])
         seen = truth + random.multivariate_normal(np.zeros(3), covariance, len(truth))
         precision = np.broadcast_to(np.linalg.inv(covariance), (len(truth), 3, 3)).copy()
-        return Sites(seen, np.zeros_like(seen), precision, np.zeros(len(seen)))
+        return GaussianFactor(seen, np.zeros_like(seen), precision, np.zeros(len(seen)))
 
     def _posterior(self, raw: np.ndarray, data: Data, random: np.random.Generator) -> xr.Dataset:
         model = self._base.model

@@ -45,7 +45,12 @@ from bayestissue.hierarchy.traces import (
 from bayestissue.inference.posterior.approximate import Approximation, approximate
 from bayestissue.inference.posterior.constrained_draws import constrained_draws
 from bayestissue.inference.posterior.exact import start_of, straightened
-from bayestissue.inference.posterior.recipe import fitted_to_population, population_attempt, with_impacts
+from bayestissue.inference.posterior.recipe import (
+    Problem,
+    fitted_to_population,
+    population_attempt,
+    with_impacts,
+)
 from bayestissue.inference.samplers.nuts import run_chains
 from bayestissue.inference.samplers.sampling import Draws
 from bayestissue.resources import shared
@@ -108,10 +113,12 @@ class Bench:
 
     def _sites(self) -> Approximation:
         self.whitening = approximate(self.prepared)
-        settings = self.specification.sampler
-        return fitted_to_population(
-            self.prepared, self.whitening, settings, SEED, np.random.default_rng(SEED)
-        )
+        return fitted_to_population(self.problem, self.whitening)
+
+    @property
+    def problem(self) -> Problem:
+        """The fit, its random numbers from the beginning."""
+        return Problem(self.prepared, self.specification.sampler, SEED, np.random.default_rng(SEED))
 
     def quantities(self, draws: Draws, approximation: Approximation) -> Arrays:
         """What is reported of draws of the fit's standard normals, which these summaries make."""
@@ -130,9 +137,8 @@ def summary_path(bench: Bench) -> Outcome:
     """The summary path twice: the first pass compiles as well, the second is what sampling takes."""
 
     def whole() -> tuple[Draws, Arrays]:
-        prepared, settings = bench.prepared, bench.specification.sampler
-        made = population_attempt(prepared, bench.approximation, settings, SEED)
-        draws = with_impacts(prepared, made, settings, SEED)
+        made = population_attempt(bench.problem, bench.approximation)
+        draws = with_impacts(bench.problem, made)
         return draws, bench.quantities(draws, bench.approximation)
 
     _, cold = timed(whole)
@@ -281,7 +287,7 @@ def plain_start(bench: Bench, key: jax.Array) -> dict[str, jax.Array]:
     found = from_standard(model, data, summaries, sites, *zero)
     spread = population(model, sites)
     factor = cholesky_factor(sites["sd_impact_K"], sites["sd_impact_C"], sites["residual_correlation"])
-    away = [u - about for u, about in zip(found.u, found.about, strict=True)]
+    away = [u - mean for u, mean in zip(found.u, found.prior_mean, strict=True)]
     errors = trace_distribution(model, data, found.u).draw_errors(key)
     return raw | {
         "standard_locations": (found.b - data.location_mean) / spread.locations,

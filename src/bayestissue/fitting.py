@@ -20,7 +20,7 @@ import xarray as xr
 from bayestissue import resources, runtime
 from bayestissue.errors import refusal
 from bayestissue.finished import TABLES, Fit
-from bayestissue.hierarchy.gaussian.impacts import Sites
+from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification, specification_of
 from bayestissue.hierarchy.trace_data import KINDS, Prepared, assemble, prepare, with_discrepancy
 from bayestissue.inference.answers.agreement import agreement
@@ -270,7 +270,7 @@ def _without_discrepancy(dataset: Dataset, specification: ModelSpecification, pr
     return assemble(dataset, plain, prepared.design, prepared.signal)
 
 
-def _chain(dataset: Dataset, plain: Prepared, expansions: Sites) -> dict[str, Any]:
+def _chain(dataset: Dataset, plain: Prepared, expansions: GaussianFactor) -> dict[str, Any]:
     """What the traces say of their measuring chain; nothing of displacements."""
     return {} if dataset.quantity == "displacement" else judge(plain, expansions)
 

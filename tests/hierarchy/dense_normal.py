@@ -11,7 +11,7 @@ from jax import Array
 from bayestissue.hierarchy.gaussian.arrangement import arrange, expected_by_cell
 from bayestissue.hierarchy.gaussian.covariances import Covariances, SharedMassError
 from bayestissue.hierarchy.gaussian.effects import EffectsConditional, integrate_effects, log_density_of_cells
-from bayestissue.hierarchy.gaussian.impacts import CellSums, Sites, cell_sums, sites_by_cell
+from bayestissue.hierarchy.gaussian.factor import GaussianFactor, cell_factors
 
 SIZE = 4
 OWN = np.array([[0.2, -0.05], [-0.05, 0.3]])
@@ -107,20 +107,20 @@ class Dense:
         )
         self.sites = self._sites()
 
-    def _sites(self) -> Sites:
+    def _sites(self) -> GaussianFactor:
         root = self.rng.normal(size=(self.number, SIZE, SIZE))
         precision = root @ root.swapaxes(1, 2) + 0.2 * np.eye(SIZE)
         centre = self.rng.normal(size=(self.number, SIZE))
         slope, value = self.rng.normal(size=(self.number, SIZE)), 10 * self.rng.normal(size=self.number)
-        return Sites(*map(jnp.asarray, (centre, slope, precision, value)))
+        return GaussianFactor(*map(jnp.asarray, (centre, slope, precision, value)))
 
     @property
-    def blocked_sites(self) -> Sites:
-        return sites_by_cell(self.design, self.sites)
+    def blocked_sites(self) -> GaussianFactor:
+        return self.design.blocked(self.sites)
 
-    def sums(self, covariances: Covariances) -> CellSums:
+    def sums(self, covariances: Covariances) -> GaussianFactor:
         about = expected_by_cell(self.design, jnp.asarray(self.mean))
-        return cell_sums(covariances.of_impact(), about, self.blocked_sites)
+        return cell_factors(covariances.of_impact(), about, self.blocked_sites)
 
     def log_density(self, own: Any, nuisance: Any, locations: Any) -> Array:
         """As a function of all standard deviations."""
@@ -160,16 +160,16 @@ class Dense:
     @property
     def seen(self) -> np.ndarray:
         return np.asarray(self.sites.centre) + np.einsum(
-            "iab,ib->ia", self.inverses, np.asarray(self.sites.slope)
+            "iab,ib->ia", self.inverses, np.asarray(self.sites.shift)
         )
 
     @property
     def constants(self) -> np.ndarray:
         """A site is its constant times a normal density at what was seen."""
-        slope, inverse = np.asarray(self.sites.slope), self.inverses
+        slope, inverse = np.asarray(self.sites.shift), self.inverses
         bend = np.einsum("ia,iab,ib->i", slope, inverse, slope) / 2
         size = (SIZE * np.log(2 * np.pi) + np.linalg.slogdet(inverse)[1]) / 2
-        return np.asarray(self.sites.log_likelihood) + bend + size
+        return np.asarray(self.sites.log_scale) + bend + size
 
     def blocks(self, matrices: np.ndarray) -> np.ndarray:
         whole = np.zeros((self.number * SIZE, self.number * SIZE))

@@ -12,14 +12,14 @@ import pytest
 import statsmodels.formula.api as smf
 from numpy.testing import assert_allclose
 
-from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expected
+from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expected, expected_by_cell
 from bayestissue.hierarchy.gaussian.covariances import Covariances
 from bayestissue.hierarchy.gaussian.effects import (
     effects_from_standard,
     integrate_effects,
     log_density_of_cells,
 )
-from bayestissue.hierarchy.gaussian.impacts import CellSums
+from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.population import Effects, covariances_of, population_design
 from bayestissue.hierarchy.priors import Normal, Priors
 from designs import REFERENCE, design_of, impacts, indicator
@@ -83,19 +83,20 @@ def population(rows: pd.DataFrame) -> tuple[Effects, PopulationDesign]:
 
 def told(
     population: tuple[Effects, PopulationDesign], rows: pd.DataFrame, sd: dict[str, Any]
-) -> tuple[PopulationDesign, Covariances, CellSums]:
+) -> tuple[PopulationDesign, Covariances, GaussianFactor]:
     """What exact estimates of log K say of b; of log C and the noise nothing is known."""
     effects, design = population
     sites = {NAMES[name]: jnp.asarray(value) for name, value in sd.items()}
     sites |= {"sd_impact_C": jnp.asarray(0.3), "sd_noise": jnp.asarray(0.3)}
     away = jnp.asarray(rows["y"].to_numpy()) - expected(design, effects.mean)[0]
     precision, first = sites["sd_impact_K"] ** -2.0, jnp.array([1.0, 0.0, 0.0])[:, None]
-    sums = CellSums(
-        precision * first[:, None] * first * jnp.ones_like(away),
+    sums = (
         precision * first * away,
+        precision * first[:, None] * first * jnp.ones_like(away),
         (jnp.log(precision) - precision * away**2) / 2,
     )
-    laid = CellSums(*(design.to_cells(part) for part in sums))
+    about = expected_by_cell(design, effects.mean)
+    laid = GaussianFactor(about, *(design.to_cells(part) for part in sums))
     return design, covariances_of(effects, sites, 0.0, ("noise",)), laid
 
 

@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 from numpyro.infer.util import log_density, potential_energy
 
 from bayestissue.hierarchy.design import build_design
-from bayestissue.hierarchy.gaussian.impacts import Sites
+from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.population import population_design
 from bayestissue.hierarchy.priors import Priors
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
@@ -41,7 +41,7 @@ NUMBER, SAMPLES = 6, 12
 KINDS: tuple[Kind, ...] = ("arma", "a2", "impact")
 
 
-def made(kind: Kind) -> tuple[TraceModel, TraceData, Sites]:
+def made(kind: Kind) -> tuple[TraceModel, TraceData, GaussianFactor]:
     """Three people in two conditions, traces of a dozen samples, and summaries of anything."""
     rows = pd.DataFrame(
         {
@@ -74,7 +74,7 @@ def made(kind: Kind) -> tuple[TraceModel, TraceData, Sites]:
     return model, data, sites_about(np.array([8.0, 3.0, -3.0, 0.3])[: 2 + len(model.nuisance)])
 
 
-def made_with_arm() -> tuple[TraceModel, TraceData, Sites]:
+def made_with_arm() -> tuple[TraceModel, TraceData, GaussianFactor]:
     """The same by the standard linear element, whose ratio of springs is each person's own."""
     conditions = [{"trial": f"m{mass}", "mass_kg": mass, "velocity_m_s": 1.0} for mass in (0.5, 1.2)]
     content = {
@@ -89,11 +89,11 @@ def made_with_arm() -> tuple[TraceModel, TraceData, Sites]:
     return given.model, given.data, sites_about(np.array([7.6, 3.2, -4.6, 0.7]))
 
 
-def sites_about(middle: np.ndarray) -> Sites:
+def sites_about(middle: np.ndarray) -> GaussianFactor:
     size = len(middle)
     root = RNG.normal(size=(NUMBER, size, size))
     centre = middle + 0.1 * RNG.normal(size=(NUMBER, size))
-    return Sites(
+    return GaussianFactor(
         jnp.asarray(centre),
         jnp.asarray(RNG.normal(size=(NUMBER, size))),
         jnp.asarray(root @ root.swapaxes(1, 2) + np.eye(size)),

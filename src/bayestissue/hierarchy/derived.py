@@ -10,7 +10,7 @@ import xarray as xr
 
 from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.effects import RESPONSES, intercept, sd_impact
-from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, SUBJECT, TRIAL, stem_of
+from bayestissue.hierarchy.formulas.group_terms import SUBJECT, TRIAL, common_coefficient, stem_of
 from bayestissue.hierarchy.levels import Condition, log_at_levels
 from bayestissue.hierarchy.population import Effects
 
@@ -58,7 +58,8 @@ def reported_sites(design: Design, sites: Draws) -> dict[str, np.ndarray]:
                 reported[term.effect(response)] = sites[term.effect(response)]
                 continue
             deviation = sites[term.effect(response)] / group.scale
-            shared = _coefficient(reported, term.slope, response)
+            # 0 where the formula has no coefficient but the levels' own.
+            shared = reported.get(common_coefficient(term.slope, response), 0.0)
             reported[term.coefficient(response)] = deviation + np.asarray(shared)[..., None]
         reported[sd_impact(part.parameter)] = sites[sd_impact(part.parameter)]
     if "residual_correlation" in sites:
@@ -66,30 +67,16 @@ def reported_sites(design: Design, sites: Draws) -> dict[str, np.ndarray]:
     return reported
 
 
-def _coefficient(reported: Draws, slope: str, response: str) -> np.ndarray | float:
-    """The population's coefficient of a covariate; 0 where the formula has none besides the levels' own."""
-    name = f"mass_exponent_{response}" if slope == MASS_TERM else f"effect_of_{slope}_{response}"
-    return reported.get(name, 0.0)
-
-
-def common_logs(
-    design: Design, sites: Draws, response: str, rows: np.ndarray | slice = slice(None)
-) -> np.ndarray:
-    """Intercept, mass and covariates: the expected log of a typical person's response, [chain, draw, row]."""
-    part = design.responses[response]
-    expected = sites[intercept(part.parameter)][..., None] + np.zeros(len(design.subject[rows]))
-    if part.log_mass is not None:
-        expected = expected + sites[f"mass_exponent_{response}"][..., None] * part.log_mass[rows]
-    if part.names:
-        effects = sites[f"covariate_effect_{response}"][..., : len(part.names)]
-        expected = expected + effects @ part.covariates[rows].T
-    return expected
-
-
 def row_logs(design: Design, sites: Draws, response: str) -> np.ndarray:
     """The expected log of a response in every row, [chain, draw, row]."""
-    expected = common_logs(design, sites, response)
-    for term, column in design.responses[response].terms.items():
+    part = design.responses[response]
+    expected = sites[intercept(part.parameter)][..., None] + np.zeros(len(design.subject))
+    if part.log_mass is not None:
+        expected = expected + sites[f"mass_exponent_{response}"][..., None] * part.log_mass
+    if part.names:
+        effects = sites[f"covariate_effect_{response}"][..., : len(part.names)]
+        expected = expected + effects @ part.covariates.T
+    for term, column in part.terms.items():
         code = design.groupings[term.grouping].code
         expected = expected + sites[term.effect(response)][..., code] * column.covariate
     return expected

@@ -41,9 +41,9 @@ from bayestissue.hierarchy.formulas.formula import (
     variables_of_terms,
 )
 from bayestissue.hierarchy.formulas.group_terms import (
-    MASS_TERM,
     Grouping,
     GroupTerm,
+    common_coefficient,
     grouping_of,
     labels_of,
 )
@@ -133,13 +133,10 @@ class Recorded:
         """The reference row: see `bayestissue.hierarchy.formulas.formula.reference_row`."""
         return reference_row(self.rows, self.reference_mass_kg)
 
-    @cached_property
-    def _categories_of_numbers(self) -> frozenset[str]:
-        return frozenset().union(*map(categories_of_numbers, self.formulas.values()))
-
     def is_category(self, column: str) -> bool:
         """Whether a column's values are categories: text, or numbers that a formula has in ``C()``."""
-        return column in self._categories_of_numbers or not self.is_number(column)
+        coded = (column in categories_of_numbers(formula) for formula in self.formulas.values())
+        return any(coded) or not self.is_number(column)
 
     def is_number(self, column: str) -> bool:
         """Whether a column holds numbers."""
@@ -398,7 +395,7 @@ def _effects(
 
 def _coefficient(draws: xr.Dataset, name: str, response: str) -> np.ndarray:
     """The population's coefficient of a covariate; 0 where the formula has levels' own alone."""
-    variable = f"mass_exponent_{response}" if name == MASS_TERM else f"effect_of_{name}_{response}"
+    variable = common_coefficient(name, response)
     if variable in draws:
         return draws[variable].to_numpy()
     return np.zeros((draws.sizes["chain"], draws.sizes["draw"]))

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from bayestissue.hierarchy.design import Design, ResponseDesign
 from bayestissue.hierarchy.effects import RESPONSES, intercept
@@ -102,27 +102,30 @@ def population_design(
     Returns:
         What the elements of b are, and X with rows that repeat kept once, arranged for elimination.
     """
-    design, row = _distinct_rows(design)
-    effects, columns = effects_of(design, priors, nuisance)
+    first, row = _distinct_rows(design)
+    effects, columns = effects_of(design, priors, nuisance, first)
     return effects, arrange(columns, row, effects.groups)
 
 
 def effects_of(
-    design: Design, priors: Priors, nuisance: tuple[str, ...]
+    design: Design,
+    priors: Priors,
+    nuisance: tuple[str, ...],
+    rows: Int[np.ndarray, " row"] | slice = slice(None),
 ) -> tuple[Effects, list[Float[np.ndarray, "row part"]]]:
-    """What the elements of b are, and of each parameter its columns of X, row by row of the design."""
+    """What the elements of b are, and of each parameter its columns of X in some rows of the design."""
     known = priors.by_name()
     none = np.zeros((len(design.subject), 0))
     responses = {
         name: ResponseDesign(name, (), none, np.zeros(0), None, {}) for name in (*RESPONSES, *nuisance)
     }
     responses |= {part.parameter: part for part in design.responses.values()}
-    rows, parts = zip(*(_columns(design, part, known) for part in responses.values()), strict=True)
-    return Effects(tuple(itertools.chain(*parts))), list(rows)
+    columns, parts = zip(*(_columns(design, part, known, rows) for part in responses.values()), strict=True)
+    return Effects(tuple(itertools.chain(*parts))), list(columns)
 
 
-def _distinct_rows(design: Design) -> tuple[Design, np.ndarray]:
-    """The design with rows that repeat kept once, and of each row the one that is kept.
+def _distinct_rows(design: Design) -> tuple[Int[np.ndarray, " row"], Int[np.ndarray, " impact"]]:
+    """Rows of the design of which no two are alike, and of each impact the number of that which is its own.
 
     Rows of X are alike where all that its terms are made of is: one column of levels, where X has a hundred.
     """
@@ -132,42 +135,32 @@ def _distinct_rows(design: Design) -> tuple[Design, np.ndarray]:
         keys += [*part.covariates.T, *([] if part.log_mass is None else [part.log_mass])]
         keys += [column.covariate for column in part.terms.values()]
     _, first, row = np.unique(np.stack(keys, axis=1), axis=0, return_index=True, return_inverse=True)
-    responses = {
-        name: replace(
-            part,
-            covariates=part.covariates[first],
-            log_mass=None if part.log_mass is None else part.log_mass[first],
-            terms={
-                term: replace(group, covariate=group.covariate[first]) for term, group in part.terms.items()
-            },
-        )
-        for name, part in design.responses.items()
-    }
-    groupings = {
-        name: replace(grouping, code=grouping.code[first]) for name, grouping in design.groupings.items()
-    }
-    return replace(design, responses=responses, groupings=groupings), row.reshape(-1)
+    return first, row.reshape(-1)
 
 
 def _columns(
-    design: Design, part: ResponseDesign, priors: Mapping[str, Any]
+    design: Design,
+    part: ResponseDesign,
+    priors: Mapping[str, Any],
+    rows: Int[np.ndarray, " row"] | slice,
 ) -> tuple[np.ndarray, list[EffectPart]]:
     name, prior = intercept(part.parameter), priors[intercept(part.parameter)]
-    matrices = [np.ones((len(design.subject), 1))]
+    matrices = [np.ones((len(design.subject[rows]), 1))]
     pieces = [EffectPart(name, 1, prior.mean, prior.sd, "")]
     if part.log_mass is not None:
         exponent = priors[f"mass_exponent_{part.response}"]
-        matrices.append(part.log_mass[:, None])
+        matrices.append(part.log_mass[rows, None])
         pieces.append(EffectPart(f"mass_exponent_{part.response}", 1, exponent.mean, exponent.sd, ""))
     if part.names:
         covariate = priors[f"covariate_{part.response}"]
-        matrices.append(part.covariates)
+        matrices.append(part.covariates[rows])
         name, width = f"covariate_effect_{part.response}", len(part.names)
         pieces.append(EffectPart(name, width, covariate.mean, covariate.sd, ""))
     for term, column in part.terms.items():
         grouping = design.groupings[term.grouping]
         levels = bucket(len(grouping.levels))
-        matrices.append((grouping.code[:, None] == np.arange(levels)) * column.covariate[:, None])
+        of_level = grouping.code[rows, None] == np.arange(levels)
+        matrices.append(of_level * column.covariate[rows, None])
         pieces.append(EffectPart(term.effect(part.response), levels, 0.0, None, term.sd(part.response)))
     return np.concatenate(matrices, axis=1), pieces
 

@@ -26,7 +26,7 @@ from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expecte
 from bayestissue.hierarchy.gaussian.conditional import Data
 from bayestissue.hierarchy.gaussian.covariances import Covariances
 from bayestissue.hierarchy.gaussian.effects import effects_from_standard, integrate_effects
-from bayestissue.hierarchy.gaussian.impacts import ImpactConditional, Sites, parameters_first, sites_by_cell
+from bayestissue.hierarchy.gaussian.factor import Conditional, GaussianFactor
 from bayestissue.hierarchy.half_normal import HalfNormalSpread
 from bayestissue.hierarchy.population import Effects, MassError, covariances_of, of_impacts
 from bayestissue.hierarchy.priors import HalfNormal, Priors
@@ -299,7 +299,7 @@ def impacts_model(model: TraceModel, data: TraceData) -> list[Array]:
 def sampled_model(
     model: TraceModel,
     data: TraceData,
-    sites: Sites,
+    sites: GaussianFactor,
     warp: SinhArcsinh | None = None,
     present: Bool[Array, " impact"] | None = None,
 ) -> None:
@@ -341,9 +341,9 @@ def _standard(*shape: int) -> dist.Distribution:
     return dist.Normal().expand(list(shape)).to_event(len(shape))
 
 
-def gaussian(data: TraceData, sites: Sites) -> Data:
+def gaussian(data: TraceData, sites: GaussianFactor) -> Data:
     """What the hierarchy's closed forms ask of the dataset, a site standing for each trace."""
-    return Data(data.design, data.location_mean, sites_by_cell(data.design, sites))
+    return Data.of(data.design, data.location_mean, sites)
 
 
 class Drawn(NamedTuple):
@@ -358,7 +358,7 @@ class Drawn(NamedTuple):
 def from_standard(
     model: TraceModel,
     data: TraceData,
-    sites: Sites,
+    sites: GaussianFactor,
     sampled: dict[str, Array],
     z_b: Float[Array, " location"],
     z_u: Float[Array, "impact parameter"],
@@ -369,5 +369,5 @@ def from_standard(
     effects, log_marginal = integrate_effects(data.design, covariances, sums)
     b = effects_from_standard(data.design, effects, data.location_mean, z_b)
     prior_mean = expected(data.design, b)
-    conditional = ImpactConditional.from_sites(covariances.of_impact(), parameters_first(sites))
+    conditional = Conditional(covariances.of_impact(), sites.batch_last())
     return Drawn(b, list(conditional.draw(prior_mean, z_u.T)), prior_mean, log_marginal)

@@ -16,7 +16,7 @@ import xarray as xr
 
 from bayestissue.errors import InputError, Problem
 from bayestissue.hierarchy import derived
-from bayestissue.hierarchy.gaussian.impacts import Sites
+from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.levels import Recorded
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared
@@ -78,7 +78,7 @@ def fit_traces(
     seed: int,
     say: Say,
     *,
-    expansions: Sites | None = None,
+    expansions: GaussianFactor | None = None,
     checkpoints: Path | None = None,
     contradicted: Callable[[], str] = str,
 ) -> TraceAnalysis | dict[str, Any]:

@@ -15,7 +15,7 @@ from numpyro.infer.util import potential_energy
 from bayestissue.dataset.model import Dataset, Trace, Uncertainty
 from bayestissue.hierarchy import population
 from bayestissue.hierarchy.gaussian import arrangement
-from bayestissue.hierarchy.gaussian.impacts import Sites
+from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import COORDINATES, gaussian, sampled_model
@@ -31,7 +31,7 @@ from bayestissue.inference.posterior.approximate import _value_and_slope, first_
 from bayestissue.inference.posterior.constrained_draws import constrained_draws, constrained_impacts
 from bayestissue.inference.posterior.recipe import corrected_draws
 from bayestissue.inference.samplers import independence
-from bayestissue.inference.samplers.coordinates import straight
+from bayestissue.inference.samplers.coordinates import unwarped
 from bayestissue.simulation import simulate
 from bayestissue.simulation.specification import Simulation
 
@@ -85,10 +85,10 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     return campaign(tmp_path_factory.mktemp("none"), 9, 1, 0.002)
 
 
-def sites_of(prepared: Prepared) -> Sites:
+def sites_of(prepared: Prepared) -> GaussianFactor:
     rng, centre = np.random.default_rng(2), first_guess(prepared)
     precision = np.broadcast_to(np.diag([400.0, 100.0, 50.0]), (*centre.shape, 3))
-    return Sites(
+    return GaussianFactor(
         *map(jnp.asarray, (centre, rng.normal(size=centre.shape), precision, rng.normal(size=len(centre))))
     )
 
@@ -133,7 +133,7 @@ def test_filling_up_changes_neither_densities_nor_slopes_nor_conditionals(
     assert plain.model.locations.size < model.locations.size
     own, other = gaussian(data, sites), gaussian(plain.data, sites)
     y = np.random.default_rng(3).normal(size=len(model.hyperparameters)) - 1
-    warp = straight(len(y))
+    warp = unwarped(len(y))
     found = _value_and_slope(model, y, own, None, warp)
     wanted = _value_and_slope.jitted(plain.model, y, other, None, warp)
     for values in zip(found, wanted, strict=True):
@@ -175,7 +175,7 @@ def test_the_exact_path_leaves_out_what_was_added(
         COORDINATES: rng.normal(size=len(model.hyperparameters)) - 1,
         "standard_locations": rng.normal(size=model.locations.size),
     }
-    warp = straight(len(model.hyperparameters))
+    warp = unwarped(len(model.hyperparameters))
 
     def potential(arguments, z_u):
         return potential_energy(sampled_model, arguments, {}, point | {"standard_impacts": z_u})

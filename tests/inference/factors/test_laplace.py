@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from bayestissue.hierarchy.gaussian.impacts import Sites
+from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import log_likelihood, with_normal_errors
@@ -51,13 +51,13 @@ def prepared(kind: str) -> Prepared:
     )
 
 
-def summaries_of(size: int, impacts: int = 5) -> tuple[Sites, ConditionalPrior]:
+def summaries_of(size: int, impacts: int = 5) -> tuple[GaussianFactor, ConditionalPrior]:
     rng = np.random.default_rng(7)
     root = rng.standard_normal((impacts + 1, size, size))
     precision = root @ root.swapaxes(1, 2) + np.eye(size)
     centre, slope = rng.standard_normal((2, impacts, size))
     parts = (centre, slope, precision[1:], rng.standard_normal(impacts))
-    return Sites(*map(jnp.asarray, parts)), ConditionalPrior(
+    return GaussianFactor(*map(jnp.asarray, parts)), ConditionalPrior(
         rng.standard_normal((impacts, size)), precision[0]
     )
 
@@ -99,7 +99,7 @@ def test_an_expansion_has_the_derivatives_of_the_likelihood(kind: str) -> None:
     # times the second, or the first where that saturates. Values are rounded in the twelfth digit.
     step = np.minimum(0.03 * sd, 0.003)
     off = 40 * step**2 / 6 * (1 / sd + np.abs(np.asarray(slope)) * sd) + 1e-9
-    assert (np.abs(np.asarray(found.slope - slope)) * sd < off).all()
+    assert (np.abs(np.asarray(found.shift - slope)) * sd < off).all()
     scaled = np.asarray(found.precision - bend) * sd[:, :, None] * sd[:, None]
     assert np.abs(scaled).max() < 40**2 * step.max() ** 2 / 12 + 1e-6
     # Where the search ended no step promises more than a millionth.

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bayestissue.hierarchy.gaussian.impacts import Sites
+from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.inference.factors import sites as gaussian_sites
 from bayestissue.inference.factors.sites import _MOST_GAIN as MOST_GAIN
 from bayestissue.inference.factors.sites import _nearest, _parabola
@@ -63,7 +63,7 @@ def test_a_trace_of_which_the_points_tell_too_little_keeps_its_summary(
     # The second trace has no likelihood anywhere, and so weights that are no numbers.
     value[..., 1], weight[..., 1] = -np.inf, np.nan
     monkeypatch.setattr(gaussian_sites, "_points", lambda *_: (u, value, weight))
-    old = Sites(*(jnp.full(shape, 9.0) for shape in ((2, 3), (2, 3), (2, 3, 3), (2,))))
+    old = GaussianFactor(*(jnp.full(shape, 9.0) for shape in ((2, 3), (2, 3), (2, 3, 3), (2,))))
     found = gaussian_sites.regression_sites(None, None, old, None, 0)  # type: ignore[arg-type]
     np.testing.assert_allclose(found.precision[0], np.eye(3), atol=1e-6)
     for new, before in zip(found, old, strict=True):
@@ -79,7 +79,7 @@ def test_a_sloping_likelihood_that_opens_upwards_promises_no_more_than_is_believ
     np.testing.assert_allclose(slope[0], [3.0, 0.0, 0.0], atol=5 * 4 / 400**0.5)
     most = slope[0] @ np.linalg.solve(precision[0], slope[0]) / 2
     assert most < 1.1 * MOST_GAIN
-    held = Sites(*map(jnp.asarray, (centre, slope, precision, level)))
+    held = GaussianFactor(*map(jnp.asarray, (centre, slope, precision, level)))
     far = np.zeros((3, 1, 3))
     far[:, 0, 0] = 10.0, 1000.0, 100_000.0
     gain = (np.asarray(held.log_density(far)) - level)[:, 0]

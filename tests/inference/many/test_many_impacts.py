@@ -16,7 +16,7 @@ from bayestissue import padding
 from bayestissue.dataset.model import Dataset
 from bayestissue.elements import element_names
 from bayestissue.hierarchy.gaussian.arrangement import arrange
-from bayestissue.hierarchy.gaussian.impacts import Sites
+from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import TraceData
@@ -160,7 +160,7 @@ def test_few_at_a_time_have_the_sites_of_all_together(
     start = first_guess(made)
     loose = weak_prior(start)
 
-    def sites() -> Sites:
+    def sites() -> GaussianFactor:
         # At the first guess: a search would magnify what rounding does to its steps.
         return map_impacts(
             partial(laplace_sites, made.model, iterations=0), made.data, start, loose.of_each()
@@ -186,7 +186,9 @@ def test_impacts_drawn_few_at_a_time_share_their_persons_error_of_mass(
     model, centre = made.model, first_guess(made)
     number, size = centre.shape
     narrow = np.broadcast_to(1e6 * np.eye(size), (number, size, size))
-    sites = Approximation(Sites(centre, np.zeros(centre.shape), narrow, np.zeros(number)), None, None)  # type: ignore[arg-type]
+    sites = Approximation(
+        GaussianFactor(centre, np.zeros(centre.shape), narrow, np.zeros(number)), None, None
+    )  # type: ignore[arg-type]
     rng = np.random.default_rng(2)
     raw = {name: rng.normal(-1, 0.1, (2, 40)) for name in model.hyperparameters}
     normal = {
@@ -210,7 +212,7 @@ def test_impacts_drawn_few_at_a_time_share_their_persons_error_of_mass(
         effects = seen[:, model.locations.parts[f"subject_effect_{q}"]].reshape(2, 40, -1)[..., :3]
         moved = (found.sites[f"subject_effect_{q}"] - effects)[:, found.kept_numbers].reshape(20, 3)
         np.testing.assert_allclose(moved, own, atol=1e-6)
-    # Sites so narrow leave the parameters where they are: in blocks each impact has its own.
+    # GaussianFactor so narrow leave the parameters where they are: in blocks each impact has its own.
     np.testing.assert_allclose(found.impacts["parameters"][0, 0], centre, atol=0.01)
 
 

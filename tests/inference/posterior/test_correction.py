@@ -95,15 +95,15 @@ class _Tried:
         monkeypatch.setattr(recipe, "fitted_to_population", self._placed)
         monkeypatch.setattr(recipe, "with_expansion", lambda prepared, approximation, *_: approximation)
         monkeypatch.setattr(recipe, "approximate", lambda *_, **__: self._approximation("normal"))
-        monkeypatch.setattr(recipe, "with_impacts", lambda prepared, found, *_: found.approximation.name)
+        monkeypatch.setattr(recipe, "with_impacts", lambda problem, found: found.approximation.name)
 
     def _approximation(self, name: str, grid: Any = None) -> Any:
         return SimpleNamespace(name=name, grid=grid, coordinates=None, expansions=None)
 
-    def _draws(self, prepared: Any, approximation: Any, settings: Sampler, seed: int, progress: Any) -> Any:
+    def _draws(self, problem: Any, approximation: Any) -> Any:
         self.sampled.append(approximation.name)
-        self.settings.append(settings)
-        name = approximation.name if settings.thinning == 1 else f"{approximation.name}, longer"
+        self.settings.append(problem.settings)
+        name = approximation.name if problem.settings.thinning == 1 else f"{approximation.name}, longer"
         none = np.zeros((4000, 2))
         draws = PopulationDraws({"sd": none[:, 0]}, {}, none, none[:, :, None])
         return Attempt(approximation, None, draws, none, self._found[name])  # type: ignore[arg-type]
@@ -113,7 +113,7 @@ class _Tried:
         number = int(approximation.name.removeprefix("again ")) + 1 if "again" in approximation.name else 1
         return self._approximation(f"again {number}")
 
-    def _placed(self, prepared: Any, approximation: Any, *_: Any) -> Any:
+    def _placed(self, problem: Any, approximation: Any) -> Any:
         self.placed.append(approximation.name)
         return approximation
 
@@ -130,6 +130,9 @@ def test_sites_are_fitted_about_the_corrected_draws_until_the_correction_holds(m
     assert approximation.name == draws == "again 2"
     assert found.trusted
     assert [row["effective_draws"] for row in found.attempts] == [80, 800, 3200]
+    taken = [row["step"] for row in found.steps if not row["refused"]]
+    assert taken == ["fit_and_sample", "refit_about_draws", "refit_about_draws"]
+    assert found.steps[-1] == {"step": "lengthen_chains", "refused": "not only draws are lacking"}
     assert not Route("automatic", found).exact
 
 

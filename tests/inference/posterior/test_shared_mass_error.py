@@ -17,7 +17,7 @@ from scipy.stats import norm
 
 from bayestissue.dataset import Dataset, Trace, Uncertainty
 from bayestissue.errors import InputError
-from bayestissue.hierarchy.gaussian.impacts import Sites
+from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import from_standard, plain_model, sampled_model
@@ -69,16 +69,16 @@ def prepared(mass_error: Literal["impact", "subject"], formula: str = FORMULA) -
     return prepare(made, specification, source="m.toml")
 
 
-def summaries(precision: float) -> Sites:
+def summaries(precision: float) -> GaussianFactor:
     count = PEOPLE * EACH
     rng = np.random.default_rng(1)
     centre = np.array([8.0, 3.0, -6.0]) + 0.1 * rng.normal(size=(count, 3))
     root = 0.3 * rng.normal(size=(count, 3, 3))
     each = precision * (root @ root.swapaxes(1, 2) + np.eye(3))
-    return Sites(*map(jnp.asarray, (centre, np.zeros((count, 3)), each, np.zeros(count))))
+    return GaussianFactor(*map(jnp.asarray, (centre, np.zeros((count, 3)), each, np.zeros(count))))
 
 
-def drawn(made: Prepared, told: Sites) -> dict[str, np.ndarray]:
+def drawn(made: Prepared, told: GaussianFactor) -> dict[str, np.ndarray]:
     """Draws of log K and log C of people, the spreads given: exact, since the summaries are normal."""
     rng = np.random.default_rng(2)
     sites = {
@@ -99,7 +99,7 @@ def drawn(made: Prepared, told: Sites) -> dict[str, np.ndarray]:
     return people | {"mass": found.impacts["mass"][0], "log K": np.log(found.impacts["K"][0])}
 
 
-def dense_sd(told: Sites, priors: tuple[float, float]) -> np.ndarray:
+def dense_sd(told: GaussianFactor, priors: tuple[float, float]) -> np.ndarray:
     """The posterior sd of log K and log C of person a by a dense normal over effects and errors."""
     subject, trial = np.repeat(np.arange(PEOPLE), EACH), np.tile([0, 1], PEOPLE * EACH // 2)
     # per response: intercept, three people, two trials; then the three people's errors

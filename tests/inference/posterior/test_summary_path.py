@@ -35,18 +35,18 @@ from bayestissue.inference.factors.importance_ratios import (
 )
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.inference.posterior import approximate as approximation_module
-from bayestissue.inference.posterior import expansion, recipe
+from bayestissue.inference.posterior import recipe
 from bayestissue.inference.posterior.approximate import Approximation, approximate
 from bayestissue.inference.posterior.constrained_draws import constrained_draws
 from bayestissue.inference.posterior.correction import Correction
 from bayestissue.inference.posterior.exact import exact_draws
 from bayestissue.inference.posterior.expansion import draws_at, refitted, to_second_order
 from bayestissue.inference.posterior.recipe import (
+    Problem,
     corrected_draws,
     fitted_to_population,
     population_attempt,
 )
-from bayestissue.inference.samplers.coordinates import Coordinates
 from bayestissue.inference.samplers.psis import pareto_smoothed
 from bayestissue.inference.samplers.sampling import Draws
 from bayestissue.simulation import simulate
@@ -122,9 +122,10 @@ def test_a_draw_beyond_what_numbers_hold_is_never_chosen_and_spoils_no_other(
         population, z_b = draws_at(*arguments)
         return population._replace(b=np.where(np.arange(len(z_b))[:, None] == 0, np.nan, population.b)), z_b
 
-    plain = population_attempt(prepared, approximation, SETTINGS, 1).correction
+    problem = Problem(prepared, SETTINGS, 1, np.random.default_rng(1))
+    plain = population_attempt(problem, approximation).correction
     monkeypatch.setattr(recipe, "draws_at", overflowing)
-    attempt = population_attempt(prepared, approximation, SETTINGS, 1)
+    attempt = population_attempt(problem, approximation)
     assert np.isfinite(attempt.draws.b).all()
     assert attempt.correction.trusted == plain.trusted
     # It was one of a thousand.
@@ -186,12 +187,12 @@ def test_sites_whose_marginal_has_no_mode_are_not_taken(
     summary_route: tuple[Approximation, Draws, Correction],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def nowhere(*_: object) -> Coordinates:
+    def nowhere(*_: object) -> Approximation:
         raise FloatingPointError("nowhere")
 
     approximation = summary_route[0]
     draws = to_second_order(prepared, approximation, 64, np.random.default_rng(5))
-    monkeypatch.setattr(expansion, "coordinates_given_sites", nowhere)
+    monkeypatch.setattr(Approximation, "near", nowhere)
     assert refitted(prepared, approximation, draws, 5) is approximation
 
 
@@ -200,7 +201,7 @@ def test_corrections_are_what_many_points_of_each_population_say(dataset: Datase
     prepared = prepare(dataset, ModelSpecification(name="impact", likelihood="impact"), source="model")
     assert np.asarray(prepared.data.record.uniform).all()
     rng = np.random.default_rng(3)
-    approximation = fitted_to_population(prepared, approximate(prepared), SETTINGS, 3, rng)
+    approximation = fitted_to_population(Problem(prepared, SETTINGS, 3, rng), approximate(prepared))
     model, data, summaries = prepared.model, prepared.data, approximation.sites
     # Populations as the posterior has them, one with hardly any spread of the noise among them.
     size = len(approximation.coordinates.names)

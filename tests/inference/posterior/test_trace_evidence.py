@@ -26,7 +26,7 @@ from bayestissue.inference.factors.importance_ratios import (
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.inference.posterior.approximate import approximate
 from bayestissue.inference.posterior.constrained_draws import constrained_draws
-from bayestissue.inference.posterior.recipe import population_attempt, with_impacts
+from bayestissue.inference.posterior.recipe import Problem, population_attempt, with_impacts
 from bayestissue.inference.posterior.scores import LikelihoodApproximation, of_draws
 from bayestissue.simulation import simulate
 from bayestissue.simulation.specification import Simulation
@@ -84,8 +84,9 @@ def fit(request: pytest.FixtureRequest) -> Fit:
     prepared = prepare(simulate(small_campaign()).dataset("small"), specification, source="model")
     # The first kind of sites alone: the scores are those of any, and other kinds might be the better ones.
     approximation = approximate(prepared)
-    made = population_attempt(prepared, approximation, SETTINGS, SEED)
-    draws, expected = with_impacts(prepared, made, SETTINGS, SEED), made.draws
+    problem = Problem(prepared, SETTINGS, SEED, np.random.default_rng(SEED))
+    made = population_attempt(problem, approximation)
+    draws, expected = with_impacts(problem, made), made.draws
     assert (approximation.grid is None) == (request.param == "impact")
     likelihood = LikelihoodApproximation(approximation)
     design = prepared.data.design

@@ -12,7 +12,7 @@ from bayestissue.inference.samplers import nuts as chains
 from bayestissue.inference.samplers.nuts import Start, run_chains
 
 SETTINGS = Sampler(chains=2, warmup=200, draws=300)
-START = Start({"mean": np.array(0.0), "z": np.zeros(2)}, ("mean",), np.array([[0.04]]))
+START = Start({"mean": np.array(0.0), "z": np.zeros(2)}, "mean", np.array([[0.04]]))
 
 
 def model(y):
@@ -50,7 +50,7 @@ def test_an_interrupted_run_goes_on_with_the_same_draws(y, tmp_path):
 
 def test_other_data_of_the_same_shape_cost_no_compilation(y):
     first = run(y).sites["mean"]
-    compiled = chains._compiled(model, ("mean",), ("z",), 200, SETTINGS.target_accept, 10)
+    compiled = chains._compiled(model, "mean", ("z",), 200, SETTINGS.target_accept, 10)
     before = compiled.advance._cache_size()
     second = run(y + 5.0).sites["mean"]
     assert compiled.advance._cache_size() == before

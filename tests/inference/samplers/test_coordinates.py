@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import chi, halfnorm, norm
 
-from bayestissue.inference.samplers.coordinates import Coordinates, straight, warp_about
+from bayestissue.inference.samplers.coordinates import Coordinates, unwarped, warp_about
 
 # Of the log: a spread that the data leave anywhere below a tenth, one of ten people, one of ninety impacts.
 LOGS = {
@@ -63,7 +63,7 @@ def test_where_nothing_is_likely_or_known_the_warp_stays_increasing() -> None:
 
 
 def test_values_come_back_by_name() -> None:
-    coordinates = Coordinates(("a", "b"), straight(2)._replace(location=np.array([1.0, 2.0])), np.eye(2))
+    coordinates = Coordinates(("a", "b"), unwarped(2)._replace(location=np.array([1.0, 2.0])), np.eye(2))
     assert coordinates.raw(np.zeros(2)) == {"a": 1.0, "b": 2.0}
     found = coordinates.raw(np.zeros((4, 5, 2)))
     assert found["b"].shape == (4, 5)

@@ -86,10 +86,10 @@ def test_ratios_where_one_impact_has_no_likelihood_and_one_no_summary(monkeypatc
         return found
 
     monkeypatch.setattr(ratios, "log_likelihoods", density)
-    monkeypatch.setattr(ratios.Sites, "log_density", summary)
+    monkeypatch.setattr(ratios.GaussianFactor, "log_density", summary)
     own = np.broadcast_to(np.eye(size), (impacts, size, size))
     zero = np.zeros((impacts, size))
-    summaries = ratios.Sites(zero, zero, own, np.zeros(impacts))  # type: ignore[arg-type]
+    summaries = ratios.GaussianFactor(zero, zero, own, np.zeros(impacts))  # type: ignore[arg-type]
     anchors = ConditionalPrior(
         0.1 * rng.normal(size=(64, impacts, size)), np.broadcast_to(np.eye(size), (64, 1, size, size))
     )
@@ -122,7 +122,7 @@ def test_a_parameter_that_impacts_nearly_share_is_corrected_wherever_the_draws_h
     monkeypatch.setattr(ratios, "log_likelihoods", density)
     own = np.broadcast_to(np.eye(4), (impacts, 4, 4))
     zero = np.zeros((impacts, 4))
-    sites = ratios.Sites(zero, zero, own, np.zeros(impacts))  # type: ignore[arg-type]
+    sites = ratios.GaussianFactor(zero, zero, own, np.zeros(impacts))  # type: ignore[arg-type]
     mean = 0.1 * rng.normal(size=(draws, impacts, 4))
     mean[..., 3] = rng.normal(size=(draws, 1))
     sd = np.array([1.0, 1.0, 1.0, 0.02])

@@ -91,7 +91,8 @@ def judge(formula: str, rows: pd.DataFrame, reference_mass_kg: float) -> Judged:
         reference_mass_kg: at which, and at every other covariate's mean, the columns are zero.
     """
     try:
-        _require_plain(formula)
+        if "~" in _QUOTED.sub("", formula):
+            raise ValueError(formula)
         terms, faults = _read(formula)
     except Exception as error:  # formulae raises its own scanner and parser errors, which share no base
         wrong = Fault("", f'a formula such as "{DEFAULT_FORMULA}"', _unread(formula, error))
@@ -115,12 +116,6 @@ def judge(formula: str, rows: pd.DataFrame, reference_mass_kg: float) -> Judged:
             return Judged(terms, columns, tuple(names), covariates, tuple(faults))
         faults += wrong_terms
         terms = terms.without(fault.term for fault in wrong_terms)
-
-
-def _require_plain(formula: str) -> None:
-    """Raise where a formula has a left-hand side."""
-    if "~" in _QUOTED.sub("", formula):
-        raise ValueError(formula)
 
 
 def _unread(formula: str, error: Exception) -> str:
@@ -408,7 +403,9 @@ def _dependent(
     terms: Terms, columns: np.ndarray, names: Sequence[str], owners: Sequence[str], rows: pd.DataFrame
 ) -> list[Fault]:
     """Terms that do not vary; if there are none, the first that those before it determine."""
-    flat = [i for i, name in enumerate(names) if _is_flat(columns[:, i], name)]
+    # A log of mass may differ by rounding alone.
+    least = [PRECISION if name == MASS_TERM else 0.0 for name in names]
+    flat = np.flatnonzero(np.ptp(columns, axis=0) <= least).tolist()
     # Categories of which there is one have no column.
     still = dict.fromkeys([*(owners[i] for i in flat), *(t for t in terms.common if t not in owners)])
     if still:
@@ -421,11 +418,6 @@ def _dependent(
             expected = "covariates that are no combination of each other"
             return [Fault(owners[count - 1], expected, "the terms before it already determine it")]
     return []
-
-
-def _is_flat(column: np.ndarray, name: str) -> bool:
-    """Whether a column has one value, or a log of mass differs by rounding alone."""
-    return bool(np.ptp(column) <= (PRECISION if name == MASS_TERM else 0.0))
 
 
 def _flat(term: str, rows: pd.DataFrame) -> Fault:

@@ -62,6 +62,11 @@ class GroupTerm:
 SUBJECT, TRIAL = GroupTerm(("subject",)), GroupTerm(("trial",))
 
 
+def common_coefficient(covariate: str, response: str) -> str:
+    """The name of the population's coefficient of a covariate."""
+    return f"mass_exponent_{response}" if covariate == MASS_TERM else f"effect_of_{covariate}_{response}"
+
+
 def stem_of(grouping: str) -> str:
     """What quantities of a grouping's levels are named by: ``subject_side`` of ``subject:side``."""
     return grouping.replace(":", "_")

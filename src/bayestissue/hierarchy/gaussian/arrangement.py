@@ -19,6 +19,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float, Int
 
+from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.padding import bucket
 
 # So many impacts are worked on at once: what is made of them stays in a processor's cache.
@@ -60,6 +61,19 @@ class PopulationDesign(NamedTuple):
         """Sums over each entry's impacts."""
         none = jnp.zeros((*values.shape[:-1], 1))
         return jnp.concatenate([values, none], axis=-1)[..., self.members].sum((-3, -2))
+
+    def blocked(self, factors: GaussianFactor) -> GaussianFactor:
+        """Impacts' factors by entry: [block, parameter, ..., repeat, entry].
+
+        Entries without an impact have factors that say nothing, of which nothing is left in any product.
+        """
+
+        def arranged(values: Any) -> Any:
+            xp = values.__array_namespace__()
+            padded = xp.concat([values, xp.zeros((1, *values.shape[1:]))])
+            return xp.moveaxis(padded[self.members], (1, 2), (-2, -1))
+
+        return jax.tree.map(arranged, factors)
 
 
 def expected(

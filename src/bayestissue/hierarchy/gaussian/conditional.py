@@ -1,94 +1,69 @@
-"""The hierarchy given its hyperparameters, a Gaussian site standing for each trace: all of it is normal.
+"""The hierarchy given its hyperparameters, a Gaussian factor standing for each trace: all of it is normal.
 
 Every impact's u and all effects b are integrated out in closed form, or drawn by an affine map of standard
-normals. The map is exact whatever the sites are: only its whitening power depends on them, and the ratio of
-likelihood to site puts things right.
+normals. The map is exact whatever the factors are: only its whitening power depends on them, and the ratio of
+likelihood to factor puts things right.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expected_by_cell
 from bayestissue.hierarchy.gaussian.covariances import Covariances
 from bayestissue.hierarchy.gaussian.effects import log_density_of_cells
-from bayestissue.hierarchy.gaussian.impacts import CellSums, SitesFirst, cell_sums
-from bayestissue.likelihood import small
+from bayestissue.hierarchy.gaussian.factor import GaussianFactor, cell_factors
 
 
-class Expansion(NamedTuple):
-    """What the sites leave out of the log density of each entry's impacts, to second order.
-
-    As a function of v, which holds X b, then the covariance (KK, KC, CC) of log K and log C about it, then
-    the other parameters' variances.
-
-    Attributes:
-        prior_mean: X b where it was made.
-        covariances: the rest of v where it was made.
-        slope: first derivatives, summed over an entry's impacts.
-        bend: second derivatives.
-    """
-
-    prior_mean: Float[Array, "parameter entry"]
-    covariances: Float[Array, " entry"]
-    slope: Float[Array, "v entry"]
-    bend: Float[Array, "v v entry"]
-
-    def value(self, prior_mean: Float[Array, "parameter entry"], covariances: Covariances) -> Array:
-        """Of each entry, where X b is ``prior_mean``."""
-        deviation = self._deviation(prior_mean, covariances)
-        return (deviation * (self.slope + self._curved(deviation) / 2)).sum(0)
-
-    def added_to(
-        self, sums: CellSums, prior_mean: Float[Array, "parameter entry"], to: Covariances
-    ) -> CellSums:
-        """The sums at ``prior_mean`` with the expansion in them."""
-        slope = self.slope + self._curved(self._deviation(prior_mean, to))
-        size = len(prior_mean)
-        precision, constant = (
-            sums.precision - self.bend[:size, :size],
-            sums.constant + self.value(prior_mean, to),
-        )
-        return CellSums(precision, sums.shift + slope[:size], constant)
-
-    def _curved(self, deviation: Float[Array, "v entry"]) -> Float[Array, "v entry"]:
-        return jnp.stack(small.times(self.bend, deviation))
-
-    def _deviation(self, prior_mean: Array, covariances: Covariances) -> Array:
-        moved = flat_covariances(covariances) - self.covariances
-        common = jnp.broadcast_to(moved[:, None], (len(moved), prior_mean.shape[1]))
-        return jnp.concatenate([prior_mean - self.prior_mean, common])
-
-
-def flat_covariances(covariances: Covariances) -> Float[Array, "*draw entry"]:
-    """The entries as `Expansion` has them."""
-    return jnp.stack([*covariances.pair, *(sd**2 for sd in covariances.nuisance)], axis=-1)
-
-
-class Data(NamedTuple):
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Data:
     """All that the marginal density asks of the data.
 
     Attributes:
         design: X, arranged.
         mean: b's prior mean.
-        blocked_sites: see `bayestissue.hierarchy.gaussian.impacts.sites_by_cell`.
-        expansion: of what the sites leave out, where that is part of the density.
+        sites: of the impacts, see `PopulationDesign.blocked`.
+        second_order: what the sites leave out of each entry, to second order, where that is part of the
+            density: a factor of X b and, behind it, of `flat_covariances`.
     """
 
     design: PopulationDesign
     mean: Float[Array, " location"]
-    blocked_sites: SitesFirst
-    expansion: Expansion | None = None
+    sites: GaussianFactor
+    second_order: GaussianFactor | None = None
 
-    def sums(self, covariances: Covariances) -> CellSums:
+    @classmethod
+    def of(cls, design: PopulationDesign, mean: Float[Array, " location"], sites: GaussianFactor) -> Data:
+        """Without each impact's entry, so that what is compiled serves other numbers of impacts."""
+        data = cls(design._replace(cell=np.zeros(0, int)), mean, design.blocked(sites))
+        return jax.tree.map(jnp.asarray, data)
+
+    def sums(self, covariances: Covariances) -> GaussianFactor:
         """What the impacts of each entry say of X b, their own parameters integrated out."""
         prior_mean = expected_by_cell(self.design, self.mean)
-        sums = cell_sums(covariances.of_impact(), prior_mean, self.blocked_sites)
-        return sums if self.expansion is None else self.expansion.added_to(sums, prior_mean, covariances)
+        sums = cell_factors(covariances.of_impact(), prior_mean, self.sites)
+        if self.second_order is None:
+            return sums
+        return sums.product(given_covariances(self.second_order, covariances))
+
+
+def given_covariances(second_order: GaussianFactor, covariances: Covariances) -> GaussianFactor:
+    """The second-order factor as one of X b alone."""
+    flat = flat_covariances(covariances)[:, None]
+    entries = second_order.log_scale.shape
+    return second_order.condition(jnp.broadcast_to(flat, (len(flat), *entries)))
+
+
+def flat_covariances(covariances: Covariances) -> Float[Array, "*draw variance"]:
+    """The covariance (KK, KC, CC) of log K and log C about X b, then the other parameters' variances."""
+    return jnp.stack([*covariances.pair, *(sd**2 for sd in covariances.nuisance)], axis=-1)
 
 
 def log_marginal(data: Data, covariances: Covariances) -> Float[Array, ""]:

@@ -9,7 +9,6 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float, Int
 
-from bayestissue.hierarchy.gaussian.impacts import ImpactPrior
 from bayestissue.likelihood import small
 
 
@@ -73,8 +72,8 @@ class Covariances(NamedTuple):
         kk, kc, cc = self.pair
         return small.stacked([[kk, kc], [kc, cc]])
 
-    def of_impact(self) -> ImpactPrior:
-        """The conditional prior of an impact's parameters about X b."""
+    def of_impact(self) -> Float[Array, "parameter parameter *batch"]:
+        """D, the precision of an impact's parameters about X b."""
         kk, kc, cc = self.pair
         determinant = kk * cc - kc**2
         size = 2 + len(self.nuisance)
@@ -83,8 +82,7 @@ class Covariances(NamedTuple):
         rows[0][1] = rows[1][0] = -kc / determinant
         for a, sd in enumerate(self.nuisance, start=2):
             rows[a][a] = sd**-2.0
-        log_determinant = -jnp.log(determinant) - 2 * sum(jnp.log(sd) for sd in self.nuisance)
-        return ImpactPrior(jnp.stack([jnp.stack(row) for row in rows]), log_determinant)
+        return jnp.stack([jnp.stack(row) for row in rows])
 
     def of_effects(self) -> EffectsPrecision:
         """The prior precision of b."""

@@ -22,7 +22,7 @@ from jaxtyping import Float
 
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign
 from bayestissue.hierarchy.gaussian.covariances import Covariances
-from bayestissue.hierarchy.gaussian.impacts import CellSums
+from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.likelihood import small
 
 
@@ -59,7 +59,7 @@ class EffectsConditional(NamedTuple):
 
 
 def log_density_of_cells(
-    design: PopulationDesign, covariances: Covariances, sums: CellSums
+    design: PopulationDesign, covariances: Covariances, sums: GaussianFactor
 ) -> Float[Array, ""]:
     """Log density of all data, b integrated out.
 
@@ -68,16 +68,16 @@ def log_density_of_cells(
     Args:
         design: X, arranged.
         covariances: of which those of b count.
-        sums: what the data of each entry say of X b.
+        sums: what the data of each entry say of X b, about X times b's prior mean.
     """
     inner, outer = _elements(design)
     precision = covariances.of_effects()
     gained = _integrated(precision.among(inner), precision.among(outer), sums.precision, sums.shift, design)
-    return sums.constant.sum() + gained - covariances.log_scale()
+    return sums.log_scale.sum() + gained - covariances.log_scale()
 
 
 def integrate_effects(
-    design: PopulationDesign, covariances: Covariances, sums: CellSums
+    design: PopulationDesign, covariances: Covariances, sums: GaussianFactor
 ) -> tuple[EffectsConditional, Float[Array, ""]]:
     """What is needed to draw b, and `log_density_of_cells`."""
     inner, outer = _elements(design)
@@ -85,7 +85,7 @@ def integrate_effects(
     conditional = _eliminated(
         precision.among(inner), precision.among(outer), sums.precision, sums.shift, design
     )
-    return conditional, sums.constant.sum() + conditional.log_density() - covariances.log_scale()
+    return conditional, sums.log_scale.sum() + conditional.log_density() - covariances.log_scale()
 
 
 def effects_from_standard(
@@ -126,8 +126,13 @@ def _eliminated(
     inner, outer = design.inner, design.outer
     precision, shift = precision.reshape(*precision.shape[:2], *table), shift.reshape(len(shift), *table)
 
-    def by_level(values: Array) -> Array:
-        return _by_level(values, design)
+    levels = design.inner_element[0].shape[1]
+
+    def by_level(values: Float[Array, "*inner row"]) -> Float[Array, "*inner level"]:
+        """Sums over each level's rows of the table."""
+        if levels == values.shape[-1]:
+            return values
+        return jnp.moveaxis(jax.ops.segment_sum(jnp.moveaxis(values, -1, 0), design.level, levels), 0, -1)
 
     def inner_covariance(a: int, b: int) -> Array:
         return by_level((inner[a][:, None] * precision[a, b] * inner[b][None]).sum(-1))
@@ -174,14 +179,6 @@ def _times_outer(
     if len(columns) == 1:
         return jnp.moveaxis(values @ columns[0], 2, 1)
     return jnp.einsum("irs,rsq->iqr", values, columns)
-
-
-def _by_level(values: Float[Array, "*inner row"], design: PopulationDesign) -> Float[Array, "*inner level"]:
-    """Sums over each level's rows of the table."""
-    levels = design.inner_element[0].shape[1]
-    if levels == values.shape[-1]:
-        return values
-    return jnp.moveaxis(jax.ops.segment_sum(jnp.moveaxis(values, -1, 0), design.level, levels), 0, -1)
 
 
 def _assembled(entry: Callable[[int, int], Array], size: Sequence[int]) -> Array:

@@ -27,7 +27,7 @@ import pandas as pd
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.hierarchy.gaussian.impacts import Sites
+from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.specification import SIDE_BY_SIDE
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, trace_distribution, with_normal_errors
@@ -107,7 +107,7 @@ class Freed:
         return np.sign(self.error) * size
 
 
-def judge(prepared: Prepared, expansions: Sites | None = None) -> dict[str, Any]:
+def judge(prepared: Prepared, expansions: GaussianFactor | None = None) -> dict[str, Any]:
     """The entry ``measuring_chain`` of ``diagnostics.json``.
 
     Args:
@@ -162,7 +162,7 @@ def _pattern(freed_error: Freed, groups: Groups) -> Pattern | None:
     )
 
 
-def freed(prepared: Prepared, name: str, expansions: Sites | None = None) -> Freed:
+def freed(prepared: Prepared, name: str, expansions: GaussianFactor | None = None) -> Freed:
     """One error of the chain, its declared standard deviation taken away.
 
     Args:
@@ -190,8 +190,8 @@ def freed(prepared: Prepared, name: str, expansions: Sites | None = None) -> Fre
     spread = np.maximum(drawn.std(axis=0), 1e-12 * unit)
     # With an error so wide a normal likelihood is z^2 / 2 - log(wide / expected sd) above that as declared.
     occam = np.log(_WIDE[name] * unit / np.hypot(spread, declared))
-    before = np.asarray((expansions or expanded(prepared)).log_likelihood)
-    gain = np.asarray(sites.log_likelihood) + occam - before
+    before = np.asarray((expansions or expanded(prepared)).log_scale)
+    gain = np.asarray(sites.log_scale) + occam - before
     return Freed(error, spread, declared, unit, centre, gain)
 
 
@@ -236,7 +236,7 @@ def _errors(
 def _account(
     prepared: Prepared,
     groups: Groups,
-    expansions: Sites,
+    expansions: GaussianFactor,
     errors: dict[str, Freed],
     patterns: dict[str, Pattern | None],
 ) -> dict[str, Any]:

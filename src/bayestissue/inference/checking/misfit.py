@@ -13,7 +13,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.hierarchy.gaussian.impacts import Sites
+from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData
 from bayestissue.inference.checking.model_form import LIMIT, judged
@@ -25,7 +25,7 @@ _PLAIN = 2 * LIMIT
 _SUSPICIOUS = 1.2
 
 
-def misfit_precheck(prepared: Prepared, expansions: Sites, seed: int) -> dict[str, Any] | None:
+def misfit_precheck(prepared: Prepared, expansions: GaussianFactor, seed: int) -> dict[str, Any] | None:
     """What `model_form` says of replicates of the best fits, where that leaves no doubt of the form.
 
     A best fit follows its trace more closely than the draws of a posterior do, and so understates what its

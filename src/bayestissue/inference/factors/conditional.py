@@ -1,7 +1,7 @@
 """Conditional priors N(X b, D^-1) of impacts' parameters, of any number of draws of the population.
 
 With the sites they give normals to draw from and each trace's evidence. The algebra is that of
-`bayestissue.hierarchy.gaussian.impacts`; parameters are on the last axis.
+`bayestissue.hierarchy.gaussian.factor`; parameters are on the last axis.
 """
 
 from __future__ import annotations
@@ -18,16 +18,13 @@ from scipy.stats import norm, qmc
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expected_by_cell
 from bayestissue.hierarchy.gaussian.conditional import Data
 from bayestissue.hierarchy.gaussian.effects import effects_from_standard, integrate_effects
-from bayestissue.hierarchy.gaussian.impacts import (
-    ImpactConditional,
-    ImpactPrior,
-    Sites,
-    parameters_first,
-)
+from bayestissue.hierarchy.gaussian.factor import Conditional, GaussianFactor
 from bayestissue.hierarchy.traces import TraceModel, constrained, population
 from bayestissue.inference.execution.compiling import by_row
 
 POINTS = 64
+# Precision of a parameter that is held.
+_HELD = 1e8
 # Draws of one call.
 DRAWS = 64
 
@@ -53,6 +50,12 @@ class ConditionalPrior(NamedTuple):
         shape = (*self.mean.shape, self.mean.shape[-1])
         return self._replace(precision=np.broadcast_to(self.precision, shape))
 
+    def with_last_at(self, value: float) -> ConditionalPrior:
+        """The same, the last parameter held at a value."""
+        mean, precision = (np.array(part) for part in self)
+        mean[:, -1], precision[-1, -1] = value, _HELD
+        return ConditionalPrior(mean, precision)
+
     def log_density(
         self, u: Float[np.ndarray, "*point impact parameter"]
     ) -> Float[np.ndarray, "*point impact"]:
@@ -72,11 +75,11 @@ class Normals(NamedTuple):
     """Where the population and the sites put impacts' parameters, of one or more draws of the population.
 
     Attributes:
-        given: the conditional of `bayestissue.hierarchy.gaussian.impacts`.
-        about: X b, the parameters first.
+        conditional: of the parameters, see `bayestissue.hierarchy.gaussian.factor`.
+        prior_mean: X b, parameters first.
     """
 
-    conditional: ImpactConditional
+    conditional: Conditional
     prior_mean: Float[np.ndarray, "parameter *draw impact"]
 
     def at(
@@ -86,18 +89,16 @@ class Normals(NamedTuple):
         return np.stack(self.conditional.draw(self.prior_mean, np.moveaxis(z, -1, 0)), axis=-1)
 
 
-def normals(sites: Sites, prior: ConditionalPrior) -> Normals:
+def normals(sites: GaussianFactor, prior: ConditionalPrior) -> Normals:
     """See `Normals`; of the sites and a conditional prior N(a, D^-1) of one or more draws."""
     precision = np.moveaxis(prior.precision, (-2, -1), (0, 1))
-    impact_prior = ImpactPrior(precision, np.linalg.slogdet(prior.precision)[1])
-    conditional = ImpactConditional.from_sites(impact_prior, parameters_first(sites))
-    return Normals(conditional, np.moveaxis(prior.mean, -1, 0))
+    return Normals(Conditional(precision, sites.batch_last()), np.moveaxis(prior.mean, -1, 0))
 
 
-def log_evidence(sites: Sites, prior: ConditionalPrior) -> Float[np.ndarray, "*draw impact"]:
+def log_evidence(sites: GaussianFactor, prior: ConditionalPrior) -> Float[np.ndarray, "*draw impact"]:
     """Log of the integral of each site over a conditional prior, of one or more draws of the population."""
     conditional, prior_mean = normals(sites, prior)
-    return conditional.log_density(prior_mean)
+    return conditional.marginal(prior_mean).log_scale
 
 
 class PopulationDraws(NamedTuple):
@@ -157,7 +158,7 @@ def population_draw(
     covariances = population(model, sites)
     effects, _ = integrate_effects(data.design, covariances, data.sums(covariances))
     b = effects_from_standard(data.design, effects, data.mean, z_b)
-    return sites, b, covariances.of_impact().precision
+    return sites, b, covariances.of_impact()
 
 
 @by_row(DRAWS, constant=1)

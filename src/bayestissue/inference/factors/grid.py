@@ -20,7 +20,7 @@ from numpy.polynomial import chebyshev
 from scipy.interpolate import pchip_interpolate
 from scipy.special import logsumexp
 
-from bayestissue.hierarchy.gaussian.impacts import Sites
+from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.traces import TraceData, TraceModel
 from bayestissue.inference.factors.conditional import ConditionalPrior, normals
 from bayestissue.inference.factors.likelihoods import log_likelihoods
@@ -100,17 +100,17 @@ class LikelihoodGrid(NamedTuple):
         return jax.nn.logsumexp(self.at(points), axis=0, b=weights)
 
 
-def without_last(sites: Sites) -> Sites:
+def without_last(sites: GaussianFactor) -> GaussianFactor:
     """Sites that say nothing of the last parameter."""
-    slope, precision = np.array(sites.slope), np.array(sites.precision)
-    slope[:, -1], precision[:, -1], precision[:, :, -1] = 0.0, 0.0, 0.0
-    return sites._replace(precision=precision, slope=slope)
+    shift, precision = np.array(sites.shift), np.array(sites.precision)
+    shift[:, -1], precision[:, -1], precision[:, :, -1] = 0.0, 0.0, 0.0
+    return sites._replace(precision=precision, shift=shift)
 
 
 def integrated_likelihood_grid(
     model: TraceModel,
     data: TraceData,
-    sites: Sites,
+    sites: GaussianFactor,
     prior: ConditionalPrior,
     standard: Float[np.ndarray, "point parameter"],
     *,

@@ -16,12 +16,7 @@ from jax import Array
 from jaxtyping import Float
 from scipy.special import logsumexp
 
-from bayestissue.hierarchy.gaussian.impacts import (
-    ImpactConditional,
-    ImpactPrior,
-    Sites,
-    parameters_first,
-)
+from bayestissue.hierarchy.gaussian.factor import Conditional, GaussianFactor
 from bayestissue.hierarchy.traces import TraceData, TraceModel
 from bayestissue.inference.execution.compiling import by_row, compiled_quickly
 from bayestissue.inference.factors.conditional import (
@@ -93,7 +88,7 @@ class ImportanceRatios(NamedTuple):
 def importance_ratios(
     model: TraceModel,
     data: TraceData,
-    sites: Sites,
+    sites: GaussianFactor,
     priors: ConditionalPrior,
     standard: Float[np.ndarray, "point parameter"],
     grid: LikelihoodGrid | None = None,
@@ -162,7 +157,7 @@ def importance_ratios(
 def ratios_among(
     model: TraceModel,
     data: TraceData,
-    sites: Sites,
+    sites: GaussianFactor,
     priors: ConditionalPrior,
     grid: LikelihoodGrid | None = None,
 ) -> ImportanceRatios:
@@ -198,22 +193,23 @@ class _OrderedConditional(NamedTuple):
     free: int
 
     @classmethod
-    def from_sites(cls, sites: Sites, prior: ConditionalPrior, size: int, tables: int) -> _OrderedConditional:
+    def from_sites(
+        cls, sites: GaussianFactor, prior: ConditionalPrior, size: int, tables: int
+    ) -> _OrderedConditional:
         """Of an impact's first ``size`` parameters; others have no part in the sites."""
         order = np.array(_order(size, tables))
-        precision = prior.precision[..., order[:, None], order]
-        ordered = Sites(
+        rows = order[:, None]
+        ordered = GaussianFactor(
             sites.centre[..., order],
-            sites.slope[..., order],
-            sites.precision[..., order[:, None], order],
-            sites.log_likelihood,
+            sites.shift[..., order],
+            sites.precision[..., rows, order],
+            sites.log_scale,
         )
-        xp = precision.__array_namespace__()
-        # No density is asked for, which alone needs the determinant.
-        impact_prior = ImpactPrior(xp.moveaxis(precision, (-2, -1), (0, 1)), xp.zeros(()))
-        conditional = ImpactConditional.from_sites(impact_prior, parameters_first(ordered))
-        prior_mean = xp.moveaxis(prior.mean[..., order], -1, 0)
-        return cls(conditional.toward(prior_mean), conditional.factor, size - tables)
+        move = prior.precision.__array_namespace__().moveaxis
+        conditional = Conditional(
+            move(prior.precision[..., rows, order], (-2, -1), (0, 1)), ordered.batch_last()
+        )
+        return cls(conditional.half(move(prior.mean[..., order], -1, 0)), conditional.root, size - tables)
 
     def at(self, index: Any) -> _OrderedConditional:
         """With every entry indexed so."""
@@ -242,7 +238,7 @@ class _OrderedConditional(NamedTuple):
 
 
 def log_corrections(
-    sites: Sites, ratios: ImportanceRatios, prior: ConditionalPrior
+    sites: GaussianFactor, ratios: ImportanceRatios, prior: ConditionalPrior
 ) -> Float[Array, " impact"]:
     """Log of each trace's true evidence over its site's, given X b and D.
 
@@ -262,7 +258,7 @@ def log_corrections(
 
 @by_row(DRAWS, constant=2)
 def log_evidence_corrections(
-    sites: Sites, ratios: ImportanceRatios, prior: ConditionalPrior
+    sites: GaussianFactor, ratios: ImportanceRatios, prior: ConditionalPrior
 ) -> Float[Array, " impact"]:
     """`log_corrections` of what each of any number of draws of the population expects, [draw, impact]."""
     return log_corrections(sites, ratios, prior)

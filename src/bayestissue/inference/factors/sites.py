@@ -10,13 +10,11 @@ it serves all draws.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from jaxtyping import Float
 from scipy.special import softmax
 
-from bayestissue.hierarchy.gaussian.impacts import Sites
+from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.traces import TraceData, TraceModel
 from bayestissue.inference.factors.conditional import ConditionalPrior, normals
 from bayestissue.inference.factors.likelihoods import log_likelihoods
@@ -52,7 +50,7 @@ def laplace_sites(
     start: Float[np.ndarray, "impact parameter"],
     prior: ConditionalPrior,
     iterations: int = ITERATIONS,
-) -> Sites:
+) -> GaussianFactor:
     """Expand each log likelihood to second order where it, times the prior, is greatest.
 
     Levenberg-Marquardt steps on every impact by itself, from differences of the likelihood's values: exact
@@ -68,31 +66,21 @@ def laplace_sites(
     start = np.array(start)
     # How sharply a trace tells its parameters is known only once it was expanded.
     nothing = np.zeros((*start.shape, start.shape[1]))
-    best = _expansion(model, data, start, _expansion(model, data, start, nothing).curvature)
-    most, damping = best.value + prior.log_density(start), np.full(len(start), 1e-3)
+    best = _expansion(model, data, start, _expansion(model, data, start, nothing).precision)
+    most, damping = best.log_scale + prior.log_density(start), np.full(len(start), 1e-3)
     for _ in range(iterations):
         candidate, promised = _next_after(best, prior, damping)
         if not ((promised > _NOTHING_LEFT) & (damping < _STUCK)).any():
             break
-        tried = _expansion(model, data, candidate, best.curvature)
-        value = tried.value + prior.log_density(candidate)
+        tried = _expansion(model, data, candidate, best.precision)
+        value = tried.log_scale + prior.log_density(candidate)
         better = value > most
-        best = _Expansion(*(chosen(better, *pair) for pair in zip(tried, best, strict=True)))
+        best = GaussianFactor(*(chosen(better, *pair) for pair in zip(tried, best, strict=True)))
         most = np.where(better, value, most)
         damping = np.where(better, np.maximum(damping / 10, 1e-14), np.minimum(damping * 10, _STUCK))
-    values, axes = np.linalg.eigh(best.curvature)
-    firm = curvature_floor(values, np.matvec(axes.mT, best.slope))
-    precision = (axes * firm[:, None]) @ axes.mT
-    return Sites(best.u, best.slope, precision, best.value)
-
-
-class _Expansion(NamedTuple):
-    """A log likelihood to second order at ``u``, the curvature being minus its second derivatives."""
-
-    u: Float[np.ndarray, "impact parameter"]
-    value: Float[np.ndarray, " impact"]
-    slope: Float[np.ndarray, "impact parameter"]
-    curvature: Float[np.ndarray, "impact parameter parameter"]
+    values, axes = np.linalg.eigh(best.precision)
+    firm = curvature_floor(values, np.matvec(axes.mT, best.shift))
+    return best._replace(precision=(axes * firm[:, None]) @ axes.mT)
 
 
 def _expansion(
@@ -100,8 +88,10 @@ def _expansion(
     data: TraceData,
     u: Float[np.ndarray, "impact parameter"],
     curvature: Float[np.ndarray, "impact parameter parameter"],
-) -> _Expansion:
-    """Central differences, by steps as long as a ``curvature`` found nearby asks for.
+) -> GaussianFactor:
+    """A log likelihood to second order at ``u``, its precision of whatever sign the curvature has.
+
+    By central differences, with steps as long as a ``curvature`` found nearby asks for.
 
     Where a step leads out of all likelihood there is no expansion, and the value is minus infinity.
     """
@@ -125,20 +115,20 @@ def _expansion(
     hessian[second, first] = hessian[first, second]
     curvature = -hessian.transpose(2, 0, 1) / (step[:, :, None] * step[:, None])
     whole = np.isfinite(curvature).all((1, 2)) & np.isfinite(slope).all(1)
-    return _Expansion(
+    return GaussianFactor(
         u,
-        np.where(whole, middle[0], -np.inf),
         np.where(whole[:, None], slope, 0.0),
         np.where(whole[:, None, None], curvature, 0.0),
+        np.where(whole, middle[0], -np.inf),
     )
 
 
 def _next_after(
-    at: _Expansion, prior: ConditionalPrior, damping: Float[np.ndarray, " impact"]
+    at: GaussianFactor, prior: ConditionalPrior, damping: Float[np.ndarray, " impact"]
 ) -> tuple[Float[np.ndarray, "impact parameter"], Float[np.ndarray, " impact"]]:
     """The next candidate, and what the best step there is promises."""
-    slope = at.slope - np.matvec(prior.precision, at.u - prior.mean)
-    values, axes = np.linalg.eigh(at.curvature + prior.precision)
+    slope = at.shift - np.matvec(prior.precision, at.centre - prior.mean)
+    values, axes = np.linalg.eigh(at.precision + prior.precision)
     bend = np.abs(values)
     along = np.matvec(axes.mT, slope)
     firm = bend + damping[:, None] * bend.max(1, keepdims=True)
@@ -146,7 +136,7 @@ def _next_after(
     promised = (along**2 / np.maximum(bend, 1e-300)).sum(1) / 2
     # No step may be longer than a unit of a log parameter.
     longest = np.maximum(np.abs(move).max(1, keepdims=True), 1.0)
-    return at.u + move / longest, promised
+    return at.centre + move / longest, promised
 
 
 def chosen(better: np.ndarray, new: np.ndarray, old: np.ndarray) -> np.ndarray:
@@ -184,10 +174,10 @@ def weak_prior(start: Float[np.ndarray, "impact parameter"], sd: float = 2.0) ->
 def regression_sites(
     model: TraceModel,
     data: TraceData,
-    sites: Sites,
+    sites: GaussianFactor,
     priors: ConditionalPrior,
     rng: np.random.Generator,
-) -> Sites:
+) -> GaussianFactor:
     """The parabola nearest to each log likelihood over the posterior.
 
     Points are drawn by the old sites and weighted by likelihood over site, those of one draw of the
@@ -206,20 +196,19 @@ def regression_sites(
     weight = np.where(value > value.max(0) - _DEEPEST, weight, 0.0)
     size = u.shape[-1]
     fitted = effective_size(weight) > _POINTS_A_TERM * (1 + size) * (2 + size) / 2
-    refitted = [np.array(part) for part in sites]
-    for whole, part in zip(
-        refitted, _nearest(u[:, fitted], value[:, fitted], weight[:, fitted]), strict=True
-    ):
+    refitted = GaussianFactor(*map(np.array, sites))
+    nearest = _nearest(u[:, fitted], value[:, fitted], weight[:, fitted])
+    for whole, part in zip(refitted, nearest, strict=True):
         whole[fitted] = part
-    return Sites(*refitted)
+    return refitted
 
 
 def _nearest(
     u: Float[np.ndarray, "point impact parameter"],
     value: Float[np.ndarray, "point impact"],
     weight: Float[np.ndarray, "point impact"],
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Centre, slope, precision and level, as `Sites` have them."""
+) -> GaussianFactor:
+    """The parabola nearest to the values at weighted points, about their mean."""
     value = np.where(weight > 0, value, 0.0)
     total = weight.sum(0)
     mean = np.einsum("pi,pia->ia", weight, u) / total[:, None]
@@ -232,7 +221,7 @@ def _nearest(
     least = np.maximum(least_curvature(np.einsum("iab,ia->ib", axes, slope)), _LEAST_REGRESSED)
     bend = np.einsum("iab,ib,icb->iac", axes, np.maximum(values, least), axes)
     precision = np.einsum("iba,ibc,icd->iad", inverse, bend, inverse, optimize=True)
-    return mean, np.einsum("iba,ib->ia", inverse, slope), precision, level
+    return GaussianFactor(mean, np.einsum("iba,ib->ia", inverse, slope), precision, level)
 
 
 def _parabola(
@@ -257,7 +246,7 @@ def _parabola(
 def _points(
     model: TraceModel,
     data: TraceData,
-    sites: Sites,
+    sites: GaussianFactor,
     priors: ConditionalPrior,
     rng: np.random.Generator,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

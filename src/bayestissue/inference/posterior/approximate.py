@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -15,8 +16,9 @@ from jaxtyping import Float
 from numpyro.infer.util import potential_energy
 
 from bayestissue.elements import element
-from bayestissue.hierarchy.gaussian.conditional import Data, Expansion, log_marginal
-from bayestissue.hierarchy.gaussian.impacts import Sites
+from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign
+from bayestissue.hierarchy.gaussian.conditional import Data, log_marginal
+from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import (
     COORDINATES,
@@ -49,8 +51,13 @@ from bayestissue.inference.factors.grid import (
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.inference.factors.sites import laplace_sites, weak_prior
 from bayestissue.inference.points.fit import PointFit, fit_points
-from bayestissue.inference.posterior.mode import covariance_about, find_mode
-from bayestissue.inference.samplers.coordinates import Coordinates, straight, warp_about
+from bayestissue.inference.samplers.coordinates import (
+    Coordinates,
+    coordinates_about,
+    covariance_about,
+    find_mode,
+    unwarped,
+)
 from bayestissue.signal import Displacements
 
 # A grid integrates the other parameters over so many points: few where impacts are many.
@@ -63,7 +70,6 @@ _WELL_TOLD = 0.3
 # Steps of that log; where a likelihood is a normal so narrow, it is lower there by 50.
 _FAR, _CLEARLY_LESS = np.array([0.0, -3.0, 3.0]), 10.0
 _NEAREST = 0.99
-_HELD = 1e8
 
 
 def marginal_model(
@@ -143,22 +149,38 @@ class Approximation:
             prior on the other.
         grid: what the traces say of a last parameter that they leave open; see `TraceModel.may_have_grid`.
         marginal_grid: the same as the marginal density asks for it: of many impacts tabulated together.
-        expansion: of what the sites leave out, where that is part of the marginal density.
+        second_order: of what the sites leave out, where that is part of the marginal density.
         expansions: of every likelihood at its own maximum, see `expanded`.
     """
 
-    sites: Sites
+    sites: GaussianFactor
     coordinates: Coordinates
     grid: LikelihoodGrid | None
     marginal_grid: LikelihoodGrid | GridSum | None = None
-    expansion: Expansion | None = None
-    expansions: Sites | None = None
+    second_order: GaussianFactor | None = None
+    expansions: GaussianFactor | None = None
 
     def data(self, data: TraceData) -> Data:
         """What the marginal density asks of the dataset."""
-        return gaussian(data, self.sites)._replace(expansion=self.expansion)
+        return replace(gaussian(data, self.sites), second_order=self.second_order)
 
-    def of_rows(self, rows: np.ndarray) -> tuple[Sites, LikelihoodGrid | None]:
+    def density(self, prepared: Prepared) -> MarginalDensity:
+        """The marginal density of the hyperparameters."""
+        return MarginalDensity(prepared.model, self.data(prepared.data), self.marginal_grid)
+
+    def near(self, prepared: Prepared, values: Mapping[str, Any]) -> Approximation:
+        """With coordinates about the mode of its own density, sought from these values on.
+
+        Raises:
+            FloatingPointError: the density has no mode.
+        """
+        density = self.density(prepared)
+        start = np.array([values.get(name, 0.0) for name in density.names])
+        if density.grid is not None:
+            start = density.at_best_last(start)
+        return replace(self, coordinates=density.coordinates(density.mode(start)))
+
+    def of_rows(self, rows: np.ndarray) -> tuple[GaussianFactor, LikelihoodGrid | None]:
         """Some impacts' sites, and their grid of the last parameter if there is one."""
         sites, grid = rows_of(self.sites, rows), self.grid
         if grid is not None:
@@ -166,12 +188,110 @@ class Approximation:
         return sites, grid
 
 
-def rows_of(sites: Sites, rows: np.ndarray) -> Sites:
+# Of the last location's standard normal, at which its density is looked at.
+_PLACES = np.linspace(-8.0, 8.0, 321)
+
+
+@compiled_quickly()
+def _value_and_slope(
+    model: TraceModel,
+    y: Array,
+    data: Data,
+    grid: LikelihoodGrid | GridSum | None,
+    warp: SinhArcsinh,
+) -> tuple[Array, Array]:
+    """Minus the log density of the hyperparameters' coordinates, and its gradient."""
+    numpyro_model = partial(marginal_model, model)
+
+    def potential(y: Array) -> Array:
+        return potential_energy(numpyro_model, (data, grid, warp), {}, {COORDINATES: y})
+
+    return jax.value_and_grad(potential)(y)
+
+
+@dataclass(frozen=True)
+class MarginalDensity:
+    """The posterior of the hyperparameters given the sites, b and every impact's parameters integrated out.
+
+    Attributes:
+        model: whose hyperparameters they are.
+        data: with the sites.
+        grid: of the last parameter, whose mean is then a coordinate too.
+    """
+
+    model: TraceModel
+    data: Data
+    grid: LikelihoodGrid | GridSum | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the coordinates: the hyperparameters, and with a grid the last location's standard normal."""
+        return self.model.hyperparameters + (LAST,) * (self.grid is not None)
+
+    def potential(self, y: np.ndarray, warp: SinhArcsinh | None = None) -> tuple[float, np.ndarray]:
+        """Minus the log density at coordinates ``y``, and its gradient."""
+        value, slope = _value_and_slope(self.model, y, self.data, self.grid, warp or unwarped(len(y)))
+        return float(value), np.asarray(slope)
+
+    def mode(self, start: np.ndarray | None = None) -> np.ndarray:
+        """Where the density of the unwarped coordinates is greatest."""
+        return find_mode(self.model, self.names, self.potential, start)
+
+    def coordinates(self, mode: np.ndarray) -> Coordinates:
+        """Coordinates in which the posterior is nearly normal."""
+        return coordinates_about(self.names, self.potential, mode)
+
+    def with_sites(self, data: TraceData, sites: GaussianFactor) -> MarginalDensity:
+        """The same given other sites."""
+        return replace(self, data=gaussian(data, sites))
+
+    def with_grid(self, grid: LikelihoodGrid, mode: np.ndarray) -> MarginalDensity:
+        """With the last parameter's grid; that of many impacts as one table about the mode."""
+        if grid.log_likelihood.shape[1] <= BLOCK:
+            return replace(self, grid=grid)
+        sd = population(self.model, self._hyperparameters(mode)).nuisance[-1]
+        start = np.array([self.last_mean(mode), np.log(float(sd))])
+        return replace(self, grid=grid_sum_around(grid, partial(self._of_last, mode), start))
+
+    def _of_last(self, start: np.ndarray, grid: GridSum) -> tuple[np.ndarray, np.ndarray]:
+        """Posterior mode and standard deviations of the last parameter's mean and log spread, by a grid."""
+        density = replace(self, grid=grid)
+        mode = density.mode(start)
+        error = np.sqrt(np.diagonal(covariance_about(lambda y: density.potential(y)[1], mode)))
+        last = self.model.hyperparameters[-1]
+        log_sd = np.log(float(density._hyperparameters(mode)[last]))
+        # A standard deviation's unconstrained coordinate is nearly its log.
+        scale = np.array([self.model.locations.sd[-1], 1.0])
+        of_last = [density.names.index(LAST), density.names.index(last)]
+        return np.array([density.last_mean(mode), log_sd]), scale * error[of_last]
+
+    def _hyperparameters(self, y: np.ndarray) -> dict[str, Array]:
+        return constrained(self.model, dict(zip(self.names, y, strict=True)))
+
+    def at_best_last(self, y: np.ndarray) -> np.ndarray:
+        """The same point where the last location's standard normal is most likely."""
+        points = np.repeat(y[None], len(_PLACES), axis=0)
+        points[:, -1] = _PLACES
+        return points[np.argmin([self.potential(point)[0] for point in points])]
+
+    def last_mean(self, y: np.ndarray) -> float:
+        """The mean of the last parameter there."""
+        return float(self.data.mean[-1] + self.model.locations.sd[-1] * y[-1])
+
+    def conditional_prior(self, y: np.ndarray, design: PopulationDesign) -> ConditionalPrior:
+        """Of each impact there, b having its conditional mean."""
+        raw, at_mean = np.reshape(y, (-1, 1)), np.zeros((1, self.model.locations.size))
+        draws = population_draws(self.model, self.data, dict(zip(self.names, raw, strict=True)), at_mean)
+        of_impacts = of_cells(draws.priors(design), np.asarray(design.cell))
+        return ConditionalPrior(of_impacts.mean[0], draws.precision[0])
+
+
+def rows_of(sites: GaussianFactor, rows: np.ndarray) -> GaussianFactor:
     """Some impacts' sites."""
-    return Sites(*(np.asarray(leaf)[rows] for leaf in sites))
+    return GaussianFactor(*(np.asarray(leaf)[rows] for leaf in sites))
 
 
-def expanded(prepared: Prepared, progress: Progress = silent) -> Sites:
+def expanded(prepared: Prepared, progress: Progress = silent) -> GaussianFactor:
     """Every likelihood expanded at its own maximum: what `approximate` begins with."""
     start = first_guess(prepared)
     # A uniform error leaves its likelihood flat on top, which no expansion can describe.
@@ -181,14 +301,14 @@ def expanded(prepared: Prepared, progress: Progress = silent) -> Sites:
 
 def _laplace(
     model: TraceModel, smooth: TraceData, start: np.ndarray, prior: ConditionalPrior, progress: Progress
-) -> Sites:
+) -> GaussianFactor:
     return map_impacts(partial(laplace_sites, model), smooth, start, prior.of_each(), progress=progress)
 
 
 def _grid(
     model: TraceModel,
     data: TraceData,
-    sites: Sites,
+    sites: GaussianFactor,
     prior: ConditionalPrior,
     progress: Progress,
     *,
@@ -199,7 +319,7 @@ def _grid(
     number = int(np.clip(2 ** np.floor(np.log2(_GRID_POINTS / len(sites.centre))), FEW, most))
     points = standard_points(sites.centre.shape[1], number)
 
-    def one(part: TraceData, part_sites: Sites, part_prior: ConditionalPrior) -> np.ndarray:
+    def one(part: TraceData, part_sites: GaussianFactor, part_prior: ConditionalPrior) -> np.ndarray:
         grid = integrated_likelihood_grid(model, part, part_sites, part_prior, points, coarse=coarse)
         return np.asarray(grid.log_likelihood).T
 
@@ -210,7 +330,7 @@ def _grid(
 def approximate(
     prepared: Prepared,
     *,
-    expansions: Sites | None = None,
+    expansions: GaussianFactor | None = None,
     normal: bool | None = None,
     progress: Progress = silent,
 ) -> Approximation:
@@ -239,45 +359,50 @@ def approximate(
     # One flat grid stands for those of however many impacts.
     columns = impacts if impacts <= BLOCK else 1
     flat = LikelihoodGrid(jnp.zeros((len(PLACES), columns))) if model.may_have_grid else None
-    finder = _ModeFinder(model, data, flat)
-    mode = finder.mode(expansions, None)
-    prior = finder.conditional_prior(expansions, mode)
+    density = MarginalDensity(model, gaussian(data, expansions), flat)
+    mode = density.mode()
+    prior = density.conditional_prior(mode, data.design)
     sites = _laplace(model, with_normal_errors(data), expansions.centre, prior, report(1))
-    mode = finder.mode(sites, mode)
+    density = density.with_sites(data, sites)
+    mode = density.mode(mode)
     if model.may_have_grid and not (last_is_normal(prepared, sites) if normal is None else normal):
-        grid, others, peak = _fitted_grid(prepared, finder, without_last(sites), mode, report(passes - 1))
+        grid, others, peak, of_grid = _fitted_grid(
+            prepared, density, without_last(sites), mode, report(passes - 1)
+        )
         if grid.resolved:
-            coordinates = finder.coordinates(others, peak)
-            return Approximation(others, coordinates, grid, finder.grid, expansions=expansions)
-    finder.grid = None
-    coordinates = finder.coordinates(sites, mode[:-1] if model.may_have_grid else mode)
+            coordinates = of_grid.coordinates(peak)
+            return Approximation(others, coordinates, grid, of_grid.grid, expansions=expansions)
+    coordinates = replace(density, grid=None).coordinates(mode[:-1] if model.may_have_grid else mode)
     return Approximation(sites, coordinates, None, expansions=expansions)
 
 
 def _fitted_grid(
-    prepared: Prepared, finder: _ModeFinder, sites: Sites, mode: np.ndarray, progress: Progress
-) -> tuple[LikelihoodGrid, Sites, np.ndarray]:
-    """The last parameter's grid, the sites of the others, and the mode that both give."""
+    prepared: Prepared, density: MarginalDensity, sites: GaussianFactor, mode: np.ndarray, progress: Progress
+) -> tuple[LikelihoodGrid, GaussianFactor, np.ndarray, MarginalDensity]:
+    """The last parameter's grid, the sites of the others, and the mode and the density that both give."""
     model, data = prepared.model, prepared.data
     one_pass = model.kind == "arma"
-    prior = finder.conditional_prior(sites, mode)
-    grid = _grid(model, data, sites, prior, progress, coarse=not one_pass)
-    finder.tabulate(grid, sites, mode)
+    density = density.with_sites(data, sites)
+    grid = _grid(
+        model, data, sites, density.conditional_prior(mode, data.design), progress, coarse=not one_pass
+    )
+    density = density.with_grid(grid, mode)
     # A search that begins where the grids fall steeply would end far from their maximum.
-    mode = finder.mode(sites, finder.at_best_last(sites, mode))
+    mode = density.mode(density.at_best_last(mode))
     if one_pass:
-        return grid, sites, mode
+        return grid, sites, mode, density
     # The first sites were made where a search along the last parameter had stopped.
-    prior = _anchored_at(finder.last_mean(mode), finder.conditional_prior(sites, mode))
+    prior = density.conditional_prior(mode, data.design).with_last_at(density.last_mean(mode))
     sites = without_last(_laplace(model, with_normal_errors(data), prior.mean, prior, silent))
-    grid = _grid(model, data, sites, finder.conditional_prior(sites, mode), silent)
+    density = density.with_sites(data, sites)
+    grid = _grid(model, data, sites, density.conditional_prior(mode, data.design), silent)
     if grid.resolved:
-        finder.tabulate(grid, sites, mode)
-        mode = finder.mode(sites, mode)
-    return grid, sites, mode
+        density = density.with_grid(grid, mode)
+        mode = density.mode(mode)
+    return grid, sites, mode, density
 
 
-def last_is_normal(prepared: Prepared, sites: Sites) -> bool:
+def last_is_normal(prepared: Prepared, sites: GaussianFactor) -> bool:
     """Whether the traces tell the last parameter well enough for its likelihood to be normal.
 
     N samples tell theta1 to ((1 - theta1^2) / N)^1/2, and so artanh theta1 to cosh(artanh theta1) / N^1/2;
@@ -291,7 +416,7 @@ def last_is_normal(prepared: Prepared, sites: Sites) -> bool:
     return bool(np.cosh(middle) / np.sqrt(np.median(prepared.signal.n_samples)) < _WELL_TOLD)
 
 
-def _has_another_end(prepared: Prepared, sites: Sites) -> bool:
+def _has_another_end(prepared: Prepared, sites: GaussianFactor) -> bool:
     """Whether far from the sites' centres, along the last parameter, traces are nearly as likely.
 
     A search may have stopped on a shelf, from which the likelihood rises slowly to where it is level.
@@ -305,142 +430,3 @@ def _has_another_end(prepared: Prepared, sites: Sites) -> bool:
     here, *there = map_impacts(densities, prepared.data, centre).T
     lost = np.median(here - np.asarray(there), axis=1)
     return bool((lost < _CLEARLY_LESS).any())
-
-
-# Of the last location's standard normal, at which its density is looked at.
-_PLACES = np.linspace(-8.0, 8.0, 321)
-
-
-@compiled_quickly()
-def _value_and_slope(
-    model: TraceModel,
-    y: Array,
-    data: Data,
-    grid: LikelihoodGrid | GridSum | None,
-    warp: SinhArcsinh,
-) -> tuple[Array, Array]:
-    """Minus the log density of the hyperparameters' coordinates, and its gradient."""
-    numpyro_model = partial(marginal_model, model)
-
-    def potential(y: Array) -> Array:
-        return potential_energy(numpyro_model, (data, grid, warp), {}, {COORDINATES: y})
-
-    return jax.value_and_grad(potential)(y)
-
-
-class _ModeFinder:
-    """Posterior mode of the standard deviations, and the coordinates that make it a normal's."""
-
-    def __init__(
-        self,
-        model: TraceModel,
-        data: TraceData,
-        grid: LikelihoodGrid | GridSum | None = None,
-        expansion: Expansion | None = None,
-    ) -> None:
-        self._model, self.grid, self._expansion = model, grid, expansion
-        self.data = data._replace(record=None)  # type: ignore[arg-type]
-        self._arranged: tuple[Sites, Data] | None = None
-
-    @property
-    def _names(self) -> tuple[str, ...]:
-        return names_of(self._model, profiled=self.grid is not None)
-
-    def _of(self, sites: Sites) -> Data:
-        """Laid out once for all that is asked of the same sites."""
-        if self._arranged is None or self._arranged[0] is not sites:
-            arranged = gaussian(self.data, sites)._replace(expansion=self._expansion)
-            self._arranged = sites, jax.tree.map(jnp.asarray, arranged)
-        return self._arranged[1]
-
-    def at(self, y: np.ndarray, sites: Sites, warp: SinhArcsinh | None = None) -> tuple[float, np.ndarray]:
-        warp = warp or straight(len(y))
-        value, slope = _value_and_slope(self._model, y, self._of(sites), self.grid, warp)
-        return float(value), np.asarray(slope)
-
-    def tabulate(self, grid: LikelihoodGrid, sites: Sites, mode: np.ndarray) -> None:
-        """Ask the last parameter's grid from now on; that of many impacts as one table."""
-        self.grid = grid
-        if grid.log_likelihood.shape[1] <= BLOCK:
-            return
-        covariances = population(self._model, self._hyperparameters(mode))
-        start = np.array([self.last_mean(mode), np.log(float(covariances.nuisance[-1]))])
-        self.grid = grid_sum_around(grid, partial(self._of_last, sites, mode), start)
-
-    def _of_last(self, sites: Sites, start: np.ndarray, grid: GridSum) -> tuple[np.ndarray, np.ndarray]:
-        """Posterior mode and standard deviations of the last parameter's mean and log covariances."""
-        self.grid = grid
-        mode = self.mode(sites, start)
-        error = np.sqrt(np.diagonal(covariance_about(lambda flat: self.at(flat, sites)[1], mode)))
-        last, places = self._model.hyperparameters[-1], self._names
-        of_last = np.array([places.index(LAST), places.index(last)])
-        log_sd = np.log(float(self._hyperparameters(mode)[last]))
-        # A standard deviation's unconstrained coordinate is nearly its log.
-        scale = np.array([self._model.locations.sd[-1], 1.0])
-        return np.array([self.last_mean(mode), log_sd]), scale * error[of_last]
-
-    def _hyperparameters(self, flat: np.ndarray) -> dict[str, Array]:
-        return constrained(self._model, dict(zip(self._names, flat, strict=True)))
-
-    def mode(self, sites: Sites, start: np.ndarray | None) -> np.ndarray:
-        return find_mode(self._model, self._names, lambda flat: self.at(flat, sites), start)
-
-    def at_best_last(self, sites: Sites, flat: np.ndarray) -> np.ndarray:
-        """The same place where the last location's standard normal is most likely."""
-        places = np.repeat(flat[None], len(_PLACES), axis=0)
-        places[:, -1] = _PLACES
-        return places[np.argmin([self.at(point, sites)[0] for point in places])]
-
-    def last_mean(self, flat: np.ndarray) -> float:
-        """The mean of the last parameter there."""
-        return float(self.data.location_mean[-1] + self._model.locations.sd[-1] * flat[-1])
-
-    def conditional_prior(self, sites: Sites, flat: np.ndarray) -> ConditionalPrior:
-        """Of each impact there, b having its conditional mean."""
-        raw, at_mean = np.reshape(flat, (-1, 1)), np.zeros((1, self._model.locations.size))
-        named, design = dict(zip(self._names, raw, strict=True)), self.data.design
-        drawn = population_draws(self._model, self._of(sites), named, at_mean)
-        arranged = of_cells(drawn.priors(design), np.asarray(design.cell))
-        return ConditionalPrior(arranged.mean[0], drawn.precision[0])
-
-    def coordinates(self, sites: Sites, mode: np.ndarray) -> Coordinates:
-        scale = np.sqrt(np.diagonal(covariance_about(lambda flat: self.at(flat, sites)[1], mode)))
-        warp = warp_about(lambda points: np.array([-self.at(flat, sites)[0] for flat in points]), mode, scale)
-        covariance = covariance_about(lambda y: self.at(y, sites, warp)[1], np.zeros(len(mode)))
-        return Coordinates(self._names, warp, covariance)
-
-
-def potential_at(
-    prepared: Prepared, approximation: Approximation, y: Float[np.ndarray, " coordinate"]
-) -> tuple[float, Float[np.ndarray, " coordinate"]]:
-    """Minus the log density of the hyperparameters' coordinates, and its gradient; no trace is asked for."""
-    finder = _ModeFinder(prepared.model, prepared.data, approximation.marginal_grid, approximation.expansion)
-    return finder.at(y, approximation.sites, approximation.coordinates.warp)
-
-
-def names_of(model: TraceModel, *, profiled: bool) -> tuple[str, ...]:
-    """Of the coordinates that chains move in: the hyperparameters', and with a grid the last location's."""
-    return (*model.hyperparameters, LAST) if profiled else model.hyperparameters
-
-
-def coordinates_given_sites(
-    prepared: Prepared, approximation: Approximation, near: Mapping[str, np.ndarray]
-) -> Coordinates:
-    """The hyperparameters' coordinates given other sites, their mode sought from ``near`` on."""
-    finder = _ModeFinder(prepared.model, prepared.data, approximation.marginal_grid, approximation.expansion)
-    begin = np.array(
-        [
-            near.get(name, 0.0)
-            for name in names_of(prepared.model, profiled=approximation.marginal_grid is not None)
-        ]
-    )
-    if approximation.marginal_grid is not None:
-        begin = finder.at_best_last(approximation.sites, begin)
-    return finder.coordinates(approximation.sites, finder.mode(approximation.sites, begin))
-
-
-def _anchored_at(last: float, prior: ConditionalPrior) -> ConditionalPrior:
-    """The conditional prior with the last parameter held at a value."""
-    mean, precision = (np.array(part) for part in prior)
-    mean[:, -1], precision[-1, -1] = last, _HELD
-    return ConditionalPrior(mean, precision)

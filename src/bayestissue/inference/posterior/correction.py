@@ -41,6 +41,7 @@ class Correction:
         varies: relative variance of each impact's likelihood over its site, where these were compared.
         of_impacts: log of each impact's evidence over its site's, at the draws that were kept.
         attempts: what was tried, this among it, in order: see `Correction.row`.
+        steps: of the recipe, in order, and of each why it was refused, if it was.
     """
 
     weight: Float[np.ndarray, "chain transition"]
@@ -49,6 +50,7 @@ class Correction:
     varies: Float[np.ndarray, " impact"] | None = None
     of_impacts: Float[np.ndarray, "draw impact"] | None = None
     attempts: tuple[dict[str, float | None], ...] = ()
+    steps: tuple[dict[str, str], ...] = ()
 
     @classmethod
     def from_log_weights(
@@ -215,9 +217,14 @@ class Route:
 
     def record(self) -> dict[str, Any]:
         """As it stands in ``run.json`` and ``diagnostics.json``."""
-        attempts = () if self.correction is None else self.correction.attempts
-        path = "exact" if self.exact else "summary"
-        return {"path": path, "asked": self.requested, "words": self.words, "attempts": list(attempts)}
+        tried = self.correction
+        return {
+            "path": "exact" if self.exact else "summary",
+            "asked": self.requested,
+            "words": self.words,
+            "attempts": [] if tried is None else list(tried.attempts),
+            "steps": [] if tried is None else list(tried.steps),
+        }
 
 
 def duration(seconds: float) -> str:

@@ -78,4 +78,4 @@ def start_of(prepared: Prepared, approximation: Approximation) -> Start:
     }
     count = len(prepared.model.hyperparameters)
     covariance = approximation.coordinates.covariance[:count, :count]
-    return Start({COORDINATES: np.zeros(count), **middle}, (COORDINATES,), covariance)
+    return Start({COORDINATES: np.zeros(count), **middle}, COORDINATES, covariance)

@@ -19,9 +19,9 @@ from jax import Array
 from jaxtyping import Float
 
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expected_by_cell
-from bayestissue.hierarchy.gaussian.conditional import Expansion, flat_covariances
+from bayestissue.hierarchy.gaussian.conditional import flat_covariances, given_covariances
 from bayestissue.hierarchy.gaussian.covariances import Covariances
-from bayestissue.hierarchy.gaussian.impacts import Sites
+from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, population
 from bayestissue.inference.execution.chunks import Progress, in_blocks, silent
@@ -39,7 +39,7 @@ from bayestissue.inference.factors.importance_ratios import (
     ratios_among,
 )
 from bayestissue.inference.factors.sites import regression_sites
-from bayestissue.inference.posterior.approximate import LAST, Approximation, coordinates_given_sites
+from bayestissue.inference.posterior.approximate import LAST, Approximation
 from bayestissue.inference.samplers.psis import relative_variance
 
 # Of weights that vary by a quarter, as those of 100,000 impacts did, 40 draws have a Pareto k above the
@@ -114,8 +114,8 @@ def importance_weights(
 
     ratios, varies = in_blocks(data, one, progress=progress)
     whole = ratios.sum(0)
-    if approximation.expansion is not None:
-        whole = whole - np.asarray(_expanded(model, data.design, approximation.expansion, draws))
+    if approximation.second_order is not None:
+        whole = whole - np.asarray(_second_order(model, data.design, approximation.second_order, draws))
     return Ratios(whole, ratios.T, varies)
 
 
@@ -132,17 +132,15 @@ def refitted(
     """
     cell, priors = np.asarray(prepared.data.design.cell), draws.priors(prepared.data.design)
 
-    def one(part: TraceData, rows: np.ndarray) -> Sites:
+    def one(part: TraceData, rows: np.ndarray) -> GaussianFactor:
         rng = np.random.default_rng([seed, 41, int(rows[0])])
         sites, _ = approximation.of_rows(rows)
         return regression_sites(prepared.model, part, sites, of_cells(priors, cell[rows]), rng)
 
-    approximated = replace(
-        approximation, sites=in_blocks(prepared.data, one, progress=progress), expansion=None
-    )
-    near = {name: np.asarray(values.mean()) for name, values in draws.raw.items()}
+    sites = in_blocks(prepared.data, one, progress=progress)
+    means = {name: values.mean() for name, values in draws.raw.items()}
     try:
-        return replace(approximated, coordinates=coordinates_given_sites(prepared, approximated, near))
+        return replace(approximation, sites=sites, second_order=None).near(prepared, means)
     except FloatingPointError:
         # If few draws are effective, they may be far from what the traces say.
         return approximation
@@ -167,10 +165,10 @@ def with_expansion(
         best, least = approximation, scatter
         if scatter < limit or number == EXPANSIONS:
             break
-        expanded = replace(approximation, expansion=expand(prepared, approximation, draws, progress=progress))
-        near = {name: values[0] for name, values in draws.raw.items()}
+        second_order = expand(prepared, approximation, draws, progress=progress)
+        middle = {name: values[0] for name, values in draws.raw.items()}
         try:
-            approximation = replace(expanded, coordinates=coordinates_given_sites(prepared, expanded, near))
+            approximation = replace(approximation, second_order=second_order).near(prepared, middle)
         except FloatingPointError:
             # Weights of few points leave an expansion that is none.
             break
@@ -179,7 +177,7 @@ def with_expansion(
 
 def expand(
     prepared: Prepared, approximation: Approximation, draws: PopulationDraws, *, progress: Progress = silent
-) -> Expansion:
+) -> GaussianFactor:
     """The expansion about one population.
 
     Args:
@@ -201,28 +199,29 @@ def expand(
         return _expand(sites, ratios_among(model, part, sites, of_cells(mixture, cell[rows]), grid), here)
 
     slope, bend = in_blocks(data, one, progress=progress)
-    return Expansion(
-        jnp.asarray(prior_mean.T),
-        jnp.asarray(at),
-        design.to_cells(jnp.asarray(np.moveaxis(slope, 0, -1))),
-        design.to_cells(jnp.asarray(np.moveaxis(bend, 0, -1))),
-    )
+    shift, precision = (design.to_cells(jnp.asarray(np.moveaxis(x, 0, -1))) for x in (slope, -bend))
+    common = np.broadcast_to(at[:, None], (len(at), len(prior_mean)))
+    centre = jnp.asarray(np.concatenate([prior_mean.T, common]))
+    return GaussianFactor(centre, shift, precision, jnp.zeros(len(prior_mean)))
 
 
 @jax.jit
-def _expanded(
-    model: TraceModel, design: PopulationDesign, expansion: Expansion, draws: PopulationDraws
+def _second_order(
+    model: TraceModel, design: PopulationDesign, factor: GaussianFactor, draws: PopulationDraws
 ) -> Float[Array, " draw"]:
-    """The expansion's value at some draws, but for a constant."""
+    """Log of the second-order factor at some draws, but for a constant."""
 
     def one(draw: tuple[dict[str, Array], Array]) -> Array:
-        return expansion.value(expected_by_cell(design, draw[1]), population(model, draw[0])).sum()
+        of_mean = given_covariances(factor, population(model, draw[0]))
+        return of_mean.recentred(expected_by_cell(design, draw[1])).log_scale.sum()
 
     return jax.lax.map(one, (draws.sites, draws.b))
 
 
 @jax.jit
-def _expand(sites: Sites, points: ImportanceRatios, middle: Float[Array, "impact v"]) -> tuple[Array, Array]:
+def _expand(
+    sites: GaussianFactor, points: ImportanceRatios, middle: Float[Array, "impact v"]
+) -> tuple[Array, Array]:
     """Slopes and bends of each impact's correction at the middle."""
     slope = jax.grad(lambda v: _correction(points, sites, v).sum())
 
@@ -232,10 +231,9 @@ def _expand(sites: Sites, points: ImportanceRatios, middle: Float[Array, "impact
     return slope(middle), jax.lax.map(bent, jnp.eye(middle.shape[1])).transpose(1, 2, 0)
 
 
-def _correction(points: ImportanceRatios, sites: Sites, v: Array) -> Array:
+def _correction(points: ImportanceRatios, sites: GaussianFactor, v: Array) -> Array:
     """Each impact's correction, as a function of what the population says of it."""
     size = sites.centre.shape[1]
     kk, kc, cc = v[:, size : size + 3].T
     prior = Covariances((kk, kc, cc), tuple(jnp.sqrt(v[:, size + 3 :]).T), jnp.zeros(0)).of_impact()
-    precision = jnp.moveaxis(prior.precision, -1, 0)
-    return log_corrections(sites, points, ConditionalPrior(v[:, :size], precision))
+    return log_corrections(sites, points, ConditionalPrior(v[:, :size], jnp.moveaxis(prior, -1, 0)))

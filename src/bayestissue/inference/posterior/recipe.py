@@ -10,18 +10,18 @@ sampling-importance-resampling.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from bayestissue.hierarchy.gaussian.impacts import Sites
+from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import COORDINATES, TraceData, TraceModel
-from bayestissue.inference.execution.chunks import Progress, in_blocks, silent
+from bayestissue.inference.execution.chunks import Progress, in_blocks
 from bayestissue.inference.execution.compiling import filled_up, in_parts
 from bayestissue.inference.execution.kept import all_fit, kept_draws
 from bayestissue.inference.factors.conditional import (
@@ -36,7 +36,6 @@ from bayestissue.inference.posterior.approximate import (
     Approximation,
     approximate,
     marginal_model,
-    potential_at,
 )
 from bayestissue.inference.posterior.correction import Correction
 from bayestissue.inference.posterior.expansion import (
@@ -48,7 +47,7 @@ from bayestissue.inference.posterior.expansion import (
     with_expansion,
 )
 from bayestissue.inference.samplers.independence import LEAST_EFFECTIVE, independence_chains
-from bayestissue.inference.samplers.nuts import Known, Start, run_chains
+from bayestissue.inference.samplers.nuts import Start, run_chains
 from bayestissue.inference.samplers.psis import systematic
 from bayestissue.inference.samplers.sampling import Draws
 
@@ -87,6 +86,122 @@ class Attempt(NamedTuple):
     correction: Correction
 
 
+@dataclass(frozen=True)
+class Problem:
+    """What every step is asked of; see `corrected_draws`."""
+
+    prepared: Prepared
+    settings: Sampler
+    seed: int
+    rng: np.random.Generator
+    progress: Callable[[str, int, int], None] = lambda *_: None
+
+    @property
+    def all_weighed(self) -> bool:
+        """Whether every draw gets a weight: of many impacts some do, and judge all."""
+        return all_fit(self.settings.chains * self.settings.transitions, len(self.prepared.impacts))
+
+    @property
+    def most_scatter(self) -> float:
+        """The scatter of log weights that is left to the weights: none where these only judge."""
+        return _MOST_SCATTER if self.all_weighed else 0.0
+
+    def stage(self, name: str) -> Progress:
+        """Progress of one of the stages."""
+        return partial(self.progress, name)
+
+
+@dataclass(frozen=True)
+class State:
+    """What the steps so far have led to.
+
+    Attributes:
+        approximation: of the traces, to go on with.
+        attempts: draws made so far, each with the approximation of its time.
+        first: number of the first attempt with sites that follow from one another, up to the last.
+    """
+
+    approximation: Approximation
+    attempts: tuple[Attempt, ...] = ()
+    first: int = 0
+
+    @property
+    def best(self) -> Attempt:
+        """The attempt that fails the fewest checks, and of several the one of most effective draws."""
+        return min(self.attempts, key=lambda attempt: attempt.correction.rank)
+
+
+class Refused(NamedTuple):
+    """That a step is not taken, and why."""
+
+    reason: str
+
+
+Step = Callable[[Problem, State], State | Refused]
+
+
+def fit_and_sample(problem: Problem, state: State) -> State:
+    """Sites fitted to the population, expanded where these need it, and draws with them."""
+    approximation = fitted_to_population(problem, state.approximation)
+    attempt = population_attempt(problem, approximation)
+    return State(approximation, (*state.attempts, attempt), first=len(state.attempts))
+
+
+def refit_about_draws(problem: Problem, state: State) -> State | Refused:
+    """Sites fitted anew about the corrected draws of the last attempt, as long as that helps."""
+    attempts = state.attempts[state.first :]
+    approximation, _, draws, _, correction = attempts[-1]
+    if correction.trusted:
+        return Refused("the correction can be trusted")
+    if approximation.grid is not None:
+        return Refused("a grid of the last parameter is not fitted anew")
+    if len(attempts) > 1 and correction.effective < _GAIN * attempts[-2].correction.effective:
+        return Refused("the last time did not raise the effective number of draws by half")
+    if len(attempts) == _MOST_PASSES:
+        return Refused(f"sites were fitted {_MOST_PASSES} times")
+    prepared, seed = problem.prepared, problem.seed
+    subset = draws.rows(np.resize(problem.rng.permutation(len(draws.b)), _DRAWS_ABOUT))
+    fitted = refitted(prepared, approximation, subset, seed + _MOST_PASSES + len(attempts))
+    expanded = with_expansion(prepared, fitted, seed, problem.most_scatter)
+    attempt = population_attempt(problem, expanded)
+    return replace(state, approximation=expanded, attempts=(*state.attempts, attempt))
+
+
+def normal_instead_of_grid(problem: Problem, state: State) -> State | Refused:
+    """A normal site of a last parameter that had a grid.
+
+    Never the other way: what traces tell so well that a normal was taken falls between the places of a grid,
+    which then looks trusted and is wrong.
+    """
+    if state.approximation.grid is None:
+        return Refused("the sites are normal in all parameters")
+    if state.best.correction.trusted:
+        return Refused("the correction can be trusted")
+    expansions, stage = state.approximation.expansions, problem.stage("summarising each trace")
+    approximation = approximate(problem.prepared, expansions=expansions, normal=True, progress=stage)
+    return fit_and_sample(problem, replace(state, approximation=approximation))
+
+
+def lengthen_chains(problem: Problem, state: State) -> State | Refused:
+    """Longer chains with the best sites, where all that is wrong is that too few draws are effective."""
+    correction = state.best.correction
+    if not correction.lacks_only_draws:
+        return Refused("not only draws are lacking")
+    longer = int(np.ceil(1.2 * correction.needed / correction.effective))
+    settings = problem.settings.model_copy(update={"thinning": longer * problem.settings.thinning})
+    lengthened = replace(problem, settings=settings)
+    if longer > _LONGEST:
+        return Refused(f"chains {longer} times as long take longer than the exact path")
+    if not lengthened.all_weighed:
+        return Refused("of so many draws and impacts only some get a weight, however many there are")
+    attempt = population_attempt(lengthened, state.best.approximation)
+    return replace(state, attempts=(*state.attempts, attempt))
+
+
+_REFITS = (refit_about_draws,) * (_MOST_PASSES - 1)
+STEPS: tuple[Step, ...] = (fit_and_sample, *_REFITS, normal_instead_of_grid, *_REFITS, lengthen_chains)
+
+
 def corrected_draws(
     prepared: Prepared,
     settings: Sampler,
@@ -97,11 +212,8 @@ def corrected_draws(
 ) -> tuple[Approximation, Draws, Correction]:
     """Sites, draws of the approximate marginal posterior made with them, and their correction.
 
-    Where the correction can't be trusted the sites are fitted anew about the corrected draws, as long as that
-    helps: see `_attempts`. A last parameter that has a grid then gets a normal site; never the other way:
-    what traces tell so well that a normal was taken falls between the places of a grid, which then looks
-    trusted and is wrong. Where all that is wrong is that too few draws are effective, longer chains follow.
-    The best of these is returned, trusted or not; `Correction.attempts` lists them all.
+    All of `STEPS` are asked in turn, and go on from the state that those before have left. The best attempt
+    is returned, trusted or not; `Correction.attempts` lists them all.
 
     Args:
         prepared: model and data.
@@ -110,111 +222,37 @@ def corrected_draws(
         approximation: what `approximate` found, if it was asked before.
         progress: told the stage, how much of it is done, and its total; of every attempt anew.
     """
-    rng = np.random.default_rng([seed, 22])
-    done, sampling = partial(progress, "summarising each trace"), partial(progress, "sampling the population")
-    approximation = approximation or approximate(prepared, progress=done)
-
-    def sample(approximation: Approximation, settings: Sampler = settings) -> Attempt:
-        return population_attempt(prepared, approximation, settings, seed, sampling)
-
-    def attempts(approximation: Approximation) -> list[Attempt]:
-        return _attempts(
-            prepared,
-            fitted_to_population(prepared, approximation, settings, seed, rng, done),
-            sample,
-            settings,
-            seed,
-            rng,
-        )
-
-    tried = attempts(approximation)
-    if approximation.grid is not None and not _best(tried).correction.trusted:
-        tried += attempts(
-            approximate(prepared, expansions=approximation.expansions, normal=True, progress=done)
-        )
-    best = _best(tried)
-    if best.correction.lacks_only_draws:
-        longer = int(np.ceil(1.2 * best.correction.needed / best.correction.effective))
-        lengthened = settings.model_copy(update={"thinning": longer * settings.thinning})
-        if longer <= _LONGEST and _all_weighed(prepared, lengthened):
-            tried.append(sample(best.approximation, lengthened))
-            best = _best(tried)
-    rows = tuple(attempt.correction.row() for attempt in tried)
-    draws = with_impacts(prepared, best, settings, seed, partial(progress, "drawing each impact"))
-    return best.approximation, draws, replace(best.correction, attempts=rows)
+    problem = Problem(prepared, settings, seed, np.random.default_rng([seed, 22]), progress)
+    state = State(approximation or approximate(prepared, progress=problem.stage("summarising each trace")))
+    steps = []
+    for step in STEPS:
+        outcome = step(problem, state)
+        reason = outcome.reason if isinstance(outcome, Refused) else ""
+        steps.append({"step": step.__name__, "refused": reason})
+        state = state if isinstance(outcome, Refused) else outcome
+    rows = tuple(attempt.correction.row() for attempt in state.attempts)
+    draws = with_impacts(problem, state.best)
+    return state.best.approximation, draws, replace(state.best.correction, attempts=rows, steps=tuple(steps))
 
 
-def _best(tried: list[Attempt]) -> Attempt:
-    return min(tried, key=lambda attempt: attempt.correction.rank)
-
-
-def _attempts(
-    prepared: Prepared,
-    approximation: Approximation,
-    sample: Callable[[Approximation], Attempt],
-    settings: Sampler,
-    seed: int,
-    rng: np.random.Generator,
-) -> list[Attempt]:
-    """Draws with these sites, then with sites fitted about the corrected draws of the last attempt.
-
-    So on until a correction can be trusted or the effective number of draws is not half as large again. A
-    grid of the last parameter is not fitted anew.
-    """
-    tried = [sample(approximation)]
-    while (
-        not tried[-1].correction.trusted
-        and tried[-1].approximation.grid is None
-        and len(tried) < _MOST_PASSES
-    ):
-        draws = tried[-1].draws
-        subset = draws.rows(np.resize(rng.permutation(len(draws.b)), _DRAWS_ABOUT))
-        fitted = refitted(prepared, tried[-1].approximation, subset, seed + _MOST_PASSES + len(tried))
-        tried.append(sample(with_expansion(prepared, fitted, seed, _limit(prepared, settings))))
-        if tried[-1].correction.effective < _GAIN * tried[-2].correction.effective:
-            break
-    return tried
-
-
-def fitted_to_population(
-    prepared: Prepared,
-    approximation: Approximation,
-    settings: Sampler,
-    seed: int,
-    rng: np.random.Generator,
-    progress: Progress = silent,
-) -> Approximation:
+def fitted_to_population(problem: Problem, approximation: Approximation) -> Approximation:
     """Sites fitted about draws of the population to second order, and expanded where these need it."""
+    prepared, seed, progress = problem.prepared, problem.seed, problem.stage("summarising each trace")
     number_of_draws = int(np.clip(_ALL_BEFORE // len(prepared.impacts), _FEWEST_BEFORE, _DRAWS_BEFORE))
     for seed_step in range(_PASSES_BEFORE if approximation.grid is None else 0):
-        draws = to_second_order(prepared, approximation, number_of_draws, rng)
+        draws = to_second_order(prepared, approximation, number_of_draws, problem.rng)
         approximation = refitted(prepared, approximation, draws, seed + seed_step, progress)
-    return with_expansion(prepared, approximation, seed, _limit(prepared, settings), progress)
+    return with_expansion(prepared, approximation, seed, problem.most_scatter, progress)
 
 
-def _limit(prepared: Prepared, settings: Sampler) -> float:
-    """The scatter of log weights that is left to the weights: none where these only judge."""
-    return _MOST_SCATTER if _all_weighed(prepared, settings) else 0.0
-
-
-def _all_weighed(prepared: Prepared, settings: Sampler) -> bool:
-    """Whether every draw gets a weight: of many impacts some do, and judge all."""
-    return all_fit(settings.chains * settings.transitions, len(prepared.impacts))
-
-
-def population_attempt(
-    prepared: Prepared,
-    approximation: Approximation,
-    settings: Sampler,
-    seed: int,
-    progress: Progress = silent,
-) -> Attempt:
+def population_attempt(problem: Problem, approximation: Approximation) -> Attempt:
     """Chains of the population and their correction.
 
     Where draws times impacts are more than fits, the weights are those of some draws, by which all are judged
     and none chosen.
     """
-    chains = sample_marginal(prepared, approximation, settings, seed, progress)
+    prepared, settings, seed = problem.prepared, problem.settings, problem.seed
+    chains = sample_marginal(problem, approximation)
     shape, rng = (settings.chains, settings.transitions), np.random.default_rng([seed, 21])
     y = chains.sites[COORDINATES].reshape(shape[0] * shape[1], -1)
     standard = rng.standard_normal((len(y), prepared.model.locations.size))
@@ -223,7 +261,7 @@ def population_attempt(
     finite = np.isfinite(population.b).all(1)
     rows = np.where(finite, np.arange(len(finite)), np.argmax(finite))
     population, z_b = population.rows(rows), z_b[rows]
-    whole = _all_weighed(prepared, settings)
+    whole = problem.all_weighed
     checked = slice(None) if whole else evenly_spaced(len(finite), CHECKS)
     ratios = importance_weights(prepared, approximation, population.rows(checked), population)
     log_weight = np.where(finite[checked], ratios.log_weight, -np.inf).reshape(shape if whole else (1, -1))
@@ -238,20 +276,17 @@ def population_attempt(
     return Attempt(approximation, chains, population.rows(chosen), z_b[chosen], correction)
 
 
-def with_impacts(
-    prepared: Prepared, attempt: Attempt, settings: Sampler, seed: int, progress: Progress = silent
-) -> Draws:
+def with_impacts(problem: Problem, attempt: Attempt) -> Draws:
     """The population's draws, and each impact's standard normals under those that are kept of it.
 
     These are the draws of the sites of `sampled_model`, corrected to the same posterior.
     """
+    prepared, settings, seed = problem.prepared, problem.settings, problem.seed
     model, design = prepared.model, prepared.data.design
     shape, cell = (settings.chains, settings.draws), np.asarray(design.cell)
     kept_numbers = kept_draws(*shape, len(cell))
-    kept_draws_of_population = attempt.draws.rows(
-        (np.arange(shape[0])[:, None] * shape[1] + kept_numbers).ravel()
-    )
-    priors = kept_draws_of_population.priors(design)
+    population = attempt.draws.rows((np.arange(shape[0])[:, None] * shape[1] + kept_numbers).ravel())
+    priors = population.priors(design)
     # What has a grid varies besides under the population of each draw.
     measured = attempt.correction.varies if attempt.approximation.grid is None else None
     relative_variance = np.inf if measured is None else float(measured.mean())
@@ -260,11 +295,10 @@ def with_impacts(
         rng = np.random.default_rng([seed, 24, int(rows[0])])
         part_sites, here = attempt.approximation.of_rows(rows)[0], of_cells(priors, cell[rows])
         choose = partial(sir_proposals, model, part, part_sites, candidates_for(relative_variance))
-        seeds = rng.integers(2**32, size=len(kept_draws_of_population.b))
-        return in_parts(
-            choose, (here.mean, kept_draws_of_population.precision, seeds), _DRAWS_AT_ONCE
-        ).swapaxes(0, 1)
+        seeds = rng.integers(2**32, size=len(population.b))
+        return in_parts(choose, (here.mean, population.precision, seeds), _DRAWS_AT_ONCE).swapaxes(0, 1)
 
+    progress = problem.stage("drawing each impact")
     z_u = in_blocks(prepared.data, one, progress=progress).swapaxes(0, 1)
     sites = {**attempt.draws.raw, "standard_locations": attempt.z_b}
     values_by_site = {name: values.reshape(*shape, *values.shape[1:]) for name, values in sites.items()}
@@ -272,10 +306,10 @@ def with_impacts(
     return Draws(values_by_site, attempt.chains.statistics, attempt.chains.max_tree_depth)
 
 
-def sample_marginal(
-    prepared: Prepared, approximation: Approximation, settings: Sampler, seed: int, progress: Progress
-) -> Draws:
+def sample_marginal(problem: Problem, approximation: Approximation) -> Draws:
     """Draws of the marginal posterior's coordinates, by independent proposals where these serve, or NUTS."""
+    prepared, settings, seed = problem.prepared, problem.settings, problem.seed
+    progress = problem.stage("sampling the population")
     data = approximation.data(prepared.data)
     arguments = (
         prepared.model,
@@ -291,7 +325,7 @@ def sample_marginal(
     return run_chains(
         marginal_model,
         arguments,
-        _scattered_start(prepared, approximation, settings.chains, np.random.default_rng([seed, 23])),
+        Start({COORDINATES: np.zeros(len(covariance))}, COORDINATES, covariance),
         settings,
         seed,
         progress=progress,
@@ -309,23 +343,10 @@ def candidates_for(relative_variance: float) -> int:
     return int(np.clip(wanted, _FEWEST_CANDIDATES, CANDIDATES))
 
 
-def _scattered_start(
-    prepared: Prepared, approximation: Approximation, chains: int, rng: np.random.Generator
-) -> Start:
-    """Scattered by half a standard deviation, which lets R-hat see chains that did not forget it."""
-    root = np.linalg.cholesky(approximation.coordinates.covariance)
-    points = 0.5 * rng.standard_normal((chains, len(root))) @ root.T
-    evaluated = [potential_at(prepared, approximation, point) for point in points]
-    potentials, slopes = (np.array(part) for part in zip(*evaluated, strict=True))
-    centre = {COORDINATES: np.zeros(len(root))}
-    known = Known(points, potentials, slopes)
-    return Start(centre, (COORDINATES,), approximation.coordinates.covariance, known)
-
-
 def sir_proposals(
     model: TraceModel,
     data: TraceData,
-    sites: Sites,
+    sites: GaussianFactor,
     candidates: int,
     prior_mean: Float[np.ndarray, "draw impact parameter"],
     precision: Float[np.ndarray, "draw parameter parameter"],

@@ -36,7 +36,6 @@ from bayestissue.inference.factors.conditional import PopulationDraws, log_evide
 from bayestissue.inference.factors.grid import LikelihoodGrid
 from bayestissue.inference.factors.importance_ratios import log_evidence_corrections, ratios_among
 from bayestissue.inference.posterior.approximate import Approximation
-from bayestissue.likelihood import small
 from bayestissue.padding import bucket
 
 # Draws at a time: what a matrix of each impact under each of them takes stays small.
@@ -72,7 +71,9 @@ def of_draws(
     """
     data, approximation, count = prepared.data, likelihood.approximation, len(prepared.impacts)
     whole = all_fit(len(draws.b), count)
-    groups = _of_groups(prepared, replace(approximation, expansion=None) if whole else approximation, draws)
+    groups = _of_groups(
+        prepared, replace(approximation, second_order=None) if whole else approximation, draws
+    )
     rows = np.arange(count) if whole else some_impacts(count)
     part, (sites, grid) = impacts_of(data, rows), approximation.of_rows(rows)
     priors = of_cells(draws.priors(data.design), np.asarray(data.design.cell)[rows])
@@ -104,7 +105,7 @@ def _of_groups(
 ) -> dict[str, Float[np.ndarray, " draw ..."]]:
     """The same of groups by the sites, and that of all traces together."""
     model, data, design = prepared.model, approximation.data(prepared.data), prepared.design
-    cell, places = np.asarray(data.design.cell), data.design.members.shape[2]
+    cell, places = np.asarray(prepared.data.design.cell), data.design.members.shape[2]
     effects = {name: effect.at_places(cell, places) for name, effect in own_effects(model, design).items()}
     group_scores = _group_scores(model, data, effects, draws.sites, draws.b)
     for name, grouping in design.groupings.items():
@@ -124,18 +125,12 @@ def _group_scores(
     """What is compiled of `_of_groups`."""
     covariances = population(model, sites)
     sums = data.sums(covariances)
-    moved = expected_by_cell(data.design, b) - expected_by_cell(data.design, data.mean)
-
-    def at(deviation: Array) -> tuple[Array, Array]:
-        curved = jnp.stack(small.times(sums.precision, deviation))
-        return sums.constant + (deviation * (sums.shift - curved / 2)).sum(0), sums.shift - curved
-
-    scores = {"traces": at(moved)[0].sum()}
+    expected = expected_by_cell(data.design, b)
+    scores = {"traces": sums.recentred(expected).log_scale.sum()}
     for name, effect in effects_of.items():
-        value, shift = at(moved - effect.expected(b, len(moved)))
-        scores[f"traces_of_{stem_of(name)}"] = effect.total(value) + effect.gained(
-            covariances, sums.precision, shift
-        )
+        without = sums.recentred(expected - effect.expected(b, len(expected)))
+        gained = effect.gained(covariances, sums.precision, without.shift)
+        scores[f"traces_of_{stem_of(name)}"] = effect.total(without.log_scale) + gained
     return scores
 
 

@@ -49,7 +49,9 @@ def diagnose(summary: pd.DataFrame, statistics: xr.Dataset, further: Sequence[Ch
     sizes = {"bulk": "is the middle of each posterior known", "tail": "are the ends of the intervals known"}
     divergences = int(statistics["diverging"].sum())
     saturated = int((statistics["tree_depth"] >= statistics.attrs["max_tree_depth"]).sum())
-    bfmi = float(_bfmi(statistics["energy"].to_numpy()).min())
+    energy = statistics["energy"].to_numpy()
+    # E[(E_t - E_{t-1})^2] / Var(E) of each chain.
+    bfmi = float((np.mean(np.diff(energy, axis=1) ** 2, axis=1) / np.var(energy, axis=1)).min())
     longer = "Raise sampler.warmup and sampler.draws in the model file."
     checks = [
         Check(
@@ -202,8 +204,3 @@ def _worst(summary: pd.DataFrame, column: str) -> dict[str, Any]:
     values = summary[column].to_numpy(float)
     row = int(np.nanargmax(values) if column == "r_hat" else np.nanargmin(values))
     return {"variable": str(summary["variable"].iloc[row]), "value": float(values[row])}
-
-
-def _bfmi(energy: np.ndarray) -> np.ndarray:
-    """E[(E_t − E_{t−1})²] / Var(E) for each chain; ``energy`` [chain, draw]."""
-    return np.mean(np.diff(energy, axis=1) ** 2, axis=1) / np.var(energy, axis=1)

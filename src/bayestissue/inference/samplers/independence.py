@@ -81,8 +81,8 @@ def independence_chains(
     count = settings.chains * settings.transitions
     proposals = [_propose(model, arguments, site, mean, covariance, count, rng)]
     # A chain stays where it is until a proposal is accepted: the more of them are refused, the more are made
-    # for each transition.
-    times = _proposals_of_a_transition(_effective_share(proposals[0][1]))
+    # for each transition, so that consecutive draws are nearly independent.
+    times = int(np.clip(np.ceil(3 / _effective_share(proposals[0][1]) - 2), 1, MOST_PROPOSALS))
     if times > 1:
         proposals.append(_propose(model, arguments, site, mean, covariance, (times - 1) * count, rng))
     points, log_weight, density = (np.concatenate(parts) for parts in zip(*proposals, strict=True))
@@ -110,11 +110,6 @@ def independence_chains(
 def _effective_share(log_weight: Float[np.ndarray, " point"]) -> float:
     """Effective number of weighted points over their number."""
     return float(effective_size(np.exp(below_greatest(log_weight))) / len(log_weight))
-
-
-def _proposals_of_a_transition(effective: float) -> int:
-    """So many that consecutive draws are nearly independent, about 3 / e - 2 for an effective share e."""
-    return int(np.clip(np.ceil(3 / effective - 2), 1, MOST_PROPOSALS))
 
 
 def _propose(

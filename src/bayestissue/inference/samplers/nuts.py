@@ -6,7 +6,7 @@ chain's whole state can be written down; a later run reads them and continues wi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from concurrent.futures import wait as wait_for
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
@@ -16,9 +16,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
 from numpyro.infer import NUTS
-from numpyro.infer.util import ParamInfo
 
 from bayestissue import runtime
 from bayestissue.hierarchy.specification import Sampler
@@ -31,31 +29,20 @@ SEGMENT = 100
 Arrays = dict[str, np.ndarray]
 
 
-class Known(NamedTuple):
-    """Points of one site, and the potential energy there."""
-
-    point: Float[np.ndarray, "chain coordinate"]
-    potential: Float[np.ndarray, " chain"]
-    slope: Float[np.ndarray, "chain coordinate"]
-
-
 @dataclass(frozen=True)
 class Start:
     """Where chains begin, in unconstrained coordinates.
 
     Attributes:
         centre: value of each site.
-        dense: sites that share a dense mass matrix, ravelled in this order.
+        dense: the site that has a dense mass matrix.
         inverse_mass: that matrix's inverse, a guess of the posterior covariance; every other site has the
             unit matrix, since it is a standard normal.
-        known: of one site that is all there is, where each chain begins, the potential energy there and its
-            gradient; the chains find their own unless given, for which the gradient is compiled once more.
     """
 
     centre: Mapping[str, np.ndarray]
-    dense: tuple[str, ...]
+    dense: str
     inverse_mass: np.ndarray
-    known: Known | None = None
 
 
 def run_chains(
@@ -71,10 +58,8 @@ def run_chains(
 ) -> Draws:
     """Every transition after the warm-up: sites come back unconstrained, [chain, transition, ...].
 
-    Draws are from the posterior of a numpyro ``model``, and not thinned.
-
-    Chains run in worker processes, one bound to each core, or side by side in one call on an accelerator.
-    The draws depend on ``seed`` alone, and not on cores nor on interruptions.
+    Draws are from the posterior of a numpyro ``model``, and not thinned. They depend on ``seed`` alone, and
+    not on cores nor on interruptions.
 
     Args:
         model: a numpyro model.
@@ -85,181 +70,131 @@ def run_chains(
         progress: told after every segment how many transitions of all chains are done.
         checkpoints: an existing folder to which finished segments are written, and in which those of an
             earlier run of the same job are looked for.
-        processes: false runs one chain after the other in this process.
+        processes: false runs one chain after the other in this process, and true in worker processes, one
+            bound to each core.
     """
-    job = _Job(model, arguments, start, settings, seed)
-    total = settings.chains * (settings.warmup + settings.transitions)
+    job, numbers = _Job(model, arguments, start, settings, seed, checkpoints), range(settings.chains)
+    length = settings.warmup + settings.transitions
+    total = settings.chains * length
     progress(0, total)
-    if jax.default_backend() != "cpu":
-        parts = [_run(job, range(settings.chains), checkpoints, lambda done: progress(done, total))]
-    elif runtime.cores() == 1 or not processes:
-        parts = _one_by_one(job, checkpoints, progress, total)
+
+    def advanced(before: int, done: int) -> None:
+        progress(before + done, total)
+
+    if runtime.cores() == 1 or not processes:
+        parts = [_run(job, number, partial(advanced, number * length)) for number in numbers]
     else:
-        parts = _in_processes(job, checkpoints, progress, total)
-    sites, statistics = jax.tree.map(lambda *rows: np.concatenate(rows), *parts)
+        parts = _in_processes(job, partial(advanced, 0))
+    sites, statistics = jax.tree.map(lambda *chains: np.stack(chains), *parts)
     return Draws(sites, statistics, settings.max_tree_depth)
-
-
-def _one_by_one(
-    job: _Job, checkpoints: Path | None, progress: Progress, total: int
-) -> list[tuple[Arrays, Arrays]]:
-    chains, transitions = _Chains(job), total // job.settings.chains
-    return [
-        chains.run([number], checkpoints, partial(_tell, progress, number * transitions, total))
-        for number in range(job.settings.chains)
-    ]
-
-
-def _tell(progress: Progress, before: int, total: int, done: int) -> None:
-    progress(before + done, total)
 
 
 @dataclass(frozen=True)
 class _Job:
-    """All that determines the chains."""
+    """All that determines the chains, and where their segments are kept."""
 
     model: Callable[..., None]
     arguments: tuple[Any, ...]
     start: Start
     settings: Sampler
     seed: int
+    checkpoints: Path | None
 
 
-def _run(
-    job: _Job, numbers: Sequence[int], checkpoints: Path | None, advanced: Callable[[int], None]
-) -> tuple[Arrays, Arrays]:
-    return _Chains(job).run(numbers, checkpoints, advanced)
-
-
-def _in_processes(
-    job: _Job, checkpoints: Path | None, progress: Progress, total: int
-) -> list[tuple[Arrays, Arrays]]:
+def _in_processes(job: _Job, advanced: Callable[[int], None]) -> list[tuple[Arrays, Arrays]]:
     """One worker process a core, each bound to its own.
 
     A compiled call hands its pieces from thread to thread. Bound to one core it keeps them; two calls on
     two free cores wake each other's threads and were measured to take eight times as long a step.
     """
     chains = job.settings.chains
-    workers = min(runtime.cores(), chains)
     job = replace(job, arguments=jax.device_get(job.arguments))
     # What a worker has not finished at the end is lost; what it has is in the checkpoints.
-    with scratch() as folder, runtime.worker_pool(workers, folder) as pool:
+    with scratch() as folder, runtime.worker_pool(min(runtime.cores(), chains), folder) as pool:
         counts = [folder / f"{number}" for number in range(chains)]
-        futures = [pool.submit(_worker, job, number, checkpoints, counts[number]) for number in range(chains)]
+        futures = [pool.submit(_worker, job, number, counts[number]) for number in range(chains)]
         while wait_for(futures, timeout=0.5).not_done:
-            progress(sum(int(count.read_text() or 0) for count in counts if count.is_file()), total)
+            advanced(sum(int(count.read_text() or 0) for count in counts if count.is_file()))
             if any(future.done() and future.exception() for future in futures):
                 break
         parts = [future.result() for future in futures]
-    progress(total, total)
+    advanced(chains * (job.settings.warmup + job.settings.transitions))
     return parts
 
 
-def _worker(job: _Job, number: int, checkpoints: Path | None, count: Path) -> tuple[Arrays, Arrays]:
+def _worker(job: _Job, number: int, count: Path) -> tuple[Arrays, Arrays]:
     def advanced(done: int) -> None:
         with whole_file(count) as staging:
             staging.write_text(str(done))
 
-    return _run(job, [number], checkpoints, advanced)
+    return _run(job, number, advanced)
+
+
+def _run(job: _Job, number: int, advanced: Callable[[int], None]) -> tuple[Arrays, Arrays]:
+    """All segments of a chain: sites and statistics, [draw, ...]; ``advanced`` counts its transitions."""
+    start, settings = job.start, job.settings
+    others = tuple(sorted(set(start.centre) - {start.dense}))
+    kernel = _compiled(
+        job.model, start.dense, others, settings.warmup, settings.target_accept, settings.max_tree_depth
+    )
+    key = jax.random.fold_in(jax.random.PRNGKey(job.seed), number)
+    centre = {name: jnp.asarray(value) for name, value in start.centre.items()}
+    state = kernel.begin(key, centre, jnp.asarray(start.inverse_mass), job.arguments)
+    length, collected = settings.warmup + settings.transitions, []
+    for begin in range(0, length, SEGMENT):
+        path = job.checkpoints and job.checkpoints / f"chain-{number}-segment-{begin // SEGMENT:04d}.npz"
+        if path is not None and path.is_file():
+            leaves, draws = _read(path)
+            state = jax.tree.unflatten(jax.tree.structure(state), map(jnp.asarray, leaves))
+        else:
+            state, drawn = kernel.advance(state, job.arguments)
+            leaves, draws = jax.device_get((jax.tree.leaves(state), drawn))
+            if path is not None:
+                _write(path, leaves, draws)
+        keep = slice(max(0, settings.warmup - begin), length - begin)
+        collected.append(jax.tree.map(lambda rows: rows[keep], draws))  # noqa: B023
+        advanced(min(begin + SEGMENT, length))
+    return jax.tree.map(lambda *rows: np.concatenate(rows), *collected)
 
 
 class _Kernel(NamedTuple):
-    """Compiled functions that begin chains and advance them by a segment."""
+    """Compiled functions that begin a chain and advance it by a segment."""
 
     begin: Any
     advance: Any
 
 
-class _Chains:
-    """The chains of one job."""
-
-    def __init__(self, job: _Job) -> None:
-        start, settings = job.start, job.settings
-        self._settings, self._seed, self._arguments = settings, job.seed, job.arguments
-        self._known = start.known
-        others = tuple(sorted(set(start.centre) - set(start.dense)))
-        self._start = (
-            {name: jnp.asarray(start.centre[name]) for name in start.centre},
-            jnp.asarray(start.inverse_mass),
-        )
-        target, depth = settings.target_accept, settings.max_tree_depth
-        self._kernel = _compiled(job.model, start.dense, others, settings.warmup, target, depth)
-
-    def _first(self, numbers: Sequence[int]) -> Any:
-        """What each of these chains begins with: its key, and where it is if that is known."""
-        key = jax.random.PRNGKey(self._seed)
-        keys = jnp.stack([jax.random.fold_in(key, number) for number in numbers])
-        known = None if self._known is None else Known(*(part[list(numbers)] for part in self._known))
-        return keys, known
-
-    def run(
-        self, numbers: Sequence[int], checkpoints: Path | None, advanced: Callable[[int], None]
-    ) -> tuple[Arrays, Arrays]:
-        """All segments of the chains with these numbers: sites and statistics, [chain, draw, ...].
-
-        ``advanced`` is told the transitions done so far.
-        """
-        settings, done = self._settings, 0
-        length = settings.warmup + settings.transitions
-        state = self._kernel.begin(self._first(numbers), (self._start, self._arguments))
-        structure = jax.tree.structure(state)
-        collected = []
-        for number in range(-(-length // SEGMENT)):
-            path = _segment_file(checkpoints, numbers[0], number)
-            if path is not None and path.is_file():
-                leaves, draws = _read(path)
-                state = jax.tree.unflatten(structure, [jnp.asarray(leaf) for leaf in leaves])
-            else:
-                state, drawn = self._kernel.advance(state, self._arguments)
-                leaves, draws = jax.device_get((jax.tree.leaves(state), drawn))
-                if path is not None:
-                    _write(path, leaves, draws)
-            keep = slice(max(0, settings.warmup - number * SEGMENT), length - number * SEGMENT)
-            collected.append(jax.tree.map(lambda rows: rows[:, keep], draws))  # noqa: B023
-            done += len(numbers) * min(SEGMENT, length - number * SEGMENT)
-            advanced(done)
-        return jax.tree.map(lambda *rows: np.concatenate(rows, axis=1), *collected)
-
-
 @lru_cache(maxsize=8)
 def _compiled(
     model: Callable[..., None],
-    dense: tuple[str, ...],
+    dense: str,
     others: tuple[str, ...],
     warmup: int,
     target_accept: float,
     max_tree_depth: int,
 ) -> _Kernel:
     """One model's functions, compiled once for all data sets of the same shapes."""
-    many = jax.vmap if jax.default_backend() != "cpu" else _single
     # The sampler knows its density only once a chain has begun.
     kernels: list[NUTS] = []
 
-    def begin(first: tuple[jax.Array, Known | None], arguments_of_kernel: tuple[Any, ...]) -> Any:
-        (key, known), ((centre, inverse_mass), arguments) = first, arguments_of_kernel
-        size = sum(centre[name].size for name in others)
+    def begin(key: Any, centre: Any, inverse_mass: Any, arguments: Any) -> Any:
         kernel = NUTS(
             model,
             target_accept_prob=target_accept,
             max_tree_depth=max_tree_depth,
-            dense_mass=[dense],
-            inverse_mass_matrix={dense: inverse_mass, others: jnp.ones(size)},
+            dense_mass=[(dense,)],
+            inverse_mass_matrix={
+                (dense,): inverse_mass,
+                others: jnp.ones(sum(centre[name].size for name in others)),
+            },
             adapt_mass_matrix=True,
         )
-        start_key, key = jax.random.split(key)
         kernels[:] = [kernel]
-        if known is not None:
-            (name,) = dense
-            params = ParamInfo({name: known.point}, known.potential, {name: known.slope})
-            return kernel.init(key, warmup, params, arguments, {})
-        params, at = {}, 0
+        start_key, key = jax.random.split(key)
         # Half a posterior standard deviation of scatter lets R-hat see chains that did not forget it.
         scale = jnp.linalg.cholesky(inverse_mass)
         moved = 0.5 * scale @ jax.random.normal(start_key, scale.shape[:1])
-        for name in dense:
-            value = centre[name]
-            params[name] = value + moved[at : at + value.size].reshape(value.shape)
-            at += value.size
+        params = {dense: centre[dense] + moved.reshape(centre[dense].shape)}
         for number, name in enumerate(others):
             noise = jax.random.normal(jax.random.fold_in(start_key, number), centre[name].shape)
             params[name] = centre[name] + 0.5 * noise
@@ -274,24 +209,7 @@ def _compiled(
 
         return jax.lax.scan(step, state, None, length=SEGMENT)
 
-    return _Kernel(
-        compiled_quickly()(many(begin, in_axes=(0, None))),
-        jax.jit(many(advance, in_axes=(0, None)), compiler_options=FULLY),
-    )
-
-
-def _single(function: Callable[..., Any], in_axes: Any) -> Callable[..., Any]:
-    """As `jax.vmap` over a first axis of length one, without what vectorising costs."""
-
-    def lifted(first: Any, arguments: Any) -> Any:
-        result = function(jax.tree.map(lambda leaf: leaf[0], first), arguments)
-        return jax.tree.map(lambda leaf: leaf[None], result)
-
-    return lifted
-
-
-def _segment_file(folder: Path | None, chain: int, segment: int) -> Path | None:
-    return None if folder is None else folder / f"chain-{chain}-segment-{segment:04d}.npz"
+    return _Kernel(compiled_quickly()(begin), jax.jit(advance, compiler_options=FULLY))
 
 
 def _write(path: Path, leaves: list[np.ndarray], draws: tuple[Arrays, Arrays]) -> None:

@@ -21,7 +21,7 @@ from jaxtyping import Bool, Float
 from scipy.special import ndtr, softmax
 from scipy.stats import chi2, norm, qmc
 
-from bayestissue.hierarchy.gaussian.impacts import Sites
+from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import (
     TraceData,
@@ -157,7 +157,7 @@ def _corrected(
     model: TraceModel,
     data: TraceData,
     prior: ConditionalPrior,
-    sites: Sites,
+    sites: GaussianFactor,
     even: _Even,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points of each impact's posterior, their weights, which sum to 1, and Pareto k.
@@ -209,7 +209,7 @@ def _of_damping(
 
 
 def _skewed(
-    prior: ConditionalPrior, sites: Sites, even: _Even, log_mass: Float[np.ndarray, " impact"]
+    prior: ConditionalPrior, sites: GaussianFactor, even: _Even, log_mass: Float[np.ndarray, " impact"]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Points of a proposal for a posterior that is skewed along log K, or log C, and their log density.
 
@@ -223,11 +223,11 @@ def _skewed(
     weak = np.diagonal(np.linalg.inv(precision), axis1=1, axis2=2)[:, :2].argmax(1)
     noise = np.broadcast_to(np.arange(2, size)[:, None], (size - 2, len(rows)))
     nuisance = np.stack([1 - weak, *noise], axis=1)
-    pull = sites.slope - np.matvec(prior.precision, sites.centre - prior.mean)
+    pull = sites.shift - np.matvec(prior.precision, sites.centre - prior.mean)
     covariance = np.linalg.inv(precision[rows[:, None, None], nuisance[:, :, None], nuisance[:, None]])
     cross = sites.precision[rows[:, None], weak[:, None], nuisance]
     toward, shift = np.matvec(covariance, cross), np.matvec(covariance, pull[rows[:, None], nuisance])
-    slope = sites.slope[rows, weak] - np.vecdot(cross, shift)
+    slope = sites.shift[rows, weak] - np.vecdot(cross, shift)
     bend = sites.precision[rows, weak, weak] - np.vecdot(cross, toward)
     centre, mean = sites.centre[rows, weak], prior.mean[rows, weak]
     sd = prior.precision[rows, weak, weak] ** -0.5

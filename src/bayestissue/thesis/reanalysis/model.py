@@ -26,14 +26,14 @@ from jaxtyping import Bool, Float
 
 from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.effects import RESPONSES
-from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, arrange, expected
+from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, arrange, expected, expected_by_cell
 from bayestissue.hierarchy.gaussian.covariances import Covariances
 from bayestissue.hierarchy.gaussian.effects import (
     effects_from_standard,
     integrate_effects,
     log_density_of_cells,
 )
-from bayestissue.hierarchy.gaussian.impacts import CellSums
+from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.population import EffectPart, Effects, covariances_of, effects_of
 from bayestissue.hierarchy.priors import Priors
 from bayestissue.hierarchy.traces import Hyperparameters, sample_hyperparameters, sample_warped
@@ -152,13 +152,14 @@ def population(model: EstimatesModel, sites: dict[str, Array]) -> Covariances:
     return covariances_of(model.locations, sites, 0.0, ())
 
 
-def _sums(data: EstimatesData, rows: Rows) -> CellSums:
+def _sums(data: EstimatesData, rows: Rows) -> GaussianFactor:
     """What the rows that are kept say of X b, as a constant, a slope and a curvature at b's prior mean."""
     expectation = expected(data.design, data.location_mean)
     precision = data.included * small.stacked(small.inverse(rows.covariance))
     shift = jnp.stack(small.times(precision, rows.centre - expectation))
     constant = data.included * rows.log_density(expectation)
-    return CellSums(*(data.design.to_cells(values) for values in (precision, shift, constant)))
+    sums = (data.design.to_cells(values) for values in (shift, precision, constant))
+    return GaussianFactor(expected_by_cell(data.design, data.location_mean), *sums)
 
 
 def log_evidence(model: EstimatesModel, data: EstimatesData, sites: dict[str, Array]) -> Float[Array, ""]:
@@ -180,7 +181,7 @@ def leave_one_out(
     rows = _rows(data, covariances, data.scatter)
 
     # By Fisher's identity the slopes are the moments of X b, less its prior mean.
-    def density(sums: CellSums) -> Array:
+    def density(sums: GaussianFactor) -> Array:
         return log_density_of_cells(data.design, covariances, sums)
 
     slopes = jax.grad(density)(_sums(data, rows))

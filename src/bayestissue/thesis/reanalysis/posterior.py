@@ -19,8 +19,13 @@ from bayestissue.hierarchy.warp import SinhArcsinh
 from bayestissue.inference.execution.chunks import Progress, silent
 from bayestissue.inference.execution.compiling import by_row, filled_up
 from bayestissue.inference.posterior.correction import Correction
-from bayestissue.inference.posterior.mode import covariance_about, find_mode
-from bayestissue.inference.samplers.coordinates import Coordinates, straight, warp_about
+from bayestissue.inference.samplers.coordinates import (
+    Coordinates,
+    covariance_about,
+    find_mode,
+    unwarped,
+    warp_about,
+)
 from bayestissue.inference.samplers.independence import POINTS, independence_chains, log_densities
 from bayestissue.inference.samplers.nuts import Start, run_chains
 from bayestissue.inference.samplers.psis import k_threshold, systematic
@@ -134,7 +139,7 @@ def sample_chains(
         if chains.pareto_k < k_threshold(settings.chains * settings.transitions):
             break
     else:
-        start = Start({COORDINATES: np.zeros(len(proposed.names))}, (COORDINATES,), proposed.covariance)
+        start = Start({COORDINATES: np.zeros(len(proposed.names))}, COORDINATES, proposed.covariance)
         target = (model, *filled_up((data,)), proposed.warp)
         sampled = run_chains(
             marginal_model, target, start, settings, seed, progress=progress, processes=False
@@ -156,7 +161,7 @@ def _exact(
     """Chains of everything, on standard normals that the sites make effects of."""
     size = len(coordinates.names)
     centre = {COORDINATES: np.zeros(size), "standard_locations": np.zeros(model.locations.size)}
-    start = Start(centre, (COORDINATES,), coordinates.covariance)
+    start = Start(centre, COORDINATES, coordinates.covariance)
     arguments = (model, *filled_up((data,)), coordinates.warp)
     sampled = run_chains(sampled_model, arguments, start, settings, seed, progress=progress)
     sampled = sampled.thinned(settings.thinning)
@@ -213,7 +218,7 @@ class _Finder(NamedTuple):
     data: EstimatesData
 
     def densities(self, y: np.ndarray, warp: SinhArcsinh | None = None) -> np.ndarray:
-        arguments = (self.model, self.data, warp or straight(y.shape[1]))
+        arguments = (self.model, self.data, warp or unwarped(y.shape[1]))
         return log_densities(marginal_model, arguments, COORDINATES, y)
 
     def at(self, y: np.ndarray, warp: SinhArcsinh | None = None) -> tuple[float, np.ndarray]:

@@ -10,14 +10,7 @@ from dense_normal import SIZE, Dense
 from numpy.testing import assert_allclose
 from scipy.stats import multivariate_normal
 
-from bayestissue.hierarchy.gaussian.impacts import (
-    ImpactConditional,
-    ImpactPrior,
-    Sites,
-    SitesFirst,
-    cell_sums,
-    parameters_first,
-)
+from bayestissue.hierarchy.gaussian.factor import Conditional, GaussianFactor, cell_factors
 from bayestissue.likelihood.small import stacked
 
 
@@ -26,10 +19,8 @@ def dense() -> Dense:
     return Dense("people", 2)
 
 
-def conditional(dense: Dense, of_u: np.ndarray) -> ImpactConditional:
-    precision = np.linalg.inv(of_u)
-    prior = ImpactPrior(precision, np.linalg.slogdet(precision)[1])
-    return ImpactConditional.from_sites(prior, parameters_first(Sites(*map(np.asarray, dense.sites))))
+def conditional(dense: Dense, of_u: np.ndarray) -> Conditional:
+    return Conditional(np.linalg.inv(of_u), GaussianFactor(*map(np.asarray, dense.sites)).batch_last())
 
 
 def test_u_has_its_dense_conditional(dense: Dense) -> None:
@@ -54,25 +45,25 @@ def test_a_site_with_u_integrated_out_is_the_dense_integral(dense: Dense, scale:
     of_u = scale**2 * dense.of_u
     found, whole = conditional(dense, of_u), dense.inverses + of_u
     direct = [multivariate_normal(about[:, i], whole[i]).logpdf(dense.seen[i]) for i in range(dense.number)]
-    assert_allclose(found.log_density(about), direct + dense.constants, rtol=1e-10)
+    assert_allclose(found.marginal(about).log_scale, direct + dense.constants, rtol=1e-10)
     weight = np.linalg.inv(whole)
     assert_allclose(
-        np.moveaxis(stacked(found.marginal_precision), -1, 0),
+        np.moveaxis(stacked(found.marginal(about).precision), -1, 0),
         weight,
         rtol=1e-8,
         atol=1e-10 * np.abs(weight).max(),
     )
     pull = np.einsum("iab,ib->ai", weight, dense.seen - about.T)
-    assert_allclose(found.marginal_shift(about), pull, rtol=1e-7, atol=1e-9 * np.abs(pull).max())
+    assert_allclose(found.marginal(about).shift, pull, rtol=1e-7, atol=1e-9 * np.abs(pull).max())
 
 
 def test_a_parameter_that_a_site_says_nothing_of_keeps_its_prior(dense: Dense) -> None:
-    precision, slope = np.array(dense.sites.precision), np.array(dense.sites.slope)
+    precision, slope = np.array(dense.sites.precision), np.array(dense.sites.shift)
     precision[:, -1], precision[:, :, -1], slope[:, -1] = 0.0, 0.0, 0.0
     opened = Dense("people", 2)
-    opened.sites = dense.sites._replace(precision=precision, slope=slope)  # type: ignore[arg-type]
+    opened.sites = dense.sites._replace(precision=precision, shift=slope)  # type: ignore[arg-type]
     found = conditional(opened, dense.of_u)
-    weight = stacked(found.marginal_precision)
+    weight = stacked(found.marginal(np.zeros((SIZE, dense.number))).precision)
     assert not weight[-1].any()
     assert not weight[:, -1].any()
     assert_allclose(found.covariance[-1][-1], dense.of_u[-1, -1], rtol=1e-12)
@@ -81,12 +72,11 @@ def test_a_parameter_that_a_site_says_nothing_of_keeps_its_prior(dense: Dense) -
 def test_many_draws_of_the_population_at_once_are_each_of_them(dense: Dense) -> None:
     scales = np.array([0.5, 1.0, 2.0])
     precision = np.linalg.inv(dense.of_u)[..., None] * scales
-    prior = ImpactPrior(precision[..., None], np.linalg.slogdet(precision.T)[1][:, None])
     about = np.random.default_rng(2).normal(size=(SIZE, 3, dense.number))
-    sites = parameters_first(Sites(*map(np.asarray, dense.sites)))
-    together = ImpactConditional.from_sites(prior, sites).log_density(about)
+    sites = GaussianFactor(*map(np.asarray, dense.sites)).batch_last()
+    together = Conditional(precision[..., None], sites).marginal(about).log_scale
     for place, scale in enumerate(scales):
-        alone = conditional(dense, dense.of_u / scale).log_density(about[:, place])
+        alone = conditional(dense, dense.of_u / scale).marginal(about[:, place]).log_scale
         assert_allclose(together[place], alone, rtol=1e-12)
 
 
@@ -101,8 +91,8 @@ def test_slopes_of_any_half_of_the_weights_agree_with_differences(
 
     @jax.jit
     def weight(moved: jax.Array) -> jax.Array:
-        changed = prior._replace(precision=prior.precision + moved * direction)
-        return cell_sums(changed, about, dense.blocked_sites).precision[entry].sum()
+        changed = prior + moved * direction
+        return cell_factors(changed, about, dense.blocked_sites).precision[entry].sum()
 
     step = 1e-5
     difference = (weight(jnp.asarray(step)) - weight(jnp.asarray(-step))) / (2 * step)
@@ -113,15 +103,28 @@ def test_products_of_small_matrices_are_written_out() -> None:
     """A sum over an axis of three would be a reduction, which XLA makes a loop of its own through memory."""
     blocks, places = 2, 32
     vector, single = jnp.zeros((blocks, SIZE, 1, places)), jnp.zeros((blocks, 1, places))
-    laid = SitesFirst(vector, vector, jnp.zeros((blocks, SIZE, SIZE, 1, places)), single)
-    prior = ImpactPrior(jnp.eye(SIZE), jnp.zeros(()))
-    compiled = jax.jit(cell_sums).lower(prior, jnp.zeros((SIZE, places)), laid).compile()
+    laid = GaussianFactor(vector, vector, jnp.zeros((blocks, SIZE, SIZE, 1, places)), single)
+    compiled = jax.jit(cell_factors).lower(jnp.eye(SIZE), jnp.zeros((SIZE, places)), laid).compile()
     assert " reduce(" not in compiled.as_text()
 
 
 def test_a_site_is_a_parabola_about_its_centre(dense: Dense) -> None:
-    sites = Sites(*map(np.asarray, dense.sites))
+    sites = GaussianFactor(*map(np.asarray, dense.sites))
     away = dense.rng.normal(size=(dense.number, SIZE))
-    slope = (away * sites.slope).sum(1)
-    direct = sites.log_likelihood + slope - np.einsum("ia,iab,ib->i", away, sites.precision, away) / 2
+    slope = (away * sites.shift).sum(1)
+    direct = sites.log_scale + slope - np.einsum("ia,iab,ib->i", away, sites.precision, away) / 2
     assert_allclose(sites.log_density(sites.centre + away), direct, rtol=1e-11)
+
+
+def test_factors_multiply_and_condition_as_their_logs_add_and_are_evaluated(dense: Dense) -> None:
+    rng = np.random.default_rng(5)
+    one = GaussianFactor(*map(np.asarray, dense.sites))
+    other = one._replace(centre=one.centre + rng.normal(size=one.centre.shape), shift=-one.shift)
+    u = rng.normal(size=one.centre.shape)
+    together = one.log_density(u) + other.log_density(u)
+    product = one.batch_last().product(other.batch_last())
+    assert_allclose(product.recentred(jnp.asarray(u.T)).log_scale, together, rtol=1e-10)
+    # The last two known, what is left is a factor of the others.
+    first = product.condition(jnp.asarray(u.T[2:]))
+    assert first.precision.shape == (2, 2, dense.number)
+    assert_allclose(first.recentred(jnp.asarray(u.T[:2])).log_scale, together, rtol=1e-10)
