@@ -28,10 +28,9 @@ from bayestissue.inference.results.labels import (
 )
 from bayestissue.inference.results.summary import summarise
 from bayestissue.inference.samplers.diagnostics import diagnose
-from bayestissue.thesis.reanalysis.averages import average_and_sd
 from bayestissue.thesis.reanalysis.explanations import compare_explanations
 from bayestissue.thesis.reanalysis.model import EstimatesModel, common_effects, estimates_data
-from bayestissue.thesis.reanalysis.observations import PublishedObservations, published_design
+from bayestissue.thesis.reanalysis.observations import PublishedObservations, average_and_sd, published_design
 from bayestissue.thesis.reanalysis.posterior import EstimatesPosterior, sample_posterior
 
 Statistic = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]

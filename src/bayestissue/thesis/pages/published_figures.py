@@ -12,7 +12,7 @@ from bayestissue.report.page import figure
 from bayestissue.report.posterior_figures import NAMES
 from bayestissue.report.style import MUTED, POSTERIOR, PUBLISHED, REFERENCE, new_figure, shown, style
 from bayestissue.report.wording import UNITS
-from bayestissue.thesis.pages.published.run import PublishedRun
+from bayestissue.thesis.pages.published_run import PublishedRun
 from bayestissue.thesis.reproduction.conditions import Quantity
 from bayestissue.thesis.reproduction.relations import correlation_figure, mass_figure
 
