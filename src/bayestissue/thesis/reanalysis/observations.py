@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -25,22 +26,23 @@ REPLICATES = 20_000
 SPREADS = np.geomspace(0.005, 3.0, 40)
 
 
-def average_statistics(average: Array, sd: Array) -> tuple[Array, Array]:
+def average_statistics(average: Any, sd: Any, numeric: Any = jnp) -> tuple[Any, Any]:
     """Mean of the logs and cube root of their variance that an average and standard deviation imply.
 
     By the moments of the lognormal: s² = log(1 + sd²/average²), m = log(average) − s²/2. Of lognormal data
     these two are almost independent and almost normal, as the average and its standard deviation
     themselves are not; the cube root is Wilson and Hilferty's (1931) normalising transform of a variance.
+    ``numeric`` is the library of arrays, numpy or JAX's.
     """
-    variance = jnp.log1p((sd / average) ** 2)
-    return jnp.log(average) - variance / 2, jnp.cbrt(variance)
+    variance = numeric.log1p((sd / average) ** 2)
+    return numeric.log(average) - variance / 2, numeric.cbrt(variance)
 
 
-def average_and_sd(mean_of_logs: Array, cube_root: Array) -> tuple[Array, Array]:
+def average_and_sd(mean_of_logs: np.ndarray, cube_root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The inverse of `average_statistics`."""
-    variance = cube_root**3
-    average = jnp.exp(mean_of_logs + variance / 2)
-    return average, average * jnp.sqrt(jnp.expm1(variance))
+    variance = np.asarray(cube_root) ** 3
+    average = np.exp(mean_of_logs + variance / 2)
+    return average, average * np.sqrt(np.expm1(variance))
 
 
 class AveragesOfLognormals(dist.Distribution):
@@ -201,8 +203,8 @@ def published_observations(published: PublishedTables) -> PublishedObservations:
     averaged = np.array([np.flatnonzero(cells["trial"] == trial) for trial in lost], dtype=int)
     by_trial = averages.assign(trial=averages["trial"].astype(str)).set_index(["quantity", "trial"])
     summaries = by_trial.reindex([(q, trial) for q in RESPONSES for trial in lost])
-    average, sd = (jnp.asarray(summaries[name].to_numpy(float)).reshape(2, -1) for name in ("average", "sd"))
-    means, roots = average_statistics(average, sd)
+    average, sd = (summaries[name].to_numpy(float).reshape(2, -1) for name in ("average", "sd"))
+    means, roots = average_statistics(average, sd, np)
     return PublishedObservations(
         cells,
         number.loc[list(zip(trials, people, strict=True))].to_numpy(),
