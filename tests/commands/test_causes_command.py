@@ -13,7 +13,7 @@ from bayestissue import cli
 from bayestissue.dataset import write_dataset
 from bayestissue.resources import shared
 from bayestissue.simulation import Simulation, simulate
-from bayestissue.thesis.causes import attribution
+from bayestissue.thesis.causes import verdict
 from page_reader import Reader
 
 FILES = [
@@ -46,7 +46,7 @@ def few(folder: Path, *names: str) -> list[str | Path]:
 def _few_networks() -> Iterator[None]:
     """How well networks tell causes apart is tested with them; here it is what becomes of their answer."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(attribution, "_NETWORKS", 1)
+        patch.setattr(verdict, "_NETWORKS", 1)
         yield
 
 

@@ -17,7 +17,6 @@ from bayestissue.dataset.published import read_published
 from bayestissue.hierarchy.gaussian.arrangement import expected
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
 from bayestissue.padding import padded, sizes_of
-from bayestissue.thesis.reanalysis.averages import AveragesOfLognormals
 from bayestissue.thesis.reanalysis.model import (
     EstimatesModel,
     common_effects,
@@ -29,7 +28,11 @@ from bayestissue.thesis.reanalysis.model import (
     population,
     without,
 )
-from bayestissue.thesis.reanalysis.observations import published_design, published_observations
+from bayestissue.thesis.reanalysis.observations import (
+    AveragesOfLognormals,
+    published_design,
+    published_observations,
+)
 
 OWN_EXPONENTS = "log(mass_kg) + (log(mass_kg)|subject) + (1|trial)"
 SPECIFICATION = ModelSpecification(

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import multivariate_normal
 
-from bayestissue.thesis.reanalysis.averages import (
+from bayestissue.thesis.reanalysis.observations import (
     AveragesOfLognormals,
     average_and_sd,
     average_moments,

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pandas as pd
 import pytest
 
-from bayestissue.thesis.pages.causes.answers import (
+from bayestissue.thesis.pages.causes_answers import (
     CausesRun,
     answer,
     cannot_tell,

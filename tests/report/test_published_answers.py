@@ -8,9 +8,9 @@ import pytest
 from bayestissue.report import posterior
 from bayestissue.report.posterior import Spread
 from bayestissue.report.run_folder import read_about
-from bayestissue.thesis.pages.published import page
-from bayestissue.thesis.pages.published.figures import kept_share
-from bayestissue.thesis.pages.published.run import read_published_run
+from bayestissue.thesis.pages import published_page as page
+from bayestissue.thesis.pages.published_figures import kept_share
+from bayestissue.thesis.pages.published_run import read_published_run
 from make_published_run import make_published_run
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from bayestissue.report import posterior
 from bayestissue.report.run_folder import read_about
-from bayestissue.thesis.pages.published.run import read_published_run
+from bayestissue.thesis.pages.published_run import read_published_run
 
 
 @pytest.fixture(scope="module")

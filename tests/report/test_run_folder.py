@@ -13,7 +13,7 @@ from bayestissue.report import write_report
 from bayestissue.report.fit.predictions import residuals
 from bayestissue.report.fit.run import read_fit_run
 from bayestissue.report.run_folder import read_about
-from bayestissue.thesis.pages.published.run import read_published_run
+from bayestissue.thesis.pages.published_run import read_published_run
 from make_fit_run import make_fit_run
 
 

@@ -63,11 +63,11 @@ def after_results(folder: Path, again: str) -> Iterator[None]:
 
 # Of each kind of run: the module with its page, and the function that makes it.
 _PAGES = {
-    "published": ("thesis.pages.published.page", "published_page"),
+    "published": ("thesis.pages.published_page", "published_page"),
     "estimates": ("report.estimates_page", "estimates_page"),
     "fit": ("report.fit.page", "fit_page"),
     "comparison": ("report.comparison.page", "comparison_page"),
-    "causes": ("thesis.pages.causes.page", "causes_page"),
+    "causes": ("thesis.pages.causes_page", "causes_page"),
 }
 
 

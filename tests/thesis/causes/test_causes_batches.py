@@ -7,8 +7,7 @@ from causes_bench import design, specification, work
 
 from bayestissue.elements import impact
 from bayestissue.thesis.causes.batches import Batch, batches, run_batch
-from bayestissue.thesis.causes.draws import draw_truth
-from bayestissue.thesis.causes.recording import decelerations, peak_over
+from bayestissue.thesis.causes.campaigns import decelerations, draw_truth, peak_over
 
 
 def test_a_batch_depends_on_seed_cause_and_number_alone() -> None:

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayestissue.thesis.causes.attribution import attribute, confusion, reliability
-from bayestissue.thesis.causes.verdict import JointCheck, two_sided
+from bayestissue.thesis.causes.verdict import JointCheck, attribute, confusion, reliability, two_sided
 
 
 def campaigns(random: np.random.Generator, count: int) -> np.ndarray:

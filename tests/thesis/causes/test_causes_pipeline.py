@@ -10,8 +10,8 @@ from bayestissue.dataset.model import Dataset, Trace, Uncertainty
 from bayestissue.inference.single.estimates import estimate
 from bayestissue.oscillator import impact_motion, spring_damper_inverse, time_to_peak
 from bayestissue.signal import SignalOptions
-from bayestissue.thesis.causes.pipeline import Treatment, thesis_estimates
-from bayestissue.thesis.causes.recording import decelerations, recorded
+from bayestissue.thesis.causes.batches import Treatment, thesis_estimates
+from bayestissue.thesis.causes.campaigns import decelerations, recorded
 
 MASS = np.array([0.375, 0.562, 0.75, 1.0, 1.333])
 VELOCITY = np.array([1.75, 1.5, 1.25, 1.25, 1.5])

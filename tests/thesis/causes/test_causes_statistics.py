@@ -6,8 +6,12 @@ import pytest
 import statsmodels.formula.api as smf
 
 from bayestissue.dataset.published import read_published
-from bayestissue.thesis.causes.design import Design, published_design
-from bayestissue.thesis.causes.statistics import campaign_statistics, observed_statistics
+from bayestissue.thesis.causes.design import (
+    Design,
+    campaign_statistics,
+    observed_statistics,
+    published_design,
+)
 
 
 @pytest.fixture(scope="module")

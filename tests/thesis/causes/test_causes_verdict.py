@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from causes_bench import specification
 
-from bayestissue.thesis.causes import attribution
+from bayestissue.thesis.causes import verdict as tables
 from bayestissue.thesis.causes.verdict import Verdict, judge
 
 CAUSES = ("none", "centring", "own_time")
@@ -46,7 +46,7 @@ def campaigns(count: int = 200) -> pd.DataFrame:
 def judged(*, level_known: bool) -> Verdict:
     """With fewer networks than a run has: their answer is tested by itself."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(attribution, "_NETWORKS", 1)
+        patch.setattr(tables, "_NETWORKS", 1)
         return judge(campaigns(), OBSERVED, specification(*CAUSES), level_known=level_known, seed=0)
 
 

@@ -14,10 +14,13 @@ from bayestissue.dataset.published import read_published
 from bayestissue.hierarchy.derived import named_sites
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.thesis.reanalysis import explanations
-from bayestissue.thesis.reanalysis.averages import average_statistics
 from bayestissue.thesis.reanalysis.explanations import log_predictive_density
 from bayestissue.thesis.reanalysis.model import EstimatesModel, common_effects, estimates_data, plain_model
-from bayestissue.thesis.reanalysis.observations import published_design, published_observations
+from bayestissue.thesis.reanalysis.observations import (
+    average_statistics,
+    published_design,
+    published_observations,
+)
 from bayestissue.thesis.reanalysis.posterior import sample_posterior
 
 TRUTH = {"mass_exponent_K": 0.4, "mass_exponent_C": 1.2, "intercept_K": 3.0, "intercept_C": 0.5}

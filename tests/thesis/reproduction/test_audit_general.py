@@ -10,10 +10,15 @@ from scipy.linalg import expm
 from bayestissue.errors import InputError
 from bayestissue.inference.points.fit import fit_points
 from bayestissue.thesis.audit import GENERAL, audit_estimates
+from bayestissue.thesis.audit.estimates import (
+    centred_fit,
+    frequency_curve,
+    made_up_pulses,
+    mass_exponent,
+    peak,
+)
 from bayestissue.thesis.audit.findings import BEARINGS, COLUMNS, SEVERITIES, read_impacts
-from bayestissue.thesis.audit.information import centred_fit, frequency_curve, made_up_pulses, mass_exponent
 from bayestissue.thesis.audit.people import agreement
-from bayestissue.thesis.audit.physics import peak
 
 PEOPLE, CONDITIONS = 10, 9
 
@@ -277,7 +282,7 @@ def test_worst_findings_come_first_and_checks_say_why() -> None:
     for check in GENERAL.checks.values():
         assert check.severity in SEVERITIES
         assert check.bearing in BEARINGS
-        assert check.reason
+        assert f"{check.severity.capitalize()}: " in str(check.look.__doc__)
         assert check.look.__doc__
 
 

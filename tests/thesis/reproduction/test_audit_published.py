@@ -376,5 +376,5 @@ def test_every_check_says_why_it_is_that_serious() -> None:
     for check in PUBLISHED.checks.values():
         assert check.severity in SEVERITIES
         assert check.bearing in BEARINGS
-        assert check.reason
+        assert f"{check.severity.capitalize()}: " in str(check.look.__doc__)
         assert check.look.__doc__

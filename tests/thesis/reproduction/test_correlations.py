@@ -9,7 +9,7 @@ from scipy import stats
 
 from bayestissue.dataset.published import PublishedTables
 from bayestissue.thesis.reproduction.conditions import QUANTITIES, Quantity, conditions, covariate
-from bayestissue.thesis.reproduction.correlations import (
+from bayestissue.thesis.reproduction.relations import (
     correlation_lines,
     correlation_of_averages,
     correlation_of_impacts,

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from bayestissue.dataset.published import PublishedTables
-from bayestissue.thesis.reproduction.correlations import correlation_figure
-from bayestissue.thesis.reproduction.regressions import mass_figure
+from bayestissue.thesis.reproduction.relations import correlation_figure, mass_figure
 
 
 @pytest.mark.parametrize(

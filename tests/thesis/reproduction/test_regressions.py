@@ -6,7 +6,7 @@ import pytest
 
 from bayestissue.dataset.published import PublishedTables
 from bayestissue.thesis.reproduction.conditions import QUANTITIES, Quantity, conditions
-from bayestissue.thesis.reproduction.regressions import (
+from bayestissue.thesis.reproduction.relations import (
     regression_lines,
     select_forward,
     stepwise_lines,

@@ -11,13 +11,10 @@ import pandas as pd
 
 from bayestissue.dataset.published import PublishedTables
 from bayestissue.thesis.audit import (  # noqa: F401 - importing a module registers its checks
-    contradictions,
-    figures,
-    information,
-    models,
+    estimates,
     people,
-    physics,
-    significance,
+    printed,
+    reasoning,
 )
 from bayestissue.thesis.audit.findings import (
     GENERAL,
@@ -55,17 +52,12 @@ def audit_published(published: PublishedTables) -> pd.DataFrame:
     Returns:
         columns as `audit_estimates`.
     """
-    estimates = published.estimates
+    names = list(published.estimates["table"].unique())
     impacts = read_impacts(
-        estimates,
+        published.estimates,
         conditions=published.averages.drop_duplicates("trial").set_index("trial"),
-        where=_tables(estimates["table"]),
+        where=f"Tables {names[0]} to {names[-1]}" if len(names) > 1 else f"Table {names[0]}",
         tissue_m=thickness(published.claims)[0] or None,
-        digits=int(estimates["K_text"].map(decimals).max()),
+        digits=int(published.estimates["K_text"].map(decimals).max()),
     )
     return as_table([*GENERAL.run(impacts), *PUBLISHED.run(read_publication(published))])
-
-
-def _tables(names: pd.Series) -> str:
-    unique = list(names.unique())
-    return f"Tables {unique[0]} to {unique[-1]}" if len(unique) > 1 else f"Table {unique[0]}"

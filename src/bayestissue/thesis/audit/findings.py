@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal, get_args
@@ -14,6 +14,7 @@ from jaxtyping import Float
 from bayestissue.dataset.published import PublishedTables
 from bayestissue.errors import InputError, Problem, refusal
 from bayestissue.thesis.reproduction import reproduce_published
+from bayestissue.thesis.reproduction.conditions import Quantity, conditions
 
 Severity = Literal["major", "minor", "note"]
 Bearing = Literal["tissue", "physics", "inputs", "method", "conclusions", "tables", "wording"]
@@ -53,39 +54,34 @@ def as_table(graded: Iterable[Finding]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=list(COLUMNS), dtype="str")
 
 
+type Look[Subject] = Callable[[Subject], Iterable[Finding]]
+
+
 @dataclass(frozen=True)
 class Check[Subject]:
-    """A named check, how serious its findings are, and why."""
+    """A function that yields a finding for everything it does not believe, and how serious they are."""
 
-    name: str
-    look: Callable[[Subject], Iterable[Finding]]
+    look: Look[Subject]
     severity: Severity
     bearing: Bearing
-    reason: str
 
 
 class Registry[Subject]:
-    """Checks of one kind of subject, in the order in which they were registered."""
+    """Checks of one kind of subject by name, in the order in which they were registered."""
 
     def __init__(self) -> None:
         self.checks: dict[str, Check[Subject]] = {}
 
-    def check(
-        self, *, severity: Severity, bearing: Bearing, reason: str
-    ) -> Callable[[Callable[[Subject], Iterable[Finding]]], Callable[[Subject], Iterable[Finding]]]:
-        """Register a function that yields a finding for everything it does not believe.
+    def check(self, severity: Severity, bearing: Bearing) -> Callable[[Look[Subject]], Look[Subject]]:
+        """Register a function, whose docstring says why its findings are that serious.
 
         Args:
             severity: of its findings, unless a finding says otherwise.
             bearing: what its findings put in doubt; among equals in severity this decides which comes first.
-            reason: why they are that serious, in one sentence.
         """
 
-        def register(look: Callable[[Subject], Iterable[Finding]]) -> Callable[[Subject], Iterable[Finding]]:
-            name = look.__name__
-            if name in self.checks:
-                raise ValueError(f"a check named {name} is registered already")
-            self.checks[name] = Check(name, look, severity, bearing, reason)
+        def register(look: Look[Subject]) -> Look[Subject]:
+            self.checks[look.__name__] = Check(look, severity, bearing)
             return look
 
         return register
@@ -94,8 +90,7 @@ class Registry[Subject]:
         """Every finding of every check on ``subject``, with its severity and what it bears on."""
         for check in self.checks.values():
             for finding in check.look(subject):
-                severity = finding.severity or check.severity
-                yield replace(finding, severity=severity, bearing=check.bearing)
+                yield replace(finding, severity=finding.severity or check.severity, bearing=check.bearing)
 
 
 _SAME = {"K": "K_N_per_m", "C": "C_N_s_per_m"}
@@ -140,6 +135,12 @@ class Impacts:
         rows = self.rows
         return rows["C"].to_numpy() / (2 * np.sqrt(rows["K"].to_numpy() * rows["mass_kg"].to_numpy()))
 
+    def finding(
+        self, what: str, published: str, implied: str, explanation: str, severity: Severity | None = None
+    ) -> Finding:
+        """A finding about these estimates."""
+        return Finding(self.where, what, published, implied, explanation, severity)
+
 
 def read_impacts(
     frame: pd.DataFrame,
@@ -158,42 +159,50 @@ def read_impacts(
         InputError: a column is missing, or fewer than two rows are usable.
     """
     frame = frame.rename(columns={long: short for short, long in _SAME.items() if short not in frame})
-    missing = [column for column in _NEEDED if column not in frame]
-    if missing:
-        remedy = f"Add it: the audit needs {', '.join(_NEEDED)}."
-        long_name = {column: f" (or {long})" for column, long in _SAME.items()}
-        raise InputError(
-            Problem(
-                where, f"this column{long_name.get(name, '')}", remedy, column=name, code="published-table"
-            )
-            for name in missing
-        )
+    _require_columns(frame, _NEEDED, where, f"Add it: the audit needs {', '.join(_NEEDED)}.", _SAME)
     rows = frame[[column for column in (*_NEEDED, *_OPTIONAL) if column in frame]].copy()
     numbers = list(_NEEDED[2:])
     rows[numbers] = rows[numbers].apply(pd.to_numeric, errors="coerce")
-    usable = np.isfinite(rows[numbers]).all(axis=1) & (rows[numbers] > 0).all(axis=1)
+    known = np.isfinite(rows[numbers]).all(axis=1)
+    usable = known & (rows[numbers] > 0).all(axis=1)
     if usable.sum() < 2:
-        expected = "at least two rows whose mass, velocity, K and C are above zero"
-        remedy, count = (
+        raise refusal(
+            where,
+            "at least two rows whose mass, velocity, K and C are above zero",
             "Check the estimates that the table comes from.",
-            f"{usable.sum()} of {len(rows)} rows",
+            value=f"{usable.sum()} of {len(rows)} rows",
+            code="published-table",
         )
-        raise refusal(where, expected, remedy, value=count, code="published-table")
-    below = np.isfinite(rows[numbers]).all(axis=1) & (rows[["K", "C"]] <= 0).any(axis=1)
+    below_zero = int((known & (rows[["K", "C"]] <= 0).any(axis=1)).sum())
     rows, left_out = rows[usable].reset_index(drop=True), int((~usable).sum())
     if conditions is None:
         columns = [column for column in ("energy_J", "velocity_m_s", "mass_kg") if column in rows]
         conditions = rows.groupby("trial")[columns].mean()
-    return Impacts(rows, conditions, where, left_out, tissue_m, digits, int(below.sum()))
+    return Impacts(rows, conditions, where, left_out, tissue_m, digits, below_zero)
 
 
-@GENERAL.check(severity="note", bearing="tables", reason="what is left out can't be judged")
+def _require_columns(
+    frame: pd.DataFrame, needed: Iterable[str], where: str, remedy: str, other_names: Mapping[str, str]
+) -> None:
+    """Raise an `InputError` that names every column ``frame`` lacks, with the name that would do as well."""
+    problems = []
+    for column in needed:
+        if column not in frame:
+            wanted = "this column" + (f" (or {other_names[column]})" if column in other_names else "")
+            problems.append(Problem(where, wanted, remedy, column=column, code="published-table"))
+    if problems:
+        raise InputError(problems)
+
+
+@GENERAL.check("note", "tables")
 def rows_left_out(impacts: Impacts) -> Iterator[Finding]:
-    """Rows without a usable K, C, mass or velocity."""
+    """Rows without a usable K, C, mass or velocity.
+
+    Note: what is left out can't be judged.
+    """
     if impacts.left_out:
         total = impacts.left_out + len(impacts.rows)
-        yield Finding(
-            impacts.where,
+        yield impacts.finding(
             "rows without a usable estimate",
             str(total),
             str(len(impacts.rows)),
@@ -236,6 +245,11 @@ class Publication:
         claims = self.tables.claims
         return claims[(claims["quantity"] == quantity) & (claims["statistic"] == statistic)]
 
+    def equation(self, quantity: Quantity) -> tuple[pd.DataFrame, pd.DataFrame]:
+        """The printed terms of the equation of K or C, and the conditions that it was fitted to."""
+        terms = self.tables.regressions.query("quantity == @quantity")
+        return terms, conditions(self.tables, quantity)
+
 
 def thickness(claims: pd.DataFrame) -> tuple[float, pd.DataFrame]:
     """The greatest skin and muscle thickness that the text states, together, in m, and the claims of it."""
@@ -253,11 +267,5 @@ def read_publication(tables: PublishedTables) -> Publication:
     if not path.is_file():
         return Publication(tables, pd.DataFrame(columns=list(_COLUMNS)))
     statements = pd.read_csv(path, dtype=str, keep_default_na=False)
-    missing = [column for column in _COLUMNS if column not in statements]
-    if missing:
-        remedy = "Compare it with data/published."
-        raise InputError(
-            Problem(str(path), "this column", remedy, column=column, code="published-table")
-            for column in missing
-        )
+    _require_columns(statements, _COLUMNS, str(path), "Compare it with data/published.", {})
     return Publication(tables, statements)

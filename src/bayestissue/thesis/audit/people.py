@@ -69,13 +69,12 @@ def agreement(impacts: Impacts, quantity: str) -> Agreement | None:
     )
 
 
-@GENERAL.check(
-    severity="major",
-    bearing="conclusions",
-    reason="a property of a person's tissue must show in the same person twice",
-)
+@GENERAL.check("major", "conclusions")
 def people_not_told_apart(impacts: Impacts) -> Iterator[Finding]:
-    """The same people, struck again, do not come out in the same order."""
+    """The same people, struck again, do not come out in the same order.
+
+    Major: a property of a person's tissue must show in the same person twice.
+    """
     agreements = {quantity: agreement(impacts, quantity) for quantity in ("K", "C")}
     indistinct = {
         name: one
@@ -90,8 +89,7 @@ def people_not_told_apart(impacts: Impacts) -> Iterator[Finding]:
         f"{name}: mean rank correlation between trials {one.rank_correlation:.2f}, p = {one.p_value:.2f}"
         for name, one in indistinct.items()
     )
-    yield Finding(
-        impacts.where,
+    yield impacts.finding(
         f"{names} of the same person in other trials",
         f"{size.people} people, {size.conditions} trials",
         "; ".join(
@@ -104,13 +102,12 @@ def people_not_told_apart(impacts: Impacts) -> Iterator[Finding]:
     )
 
 
-@GENERAL.check(
-    severity="minor",
-    bearing="tissue",
-    reason="a damper that differs so much between shoulders of one age and stiffness is not credible",
-)
+@GENERAL.check("minor", "tissue")
 def damping_without_bounds(impacts: Impacts) -> Iterator[Finding]:
-    """C that differs many times over within one condition while K hardly differs."""
+    """C that differs many times over within one condition while K hardly differs.
+
+    Minor: a damper that differs so much between shoulders of one age and stiffness is not credible.
+    """
     ends = impacts.rows.groupby("trial")[["K", "C"]].agg(["min", "max"])
     if impacts.rows.groupby("trial").size().max() < 3:
         return
@@ -119,8 +116,7 @@ def damping_without_bounds(impacts: Impacts) -> Iterator[Finding]:
     if not wide.any():
         return
     worst = damping[wide].idxmax()
-    yield Finding(
-        impacts.where,
+    yield impacts.finding(
         "C within one trial",
         f"{ends.loc[worst, ('C', 'min')]:g} to {ends.loc[worst, ('C', 'max')]:g} in trial {worst}",
         f"{damping[worst]:.0f} times, beside {stiffness[worst]:.2f} times for K",
@@ -131,13 +127,12 @@ def damping_without_bounds(impacts: Impacts) -> Iterator[Finding]:
     )
 
 
-@GENERAL.check(
-    severity="note",
-    bearing="method",
-    reason="correlation and regression took the scatter to be the same in every condition",
-)
+@GENERAL.check("note", "method")
 def unequal_scatter(impacts: Impacts) -> Iterator[Finding]:
-    """Scatter within conditions that differs by more than chance (Brown and Forsythe's test)."""
+    """Scatter within conditions that differs by more than chance (Brown and Forsythe's test).
+
+    Note: correlation and regression took the scatter to be the same in every condition.
+    """
     for quantity in ("K", "C"):
         groups = {trial: rows[quantity].to_numpy() for trial, rows in impacts.rows.groupby("trial")}
         groups = {trial: values for trial, values in groups.items() if len(values) >= 3}
@@ -150,8 +145,7 @@ def unequal_scatter(impacts: Impacts) -> Iterator[Finding]:
         if not test.pvalue < 0.01:
             continue
         spread = pd.Series({trial: float(np.std(np.log(values), ddof=1)) for trial, values in groups.items()})
-        yield Finding(
-            impacts.where,
+        yield impacts.finding(
             f"scatter of {quantity} within a trial",
             "one scatter for all",
             f"{spread.min():.1%} (trial {spread.idxmin()}) to {spread.max():.1%} (trial {spread.idxmax()})",
@@ -162,21 +156,19 @@ def unequal_scatter(impacts: Impacts) -> Iterator[Finding]:
         )
 
 
-@GENERAL.check(
-    severity="minor",
-    bearing="tables",
-    reason="one impact less changes the averages of its trial, not the conclusions",
-)
+@GENERAL.check("minor", "tables")
 def rows_that_stand_twice(impacts: Impacts) -> Iterator[Finding]:
-    """Two people with the same K and the same C in one trial."""
+    """Two people with the same K and the same C in one trial.
+
+    Minor: one impact less changes the averages of its trial, not the conclusions.
+    """
     keys = ["trial", "K", "C"]
     again = impacts.rows[impacts.rows.duplicated(keys, keep=False)]
     for (trial, stiffness, damping), rows in again.groupby(keys):
         people = _subject_names(rows)
         chance = _chance_of_a_pair(impacts, "K", trial) * _chance_of_a_pair(impacts, "C", trial)
         likely = comb(int((impacts.rows["trial"] == trial).sum()), 2) * chance
-        yield Finding(
-            impacts.where,
+        yield impacts.finding(
             f"trial {trial}, subjects {people}",
             f"K = {stiffness:g}, C = {damping:g} for each",
             f"chance of such a pair {likely:.1g}" if likely else "no chance",
@@ -186,13 +178,12 @@ def rows_that_stand_twice(impacts: Impacts) -> Iterator[Finding]:
         )
 
 
-@GENERAL.check(
-    severity="note",
-    bearing="tables",
-    reason="it may be chance; the C beside it differs",
-)
+@GENERAL.check("note", "tables")
 def stiffness_that_stands_twice(impacts: Impacts) -> Iterator[Finding]:
-    """The same K with another C, where the printed digits make that unlikely."""
+    """The same K with another C, where the printed digits make that unlikely.
+
+    Note: it may be chance; the C beside it differs.
+    """
     keys = ["trial", "K"]
     again = impacts.rows[impacts.rows.duplicated(keys, keep=False)]
     sizes = impacts.rows["trial"].value_counts().to_dict()
@@ -202,8 +193,7 @@ def stiffness_that_stands_twice(impacts: Impacts) -> Iterator[Finding]:
             continue
         people = _subject_names(rows)
         values = " and ".join(f"{value:g}" for value in rows["C"])
-        yield Finding(
-            impacts.where,
+        yield impacts.finding(
             f"trial {trial}, subjects {people}",
             f"K = {stiffness:g} for each",
             f"chance of such a pair {likely:.1g}",
@@ -212,18 +202,16 @@ def stiffness_that_stands_twice(impacts: Impacts) -> Iterator[Finding]:
         )
 
 
-@GENERAL.check(
-    severity="minor",
-    bearing="tables",
-    reason="a row copied from another trial belongs to another mass",
-)
+@GENERAL.check("minor", "tables")
 def estimates_in_two_trials(impacts: Impacts) -> Iterator[Finding]:
-    """The same K and the same C in trials of different mass."""
+    """The same K and the same C in trials of different mass.
+
+    Minor: a row copied from another trial belongs to another mass.
+    """
     again = impacts.rows[impacts.rows.duplicated(["K", "C"], keep=False)]
     across = again.groupby(["K", "C"]).filter(lambda rows: len(rows["trial"].unique()) > 1)
     if not across.empty:
-        yield Finding(
-            impacts.where,
+        yield impacts.finding(
             "equal estimates in different trials",
             f"{len(across)} rows",
             "no two expected",

@@ -1,29 +1,36 @@
-"""Batches of campaigns of one cause: from their draws to their statistics, by any number of processes."""
+"""Batches of campaigns of one cause, from their draws to their statistics, by any number of processes.
+
+Decelerations become K and C by the thesis's chain, or as those of a dataset do.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
+from jax import Array
+from jaxtyping import Float, Int
 
 from bayestissue.inference.execution.chunks import Progress, silent
 from bayestissue.inference.execution.workers import computed
+from bayestissue.inference.points.conditional import fit_conditional
+from bayestissue.inference.points.estimates import default_options
+from bayestissue.inference.points.fit import PointFit, fit_points
+from bayestissue.likelihood.transforms import SineTransforms
+from bayestissue.oscillator import from_differences, spring_damper
 from bayestissue.results import whole_file
-from bayestissue.thesis.causes.design import Design
-from bayestissue.thesis.causes.draws import Truth, draw_truth
-from bayestissue.thesis.causes.pipeline import (
-    Estimates,
-    Treatment,
-    estimated_from_recordings,
-    thesis_estimates,
-)
-from bayestissue.thesis.causes.recording import decelerations, recorded
+from bayestissue.signal import Displacements, integrated
+from bayestissue.signal.displacement import FEWEST_SAMPLES
+from bayestissue.signal.traces import Recordings
+from bayestissue.thesis.causes.campaigns import Truth, decelerations, draw_truth, recorded
+from bayestissue.thesis.causes.design import Design, Recorder, campaign_statistics
 from bayestissue.thesis.causes.specification import Cause, CausesSpecification
-from bayestissue.thesis.causes.statistics import campaign_statistics
 
 # A recording goes on to this many times the typical time to peak.
 REACH = 3.2
@@ -176,3 +183,211 @@ def run_batches(
 def _read(folder: Path | None, batch: Batch) -> pd.DataFrame | None:
     path = None if folder is None else folder / f"{batch.name}.parquet"
     return pd.read_parquet(path) if path is not None and path.is_file() else None
+
+
+_TOGETHER = 500
+_NARROWEST = 64
+
+
+class Treatment(NamedTuple):
+    """What the analyst took for known, and which steps were taken; every attribute [impact].
+
+    Attributes:
+        dt: sampling interval, s.
+        velocity: contact velocity, m/s.
+        mass: kg.
+        window: samples of a window fixed beforehand; 0 ends the window at zero velocity.
+        share: where the window ends, as a multiple of the time to zero velocity; 1 is the thesis's.
+        centred: 1 for deviations from the sample mean, 0 for displacements from rest.
+        nominal: length, s, over which every window is spread; 0 leaves the recorder's own times.
+        by_theta1: 1 to find the damped frequency from theta1, as section 2.11 writes it.
+    """
+
+    dt: Array
+    velocity: Array
+    mass: Array
+    window: Array
+    share: Array
+    centred: Array
+    nominal: Array
+    by_theta1: Array
+
+
+class Estimates(NamedTuple):
+    """What came out, each attribute [impact]; K and C are NaN where no oscillator fits.
+
+    Attributes:
+        K, C: N/m and N s/m.
+        n_samples: samples in the window.
+    """
+
+    K: Float[np.ndarray, " impact"]
+    C: Float[np.ndarray, " impact"]
+    n_samples: Int[np.ndarray, " impact"]
+
+
+def thesis_estimates(deceleration: Float[Array, "impact sample"], treatment: Treatment) -> Estimates:
+    """K and C of each impact by the thesis's chain (chapters 2 and 4), as ``estimate --method dds``.
+
+    v(t) = V − ∫d and x(t) = ∫v by the trapezoidal rule from the first sample, which is taken for contact,
+    up to zero velocity or the end of the recording; the conditional fit of an ARMA(2,1) to deviations from
+    the mean; its A(2) by equal autocovariance; K = M ω_n² and C = 2 ζ ω_n M.
+
+    The fit's cost is that of the longest window beside which an impact is fitted, so impacts are fitted
+    together with others of about their length.
+
+    Args:
+        deceleration: [impact, sample], m/s².
+        treatment: the analyst's choices.
+    """
+    x, n = (np.asarray(part) for part in _windowed(deceleration, treatment))
+    order = np.argsort(n, kind="stable")
+    K, C = np.empty(len(n)), np.empty(len(n))
+    columns = [np.asarray(part, float) for part in treatment]
+    for begin in range(0, len(order), _TOGETHER):
+        # As many rows each time, so that one compilation serves all of one width.
+        rows = order[np.minimum(np.arange(begin, begin + _TOGETHER), len(order) - 1)]
+        width = _width(int(n[rows].max()), x.shape[1])
+        choices = Treatment(*(jnp.asarray(part[rows]) for part in columns))
+        K[rows], C[rows] = map(np.asarray, _fitted(x[rows, :width], n[rows], choices))
+    return Estimates(K, C, n)
+
+
+def _width(samples: int, most: int) -> int:
+    """The next power of two, so that few widths are ever compiled."""
+    return min(most, max(_NARROWEST, 1 << (samples - 1).bit_length()))
+
+
+@jax.jit
+def _windowed(deceleration: Array, treatment: Treatment) -> tuple[Array, Array]:
+    """Deviations from the mean, or displacements, over each window, and its number of samples."""
+    choices = Treatment(*(jnp.asarray(part, float) for part in treatment))
+    dt = choices.dt[:, None]
+    v = choices.velocity[:, None] - _integral(deceleration, dt)
+    x = _integral(v, dt)
+    sample = jnp.arange(deceleration.shape[1])
+    passed = v <= 0
+    stop = jnp.where(passed.any(axis=1), jnp.argmax(passed, axis=1), deceleration.shape[1])
+    n = jnp.where(choices.window > 0, choices.window, jnp.round(stop * choices.share))
+    n = jnp.minimum(n, deceleration.shape[1])
+    used = jnp.maximum(n, FEWEST_SAMPLES)
+    inside = sample < used[:, None]
+    mean = jnp.where(inside, x, 0).sum(axis=1) / used
+    return jnp.where(inside, x - (choices.centred * mean)[:, None], 0), n.astype(int)
+
+
+@jax.jit
+def _fitted(x: Array, n: Array, treatment: Treatment) -> tuple[Array, Array]:
+    used = jnp.maximum(n, FEWEST_SAMPLES).astype(float)
+    fit, _ = fit_conditional(SineTransforms(x, (), jnp.zeros(()), used - 2.0))
+    w, zeta = from_differences(fit.c1, fit.c2, None, 1.0)
+    w, zeta = damped_by_theta1(fit.c1, fit.c2, fit.theta1, w, zeta, treatment.by_theta1)
+    interval = jnp.where(treatment.nominal > 0, treatment.nominal / used, treatment.dt)
+    K, C = spring_damper(w / interval, zeta, treatment.mass)
+    known = (n >= FEWEST_SAMPLES) & (K > 0) & (C > 0)
+    return jnp.where(known, K, jnp.nan), jnp.where(known, C, jnp.nan)
+
+
+def _integral(rows: Array, dt: Array) -> Array:
+    steps = (rows[:, 1:] + rows[:, :-1]) / 2 * dt
+    return jnp.concatenate([jnp.zeros_like(rows[:, :1]), jnp.cumsum(steps, axis=1)], axis=1)
+
+
+def damped_by_theta1(
+    c1: Array, c2: Array, theta1: Array, w: Array, zeta: Array, wanted: Array
+) -> tuple[Array, Array]:
+    """omega_n and zeta with the damped frequency b from the expression in theta1 + 1/theta1 (section 2.11).
+
+    The expression solves the autocovariance's a sin(b)/b for b. For a theta1 that is that of a sampled A(2)
+    it is the arccos itself. Real roots keep what they have.
+
+    Args:
+        c1: 2 - phi1.
+        c2: 1 - phi1 - phi2.
+        theta1: moving-average coefficient, as fitted.
+        w: omega_n dt by the arccos.
+        zeta: by the arccos.
+        wanted: above 0 where the expression is to be used.
+    """
+    a = zeta * w
+    b = w * jnp.sqrt(jnp.maximum((1 - zeta) * (1 + zeta), 0))
+    r = -theta1 / (1 + theta1**2)
+    phi1, one_minus_phi2 = 2 - c1, 2 - (c1 - c2)
+    sine_share = jnp.exp(a) * (c1 - c2) * (phi1 / 2 + r * one_minus_phi2) / (one_minus_phi2 + 2 * r * phi1)
+    printed = jnp.abs(a * jnp.sin(b) / sine_share)
+    oscillates = (zeta < 1) & (wanted > 0)
+    omega = jnp.sqrt(a**2 + printed**2)
+    return jnp.where(oscillates, omega, w), jnp.where(oscillates, a / omega, zeta)
+
+
+type Column = Float[np.ndarray, " impact"]
+
+
+def estimated_from_recordings(
+    truth: Truth, cause: Cause, design: Design, recorder: Recorder, random: np.random.Generator
+) -> tuple[Column, Column]:
+    """K and C of all impacts of a batch, NaN where there is no estimate.
+
+    Recordings with a quiet part before contact go through `signal.integrated` and `fit_points`, as those of
+    the dataset do in `inference.estimates`; contact and offset are found, not given.
+    """
+    count, impacts = truth.velocity.shape
+    mass, velocity, dt = (np.tile(v, count) for v in (design.mass, design.velocity, recorder.dt))
+    recordings, lost = _recordings(truth, recorder, mass, dt, random)
+    windowed = cause.mechanism in ("fixed window", "own time")
+    options = default_options(recorder.method).model_copy(
+        update={"equilibrium": "rest", "window": "rebound" if windowed else "peak"}
+    )
+    signal = integrated(recordings, mass, velocity, options)
+    n = signal.n_samples
+    if windowed:
+        length = np.repeat(truth.strength["window_over_time_to_peak"], impacts)
+        if cause.mechanism == "fixed window":
+            wanted = length * np.repeat(truth.time_to_peak, impacts) / dt
+        else:
+            by_eye = np.repeat(truth.strength["window_sd"], impacts) * random.standard_normal(len(dt))
+            wanted = length * np.exp(by_eye) * (signal.time_to_peak - signal.first_sample_s) / dt
+        n = np.minimum(np.round(wanted).astype(int) + 1, n)
+    about_rest = cause.mechanism in ("none", "conversion")
+    fit, known = _fitted_as_dataset(signal, n, "exact" if about_rest else recorder.method)
+    K, C = fit.K, fit.C
+    if cause.mechanism == "own time":
+        factor = n * dt / np.repeat(truth.time_to_peak, impacts)
+        K, C = K * factor**2, C * factor
+    if cause.mechanism == "conversion":
+        K, C = _converted_by_theta1(fit, dt, mass)
+    known &= (K > 0) & (C > 0) & ~lost
+    return np.where(known, K, np.nan), np.where(known, C, np.nan)
+
+
+def _recordings(
+    truth: Truth, recorder: Recorder, mass: Column, dt: Column, random: np.random.Generator
+) -> tuple[Recordings, np.ndarray]:
+    """What the recorder gives, and which impacts could not be followed; these are recorded as noise."""
+    impacts = truth.velocity.shape[1]
+    parameters = {name: value.ravel() for name, value in truth.parameters.items()}
+    phase = random.uniform(size=len(mass)) * dt
+    samples = recorder.samples
+    d = decelerations(truth.element, parameters, mass, truth.velocity.ravel(), phase, dt, samples)
+    d = jnp.pad(d, ((0, 0), (recorder.quiet, 0)))
+    offset = np.repeat(truth.offset_sd, impacts) * random.standard_normal(len(mass))
+    noise = np.repeat(truth.noise, impacts)[:, None] * random.standard_normal(d.shape)
+    value = np.asarray(recorded(d, np.repeat(truth.gain, impacts), offset, noise))
+    lost = ~np.isfinite(value).all(axis=1)
+    value = np.where(lost[:, None], noise, value)
+    return Recordings(value, np.full(len(mass), d.shape[1]), -recorder.quiet * dt, dt), lost
+
+
+def _fitted_as_dataset(signal: Displacements, n: np.ndarray, method: str) -> tuple[PointFit, np.ndarray]:
+    known = n >= FEWEST_SAMPLES
+    x = np.pad(signal.x, ((0, 0), (0, max(0, FEWEST_SAMPLES - signal.x.shape[1]))))
+    arguments = (x, np.maximum(n, FEWEST_SAMPLES), signal.dt, signal.mass)
+    return fit_points(*arguments, method, repeated=True), known  # type: ignore[arg-type]
+
+
+def _converted_by_theta1(fit: PointFit, dt: Column, mass: Column) -> tuple[Column, Column]:
+    c1, c2 = jnp.asarray(2 - fit.phi1), jnp.asarray((1 - fit.phi1) - fit.phi2)
+    w, zeta = jnp.asarray(fit.omega_n * dt), jnp.asarray(fit.zeta)
+    w, zeta = damped_by_theta1(c1, c2, jnp.asarray(fit.theta1), w, zeta, jnp.ones_like(w))
+    K, C = spring_damper(w / dt, zeta, mass)
+    return np.asarray(K), np.asarray(C)

@@ -14,9 +14,14 @@ from jaxtyping import Bool
 from bayestissue import runtime
 from bayestissue.errors import refusal
 from bayestissue.inference.points.fit import Method
-from bayestissue.thesis.causes.design import Design, Recorder, published_design
+from bayestissue.thesis.causes.design import (
+    Design,
+    Recorder,
+    campaign_statistics,
+    observed_statistics,
+    published_design,
+)
 from bayestissue.thesis.causes.specification import CausesSpecification, Range
-from bayestissue.thesis.causes.statistics import campaign_statistics, observed_statistics
 
 if TYPE_CHECKING:
     from bayestissue.dataset import Dataset

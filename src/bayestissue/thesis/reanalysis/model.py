@@ -40,8 +40,12 @@ from bayestissue.hierarchy.traces import Hyperparameters, sample_hyperparameters
 from bayestissue.hierarchy.warp import SinhArcsinh
 from bayestissue.likelihood import small
 from bayestissue.padding import adds_nothing
-from bayestissue.thesis.reanalysis.averages import AveragesOfLognormals, moments_of_people, pair_covariance
-from bayestissue.thesis.reanalysis.observations import PublishedObservations
+from bayestissue.thesis.reanalysis.observations import (
+    AveragesOfLognormals,
+    PublishedObservations,
+    moments_of_people,
+    pair_covariance,
+)
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=[], meta_fields=["locations", "priors", "correlated"])

@@ -9,8 +9,7 @@ import pandas as pd
 from bayestissue.dataset.published import PublishedTables
 from bayestissue.thesis.reproduction.claims import claim_lines
 from bayestissue.thesis.reproduction.conditions import summary_lines
-from bayestissue.thesis.reproduction.correlations import correlation_lines
-from bayestissue.thesis.reproduction.regressions import regression_lines, stepwise_lines
+from bayestissue.thesis.reproduction.relations import correlation_lines, regression_lines, stepwise_lines
 
 COLUMNS = ("table", "row", "quantity", "published", "reproduced", "agrees", "note")
 

@@ -24,12 +24,15 @@ from bayestissue.thesis.reproduction.conditions import (
     rounding_norm,
     within_sum_of_squares,
 )
-from bayestissue.thesis.reproduction.correlations import (
+from bayestissue.thesis.reproduction.relations import (
+    ALPHA,
+    candidates,
     correlation_of_averages,
     correlation_of_impacts,
+    correlations_of_impacts,
     p_value,
+    select_forward,
 )
-from bayestissue.thesis.reproduction.regressions import ALPHA, candidates, select_forward
 
 
 @dataclass(frozen=True)
@@ -94,7 +97,7 @@ def _largest_of_lost(condition: pd.Series) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Evidence:
-    """What the tables say of one quantity; every public method recomputes one claimed statistic."""
+    """What the tables say of one quantity."""
 
     published: PublishedTables
     quantity: Quantity
@@ -105,193 +108,157 @@ class Evidence:
         return conditions(self.published, self.quantity)
 
     @cached_property
-    def _correlations(self) -> dict[str, float]:
+    def correlations(self) -> dict[str, float]:
         """Correlations over all impacts with the variables of Table 5.12 that can be recomputed."""
-        rows = self.published.correlations
-        names = rows.loc[rows["table"] == "5.12", "variable"]
-        recomputed = {name: correlation_of_impacts(name, self.table).value for name in names}
-        return {name: value for name, value in recomputed.items() if value is not None}
+        return correlations_of_impacts(self.published, self.table)
 
     @cached_property
-    def _largest(self) -> Extreme:
-        return largest(self.table)
-
-    @cached_property
-    def _smallest(self) -> Extreme:
-        return smallest(self.table)
-
-    @cached_property
-    def _row_rounding(self) -> float:
+    def rounding(self) -> float:
+        """How far the rounding of the printed numbers can have moved a single impact."""
         return float(self.table["average_rounding"].max())
 
-    def mean(self) -> Recomputed:
-        """The mean of all impacts."""
-        return Recomputed(grand_mean(self.table), rounding=self._row_rounding)
+    def statistic(self, name: str) -> Recomputed:
+        """A statistic, by the name that it has among the claims."""
+        if name in _STATISTICS:
+            return _STATISTICS[name](self)
+        if matched := _CORRELATION.fullmatch(name):
+            correlation = correlation_of_averages if matched["averaged"] else correlation_of_impacts
+            return correlation(matched["name"], self.table)
+        return Recomputed(None, note=_NO_RULE)
 
-    def variance(self) -> Recomputed:
-        """Sums of squares within and between conditions over n - 1; ‖y + e‖² moves by 2‖y‖‖e‖ + ‖e‖²."""
-        squares = within_sum_of_squares(self.table) + between_sum_of_squares(self.table)
-        degrees = float(self.table["impacts"].sum()) - 1
-        error = rounding_norm(self.table)
-        return Recomputed(squares / degrees, rounding=(2 * np.sqrt(squares) * error + error**2) / degrees)
-
-    def minimum(self) -> Recomputed:
-        """The smallest impact, where the impacts that remain decide it."""
-        return self._extreme(self._smallest)
-
-    def maximum(self) -> Recomputed:
-        """The largest impact, where the impacts that remain decide it."""
-        return self._extreme(self._largest)
-
-    def range(self) -> Recomputed:
-        """The largest less the smallest impact."""
-        low, high, note = self._ends()
-        if low is None or high is None:
-            return Recomputed(None, note=note)
-        return Recomputed(high - low, rounding=2 * self._row_rounding, note=note)
-
-    def ratio(self) -> Recomputed:
-        """The largest over the smallest impact."""
-        low, high, note = self._ends()
-        if low is None or high is None:
-            return Recomputed(None, note=note)
-        return Recomputed(high / low, rounding=self._row_rounding * (high / low + 1) / low, note=note)
-
-    def minimum_of_averages(self) -> Recomputed:
-        """The smallest average of a condition."""
-        return self._average(float(self.table["average"].min()))
-
-    def maximum_of_averages(self) -> Recomputed:
-        """The largest average of a condition."""
-        return self._average(float(self.table["average"].max()))
-
-    def range_of_averages(self) -> Recomputed:
-        """The largest less the smallest average."""
-        low, high = self.minimum_of_averages(), self.maximum_of_averages()
-        return Recomputed(
-            _value(high) - _value(low), rounding=low.rounding + high.rounding, note=high.note or low.note
-        )
-
-    def ratio_of_averages(self) -> Recomputed:
-        """The largest over the smallest average."""
-        low, high = self.minimum_of_averages(), self.maximum_of_averages()
-        ratio = _value(high) / _value(low)
-        rounding = (high.rounding + ratio * low.rounding) / _value(low)
-        return Recomputed(ratio, rounding=rounding, note=high.note or low.note)
-
-    def with_mass_among_highest(self) -> Recomputed:
-        """How many variables of Table 5.12 lead the order of absolute correlations and have mass in them."""
-        order = sorted(self._correlations, key=lambda name: -abs(self._correlations[name]))
-        leading = np.cumprod([has_mass(name) for name in order])
-        return Recomputed(float(leading.sum()), note=f"of the {len(order)} that can be recomputed")
-
-    def significantly_correlated(self) -> Recomputed:
-        """How many variables of Table 5.12 correlate with the quantity over all impacts, p below `ALPHA`."""
-        n = float(self.table["impacts"].sum())
-        p_values = [p_value(r, n) for r in self._correlations.values()]
-        count = sum(p < ALPHA for p in p_values)
-        return Recomputed(float(count), note=f"of the {len(p_values)} that can be recomputed, at {ALPHA}")
-
-    def in_final_model(self) -> Recomputed:
-        """How many variables of Table 5.17 forward selection enters."""
-        rows = self.published.stepwise.query("quantity == @self.quantity")
-        entered = select_forward(self.table["average"], candidates(rows["variable"], self.table))
-        printed = (rows["status"] == "entered").sum()
-        return Recomputed(
-            float(len(entered)), note=f"without skin fold and muscle thickness; Table 5.17 enters {printed}"
-        )
-
-    def _extreme(self, extreme: Extreme) -> Recomputed:
+    def end_of_impacts(self, name: str) -> Recomputed:
+        """The minimum or maximum of all impacts, where the impacts that remain decide it."""
+        extreme = _EXTREMES[name](self.table)
         if extreme.decided:
-            return Recomputed(extreme.low, rounding=self._row_rounding)
+            return Recomputed(extreme.low, self.rounding)
         return Recomputed(
             None,
             note="its impact is lost; the impacts that remain and the printed average, standard deviation "
             f"and range of the lost trials put it between {extreme.low:.3f} and {extreme.high:.3f}",
         )
 
-    def _ends(self) -> tuple[float | None, float | None, str]:
+    def ends_of_impacts(self) -> tuple[Recomputed, Recomputed]:
         """Smallest and largest impact; where one isn't decided, the text's, if that is possible at all."""
-        ends: list[float | None] = []
-        notes = []
-        for name, extreme in (("minimum", self._smallest), ("maximum", self._largest)):
+        ends = []
+        for name, bounds in _EXTREMES.items():
+            extreme, note = bounds(self.table), ""
             value: float | None = extreme.low
             if not extreme.decided:
-                value = self._claimed(name, extreme)
-                notes.append(
+                value = self._possible_claim(name, extreme)
+                note = (
                     f"the {name} is lost, and the text gives none that is possible"
                     if value is None
                     else f"the {name} is the {value:g} of the text, since its impact is lost"
                 )
-            ends.append(value)
-        return ends[0], ends[1], "; ".join(notes)
+            ends.append(Recomputed(value, self.rounding, note))
+        return ends[0], ends[1]
 
-    def _claimed(self, statistic: str, extreme: Extreme) -> float | None:
+    def _possible_claim(self, statistic: str, extreme: Extreme) -> float | None:
         claims = self.published.claims
         values = claims["value"][(claims["quantity"] == self.quantity) & (claims["statistic"] == statistic)]
         return next((float(value) for value in values if extreme.low <= value <= extreme.high), None)
 
-    def _average(self, value: float) -> Recomputed:
-        """The condition whose average is ``value``."""
-        condition = self.table[self.table["average"] == value].reset_index().iloc[0]
-        lost = f"the average of trial {condition['trial']} as printed: its impacts are lost"
-        note = "" if condition["from_rows"] else lost
-        return Recomputed(value, rounding=float(condition["average_rounding"]), note=note)
+    def ends_of_averages(self) -> tuple[Recomputed, Recomputed]:
+        """Smallest and largest average of a condition."""
+        rows = self.table.reset_index()
+        return _average(rows.iloc[rows["average"].argmin()]), _average(rows.iloc[rows["average"].argmax()])
 
 
-def _value(recomputed: Recomputed) -> float:
-    return float("nan") if recomputed.value is None else recomputed.value
+def _average(condition: pd.Series) -> Recomputed:
+    lost = f"the average of trial {condition['trial']} as printed: its impacts are lost"
+    note = "" if condition["from_rows"] else lost
+    return Recomputed(float(condition["average"]), float(condition["average_rounding"]), note)
+
+
+def _mean(evidence: Evidence) -> Recomputed:
+    return Recomputed(grand_mean(evidence.table), evidence.rounding)
+
+
+def _variance(evidence: Evidence) -> Recomputed:
+    """Sums of squares within and between conditions over n - 1; ‖y + e‖² moves by 2‖y‖‖e‖ + ‖e‖²."""
+    table = evidence.table
+    squares = within_sum_of_squares(table) + between_sum_of_squares(table)
+    degrees, error = float(table["impacts"].sum()) - 1, rounding_norm(table)
+    return Recomputed(squares / degrees, (2 * np.sqrt(squares) * error + error**2) / degrees)
+
+
+def _range(ends: tuple[Recomputed, Recomputed]) -> Recomputed:
+    low, high = ends
+    note = "; ".join(filter(None, (low.note, high.note)))
+    if low.value is None or high.value is None:
+        return Recomputed(None, note=note)
+    return Recomputed(high.value - low.value, low.rounding + high.rounding, note)
+
+
+def _ratio(ends: tuple[Recomputed, Recomputed]) -> Recomputed:
+    low, high = ends
+    note = "; ".join(filter(None, (low.note, high.note)))
+    if low.value is None or high.value is None:
+        return Recomputed(None, note=note)
+    ratio = high.value / low.value
+    return Recomputed(ratio, (high.rounding + ratio * low.rounding) / low.value, note)
+
+
+def _with_mass_among_highest(evidence: Evidence) -> Recomputed:
+    """How many variables of Table 5.12 lead the order of absolute correlations and have mass in them."""
+    r = evidence.correlations
+    leading = np.cumprod([has_mass(name) for name in sorted(r, key=lambda name: -abs(r[name]))])
+    return Recomputed(float(leading.sum()), note=f"of the {len(r)} that can be recomputed")
+
+
+def _significantly_correlated(evidence: Evidence) -> Recomputed:
+    """How many variables of Table 5.12 correlate with the quantity over all impacts, p below `ALPHA`."""
+    r, n = evidence.correlations.values(), float(evidence.table["impacts"].sum())
+    count = sum(p_value(value, n) < ALPHA for value in r)
+    return Recomputed(float(count), note=f"of the {len(r)} that can be recomputed, at {ALPHA}")
+
+
+def _in_final_model(evidence: Evidence) -> Recomputed:
+    """How many variables of Table 5.17 forward selection enters."""
+    stepwise = evidence.published.stepwise
+    rows = stepwise[stepwise["quantity"] == evidence.quantity]
+    entered = select_forward(evidence.table["average"], candidates(rows["variable"], evidence.table))
+    printed = (rows["status"] == "entered").sum()
+    note = f"without skin fold and muscle thickness; Table 5.17 enters {printed}"
+    return Recomputed(float(len(entered)), note=note)
+
+
+_EXTREMES = {"minimum": smallest, "maximum": largest}
+_STATISTICS: dict[str, Callable[[Evidence], Recomputed]] = {
+    "mean": _mean,
+    "variance": _variance,
+    "minimum": lambda evidence: evidence.end_of_impacts("minimum"),
+    "maximum": lambda evidence: evidence.end_of_impacts("maximum"),
+    "range": lambda evidence: _range(evidence.ends_of_impacts()),
+    "ratio of maximum to minimum": lambda evidence: _ratio(evidence.ends_of_impacts()),
+    "minimum of trial averages": lambda evidence: evidence.ends_of_averages()[0],
+    "maximum of trial averages": lambda evidence: evidence.ends_of_averages()[1],
+    "range of trial averages": lambda evidence: _range(evidence.ends_of_averages()),
+    "ratio of trial averages": lambda evidence: _ratio(evidence.ends_of_averages()),
+    "number of variables significantly correlated": _significantly_correlated,
+    "number of variables in the final stepwise model": _in_final_model,
+    "highest correlations with mass as a component": _with_mass_among_highest,
+}
+_CORRELATION = re.compile(r"correlation (?P<averaged>of trial averages )?with (?P<name>.+)")
+_NO_RULE = "no rule recomputes this statistic"
 
 
 def claim_lines(published: PublishedTables) -> list[Line]:
     """Every claim of the text beside what the tables say; ``row`` is the number of the claim."""
     evidence: dict[str, Evidence] = {quantity: Evidence(published, quantity) for quantity in QUANTITIES}
-    claims = published.claims
-    recomputations = [_recompute(claim, published, evidence) for _, claim in claims.iterrows()]
-    return [
-        line(
-            f"section {claim['section']}",
-            int(claim["claim"]),
-            claim["statistic"]
-            if claim["quantity"] == "design"
-            else f"{claim['quantity']}: {claim['statistic']}",
-            claim["value_text"],
-            replace(recomputed, hint=_hint(claim, claims, recomputed)),
-        )
-        for (_, claim), recomputed in zip(claims.iterrows(), recomputations, strict=True)
-    ]
-
-
-_STATISTICS: dict[str, Callable[[Evidence], Recomputed]] = {
-    "mean": Evidence.mean,
-    "variance": Evidence.variance,
-    "minimum": Evidence.minimum,
-    "maximum": Evidence.maximum,
-    "range": Evidence.range,
-    "ratio of maximum to minimum": Evidence.ratio,
-    "minimum of trial averages": Evidence.minimum_of_averages,
-    "maximum of trial averages": Evidence.maximum_of_averages,
-    "range of trial averages": Evidence.range_of_averages,
-    "ratio of trial averages": Evidence.ratio_of_averages,
-    "number of variables significantly correlated": Evidence.significantly_correlated,
-    "number of variables in the final stepwise model": Evidence.in_final_model,
-    "highest correlations with mass as a component": Evidence.with_mass_among_highest,
-}
-_CORRELATION = re.compile(r"correlation (?P<averaged>of trial averages )?with (?P<name>.+)")
-
-
-def _recompute(claim: pd.Series, published: PublishedTables, evidence: dict[str, Evidence]) -> Recomputed:
-    statistic, quantity = claim["statistic"], claim["quantity"]
-    if quantity == "design":
-        return _design(statistic, published, evidence["K"].table)
-    if quantity not in evidence:
-        return Recomputed(None, note=NEVER_TABULATED)
-    if statistic in _STATISTICS:
-        return _STATISTICS[statistic](evidence[quantity])
-    if matched := _CORRELATION.fullmatch(statistic):
-        correlation = correlation_of_averages if matched["averaged"] else correlation_of_impacts
-        return correlation(matched["name"], evidence[quantity].table)
-    return Recomputed(None, note="no rule recomputes this statistic")
+    lines = []
+    for _, claim in published.claims.iterrows():
+        statistic, quantity = claim["statistic"], claim["quantity"]
+        if quantity == "design":
+            name, recomputed = statistic, _design(statistic, published, evidence["K"].table)
+        else:
+            name, recomputed = f"{quantity}: {statistic}", Recomputed(None, note=NEVER_TABULATED)
+            if quantity in evidence:
+                recomputed = evidence[quantity].statistic(statistic)
+        recomputed = replace(recomputed, hint=_hint(claim, published.claims, recomputed))
+        section = f"section {claim['section']}"
+        lines.append(line(section, int(claim["claim"]), name, claim["value_text"], recomputed))
+    return lines
 
 
 def _design(statistic: str, published: PublishedTables, table: pd.DataFrame) -> Recomputed:
@@ -307,7 +274,7 @@ def _design(statistic: str, published: PublishedTables, table: pd.DataFrame) -> 
         ),
     }
     if statistic not in known:
-        return Recomputed(None, note="no rule recomputes this statistic")
+        return Recomputed(None, note=_NO_RULE)
     value, note = known[statistic]
     return Recomputed(float(value), note=note)
 

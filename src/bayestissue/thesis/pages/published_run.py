@@ -1,13 +1,26 @@
-"""Tables of the page: the posterior, checks of the model, what was recomputed of the thesis, the audit."""
+"""A finished `reproduce` run, read whole, and the tables of its page."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, cast
 
+import numpy as np
+import pandas as pd
 from markupsafe import Markup
 
 from bayestissue.report.posterior import QUANTITIES, spread
+from bayestissue.report.run_folder import (
+    POSTERIOR_TABLES,
+    PosteriorRun,
+    TableFile,
+    read_groups,
+    read_json,
+    read_tables,
+    require_files,
+)
 from bayestissue.report.tables import Field, Row, Table, columns, lines, table_of, tag
 from bayestissue.report.wording import (
     UNITS,
@@ -18,8 +31,63 @@ from bayestissue.report.wording import (
     probability,
     significant,
 )
-from bayestissue.thesis.pages.published.run import PublishedRun
 from bayestissue.thesis.reproduction.conditions import Quantity
+
+_TABLES = (
+    *POSTERIOR_TABLES,
+    TableFile("reproduction", ("table", "row", "quantity", "published", "reproduced", "agrees", "note")),
+    TableFile("audit", ("where", "what", "published", "implied", "severity", "explanation")),
+    TableFile(
+        "comparison",
+        ("scheme", "model", "warning"),
+        ("elpd", "se", "elpd_difference", "se_difference", "p_effective", "weight"),
+    ),
+    TableFile(
+        "predictive_checks",
+        ("statistic", "quantity"),
+        ("observed", "predicted_median", "predicted_low", "predicted_high", "p_value"),
+    ),
+)
+_GROUPS: dict[str, tuple[str, ...]] = dict.fromkeys(
+    ("posterior", "observed_data", "posterior_predictive", "constant_data"), ()
+)
+
+
+@dataclass(frozen=True)
+class PublishedRun(PosteriorRun):
+    """What the files of a `reproduce` run say."""
+
+    reproduction: pd.DataFrame
+    audit: pd.DataFrame
+    comparison: pd.DataFrame
+    predictive_checks: pd.DataFrame
+
+    def observed(self, name: str) -> np.ndarray:
+        """What was published, such as ``K_observed`` [impact]."""
+        return self.groups["observed_data"][name].to_numpy()
+
+    @property
+    def reference_mass(self) -> float:
+        """The mass in kg at which people and conditions are reported."""
+        return float(self.constant("reference_mass_kg"))
+
+
+def read_published_run(folder: Path, record: dict[str, Any]) -> PublishedRun:
+    """Read every file of the run in ``folder``, whose ``run.json`` holds ``record``.
+
+    Raises:
+        InputError: a file lacks or isn't what a run writes; all that lack are named at once.
+    """
+    names = [f"{layout.name}.csv" for layout in _TABLES]
+    require_files(folder, [*names, "diagnostics.json", "posterior.nc"])
+    return PublishedRun(
+        record=record,
+        diagnostics=read_json(folder / "diagnostics.json"),
+        groups=read_groups(
+            folder / "posterior.nc", _GROUPS, "Make the run anew with `bayestissue reproduce`."
+        ),
+        **read_tables(folder, _TABLES),
+    )
 
 
 def comparison_table(run: PublishedRun) -> Table:

@@ -1,4 +1,4 @@
-"""Whether the estimates carry information on the tissue, or only on the impactor and the method."""
+"""Whether estimates carry information on the tissue, and fit one and the same blow."""
 
 from __future__ import annotations
 
@@ -9,16 +9,28 @@ from functools import cache, lru_cache
 from itertools import combinations
 
 import numpy as np
-import statsmodels.api as sm
+import pandas as pd
 from jaxtyping import Float
 from scipy import stats
+from statsmodels.robust.norms import TukeyBiweight
+from statsmodels.robust.robust_linear_model import RLM
 from statsmodels.tools.sm_exceptions import ConvergenceWarning
 
+from bayestissue.oscillator import peak_displacement, time_to_peak
 from bayestissue.outline import first_of
 from bayestissue.signal.integration import trapezoids
 from bayestissue.thesis.audit.findings import GENERAL, Finding, Impacts
 
+# Impacts that a finding names, at most.
 _NAMED = 12
+# Of a made-up blow.
+_SAMPLES = 2001
+# Taken where the thickness isn't known: more than the soft tissue over any bone of the arm or leg.
+THICKEST_TISSUE_M = 0.05
+# A hard object struck against tissue over bone comes to rest in 5 to 50 ms; twice that is out of reach.
+SLOWEST_PEAK_S = 0.1
+# Such a share of estimates below zero may be noise.
+_FEW = 0.05
 
 
 @dataclass(frozen=True)
@@ -98,7 +110,7 @@ def _residuals(
     with warnings.catch_warnings():
         # a perfect fit, as of simulated impacts without noise, is no reason to warn
         warnings.simplefilter("ignore", ConvergenceWarning)
-        fit = sm.RLM(omega, powers, M=sm.robust.norms.TukeyBiweight()).fit()
+        fit = RLM(omega, powers, M=TukeyBiweight()).fit()
     return omega - fit.fittedvalues
 
 
@@ -120,13 +132,12 @@ def variation(values: Float[np.ndarray, " impact"]) -> float:
     return float(np.std(values, ddof=1) / np.mean(values))
 
 
-@GENERAL.check(
-    severity="major",
-    bearing="tissue",
-    reason="K = M ω_n², so a K that follows M with ω_n the same for all says nothing about the tissue",
-)
+@GENERAL.check("major", "tissue")
 def constant_natural_frequency(impacts: Impacts) -> Iterator[Finding]:
-    """K proportional to the mass of the impactor."""
+    """K proportional to the mass of the impactor.
+
+    Major: K = M ω_n², so a K that follows M with ω_n the same for all says nothing about the tissue.
+    """
     exponent = mass_exponent(impacts)
     if exponent is None or not exponent.is_one:
         return
@@ -135,8 +146,7 @@ def constant_natural_frequency(impacts: Impacts) -> Iterator[Finding]:
     if variation(per_mass) > 0.5 * variation(stiffness):
         return
     omega = impacts.omega_n
-    yield Finding(
-        impacts.where,
+    yield impacts.finding(
         "K against the mass of the impactor",
         f"K from {stiffness.min():.4g} to {stiffness.max():.4g} (varies by {variation(stiffness):.0%})",
         f"K/M varies by {variation(per_mass):.1%}; K ∝ M^{exponent.slope:.2f} "
@@ -149,18 +159,16 @@ def constant_natural_frequency(impacts: Impacts) -> Iterator[Finding]:
     )
 
 
-@GENERAL.check(
-    severity="major",
-    bearing="method",
-    reason="two estimates that lie on one line hold one piece of information, not two",
-)
+@GENERAL.check("major", "method")
 def frequency_and_damping_on_one_curve(impacts: Impacts) -> Iterator[Finding]:
-    """ω_n a function of ζ, across people and masses that have nothing else in common."""
+    """ω_n a function of ζ, across people and masses that have nothing else in common.
+
+    Major: two estimates that lie on one line hold one piece of information, not two.
+    """
     curve = _common_curve(impacts)
     if curve is None:
         return
-    yield Finding(
-        impacts.where,
+    yield impacts.finding(
         "ω_n and ζ, impact by impact",
         f"{len(impacts.rows)} pairs (K, C)",
         f"one curve: half of all ω_n within {curve.residual:.2%} of it",
@@ -173,20 +181,18 @@ def frequency_and_damping_on_one_curve(impacts: Impacts) -> Iterator[Finding]:
     )
 
 
-@GENERAL.check(
-    severity="note",
-    bearing="method",
-    reason="the reader may want to look at these impacts first; they decide nothing",
-)
+@GENERAL.check("note", "method")
 def impacts_off_the_curve(impacts: Impacts) -> Iterator[Finding]:
-    """The impacts that do not follow the curve of the others."""
+    """The impacts that do not follow the curve of the others.
+
+    Note: the reader may want to look at these impacts first; they decide nothing.
+    """
     curve = _common_curve(impacts)
     if curve is None or not curve.off.any():
         return
     rows = impacts.rows[curve.off]
     names = [f"{trial}/{subject}" for trial, subject in zip(rows["trial"], rows["subject"], strict=True)]
-    yield Finding(
-        impacts.where,
+    yield impacts.finding(
         "impacts off the common curve of ω_n and ζ",
         f"{len(impacts.rows)} impacts",
         f"{len(rows)} off the curve",
@@ -195,13 +201,12 @@ def impacts_off_the_curve(impacts: Impacts) -> Iterator[Finding]:
     )
 
 
-@GENERAL.check(
-    severity="minor",
-    bearing="method",
-    reason="it separates mass from energy and velocity, which the design otherwise ties together",
-)
+@GENERAL.check("minor", "method")
 def equal_masses_at_other_energies(impacts: Impacts) -> Iterator[Finding]:
-    """Conditions of nearly the same mass but different energy that give the same K."""
+    """Conditions of nearly the same mass but different energy that give the same K.
+
+    Minor: it separates mass from energy and velocity, which the design otherwise ties together.
+    """
     exponent = mass_exponent(impacts)
     if "energy_J" not in impacts.rows or exponent is None or not exponent.is_one:
         return
@@ -219,8 +224,7 @@ def equal_masses_at_other_energies(impacts: Impacts) -> Iterator[Finding]:
         f", K {change['K']:+.1%}"
         for names, lower, higher, change in pairs
     )
-    yield Finding(
-        impacts.where,
+    yield impacts.finding(
         "K of equal masses at different energies",
         "; ".join(f"{lower['K']:.3f} and {higher['K']:.3f}" for _, lower, higher, _ in pairs),
         "; ".join(f"{change['K']:+.1%}" for *_, change in pairs),
@@ -228,9 +232,6 @@ def equal_masses_at_other_energies(impacts: Impacts) -> Iterator[Finding]:
         f"({words}). Tissue or muscle that stiffens under a harder blow would answer to its energy; K "
         "answers to the mass alone.",
     )
-
-
-_STEPS = 2001
 
 
 def centred_fit(
@@ -246,16 +247,9 @@ def centred_fit(
     step = 1 / (velocity.shape[-1] - 1)
     depth = trapezoids(velocity, step)
     depth -= np.trapezoid(depth, dx=step, axis=-1)[..., None]
-    vv, vx, xx, dv, dx = (
-        np.trapezoid(product, dx=step, axis=-1)
-        for product in (
-            velocity * velocity,
-            velocity * depth,
-            depth * depth,
-            deceleration * velocity,
-            deceleration * depth,
-        )
-    )
+    v, x, d = velocity, depth, deceleration
+    products = (v * v, v * x, x * x, d * v, d * x)
+    vv, vx, xx, dv, dx = (np.trapezoid(product, dx=step, axis=-1) for product in products)
     determinant = vv * xx - vx * vx
     damping = (dv * xx - dx * vx) / determinant
     squared = (dx * vv - dv * vx) / determinant
@@ -270,22 +264,21 @@ def made_up_pulses() -> tuple[Float[np.ndarray, "pulse time"], Float[np.ndarray,
     Bells exp(−(s − c)²/2w²) with the greatest deceleration anywhere from a third of the way to well after
     the end of the window, and broad to narrow, each scaled to bring the impactor to rest at s = 1.
     """
-    time = np.linspace(0, 1, _STEPS)
+    time = np.linspace(0, 1, _SAMPLES)
     centre, width = (
         grid.reshape(-1, 1) for grid in np.meshgrid(np.linspace(0.4, 1.2, 9), (0.25, 0.3, 0.4, 0.5))
     )
     bell = np.exp(-((time - centre) ** 2) / (2 * width**2))
-    lost = trapezoids(bell, 1 / (_STEPS - 1))
+    lost = trapezoids(bell, 1 / (_SAMPLES - 1))
     return 1 - lost / lost[:, -1:], bell / lost[:, -1:]
 
 
-@GENERAL.check(
-    severity="minor",
-    bearing="method",
-    reason="it shows where the one natural frequency may come from; only the recordings could prove it",
-)
+@GENERAL.check("minor", "method")
 def frequency_of_the_window(impacts: Impacts) -> Iterator[Finding]:
-    """A natural frequency that is the same for all may be the reciprocal of the window."""
+    """A natural frequency that is the same for all may be the reciprocal of the window.
+
+    Minor: it shows where the one natural frequency may come from; only the recordings could prove it.
+    """
     exponent = mass_exponent(impacts)
     if exponent is None or not exponent.is_one or variation(impacts.omega_n) > 0.1:
         return
@@ -293,8 +286,7 @@ def frequency_of_the_window(impacts: Impacts) -> Iterator[Finding]:
     low, high = float(np.nanmin(product)), float(np.nanmax(product))
     omega = float(np.median(impacts.omega_n))
     mass = impacts.conditions["mass_kg"]
-    yield Finding(
-        impacts.where,
+    yield impacts.finding(
         "natural frequency and length of the window",
         f"ω_n = {omega:.2f} rad/s (median)",
         f"window of {low / omega:.2f} to {high / omega:.2f} s for every impact",
@@ -306,3 +298,142 @@ def frequency_of_the_window(impacts: Impacts) -> Iterator[Finding]:
         f"{np.sqrt(mass.max() / mass.min()):.2f} times as long as the lightest: time seems to have been "
         "counted in a unit of each impact's own length.",
     )
+
+
+def peak(impacts: Impacts) -> tuple[Float[np.ndarray, " impact"], Float[np.ndarray, " impact"]]:
+    """Time to peak (s) and peak displacement (m) of the impactor on a spring and damper of K and C."""
+    velocity = impacts.rows["velocity_m_s"].to_numpy()
+    time = time_to_peak(impacts.omega_n, impacts.zeta)
+    depth = peak_displacement(impacts.omega_n, impacts.zeta, velocity)
+    return np.asarray(time), np.asarray(depth)
+
+
+@GENERAL.check("major", "physics")
+def implied_penetration(impacts: Impacts) -> Iterator[Finding]:
+    """How deep, and for how long, an impactor would sink into a tissue of the estimated K and C.
+
+    Major: an impactor that sinks through the limb was stopped by another K and C, or in another unit.
+    """
+    time, depth = peak(impacts)
+    limit = THICKEST_TISSUE_M if impacts.tissue_m is None else impacts.tissue_m
+    middle = float(np.median(depth))
+    if middle <= limit and np.median(time) <= SLOWEST_PEAK_S:
+        return
+    known = (
+        "the greatest thickness stated for it" if impacts.tissue_m else "more than covers any bone of a limb"
+    )
+    stiffness = np.median(impacts.rows["K"])
+    yield impacts.finding(
+        "penetration that K and C imply",
+        f"tissue up to {limit * 1000:.3g} mm",
+        f"{depth.min() * 100:.0f} to {depth.max() * 100:.0f} cm, reached after {time.min():.2f} to "
+        f"{time.max():.2f} s",
+        f"With M, V, K and C as given, the impactor would come to rest {middle * 100:.0f} cm deep (median) "
+        f"after {np.median(time):.2f} s, in tissue of {limit * 1000:.3g} mm ({known}). To stop the same "
+        f"mass within that, K would have to be at least {_two_digits((middle / limit) ** 2):,.0f} times "
+        f"larger, some {_two_digits(stiffness * (middle / limit) ** 2):,.0f} N/m instead of "
+        f"{stiffness:.0f}: in N/m and N s/m the figures can't describe the tissue; the unit of time in the "
+        "fit can't have been the second.",
+    )
+
+
+@GENERAL.check("major", "physics")
+def energy_from_nowhere(impacts: Impacts) -> Iterator[Finding]:
+    """Springs that push the wrong way and dampers that drive.
+
+    Major: tissue that adds energy to a blow does not exist; a few such estimates may be noise.
+    """
+    total = len(impacts.rows) + impacts.left_out
+    if not impacts.below_zero:
+        return
+    share = impacts.below_zero / total
+    yield impacts.finding(
+        "K or C below zero",
+        f"{impacts.below_zero} of {total} rows",
+        "none",
+        f"{impacts.below_zero} of {total} estimates ({share:.0%}) have a K or a C that is not above zero, "
+        "which would feed energy into the blow; a tissue that stiffens as it is compressed looks like "
+        "that to a spring and a damper whose constants are fixed.",
+        None if share > _FEW else "minor",
+    )
+
+
+@GENERAL.check("major", "physics")
+def measured_peak(impacts: Impacts) -> Iterator[Finding]:
+    """Time to peak and peak displacement as recorded, beside those that K and C imply.
+
+    Major: a K and C that do not bring back the peak they were fitted to do not describe the trace.
+    """
+    time, depth = peak(impacts)
+    for column, implied, what, unit in (
+        ("time_to_peak_s", time, "time to peak", "ms"),
+        ("peak_displacement_m", depth, "peak displacement", "mm"),
+    ):
+        if column not in impacts.rows:
+            continue
+        measured = pd.to_numeric(impacts.rows[column], errors="coerce").to_numpy(dtype="float64")
+        ratio = float(np.nanmedian(implied / measured))
+        if not 0.8 <= ratio <= 1.25:
+            yield impacts.finding(
+                f"{what}, recorded and implied",
+                f"{np.nanmedian(measured) * 1000:.3g} {unit}",
+                f"{np.median(implied) * 1000:.3g} {unit}",
+                f"A mass on a spring and damper of the estimated K and C would have a {what} {ratio:.2f} "
+                "times the recorded one (median over the impacts): the fit has not caught the impact "
+                "itself.",
+            )
+
+
+@GENERAL.check("major", "inputs")
+def kinetic_energy(impacts: Impacts) -> Iterator[Finding]:
+    """E = ½MV² with energy, mass and velocity as given.
+
+    Major: K and C are proportional to the mass, so a wrong mass or velocity goes straight into them.
+    """
+    conditions = impacts.conditions
+    if "energy_J" not in conditions:
+        return
+    energy, velocity, mass = (conditions[name] for name in ("energy_J", "velocity_m_s", "mass_kg"))
+    ratio = mass * velocity**2 / 2 / energy
+    wrong = (ratio - 1).abs() > 0.02
+    if not wrong.any():
+        return
+    implied = (2 * energy / mass) ** 0.5
+    worst = int(ratio.to_numpy().argmin())
+    yield impacts.finding(
+        "energy, velocity and mass",
+        f"V = {_list(np.unique(velocity))} m/s",
+        f"V = {_list(np.unique(implied.round(2)))} m/s from √(2E/M)",
+        f"In {wrong.sum()} of {len(conditions)} conditions ½MV² is not the stated energy but "
+        f"{ratio[wrong].min():.2f} to {ratio[wrong].max():.2f} of it (trial {ratio.index[worst]}: "
+        f"½ × {mass.iloc[worst]:g} × {velocity.iloc[worst]:g}² = {(ratio * energy).iloc[worst]:.3f} J, "
+        f"not {energy.iloc[worst]:g} J). "
+        + _pattern(velocity, implied)
+        + " At least one of the three columns is not that of the experiment.",
+    )
+
+
+def _pattern(velocity: pd.Series, implied: pd.Series) -> str:
+    """Which velocities would make the columns agree, in words."""
+    by_level = implied.groupby(velocity).agg(["mean", "min", "max"])
+    steady = ((by_level["max"] - by_level["min"]) < 0.01 * by_level["mean"]).all()
+    words = "; ".join(f"{level:g} read {row['mean']:.3f}" for level, row in by_level.iterrows())
+    if not steady:
+        return f"No single velocity a level would mend it: from √(2E/M), on average, for {words}."
+    shift = (implied - velocity).to_numpy()
+    if np.ptp(shift) < 0.01 * velocity.mean():
+        return (
+            "The masses agree with the energies, to "
+            f"{(np.abs(shift - shift.mean()) / velocity).max():.1%}, if every velocity were "
+            f"{abs(shift.mean()):.2f} m/s {'higher' if shift.mean() > 0 else 'lower'} than stated (for "
+            f"{words} m/s)."
+        )
+    return f"The masses agree with the energies if for {words} m/s."
+
+
+def _list(values: Float[np.ndarray, " level"]) -> str:
+    return ", ".join(f"{value:g}" for value in values)
+
+
+def _two_digits(value: float) -> float:
+    return float(f"{value:.1e}")

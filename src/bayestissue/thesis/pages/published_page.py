@@ -22,8 +22,7 @@ from bayestissue.report.wording import (
     relative,
     significant,
 )
-from bayestissue.thesis.pages.published import tables
-from bayestissue.thesis.pages.published.figures import (
+from bayestissue.thesis.pages.published_figures import (
     correlations_plot,
     inside_share,
     kept_share,
@@ -32,7 +31,20 @@ from bayestissue.thesis.pages.published.figures import (
     predictive_figure,
     shrinkage_figure,
 )
-from bayestissue.thesis.pages.published.run import PublishedRun, read_published_run
+from bayestissue.thesis.pages.published_run import (
+    PublishedRun,
+    agreement,
+    checks_table,
+    comparison_table,
+    estimates_table,
+    findings,
+    findings_by_severity,
+    lines_table,
+    read_published_run,
+    reproduction_table,
+    severities,
+    shares,
+)
 from bayestissue.thesis.reproduction.conditions import Quantity
 
 
@@ -156,7 +168,7 @@ def published_page(folder: Path, record: dict[str, Any]) -> str:
 
 def _further_codes(run: PublishedRun) -> list[Code]:
     """The codes of the warnings in sections below the first screen."""
-    failed = any(row.mark for row in tables.checks_table(run).rows)
+    failed = any(row.mark for row in checks_table(run).rows)
     said = "; ".join([posterior.prior_remark(run.sensitivity), *run.comparison["warning"]])
     return [*(("predictive-check",) if failed else ()), *codes_in(said)]
 
@@ -185,10 +197,10 @@ def _first_screen(run: PublishedRun) -> dict[str, Any]:
         "conclusion": mass_conclusion(run),
         "frequency": frequency_sentence(run),
         "constant_frequency": None if finding is None else f"finding-{finding + 1}",
-        "worst": tables.findings(run)[:3],
-        "severities": tables.severities(run),
+        "worst": findings(run)[:3],
+        "severities": severities(run),
         "doubt": doubt_words(run),
-        "agreement": tables.agreement(run),
+        "agreement": agreement(run),
     }
 
 
@@ -196,12 +208,12 @@ def _posterior(run: PublishedRun, lines: ThesisLines) -> dict[str, Any]:
     kept_shares = {quantity: kept_share(run, quantity) for quantity in posterior.QUANTITIES}
     return {
         "shrinkage_plots": [shrinkage_figure(run, quantity) for quantity in posterior.QUANTITIES],
-        "kept": tables.shares(run, kept_shares),
-        "estimates_table": tables.estimates_table(run),
+        "kept": shares(run, kept_shares),
+        "estimates_table": estimates_table(run),
         "mass_plots": [
             posterior_mass_figure(run, quantity, lines[quantity]) for quantity in posterior.QUANTITIES
         ],
-        "lines_table": tables.lines_table(run, lines),
+        "lines_table": lines_table(run, lines),
         "exponent_plots": [
             exponent_figure(run, quantity)
             for quantity in posterior.QUANTITIES
@@ -225,13 +237,13 @@ def _model_checks(run: PublishedRun) -> dict[str, Any]:
     schemes = list(dict.fromkeys(run.comparison["scheme"]))
     return {
         "comparison_plots": [comparison_figure(run.comparison, scheme) for scheme in schemes],
-        "comparison_table": tables.comparison_table(run),
+        "comparison_table": comparison_table(run),
         "best": posterior.best_explanations(run.comparison),
         "prior_remark": posterior.prior_remark(run.sensitivity),
         "sensitivity_table": shared_tables.sensitivity_table(run.sensitivity),
         "predictive_plots": [predictive_figure(run, quantity) for quantity in posterior.QUANTITIES],
         "inside": {quantity: inside_share(run, quantity) for quantity in posterior.QUANTITIES},
-        "checks_table": tables.checks_table(run),
+        "checks_table": checks_table(run),
         "diagnostics_table": shared_tables.diagnostics_table(run.diagnostics),
     }
 
@@ -244,8 +256,8 @@ def _published(run: PublishedRun, published: PublishedTables) -> dict[str, Any]:
             for quantity in posterior.QUANTITIES
         ],
         "mass_plots_thesis": [mass_plot(published, quantity) for quantity in posterior.QUANTITIES],
-        "reproduction_table": tables.reproduction_table(run),
-        "findings": tables.findings_by_severity(run),
+        "reproduction_table": reproduction_table(run),
+        "findings": findings_by_severity(run),
     }
 
 

@@ -11,7 +11,7 @@ import pandas as pd
 from bayestissue.errors import InputError
 from bayestissue.report.run_folder import TableFile, read_tables, require_files, wrong_in
 from bayestissue.report.wording import likelihood_words, listed, number, probability, significant
-from bayestissue.thesis.causes.statistics import LEVEL, WORDS
+from bayestissue.thesis.causes.design import LEVEL, WORDS
 
 _AGAIN = "Make the run anew with `bayestissue causes`."
 _NUMBERS = (

@@ -1,10 +1,16 @@
-"""Tables 5.12 to 5.15 and figures 5.1 to 5.4 recomputed: correlations of K and C with the conditions."""
+"""How K and C go with the conditions: Tables 5.12 to 5.17, figures 5.1 to 5.6 and the equations of 5.4."""
 
 from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from scipy import stats
+from statsmodels.regression.linear_model import OLS
+from statsmodels.tools.tools import add_constant
 
 from bayestissue.dataset.published import PublishedTables
 from bayestissue.thesis.reproduction.agreement import Line, Recomputed, half_unit, line
@@ -18,9 +24,11 @@ from bayestissue.thesis.reproduction.conditions import (
     covariate,
     factors,
     rounding_norm,
+    unrounded_mass,
     within_sum_of_squares,
 )
 
+ALPHA = 0.05  # the level below which a variable enters
 ALL_IMPACTS: dict[str, Quantity] = {"5.12": "K", "5.13": "C"}
 AVERAGED_TABLES: dict[Quantity, str] = {"K": "5.14", "C": "5.15"}
 _LOST_TABLE = "the body of Table 5.13 is lost"
@@ -65,6 +73,14 @@ def correlation_of_impacts(name: str, table: pd.DataFrame) -> Recomputed:
     r = float((n * deviation * (y - np.average(y, weights=n))).sum())
     r /= float(np.sqrt((n * deviation**2).sum() * total))
     return Recomputed(r, rounding=_angle(rounding_norm(table), float(np.sqrt(total))))
+
+
+def correlations_of_impacts(published: PublishedTables, table: pd.DataFrame) -> dict[str, float]:
+    """Those of `correlation_of_impacts` with the variables of Table 5.12 that can be recomputed, by name."""
+    rows = published.correlations
+    names = rows.loc[rows["table"] == "5.12", "variable"]
+    recomputed = {name: correlation_of_impacts(name, table).value for name in names}
+    return {name: value for name, value in recomputed.items() if value is not None}
 
 
 def p_value(r: float, n: float) -> float:
@@ -142,7 +158,7 @@ def _impact_lines(table: str, row: pd.Series, condition: pd.DataFrame) -> list[L
     if table == "5.13":
         said = row["correlation_text"]
         source = f"{_LOST_TABLE}; {'section 5.3 prints this number' if said else 'no number is printed'}"
-        recomputed = _with_note(recomputed, source)
+        recomputed = replace(recomputed, note="; ".join(filter(None, [source, recomputed.note])))
     if recomputed.value is None:
         return [
             _correlation_line(row, recomputed),
@@ -179,10 +195,144 @@ def _p_line(row: pd.Series, recomputed: Recomputed) -> Line:
     return line(row["table"], int(row["row"]), name, row["p_value_text"], recomputed)
 
 
-def _with_note(recomputed: Recomputed, note: str) -> Recomputed:
-    joined = "; ".join(filter(None, [note, recomputed.note]))
-    return Recomputed(recomputed.value, recomputed.rounding, joined, recomputed.hint)
-
-
 def _angle(error: float, norm: float) -> float:
     return float(np.arcsin(min(1.0, error / norm))) if norm > 0 else 0.0
+
+
+def straight_line(table: pd.DataFrame, mass: pd.Series | None = None) -> Any:
+    """Least squares of the averages on mass: average = b0 + b1 M, as statsmodels' results.
+
+    ``mass`` (kg, one per condition) is the printed one unless given.
+    """
+    mass = table["mass_kg"] if mass is None else mass
+    return OLS(table["average"], add_constant(mass.rename("Mass"))).fit()
+
+
+def candidates(names: Iterable[str], table: pd.DataFrame) -> dict[tuple[str, ...], np.ndarray]:
+    """The covariates ``names`` over the conditions of ``table``: products listed twice once, no tissue."""
+    values = {factors(name): covariate(name, table) for name in names}
+    return {name: x for name, x in values.items() if x is not None}
+
+
+def select_forward(response: pd.Series, known: dict[tuple[str, ...], np.ndarray]) -> list[tuple[str, ...]]:
+    """Forward selection: enter the candidate with the smallest p-value while that is below ``ALPHA``.
+
+    The p-value is that of the candidate's t in the least-squares fit with all entered before it
+    (Draper and Smith, Applied Regression Analysis, section 15.2). Returns the names in order of entry.
+    """
+    entered: list[tuple[str, ...]] = []
+    while len(entered) < min(len(known), len(response) - 3):
+        p = {
+            name: _p_of_last(response, [known[old] for old in (*entered, name)])
+            for name in known
+            if name not in entered
+        }
+        best = min(p, key=p.__getitem__)
+        if not p[best] < ALPHA:
+            break
+        entered.append(best)
+    return entered
+
+
+def regression_lines(published: PublishedTables) -> list[Line]:
+    """Coefficients and R² of both equations, fitted to the averages of the nine conditions."""
+    lines = []
+    for quantity in QUANTITIES:
+        printed = published.regressions.query("quantity == @quantity")
+        recomputed = _equation(conditions(published, quantity), printed)
+        lines += [
+            line(f"equation of {quantity}", row, f"coefficient of {term}", text, recomputed[term])
+            for row, (term, text) in enumerate(
+                zip(printed["term"], printed["coefficient_text"], strict=True), start=1
+            )
+            if term in recomputed
+        ]
+        text = printed["r_squared_text"].iloc[0]
+        lines.append(line(f"equation of {quantity}", len(printed) + 1, "R²", text, recomputed["R²"]))
+    return lines
+
+
+def stepwise_lines(published: PublishedTables) -> list[Line]:
+    """Which variables enter, by forward selection at 0.05 on the averages, without skin and muscle."""
+    lines = []
+    for quantity in QUANTITIES:
+        rows = published.stepwise.query("quantity == @quantity")
+        table = conditions(published, quantity)
+        known = candidates(rows["variable"], table)
+        entered = select_forward(table["average"], known)
+        lines += [_stepwise_line(row, known, entered) for _, row in rows.iterrows()]
+    return lines
+
+
+@dataclass(frozen=True)
+class MassFigure:
+    """What figures 5.5 (K) and 5.6 (C) show.
+
+    Attributes:
+        impacts: the impacts that remain: ``trial``, ``subject``, ``mass_kg``, ``value``.
+        averages: one row per trial: ``trial``, ``mass_kg``, ``average``, ``sd``, ``from_rows`` (false where
+            the impacts are lost and the printed average and standard deviation stand in).
+        constant, slope: least squares of the averages on mass; slope per kg.
+        printed_constant, printed_slope: the thesis's equation without its skin fold term.
+    """
+
+    impacts: pd.DataFrame
+    averages: pd.DataFrame
+    constant: float
+    slope: float
+    printed_constant: float
+    printed_slope: float
+
+
+def mass_figure(published: PublishedTables, quantity: Quantity) -> MassFigure:
+    """K or C against the mass of the pendulum (kg): figures 5.5 and 5.6."""
+    table = conditions(published, quantity)
+    fit = straight_line(table)
+    rows = published.estimates
+    printed = published.regressions.query("quantity == @quantity").set_index("term")["coefficient"]
+    return MassFigure(
+        impacts=rows[["trial", "subject", "mass_kg"]].assign(value=rows[quantity]),
+        averages=table.reset_index()[["trial", "mass_kg", "average", "sd", "from_rows"]],
+        constant=float(fit.params["const"]),
+        slope=float(fit.params["Mass"]),
+        printed_constant=float(printed.get("constant", float("nan"))),
+        printed_slope=float(printed.get("Mass", float("nan"))),
+    )
+
+
+def _equation(table: pd.DataFrame, printed: pd.DataFrame) -> dict[str, Recomputed]:
+    fit, mass, average = straight_line(table), table["mass_kg"], table["average"]
+    error = float(np.linalg.norm(table["average_rounding"]))
+    spread = float(np.linalg.norm(mass - mass.mean()))
+    angle = float(np.arcsin(min(1.0, error / np.linalg.norm(average - average.mean()))))
+    extra = [term for term in printed["term"] if term not in ("constant", "Mass")]
+    without = f"fitted without {', '.join(extra)}: {NEVER_TABULATED}" if extra else ""
+    full = unrounded_mass(table)
+    unrounded = None if full is None else straight_line(table, full).params
+
+    def hint(term: str) -> str:
+        return "" if unrounded is None else f"{unrounded[term]:.5g} with masses not cut to three decimals"
+
+    of_constant = error * float(np.sqrt(1 / len(mass) + (mass.mean() / spread) ** 2))
+    coefficients = {
+        "constant": Recomputed(fit.params["const"], of_constant, without, hint("const")),
+        "Mass": Recomputed(fit.params["Mass"], error / spread, without, hint("Mass")),
+        "R²": Recomputed(fit.rsquared, 2 * angle, without),
+    }
+    return coefficients | {term: Recomputed(None, note=NEVER_TABULATED) for term in extra}
+
+
+def _stepwise_line(row: pd.Series, known: dict[tuple[str, ...], Any], entered: list[Any]) -> Line:
+    name = f"{row['variable']} in the stepwise regression of {row['quantity']}"
+    key = factors(row["variable"])
+    if key not in known:
+        return Line(row["table"], row["row"], name, row["status"], "", None, NEVER_TABULATED)
+    status = "entered" if key in entered else "not entered"
+    agreed = status == row["status"]
+    note = "" if agreed else f"forward selection at {ALPHA} on the averages, without skin and muscle"
+    return Line(row["table"], row["row"], name, row["status"], status, agreed, note)
+
+
+def _p_of_last(response: pd.Series, columns: list[np.ndarray]) -> float:
+    fit = OLS(response.to_numpy(), add_constant(np.column_stack(columns), has_constant="add")).fit()
+    return float(fit.pvalues[-1])

@@ -23,9 +23,18 @@ from bayestissue.report.style import (
 )
 from bayestissue.report.tables import Field, Row, Table, columns, table_of
 from bayestissue.report.wording import number, significant
-from bayestissue.thesis.causes.statistics import LEVEL, MEANING, WORDS
-from bayestissue.thesis.pages.causes import answers
-from bayestissue.thesis.pages.causes.answers import CausesRun, failing, p_words, read_causes_run
+from bayestissue.thesis.causes.design import LEVEL, MEANING, WORDS
+from bayestissue.thesis.pages.causes_answers import (
+    CausesRun,
+    answer,
+    cannot_tell,
+    confusion_words,
+    failing,
+    p_words,
+    read_causes_run,
+    ruled_out,
+    standing,
+)
 
 
 def short(name: str) -> str:
@@ -207,14 +216,14 @@ def causes_page(folder: Path, record: dict[str, Any]) -> str:
         record=record,
         versions=record.get("versions", {}),
         subject=subject,
-        answer=answers.answer(run),
+        answer=answer(run),
         standing=[
-            {"title": row["title"], "p": answers.p_words(row), "probability": number(row["probability"], 2)}
-            for row in answers.standing(run)
+            {"title": row["title"], "p": p_words(row), "probability": number(row["probability"], 2)}
+            for row in standing(run)
         ],
-        ruled_out=answers.ruled_out(run),
-        cannot_tell=answers.cannot_tell(run),
-        confusion_words=answers.confusion_words(run),
+        ruled_out=ruled_out(run),
+        cannot_tell=cannot_tell(run),
+        confusion_words=confusion_words(run),
         causes_table=causes_table(run),
         probability_plot=probability_figure(run),
         predictive_plots=[predictive_figure(run, name) for name in run.statistics],

@@ -12,10 +12,9 @@ from bayestissue.report.page import figure
 from bayestissue.report.posterior_figures import NAMES
 from bayestissue.report.style import MUTED, POSTERIOR, PUBLISHED, REFERENCE, new_figure, shown, style
 from bayestissue.report.wording import UNITS
-from bayestissue.thesis.pages.published.run import PublishedRun
+from bayestissue.thesis.pages.published_run import PublishedRun
 from bayestissue.thesis.reproduction.conditions import Quantity
-from bayestissue.thesis.reproduction.correlations import correlation_figure
-from bayestissue.thesis.reproduction.regressions import mass_figure
+from bayestissue.thesis.reproduction.relations import correlation_figure, mass_figure
 
 
 def inside_share(run: PublishedRun, quantity: str) -> tuple[int, int]:

@@ -1,0 +1,342 @@
+"""Printed figures against each other, and against the rows and averages that they are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pandas as pd
+
+from bayestissue.thesis.audit.findings import (
+    PUBLISHED,
+    SEVERITIES,
+    Finding,
+    Publication,
+    Severity,
+    named_rows,
+)
+from bayestissue.thesis.reproduction.agreement import agrees, decimals, half_unit
+from bayestissue.thesis.reproduction.conditions import QUANTITIES, conditions, unrounded_mass
+from bayestissue.thesis.reproduction.relations import straight_line
+
+# Of a figure: a difference that is a note.
+_SMALL = 0.01
+
+
+@PUBLISHED.check("minor", "wording")
+def claims_that_contradict(publication: Publication) -> Iterator[Finding]:
+    """One figure stated in several places with different values.
+
+    Minor: one of the figures must be wrong; a difference in the last digit is only a note.
+    """
+    for (quantity, statistic), claims in publication.tables.claims.groupby(
+        ["quantity", "statistic"], sort=False
+    ):
+        values = claims.drop_duplicates("value")
+        if len(values) < 2:
+            continue
+        low, high = values["value"].min(), values["value"].max()
+        finest = values["value_text"].map(half_unit).astype("float64")
+        if high - low <= finest.max() + finest.min() and finest.max() > finest.min():
+            continue
+        said = "; ".join(
+            f"{text} (section {_sections(claims, text)})" for text in values["value_text"].drop_duplicates()
+        )
+        implied = _recomputed(publication, claims)
+        if high - low <= 2 * finest.max() + 1e-9:
+            severity: Severity = "note"
+            verdict = "They differ in the last digit only."
+        else:
+            severity = "minor"
+            verdict = f"They differ by {_difference(low, high)}; at most one can be right."
+        yield Finding(
+            ", ".join(f"section {section}" for section in claims["section"].unique()),
+            f"{quantity}: {statistic}",
+            " and ".join(values["value_text"]),
+            implied or "one value",
+            f"For {quantity} the {statistic} is given as {said}. {verdict}"
+            + (f" Recomputed from the tables it is {implied}." if implied else ""),
+            severity,
+        )
+
+
+@PUBLISHED.check("minor", "wording")
+def arithmetic_of_claims(publication: Publication) -> Iterator[Finding]:
+    """Range and ratio beside the smallest and largest value stated in the same section.
+
+    A figure that the text gives with several values is left to `claims_that_contradict`, unless all of them
+    disagree with the ends.
+
+    Minor: the section refutes itself, whatever the data.
+    """
+    for (section, quantity), claims in publication.tables.claims.groupby(["section", "quantity"], sort=False):
+        said = {str(name): rows for name, rows in claims.groupby("statistic")}
+        for low_name, high_name, derived in _DERIVED:
+            if low_name not in said or high_name not in said:
+                continue
+            low, high = said[low_name].iloc[0], said[high_name].iloc[0]
+            for name, (of_ends, slack_of_ends) in derived.items():
+                stated = said.get(name, pd.DataFrame(columns=claims.columns)).drop_duplicates("value")
+                implied = of_ends(low["value"], high["value"])
+                slack = slack_of_ends(low, high) + stated["value_text"].map(half_unit).astype("float64")
+                wrong = stated[(stated["value"] - implied).abs() > slack + 1e-9]
+                several = len(publication.claims(str(quantity), name)["value"].unique()) > len(stated)
+                if wrong.empty or several:
+                    continue
+                figures = " and ".join(wrong["value_text"])
+                needed = f"{high['value'] / wrong['value'].iloc[0]:.3g}" if "ratio" in name else ""
+                yield Finding(
+                    f"section {section}",
+                    f"{name} of {quantity} against its ends",
+                    figures,
+                    f"{implied:.4g}",
+                    f"Section {section} lets {quantity} run from {low['value_text']} to "
+                    f"{high['value_text']}, which makes the {name} {implied:.4g}, and calls it {figures}."
+                    + (f" That ratio needs a smallest value of {needed}." if needed else ""),
+                )
+
+
+def _rounding_of_ratio(low: pd.Series, high: pd.Series) -> float:
+    relative = [half_unit(end["value_text"]) / abs(end["value"]) for end in (low, high)]
+    return sum(relative) * high["value"] / low["value"]
+
+
+# What follows from two ends, and how far their rounding may move it.
+_RANGE = (
+    lambda low, high: high - low,
+    lambda low, high: half_unit(low["value_text"]) + half_unit(high["value_text"]),
+)
+_RATIO = (lambda low, high: high / low, _rounding_of_ratio)
+_DERIVED = tuple(
+    (f"minimum{suffix}", f"maximum{suffix}", {f"range{suffix}": _RANGE, ratio: _RATIO})
+    for suffix, ratio in (
+        ("", "ratio of maximum to minimum"),
+        (" of trial averages", "ratio of trial averages"),
+    )
+)
+
+
+@PUBLISHED.check("minor", "conclusions")
+def statements_that_contradict(publication: Publication) -> Iterator[Finding]:
+    """Two positions on one topic.
+
+    Minor: a conclusion that another chapter denies can't be quoted.
+    """
+    for topic, said in publication.statements.groupby("topic", sort=False):
+        positions = said.groupby("position", sort=False)["place"].agg(list)
+        if len(positions) < 2:
+            continue
+        words = "; ".join(
+            f"{' and '.join(_location(one) for one in places)}: {position}"
+            for position, places in positions.items()
+        )
+        first, last = said.iloc[0], said[said["position"] != said["position"].iloc[0]].iloc[0]
+        yield Finding(
+            ", ".join(_location(location) for location in said["place"].unique()),
+            str(topic),
+            " / ".join(map(str, positions.index)),
+            "one of them",
+            f"There are different positions on {topic} ({words}). "
+            f"“{first['sentence']}” and “{last['sentence']}” can't both hold.",
+            first["weight"] if first["weight"] in SEVERITIES else None,
+        )
+
+
+def _recomputed(publication: Publication, claims: pd.DataFrame) -> str:
+    """The figure that the tables give for the first of ``claims``, with one digit more than the claim."""
+    first = claims.iloc[0]
+    lines = publication.reproduction
+    line = lines[(lines["table"] == f"section {first['section']}") & (lines["row"] == first["claim"])]
+    value = pd.to_numeric(line["reproduced"], errors="coerce").dropna()
+    return "" if value.empty else f"{value.iloc[0]:.{claims['value_text'].map(decimals).max() + 1}f}"
+
+
+def _location(location: str) -> str:
+    return f"section {location}" if location[:1].isdigit() else location
+
+
+def _sections(claims: pd.DataFrame, text: str) -> str:
+    return ", ".join(claims.loc[claims["value_text"] == text, "section"].unique())
+
+
+def _difference(low: float, high: float) -> str:
+    """In per cent of the smaller, or as a factor where that is large."""
+    if low <= 0:
+        return f"{high - low:.3g}"
+    return f"a factor of {high / low:.2g}" if high > 1.5 * low else f"{high / low - 1:.1%}"
+
+
+@PUBLISHED.check("minor", "tables")
+def figures_that_do_not_follow(publication: Publication) -> Iterator[Finding]:
+    """Figures that differ from the recomputed ones by more than one unit of the last digit.
+
+    Those of the running text are left to `claims_that_contradict` where it gives several values, and counts
+    of variables to the checks in `significance` and `models`.
+
+    Minor: the figure does not follow from its rows, though no conclusion rests on it; under 1 % is a
+    note.
+    """
+    disagreements = _disagreements(publication)
+    claims = publication.tables.claims
+    several = claims.groupby(["quantity", "statistic"])["value"].transform("nunique") > 1
+    elsewhere = claims.loc[several | claims["statistic"].str.startswith("number of"), "claim"]
+    disagreements = disagreements[
+        ~disagreements["last_digit"] & ~(disagreements["of_text"] & disagreements["row"].isin(elsewhere))
+    ]
+    for row in named_rows(disagreements):
+        implied = f"{row.value:.{decimals(row.published) + 1}f}"
+        yield Finding(
+            table_words(row.table),
+            row.quantity,
+            row.published,
+            implied,
+            f"The figure for {row.quantity} in {table_words(row.table)} is {row.published}; recomputed from "
+            f"the rows and averages it is {implied}, so the print is "
+            f"{_difference_words(row.printed, row.value)}{_hint(row.note)}.",
+            "note" if abs(row.printed - row.value) < _SMALL * abs(row.value) else None,
+        )
+
+
+@PUBLISHED.check("note", "tables")
+def last_digits(publication: Publication) -> Iterator[Finding]:
+    """Figures of tables and equations one unit off in the last digit.
+
+    Note: nothing depends on the last digit, but a reader who recomputes it should know.
+    """
+    reproduction = publication.reproduction
+    disagreements = _disagreements(publication)
+    disagreements = disagreements[disagreements["last_digit"] & ~disagreements["of_text"]]
+    if disagreements.empty:
+        return
+    compared = int((reproduction["agrees"].notna() & ~reproduction["table"].str.startswith("section")).sum())
+    towards_zero = int((disagreements["printed"].abs() < disagreements["value"].abs()).sum())
+    tables = {table_words(str(name)): len(rows) for name, rows in disagreements.groupby("table", sort=False)}
+    yield Finding(
+        ", ".join(tables),
+        "last digits",
+        f"{len(disagreements)} of {compared} figures",
+        f"{towards_zero} too near to zero",
+        f"{len(disagreements)} of the {compared} figures in tables and equations that can be recomputed are "
+        "one unit off in the last digit "
+        f"({', '.join(f'{count} in {name}' for name, count in tables.items())}), {towards_zero} of them "
+        "towards zero: digits were cut off where they should have been rounded.",
+    )
+
+
+@PUBLISHED.check("minor", "inputs")
+def masses_behind_the_regression(publication: Publication) -> Iterator[Finding]:
+    """An equation that follows from E = ½MV² at higher velocities, not from the printed masses.
+
+    Minor: it shows which masses the calculations were made with.
+    """
+    for quantity in QUANTITIES:
+        terms, table = publication.equation(quantity)
+        exact = unrounded_mass(table)
+        if exact is None:
+            return
+        printed, unrounded = (
+            straight_line(table, mass).params["const"] for mass in (table["mass_kg"], exact)
+        )
+        constant = terms[terms["term"] == "constant"].iloc[0]
+        text = constant["coefficient_text"]
+        if agrees(text, printed) or not agrees(text, unrounded):
+            continue
+        velocity = np.unique(np.sqrt(2 * table["energy_J"] / exact).round(6))
+        yield Finding(
+            "section 5.4, Table 5.10",
+            f"masses in the equation of {quantity}",
+            f"constant {text}",
+            f"{unrounded:.4f}, or {printed:.4f} with the printed masses",
+            f"The constant of the equation of {quantity}, {text}, follows from masses 2E/V² with V = "
+            f"{', '.join(f'{value:g}' for value in velocity)} m/s ({unrounded:.4f}), not from the printed "
+            f"masses, which are those cut off after three decimals ({printed:.4f}), and not from the "
+            "velocities printed beside them.",
+        )
+
+
+@PUBLISHED.check("minor", "tables")
+def impossible_spread(publication: Publication) -> Iterator[Finding]:
+    """A standard deviation that does not fit the range beside it, where the rows are lost.
+
+    For n numbers of range R the standard deviation (with n − 1) lies between R/√(2(n − 1)) and
+    R √(n/(n − 1))/2 (von Szőkefalvi Nagy 1918; Popoviciu 1935).
+
+    Minor: no ten numbers have such a range and standard deviation.
+    """
+    for quantity in QUANTITIES:
+        table = conditions(publication.tables, quantity)
+        for trial, row in table[~table["from_rows"]].iterrows():
+            n = row["impacts"]
+            slack = half_unit(row["sd_text"]) + half_unit(row["range_text"])
+            low, high = row["range"] / (2 * (n - 1)) ** 0.5, row["range"] / 2 * (n / (n - 1)) ** 0.5
+            if low - slack <= row["sd"] <= high + slack:
+                continue
+            yield Finding(
+                table_words(row["table"]),
+                f"spread of {quantity}, trial {trial}",
+                f"sd {row['sd_text']}, range {row['range_text']}",
+                f"sd from {low:.3f} to {high:.3f}",
+                f"{n:.0f} numbers with a range of {row['range_text']} have a standard deviation between "
+                f"{low:.3f} and {high:.3f}; for {quantity} in trial {trial} {row['sd_text']} is printed.",
+            )
+
+
+@PUBLISHED.check("note", "tables")
+def uneven_digits(publication: Publication) -> Iterator[Finding]:
+    """Columns whose figures are printed with different numbers of decimals.
+
+    Note: it hides how exactly the figures were known, no more.
+    """
+    tables = publication.tables
+    for frame, columns in ((tables.estimates, ("K", "C")), (tables.averages, ("average", "sd", "range"))):
+        for table, rows in frame.groupby("table", sort=False):
+            for column in columns:
+                digits = rows[f"{column}_text"].map(decimals)
+                usual = int(digits.mode().iloc[0])
+                odd = rows.loc[digits != usual, f"{column}_text"]
+                if odd.empty:
+                    continue
+                yield Finding(
+                    table_words(str(table)),
+                    f"digits of the column {column}",
+                    ", ".join(odd),
+                    f"{usual} decimals",
+                    f"The column {column} has {usual} decimals, except for {', '.join(odd)}.",
+                )
+
+
+def _disagreements(publication: Publication) -> pd.DataFrame:
+    """The numeric disagreements of the reproduction, without the masses, which `kinetic_energy` explains.
+
+    Added are ``printed`` and ``value`` as numbers, ``last_digit`` (no more than one unit of the last printed
+    digit off) and ``of_text`` (the running text, not a table).
+    """
+    lines = publication.reproduction
+    lines = lines[lines["agrees"].eq(False).fillna(False) & ~lines["quantity"].str.startswith("mass, trial")]
+    lines = lines.assign(
+        printed=pd.to_numeric(lines["published"], errors="coerce"),
+        value=pd.to_numeric(lines["reproduced"], errors="coerce"),
+        of_text=lines["table"].str.startswith("section"),
+    ).dropna(subset=["printed", "value"])
+    unit = 2 * lines["published"].map(half_unit).astype("float64")
+    return lines.assign(last_digit=(lines["printed"] - lines["value"]).abs() <= unit + 1e-9)
+
+
+def table_words(table: str) -> str:
+    """Where ``table`` of the reproduction stands, in words."""
+    if table.startswith("equation"):
+        return f"the {table}"
+    return table if table.startswith("section") else f"Table {table}"
+
+
+def _difference_words(printed: float, value: float) -> str:
+    if value and not 0.5 < printed / value < 2:
+        return f"{printed / value:.3g} times that"
+    return f"{abs(printed - value):.3g} off" + (f" ({abs(printed / value - 1):.2%})" if value else "")
+
+
+def _hint(note: str) -> str:
+    hint = note.split(";")[0].strip()
+    if hint.startswith("repeats"):
+        return f" (it {hint})"
+    return f" ({hint})" if "not cut" in hint else ""

@@ -1,1 +1,0 @@
-"""The page that says why K grows with the mass."""

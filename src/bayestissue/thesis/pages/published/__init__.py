@@ -1,1 +1,0 @@
-"""The report of the re-analysis of the published estimates."""
