@@ -6,6 +6,7 @@ import ast
 import copy
 import json
 import pickle
+import re
 import runpy
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,12 +18,13 @@ from bayestissue import cli
 from bayestissue.commands import explain
 from bayestissue.errors import Coded, InputError, Problem, more
 from bayestissue.inference.samplers.diagnostics import warned_codes, warnings
-from bayestissue.remedies import CODES, codes_in, entries
+from bayestissue.remedies import CODES, codes_in, entries, messages
 
 SOURCE = Path(bayestissue.__file__).parent
 ROOT = SOURCE.parents[1]
 # What makes a warning or an error: all of these take a code, and the type checker knows which there are.
-CARRIERS = ("Problem", "problem", "Coded", "Check", "PartialResultError")
+CARRIERS = ("Problem", "Coded", "Check", "PartialResultError")
+KEY = re.compile(r"[a-z-]+\.[a-zA-Z_-]+")
 
 
 def trees() -> dict[Path, ast.Module]:
@@ -74,11 +76,39 @@ def test_every_place_that_makes_a_warning_or_an_error_carries_a_known_code() -> 
                 assert isinstance(code, ast.Name | ast.Attribute), where
 
 
+def test_every_message_has_a_code_and_is_told() -> None:
+    """What is written in parts, such as ``f"velocity-off.{kind}"``, counts by its code."""
+    used = {text for tree in trees().values() for text in _texts_of(tree)}
+    for key, told in messages().items():
+        assert told.code in CODES
+        assert key in used or f"{told.code}." in used, key
+        assert all(text == text.strip() and text for text in (told.expected, told.remedy))
+
+
+def test_every_key_of_a_message_is_known() -> None:
+    for path, tree in trees().items():
+        for call in ast.walk(tree):
+            if isinstance(call, ast.Call) and getattr(call.func, "attr", "") == "stated":
+                owner = getattr(getattr(call.func, "value", None), "id", "")
+                key = call.args[0]
+                if owner in ("Problem", "InputError") and isinstance(key, ast.Constant):
+                    assert key.value in messages(), (path.name, call.lineno, key.value)
+        several = [key for key in _texts_of(tree) if KEY.fullmatch(key) and key.partition(".")[0] in CODES]
+        assert set(several) <= set(messages()), path.name
+
+
+def _texts_of(tree: ast.Module) -> Iterator[str]:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            yield node.value
+
+
 def test_every_entry_is_led_to() -> None:
     used = {
         node.value for tree in trees().values() for node in ast.walk(tree) if isinstance(node, ast.Constant)
     }
-    assert set(CODES) - used == set()
+    codes = {value.partition(".")[0] for value in used if isinstance(value, str)}
+    assert set(CODES) - codes == set()
 
 
 def _texts(node: ast.expr, tree: ast.Module) -> list[str]:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
-from typing import Self
+from typing import Any, Self
 
-from bayestissue.remedies.codes import Code
+from bayestissue.remedies import Code, messages
 
 # Control characters, and those that force a direction of writing: a terminal would obey them.
 _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069]")
@@ -31,6 +32,34 @@ class Problem:
     impact: str | None = None
     code: Code = field(kw_only=True)
     files_read: int = field(default=1, kw_only=True)
+
+    @classmethod
+    def stated(
+        cls,
+        key: str,
+        file: str,
+        row: int | None = None,
+        column: str | None = None,
+        value: object = None,
+        *,
+        impact: str | None = None,
+        **numbers: object,
+    ) -> Self:
+        """The problem that the message ``key`` of ``messages.toml`` tells, with ``numbers`` in its sentences.
+
+        Args:
+            key: a code, or a code, a point and which of its messages.
+            file: and the next four as the attributes.
+            row: from 1.
+            column: or key.
+            value: what was found.
+            impact: which one; an empty name is none.
+            numbers: by their names in the sentences.
+        """
+        told, words = messages()[key], {"column": column, "value": value, **numbers}
+        expected, remedy = told.expected.format(**words), told.remedy.format(**words)
+        at = None if row is None else int(row)
+        return cls(file, expected, remedy, at, column, value, impact or None, code=told.code)
 
     def __str__(self) -> str:
         location = [printable(self.file)]
@@ -57,6 +86,11 @@ class InputError(ValueError):
     def __init__(self, problems: Problem | Iterable[Problem]) -> None:
         self.problems: tuple[Problem, ...] = (problems,) if isinstance(problems, Problem) else tuple(problems)
         super().__init__("\n".join(str(problem) for problem in by_cause(self.problems)))
+
+    @classmethod
+    def stated(cls, key: str, file: str, *where: Any, **numbers: Any) -> Self:
+        """The error of one problem; arguments as of `Problem.stated`."""
+        return cls(Problem.stated(key, file, *where, **numbers))
 
 
 def refusal(
@@ -101,13 +135,29 @@ def all_of[Item, Result](function: Callable[[Item], Result], items: Iterable[Ite
     results: list[Result] = []
     problems: list[Problem] = []
     for item in items:
-        try:
+        with collected(problems):
             results.append(function(item))
-        except InputError as error:
-            problems += error.problems
     if problems:
         raise InputError(problems)
     return results
+
+
+@contextmanager
+def collected(problems: list[Problem]) -> Iterator[None]:
+    """A block of which an `InputError` goes to ``problems``; what is behind the block goes on."""
+    try:
+        yield
+    except InputError as error:
+        problems += error.problems
+
+
+@contextmanager
+def along_with(problems: Iterable[Problem]) -> Iterator[None]:
+    """A block of which an `InputError` is raised together with ``problems``, these first."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError([*problems, *error.problems]) from None
 
 
 class PartialResultError(RuntimeError):

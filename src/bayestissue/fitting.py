@@ -18,7 +18,7 @@ import pandas as pd
 import xarray as xr
 
 from bayestissue import resources, runtime
-from bayestissue.errors import refusal
+from bayestissue.errors import InputError
 from bayestissue.finished import TABLES, Fit
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification, specification_of
@@ -101,11 +101,13 @@ def fit(
 def _checked_seed(seed: Any) -> int:
     if isinstance(seed, int | np.integer) and not isinstance(seed, bool) and 0 <= seed <= runtime.MOST_SEED:
         return int(seed)
-    expected, remedy = (
+    _expected, _remedy = (
         f"a whole number from 0 to {runtime.MOST_SEED}",
         "Pass such a number, or leave seed out.",
     )
-    raise refusal("arguments", expected, remedy, column="seed", value=seed, code="option-value")
+    raise InputError.stated(
+        "option-value.seed", "arguments", column="seed", value=seed, most=runtime.MOST_SEED
+    )
 
 
 def formulas_of(K: str | None, C: str | None) -> dict[str, str]:

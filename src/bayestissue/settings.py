@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
-from bayestissue.errors import InputError, Problem, refusal
+from bayestissue.errors import InputError, Problem
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -36,23 +36,16 @@ def read_text(path: Path, file: str) -> str:
     """
     try:
         if path.exists() and not (path.is_file() and path.stat().st_size < _LARGEST):
-            expected, kind = f"a file of settings below {_LARGEST / 1e6:g} MB", "a folder, a device or more"
-            raise refusal(file, expected, "Check the path.", value=kind, code="no-file")
+            kind = "a folder, a device or more"
+            raise InputError.stated("no-file.settings", file, value=kind, limit=_LARGEST / 1e6)
         return path.read_bytes().decode("utf-8-sig")
     except OSError as error:
-        problem = Problem(
-            file,
-            "a readable file",
-            "Check the path.",
-            value=error.strerror or "an unreadable file",
-            code="unreadable-file",
-        )
+        found = error.strerror or "an unreadable file"
+        problem = Problem.stated("unreadable-file.settings", file, value=found)
     except UnicodeDecodeError as error:
         row = error.object[: error.start].count(b"\n") + 1
         wrong = error.object[error.start : error.start + 1]
-        problem = Problem(
-            file, "text in UTF-8", "Save the file as UTF-8.", row=row, value=wrong, code="not-text"
-        )
+        problem = Problem.stated("not-text.settings", file, row=row, value=wrong)
     raise InputError(problem)
 
 
@@ -67,8 +60,7 @@ def parse_toml(text: str, file: str) -> dict[str, Any]:
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         line = re.search(r"at line (\d+)", str(error))
         row = int(line[1]) if line else None
-        remedy = "Mend the syntax; text stands in quotes, tables in [brackets]."
-        raise refusal(file, "valid TOML", remedy, row=row, value=str(error), code="not-toml") from None
+        raise InputError.stated("not-toml", file, row=row, value=str(error)) from None
 
 
 def row_of(text: str, key: Sequence[str]) -> int | None:
@@ -139,26 +131,18 @@ def _problem(detail: Any, schema: type[BaseModel], file: str, within: tuple[str,
     location = _existing(detail["loc"], schema)
     key = ".".join([*within, *(str(part) for part in location)])
     if detail["type"] == "extra_forbidden":
-        allowed = allowed_keys(schema, location[:-1])
-        return Problem(
-            file,
-            f"one of the keys {', '.join(allowed)}",
-            f"Rename or remove the key {key}.",
-            column=key,
-            value=detail["input"],
-            code="unknown-key",
-        )
+        allowed = ", ".join(allowed_keys(schema, location[:-1]))
+        return Problem.stated("unknown-key", file, None, key, detail["input"], allowed=allowed)
     if detail["type"] == "missing":
-        return Problem(file, "a value", f"Add the key {key}.", column=key, code="missing-key")
+        return Problem.stated("missing-key", file, column=key)
     if detail["type"] == "model_type":
-        keys = f"a table with some of {', '.join(allowed_keys(schema, location))}"
-        remedy = f"Give each value of the key {key} by its name."
-        return Problem(file, keys, remedy, column=key, value=detail["input"], code="key-value")
+        allowed = ", ".join(allowed_keys(schema, location))
+        return Problem.stated("key-value.table-of", file, None, key, detail["input"], allowed=allowed)
     message = detail["msg"].removeprefix("Input should be ").removeprefix("Value error, ")
-    remedy = f"Change the key {key}." if key else "Change one of them."
     shown = None if isinstance(detail["input"], Mapping) else detail["input"]
-    return Problem(
-        file, message[:1].lower() + message[1:], remedy, column=key or None, value=shown, code="key-value"
+    words = {"expected": message[:1].lower() + message[1:]}
+    return Problem.stated(
+        "key-value.key" if key else "key-value.keys", file, None, key or None, shown, **words
     )
 
 

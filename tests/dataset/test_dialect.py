@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bayestissue.dataset.cells import read_cells
 from bayestissue.dataset.dialect import DECIMALS, DELIMITERS, Dialect, Stated, text_table
-from bayestissue.dataset.impact_cells import read_cells
 from bayestissue.dataset.tables import Columns, read_numbers, read_table
 from bayestissue.errors import InputError
 

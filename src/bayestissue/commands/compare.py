@@ -130,13 +130,13 @@ def _abouts(runs: list[Path]) -> list[dict[str, Any]]:
     first, *others = abouts = all_of(read, runs)
     hashes = [f"{record['input_hash'][:16]}… (dataset “{record.get('dataset')}”)" for record in abouts]
     if problems := [
-        Problem(
+        Problem.stated(
+            "other-data",
             str(path / "run.json"),
-            f"{hashes[0]} as in {runs[0]}",
-            "Compare runs of the same recordings; fit the one dataset again with each model.",
             column="input_hash",
             value=hash_words,
-            code="other-data",
+            first=hashes[0],
+            run=runs[0],
         )
         for path, record, hash_words in zip(runs[1:], others, hashes[1:], strict=True)
         if record["input_hash"] != first["input_hash"]

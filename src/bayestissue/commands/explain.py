@@ -59,5 +59,5 @@ def _list(chosen: Sequence[Remedy]) -> Iterator[str]:
 
 def _unknown(code: str, known: Sequence[str]) -> Problem:
     near = difflib.get_close_matches(code, known, n=1)
-    remedy = f"{f'Is it {near[0]}? ' if near else ''}`bayestissue explain` lists them."
-    return Problem("explain", "the code of a warning or error", remedy, value=code, code="option-value")
+    hint = f"Is it {near[0]}? " if near else ""
+    return Problem.stated("option-value.code", "explain", value=code, hint=hint)

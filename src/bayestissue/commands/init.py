@@ -219,9 +219,8 @@ def _facts(
     for text in facts:
         name, equals, value = (part.strip() for part in text.partition("="))
         if not (name and equals and value) or name in facts_by_name:
-            expected = f"{form}, each name once"
-            remedy = f"Write, say, {option} {example}."
-            problems.append(Problem(option, expected, remedy, value=text, code="option-value"))
+            words: dict[str, Any] = {"form": form, "option": option, "example": example}
+            problems.append(Problem.stated("option-value.fact", option, value=text, **words))
         facts_by_name[name] = value
     if problems:
         raise InputError(problems)

@@ -7,24 +7,23 @@ import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from bayestissue.dataset.headers import column_problems
-from bayestissue.dataset.impact_cells import FILE as IMPACTS
-from bayestissue.dataset.impact_cells import cells_of
+from bayestissue.dataset.cells import FILE as IMPACTS
+from bayestissue.dataset.cells import cells_of, column_problems
 from bayestissue.dataset.impacts import impact_table, wanted
-from bayestissue.dataset.long_table import long_reading
 from bayestissue.dataset.model import Dataset, Quantity, Recorder, Trace, Uncertainty
 from bayestissue.dataset.read import checked_dataset
 from bayestissue.dataset.recordings import Reading
 from bayestissue.dataset.settings import FILE as SETTINGS
-from bayestissue.dataset.settings import Gravity, Settings, SignalSettings, Zero, parse_settings
-from bayestissue.dataset.tables import Labels, Numbers
-from bayestissue.errors import InputError, Problem, all_of, refusal
+from bayestissue.dataset.settings import Gravity, Settings, SignalSettings, Zero, parse_settings, stated_table
+from bayestissue.dataset.tables import Columns, Labels, Numbers
+from bayestissue.dataset.traces import long_reading
+from bayestissue.errors import InputError, Problem, all_of, along_with
 
 # What messages call the tables; the checks count rows as a spreadsheet does, a caller's from 0.
 _LONG, _SINGLE = "traces (rows from 0)", "traces (samples from 0)"
@@ -93,44 +92,37 @@ def dataset(
         InputError: everything that is wrong, each with its table, row (counted from 0), column and value,
             what was expected and how to mend it.
     """
-    free_text = {"name": name, "description": description, "licence": licence, "source": source}
-    signal = {
-        **{"quantity": quantity, "unit": unit, "time_unit": time_unit},
-        **{"time_column": time_column, "value_column": value_column},
-        **{"scale": _plain(scale), "offset": _plain(offset)},
-        **({} if gravity is None else {"gravity": _plain(gravity)}),
-        **{"zero": zero},
+    content: dict[str, Any] = {
+        **{"name": name, "description": description, "licence": licence, "source": source},
+        "signal": {
+            **{"quantity": quantity, "unit": unit, "time_unit": time_unit, "zero": zero},
+            **{"time_column": time_column, "value_column": value_column},
+            **{"scale": _plain(scale), "offset": _plain(offset)},
+            **({} if gravity is None else {"gravity": _plain(gravity)}),
+        },
     }
-    chain = asdict(uncertainty) if isinstance(uncertainty, Uncertainty) else uncertainty
-    low_pass = recorder.settings() if isinstance(recorder, Recorder) else recorder
-    tables: dict[str, Any] = {"signal": signal}
-    if chain is not None:
-        tables["uncertainty"] = _mapped(_plain, chain)
-    if low_pass is not None:
-        tables["recorder"] = _mapped(_python, low_pass)
+    if uncertainty is not None:
+        content["uncertainty"] = _mapped(_plain, stated_table(uncertainty))
+    if recorder is not None:
+        content["recorder"] = _mapped(_python, stated_table(recorder))
     with _in_the_callers_words():
-        settings = parse_settings({**free_text, **tables})
+        settings = parse_settings(content)
         needs_velocity = quantity != "displacement"
         names, body = _texts(impacts)
         numbers = range(_FIRST_ROW, len(body) + _FIRST_ROW)
         cells, rows = cells_of(names, body, numbers, wanted(needs_velocity=needs_velocity))
         table = impact_table(cells, rows, needs_velocity=needs_velocity)
-        try:
-            recorded = _samples(traces, cells["impact"].tolist(), settings.signal)
-        except InputError as error:
-            raise InputError([*table.problems, *error.problems]) from None
-        reading = long_reading(
-            recorded.label, recorded.times, recorded.readings, recorded.labels, recorded.rows,
-            cells["impact"].tolist(), settings.signal,
-        )  # fmt: skip
+        listed = cells["impact"].tolist()
+        with along_with(table.problems):
+            label, recorded, sample_rows = _columns(traces, listed, settings.signal)
+        reading = long_reading(label, recorded, sample_rows, listed, settings.signal)
         reading = replace(reading, problems=[*table.problems, *reading.problems])
         hashed = _hash(settings, cells, reading)
         checked = checked_dataset(settings, table, reading, skip_bad=skip_bad, folder=None, input_hash=hashed)
-    return replace(
-        checked,
-        warnings=tuple(map(_in_words, checked.warnings)),
-        left_out=tuple(map(_in_words, checked.left_out)),
+    warnings, left_out = (
+        tuple(map(_in_words, problems)) for problems in (checked.warnings, checked.left_out)
     )
+    return replace(checked, warnings=warnings, left_out=left_out)
 
 
 @contextmanager
@@ -174,8 +166,7 @@ def _texts(impacts: Any) -> tuple[list[str], list[list[str]]]:
     try:
         table = pd.DataFrame(impacts).drop(columns="trace", errors="ignore")
     except (TypeError, ValueError) as error:
-        remedy = "Pass a pandas table, columns of equal length by name, or one dictionary per impact."
-        raise refusal(IMPACTS, "a table of impacts", remedy, value=str(error), code="array-shape") from None
+        raise InputError.stated("array-shape.impacts", IMPACTS, value=str(error)) from None
     columns = [[_text(value) for value in table.iloc[:, column]] for column in range(table.shape[1])]
     body = [list(record) for record in zip(*columns, strict=True)]
     return [str(name).strip() for name in table.columns], body
@@ -192,53 +183,33 @@ def _text(value: Any) -> str:
     return str(value).strip()
 
 
-@dataclass(frozen=True, eq=False)
-class _Samples:
-    """All samples under one another, as `long_reading` takes them."""
-
-    label: str
-    times: Numbers
-    readings: Numbers
-    labels: Labels
-    rows: np.ndarray
-
-
-def _samples(traces: Any, impacts: list[str], signal: SignalSettings) -> _Samples:
+def _columns(traces: Any, impacts: list[str], signal: SignalSettings) -> tuple[str, Columns, np.ndarray]:
+    """What messages call the recordings, all samples under one another, and their rows."""
     columns = (signal.time_column, signal.value_column)
     if isinstance(traces, pd.DataFrame):
         if problems := column_problems(_LONG, [str(name) for name in traces], ["impact", *columns]):
             raise InputError(problems)
         codes, names = pd.factorize(traces["impact"], use_na_sentinel=False)
-        texts = [_text(name) for name in names]
-        distinct = tuple(dict.fromkeys(texts))
-        number = {text: index for index, text in enumerate(distinct)}
-        labels = Labels(np.array([number[text] for text in texts], int)[codes], distinct)
-        times, readings = (_numbers(traces[name], _LONG, name, None) for name in columns)
+        labels = Labels.distinct(codes, map(_text, names))
+        numbers = {name: _numbers(traces[name], _LONG, name, None) for name in columns}
         if not len(codes):
-            raise refusal(_LONG, "one row per sample", "Add the samples.", value="no rows", code="no-rows")
-        return _Samples(_LONG, times, readings, labels, np.arange(len(codes)) + _FIRST_ROW)
+            raise InputError.stated("no-rows.samples", _LONG, value="no rows")
+        return _LONG, Columns(numbers, {"impact": labels}), np.arange(len(codes)) + _FIRST_ROW
     if isinstance(traces, Mapping):
         named = [(_text(name), trace) for name, trace in traces.items()]
     elif isinstance(traces, Sequence) and not isinstance(traces, str) and len(traces) == len(impacts):
         named = list(zip(impacts, traces, strict=True))
     else:
         kind = f"{len(traces)} recordings" if isinstance(traces, Sequence) else type(traces).__name__
-        remedy = "Pass a long table, recordings by impact, or one for each impact in their order."
-        raise refusal(
-            _SINGLE, f"recordings of {len(impacts)} impacts", remedy, value=kind, code="array-shape"
-        )
-    return _joined(named, columns)
-
-
-def _joined(named: list[tuple[str, Any]], columns: tuple[str, str]) -> _Samples:
+        raise InputError.stated("array-shape.recordings", _SINGLE, value=kind, count=len(impacts))
     pairs = all_of(lambda item: _pair(item[1], item[0], columns), named)
     count = [len(times.array) for _, times, _ in pairs]
     labels = Labels(np.repeat(np.arange(len(named)), count), tuple(name for name, _ in named))
     row_ranges = (first + np.arange(number) for (first, *_), number in zip(pairs, count, strict=True))
     rows = np.concatenate([np.empty(0, int), *row_ranges]) + _FIRST_ROW
-    times = _end_to_end([times for _, times, _ in pairs])
-    readings = _end_to_end([readings for *_, readings in pairs])
-    return _Samples(_SINGLE, times, readings, labels, rows)
+    parts = zip(columns, ([times for _, times, _ in pairs], [values for *_, values in pairs]), strict=True)
+    numbers = {name: Numbers.joined(part) for name, part in parts}
+    return _SINGLE, Columns(numbers, {"impact": labels}), rows
 
 
 def _pair(trace: Any, impact: str, columns: tuple[str, str]) -> tuple[int, Numbers, Numbers]:
@@ -253,23 +224,15 @@ def _pair(trace: Any, impact: str, columns: tuple[str, str]) -> tuple[int, Numbe
         # As `numpy.loadtxt` has it, with or without ``unpack``: which axis is the samples' is no question.
         trace = tuple(trace if trace.shape[0] == 2 else trace.T)
     if not isinstance(trace, tuple | list) or len(trace) != len(columns):
-        remedy = f"Pass (time, value), or a table with {columns[0]} and {columns[1]}."
-        shape = f" of shape {trace.shape}" if isinstance(trace, np.ndarray) else ""
-        kind = f"{type(trace).__name__}{shape}"
-        problem = Problem(_SINGLE, "a pair of arrays", remedy, value=kind, impact=impact, code="array-shape")
-        raise InputError(problem)
+        kind = type(trace).__name__ + (f" of shape {trace.shape}" if isinstance(trace, np.ndarray) else "")
+        names = {"times": columns[0], "values": columns[1]}
+        raise InputError.stated("array-shape.pair", _SINGLE, value=kind, impact=impact, **names)
     times, readings = (
         _numbers(part, _SINGLE, name, impact) for part, name in zip(trace, columns, strict=True)
     )
     if len(times.array) != len(readings.array):
-        raise refusal(
-            _SINGLE,
-            "as many times as values",
-            "Pass the two arrays of one recording.",
-            value=f"{len(times.array)} times and {len(readings.array)} values",
-            impact=impact,
-            code="array-shape",
-        )
+        counts = f"{len(times.array)} times and {len(readings.array)} values"
+        raise InputError.stated("array-shape.lengths", _SINGLE, value=counts, impact=impact)
     hidden = np.zeros(len(times.array), bool)
     for part in trace:
         hidden |= np.ma.getmaskarray(part) if isinstance(part, np.ma.MaskedArray) else False
@@ -295,19 +258,7 @@ def _numbers(values: Any, label: str, column: str, impact: str | None) -> Number
             bad = np.flatnonzero(np.isnan(array) & series.notna().to_numpy())
             return Numbers(array, {int(index): str(series.iloc[index]) for index in bad})
     shape = f"an array of shape {np.shape(values)} of {getattr(values, 'dtype', type(values).__name__)}"
-    expected = "one number for each sample, times counted in time_unit"
-    remedy = "Pass a one-dimensional array of numbers."
-    raise refusal(label, expected, remedy, column=column, value=shape, impact=impact, code="array-shape")
-
-
-def _end_to_end(parts: list[Numbers]) -> Numbers:
-    begin = np.concatenate([[0], np.cumsum([len(part.array) for part in parts])]).astype(int)
-    text = {
-        int(first) + index: words
-        for first, part in zip(begin, parts, strict=False)
-        for index, words in part.text.items()
-    }
-    return Numbers(np.concatenate([np.empty(0), *(part.array for part in parts)]), text)
+    raise InputError.stated("array-shape.numbers", label, column=column, value=shape, impact=impact)
 
 
 def _unstated(signal: SignalSettings, name: str) -> bool:

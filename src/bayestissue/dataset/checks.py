@@ -1,58 +1,39 @@
-"""What can be wrong with recordings: found on all samples of all impacts at once."""
+"""What can be wrong with recordings, found on all samples of all impacts at once.
+
+Samples and clocks first; then whether a recording can be that of an impact on tissue, by its sign, size,
+length and greatest value, as `bayestissue.dataset.motion` has them; and recordings that stand twice.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from bayestissue.dataset.motion import motion
-from bayestissue.dataset.plausible import MIN_SAMPLES, clock_problems, movement_problems, movement_warnings
-from bayestissue.dataset.recordings import Recordings
+from bayestissue.dataset.motion import Motion, flat_top, motion
+from bayestissue.dataset.recordings import MIN_SAMPLES, Recordings
 from bayestissue.dataset.settings import FILE
-from bayestissue.dataset.twice import same_recordings
 from bayestissue.errors import Problem
 
 # With half of a quantity as its standard deviation, none of it at all lies within two of them.
 _MOST = 0.5
-
-
-def stated_problems(recordings: Recordings) -> Iterator[Problem]:
-    """Standard deviations that leave nothing known: of the velocity at contact, and of the recorder's zero.
-
-    Args:
-        recordings: with nothing wrong so far.
-    """
-    stated = recordings.uncertainty
-    if not recordings.name.size:
-        return
-    velocity = recordings.velocity[np.isfinite(recordings.velocity)]
-    if velocity.size and stated.velocity_sd_m_s >= _MOST * np.median(velocity):
-        yield Problem(
-            FILE,
-            f"less than half of the velocity at contact (median {np.median(velocity):.4g} m/s)",
-            "Write it in m/s: 5 mm/s is 0.005, and 1 % of 1.5 m/s is 0.015.",
-            column="uncertainty.velocity_sd_m_s",
-            value=stated.velocity_sd_m_s,
-            code="stated-error-too-large",
-        )
-    moving = motion(recordings.samples, recordings.quantity)
-    reach = float(np.median(np.maximum(np.abs(moving.high), np.abs(moving.low))))
-    unit = "m" if recordings.quantity == "displacement" else "m/s^2"
-    if stated.offset_sd >= _MOST * reach:
-        yield Problem(
-            FILE,
-            f"less than half of the greatest {recordings.quantity} (median {reach:.4g} {unit})",
-            f"Write it in {unit}, whatever signal.unit is.",
-            column="uncertainty.offset_sd",
-            value=stated.offset_sd,
-            code="stated-error-too-large",
-        )
-
-
-EVEN_WITHIN = 0.1
-RATE_WITHIN = 0.01
+_EVEN_WITHIN = 0.1
+_RATE_WITHIN = 0.01
+_FLAT_SAMPLES = 4
+_FALL_WITHIN = 0.05
+# The answer of a low-pass of the second order to the shortest blow of all rises for 0.17 over its corner.
+_SLOWEST = 0.15
+# Of the greatest value: a recording that ends below it shows the whole force.
+_FORCE_IS_GONE = 0.1
+# An impact on tissue lasts some hundredths of a second: longer steps hold no eight samples of it.
+_LONGEST_STEP_S = 0.02
+_SHORTEST_S = 1e-4
+_DEEPEST_M = 1.0
+# Mean speed from a twentieth of the greatest displacement to the greatest, over that at contact.
+_MEAN_SPEED = (0.03, 3.0)
+_FALLS = "a speed that falls by {:.4g} m/s"
 
 
 @dataclass(frozen=True)
@@ -67,113 +48,188 @@ def check_recordings(recordings: Recordings) -> Findings:
     """Check every recording.
 
     Errors: samples that are no numbers; fewer than 8 of them; time that stands still, runs back, or strays
-    from even spacing by more than a tenth of a step; a stated sampling rate more than 1 % off; and what
-    `clock_problems` and `movement_problems` find. An impact with an error of one of these kinds is not looked
-    at for the next: it would only raise a false alarm.
+    from even spacing by more than a tenth of a step; a stated sampling rate more than 1 % off; steps too long
+    or recordings too short for an impact, as a wrong unit of time makes them; and what `_movement_problems`
+    finds. An impact with an error of one of these kinds is not looked at for the next: it would only raise a
+    false alarm.
     """
     problems: list[Problem] = []
     with np.errstate(all="ignore"):
-        for look in (_numbers, _times):
+        for look in (_sample_problems, _clock_problems):
             problems += look(recordings)
             recordings = recordings.without(problems)
-        if not recordings.name.size:
-            return Findings(problems, [])
+            if not recordings.name.size:
+                return Findings(problems, [])
         moving = motion(recordings.samples, recordings.quantity, recordings.gravity)
-        problems += movement_problems(recordings, moving)
-        return Findings(problems, [*same_recordings(recordings), *movement_warnings(recordings, moving)])
+        problems += _movement_problems(recordings, moving)
+        return Findings(problems, [*_same_recordings(recordings), *_movement_warnings(recordings, moving)])
 
 
-def _numbers(recordings: Recordings) -> list[Problem]:
-    return [*_not_numbers(recordings), *_too_few_samples(recordings)]
-
-
-def _times(recordings: Recordings) -> list[Problem]:
-    if not recordings.name.size:
-        return []
-    return [*_time(recordings), *_rate(recordings), *clock_problems(recordings)]
-
-
-def _not_numbers(recordings: Recordings) -> Iterator[Problem]:
+def _sample_problems(recordings: Recordings) -> Iterator[Problem]:
     samples = recordings.samples
     columns = ((samples.time_column, samples.time), (samples.value_column, samples.value))
     for column, values in columns:
         bad = np.flatnonzero(~np.isfinite(values))
-        if not bad.size:
-            continue
         owners, first, count = np.unique(samples.owner[bad], return_index=True, return_counts=True)
         for which, at, times in zip(owners, bad[first], count, strict=True):
             cell = samples.text.get(int(at), str(values[at])) or "an empty cell"
             more = f" {times - 1} more samples of this impact are like this." if times > 1 else ""
-            yield recordings.problem(
-                which,
-                "a finite number",
-                f"Correct the cell.{more}",
-                value=cell,
-                at=at,
-                column=column,
-                code="not-a-number",
-            )
+            yield recordings.problem("not-a-number.cell", which, cell, at=at, column=column, more=more)
+    few = samples.count < MIN_SAMPLES
+    yield from recordings.where(few, "too-few-samples", "{} samples", samples.count, least=MIN_SAMPLES)
 
 
-def _too_few_samples(recordings: Recordings) -> Iterator[Problem]:
-    samples = recordings.samples
-    for which in np.flatnonzero(samples.count < MIN_SAMPLES):
-        yield recordings.problem(
-            which,
-            f"at least {MIN_SAMPLES} samples",
-            "Export the whole recording, or take the impact out.",
-            value=f"{samples.count[which]} samples",
-            code="too-few-samples",
-        )
-
-
-def _time(recordings: Recordings) -> Iterator[Problem]:
-    samples = recordings.samples
-    begin, end = samples.start[:-1], samples.start[1:]
-    step = np.append(np.diff(samples.time), np.inf)
+def _clock_problems(recordings: Recordings) -> Iterator[Problem]:
+    samples, stated, column = recordings.samples, recordings.rate, recordings.samples.time_column
+    begin, end, time = samples.begin, samples.end, samples.time
+    step = np.append(np.diff(time), np.inf)
     # The step from one recording's last sample to the next one's first means nothing.
     step[end - 1] = np.inf
     back = np.flatnonzero(np.minimum.reduceat(step, begin) <= 0)
     for which in back:
         at = begin[which] + np.argmax(step[begin[which] : end[which]] <= 0)
-        yield recordings.problem(
-            which,
-            f"a later time than the sample before it ({samples.time[at]:.9g} s)",
-            "Put the samples in order and remove repeated ones.",
-            value=f"{samples.time[at + 1]:.9g} s",
-            at=at + 1,
-            column=samples.time_column,
-            code="times-disorder",
-        )
-    mean = (samples.time[end - 1] - samples.time[begin]) / (samples.count - 1)
-    owner = samples.owner
-    even = samples.time[begin][owner] + mean[owner] * (np.arange(samples.time.size) - begin[owner])
-    stray = np.maximum.reduceat(np.abs(samples.time - even), begin)
-    for which in np.setdiff1d(np.flatnonzero(~(stray <= EVEN_WITHIN * mean)), back):
+        later = f"{time[at + 1]:.9g} s"
+        yield recordings.problem("times-disorder", which, later, at=at + 1, column=column, time=time[at])
+    mean, owner = samples.interval, samples.owner
+    even = time[begin][owner] + mean[owner] * (np.arange(time.size) - begin[owner])
+    stray = np.maximum.reduceat(np.abs(time - even), begin)
+    for which in np.setdiff1d(np.flatnonzero(~(stray <= _EVEN_WITHIN * mean)), back):
         steps = step[begin[which] : end[which] - 1]
         at = int(np.argmax(np.abs(steps - np.median(steps))))
-        yield recordings.problem(
-            which,
-            f"evenly spaced times, each within {EVEN_WITHIN:.0%} of a step",
-            "Restore the lost samples or resample the recording evenly.",
-            value=f"a step of {steps[at]:.6g} s where most are {np.median(steps):.6g} s",
-            at=begin[which] + at + 1,
-            column=samples.time_column,
-            code="uneven-times",
-        )
+        words = f"a step of {steps[at]:.6g} s where most are {np.median(steps):.6g} s"
+        at += begin[which] + 1
+        yield recordings.problem("uneven-times", which, words, at=at, column=column, within=_EVEN_WITHIN)
+    rate = (samples.count - 1) / samples.duration
+    off = (np.abs(rate / stated - 1) > _RATE_WITHIN) & np.isfinite(stated)
+    limits = {"stated": stated, "within": _RATE_WITHIN}
+    yield from recordings.where(off, "sampling-rate", "{:g} Hz", rate, column=column, **limits)
+    slow, short = mean > _LONGEST_STEP_S, (samples.duration > 0) & (samples.duration < _SHORTEST_S)
+    limits = {"longest": _LONGEST_STEP_S, "shortest": _SHORTEST_S}
+    yield from recordings.where(slow, "unit.slow-clock", "one every {:.4g} s", mean, column=column, **limits)
+    lasts = samples.duration
+    yield from recordings.where(short, "unit.short-clock", "one of {:.4g} s", lasts, column=column, **limits)
 
 
-def _rate(recordings: Recordings) -> Iterator[Problem]:
-    samples, stated = recordings.samples, recordings.rate
-    begin, end = samples.start[:-1], samples.start[1:]
-    rate = (samples.count - 1) / (samples.time[end - 1] - samples.time[begin])
-    off = np.abs(rate / stated - 1) > RATE_WITHIN
-    for which in np.flatnonzero(off & np.isfinite(stated)):
-        yield recordings.problem(
-            which,
-            f"the sampling rate that impacts.csv states, {stated[which]:g} Hz, within {RATE_WITHIN:.0%}",
-            "Correct signal.time_unit, the times, or sampling_rate_hz.",
-            value=f"{rate[which]:g} Hz",
-            column=samples.time_column,
-            code="sampling-rate",
-        )
+def _movement_problems(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
+    """Recordings that can't be right.
+
+    A channel that never changes; fewer than 8 samples above a tenth of the greatest deceleration; four or
+    more samples at one extreme value and hardly any just below it (a recorder's limit). For decelerations
+    also: an impactor that gains speed (the sign is wrong), one that loses more than three times the speed it
+    came with (a unit is wrong), and a recording that ends before it has lost that speed, 5 %, one sample and
+    three standard deviations of gain, velocity and offset allowed for. Once for all impacts, a declared
+    low-pass that is far too slow for the median of them, or a digital one that their samples can't have. For
+    displacements: one that goes down where it should go into the tissue, deeper than a metre, or at
+    quite another speed than that at contact.
+    """
+    dead, narrow = moving.high == moving.low, (moving.pulse < MIN_SAMPLES) & (moving.high > moving.low)
+    yield from recordings.where(dead, "constant-signal", "{:g} in every sample", moving.high)
+    yield from recordings.where(narrow, "narrow-peak", "{} samples", moving.pulse, least=MIN_SAMPLES)
+    for which, at, count, top in flat_top(recordings.samples, moving, recordings.quantity, _FLAT_SAMPLES):
+        yield recordings.problem("clipped", which, f"{count} samples at {top:g}", at=at)
+    yield from _impossible_low_pass(recordings, moving)
+    yield from (_depths if recordings.quantity == "displacement" else _speeds)(recordings, moving)
+
+
+def _movement_warnings(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
+    """Recordings that look odd.
+
+    A displacement that still grows when the recording ends; an impactor that loses more than 2.5 times the
+    speed it came with.
+    """
+    velocity = recordings.velocity
+    if recordings.quantity == "displacement":
+        sinking = (moving.extreme > 0) & (moving.peak >= recordings.samples.end - 2)
+        words = "the greatest displacement at the end"
+        yield from recordings.where(sinking, "ends-early.displacement", words, moving.extreme)
+        return
+    fast = (moving.loss > 2.5 * velocity) & (moving.pulse_loss <= 3 * velocity)
+    yield from recordings.where(fast, "velocity-off.much", _FALLS, moving.loss, velocity=velocity)
+
+
+def _impossible_low_pass(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
+    rise, recorder = moving.rise[moving.rise > 0], recordings.recorder
+    if recorder is None or not rise.size:
+        return
+    corner, typical = recorder.low_pass_hz, float(np.median(rise))
+    half_rate = float(((recordings.samples.count - 1) / recordings.samples.duration).min()) / 2
+    if recorder.digital and corner >= half_rate:
+        column = "recorder.sae_class" if recorder.sae_class else "recorder.low_pass_hz"
+        value = f"{corner:g} Hz"
+        yield Problem.stated("impossible-low-pass.digital", FILE, None, column, value, half_rate=half_rate)
+    elif corner * typical < _SLOWEST:
+        yield Problem.stated(
+            "impossible-low-pass.slow", FILE, column="recorder.low_pass_hz", value=f"{corner:g} Hz",
+            rise_ms=1e3 * typical, typical=1 / typical, least=_SLOWEST / typical,
+        )  # fmt: skip
+
+
+def _depths(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
+    samples, velocity, depth = recordings.samples, recordings.velocity, moving.extreme
+    yield from recordings.where(depth < 0, "sign.displacement", "{:g} m from the first sample", depth)
+    yield from recordings.where(depth > _DEEPEST_M, "unit.depth", "{:.4g} m", depth, deepest=_DEEPEST_M)
+    speed = np.full(depth.size, np.nan)
+    for which in np.flatnonzero((depth > 0) & (depth <= _DEEPEST_M) & (velocity > 0)):
+        until_peak = slice(samples.begin[which], moving.peak[which] + 1)
+        displaced = samples.value[until_peak] - samples.value[until_peak.start]
+        shallow = int(np.flatnonzero(displaced <= _FALL_WITHIN * displaced[-1])[-1])
+        lasts = samples.time[moving.peak[which]] - samples.time[until_peak][shallow]
+        speed[which] = (displaced[-1] - displaced[shallow]) / lasts
+    low, high = _MEAN_SPEED
+    off = ~np.isnan(speed) & ~((low < speed / velocity) & (speed / velocity < high))
+    words = "{:.4g} m/s on average"
+    yield from recordings.where(off, "velocity-off.displacement", words, speed, velocity=velocity)
+
+
+def _speeds(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
+    velocity, uncertainty = recordings.velocity, recordings.uncertainty
+    known = np.isfinite(velocity) & (moving.high > moving.low)
+    allowed = _FALL_WITHIN + 3 * (uncertainty.relative_gain_sd + uncertainty.velocity_sd_m_s / velocity)
+    # Contact may precede the first sample by an interval, and its jump may be as high as the peak.
+    allowed += (moving.step_loss + 3 * uncertainty.offset_sd * moving.duration) / velocity
+    faster = known & (moving.gain > 0.5 * velocity) & (moving.gain > moving.loss)
+    short = known & ~faster & (moving.loss < velocity * (1 - np.minimum(allowed, 0.9)))
+    absurd = known & ~faster & ~(moving.pulse_loss <= 3 * velocity)
+    # A recording that goes on until the force is gone has not ended early.
+    last = np.abs(recordings.samples.value[recordings.samples.end - 1])
+    gone = last < _FORCE_IS_GONE * np.maximum(np.abs(moving.high), np.abs(moving.low))
+    loss = moving.loss
+    yield from recordings.where(faster, "sign.speed", "a speed that grows by {:.4g} m/s", moving.gain)
+    yield from recordings.where(short & gone, "velocity-off.too-little", _FALLS, loss, velocity=velocity)
+    yield from recordings.where(short & ~gone, "ends-early.speed", _FALLS, loss, velocity=velocity)
+    yield from recordings.where(absurd, "velocity-off.too-much", _FALLS, moving.pulse_loss, velocity=velocity)
+
+
+def _same_recordings(recordings: Recordings) -> Iterator[Problem]:
+    """Recordings whose samples are, to the last digit, those of an earlier impact.
+
+    Noise never repeats itself: such a recording was exported or copied twice. As two impacts it makes K and
+    C of that person seem known better than they are, and wrong where the stated mass or velocity differs.
+    """
+    samples, first = recordings.samples, dict[bytes, int]()
+    for which, (begin, end) in enumerate(zip(samples.begin, samples.end, strict=True)):
+        earlier = first.setdefault(samples.value[begin:end].tobytes(), which)
+        if earlier != which:
+            words = f"the same samples as impact {recordings.name[earlier]}"
+            yield recordings.problem("recording-twice", which, words)
+
+
+def stated_problems(recordings: Recordings) -> Iterator[Problem]:
+    """Standard deviations that leave nothing known: of the velocity at contact, and of the recorder's zero.
+
+    Args:
+        recordings: with nothing wrong so far.
+    """
+    sds, velocity = recordings.uncertainty, recordings.velocity[np.isfinite(recordings.velocity)]
+    if not recordings.name.size:
+        return
+    moving, displaced = motion(recordings.samples, recordings.quantity), recordings.quantity == "displacement"
+    reach = np.median(np.maximum(np.abs(moving.high), np.abs(moving.low)))
+    words: dict[str, Any] = {"quantity": recordings.quantity, "unit": "m" if displaced else "m/s^2"}
+    for key, name, median in (
+        ("velocity", "velocity_sd_m_s", np.median(velocity) if velocity.size else np.inf),
+        ("offset", "offset_sd", reach),
+    ):
+        key, column, sd = f"stated-error-too-large.{key}", f"uncertainty.{name}", getattr(sds, name)
+        if sd >= _MOST * median:
+            yield Problem.stated(key, FILE, None, column, sd, median=median, **words)

@@ -18,7 +18,7 @@ from typing import Literal
 
 from bayestissue.dataset.files import as_utf8, first_line, is_workbook, sheet_text
 from bayestissue.dataset.units import Dimension, to_si
-from bayestissue.errors import refusal
+from bayestissue.errors import InputError
 
 Encoding = Literal["utf-8", "utf-16", "cp1252"]
 Delimiter = Literal["comma", "semicolon", "tab", "pipe", "space"]
@@ -214,9 +214,8 @@ class _Lines:
         row = getattr(stated, key)
         record = next((candidate for candidate in self.records if candidate.row == row), None)
         if row and record is None:
-            expected = f"a row that is not empty, among the first {len(self.records)} such rows"
-            remedy = f"Correct {key}, or leave it out."
-            raise refusal(label, expected, remedy, column=key, value=row, code="cells-in-a-row")
+            count = len(self.records)
+            raise InputError.stated("cells-in-a-row.stated-row", label, None, key, row, count=count)
         return record
 
     def first_row(self, above: _Record | None, *, named: bool) -> int:

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from bayestissue.errors import InputError, refusal
+from bayestissue.errors import InputError
 
 LIMIT = "BAYESTISSUE_LARGEST_FILE_MB"
 _LARGEST_MB = 1000.0
@@ -38,9 +38,7 @@ def largest() -> float:
     except ValueError:
         megabytes = float("nan")
     if not megabytes > 0:
-        raise refusal(
-            LIMIT, "a number of megabytes above 0", "Correct or unset it.", value=said, code="file-too-large"
-        )
+        raise InputError.stated("file-too-large.limit", LIMIT, value=said)
     return megabytes * 1e6
 
 
@@ -57,12 +55,12 @@ def require_small(size: float, label: str, *, share: float = 1.0, known: bool = 
         InputError: it is larger.
     """
     if size > (limit := share * largest()):
-        raise refusal(
+        raise InputError.stated(
+            "file-too-large.unpacked",
             label,
-            f"at most {limit / 1e6:.6g} MB once unpacked",
-            f"If the file is what it should be, set the environment variable {LIMIT} to more.",
             value=f"{'' if known else 'more than '}{size / 1e6:.4g} MB",
-            code="file-too-large",
+            limit=limit / 1e6,
+            variable=LIMIT,
         )
 
 
@@ -82,33 +80,19 @@ def read_bytes(path: Path, label: str, remedy: str, *, share: float = 1.0) -> by
         status = path.stat()
         if not stat.S_ISREG(status.st_mode):
             kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a device, a pipe or the like"
-            raise refusal(label, "a readable, regular file", remedy, value=kind, code="unreadable-file")
+            raise InputError.stated("unreadable-file.kind", label, value=kind, remedy=remedy)
         require_small(status.st_size, label, share=share)
         data = _unpacked(path, label) if path.suffix == ".gz" and status.st_size else path.read_bytes()
     except InputError:
         raise
     except FileNotFoundError:
-        raise refusal(label, "a file", remedy, value="no such file", code="no-file") from None
+        raise InputError.stated("no-file.recording", label, value="no such file", remedy=remedy) from None
     except (gzip.BadGzipFile, EOFError, zlib.error) as error:
-        raise refusal(
-            label,
-            "a whole gzip file",
-            "Pack the file anew or copy it again.",
-            value=str(error),
-            code="damaged-file",
-        ) from None
+        raise InputError.stated("damaged-file.gzip", label, value=str(error)) from None
     except (OSError, ValueError) as error:
-        raise refusal(
-            label,
-            "a readable file",
-            "Check its name and permissions.",
-            value=str(error),
-            code="unreadable-file",
-        ) from None
+        raise InputError.stated("unreadable-file.permissions", label, value=str(error)) from None
     if not data or data.isspace():
-        raise refusal(
-            label, "a header and data", "Export the file anew.", value="an empty file", code="no-rows"
-        )
+        raise InputError.stated("no-rows.file", label, value="an empty file")
     return data
 
 
@@ -143,6 +127,11 @@ def unpacked_size(packed: bytes, label: str, *, before: int = 0) -> int:
     return size
 
 
+def error_line(error: BaseException) -> str:
+    """What a library says of a damaged file, in one line."""
+    return (str(error).splitlines() or [""])[0] or type(error).__name__
+
+
 def first_line(data: bytes, label: str) -> bytes:
     """The first line of a text file, without its end and without a byte order mark.
 
@@ -152,13 +141,12 @@ def first_line(data: bytes, label: str) -> bytes:
     start = data[:_LONGEST_LINE].removeprefix(_UTF8_MARK)
     line = start.split(b"\n", 1)[0].split(b"\r", 1)[0]
     if len(line) == len(start) < len(data) - 3:
-        raise refusal(
+        raise InputError.stated(
+            "not-text.first-line",
             label,
-            f"a first line of column names, at most {_LONGEST_LINE} characters long",
-            "Export the file anew, as text with line ends.",
             row=1,
             value=line[:60].decode("utf-8", "replace"),
-            code="not-text",
+            longest=_LONGEST_LINE,
         )
     return line
 
@@ -224,14 +212,7 @@ def _require(data: bytes, label: str, encoding: str) -> bytes:
         if "\0" not in text:
             return data if encoding == "utf-8" else text.encode()
         slip, row = "a byte that is 0", text.count("\n", 0, text.index("\0")) + 1
-    raise refusal(
-        label,
-        "text encoded as UTF-8, UTF-16 or cp1252",
-        'Save the file as "CSV UTF-8", or export it anew.',
-        row=row,
-        value=slip,
-        code="not-text",
-    ) from None
+    raise InputError.stated("not-text.encoding", label, row=row, value=slip) from None
 
 
 _ZIP = b"PK\x03\x04"
@@ -267,10 +248,8 @@ def sheet_text(data: bytes, label: str) -> tuple[str, bytes]:
         # A damaged file can fail anywhere in the decoder, which is another language's and may panic.
         if isinstance(error, KeyboardInterrupt | SystemExit | MemoryError):
             raise
-        message = (str(error).splitlines() or [type(error).__name__])[0]
-        remedy = "Save the workbook anew, without a password."
-        raise refusal(label, "a whole Excel workbook", remedy, value=message, code="damaged-file") from error
-    raise refusal(label, "a sheet with cells", "Export the file anew.", value="empty sheets", code="no-rows")
+        raise InputError.stated("damaged-file.workbook", label, value=error_line(error)) from error
+    raise InputError.stated("no-rows.sheets", label, value="empty sheets")
 
 
 def _csv(rows: Sequence[Sequence[object]]) -> bytes:

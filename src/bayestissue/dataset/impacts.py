@@ -3,56 +3,63 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
-from collections.abc import Iterator
-from dataclasses import dataclass
+import unicodedata
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from bayestissue.dataset.crop import COLUMNS as CROP
-from bayestissue.dataset.impact_cells import FILE, control_characters, read_cells
-from bayestissue.dataset.twice import alike_names
-from bayestissue.errors import Problem
+from bayestissue.dataset.cells import FILE, read_cells
+from bayestissue.dataset.recordings import CROP
+from bayestissue.errors import Problem, has_control_characters
 
 RESERVED = ("impact", "subject", "trial", "mass_kg", "velocity_m_s", "trace", "sampling_rate_hz", *CROP)
-_TEXT = ("impact", "subject", "trial")
-_POSITIVE = {
-    "mass_kg": "the impactor's mass in kg",
-    "velocity_m_s": "the velocity at contact in m/s",
-    "sampling_rate_hz": "the sampling rate in Hz",
-    "energy_J": "the energy in J",
-    "diameter_m": "the impactor's diameter in m",
+_GROUPS = ("subject", "trial")
+
+
+class _Measured(NamedTuple):
+    """A column of numbers above 0: what it is, and its limits, outside which no impact on tissue lies.
+
+    No slip of a unit by a thousand lies far inside them.
+    """
+
+    meaning: str
+    low: float
+    high: float
+    unit: str
+    optional: bool = True
+
+
+_MEASURED = {
+    "mass_kg": _Measured("the impactor's mass in kg", 1e-5, 1e4, "kg", optional=False),
+    "velocity_m_s": _Measured("the velocity at contact in m/s", 1e-4, 1e3, "m/s", optional=False),
+    "sampling_rate_hz": _Measured("the sampling rate in Hz", 1.0, 1e9, "Hz"),
+    "energy_J": _Measured("the energy in J", 1e-9, 1e7, "J"),
+    "diameter_m": _Measured("the impactor's diameter in m", 1e-5, 10.0, "m"),
 }
 # What each column is, for the manual; any other is a covariate.
 COLUMNS = {
     "impact": "the impact's name, each once",
     "subject": "who was hit",
     "trial": "the condition; impacts at one mass and velocity share its name. It may be left out",
-    "mass_kg": _POSITIVE["mass_kg"],
-    "velocity_m_s": f"{_POSITIVE['velocity_m_s']}; of recorded displacements it may be left out",
+    "mass_kg": _MEASURED["mass_kg"].meaning,
+    "velocity_m_s": f"{_MEASURED['velocity_m_s'].meaning}; of recorded displacements it may be left out",
     "trace": "the impact's file, relative to the folder and inside it; left out, one table has all samples",
     CROP[0]: "where the impact's stretch of the recording begins, in s on the recorder's clock, instead of "
     "signal.crop; several impacts may be stretches of one file that do not overlap",
     CROP[1]: "where the stretch ends",
-    "sampling_rate_hz": f"{_POSITIVE['sampling_rate_hz']}, where there are no times; it must agree with the "
-    "times within 1 % if there are any",
-    "energy_J": f"{_POSITIVE['energy_J']}, M V²/2",
-    "diameter_m": f"{_POSITIVE['diameter_m']}, for the element hunt_crossley",
-}
-# No impact on tissue lies outside, and no slip of a unit by a thousand lies far inside.
-_POSSIBLE = {
-    "mass_kg": (1e-5, 1e4, "kg"),
-    "velocity_m_s": (1e-4, 1e3, "m/s"),
-    "sampling_rate_hz": (1.0, 1e9, "Hz"),
-    "energy_J": (1e-9, 1e7, "J"),
-    "diameter_m": (1e-5, 10.0, "m"),
+    "sampling_rate_hz": f"{_MEASURED['sampling_rate_hz'].meaning}, where there are no times; it must agree "
+    "with the times within 1 % if there are any",
+    "energy_J": f"{_MEASURED['energy_J'].meaning}, M V²/2",
+    "diameter_m": f"{_MEASURED['diameter_m'].meaning}, for the element hunt_crossley",
 }
 # A model squares what it is given.
 _LARGEST_COVARIATE = 1e30
-_MAY_BE_EMPTY = ("sampling_rate_hz", "energy_J", "diameter_m")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_WHOLE_NUMBER = re.compile(r"(?<![\d.])(\d+)\.0+(?![\d.])")
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,29 +103,97 @@ def impact_table(cells: pd.DataFrame, rows: np.ndarray, *, needs_velocity: bool)
     """The table of impacts from cells of `read_cells`; without ``trial`` masses and velocities name it."""
     if "trial" not in cells:
         cells = cells.assign(trial=_conditions(cells))
-    problems = [*_name_problems(cells, rows), *control_characters(cells, rows)]
+    columns = {
+        name: _Column(name, cells[name].tolist(), rows, cells["impact"].tolist()) for name in map(str, cells)
+    }
+    problems: list[Problem] = []
+    for column in (columns[name] for name in ("impact", *_GROUPS)):
+        problems += column.wrong(column.empty, "empty-cell")
+    problems += _impacts_twice(columns["impact"])
+    for column in columns.values():
+        problems += column.wrong(column.unprintable, "control-characters")
     warnings: list[Problem] = []
-    columns: dict[str, object] = {}
-    for name in cells.columns:
-        texts = cells[name].tolist()
-        if name in _POSITIVE:
-            optional = name in _MAY_BE_EMPTY or (name == "velocity_m_s" and not needs_velocity)
-            columns[name], wrong = _positive(name, texts, rows, cells["impact"], optional=optional)
+    content: dict[str, object] = {}
+    for name, column in columns.items():
+        content[name] = column.texts
+        if name in _MEASURED:
+            optional = _MEASURED[name].optional or (name == "velocity_m_s" and not needs_velocity)
+            content[name], wrong = column.measured(optional=optional)
             problems += wrong
         elif name in CROP:
-            columns[name], wrong = _times(name, texts, rows, cells["impact"])
-            problems += wrong
-        elif name in RESERVED:
-            columns[name] = texts
-        else:
-            columns[name], odd = _covariate(name, texts, rows, cells["impact"])
+            content[name] = column.numbers
+            problems += column.wrong(~np.isfinite(column.numbers) & ~column.empty, "crop.time")
+        elif name not in RESERVED:
+            content[name], odd = column.covariate()
             warnings += odd
-            problems += _too_large(name, texts, rows, cells["impact"])
-    columns.setdefault("velocity_m_s", np.full(len(rows), np.nan))
-    table = pd.DataFrame(columns)
-    problems += _reversed(table, rows)
-    warnings += [*_unlikely(table, rows), *alike_names(table, rows, FILE)]
+            too_large = np.abs(column.numbers) >= _LARGEST_COVARIATE
+            problems += column.wrong(too_large, "impossible-value.covariate", limit=_LARGEST_COVARIATE)
+    content.setdefault("velocity_m_s", np.full(len(rows), np.nan))
+    table = pd.DataFrame(content)
+    if set(CROP) <= set(table):
+        problems += _reversed(table, columns)
+    warnings += [*_unlikely(table, rows), *_alike_names(table, columns)]
     return ImpactTable(table, rows, problems, warnings)
+
+
+@dataclass(frozen=True, eq=False)
+class _Column:
+    """The cells of one column, and of each its row in the file and its impact."""
+
+    name: str
+    texts: list[str]
+    rows: np.ndarray
+    impacts: list[str]
+
+    @cached_property
+    def numbers(self) -> np.ndarray:
+        """Not a number (nan) where a cell holds none."""
+        return np.array([float(text) if _NUMBER.fullmatch(text) else np.nan for text in self.texts])
+
+    @cached_property
+    def empty(self) -> np.ndarray:
+        """Where a cell holds nothing."""
+        return np.array([not text for text in self.texts], dtype=bool)
+
+    @property
+    def unprintable(self) -> np.ndarray:
+        """Where a cell holds what a terminal would obey, or runs over several lines."""
+        return np.array([has_control_characters(text) for text in self.texts], dtype=bool)
+
+    def wrong(self, where: np.ndarray, key: str, **numbers: Any) -> list[Problem]:
+        """A problem with the message ``key`` for each cell where there is something wrong."""
+        return [self.problem(index, key, **numbers) for index in np.flatnonzero(where)]
+
+    def problem(self, index: int | np.integer, key: str, **numbers: Any) -> Problem:
+        """The problem of one cell."""
+        text, impact = self.texts[index] or "an empty cell", self.impacts[index]
+        return Problem.stated(key, FILE, self.rows[index], self.name, text, impact=impact, **numbers)
+
+    def measured(self, *, optional: bool) -> tuple[np.ndarray, list[Problem]]:
+        """The numbers within the limits of this column, nan elsewhere, and what is wrong with the others."""
+        values, (meaning, low, high, unit, _) = self.numbers, _MEASURED[self.name]
+        good = (low <= values) & (values <= high)
+        limits: dict[str, Any] = {"meaning": meaning, "low": low, "high": high, "unit": unit}
+        problems = [
+            self.problem(index, f"impossible-value.{'limits' if values[index] > 0 else 'positive'}", **limits)
+            for index in np.flatnonzero(~good & ~(self.empty & optional))
+        ]
+        return np.where(good, values, np.nan), problems
+
+    def covariate(self) -> tuple[np.ndarray | list[str], list[Problem]]:
+        """Numbers or names, whichever most cells hold, and a warning where some don't."""
+        numeric, filled = np.isfinite(self.numbers), ~self.empty
+        content: np.ndarray | list[str]
+        if numeric.sum() * 2 <= filled.sum() or not filled.any():
+            content, odd, kind = self.texts, ~filled, "category"
+        elif (numeric == filled).all():
+            content, odd, kind = self.numbers, ~numeric, "number"
+        else:
+            # Numbers with one slip among them must not quietly become categories.
+            content, odd, kind = self.texts, filled & ~numeric, "not-a-number"
+        counts = {"count": int(odd.sum()), "total": len(self.texts)}
+        first = [int(np.argmax(odd))] if odd.any() else []
+        return content, [self.problem(index, f"unusual-value.{kind}", **counts) for index in first]
 
 
 def _conditions(cells: pd.DataFrame) -> list[str]:
@@ -133,197 +208,66 @@ def _conditions(cells: pd.DataFrame) -> list[str]:
     return names.tolist()
 
 
-def _name_problems(cells: pd.DataFrame, rows: np.ndarray) -> list[Problem]:
-    problems = [
-        Problem(
-            FILE,
-            f"a name for the {name}",
-            "Fill the cell; any text will do.",
-            row=int(row),
-            column=name,
-            value="an empty cell",
-            impact=impact or None,
-            code="empty-cell",
-        )
-        for name in _TEXT
-        for text, row, impact in zip(cells[name], rows, cells["impact"], strict=True)
-        if not text
-    ]
-    count = Counter(cells["impact"])
-    first_rows: dict[str, int] = {}
-    for impact, row in zip(cells["impact"], rows, strict=True):
-        if impact and count[impact] > 1 and impact in first_rows:
-            problems.append(
-                Problem(
-                    FILE,
-                    "every impact once",
-                    f"Rename it or remove it; row {first_rows[impact]} has the same name.",
-                    row=int(row),
-                    column="impact",
-                    value=impact,
-                    impact=impact,
-                    code="impact-twice",
-                )
-            )
-        first_rows.setdefault(impact, int(row))
+def _impacts_twice(column: _Column) -> list[Problem]:
+    problems, first = [], dict[str, int]()
+    for index, (impact, row) in enumerate(zip(column.texts, column.rows, strict=True)):
+        if impact in first:
+            problems.append(column.problem(index, "impact-twice", first=first[impact]))
+        if impact:
+            first.setdefault(impact, int(row))
     return problems
 
 
-def _too_large(name: str, texts: list[str], rows: np.ndarray, impacts: pd.Series) -> list[Problem]:
-    return [
-        Problem(
-            FILE,
-            f"a number below {_LARGEST_COVARIATE:g}",
-            "Correct the cell, or leave it empty.",
-            row=int(rows[index]),
-            column=name,
-            value=texts[index],
-            impact=impacts[index] or None,
-            code="impossible-value",
-        )
-        for index in np.flatnonzero(np.abs(_numbers(texts)) >= _LARGEST_COVARIATE)
-    ]
-
-
-def _numbers(texts: list[str]) -> np.ndarray:
-    return np.array([float(text) if _NUMBER.fullmatch(text) else np.nan for text in texts])
-
-
-def _positive(
-    name: str, texts: list[str], rows: np.ndarray, impacts: pd.Series, *, optional: bool
-) -> tuple[np.ndarray, list[Problem]]:
-    values = _numbers(texts)
-    low, high, unit = _POSSIBLE[name]
-    good = (low <= values) & (values <= high)
-    problems = [
-        Problem(
-            FILE,
-            f"{_POSITIVE[name]}, a number above 0"
-            f"{f' and from {low:g} to {high:g}' if values[index] > 0 else ''}",
-            f"{f'Is it in {unit}? ' if values[index] > 0 else ''}"
-            "Correct the cell, or take the impact out of the dataset.",
-            row=int(rows[index]),
-            column=name,
-            value=texts[index] or "an empty cell",
-            impact=impacts[index] or None,
-            code="impossible-value",
-        )
-        for index in np.flatnonzero(~good)
-        if texts[index] or not optional
-    ]
-    return np.where(good, values, np.nan), problems
-
-
-def _times(
-    name: str, texts: list[str], rows: np.ndarray, impacts: pd.Series
-) -> tuple[np.ndarray, list[Problem]]:
-    values = _numbers(texts)
-    problems = [
-        Problem(
-            FILE,
-            "a time in s on the recorder's clock, a number",
-            "Correct the cell, or leave it empty to read the recording from its beginning or to its end.",
-            row=int(rows[index]),
-            column=name,
-            value=texts[index],
-            impact=impacts[index] or None,
-            code="crop",
-        )
-        for index in np.flatnonzero(~np.isfinite(values))
-        if texts[index]
-    ]
-    return values, problems
-
-
-def _reversed(table: pd.DataFrame, rows: np.ndarray) -> Iterator[Problem]:
+def _reversed(table: pd.DataFrame, columns: dict[str, _Column]) -> list[Problem]:
     """Crops that end before they begin; they are taken out of the table, for nothing lies in them."""
-    if not set(CROP) <= set(table):
-        return
     start, stop = (table[name].to_numpy(copy=True) for name in CROP)
-    backwards = stop <= start
-    table.loc[backwards, list(CROP)] = np.nan
-    for index in np.flatnonzero(backwards):
-        yield Problem(
-            FILE,
-            f"a time after that in {CROP[0]} ({start[index]:.6g} s)",
-            "Correct one of the two cells.",
-            row=int(rows[index]),
-            column=CROP[1],
-            value=float(stop[index]),
-            impact=table["impact"].iloc[index] or None,
-            code="crop",
+    table.loc[stop <= start, list(CROP)] = np.nan
+    return [
+        replace(
+            columns[CROP[1]].problem(index, "crop.reversed", start=start[index]), value=float(stop[index])
         )
-
-
-def _covariate(
-    name: str, texts: list[str], rows: np.ndarray, impacts: pd.Series
-) -> tuple[np.ndarray | list[str], list[Problem]]:
-    values = _numbers(texts)
-    filled = np.array([bool(text) for text in texts])
-    numeric = np.isfinite(values)
-    odd = np.flatnonzero(~numeric)
-    if numeric.sum() * 2 <= filled.sum() or not filled.any():
-        values_or_names: np.ndarray | list[str] = texts
-        odd, expected = np.flatnonzero(~filled), "a category in every cell"
-    elif (numeric == filled).all():
-        values_or_names, expected = values, "a number in every cell"
-    else:
-        # Numbers with one slip among them must not quietly become categories.
-        values_or_names, expected = texts, "numbers only (the column is taken as categories)"
-        odd = np.flatnonzero(filled & ~numeric)
-    warnings = (
-        [
-            Problem(
-                FILE,
-                expected,
-                f"Correct it if a model is to use {name}; {len(odd)} of {len(texts)} cells are like this.",
-                row=int(rows[odd[0]]),
-                column=name,
-                value=texts[odd[0]] or "an empty cell",
-                impact=impacts[odd[0]] or None,
-                code="unusual-value",
-            )
-        ]
-        if odd.size
-        else []
-    )
-    return values_or_names, warnings
+        for index in np.flatnonzero(stop <= start)
+    ]
 
 
 def _unlikely(table: pd.DataFrame, rows: np.ndarray) -> list[Problem]:
     mass, velocity = table["mass_kg"].to_numpy(), table["velocity_m_s"].to_numpy()
-    odd = [
-        ("mass_kg", (mass < 1e-3) | (mass > 200), "a mass between 0.001 and 200 kg", "Is it in kg?"),
-        (
-            "velocity_m_s",
-            (velocity < 0.01) | (velocity > 50),
-            "a velocity between 0.01 and 50 m/s",
-            "Is it in m/s?",
-        ),
-    ]
+    odd = {"mass_kg": (mass < 1e-3) | (mass > 200), "velocity_m_s": (velocity < 0.01) | (velocity > 50)}
     if "energy_J" in table:
         energy = 0.5 * mass * velocity**2
-        off = np.abs(table["energy_J"].to_numpy() / energy - 1) > 0.05
-        odd.append(
-            (
-                "energy_J",
-                off,
-                "the energy M V²/2 of the stated mass and velocity, within 5 %",
-                "Which is right?",
-            )
-        )
-    return [
-        Problem(
-            FILE,
-            expected,
-            f"{question} {where.sum()} of {len(rows)} impacts are like this.",
-            row=int(rows[first]),
-            column=name,
-            value=float(table[name].iloc[first]),
-            impact=str(table["impact"].iloc[first]) or None,
-            code="unusual-value",
-        )
-        for name, where, expected, question in odd
-        if where.any()
-        for first in [int(np.argmax(where))]
-    ]
+        odd["energy_J"] = np.abs(table["energy_J"].to_numpy() / energy - 1) > 0.05
+    problems = []
+    for name, where in odd.items():
+        if where.any():
+            first = int(np.argmax(where))
+            value, impact = float(table[name].iloc[first]), str(table["impact"].iloc[first])
+            counts: dict[str, Any] = {"count": where.sum(), "total": len(rows)}
+            key = f"unusual-value.{name}"
+            problems.append(Problem.stated(key, FILE, rows[first], name, value, impact=impact, **counts))
+    return problems
+
+
+def _alike_names(table: pd.DataFrame, columns: dict[str, _Column]) -> list[Problem]:
+    """Names of people or conditions that differ only in case, spaces, hyphens or leading zeros.
+
+    A warning for each further way of writing a name: two people where there is one make the spread between
+    people too small, and that within a person too large.
+    """
+    warnings = []
+    for column in _GROUPS:
+        first: dict[str, str] = {}
+        for text in dict.fromkeys(table[column]):
+            usual = first.setdefault(_plain(text), text)
+            if usual != text:
+                index = int(np.argmax(table[column] == text))
+                warnings.append(columns[column].problem(index, "two-spellings", usual=usual))
+    return warnings
+
+
+def _plain(text: str) -> str:
+    """A name without what people write in different ways: case, leading zeros, what stands after a word."""
+    text = unicodedata.normalize("NFKC", text).casefold().strip()
+    text = _WHOLE_NUMBER.sub(r"\1", text)
+    # A sign or a separator between digits is part of a number: 1.5 is not 15, -5 is not 5, 1-1 is not 11.
+    text = re.sub(r"(?<=[^\W\d_])[\s_\-]+", "", text)
+    return re.sub(r"(?<![\d.,])0+(?=\d)", "", text)

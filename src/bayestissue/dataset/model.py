@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -50,6 +50,10 @@ class Uncertainty:
     velocity_sd_m_s: float = 0.0
     relative_gain_sd: float = 0.0
     offset_sd: float = 0.0
+
+    def settings(self) -> dict[str, float]:
+        """The keys of the table ``[uncertainty]`` in ``dataset.toml``."""
+        return asdict(self)
 
 
 FilterKind = Literal["butterworth", "bessel"]

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float64
 
 from bayestissue.dataset.dialect import Stated
-from bayestissue.dataset.files import read_bytes
+from bayestissue.dataset.files import error_line, read_bytes
 from bayestissue.dataset.formats import FORMATS, Channel, Contents, UnfitError, unit_in_name
-from bayestissue.dataset.plausible import MIN_SAMPLES
+from bayestissue.dataset.recordings import MIN_SAMPLES
 from bayestissue.dataset.settings import SignalSettings
 from bayestissue.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES, column_names, read_numbers, read_table
-from bayestissue.errors import InputError, Problem, refusal
+from bayestissue.errors import InputError, Problem
 
 REMEDY = "Correct the cell in column trace of impacts.csv, or put the file there."
 _TABLES = (*TABLE_SUFFIXES, *TEXT_SUFFIXES)
@@ -39,7 +39,7 @@ class Recording:
     time: Float64[np.ndarray, " sample"] | None = None
     clock: Float64[np.ndarray, " sample"] | None = None
     first_row: int = 1
-    text: dict[int, str] | None = None
+    text: dict[int, str] = field(default_factory=dict)
 
 
 def read_recording(path: Path, label: str, signal: SignalSettings) -> Recording:
@@ -100,32 +100,22 @@ def long_enough(channels: Mapping[str, Channel]) -> list[str]:
 
 def _contents(path: Path, label: str) -> Contents:
     if (suffix := suffix_of(path)) not in FORMATS:
-        raise refusal(
-            label,
-            f"a file ending in {', '.join((*SUFFIXES, *TEXT_SUFFIXES))}",
-            "Export the recording in one of these formats.",
-            value=path.name,
-            code="recorder-format",
-        )
+        endings = ", ".join((*SUFFIXES, *TEXT_SUFFIXES))
+        raise InputError.stated("recorder-format", label, value=path.name, endings=endings)
     data = read_bytes(path, label, REMEDY, share=FORMATS[suffix].share)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             return FORMATS[suffix].read(data, label)
     except UnfitError as error:
-        raise refusal(label, error.expected, error.remedy, value=error.value, code="recorder-file") from None
+        words = {"expected": error.expected, "remedy": error.remedy}
+        raise InputError.stated("recorder-file", label, value=error.value, **words) from None
     except InputError:
         raise
     except Exception as error:
         # Damaged bytes can fail anywhere in a decoder, with whatever that part of it raises.
-        message = (str(error).splitlines() or [""])[0] or type(error).__name__
-        raise refusal(
-            label,
-            f"a whole {suffix} file",
-            "Copy or export the recording anew.",
-            value=message,
-            code="damaged-file",
-        ) from error
+        found = error_line(error)
+        raise InputError.stated("damaged-file.recorder", label, value=found, suffix=suffix) from error
 
 
 def _from_table(path: Path, label: str, signal: SignalSettings) -> Recording:
@@ -150,39 +140,19 @@ def _pick(contents: Contents, label: str, signal: SignalSettings) -> Recording:
         others = [channel for channel in long_enough(channels) if channel != signal.time_column]
         name = others[0] if len(others) == 1 else name
     for key, wanted in (("value_column", name), ("time_column", signal.time_column)):
-        needed = key == "value_column" or key in signal.model_fields_set
-        if needed and wanted not in channels:
-            problems.append(
-                Problem(
-                    label,
-                    f"a channel {wanted!r}",
-                    f"Name one of the channels as signal.{key} in dataset.toml.",
-                    column=wanted,
-                    value=", ".join(channels) or "no channels of numbers",
-                    code="no-channel",
-                )
-            )
+        if wanted not in channels and (key == "value_column" or key in signal.model_fields_set):
+            listed = ", ".join(channels) or "no channels of numbers"
+            problems.append(Problem.stated("no-channel.named", label, None, wanted, listed, setting=key))
     if problems:
         raise InputError(problems)
     value, time = channels[name], channels.get(signal.time_column)
-    if value.values.size < MIN_SAMPLES and (others := long_enough(channels)):
-        raise refusal(
-            label,
-            f"a channel of a recording, of at least {MIN_SAMPLES} samples",
-            f"Name another one as signal.value_column in dataset.toml: {', '.join(others)}.",
-            column=name,
-            value=f"{value.values.size} samples",
-            code="no-channel",
-        )
-    if time is not None and time.values.size != value.values.size:
-        raise refusal(
-            label,
-            f"as many samples as in channel {name!r} ({value.values.size})",
-            "Export both channels over the same span.",
-            column=signal.time_column,
-            value=time.values.size,
-            code="clock-and-channel",
-        )
+    count = value.values.size
+    if count < MIN_SAMPLES and (others := long_enough(channels)):
+        limits = {"least": MIN_SAMPLES, "others": ", ".join(others)}
+        raise InputError.stated("no-channel.short", label, column=name, value=f"{count} samples", **limits)
+    if time is not None and time.values.size != count:
+        found = {"column": signal.time_column, "value": time.values.size}
+        raise InputError.stated("clock-and-channel", label, **found, channel=name, count=count)
     return Recording(
         value.values,
         None if time is None else time.values,

@@ -1,19 +1,24 @@
-"""All recordings of a dataset end to end in one array, with what `impacts.csv` says of them."""
+"""All recordings of a dataset end to end in one array, cropped, with what `impacts.csv` says of them."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Float64, Int, Shaped
+from jaxtyping import Bool, Float64, Int, Shaped
 
 from bayestissue.dataset.model import Quantity, Recorder, Uncertainty
 from bayestissue.dataset.settings import SignalSettings
 from bayestissue.dataset.units import to_si
 from bayestissue.errors import Problem
-from bayestissue.remedies import Code
+
+# The columns of `impacts.csv` that state a stretch, and the fewest samples that are a recording.
+CROP = ("crop_start_s", "crop_stop_s")
+MIN_SAMPLES = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,10 +46,50 @@ class Samples:
     value_column: str = "value"
     text: dict[int, str] = field(default_factory=dict)
 
+    @classmethod
+    def joined(cls, parts: Sequence[Samples], signal: SignalSettings) -> Samples:
+        """Those of several impacts, each by itself, end to end."""
+        start = np.cumsum([0, *(part.time.size for part in parts)])
+        return cls(
+            np.concatenate([np.empty(0), *(part.time for part in parts)]),
+            np.concatenate([np.empty(0), *(part.value for part in parts)]),
+            start,
+            np.array([part.impact[0] for part in parts], dtype=int),
+            [part.file[0] for part in parts],
+            np.concatenate([np.empty(0, int), *(part.row for part in parts)]),
+            signal.time_column,
+            signal.value_column,
+            {
+                int(at) + i: words
+                for at, part in zip(start, parts, strict=False)
+                for i, words in part.text.items()
+            },
+        )
+
     @property
     def count(self) -> np.ndarray:
         """How many samples each impact has."""
         return np.diff(self.start)
+
+    @property
+    def begin(self) -> np.ndarray:
+        """The first sample of each impact."""
+        return self.start[:-1]
+
+    @property
+    def end(self) -> np.ndarray:
+        """The one after the last sample of each impact."""
+        return self.start[1:]
+
+    @property
+    def duration(self) -> np.ndarray:
+        """From the first to the last sample of each impact, s."""
+        return self.time[self.end - 1] - self.time[self.begin]
+
+    @property
+    def interval(self) -> np.ndarray:
+        """The mean sampling interval of each impact, s."""
+        return self.duration / (self.count - 1)
 
     @property
     def owner(self) -> np.ndarray:
@@ -55,16 +100,21 @@ class Samples:
         """The recordings for which ``keep`` (one truth value each) holds."""
         if keep.all():
             return self
-        mask = np.repeat(keep, self.count)
-        return Samples(
-            self.time[mask],
-            self.value[mask],
-            np.concatenate([[0], np.cumsum(self.count[keep])]),
-            self.impact[keep],
-            [file for file, is_kept in zip(self.file, keep, strict=True) if is_kept],
-            self.row[mask],
-            self.time_column,
-            self.value_column,
+        return self.at(np.repeat(keep, self.count))
+
+    def at(self, keep: Bool[np.ndarray, " sample"]) -> Samples:
+        """The samples for which ``keep`` holds, of the recordings that have any of them."""
+        position = np.cumsum(keep) - 1
+        count = np.diff(np.concatenate([[0], position + 1])[self.start])
+        return replace(
+            self,
+            time=self.time[keep],
+            value=self.value[keep],
+            row=self.row[keep],
+            start=np.concatenate([[0], np.cumsum(count[count > 0])]),
+            impact=self.impact[count > 0],
+            file=[file for file, left in zip(self.file, count, strict=True) if left],
+            text={int(position[at]): text for at, text in self.text.items() if keep[at]},
         )
 
 
@@ -101,6 +151,70 @@ def in_seconds(time: np.ndarray, signal: SignalSettings) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
+class Windows:
+    """The times between which each impact is read, both included, on the recorder's clock.
+
+    Attributes:
+        start: s; minus infinity where the recording is read from its beginning.
+        stop: s; infinity where it is read to its end.
+    """
+
+    start: Float64[np.ndarray, " impact"]
+    stop: Float64[np.ndarray, " impact"]
+
+    @classmethod
+    def stated(cls, impacts: pd.DataFrame, signal: SignalSettings) -> Windows:
+        """What ``impacts.csv`` says; where a cell is empty, what ``signal.crop`` says."""
+        general = in_seconds(np.array(signal.crop or [-np.inf, np.inf]), signal)
+        ends = [
+            np.where(np.isfinite(cell), cell, end)
+            for cell, end in zip((_column(impacts, name) for name in CROP), general, strict=True)
+        ]
+        return cls(*ends)
+
+    def inside(self, which: int, time: Float64[np.ndarray, " sample"]) -> Bool[np.ndarray, " sample"] | slice:
+        """The samples of impact ``which``; one whose time is no number stays, to be found as such."""
+        start, stop = self.start[which], self.stop[which]
+        if np.isinf(start) and np.isinf(stop):
+            return slice(None)
+        return ~((time < start) | (time > stop))
+
+    def meet(self, first: int, second: int) -> bool:
+        """Whether two impacts of one recording have a stretch in common."""
+        return bool(self.start[first] < self.stop[second] and self.start[second] < self.stop[first])
+
+    def nothing(self, which: int, time: np.ndarray, file: str, impact: str) -> Problem:
+        """What is wrong where no sample lies inside."""
+        ends = {"start": self.start[which], "stop": self.stop[which]}
+        times = f"times from {time.min():.6g} to {time.max():.6g} s" if time.size else "no samples"
+        return Problem.stated("crop.nothing", file, value=times, impact=impact, **ends)
+
+
+def crop(samples: Samples, windows: Windows, names: list[str]) -> tuple[Samples, list[Problem]]:
+    """The samples inside the windows, and what is wrong with impacts that have none there.
+
+    Args:
+        samples: of the impacts that have any.
+        windows: of all impacts.
+        names: of all impacts.
+    """
+    keep, problems = np.zeros(samples.time.size, dtype=bool), []
+    bounds = zip(samples.impact, samples.file, samples.start[:-1], samples.start[1:], strict=True)
+    for impact, file, begin, end in bounds:
+        time = samples.time[begin:end]
+        keep[begin:end][windows.inside(impact, time)] = True
+        if not keep[begin:end].any():
+            problems.append(windows.nothing(impact, time, file, names[impact]))
+    return (samples, []) if keep.all() else (samples.at(keep), problems)
+
+
+def _column(impacts: pd.DataFrame, name: str) -> np.ndarray:
+    if name not in impacts:
+        return np.full(len(impacts), np.nan)
+    return np.asarray(impacts[name], dtype=np.float64)
+
+
+@dataclass(frozen=True, eq=False)
 class Recordings:
     """The samples of every impact that has any, and what else the checks need to know.
 
@@ -131,22 +245,13 @@ class Recordings:
         impacts: pd.DataFrame,
         quantity: Quantity,
         uncertainty: Uncertainty,
-        gravity: float = 0.0,
-        recorder: Recorder | None = None,
+        **chain: Any,
     ) -> Recordings:
-        """Put the rows of ``impacts`` beside the samples."""
-        mine = impacts.iloc[samples.impact]
-        rate = mine.get("sampling_rate_hz", pd.Series(np.nan, index=mine.index))
-        return cls(
-            samples,
-            mine["impact"].to_numpy(),
-            mine["velocity_m_s"].to_numpy(),
-            rate.to_numpy(),
-            quantity,
-            uncertainty,
-            gravity,
-            recorder,
-        )
+        """The samples with the rows of ``impacts`` beside them; ``chain`` has the last two attributes."""
+        rows = impacts.iloc[samples.impact]
+        rate = _column(rows, "sampling_rate_hz")
+        of_impacts = rows["impact"].to_numpy(), rows["velocity_m_s"].to_numpy(), rate
+        return cls(samples, *of_impacts, quantity, uncertainty, **chain)
 
     def without(self, problems: list[Problem]) -> Recordings:
         """The recordings of impacts that none of the problems concerns."""
@@ -162,23 +267,49 @@ class Recordings:
 
     def problem(
         self,
+        key: str,
         which: int | np.integer,
-        expected: str,
-        remedy: str,
-        *,
         value: object,
+        *,
         at: int | np.integer | None = None,
         column: str | None = None,
-        code: Code,
+        **numbers: Any,
     ) -> Problem:
-        """What is wrong with recording ``which``, at the sample ``at`` if it is one sample's fault."""
-        return Problem(
-            self.samples.file[which],
-            expected,
-            remedy,
-            row=None if at is None else int(self.samples.row[at]),
-            column=column or self.samples.value_column,
-            value=value,
-            impact=str(self.name[which]) or None,
-            code=code,
-        )
+        """What is wrong with recording ``which``, at the sample ``at`` if it is one sample's fault.
+
+        Args:
+            key: of the message: see `Problem.stated`.
+            which: recording.
+            value: what was found.
+            at: which sample.
+            column: that of the values unless another is named.
+            numbers: in the message.
+        """
+        file, name = self.samples.file[which], str(self.name[which])
+        row = None if at is None else int(self.samples.row[at])
+        column = column or self.samples.value_column
+        return Problem.stated(key, file, row, column, value, impact=name, **numbers)
+
+    def where(
+        self,
+        wrong: Bool[np.ndarray, " impact"],
+        key: str,
+        words: str,
+        found: Shaped[np.ndarray, " impact"],
+        *,
+        column: str | None = None,
+        **numbers: Any,
+    ) -> Iterator[Problem]:
+        """A problem for each recording that is ``wrong``; arguments as of `problem`.
+
+        Args:
+            wrong: which recordings are.
+            key: of the message.
+            words: what was found, with braces for the number.
+            found: that number of each recording.
+            column: that of the values unless another is named.
+            numbers: in the message; an array has one of each recording.
+        """
+        for which in np.flatnonzero(wrong):
+            here = {name: n[which] if isinstance(n, np.ndarray) else n for name, n in numbers.items()}
+            yield self.problem(key, which, words.format(found[which]), column=column, **here)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -79,6 +80,11 @@ Zero = Literal["free_fall", "rest"]
 def gravity_m_s2(gravity: Gravity) -> float:
     """The part of gravity along the motion, m/s²."""
     return _GRAVITIES[gravity] if isinstance(gravity, str) else gravity
+
+
+def stated_table(value: Uncertainty | Recorder | Mapping[str, Any]) -> Any:
+    """A table of ``dataset.toml`` as its plain object has it, or as somebody wrote it."""
+    return value.settings() if isinstance(value, Uncertainty | Recorder) else value
 
 
 class _Table(BaseModel):
@@ -270,15 +276,7 @@ def read_settings(path: Path) -> Settings:
         InputError: the file is missing, is no TOML, or has unknown, missing or wrong entries; all at once.
     """
     if not path.exists():
-        remedy = (
-            'Write one with name = "…" and a table [signal] with quantity and unit; '
-            "see docs/how-to/write-a-dataset.md."
-        )
-        raise InputError(
-            Problem(
-                FILE, "a dataset.toml in the folder", remedy, value="no file of that name", code="no-dataset"
-            )
-        )
+        raise InputError.stated("no-dataset.settings", FILE, value="no file of that name")
     text = read_text(path, FILE)
     return parse_settings(parse_toml(text, FILE), text)
 
@@ -321,15 +319,8 @@ def _unit_problems(raw: dict[str, Any], text: str) -> list[Problem]:
         try:
             to_si(unit, dimension)
         except ValueError:
+            row, expected = row_of(text, ("signal", key)), EXAMPLES[dimension]
             problems.append(
-                Problem(
-                    FILE,
-                    EXAMPLES[dimension],
-                    "Write the unit that the recorder used, and check signal.quantity.",
-                    row=row_of(text, ("signal", key)),
-                    column=f"signal.{key}",
-                    value=unit,
-                    code="unit",
-                )
+                Problem.stated("unit.unknown", FILE, row, f"signal.{key}", unit, expected=expected)
             )
     return problems

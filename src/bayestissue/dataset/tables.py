@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -13,10 +13,10 @@ import pyarrow.csv as pa_csv
 import pyarrow.parquet as pq
 from jaxtyping import Float64, Int
 
+from bayestissue.dataset.cells import column_problems, ragged_problem
 from bayestissue.dataset.dialect import Dialect, Stated, TextTable, text_table
-from bayestissue.dataset.files import read_bytes, require_small
-from bayestissue.dataset.headers import RaggedRow, column_problems, ragged_problem
-from bayestissue.errors import InputError, Problem, refusal
+from bayestissue.dataset.files import error_line, read_bytes, require_small
+from bayestissue.errors import InputError, Problem
 
 TABLE_SUFFIXES = (".csv", ".csv.gz", ".tsv", ".xlsx", ".parquet")
 # What else may be a table, or a note to the reader.
@@ -37,6 +37,14 @@ class Numbers:
     text: dict[int, str] = field(default_factory=dict)
     unit: str = ""
 
+    @classmethod
+    def joined(cls, parts: Sequence[Numbers]) -> Numbers:
+        """Several columns end to end."""
+        begin = np.cumsum([0, *(part.array.size for part in parts)])
+        words = zip(begin, (part.text for part in parts), strict=False)
+        text = {int(first) + index: text[index] for first, text in words for index in text}
+        return cls(np.concatenate([np.empty(0), *(part.array for part in parts)]), text)
+
 
 @dataclass(frozen=True)
 class Labels:
@@ -49,6 +57,13 @@ class Labels:
 
     codes: Int[np.ndarray, " row"]
     names: tuple[str, ...]
+
+    @classmethod
+    def distinct(cls, codes: Int[np.ndarray, " row"], names: Iterable[str]) -> Labels:
+        """Rows by names of which some may be alike."""
+        names = list(names)
+        number = {name: index for index, name in enumerate(dict.fromkeys(names))}
+        return cls(np.array([number[name] for name in names], int)[codes], tuple(number))
 
 
 @dataclass(frozen=True)
@@ -107,14 +122,7 @@ def read_table(
     table = _parquet(data, label, numbers, labels)
     if unfit := [name for name in numbers if not _numeric(table[name].type)]:
         raise InputError(
-            Problem(
-                label,
-                "numbers",
-                "Store the column as numbers.",
-                column=name,
-                value=str(table[name].type),
-                code="column-type",
-            )
+            Problem.stated("column-type.numbers", label, column=name, value=str(table[name].type))
             for name in unfit
         )
     if not table.num_rows:
@@ -185,24 +193,21 @@ def _parse_text(text: TextTable, label: str, numbers: Sequence[str], labels: Seq
 
 
 def _no_rows(label: str) -> Problem:
-    return Problem(label, "rows below the header", "Export the file anew.", value="no rows", code="no-rows")
+    return Problem.stated("no-rows.table", label, value="no rows")
 
 
 def _as_text(text: TextTable, label: str, types: dict[str, pa.DataType]) -> pa.Table:
     try:
         return _parse(text, label, types)
     except pa.ArrowInvalid as error:
-        remedy = "Export the file anew."
-        raise refusal(
-            label, "a header and rows of cells", remedy, value=_error_words(error), code="cells-in-a-row"
-        ) from error
+        raise InputError.stated("cells-in-a-row.table", label, value=error_line(error)) from error
 
 
 def _parse(text: TextTable, label: str, types: dict[str, pa.DataType]) -> pa.Table:
-    ragged: list[RaggedRow] = []
+    ragged: list[tuple[int, int, str]] = []
 
     def note(row: pa_csv.InvalidRow) -> str:
-        ragged.append(RaggedRow(row.number - 1 + text.dialect.first_row, row.actual_columns, row.text))
+        ragged.append((row.number - 1 + text.dialect.first_row, row.actual_columns, row.text))
         return "skip"
 
     table = pa_csv.read_csv(
@@ -269,15 +274,7 @@ def _schema(data: bytes, label: str) -> pa.Schema:
 
 def _damaged(label: str, error: Exception) -> InputError:
     # A damaged file can fail anywhere in the decoder, with whatever that part raises.
-    return InputError(
-        Problem(
-            label,
-            "a whole Parquet file",
-            "Copy or export the file anew.",
-            value=_error_words(error),
-            code="damaged-file",
-        )
-    )
+    return InputError.stated("damaged-file.parquet", label, value=error_line(error))
 
 
 def _is_text(kind: pa.DataType) -> bool:
@@ -289,14 +286,7 @@ def _no_names(label: str, schema: pa.Schema, labels: Sequence[str]) -> list[Prob
     types = {name: schema.field(name).type for name in labels if schema.names.count(name) == 1}
     kinds = {n: kind.value_type if pa.types.is_dictionary(kind) else kind for n, kind in types.items()}
     return [
-        Problem(
-            label,
-            "names, as text",
-            "Store the column as text.",
-            column=name,
-            value=str(types[name]),
-            code="column-type",
-        )
+        Problem.stated("column-type.names", label, column=name, value=str(types[name]))
         for name, kind in kinds.items()
         if not (_is_text(kind) or pa.types.is_integer(kind) or pa.types.is_null(kind))
     ]
@@ -309,10 +299,6 @@ def _read_size(metadata: pq.FileMetaData, wanted: list[str]) -> int:
         columns = (group.column(number) for number in range(group.num_columns))
         pages += sum(c.total_uncompressed_size for c in columns if c.path_in_schema in wanted)
     return max(pages, 8 * metadata.num_rows * len(wanted))
-
-
-def _error_words(error: Exception) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0]
 
 
 def _numeric(kind: pa.DataType) -> bool:
@@ -330,6 +316,4 @@ def _labels(column: pa.ChunkedArray) -> Labels:
     single = single.chunk(0) if isinstance(single, pa.ChunkedArray) else single
     names = [(name or "").strip() for name in single.dictionary.to_pylist()]
     codes = single.indices.fill_null(len(names)).to_numpy(zero_copy_only=False)
-    distinct = tuple(dict.fromkeys([*names, ""]))
-    number = {name: index for index, name in enumerate(distinct)}
-    return Labels(np.array([number[name] for name in [*names, ""]])[codes], distinct)
+    return Labels.distinct(codes, [*names, ""])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gzip
 import json
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Literal
 
@@ -64,7 +63,7 @@ def write_whole(data: Dataset, path: Path, *, overwrite: bool) -> Path:
     unit = "m" if data.quantity == "displacement" else "m/s^2"
     settings = {name: text for name, text in free_text.items() if text} | {
         "signal": {"quantity": data.quantity, "unit": unit, "gravity": data.gravity or "none"},
-        "uncertainty": asdict(data.uncertainty),
+        "uncertainty": data.uncertainty.settings(),
     }
     if data.recorder is not None:
         settings["recorder"] = data.recorder.settings()

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 from bayestissue.dataset.model import Quantity
-from bayestissue.dataset.plausible import MIN_SAMPLES
+from bayestissue.dataset.recordings import MIN_SAMPLES
 from bayestissue.dataset.units import EXAMPLES, Dimension, to_si
 from bayestissue.errors import InputError, Problem
 from bayestissue.intake.folder import ChannelSummary, File, RecorderFolder
@@ -107,6 +107,11 @@ class Question:
     example: str
 
     @property
+    def asked(self) -> str:
+        """What is asked for, with the answers that are possible."""
+        return self.what + (f": {' or '.join(self.answers)}" if self.answers else "")
+
+    @property
     def line(self) -> str:
         """The option as it is typed, with the example."""
         space = "" if self.option.endswith("=") else " "
@@ -129,9 +134,7 @@ class Question:
         try:
             return replace(choices, rate_hz=float(text))
         except ValueError:
-            problem = Problem(
-                self.option, "a number of Hz", "Write, say, 10000.", value=text, code="option-value"
-            )
+            problem = Problem.stated("option-value.rate", self.option, value=text)
             raise InputError(problem) from None
 
 
@@ -209,20 +212,12 @@ def _dimensions(quantity: str | None) -> list[Dimension]:
 
 
 def _no_channel(option: str, name: str, names: Iterable[str]) -> Problem:
-    return Problem(
-        option, "a channel of the files", f"They have: {', '.join(names)}.", value=name, code="no-channel"
-    )
+    return Problem.stated("no-channel.option", option, value=name, names=", ".join(names))
 
 
 def _no_values(file: File, files: int) -> Problem:
-    return Problem(
-        file.name,
-        "a channel of numbers besides the times",
-        "Export the recorded values as numbers, or say by --text how the file is written.",
-        value=f"{', '.join(file.channels) or 'no numbers'} ({file.written or file.suffix})",
-        code="no-channel",
-        files_read=files,
-    )
+    found = f"{', '.join(file.channels) or 'no numbers'} ({file.written or file.suffix})"
+    return replace(Problem.stated("no-channel.values", file.name, value=found), files_read=files)
 
 
 def _unit(channels: Sequence[ChannelSummary], dimensions: Sequence[Dimension]) -> str | None:

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from bayestissue.dataset.impact_cells import read_cells
-from bayestissue.errors import InputError, Problem, refusal
+from bayestissue.dataset.cells import read_cells
+from bayestissue.errors import InputError, Problem, collected
 from bayestissue.intake.folder import File, RecorderFolder
 from bayestissue.intake.names import Pattern, columns, fills, is_height
 
@@ -64,7 +64,7 @@ def gather(
     if rows:
         problems += rows.unmatched_rows(recordings.files)
     for file in recordings.files:
-        try:
+        with collected(problems):
             from_name = names.read(file.name, file.suffix) if names else {}
             mine = rows.cells_of(file) if rows else {None: {}}
             for number, cells in mine.items():
@@ -72,8 +72,6 @@ def gather(
                 of_file[file.name] = filled
                 if number is not None:
                     of_number[file.name, number] = filled
-        except InputError as error:
-            problems += error.problems
     named = [name for fields in sources.values() for name in fields]
     filled_columns = frozenset([*map(fills, named), *filter(is_height, named)])
     return Facts(of_file, of_number, filled_columns, tuple(problems), rows.written if rows else "")
@@ -85,27 +83,12 @@ def _once(sources: dict[str, tuple[str, ...]]) -> None:
         for name in fields:
             by_column.setdefault(fills(name), []).append(f"{name} by {source}")
     problems = [
-        Problem(
-            "init",
-            f"one source of {column}",
-            "Leave out all but one.",
-            column=column,
-            value=" and ".join(said),
-            code="facts-of-recordings",
-        )
+        Problem.stated("facts-of-recordings.sources", "init", column=column, value=" and ".join(said))
         for column, said in by_column.items()
         if len(said) > 1
     ]
     if "trace" in by_column:
-        problems.append(
-            Problem(
-                "init",
-                "no fact of that name",
-                "Rename it: init fills it.",
-                column="trace",
-                code="facts-of-recordings",
-            )
-        )
+        problems.append(Problem.stated("facts-of-recordings.trace", "init", column="trace"))
     if problems:
         raise InputError(problems)
 
@@ -128,21 +111,13 @@ class _Table:
         """The facts of a file; by the number of the impact where the table has a column of that name."""
         mine = [(line, row) for line, row in self.rows if row[FILE] in _possible_names(file)]
         if not mine:
-            raise refusal(
-                self.label,
-                f"a row for {file.name}",
-                "Add a row, or move the file out of the folder.",
-                column=FILE,
-                value="none",
-                code="facts-of-recordings",
-            )
+            raise self._wrong("no-row", None, FILE, "none", name=file.name)
         facts_of_number: dict[int | None, dict[str, str]] = {}
         for line, row in mine:
             number = self._number(line, row)
             if number in facts_of_number:
-                expected = f"one row for {file.name}" + (f", number {number}" if number else "")
-                remedy = "Remove one of the two, or tell several impacts apart by a column number (1, 2 ...)."
-                raise refusal(self.label, expected, remedy, line, FILE, row[FILE], code="facts-of-recordings")
+                which = file.name + (f", number {number}" if number else "")
+                raise self._wrong("twice", line, FILE, row[FILE], which=which)
             facts_of_number[number] = {name: row[name] for name in self.facts if row[name]}
         return facts_of_number
 
@@ -151,22 +126,19 @@ class _Table:
         for line, row in self.rows:
             named = [file.name for file in files if row[FILE] in _possible_names(file)]
             if len(named) != 1:
-                expected = "the name of one recording in the folder, with its folders where names repeat"
                 value = f"{row[FILE]}: {', '.join(named) or 'no such file'}"
-                yield Problem(
-                    self.label, expected, "Correct the cell.", line, FILE, value, code="facts-of-recordings"
-                )
+                yield from self._wrong("name", line, FILE, value).problems
 
     def _number(self, line: int, row: dict[str, str]) -> int | None:
         text = row.get(NUMBER, "")
         if NUMBER not in row:
             return None
         if not text.isdecimal() or int(text) < 1:
-            expected = "the number of the impact in its recording, from 1 on"
-            raise refusal(
-                self.label, expected, "Correct the cell.", line, NUMBER, text, code="facts-of-recordings"
-            )
+            raise self._wrong("number", line, NUMBER, text)
         return int(text)
+
+    def _wrong(self, kind: str, line: int | None, column: str, value: str, **words: str) -> InputError:
+        return InputError.stated(f"facts-of-recordings.{kind}", self.label, line, column, value, **words)
 
 
 def _possible_names(file: File) -> set[str]:

@@ -12,7 +12,7 @@ import numpy as np
 from bayestissue.dataset.dialect import Stated
 from bayestissue.dataset.recorders import SUFFIXES, contents_of, suffix_of
 from bayestissue.dataset.tables import TEXT_SUFFIXES
-from bayestissue.errors import InputError, Problem, refusal
+from bayestissue.errors import InputError, Problem
 
 _DIGITS = re.compile(r"(\d+)")
 
@@ -98,9 +98,7 @@ def look(
     root = Path(folder)
     if not root.is_dir():
         what = "a file" if root.exists() else "no such folder"
-        raise refusal(
-            str(folder), "a folder of recorder files", "Check the path.", value=what, code="no-recordings"
-        )
+        raise InputError.stated("no-recordings.folder", str(folder), value=what)
     skipped = {path.resolve() for path in ignore}
     paths = [path for path in _files(root) if path.resolve() not in skipped]
     # Where there is nothing else, texts are recordings; beside recordings they are notes.
@@ -109,12 +107,11 @@ def look(
     wanted = next(filter(None, sorted_out), [])
     if not wanted:
         ends = ", ".join(sorted({suffix_of(path) or path.name for path in paths})[:10])
-        raise refusal(
+        raise InputError.stated(
+            "no-recordings.files",
             str(folder),
-            f"files ending in {suffix or ', '.join((*SUFFIXES, *TEXT_SUFFIXES))}",
-            "Export the recordings in one of these formats.",
             value=f"files ending in {ends}" if paths else "no files",
-            code="no-recordings",
+            endings=suffix or ", ".join((*SUFFIXES, *TEXT_SUFFIXES)),
         )
     files: list[File] = []
     problems: list[Problem] = []

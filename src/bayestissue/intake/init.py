@@ -96,12 +96,8 @@ class Intake:
     def unanswered(self) -> InputError:
         """What is wrong while questions are left: each with an option that answers it, and all else."""
         problems = [
-            Problem(
-                question.option.rstrip("="),
-                question.what + (f": {' or '.join(question.answers)}" if question.answers else ""),
-                f"Add, say, {question.line}",
-                value="none",
-                code="not-told",
+            Problem.stated(
+                "not-told", question.option.rstrip("="), value="none", what=question.asked, line=question.line
             )
             for question in self.questions
         ]

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import PurePosixPath
 
 from bayestissue.dataset.model import STANDARD_GRAVITY
-from bayestissue.errors import InputError, Problem, refusal
+from bayestissue.errors import InputError, Problem
 from bayestissue.intake.folder import File
 
 _PLAIN = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
@@ -73,10 +73,7 @@ def columns(fields: dict[str, str], file: str) -> dict[str, str | float]:
         plain = text.strip().replace(",", ".")
         value = float(plain) if _PLAIN.fullmatch(plain) else math.nan
         if not 0 < value < math.inf:
-            remedy = f"Correct {name} in the name of the file, in the table or in --set."
-            problems.append(
-                Problem(file, "a number above 0", remedy, column=name, value=text, code="impossible-value")
-            )
+            problems.append(Problem.stated("impossible-value.fact", file, column=name, value=text, name=name))
             continue
         column, fill = _FILLS.get(name, (name, partial(_times, 1.0)))
         # Twelve digits are more than anybody measured, and fewer than show how 0.07 is kept.
@@ -147,21 +144,11 @@ class Pattern:
         # Where the shortest first field is the longest too, and so on for the next, there is one reading.
         shortest, longest = (re.fullmatch(self._expression(lazy), name) for lazy in ("?", ""))
         if shortest is None or longest is None:
-            raise refusal(
-                file,
-                f'a name like "{self.text}"',
-                f"Rename a copy of the file, correct {OPTION}, or move the file out of the folder.",
-                value=name,
-                code="file-names",
-            )
+            raise InputError.stated("file-names.unlike", file, value=name, pattern=self.text)
         if shortest.groupdict() != longest.groupdict():
             readings = (_words(reading.groupdict()) for reading in (shortest, longest))
-            raise refusal(
-                file,
-                f'one way to read "{self.text}"',
-                "Put other text between the fields, or give the facts as a table with --table.",
-                value=" or ".join(readings),
-                code="file-names",
+            raise InputError.stated(
+                "file-names.two-ways", file, value=" or ".join(readings), pattern=self.text
             )
         return shortest.groupdict()
 
@@ -180,15 +167,7 @@ def _words(fields: dict[str, str]) -> str:
 
 
 def _unfit(text: str, slip: str) -> InputError:
-    return InputError(
-        Problem(
-            OPTION,
-            f"the names in file names, each once in braces, such as {_EXAMPLE}",
-            "Write {} for what does not matter, and {{ for a brace.",
-            value=f"{text}: {slip}",
-            code="file-names",
-        )
-    )
+    return InputError.stated("file-names.pattern", OPTION, value=f"{text}: {slip}", example=_EXAMPLE)
 
 
 _CUTS = re.compile(r"([_\-\s/]+)")

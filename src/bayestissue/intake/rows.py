@@ -11,11 +11,10 @@ from typing import Any
 import numpy as np
 
 from bayestissue.dataset import Trace
-from bayestissue.dataset.crop import COLUMNS as CROP
-from bayestissue.dataset.recordings import in_seconds
+from bayestissue.dataset.recordings import CROP, in_seconds
 from bayestissue.dataset.settings import SignalSettings
-from bayestissue.dataset.trace_files import read_one
-from bayestissue.errors import InputError, Problem, refusal
+from bayestissue.dataset.traces import read_one
+from bayestissue.errors import InputError, Problem, collected
 from bayestissue.intake.choices import Choices
 from bayestissue.intake.facts import Cells, Facts
 from bayestissue.intake.folder import File, RecorderFolder
@@ -102,7 +101,7 @@ def impact_rows(
         }
         if choices.rate_hz is not None:
             base["sampling_rate_hz"] = choices.rate_hz
-        try:
+        with collected(problems):
             _require_unit(file, usual)
             if cutting is None:
                 _require_one(file, facts)
@@ -111,8 +110,6 @@ def impact_rows(
                 for number, (cells, stretch) in enumerate(_pieces(file, facts, signal, cutting, choices), 1):
                     impact = f"{cells.get('impact', base['impact'])}-{number}"
                     yield {**base, **cells, "impact": impact, **dict(zip(CROP, stretch, strict=True))}
-        except InputError as error:
-            problems += error.problems
 
 
 def _pieces(
@@ -120,13 +117,8 @@ def _pieces(
 ) -> list[tuple[Cells, tuple[float, float]]]:
     trace = oriented(file, signal, stated_rate(facts.of_file[file.name], choices))
     if bad := int(np.count_nonzero(~np.isfinite(trace.value))):
-        remedy = "Correct the recording, or read a stretch of it with --crop."
-        raise refusal(
-            file.name,
-            "finite numbers",
-            remedy,
-            value=f"no number at {bad} of {trace.value.size} samples",
-            code="not-a-number",
+        raise InputError.stated(
+            "not-a-number.recording", file.name, value=f"no number at {bad} of {trace.value.size} samples"
         )
     first, last = _ends(signal)
     stretches = [
@@ -135,16 +127,8 @@ def _pieces(
     ]
     numbers = [number for name, number in facts.of_number if name == file.name]
     if not stretches or (numbers and sorted(numbers) != list(range(1, len(stretches) + 1))):
-        expected = (
-            f"{len(numbers)} impacts, as many as the table has rows" if numbers else "at least one impact"
-        )
-        raise refusal(
-            file.name,
-            expected,
-            "Change --threshold or --separation-s, or correct the table.",
-            value=f"{len(stretches)} impacts",
-            code="several-impacts",
-        )
+        key = "several-impacts.table" if numbers else "several-impacts.none"
+        raise InputError.stated(key, file.name, value=f"{len(stretches)} impacts", count=len(numbers))
     common = facts.of_file[file.name]
     return [
         (facts.of_number.get((file.name, number), common), stretch)
@@ -165,13 +149,12 @@ def _usual_units(recordings: RecorderFolder, choices: Choices) -> dict[str, str]
 def _require_unit(file: File, usual: dict[str, str]) -> None:
     """Refuse a file whose channel has another unit than that of the others: one unit holds for a dataset."""
     problems = [
-        Problem(
+        Problem.stated(
+            "mixed-units",
             file.name,
-            f"the unit of the other recordings, {unit or 'which state none'}",
-            "Export it in that unit, or make a dataset of its own of such files.",
             column=name,
             value=file.channels[name].unit or "no unit",
-            code="mixed-units",
+            unit=unit or "which state none",
         )
         for name, unit in usual.items()
         if name in file.channels and file.channels[name].unit != unit
@@ -183,9 +166,8 @@ def _require_unit(file: File, usual: dict[str, str]) -> None:
 def _require_one(file: File, facts: Facts) -> None:
     numbers = [number for name, number in facts.of_number if name == file.name]
     if len(numbers) > 1:
-        remedy = "Add --several, so that the recording is cut apart."
         count = f"{len(numbers)} rows of the table"
-        raise refusal(file.name, "one impact in the recording", remedy, value=count, code="several-impacts")
+        raise InputError.stated("several-impacts.one", file.name, value=count)
 
 
 def stated_rate(cells: Cells, choices: Choices) -> float:

@@ -1,4 +1,7 @@
-"""What every warning and error means, what it does to K and C, and what to do: ``remedies.toml``."""
+"""What every warning and error means, what it does to K and C, and what to do: ``remedies.toml``.
+
+The sentences that a problem is told in stand in ``messages.toml``, those of one code together.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +10,11 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from types import MappingProxyType
-from typing import cast
+from typing import NamedTuple, cast
 
 from bayestissue.remedies.codes import CODES, Code
 
-__all__ = ["CODES", "Code", "Remedy", "codes_in", "entries"]
+__all__ = ["CODES", "Code", "Message", "Remedy", "codes_in", "entries", "messages"]
 
 
 @dataclass(frozen=True)
@@ -52,6 +55,25 @@ class Remedy:
             ("What to do", self.remedy),
             ("Example", self.example),
         )
+
+
+class Message(NamedTuple):
+    """What a problem is told in: what was expected and what to do, with its numbers in braces."""
+
+    code: Code
+    expected: str
+    remedy: str
+
+
+@cache
+def messages() -> MappingProxyType[str, Message]:
+    """Every message by its key: a code, or a code, a point and which of its messages."""
+    by_code = tomllib.loads(files(__name__).joinpath("messages.toml").read_text(encoding="utf-8"))
+    told: dict[str, Message] = {}
+    for code, content in by_code.items():
+        several = {code: content} if "expected" in content else {f"{code}.{k}": m for k, m in content.items()}
+        told |= {key: Message(cast("Code", code), **sentences) for key, sentences in several.items()}
+    return MappingProxyType(told)
 
 
 @cache

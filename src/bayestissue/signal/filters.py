@@ -10,7 +10,7 @@ from jaxtyping import Complex, Float, Num
 
 from bayestissue.dataset.model import Recorder
 from bayestissue.dataset.settings import SAE_CORNER
-from bayestissue.errors import InputError, Problem
+from bayestissue.errors import InputError
 from bayestissue.signal.traces import Column, Rows
 
 # What is left out of the answer before contact, as a part of it.
@@ -42,15 +42,13 @@ def low_pass(values: Rows, dt: Column, frequency_class: int) -> Rows:
     rates = np.round(1 / dt, 3)
     too_slow = rates <= 2 * corner
     if too_slow.any():
-        raise InputError(
-            Problem(
-                "signal options",
-                f"a sampling rate above {2 * corner:.0f} Hz for class {frequency_class}",
-                'Choose a lower class, or filter = "none".',
-                column="signal.filter",
-                value=f"{rates[too_slow].min():g} Hz",
-                code="filter-too-slow",
-            )
+        raise InputError.stated(
+            "filter-too-slow",
+            "signal options",
+            column="signal.filter",
+            value=f"{rates[too_slow].min():g} Hz",
+            least=2 * corner,
+            frequency_class=frequency_class,
         )
     filtered = np.empty_like(values)
     for rate in np.unique(rates):

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from bayestissue.errors import InputError, Problem
+from bayestissue.errors import InputError
 from bayestissue.settings import checked, read_toml
 
 type FilterClass = Literal["none", 60, 180, 600, 1000]
@@ -64,16 +64,7 @@ def read_signal_options(path: Path) -> SignalOptions:
     """
     table = read_toml(path).get("signal", {})
     if not isinstance(table, dict):
-        raise InputError(
-            Problem(
-                str(path),
-                "a table",
-                "Write [signal] on its own line.",
-                column="signal",
-                value=table,
-                code="key-value",
-            )
-        )
+        raise InputError.stated("key-value.table", str(path), column="signal", value=table)
     return checked(table, SignalOptions, file=str(path), within=("signal",))
 
 
@@ -91,13 +82,5 @@ def alternatives(choice: str, options: SignalOptions) -> tuple[SignalOptions, ..
         "equilibrium": ("rest", "sample-mean"),
     }
     if choice not in values:
-        raise InputError(
-            Problem(
-                "--vary",
-                f"one of {', '.join(values)}",
-                "Name one of these choices.",
-                value=choice,
-                code="option-value",
-            )
-        )
+        raise InputError.stated("option-value.vary", "--vary", value=choice, choices=", ".join(values))
     return tuple(options.model_copy(update={choice: value}) for value in values[choice])

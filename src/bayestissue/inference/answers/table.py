@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from bayestissue.dataset.impact_cells import cells_of, read_cells
+from bayestissue.dataset.cells import cells_of, read_cells
 from bayestissue.errors import InputError, Problem, has_control_characters
 from bayestissue.hierarchy.levels import Condition, Recorded
 

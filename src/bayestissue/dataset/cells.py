@@ -1,20 +1,23 @@
-"""The cells of `impacts.csv`, as text."""
+"""The cells of a table as text, such as those of `impacts.csv`, and what is wrong with columns and rows."""
 
 from __future__ import annotations
 
 import csv
+import difflib
 import io
+from collections import Counter
 from collections.abc import Sequence
 from itertools import zip_longest
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from bayestissue.dataset.dialect import text_table
 from bayestissue.dataset.files import read_bytes
-from bayestissue.dataset.headers import RaggedRow, column_problems, ragged_problem
-from bayestissue.errors import InputError, Problem, has_control_characters, refusal
+from bayestissue.errors import InputError, Problem, has_control_characters
+from bayestissue.outline import counted
 
 FILE = "impacts.csv"
 # Columns of names, where "1,5" is no number.
@@ -62,13 +65,8 @@ def read_cells(
                 body.append(cells)
                 lines.append(above + reader.line_num)
     except csv.Error as error:
-        raise refusal(
-            label,
-            "cells separated by one mark, and quotes that match",
-            "Mend the quotes in this row.",
-            above + reader.line_num,
-            value=str(error),
-            code="cells-in-a-row",
+        raise InputError.stated(
+            "cells-in-a-row.quotes", label, row=above + reader.line_num, value=str(error)
         ) from None
     names = text.names
     # A spreadsheet writes empty columns where something once stood.
@@ -108,59 +106,60 @@ def cells_of(
     """
     problems = column_problems(label, names, wanted, row)
     problems += [p for p in column_problems(label, names, (), row) if p.column not in wanted]
-    if any(has_control_characters(name) for name in names):
-        expected = "names of columns on one line and without control characters"
-        problems.append(
-            Problem(
-                label, expected, "Rename the column.", row=row, value=", ".join(names), code="column-names"
-            )
-        )
-    if "" in names:
-        problems.append(
-            Problem(
-                label,
-                "a name over every column",
-                "Name the column or remove it.",
-                row=row,
-                value=", ".join(names),
-                code="column-names",
-            )
-        )
+    odd = {"control-characters": any(map(has_control_characters, names)), "empty": "" in names}
+    listed = ", ".join(names)
+    problems += [
+        Problem.stated(f"column-names.{kind}", label, row, value=listed) for kind in odd if odd[kind]
+    ]
     ragged = [
-        RaggedRow(line, len(cells), delimiter.join(cells))
+        (line, len(cells), delimiter.join(cells))
         for line, cells in zip(lines, body, strict=True)
         if len(cells) != len(names)
     ]
     problems += [ragged_problem(label, len(names), ragged, delimiter)] if ragged else []
     if not body:
-        problems.append(
-            Problem(
-                label,
-                "one row per impact",
-                "Add the impacts.",
-                value="no rows below the header",
-                code="no-rows",
-            )
-        )
+        problems.append(Problem.stated("no-rows.impacts", label, value="no rows below the header"))
     if problems:
         raise InputError(problems)
     return pd.DataFrame(body, columns=names, dtype=str), np.array(lines)
 
 
-def control_characters(cells: pd.DataFrame, rows: np.ndarray) -> list[Problem]:
-    """Cells that a terminal would obey, or that run over several lines; as `read_cells` returns them."""
-    return [
-        Problem(
-            FILE,
-            "text on one line and without control characters",
-            "Type the cell anew.",
-            row=int(row),
-            column=name,
-            value=text,
-            impact=impact or None,
-            code="control-characters",
-        )
-        for name in cells.columns
-        for text, row, impact in zip(cells[name], rows, cells["impact"], strict=True)
-        if has_control_characters(text)
-    ]
+def column_problems(label: str, names: Sequence[str], wanted: Sequence[str], row: int = 1) -> list[Problem]:
+    """What is wrong with a header: columns that are missing or stand there twice.
+
+    Args:
+        label: what to call the file.
+        names: the columns that it has.
+        wanted: the columns that it must have.
+        row: of the names; the first where there are none.
+    """
+    problems, listed = [], ", ".join(names) or "no column names"
+    written = {column.lower(): column for column in reversed(names)}
+    for name in [name for name in wanted if name not in names]:
+        near = difflib.get_close_matches(name.lower(), list(written), n=1)
+        hint: dict[str, Any] = {"alike": written[near[0]], "case": ""} if near else {}
+        if near == [name.lower()]:
+            hint["case"] = " Capital and small letters differ."
+        key = "missing-column.alike" if near else "missing-column.none"
+        problems.append(Problem.stated(key, label, row or 1, value=listed, name=name, **hint))
+    named = Counter(name for name in names if name and (name in wanted or not wanted))
+    twice = [name for name, count in named.items() if count > 1]
+    return problems + [Problem.stated("column-names.twice", label, row or 1, name, name) for name in twice]
+
+
+def ragged_problem(
+    label: str, columns: int, ragged: Sequence[tuple[int, int, str]], delimiter: str
+) -> Problem:
+    """What is wrong with rows that have more or fewer cells than the header.
+
+    Args:
+        label: what to call the file.
+        columns: how many there are.
+        ragged: of each such row, at least one, its place, the number of its cells, and its text.
+        delimiter: between cells.
+    """
+    row, cells, text = ragged[0]
+    comma = "; decimals need a point, not a comma, or quotes" if delimiter == "," else ""
+    more = f" {len(ragged) - 1} more rows are like this." if len(ragged) > 1 else ""
+    words: dict[str, Any] = {"columns": counted(columns, "cell"), "comma": comma, "more": more}
+    return Problem.stated("cells-in-a-row.number", label, row, value=f"{cells} cells: {text}", **words)

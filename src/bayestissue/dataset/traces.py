@@ -1,0 +1,224 @@
+"""The recordings of a dataset: one long table of all samples, or a recorder file for each impact."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Int
+
+from bayestissue.dataset.files import require_small
+from bayestissue.dataset.recorders import Recording, read_recording
+from bayestissue.dataset.recordings import Reading, Samples, Windows, crop, in_seconds, in_si
+from bayestissue.dataset.settings import SignalSettings
+from bayestissue.dataset.tables import Columns, Labels, read_table
+from bayestissue.errors import InputError, Problem
+
+LONG_TABLES = ("traces.csv", "traces.csv.gz", "traces.xlsx", "traces.parquet")
+
+
+def find_long(folder: Path) -> list[Path]:
+    """The trace tables in a dataset's folder; there should be one."""
+    return [folder / name for name in LONG_TABLES if (folder / name).exists()]
+
+
+def read_long(folder: Path, impacts: list[str], signal: SignalSettings) -> Reading:
+    """Read the one long table of all samples.
+
+    Args:
+        folder: the dataset's.
+        impacts: the names in ``impacts.csv``, in order.
+        signal: names of the columns, units, scale and offset.
+
+    Raises:
+        InputError: there is no such table, or more than one, or it can't be read.
+    """
+    paths = find_long(folder)
+    if len(paths) > 1:
+        listed = ", ".join(path.name for path in paths)
+        raise InputError.stated("which-recordings.several", paths[0].name, value=listed)
+    if not paths:
+        tables, found = ", ".join(LONG_TABLES), "no table of samples"
+        raise InputError.stated("which-recordings.no-table", LONG_TABLES[0], value=found, tables=tables)
+    table = read_table(
+        paths[0],
+        paths[0].name,
+        numbers=[signal.time_column, signal.value_column],
+        labels=["impact"],
+        remedy="Put the file there.",
+        stated=signal.stated,
+    )
+    rows = table.first_row + np.arange(table.labels["impact"].codes.size)
+    return replace(long_reading(paths[0].name, table, rows, impacts, signal), files=paths)
+
+
+def long_reading(
+    file: str, table: Columns, rows: Int[np.ndarray, " row"], impacts: list[str], signal: SignalSettings
+) -> Reading:
+    """The recordings in columns that were read already, sorted by impact.
+
+    Args:
+        file: what messages call the table.
+        table: impact, time and value of each sample, in their units.
+        rows: of each sample what messages call its row.
+        impacts: the names that there should be, in order.
+        signal: names of the columns, units, scale and offset.
+    """
+    times, readings = table.numbers[signal.time_column], table.numbers[signal.value_column]
+    labels = table.labels["impact"]
+    position = {name: index for index, name in reversed(list(enumerate(impacts)))}
+    codes = np.array([position.get(name, -1) for name in labels.names], int)[labels.codes]
+    order = _order(codes)
+    count = np.bincount(codes[codes >= 0], minlength=len(impacts))
+    has = np.flatnonzero(count)
+    samples = Samples(
+        in_seconds(times.array[order], signal),
+        in_si(readings.array[order], signal),
+        np.concatenate([[0], np.cumsum(count[has])]),
+        has,
+        [file] * has.size,
+        rows[order],
+        signal.time_column,
+        signal.value_column,
+        _reordered_text({**times.text, **readings.text}, order, codes.size),
+    )
+    missing = [
+        Problem.stated("impacts-and-recordings.missing", file, None, "impact", "no samples", impact=name)
+        for index, name in enumerate(impacts)
+        # A name that stands there twice has been reported as such.
+        if not count[index] and name and position[name] == index
+    ]
+    return Reading(samples, [*_unknown_impacts(file, labels, codes, rows), *missing], [])
+
+
+def _order(codes: np.ndarray) -> np.ndarray | slice:
+    if codes.size and codes[0] >= 0 and (codes[1:] >= codes[:-1]).all():
+        return slice(None)
+    return np.argsort(codes, kind="stable")[np.count_nonzero(codes < 0) :]
+
+
+def _reordered_text(text: dict[int, str], order: np.ndarray | slice, rows: int) -> dict[int, str]:
+    if not text:
+        return {}
+    where = np.arange(rows)[order]
+    sites = np.flatnonzero(np.isin(where, list(text)))
+    return {int(site): text[int(where[site])] for site in sites}
+
+
+def _unknown_impacts(file: str, labels: Labels, codes: np.ndarray, rows: np.ndarray) -> Iterator[Problem]:
+    strange = np.flatnonzero(codes < 0)
+    for code, index in zip(*np.unique(labels.codes[strange], return_index=True), strict=True):
+        name, row = labels.names[code], rows[strange[index]]
+        found = name or "an empty cell"
+        yield Problem.stated("impacts-and-recordings.unknown", file, row, "impact", found, impact=name)
+
+
+def read_files(folder: Path, impacts: pd.DataFrame, rows: np.ndarray, signal: SignalSettings) -> Reading:
+    """Read one recorder file per impact, as the column ``trace`` names them.
+
+    Args:
+        folder: the dataset's.
+        impacts: with the columns ``impact``, ``trace`` and perhaps ``sampling_rate_hz``.
+        rows: for every impact its row in ``impacts.csv``.
+        signal: names of the channels, units, scale and offset.
+    """
+    problems: list[Problem] = []
+    pieces: list[Samples] = []
+    names = impacts["impact"].tolist()
+    rates = impacts.get("sampling_rate_hz", pd.Series(np.nan, index=impacts.index)).to_numpy()
+    windows = Windows.stated(impacts, signal)
+    taken: dict[Path, list[int]] = {}
+    held: tuple[Path, Recording] | None = None
+    size = 0
+    for index, name in enumerate(impacts["trace"]):
+        try:
+            path = _inside(folder, name, int(rows[index]))
+            _require_apart(path, name, index, int(rows[index]), taken, windows)
+            # One that several impacts share is read once: they mostly follow each other.
+            if held is None or held[0] != path:
+                held = (path, read_recording(path, name, signal))
+            whole = _samples(held[1], rates[index], name, signal, index)
+        except InputError as error:
+            of_impact = partial(replace, impact=names[index] or None, files_read=len(impacts))
+            problems += map(of_impact, error.problems)
+            continue
+        taken.setdefault(path, []).append(index)
+        piece, outside = crop(whole, windows, names)
+        problems += outside
+        if not outside:
+            size += piece.time.nbytes + piece.value.nbytes
+            require_small(size, "the recordings together")
+            pieces.append(piece)
+    return Reading(Samples.joined(pieces, signal), problems, list(taken))
+
+
+def read_one(
+    path: Path, label: str, signal: SignalSettings, rate: float = np.nan
+) -> tuple[np.ndarray, np.ndarray]:
+    """The times (s) and values (m/s² or m) of a whole recording, both [sample].
+
+    Args:
+        path: the file.
+        label: what to call it in a message.
+        signal: names of the channels, units, scale and offset.
+        rate: the sampling rate in Hz, where the file has no times.
+
+    Raises:
+        InputError: the file is missing or damaged, lacks a channel, or has no times.
+    """
+    samples = _samples(read_recording(path, label, signal), rate, label, signal)
+    return samples.time, samples.value
+
+
+def _samples(
+    recording: Recording, rate: float, file: str, signal: SignalSettings, impact: int = 0
+) -> Samples:
+    """The recording in SI units, its times by the sampling rate (Hz) where it has none."""
+    count = recording.value.size
+    if recording.time is not None:
+        time = in_seconds(recording.time, signal)
+    elif recording.clock is not None:
+        time = recording.clock
+    elif np.isfinite(rate):
+        time = np.arange(count) / rate
+    else:
+        raise InputError.stated("no-times", file, column=signal.time_column, value="no times")
+    return Samples(
+        time,
+        in_si(recording.value, signal),
+        np.array([0, count]),
+        np.array([impact]),
+        [file],
+        recording.first_row + np.arange(count),
+        signal.time_column,
+        signal.value_column,
+        recording.text,
+    )
+
+
+def _require_apart(
+    path: Path, name: str, index: int, row: int, taken: dict[Path, list[int]], windows: Windows
+) -> None:
+    """Refuse a recording, or a part of one, that an earlier impact has."""
+    if any(windows.meet(index, neighbour) for neighbour in taken.get(path, ())):
+        start, stop = windows.start[index], windows.stop[index]
+        cropped = np.isfinite(start) or np.isfinite(stop)
+        value = f"{name}, from {start:.6g} to {stop:.6g} s" if cropped else name
+        raise InputError.stated("impacts-and-recordings.shared", "impacts.csv", row, "trace", value)
+
+
+def _inside(folder: Path, name: str, row: int) -> Path:
+    if not name:
+        raise InputError.stated("which-recordings.none", "impacts.csv", row, "trace", "an empty cell")
+    try:
+        path = (folder / name).resolve()
+        outside = Path(name).is_absolute() or not path.is_relative_to(folder.resolve())
+    except (OSError, ValueError, RuntimeError):
+        outside = True
+    if outside:
+        raise InputError.stated("which-recordings.outside", "impacts.csv", row, "trace", name)
+    return path
