@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, field, replace
 from typing import Self
 
-from bayestissue.remedies.codes import Code
+from bayestissue.remedies import Code
 
 # Control characters, and those that force a direction of writing: a terminal would obey them.
 _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069]")
@@ -132,6 +132,11 @@ class Coded(str):
 
     def __getnewargs__(self) -> tuple[str, Code]:  # type: ignore[override]
         return str(self), self.code
+
+
+def codes_of(words: Iterable[str]) -> list[Code]:
+    """The codes of those words that warn."""
+    return [text.code for text in words if isinstance(text, Coded)]
 
 
 def more(codes: Iterable[Code]) -> str:

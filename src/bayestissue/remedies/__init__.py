@@ -7,11 +7,9 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from types import MappingProxyType
-from typing import cast
 
-from bayestissue.remedies.codes import CODES, Code
-
-__all__ = ["CODES", "Code", "Remedy", "codes_in", "entries"]
+# What a warning or an error carries: the key of its entry. A test holds the sources to the entries.
+Code = str
 
 
 @dataclass(frozen=True)
@@ -62,7 +60,7 @@ def entries() -> MappingProxyType[Code, Remedy]:
     for group in content["group"]:
         for code, entry in group["entry"].items():
             says = tuple(entry.pop("says", ()))
-            remedies[cast("Code", code)] = Remedy(code, group["title"], says=says, **entry)
+            remedies[code] = Remedy(code, group["title"], says=says, **entry)
     return MappingProxyType(remedies)
 
 
