@@ -50,9 +50,8 @@ from bayestissue.hierarchy.gaussian.conditional import Data
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import COORDINATES, gaussian
-from bayestissue.inference.answers.contrasts import contrasts
+from bayestissue.inference.answers.contrasts import contrasts, people_compared
 from bayestissue.inference.answers.finished import Finished
-from bayestissue.inference.answers.people import people_compared
 from bayestissue.inference.answers.predictions import QUANTITIES, predict
 from bayestissue.inference.answers.questions import ask, numbered
 from bayestissue.inference.answers.reliability import (

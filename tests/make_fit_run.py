@@ -12,8 +12,7 @@ import pandas as pd
 import xarray as xr
 
 from bayestissue.hierarchy.levels import Recorded
-from bayestissue.inference.answers.contrasts import contrasts
-from bayestissue.inference.answers.people import people_compared
+from bayestissue.inference.answers.contrasts import contrasts, people_compared
 from bayestissue.inference.answers.reliability import as_variables, coefficients, reliability, variances
 from made_once import made_once
 

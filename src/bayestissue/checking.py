@@ -18,6 +18,7 @@ from bayestissue.inference.points.notes import said_once
 from bayestissue.inference.results.meanings import few_valued_words
 from bayestissue.outline import Outlined, Rows, short, span
 from bayestissue.report.recordings_pages import check_page, kinds, quality_table
+from bayestissue.results.tables import table_of_rows
 from bayestissue.signal import Displacements, displacements
 from bayestissue.signal.displacement import FEWEST_SAMPLES
 from bayestissue.signal.quality import Finding, inspect, raised
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     from bayestissue.dataset import Dataset
 
 _of_recording = partial(Problem, "recording")
-_COLUMNS = ["severity", "file", "row", "column", "impact", "value", "expected", "remedy", "code"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -90,8 +90,8 @@ class Check(Outlined):
         """What was left out, and warnings: one row each."""
         lists = [("left out", problem) for problem in self.dataset.left_out]
         lists += [("warning", problem) for problem in self.warnings]
-        table = pd.DataFrame([{"severity": s, **p.as_dict()} for s, p in lists], columns=_COLUMNS)
-        return table.astype({"row": "Int64"})
+        rows = [{"severity": severity, **problem.as_dict()} for severity, problem in lists]
+        return table_of_rows("problems", rows).astype({"row": "Int64"})
 
     def page(self) -> str:
         """The HTML of the page with a panel for each impact."""

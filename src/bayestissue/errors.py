@@ -184,6 +184,11 @@ class Coded(str):
         return str(self), self.code
 
 
+def codes_of(words: Iterable[str]) -> list[Code]:
+    """The codes of those words that warn."""
+    return [text.code for text in words if isinstance(text, Coded)]
+
+
 def more(codes: Iterable[Code]) -> str:
     """The command that prints the entries of ``codes``, each once; empty where there are none."""
     named = " ".join(dict.fromkeys(codes))

@@ -11,7 +11,6 @@ from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import pandas as pd
 import xarray as xr
 
@@ -22,6 +21,7 @@ from bayestissue.inference.answers.finished import GROUPS, Finished
 from bayestissue.inference.samplers.diagnostics import verdict_in_words
 from bayestissue.outline import Outlined, Rows, short, span
 from bayestissue.report.run_folder import not_a_fit, open_tree, read_about, read_json, require_files
+from bayestissue.results.tables import table_of_rows
 
 if TYPE_CHECKING:
     from bayestissue.dataset import Dataset
@@ -34,12 +34,6 @@ TABLES = (
 )
 METHODS = ("exact", "dds")
 _FURTHER = ("questions", "agreement", *(f"estimates_{method}" for method in METHODS))
-# Columns of text, also where all of it looks like numbers, or where there is none.
-_NAMES = [
-    *("impact", "subject", "trial", "variable", "label", "unit", "note", "notes", "flags", "warning"),
-    *("factor", "level", "person", "against", "quantity", "method", "measure", "form", "varies", "source"),
-    *("question", "name", "hypothesis", "diagnosis", "scheme"),
-]
 _AGAIN = "Give the folder of a finished run of `bayestissue fit`."
 
 
@@ -71,8 +65,9 @@ class Fit(Outlined):
     def _outline(self) -> tuple[str, Rows]:
         posterior = self.posterior["posterior"].dataset
         chains, draws = (posterior.sizes[name] for name in ("chain", "draw"))
+        over = [name for name in posterior["K"].dims if name != "impact"]
         medians = [
-            (f"{name} of the impacts", f"posterior medians {span(_medians(posterior[name]), unit)}")
+            (f"{name} of the impacts", f"posterior medians {span(posterior[name].median(over), unit)}")
             for name, unit in (("K", "N/m"), ("C", "N s/m"))
         ]
         rows = [
@@ -115,9 +110,7 @@ class Fit(Outlined):
         try:
             return self.table("questions")
         except KeyError:
-            from bayestissue.inference.answers.questions import COLUMNS
-
-            return pd.DataFrame(columns=COLUMNS)
+            return table_of_rows("questions")
 
     @property
     def summary(self) -> pd.DataFrame:
@@ -139,7 +132,7 @@ class Fit(Outlined):
     def people(self) -> pd.DataFrame:
         """Each person against each other, with the probability of being stiffer: ``people.csv``.
 
-        See `bayestissue.inference.answers.people`.
+        See `bayestissue.inference.answers.contrasts`.
         """
         return self.table("people")
 
@@ -207,8 +200,7 @@ class Fit(Outlined):
         Raises:
             InputError: the table is wrong: all that is, by row, column and value.
         """
-        from bayestissue.inference.answers.predictions import predict
-        from bayestissue.inference.answers.table import read_conditions
+        from bayestissue.inference.answers.predictions import predict, read_conditions
 
         return runtime.in_float64(predict)(self.finished, read_conditions(table, self.finished.recorded))
 
@@ -234,7 +226,7 @@ class Fit(Outlined):
         with results.claim(path, overwrite=overwrite, command="fit", inputs=(self.folder,)) as target:
             with target.folder() as folder:
                 write_run(self, folder)
-            return draw_page(target.path)
+            return draw_page(target.path, partial(page_html, self))
 
     def _page(self, path: Path, overwrite: bool) -> Path:
         if path.exists() and not overwrite:
@@ -244,11 +236,8 @@ class Fit(Outlined):
                 "Choose another, or pass overwrite=True.",
                 code="out-taken",
             )
-        from bayestissue.report import write_report
-
-        with results.scratch() as folder, results.whole_file(path) as staging:
-            write_run(self, folder)
-            shutil.copyfile(write_report(folder), staging)
+        with results.whole_file(path) as staging:
+            staging.write_text(page_html(self), encoding="utf-8")
         return path
 
 
@@ -287,12 +276,24 @@ def _stored(folder: Path, name: str) -> pd.DataFrame:
     """
     if not (folder / f"{name}.csv").is_file():
         raise KeyError(name)
-    table = results.read_table(folder / f"{name}.csv")
-    for column in table.columns.difference(_NAMES):
-        numbers = pd.to_numeric(table[column], errors="coerce")
-        if (numbers.notna() | table[column].str.lower().isin(["", "nan"])).all():
-            table[column] = numbers
-    return table
+    return results.read_table(folder, name)
+
+
+def page_html(fit: Fit) -> str:
+    """The page of a fit, drawn from what is in memory; of a run that was read back, from its folder."""
+    from bayestissue.report.fit.page import fit_page, page_of
+    from bayestissue.report.fit.run import FURTHER_TABLES, TABLES, fit_run
+
+    if fit.dataset is None and fit.folder is not None:
+        return fit_page(fit.folder, fit.about)
+    tables = {name: fit.table(name) for name in TABLES}
+    for name in FURTHER_TABLES:
+        # Few model files have questions, and the dataset alone has a truth.
+        with suppress(KeyError):
+            tables[name] = fit.table(name)
+    if fit.folder is not None and (fit.folder / "truth.csv").is_file():
+        tables["truth"] = results.read_table(fit.folder, "truth")
+    return page_of(fit_run(fit.about, fit.diagnostics, fit.posterior, tables))
 
 
 def write_run(fit: Fit, folder: Path, say: Say | None = None, *, excel: results.Excel | None = None) -> None:
@@ -312,8 +313,3 @@ def write_run(fit: Fit, folder: Path, say: Say | None = None, *, excel: results.
         shutil.copyfile(truth, folder / "truth.csv")
     results.write_json(fit.diagnostics, folder / "diagnostics.json")
     results.write_json(fit.about, folder / "run.json")
-
-
-def _medians(quantity: xr.DataArray) -> np.ndarray:
-    """Of every impact, over all its draws."""
-    return quantity.median([name for name in quantity.dims if name != "impact"]).to_numpy()

@@ -36,15 +36,17 @@ def test_what_is_written_is_read_again(excel: str, tmp_path: Path) -> None:
             "flags": ["low by 3.5 %", "a, b", "", "1.5"],
         }
     )
-    write_table(table, tmp_path / "plain.csv")
-    write_table(table, tmp_path / "excel.csv", excel)  # type: ignore[arg-type]
-    data = (tmp_path / "excel.csv").read_bytes()
+    plain, spreadsheet = (tmp_path / kind for kind in ("plain", "excel"))
+    for folder, option in ((plain, None), (spreadsheet, excel)):
+        folder.mkdir()
+        write_table(table, folder / "vary.csv", option)  # type: ignore[arg-type]
+    data = (spreadsheet / "vary.csv").read_bytes()
     assert data.startswith(MARK + b"name" + EXCELS[excel]["sep"].encode())
     assert data.count(b"\r\n") == len(table) + 1
     pd.testing.assert_frame_equal(
-        pd.read_csv(tmp_path / "excel.csv", **EXCELS[excel]), pd.read_csv(tmp_path / "plain.csv")
+        pd.read_csv(spreadsheet / "vary.csv", **EXCELS[excel]), pd.read_csv(plain / "vary.csv")
     )
-    pd.testing.assert_frame_equal(read_table(tmp_path / "excel.csv"), read_table(tmp_path / "plain.csv"))
+    pd.testing.assert_frame_equal(read_table(spreadsheet, "vary"), read_table(plain, "vary"))
 
 
 def test_the_machine_says_which(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,7 +14,7 @@ import pytest
 import xarray as xr
 
 from bayestissue import cli
-from bayestissue.report.comparison import page as comparison_page
+from bayestissue.report import comparison as comparison_page
 from bayestissue.results import write_tree
 from make_scored_run import make_scored_run
 
@@ -63,7 +63,7 @@ def test_a_page_that_fails_leaves_the_results_and_can_be_drawn_again(
         raise ValueError("ParseFatalException:\n$x_{1$\n ^")
 
     with monkeypatch.context() as patched:
-        patched.setattr(comparison_page, "comparison_page", fails)
+        patched.setattr(comparison_page, "page_of", fails)
         status, said = bayestissue("compare", *runs, "--out", out)
     assert status == 4
     assert said == (

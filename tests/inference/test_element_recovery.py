@@ -15,7 +15,7 @@ from bayestissue.elements.element import REFERENCE_DIAMETER_M
 from bayestissue.errors import InputError
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler, read_specification
 from bayestissue.hierarchy.trace_data import Prepared, prepare, with_discrepancy
-from bayestissue.inference.checking.misfit import misfit_precheck
+from bayestissue.inference.checking.model_form import misfit_precheck
 from bayestissue.inference.fit import fit_traces
 from bayestissue.inference.posterior.approximate import approximate, expanded
 from bayestissue.inference.posterior.constrained_draws import constrained_draws

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayestissue.report.fit import answers, depth, estimates, predictions, tables, words
+from bayestissue.report.fit import answers, checks, estimates, traces, words
 from bayestissue.report.fit.run import read_fit_run
 from bayestissue.report.run_folder import read_about
 from make_fit_run import DRAWS, make_fit_run
@@ -76,9 +76,9 @@ def test_exponents_lead_to_words(tmp_path, exponent, said):
 )
 def test_mass_is_answered_at_the_depth_that_all_impacts_reach(tmp_path, common, own, conclusion, told):
     run = read(make_fit_run(tmp_path, exponent=common, own_depth=own))
-    assert depth.answering(run) == {"K": "K_common_depth", "C": "C"}
+    assert answers.answering(run) == {"K": "K_common_depth", "C": "C"}
     assert conclusion in answers.mass_conclusion(run)
-    said = str(depth.depth_sentence(run)).replace("\N{NO-BREAK SPACE}", " ")
+    said = str(answers.depth_sentence(run)).replace("\N{NO-BREAK SPACE}", " ")
     assert said.startswith("Here K is force over depth at 12 mm, which every impact reaches.")
     assert "At each impact's own greatest depth K ∝ M<sup>" in said
     assert told in said
@@ -88,26 +88,26 @@ def test_mass_is_answered_at_the_depth_that_all_impacts_reach(tmp_path, common, 
 def test_a_law_that_may_be_the_same_is_not_called_so(tmp_path):
     run = read(make_fit_run(tmp_path, exponent=0.0, own_depth=0.5))
     run.hypotheses.loc[run.hypotheses["quantity"] == "K_common_depth", "probability"] = 0.6
-    said = str(depth.depth_sentence(run))
+    said = str(answers.depth_sentence(run))
     assert "One law of the tissue for every mass explains this: heavier impactors go deeper" in said
 
 
 def test_k_that_is_not_told_at_one_depth_is_said_to_be_of_the_depth_too(tmp_path):
     run = read(make_fit_run(tmp_path, likelihood="impact", exponent=0.3, own_depth=0.3))
     run.record["discrepancy"] = {"rms_of_peak": 0.05}
-    assert "reaches, if the damper is the same at all depths. At each" in str(depth.depth_sentence(run))
-    assert "It is assumed that the damper is the same at all depths." in depth.further_words(run)[0]
+    assert "reaches, if the damper is the same at all depths. At each" in str(answers.depth_sentence(run))
+    assert "It is assumed that the damper is the same at all depths." in answers.further_words(run)[0]
     del run.groups["posterior"]["mass_exponent_K_common_depth"]
-    assert depth.answering(run)["K"] == "K"
-    assert "depth alone may make its exponent, and C's" in str(depth.depth_sentence(run))
-    assert depth.further_words(run)[0].startswith("C is the damping constant of the element beside")
+    assert answers.answering(run)["K"] == "K"
+    assert "depth alone may make its exponent, and C's" in str(answers.depth_sentence(run))
+    assert answers.further_words(run)[0].startswith("C is the damping constant of the element beside")
     assert "K grows with the mass" in answers.mass_conclusion(run)
 
 
 def test_stiffness_that_no_depth_changes_is_answered_as_it_is(run):
-    assert depth.answering(run) == {"K": "K", "C": "C"}
-    assert depth.depth_words(run) == str(depth.depth_sentence(run)) == ""
-    assert depth.further_words(run) == []
+    assert answers.answering(run) == {"K": "K", "C": "C"}
+    assert answers.depth_words(run) == str(answers.depth_sentence(run)) == ""
+    assert answers.further_words(run) == []
 
 
 def test_a_trend_that_the_posterior_shares_is_not_called_made_by_the_method(run, tmp_path):
@@ -117,9 +117,9 @@ def test_a_trend_that_the_posterior_shares_is_not_called_made_by_the_method(run,
 
 
 def test_noise_that_is_not_the_models_is_told(run, arma):
-    white, coloured = predictions.residuals(run), predictions.residuals(arma)
+    white, coloured = traces.residuals(run), traces.residuals(arma)
     said = [
-        " ".join(words.residual_words(each, left, np.full(12, np.nan)))
+        " ".join(traces.residual_words(each, left, np.full(12, np.nan)))
         for each, left in ((run, white), (arma, coloured))
     ]
     assert "is not the noise that was recorded" not in said[0]
@@ -128,31 +128,31 @@ def test_noise_that_is_not_the_models_is_told(run, arma):
 
 def test_what_the_fit_tested_is_the_pages_one_verdict(run, arma):
     """No other test of the same residuals, and no ARMA(2,1) that the fit did not ask for."""
-    coloured = predictions.residuals(arma)
+    coloured = traces.residuals(arma)
     form = {"words": "Nothing against the model.", "impacts": {"p": dict.fromkeys(run.impacts, 0.5)}}
     about = run.record | {"model": run.record["model"] | {"likelihood": "impact"}}
     tested = replace(run, record=about, diagnostics=run.diagnostics | {"model_form": form})
-    assert words.residual_words(tested, coloured, predictions.one_step_p(tested))[1:] == [form["words"]]
-    assert not words.other_noise(tested, coloured)
+    assert traces.residual_words(tested, coloured, traces.one_step_p(tested))[1:] == [form["words"]]
+    assert not traces.other_noise(tested, coloured)
 
 
 def test_the_lag_one_autocorrelation_is_that_of_a_running_mean(arma):
     # Of a running mean of two it is 1/2, with a standard error of about 1/sqrt(n) an impact, n = 58 or more;
     # each of the four coefficients of the cubic takes about 1/n off.
-    found = predictions.residuals(arma).lag_one["measured"].mean()
+    found = traces.residuals(arma).lag_one["measured"].mean()
     assert found == pytest.approx(0.5, abs=4 / np.sqrt(58 * 12) + 4 / 58)
 
 
 def test_nine_impacts_are_shown_from_the_softest_to_the_stiffest(run):
-    chosen = predictions.chosen_impacts(run)
+    chosen = traces.chosen_impacts(run)
     level = run.of_impacts("K")["median"].to_numpy()
-    assert len(chosen) == len(set(chosen)) == predictions.PANELS
+    assert len(chosen) == len(set(chosen)) == traces.PANELS
     assert np.all(np.diff(level[chosen]) > 0)
     assert (level[chosen[0]], level[chosen[-1]]) == (level.min(), level.max())
 
 
 def test_the_chain_table_sets_what_was_declared_beside_what_was_found(run):
-    rows = {row.cells[0]: row.cells for row in tables.chain_table(run).rows}
+    rows = {row.cells[0]: row.cells for row in checks.chain_table(run).rows}
     # 2 per thousand of the median mass of 0.7 kg
     assert rows["mass of the impactor"][1:3] == ("g", "1.4")
     share = float(rows["mass of the impactor"][4].split("\N{NO-BREAK SPACE}")[0])
@@ -162,12 +162,12 @@ def test_the_chain_table_sets_what_was_declared_beside_what_was_found(run):
 
 
 def test_an_error_of_mass_that_is_a_persons_is_said(run):
-    assert "no surer than that mass" not in tables.declared_words(run)
+    assert "no surer than that mass" not in checks.declared_words(run)
     model = run.record["model"] | {"mass_error": "subject"}
     given = run.record["uncertainty"] | {"relative_mass_sd": 0.2}
     shared = replace(run, record=run.record | {"model": model, "uncertainty": given})
-    assert "mass 20 %" in tables.declared_words(shared).replace("\N{NO-BREAK SPACE}", " ")
-    assert "no surer than that mass" in tables.declared_words(shared)
+    assert "mass 20 %" in checks.declared_words(shared).replace("\N{NO-BREAK SPACE}", " ")
+    assert "no surer than that mass" in checks.declared_words(shared)
 
 
 def test_theta1_at_its_edge_is_counted_and_impact_toml_named(run, arma):

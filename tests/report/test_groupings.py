@@ -10,8 +10,8 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from bayestissue.report.fit.groupings import differing_words, groupings, own_slopes
 from bayestissue.report.fit.page import fit_page
+from bayestissue.report.fit.population import differing_words, groupings, own_slopes
 from bayestissue.report.fit.run import read_fit_run
 from bayestissue.report.run_folder import read_json
 from make_fit_run import CHAINS, DRAWS, PEOPLE, make_fit_run

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from bayestissue.report.fit.predictions import OTHER_NOISE, Residuals
+from bayestissue.report.fit.traces import OTHER_NOISE, Residuals
 
 DRAWS, SAMPLES = 100, 60
 

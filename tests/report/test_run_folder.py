@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 from bayestissue.cli import app
 from bayestissue.errors import InputError
 from bayestissue.report import write_report
-from bayestissue.report.fit.predictions import residuals
 from bayestissue.report.fit.run import read_fit_run
+from bayestissue.report.fit.traces import residuals
 from bayestissue.report.run_folder import read_about
 from bayestissue.thesis.pages.published_run import read_published_run
 from make_fit_run import make_fit_run

@@ -7,14 +7,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import xarray as xr
-from result_files import FILES, File
 
 from bayestissue.hierarchy.design import build_design
 from bayestissue.hierarchy.specification import Formulas
 from bayestissue.inference.answers.reliability import Variances, as_variables, coefficients
-from bayestissue.inference.quantities.elements import element_attributes
-from bayestissue.inference.results.labels import ATTRIBUTES, GROUPS
+from bayestissue.inference.results.labels import ATTRIBUTES, GROUPS, element_attributes
 from bayestissue.inference.results.tree import dimensions
+from bayestissue.results.tables import File, declared_files
 from from_program.keys import unit
 from from_program.markdown import code, escaped, table
 
@@ -26,12 +25,12 @@ def files() -> str:
     """Every file, and a section for each table with its columns."""
     every = [
         (f"[`{name}`](#{_anchor(name)})" if file.columns else code(name), _by(file), escaped(file.holds))
-        for name, file in FILES.items()
+        for name, file in declared_files().items()
     ]
     sections = [
         f"({_anchor(name)})=\n## {name}\n\nWritten by {_by(file)}. A row is {escaped(file.holds)}.\n\n"
         + table(["column", "unit", "meaning"], _columns(file))
-        for name, file in FILES.items()
+        for name, file in declared_files().items()
         if file.columns
     ]
     return "\n\n".join([table(["file", "written by", "holds; of a table, what a row is"], every), *sections])
@@ -96,7 +95,9 @@ def _dimensions(errors: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
 
 
 def _columns(file: File) -> list[tuple[Any, ...]]:
-    return [(code(name), unit(name), escaped(_sentence(words))) for name, words in file.columns.items()]
+    return [
+        (code(name), unit(name), escaped(_sentence(column.meaning))) for name, column in file.columns.items()
+    ]
 
 
 def _by(file: File) -> str:

@@ -141,7 +141,7 @@ def _range(values: pd.Series, unit: str, digits: int = 6) -> str:
 
 
 def _write(target: results.Place, checked: Check, excel: results.Excel | None) -> None:
-    from bayestissue.report.writing import after_results
+    from bayestissue.report.run_folder import after_results
 
     with target.folder() as staging:
         results.write_table(checked.quality, staging / "quality.csv", excel)

@@ -16,7 +16,7 @@ from bayestissue.commands.options import Excel, Json, Overwrite, Quiet
 from bayestissue.errors import InputError, Problem, all_of
 
 if TYPE_CHECKING:
-    from bayestissue.inference.comparing.finished import FinishedRun
+    from bayestissue.inference.comparing.runs import FinishedRun
 
 _AGAIN = "Give folders of finished runs of `bayestissue fit`."
 _GROUPS: dict[str, tuple[str, ...]] = {
@@ -49,19 +49,19 @@ def run(
         runtime.configure()
         from bayestissue.commands.compared import print_comparison
         from bayestissue.commands.console import echo
-        from bayestissue.inference.comparing.implied import implied
-        from bayestissue.inference.comparing.runs import compare_runs, side_by_side
+        from bayestissue.inference.comparing.runs import compare_runs, implied, side_by_side
         from bayestissue.report import draw_page
+        from bayestissue.report.comparison import page_of
 
         abouts = _abouts(runs)
         finished = _finished(runs, abouts)
         comparison, posteriors = compare_runs(finished), side_by_side(finished)
         of_weights = implied(finished, comparison)
+        tables = {"comparison": comparison, "posteriors": posteriors, "implied": of_weights}
         if target is not None:
             with target.folder() as folder:
-                results.write_table(comparison, folder / "comparison.csv", excel)
-                results.write_table(posteriors, folder / "posteriors.csv", excel)
-                results.write_table(of_weights, folder / "implied.csv", excel)
+                for name, table in tables.items():
+                    results.write_table(table, folder / f"{name}.csv", excel)
                 record = {
                     "program": "bayestissue",
                     "command": "compare",
@@ -77,9 +77,8 @@ def run(
                     "wall_time_s": round(time.perf_counter() - clock, 1),
                 }
                 results.write_json(record, folder / "run.json")
-            draw_page(target.path)
+            draw_page(target.path, partial(page_of, tables, record))
         if as_json:
-            tables = {"comparison": comparison, "posteriors": posteriors, "implied": of_weights}
             plain = {name: json.loads(table.to_json(orient="records")) for name, table in tables.items()}
             echo(json.dumps(plain, ensure_ascii=False))
         elif not quiet:
@@ -115,7 +114,8 @@ def _require_distinct(runs: list[Path]) -> None:
 
 def _abouts(runs: list[Path]) -> list[dict[str, Any]]:
     """What each run says of itself; all that is wrong is told at once."""
-    from bayestissue.report.run_folder import not_a_fit, read_about, require_files, wrong_in
+    from bayestissue.report.run_folder import not_a_fit, read_about, require_files
+    from bayestissue.results.tables import wrong_in
 
     def read(path: Path) -> dict[str, Any]:
         record = read_about(path)
@@ -148,7 +148,7 @@ def _abouts(runs: list[Path]) -> list[dict[str, Any]]:
 def _finished(runs: list[Path], abouts: list[dict[str, Any]]) -> list[FinishedRun]:
     import xarray as xr
 
-    from bayestissue.inference.comparing.finished import FinishedRun
+    from bayestissue.inference.comparing.runs import FinishedRun
     from bayestissue.report.run_folder import read_groups
 
     def read(run: tuple[str, Path, dict[str, Any]]) -> FinishedRun:

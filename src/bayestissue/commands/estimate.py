@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -12,6 +13,7 @@ import typer
 from bayestissue.commands.options import DatasetFolder, Excel, Json, Out, Overwrite, Quiet, Scheduler, SkipBad
 from bayestissue.resources import model_file
 from bayestissue.results import claim, write_json, write_table
+from bayestissue.results.tables import table_of_rows
 from bayestissue.runtime import configure, versions
 
 if TYPE_CHECKING:
@@ -20,8 +22,6 @@ if TYPE_CHECKING:
     from bayestissue.dataset import Dataset
     from bayestissue.inference.single.estimates import Method
     from bayestissue.signal import SignalOptions
-
-PROBLEM_COLUMNS = ["file", "row", "column", "impact", "value", "expected", "remedy", "code"]
 
 
 def run(
@@ -69,7 +69,8 @@ def run(
         from bayestissue.inference.execution.workers import on_cluster
         from bayestissue.inference.points.estimates import default_options
         from bayestissue.inference.single.estimates import estimate, method_for
-        from bayestissue.report.writing import draw_page
+        from bayestissue.report.estimates_page import page_of
+        from bayestissue.report.run_folder import draw_page
         from bayestissue.signal import alternatives, read_signal_options
         from bayestissue.simulation.centring import centring_table
 
@@ -84,17 +85,20 @@ def run(
             table = estimate(data, method=method, options=options)
             varied = _varied(data, method, choices) if choices else None
         with target.folder() as staging:
-            write_table(table, staging / "estimates.csv", excel)
+            tables = {"estimates": table}
             if varied is not None:
-                write_table(varied, staging / "vary.csv", excel)
+                tables["vary"] = varied
             if method == "dds":
                 # What this fit makes of one tissue under several masses, so that readers can judge their own.
-                write_table(centring_table(), staging / "centring.csv", excel)
+                tables["centring"] = centring_table()
             if data.left_out:
-                write_table(_left_out(data), staging / "left_out.csv", excel)
+                rows = [problem.as_dict() for problem in data.left_out]
+                tables["left_out"] = table_of_rows("left_out", rows).astype({"row": "Int64"})
+            for name, content in tables.items():
+                write_table(content, staging / f"{name}.csv", excel)
             record = _about(data, method, options, file, started, perf_counter() - clock)
             write_json(record, staging / "run.json")
-        draw_page(target.path)
+        draw_page(target.path, partial(page_of, tables, record))
         if as_json:
             echo(table.to_json(orient="records", force_ascii=False))
         elif not quiet:
@@ -124,13 +128,6 @@ def _varied(data: Dataset, method: Method, choices: dict[str, tuple[SignalOption
                 row |= {f"{name}_median": median, f"{name}_5": low, f"{name}_95": high}
             rows.append({**row, "note": ""})
     return pd.DataFrame(rows)
-
-
-def _left_out(data: Dataset) -> pd.DataFrame:
-    import pandas as pd
-
-    rows = [problem.as_dict() for problem in data.left_out]
-    return pd.DataFrame(rows, columns=PROBLEM_COLUMNS).astype({"row": "Int64"})
 
 
 def _about(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
@@ -79,7 +80,7 @@ def run(
         from bayestissue.commands.ask import print_answers
         from bayestissue.commands.console import Stages, echo, explained
         from bayestissue.dataset import read_dataset
-        from bayestissue.finished import write_run
+        from bayestissue.finished import page_html, write_run
         from bayestissue.fitting import fit_prepared, formulas_of, require_answerable, resolve
         from bayestissue.hierarchy.trace_data import prepare
         from bayestissue.inference.execution.workers import on_cluster
@@ -104,7 +105,7 @@ def run(
                 with target.folder() as folder:
                     write_run(fit, folder, say, excel=excel)
             say("writing the report", 0, 1)
-            draw_page(target.path)
+            draw_page(target.path, partial(page_html, fit))
         if not quiet:
             if specification.questions:
                 print_answers(fit.questions)
@@ -138,9 +139,9 @@ def _without_short(data: Dataset, specification: ModelSpecification, source: str
 def _say_what_is_told(prepared: Prepared) -> list[Code]:
     """What these data can't tell, before the work begins; the codes of what was said."""
     from bayestissue.commands.console import echo
+    from bayestissue.errors import codes_of
     from bayestissue.hierarchy.formulas.formula import left_out_words
     from bayestissue.inference.results.meanings import ONE_IMPACT, few_valued_words, not_used_words
-    from bayestissue.remedies import codes_in
 
     words = [
         left_out_words(prepared.design.terms_left_out()),
@@ -150,7 +151,7 @@ def _say_what_is_told(prepared: Prepared) -> list[Code]:
     ]
     for said in filter(None, words):
         echo(said)
-    return codes_in(" ".join(words))
+    return codes_of(words)
 
 
 def _fingerprint(data: Dataset, specification: ModelSpecification, seed: int) -> str:

@@ -20,8 +20,7 @@ from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.levels import Recorded
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.inference.answers.contrasts import contrasts
-from bayestissue.inference.answers.people import people_compared
+from bayestissue.inference.answers.contrasts import contrasts, people_compared
 from bayestissue.inference.answers.reliability import (
     Variances,
     as_variables,
@@ -29,8 +28,7 @@ from bayestissue.inference.answers.reliability import (
     reliability,
     variances,
 )
-from bayestissue.inference.checking.misfit import misfit_precheck
-from bayestissue.inference.checking.model_form import described, model_form, with_impacts
+from bayestissue.inference.checking.model_form import described, misfit_precheck, model_form, with_impacts
 from bayestissue.inference.checking.straight_lines import straight_lines
 from bayestissue.inference.execution.chunks import Progress
 from bayestissue.inference.execution.kept import some_impacts, some_of

@@ -10,11 +10,10 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from types import MappingProxyType
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
-from bayestissue.remedies.codes import CODES, Code
-
-__all__ = ["CODES", "Code", "Message", "Remedy", "codes_in", "entries", "messages"]
+# What a warning or an error carries: the key of its entry. A test holds the sources to the entries.
+Code = str
 
 
 @dataclass(frozen=True)
@@ -72,7 +71,7 @@ def messages() -> MappingProxyType[str, Message]:
     told: dict[str, Message] = {}
     for code, content in by_code.items():
         several = {code: content} if "expected" in content else {f"{code}.{k}": m for k, m in content.items()}
-        told |= {key: Message(cast("Code", code), **sentences) for key, sentences in several.items()}
+        told |= {key: Message(code, **sentences) for key, sentences in several.items()}
     return MappingProxyType(told)
 
 
@@ -84,7 +83,7 @@ def entries() -> MappingProxyType[Code, Remedy]:
     for group in content["group"]:
         for code, entry in group["entry"].items():
             says = tuple(entry.pop("says", ()))
-            remedies[cast("Code", code)] = Remedy(code, group["title"], says=says, **entry)
+            remedies[code] = Remedy(code, group["title"], says=says, **entry)
     return MappingProxyType(remedies)
 
 

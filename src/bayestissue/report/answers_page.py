@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -12,27 +12,37 @@ from markupsafe import Markup
 from bayestissue.outline import counted
 from bayestissue.report.page import figure, render_page
 from bayestissue.report.style import POSTERIOR, log_ticks, new_figure, style
-from bayestissue.report.tables import Row, Table, columns
+from bayestissue.report.tables import Field, Table, table_of
 from bayestissue.report.wording import PREDICTED, covariate_words, interval, number, probability, significant
 
 # As many as a first screen holds; the table has all.
 FIRST = 6
-_TITLES = (
-    "name",
-    "question",
-    "posterior",
-    "prior",
-    "Bayes factor",
-    "Monte Carlo error",
-    "median",
-    "90 % interval",
-    "unit",
-    "note",
+
+
+def _known(column: str, words: Callable[[float], str]) -> Callable[[Any], str]:
+    """A number of a row in words; empty where it is not known."""
+    return lambda row: words(row[column]) if pd.notna(row[column]) else ""
+
+
+_FIELDS = (
+    Field("name", lambda row: row["name"].replace("_", " ")),
+    Field("question", lambda row: row["question"], "words"),
+    Field("posterior", _known("posterior", lambda value: number(value, 3)), "number"),
+    Field("prior", _known("prior", lambda value: number(value, 3)), "number"),
+    Field("Bayes factor", _known("bayes_factor", significant), "number"),
+    Field("Monte Carlo error", _known("mcse", lambda value: significant(value, 2)), "number"),
+    Field("median", _known("median", lambda value: significant(value, 4)), "number"),
+    Field(
+        "90 % interval",
+        lambda row: interval(row["low"], row["high"]) if pd.notna(row["low"]) else "",
+        "number",
+    ),
+    Field("unit", lambda row: row["unit"], "words"),
+    Field("note", lambda row: row["note"], "words"),
 )
-_NUMBERS = _TITLES[2:-2]
 
 
-def question_lines(answers: pd.DataFrame | None, most: int = FIRST) -> list[dict[str, str]]:
+def question_lines(answers: pd.DataFrame, most: int = FIRST) -> list[dict[str, str]]:
     """The first questions, each with its answer and what stands beside it in grey."""
     return [_line(row) for row in _rows(answers)[:most]]
 
@@ -50,41 +60,16 @@ def _line(row: dict[str, Any]) -> dict[str, str]:
     return {"question": question, "answer": answer, "beside": detail}
 
 
-def questions_table(answers: pd.DataFrame | None) -> Table:
+def questions_table(answers: pd.DataFrame) -> Table:
     """Every question with all that is known of its answer, without columns that are empty in all of them."""
-    cells = [_cells(row) for row in _rows(answers)]
+    rows = _rows(answers)
     present = [
-        column for column, title in enumerate(_TITLES) if title == "question" or any(c[column] for c in cells)
+        field for field in _FIELDS if field.title == "question" or any(field.cell(row) for row in rows)
     ]
-    return Table(
-        columns(
-            *(_TITLES[column] for column in present), number=_NUMBERS, words=("question", "unit", "note")
-        ),
-        [Row([row[column] for column in present]) for row in cells],
-    )
+    return table_of(rows, *present)
 
 
-def _cells(row: dict[str, Any]) -> list[str]:
-    def shown(value: float, words: str) -> str:
-        return words if pd.notna(value) else ""
-
-    return [
-        row["name"].replace("_", " "),
-        row["question"],
-        shown(row["posterior"], number(row["posterior"], 3)),
-        shown(row["prior"], number(row["prior"], 3)),
-        shown(row["bayes_factor"], significant(row["bayes_factor"])),
-        shown(row["mcse"], significant(row["mcse"], 2)),
-        shown(row["median"], significant(row["median"], 4)),
-        shown(row["low"], interval(row["low"], row["high"])),
-        row["unit"],
-        row["note"],
-    ]
-
-
-def _rows(answers: pd.DataFrame | None) -> list[dict[str, Any]]:
-    if answers is None:
-        return []
+def _rows(answers: pd.DataFrame) -> list[dict[str, Any]]:
     # Tables of older runs have no units.
     unit = answers["unit"].fillna("") if "unit" in answers else ""
     return answers.assign(unit=unit).to_dict("records")  # type: ignore[return-value]
@@ -95,6 +80,7 @@ _MANY_FOLD = 3.0
 _ENDS = ("", "_low", "_high")
 
 
+@style()
 def questions_page(answers: pd.DataFrame, record: Mapping[str, Any]) -> str:
     """Every question with its answer, and all that is known of it in a table.
 
@@ -113,6 +99,7 @@ def questions_page(answers: pd.DataFrame, record: Mapping[str, Any]) -> str:
     )
 
 
+@style()
 def predictions_page(predictions: pd.DataFrame, record: Mapping[str, Any]) -> str:
     """Every new impact with its predictions, drawn and in a table.
 
@@ -145,26 +132,29 @@ def _intervals(predictions: pd.DataFrame, name: str) -> Markup | None:
     if not np.isfinite(median).any():
         return None
     row = np.arange(1, len(predictions) + 1)
-    with style():
-        fig, axes = new_figure((4.8, 0.9 + 0.24 * max(len(predictions), 3)))
-        axes.errorbar(median, row, xerr=[median - low, high - median], fmt="o", ms=4, color=POSTERIOR)
-        axes.set(xlabel=f"{word} ({unit})", ylabel="row", ylim=(len(predictions) + 0.6, 0.4))
-        axes.yaxis.get_major_locator().set_params(integer=True)
-        axes.grid(axis="y", visible=False)
-        ends = [*low[np.isfinite(low)], *high[np.isfinite(high)]]
-        if min(ends) > 0 and max(ends) > _MANY_FOLD * min(ends):
-            axes.set_xscale("log")
-            log_ticks(axes.xaxis, ends)
-        return figure(fig, f"{word} of each new impact in {unit}: median and 90 % interval.")
+    fig, axes = new_figure((4.8, 0.9 + 0.24 * max(len(predictions), 3)))
+    axes.errorbar(median, row, xerr=[median - low, high - median], fmt="o", ms=4, color=POSTERIOR)
+    axes.set(xlabel=f"{word} ({unit})", ylabel="row", ylim=(len(predictions) + 0.6, 0.4))
+    axes.yaxis.get_major_locator().set_params(integer=True)
+    axes.grid(axis="y", visible=False)
+    ends = [*low[np.isfinite(low)], *high[np.isfinite(high)]]
+    if min(ends) > 0 and max(ends) > _MANY_FOLD * min(ends):
+        axes.set_xscale("log")
+        log_ticks(axes.xaxis, ends)
+    return figure(fig, f"{word} of each new impact in {unit}: median and 90 % interval.")
 
 
 def _table(predictions: pd.DataFrame) -> Table:
-    rows = [
-        Row((str(number), _covariate_cell(row), *(_cell(row, name) for name in PREDICTED)))
-        for number, row in enumerate(predictions.to_dict("records"), start=1)
+    quantities = [
+        Field(f"{word}, {unit}", lambda row, name=name: _cell(row[1], name), "number")
+        for name, (word, unit, _) in PREDICTED.items()
     ]
-    titles = [f"{word}, {unit}" for word, unit, _ in PREDICTED.values()]
-    return Table(columns("row", "given", *titles, number=("row", *titles), words=("given",)), rows)
+    return table_of(
+        enumerate(predictions.to_dict("records"), start=1),
+        Field("row", lambda row: str(row[0]), "number"),
+        Field("given", lambda row: _covariate_cell(row[1]), "words"),
+        *quantities,
+    )
 
 
 def _covariate_cell(row: Mapping[Any, Any]) -> Markup:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,20 +12,13 @@ from markupsafe import Markup
 
 from bayestissue.inference.points.notes import said_once
 from bayestissue.remedies import codes_in
-from bayestissue.report.model_words import settings_table
 from bayestissue.report.page import figure, render_page
-from bayestissue.report.run_folder import TableFile, read_tables, require_files
 from bayestissue.report.style import POSTERIOR, PUBLISHED, new_figure, style
-from bayestissue.report.tables import Row, Table, columns
+from bayestissue.report.tables import Row, Table, columns, settings_table
 from bayestissue.report.wording import interval, listed, number, significant
-from bayestissue.results import read_table
+from bayestissue.results import read_tables
+from bayestissue.results.tables import declared_files, typed
 
-# The columns of `estimates.csv` (see the interfaces) that the page can't do without.
-_LAYOUT = TableFile(
-    "estimates",
-    ("impact", "subject", "trial", "flags"),
-    ("mass_kg", "velocity_m_s", "omega_n_rad_s", "zeta", "K_N_per_m", "C_N_s_per_m"),
-)
 _QUANTITIES = {"stiffness K": ("K_N_per_m", "N/m"), "damping C": ("C_N_s_per_m", "N s/m")}
 _HEADINGS = {
     "mass_kg": "M (kg)",
@@ -58,21 +52,19 @@ _FURTHER_HEADINGS = {
 }
 _SHOWN = 300
 _MANY_POINTS = 1000
-# Tables that a run may hold beside its estimates: file, heading, and what to look for.
-_FURTHER = (
-    (
-        "centring",
+# Tables that a run may hold beside its estimates, with their heading and what to look for.
+_FURTHER = {
+    "centring": (
         "What centring does",
         "Noise-free traces of one made-up tissue, hit by several masses and fitted in each way. A K or C "
         "that differs from the truth, or changes with mass, is made by the method.",
     ),
-    (
-        "vary",
+    "vary": (
         "How much the choices matter",
         "The same impacts under other choices of how the displacement is made from the recording.",
     ),
-    ("left_out", "Left out", "Impacts that were not estimated, and why."),
-)
+    "left_out": ("Left out", "Impacts that were not estimated, and why."),
+}
 _SETTINGS = ("options", "method", "signal", "model")
 
 
@@ -82,9 +74,18 @@ def estimates_page(folder: Path, record: dict[str, Any]) -> str:
     Raises:
         InputError: `estimates.csv` lacks, or lacks a column.
     """
-    require_files(folder, ["estimates.csv"])
-    table = read_tables(folder, (_LAYOUT,))["estimates"]
-    further = _further(folder)
+    return page_of(read_tables(folder, ["estimates"], list(_FURTHER)), record)
+
+
+@style()
+def page_of(tables: Mapping[str, pd.DataFrame], record: dict[str, Any]) -> str:
+    """The HTML of the page of point estimates: ``tables`` by name, the content of ``run.json``."""
+    table = typed("estimates", tables["estimates"])
+    further = [
+        (name, heading, words, plain_table(name, tables[name]))
+        for name, (heading, words) in _FURTHER.items()
+        if name in tables
+    ]
     return render_page(
         "estimates.html",
         title="Stiffness K and damping C of each impact",
@@ -121,18 +122,8 @@ def _by_posterior(table: pd.DataFrame) -> bool:
 
 
 def _interval(table: pd.DataFrame, column: str) -> tuple[pd.Series, pd.Series]:
-    low, high = (
-        pd.to_numeric(table[column.replace("_", f"_{end}_", 1)], errors="coerce") for end in ("low", "high")
-    )
+    low, high = (table[column.replace("_", f"_{end}_", 1)] for end in ("low", "high"))
     return low, high
-
-
-def _further(folder: Path) -> list[tuple[str, str, str, Table]]:
-    return [
-        (name, heading, words, plain_table(read_table(path)))
-        for name, heading, words in _FURTHER
-        if (path := folder / f"{name}.csv").is_file()
-    ]
 
 
 def _level(table: pd.DataFrame, name: str) -> dict[str, str]:
@@ -170,7 +161,6 @@ def estimates_table(table: pd.DataFrame) -> Table:
     order = table.assign(_clean=table["flags"] == "").sort_values("_clean", kind="stable").index[:_SHOWN]
     named = _OF_POSTERIORS if _by_posterior(table) else _HEADINGS
     numbers = [column for column in named if column in table]
-    shown = table.loc[order].assign(**{name: pd.to_numeric(table[name], errors="coerce") for name in numbers})
     rows = [
         Row(
             (
@@ -182,7 +172,7 @@ def estimates_table(table: pd.DataFrame) -> Table:
             ),
             "disagrees" if line["flags"] else "",
         )
-        for line in shown.to_dict("records")
+        for line in table.loc[order].to_dict("records")
     ]
     headings = [named[name] for name in numbers]
     titles = ("impact", "subject", "trial", *headings, "flags")
@@ -193,29 +183,28 @@ def estimate_figure(table: pd.DataFrame, name: str) -> Markup:
     """K or C of every impact over the mass; flagged impacts are marked by another colour and sign."""
     column, unit = _QUANTITIES[name]
     clean = table["flags"] == ""
-    with style():
-        fig, axes = new_figure()
-        for chosen, label, colour, marker in (
-            (clean, "no flag", POSTERIOR, "o"),
-            (~clean, "flagged", PUBLISHED, "x"),
-        ):
-            if chosen.any():
-                if _by_posterior(table):
-                    low, high = (ends[chosen] for ends in _interval(table, column))
-                    axes.vlines(table.loc[chosen, "mass_kg"], low, high, color=colour, alpha=0.5, lw=1)
-                axes.plot(
-                    table.loc[chosen, "mass_kg"],
-                    table.loc[chosen, column],
-                    marker,
-                    ms=4,
-                    color=colour,
-                    alpha=0.7,
-                    label=label,
-                )
-        axes.set(xlabel="mass of the impactor, M (kg)", ylabel=f"{name} ({unit})")
-        fig.legend(loc="outside upper right", ncols=2)
-        alt = f"Point estimates of {name} of every impact over the mass of the impactor; crosses are flagged."
-        return figure(fig, alt, raster=len(table) > _MANY_POINTS)
+    fig, axes = new_figure()
+    for chosen, label, colour, marker in (
+        (clean, "no flag", POSTERIOR, "o"),
+        (~clean, "flagged", PUBLISHED, "x"),
+    ):
+        if chosen.any():
+            if _by_posterior(table):
+                low, high = (ends[chosen] for ends in _interval(table, column))
+                axes.vlines(table.loc[chosen, "mass_kg"], low, high, color=colour, alpha=0.5, lw=1)
+            axes.plot(
+                table.loc[chosen, "mass_kg"],
+                table.loc[chosen, column],
+                marker,
+                ms=4,
+                color=colour,
+                alpha=0.7,
+                label=label,
+            )
+    axes.set(xlabel="mass of the impactor, M (kg)", ylabel=f"{name} ({unit})")
+    fig.legend(loc="outside upper right", ncols=2)
+    alt = f"Point estimates of {name} of every impact over the mass of the impactor; crosses are flagged."
+    return figure(fig, alt, raster=len(table) > _MANY_POINTS)
 
 
 def mass_trend(table: pd.DataFrame) -> str:
@@ -233,24 +222,27 @@ def mass_trend(table: pd.DataFrame) -> str:
     return f"Over these impacts {listed(words)}." if words else ""
 
 
-def plain_table(frame: pd.DataFrame) -> Table:
-    """Any table of text: columns of numbers to the right, those that aren't whole with four digits."""
-    numbers = {str(name): pd.to_numeric(frame[name], errors="coerce") for name in frame}
-    numeric = [
-        name
-        for name, values in numbers.items()
-        if values.notna().any() and (values.notna() | (frame[name] == "")).all()
-    ]
-    cells = {
-        name: [_cell(text, value, name in numeric) for text, value in zip(frame[name], values, strict=True)]
-        for name, values in numbers.items()
+def plain_table(name: str, frame: pd.DataFrame) -> Table:
+    """A whole table as it is declared: numbers to the right, those that aren't whole with four digits."""
+    declared, frame = declared_files()[f"{name}.csv"].columns, typed(name, frame)
+    kinds = {
+        str(column): declared[column].kind
+        if column in declared
+        else "number"
+        if pd.api.types.is_numeric_dtype(frame[column])
+        else "text"
+        for column in frame
     }
-    headings = {name: _FURTHER_HEADINGS.get(name, name) for name in numbers}
-    titles = columns(
-        *headings.values(), number=[headings[name] for name in numeric], words=("expected", "remedy", "note")
-    )
-    return Table(titles, [Row(row) for row in zip(*cells.values(), strict=True)])
+    titles = {column: _FURTHER_HEADINGS.get(column, column) for column in kinds}
+    numbers = [titles[column] for column, kind in kinds.items() if kind != "text"]
+    rows = [
+        Row([_cell(line[column], kind) for column, kind in kinds.items()])
+        for line in frame.to_dict("records")
+    ]
+    return Table(columns(*titles.values(), number=numbers, words=("expected", "remedy", "note")), rows)
 
 
-def _cell(text: str, value: float, numeric: bool) -> str:
-    return significant(value, 4) if numeric and pd.notna(value) and "." in text else text
+def _cell(value: Any, kind: str) -> str:
+    if kind == "text":
+        return str(value)
+    return "" if pd.isna(value) else f"{value:.0f}" if kind == "whole" else significant(value, 4)

@@ -49,20 +49,19 @@ def sheets(
 
     def sheet(part: np.ndarray) -> Markup:
         lines = -(-len(part) // grid[1])
-        with style():
-            fig, axes = new_figure((size[0], size[1] + 1.75 * lines), lines, grid[1], squeeze=False)
-            for ax, index in zip(axes.flat, part, strict=False):
-                panel(ax, int(index))
-                ax.set_title(shown(names[index]), fontsize=8)
-            for ax in axes.flat[len(part) :]:
-                ax.remove()
-            handles, labels = axes[0, 0].get_legend_handles_labels()
-            fig.legend(handles, labels, loc="outside upper right", ncols=4)
-            fig.supxlabel(time, fontsize=9)
-            if value:
-                fig.supylabel(value, fontsize=9)
-            listed = ", ".join(str(names[index]) for index in part)
-            return figure(fig, f"{alt} for the impacts {listed}.", raster=True)
+        fig, axes = new_figure((size[0], size[1] + 1.75 * lines), lines, grid[1], squeeze=False)
+        for ax, index in zip(axes.flat, part, strict=False):
+            panel(ax, int(index))
+            ax.set_title(shown(names[index]), fontsize=8)
+        for ax in axes.flat[len(part) :]:
+            ax.remove()
+        handles, labels = axes[0, 0].get_legend_handles_labels()
+        fig.legend(handles, labels, loc="outside upper right", ncols=4)
+        fig.supxlabel(time, fontsize=9)
+        if value:
+            fig.supylabel(value, fontsize=9)
+        listed = ", ".join(str(names[index]) for index in part)
+        return figure(fig, f"{alt} for the impacts {listed}.", raster=True)
 
     full = grid[0] * grid[1]
     return [sheet(which[begin : begin + full]) for begin in range(0, len(which), full)]
@@ -117,6 +116,7 @@ def quality_table(dataset: Dataset, signal: Displacements, warnings: Sequence[Pr
     )
 
 
+@style()
 def check_page(
     dataset: Dataset,
     signal: Displacements,
@@ -154,7 +154,7 @@ def check_page(
             [*_problems("left out", dataset.left_out), *_problems("warning", warnings)],
         ),
         codes=[problem.code for problem in (*dataset.left_out, *warnings)],
-        quality=_quality(quality.loc[shown]),
+        quality=_frame_table(quality.loc[shown].rename(columns=lambda name: name.replace("_", " ")), 4),
         input_hash=dataset.input_hash,
     )
 
@@ -198,25 +198,21 @@ def _problems(severity: str, problems: Sequence[Problem]) -> list[Row]:
     return rows
 
 
-def _quality(quality: pd.DataFrame) -> Table:
-    text = ("impact", "subject", "trial")
-    numbers = [name for name in quality.columns if name not in text]
-    return Table(
-        columns(
-            *(name.replace("_", " ") for name in quality.columns),
-            number=[n.replace("_", " ") for n in numbers],
-        ),
-        [
-            Row([str(cell) if isinstance(cell, str) else f"{cell:.4g}" for cell in record])
-            for record in quality.itertuples(index=False)
-        ],
-    )
+def _frame_table(frame: pd.DataFrame, digits: int) -> Table:
+    """A whole table, its numbers to the right and with so many digits."""
+    numbers = [str(name) for name in frame if frame[name].dtype.kind in "if"]
+    rows = [
+        Row([cell if isinstance(cell, str) else f"{cell:.{digits}g}" for cell in record])
+        for record in frame.itertuples(index=False)
+    ]
+    return Table(columns(*frame.columns, number=numbers), rows)
 
 
 MOST_INIT_PANELS = 120
 _INIT_GRID = 5, 2
 
 
+@style()
 def init_page(
     dataset: Dataset,
     *,
@@ -257,7 +253,7 @@ def init_page(
             time="time on the recorder's clock, ms",
             value="displacement, mm" if dataset.quantity == "displacement" else "deceleration, m/s²",
         ),
-        impacts=_impacts(dataset),
+        impacts=_frame_table(dataset.impacts.dropna(axis="columns", how="all"), 6),
     )
 
 
@@ -274,17 +270,3 @@ def _init_panel(ax: Any, index: int, *, dataset: Dataset, signal: Displacements)
     ax.axhline(0, color=FAINT, linewidth=0.8)
     ax.plot(time[peak], value[peak], "v", color=PALETTE[3], markersize=5, label="peak")
     ax.tick_params(labelsize=7)
-
-
-def _impacts(dataset: Dataset) -> Table:
-    impacts = dataset.impacts.drop(
-        columns=[name for name in dataset.impacts if dataset.impacts[name].isna().all()]
-    )
-    numbers = [str(name) for name in impacts if impacts[name].dtype.kind in "if"]
-    return Table(
-        columns(*impacts.columns, number=numbers),
-        [
-            Row([cell if isinstance(cell, str) else f"{cell:.6g}" for cell in record])
-            for record in impacts.itertuples(index=False)
-        ],
-    )

@@ -1,11 +1,12 @@
-"""The files of a finished run, read and checked before a report is made of them."""
+"""The files of a finished run, read and checked, and the page that is made of them."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Container, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Container, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -13,36 +14,14 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayestissue.errors import InputError, Problem
-from bayestissue.remedies.codes import Code
-from bayestissue.results import damaged, read_table
+from bayestissue import stopping
+from bayestissue.errors import InputError, PartialResultError, Problem
+from bayestissue.outline import short
+from bayestissue.results import damaged, whole_file
+from bayestissue.results.tables import AGAIN, HELD, wrong_in
 
-AGAIN = (
-    "Give the folder of a finished run, or make it anew with `bayestissue fit` or `bayestissue reproduce`."
-)
-
-
-@dataclass(frozen=True)
-class TableFile:
-    """A table that a run must hold: its columns of text and of numbers, and numbers that it may hold."""
-
-    name: str
-    text: tuple[str, ...] = ()
-    numbers: tuple[str, ...] = ()
-    further: tuple[str, ...] = ()
-
-
-_MIDDLE = ("median", "eti50_low", "eti50_high", "eti90_low", "eti90_high")
 # Of every run with a posterior.
-POSTERIOR_TABLES = (
-    TableFile(
-        "summary",
-        ("variable", "label", "unit"),
-        ("mean", "sd", *_MIDDLE, "ess_bulk", "ess_tail", "r_hat", "mcse_mean"),
-    ),
-    TableFile("hypotheses", ("quantity", "hypothesis"), ("value", "rope_low", "rope_high", "probability")),
-    TableFile("sensitivity", ("variable", "diagnosis"), ("prior", "likelihood")),
-)
+POSTERIOR_TABLES = ("summary", "hypotheses", "sensitivity")
 
 
 @dataclass(frozen=True)
@@ -79,13 +58,6 @@ class PosteriorRun:
         return self.groups["constant_data"][name].to_numpy()
 
 
-def wrong_in(
-    path: Path, expected: str, remedy: str = AGAIN, *, code: Code = "damaged-run", **location: Any
-) -> Problem:
-    """What is wrong with a file of a run; ``location`` says where in it, and what stands there."""
-    return Problem(str(path), expected, remedy, code=code, **location)
-
-
 def not_a_fit(folder: Path, record: Mapping[str, Any], remedy: str) -> Problem:
     """The problem of a folder that holds another kind of run than a fit."""
     path, kind = folder / "run.json", record["kind"]
@@ -118,10 +90,7 @@ def read_about(folder: Path) -> dict[str, Any]:
 def require_files(folder: Path, names: list[str]) -> None:
     """Raise an `InputError` that names every one of ``names`` that ``folder`` lacks."""
     if lacking := [name for name in names if not (folder / name).is_file()]:
-        raise InputError(
-            wrong_in(folder / name, "a file that a finished run holds", value="no such file")
-            for name in lacking
-        )
+        raise InputError(wrong_in(folder / name, HELD, value="no such file") for name in lacking)
 
 
 def read_json(path: Path) -> dict[str, Any]:
@@ -183,10 +152,17 @@ def read_groups(
         }
         _require_parts(groups, needed, path, remedy)
         if of_impacts is not None:
-            posterior = groups["posterior"]
-            single = {name for name in posterior.data_vars if "impact" in posterior[name].dims}
-            groups["posterior"] = posterior.drop_vars(single - set(of_impacts))
+            groups = of_population(groups, of_impacts)
         return {name: data.load() for name, data in groups.items()}
+
+
+def of_population(
+    groups: Mapping[str, xr.Dataset], of_impacts: Collection[str] = ()
+) -> dict[str, xr.Dataset]:
+    """The groups with draws of single impacts for ``of_impacts`` alone."""
+    posterior = groups["posterior"]
+    single = {name for name in posterior.data_vars if "impact" in posterior[name].dims}
+    return {**groups, "posterior": posterior.drop_vars(single - set(of_impacts))}
 
 
 def _require_parts(
@@ -213,34 +189,79 @@ def _as_input_errors(path: Path, remedy: str) -> Iterator[None]:
         raise InputError(wrong_in(path, "a DataTree as a run writes it", remedy, value=str(error))) from error
 
 
-def read_tables(folder: Path, layouts: tuple[TableFile, ...]) -> Mapping[str, pd.DataFrame]:
-    """Every table of ``layouts`` by its name without suffix; text keeps its printed digits.
+def write_report(run_dir: Path) -> Path:
+    """Write ``report.html`` into the folder of a finished run, from the files in it alone.
+
+    Returns:
+        The path of the page.
 
     Raises:
-        InputError: all the files that can't be read and all the columns that lack, at once.
+        InputError: the folder isn't that of a finished run; what lacks is named.
     """
-    problems: list[Problem] = []
-    tables = {layout.name: _read_table(folder / f"{layout.name}.csv", layout, problems) for layout in layouts}
-    if problems:
-        raise InputError(problems)
-    return tables
+    run_dir = Path(run_dir)
+    return _written(run_dir, _page(run_dir, read_about(run_dir)))
 
 
-def _read_table(path: Path, layout: TableFile, problems: list[Problem]) -> pd.DataFrame:
-    try:
-        table = read_table(path)
-    except (OSError, UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
-        problems.append(wrong_in(path, "a table as a run writes it", value=type(error).__name__))
-        return pd.DataFrame()
-    missing = [column for column in (*layout.text, *layout.numbers) if column not in table]
-    problems += [wrong_in(path, "this column", row=1, column=column) for column in missing]
-    for column in (*layout.numbers, *layout.further):
-        if column in table:
-            values = pd.to_numeric(table[column], errors="coerce")
-            wrong = table[column][values.isna() & ~table[column].str.lower().isin(["", "nan"])]
-            problems += [
-                wrong_in(path, "a number or nothing", row=int(index) + 2, column=column, value=cell)
-                for index, cell in zip(wrong.index, wrong, strict=True)
-            ]
-            table[column] = values.astype("float64")
-    return table
+def _written(run_dir: Path, html: str) -> Path:
+    path = run_dir / "report.html"
+    with whole_file(path) as staging:
+        staging.write_text(html, encoding="utf-8")
+    return path
+
+
+def draw_page(run_dir: Path, page: Callable[[], str] | None = None) -> Path:
+    """The page of results that stand already, and that a page that fails must not put in doubt.
+
+    Args:
+        run_dir: the folder of the results.
+        page: makes the HTML of what is in memory; it is made from the folder's files unless given.
+
+    Raises:
+        PartialResultError: the page could not be drawn; the results are written.
+    """
+    with after_results(run_dir, f"`bayestissue report {run_dir}` draws the page"):
+        return write_report(run_dir) if page is None else _written(run_dir, page())
+
+
+@contextmanager
+def after_results(folder: Path, again: str) -> Iterator[None]:
+    """A block that adds to results that stand; ``again`` says how it is repeated if it fails or is stopped.
+
+    Raises:
+        PartialResultError: whatever failed in the block, in one line.
+    """
+    with stopping.explained(lambda: f"the results are in {folder}; {again}"):
+        try:
+            yield
+        except Exception as error:
+            what = short(" ".join(f"{type(error).__name__}: {error}".split()), 300)
+            raise PartialResultError(
+                f"the results are in {folder}, but their page could not be drawn ({what}); {again}",
+                code="page-not-drawn",
+            ) from error
+
+
+# Of each kind of run: the module with its page, and the function that makes it.
+_PAGES = {
+    "published": ("thesis.pages.published_page", "published_page"),
+    "estimates": ("report.estimates_page", "estimates_page"),
+    "fit": ("report.fit.page", "fit_page"),
+    "comparison": ("report.comparison", "comparison_page"),
+    "causes": ("thesis.pages.causes_page", "causes_page"),
+}
+
+
+def _page(run_dir: Path, record: dict[str, Any]) -> str:
+    kind = record["kind"]
+    if kind not in _PAGES:
+        kinds = " or ".join(f'"{known}"' for known in _PAGES)
+        remedy = "Make the run anew with this version of the program."
+        raise InputError(
+            wrong_in(run_dir / "run.json", kinds, remedy, code="not-a-run", column="kind", value=kind)
+        )
+    module, name = _PAGES[kind]
+    from bayestissue.report.style import style
+
+    with style():
+        page: str = getattr(import_module(f"bayestissue.{module}"), name)(run_dir, record)
+    return page

@@ -1,13 +1,17 @@
-"""Tables as a template wants them: columns that know how they are set, rows that know how they are marked."""
+"""Tables as a template wants them; those of settings, priors and a posterior that several pages have."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+import math
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import pandas as pd
 from markupsafe import Markup
+
+from bayestissue.inference.results.meanings import SECANTS
+from bayestissue.report.wording import decimals_of, interval, number, probability, significant
 
 
 @dataclass(frozen=True)
@@ -68,3 +72,160 @@ def lines(frame: pd.DataFrame) -> list[Any]:
 def tag(kind: str, words: str) -> Markup:
     """``words`` as a small coloured label; ``kind`` is a class of the style sheet, such as ``"major"``."""
     return Markup('<span class="tag {}">{}</span>').format(kind, words)
+
+
+def settings_table(content: Mapping[str, Any], shown_elsewhere: Collection[str] = ()) -> Table:
+    """Every key of ``content`` and its value, one a row; inner tables' keys are joined with a dot.
+
+    The top-level keys in ``shown_elsewhere`` are left out.
+    """
+    remaining = {key: value for key, value in content.items() if key not in shown_elsewhere}
+    return Table(columns("setting", "value", words=("value",)), [Row(pair) for pair in _flat(remaining)])
+
+
+def _flat(content: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, str]]:
+    for key, value in content.items():
+        name = f"{above}{key}"
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{name}.")
+        else:
+            yield name, plain(value)
+
+
+def plain(value: Any) -> str:
+    """One value of a TOML or JSON file as a reader would write it."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:g}".replace("-", "−")
+    if isinstance(value, list):
+        return ", ".join(plain(item) for item in value)
+    return "not set" if value is None else str(value)
+
+
+_MEANINGS = {
+    "intercept": "log of a typical person's value at the reference mass",
+    "mass_exponent": "slope of the log on log mass",
+    "covariate": "change of the log for one standard deviation of another covariate",
+    "sd_subject": "spread between people, log scale",
+    "sd_trial": "spread between conditions beyond the covariates, log scale",
+    "sd_group": "spread between the levels of another grouping, log scale",
+    "sd_slope": "spread between levels of the mass exponent, or of the change of the log for one standard "
+    "deviation of another covariate",
+    "sd_impact": "spread of one person's impacts in one condition, log scale",
+    "residual_correlation": "correlation of K and C from impact to impact",
+    "noise": "mean over impacts of the log of the noise, as a fraction of the trace's peak",
+    "sd_noise": "spread of that log between impacts",
+    "atanh_theta1": "mean over impacts of artanh θ₁: 0 is white, minus infinity is θ₁ = −1",
+    "atanh_noise_correlation": "mean over impacts of artanh of the noise's correlation from sample to sample",
+    "sd_atanh_noise_correlation": "spread of that between impacts",
+    "discrepancy": "mean over impacts of the log of the discrepancy's rms, as a fraction of the trace's peak",
+    "sd_discrepancy": "spread of that log between impacts",
+    "element": "log of the element's further parameters",
+    "sd_atanh_theta1": "spread of artanh θ₁ between impacts",
+}
+SHOWN_ELSEWHERE = ("name", "description", "formula", "priors")
+
+
+def priors_table(model: Mapping[str, Any], unused: Collection[str] = ()) -> Table:
+    """Every prior but the ``unused``: of what, for which quantity, and the distribution in words."""
+    rows = [
+        Row((name, _MEANINGS.get(name, ""), quantity, distribution))
+        for name, prior in dict(model.get("priors", {})).items()
+        if name not in unused
+        for quantity, distribution in _distributions(prior)
+    ]
+    return Table(columns("parameter", "meaning", "quantity", "prior", words=("meaning",)), rows)
+
+
+def _distributions(prior: Any) -> Iterator[tuple[str, str]]:
+    if isinstance(prior, Mapping) and "distribution" not in prior:
+        for quantity, inner in prior.items():
+            # Of an element's parameters there are the mean over impacts and the spread.
+            named = isinstance(inner, Mapping) and "distribution" not in inner
+            for part, words in _distributions(inner):
+                yield (f"{quantity}, {part}" if named else quantity), words
+    else:
+        yield "both", distribution_words(prior)
+
+
+def distribution_words(prior: Any) -> str:
+    """A distribution as a model file writes it, in words: "half-normal, scale 0.5"."""
+    if not isinstance(prior, Mapping):
+        return plain(prior)
+    settings = [f"{name} {plain(value)}" for name, value in prior.items() if name != "distribution"]
+    return ", ".join([str(prior["distribution"]), *settings])
+
+
+def formulas(model: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Pairs of left and right side, such as ``("log K", "log(mass_kg) + (1|subject)")``."""
+    return [(f"log {name}", str(right)) for name, right in dict(model.get("formula", {})).items()]
+
+
+def hypotheses_table(hypotheses: pd.DataFrame) -> Table:
+    """`hypotheses.csv`: the posterior probability that a mass exponent counts as 0, as 1, or as neither."""
+    return table_of(
+        lines(hypotheses),
+        Field("quantity", lambda line: SECANTS.get(line.quantity, line.quantity)),
+        Field("hypothesis", lambda line: line.hypothesis),
+        Field("exponent", lambda line: "" if math.isnan(line.value) else f"{line.value:g}", "number"),
+        Field("counts as equal", lambda line: _region(line.rope_low, line.rope_high), "number"),
+        Field("probability", lambda line: probability(line.probability), "number"),
+    )
+
+
+def _region(low: float, high: float) -> str:
+    ends = (f"{low:g} to {high:g}", f"above {low:g}", f"below {high:g}", "")
+    return ends[math.isnan(high) + 2 * math.isnan(low)].replace("-", "−")
+
+
+def summary_table(summary: pd.DataFrame, variables: Collection[str]) -> Table:
+    """The rows of `summary.csv` for ``variables``, without the impacts' own."""
+
+    def ends(line: Any, percent: int) -> str:
+        low, high = (getattr(line, f"eti{percent}_{end}") for end in ("low", "high"))
+        return interval(low, high, places(line))
+
+    def places(line: Any) -> int:
+        return decimals_of(line.eti90_high - line.eti90_low)
+
+    return table_of(
+        lines(summary[summary["variable"].isin(variables)]),
+        Field("variable", lambda line: line.variable),
+        Field("label", lambda line: line.label),
+        Field("unit", lambda line: line.unit),
+        Field("median", lambda line: number(line.median, places(line)), "number"),
+        Field("50 %", lambda line: ends(line, 50), "number"),
+        Field("90 %", lambda line: ends(line, 90), "number"),
+        Field("effective draws", lambda line: number(line.ess_bulk, 0), "number"),
+        Field("R̂", lambda line: number(line.r_hat, 3), "number"),
+    )
+
+
+def sensitivity_table(sensitivity: pd.DataFrame) -> Table:
+    """`sensitivity.csv`: how much each posterior moves when prior or likelihood is weighted up or down."""
+    return table_of(
+        lines(sensitivity),
+        Field("variable", lambda line: line.variable),
+        Field("prior", lambda line: number(line.prior, 3), "number"),
+        Field("likelihood", lambda line: number(line.likelihood, 3), "number"),
+        Field("diagnosis", lambda line: line.diagnosis),
+    )
+
+
+def diagnostics_table(diagnostics: Mapping[str, Any]) -> Table:
+    """Every check of the sampler: value, limit, verdict, meaning and next step."""
+    return table_of(
+        diagnostics["checks"],
+        Field("check", lambda check: check["name"]),
+        Field("value", lambda check: _plain(check["value"]), "number"),
+        Field("limit", lambda check: _plain(check["limit"]), "number"),
+        Field("verdict", lambda check: tag("yes", "passed") if check["passed"] else tag("no", "FAILED")),
+        Field("what it means", lambda check: check["meaning"], "words"),
+        Field("next step", lambda check: check["next_step"] or "", "words"),
+        mark=lambda check: "" if check["passed"] else "failed",
+    )
+
+
+def _plain(value: object) -> str:
+    return significant(value, 4) if isinstance(value, float) else "" if value is None else str(value)

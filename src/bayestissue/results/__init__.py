@@ -1,16 +1,9 @@
 """Result folders: whole or not there, never at the cost of anything but earlier results."""
 
-from bayestissue.results.files import (
-    Excel,
-    read_table,
-    scratch,
-    whole_file,
-    write_json,
-    write_table,
-    write_tree,
-)
+from bayestissue.results.files import scratch, whole_file, write_json, write_tree
 from bayestissue.results.mark import damaged, require_free, require_place
 from bayestissue.results.place import Place, claim, claim_if
+from bayestissue.results.tables import Excel, read_table, read_tables, write_table
 
 __all__ = [
     "Excel",
@@ -19,6 +12,7 @@ __all__ = [
     "claim_if",
     "damaged",
     "read_table",
+    "read_tables",
     "require_free",
     "require_place",
     "scratch",

@@ -11,9 +11,8 @@ from bayestissue.errors import InputError
 from bayestissue.hierarchy import derived
 from bayestissue.inference.answers.contrasts import contrasts
 from bayestissue.inference.answers.finished import Finished
-from bayestissue.inference.answers.predictions import predict
+from bayestissue.inference.answers.predictions import predict, read_conditions
 from bayestissue.inference.answers.questions import ask, numbered
-from bayestissue.inference.answers.table import read_conditions
 from bayestissue.inference.results.labels import design_attributes, design_dimensions, labelled
 from designs import design_of, impacts
 

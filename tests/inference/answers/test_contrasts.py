@@ -9,11 +9,11 @@ import xarray as xr
 from numpy.testing import assert_allclose
 
 from bayestissue.hierarchy.levels import Recorded
-from bayestissue.inference.answers.contrasts import ALL, COLUMNS, contrasts
-from bayestissue.inference.answers.draws import draws_of as draws_at
+from bayestissue.inference.answers.contrasts import ALL, contrasts, people_compared
 from bayestissue.inference.answers.grammar import parse
+from bayestissue.inference.answers.meaning import draws_of as draws_at
 from bayestissue.inference.answers.meaning import mistakes
-from bayestissue.inference.answers.people import people_compared
+from bayestissue.results.tables import columns_of
 from designs import REFERENCE, impacts
 
 SHAPE = (2, 500)
@@ -42,7 +42,7 @@ def rows_of(table: pd.DataFrame, factor: str) -> dict[tuple[str, str], pd.Series
 def test_a_ratio_with_its_interval_and_probabilities_is_that_of_the_draws() -> None:
     draws = draws_of(np.random.default_rng(1), 0.05, {"intercept_K": 7.0, "effect_of_side[right]_K": -0.08})
     found = contrasts(draws, recorded("side"), ["K"], 0.1)
-    assert list(found) == COLUMNS
+    assert list(found) == columns_of("contrasts")
     # Left goes before right, which is the column that the formula has.
     log = -draws["effect_of_side[right]_K"].to_numpy().ravel()
     row = rows_of(found, "side")["left", "right"]

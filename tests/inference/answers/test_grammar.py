@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bayestissue.hierarchy.levels import Recorded
-from bayestissue.inference.answers.draws import draws_of
 from bayestissue.inference.answers.grammar import DEEPEST, LONGEST, Level, Quantity, QuestionError, parse
+from bayestissue.inference.answers.meaning import draws_of
 
 A, B = np.array([[1.5, -2.0, 3.0]]), np.array([[0.5, 4.0, -1.0]])
 DRAWS = xr.Dataset(

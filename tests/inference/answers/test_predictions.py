@@ -10,8 +10,7 @@ import xarray as xr
 from bayestissue import Run, read_run
 from bayestissue.errors import InputError
 from bayestissue.inference.answers.finished import Finished
-from bayestissue.inference.answers.predictions import NO_LAW, predict
-from bayestissue.inference.answers.table import read_conditions
+from bayestissue.inference.answers.predictions import NO_LAW, predict, read_conditions
 from bayestissue.oscillator.impact import peak_displacement, time_to_peak
 from make_fit_run import make_fit_run
 

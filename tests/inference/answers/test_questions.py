@@ -10,7 +10,8 @@ import xarray as xr
 
 from bayestissue import Run, read_run
 from bayestissue.errors import InputError
-from bayestissue.inference.answers.questions import COLUMNS, ask, ask_what_can_be, numbered, of_model
+from bayestissue.inference.answers.questions import ask, ask_what_can_be, numbered, of_model
+from bayestissue.results.tables import columns_of
 from make_fit_run import make_fit_run
 
 
@@ -137,7 +138,7 @@ def test_all_that_is_wrong_is_told_with_its_place_and_near_names(run: Run) -> No
 
 def test_a_model_files_question_without_an_answer_says_why(run: Run) -> None:
     table = ask_what_can_be(run.finished, of_model({"a": "K > 2500", "b": "K_strange > 1"}, "m.toml"))
-    assert table.columns.tolist() == COLUMNS
+    assert table.columns.tolist() == columns_of("questions")
     assert table["name"].tolist() == ["a", "b"]
     assert table["posterior"].notna().tolist() == [True, False]
     assert "K_strange" in table["note"][1]

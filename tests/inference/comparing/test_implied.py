@@ -8,8 +8,8 @@ from numpy.testing import assert_allclose
 from scipy.optimize import brentq
 from scipy.stats import norm
 
-from bayestissue.inference.comparing.finished import FinishedRun
-from bayestissue.inference.comparing.implied import IMPLIED_COLUMNS, comparable_draws, implied, mixture
+from bayestissue.inference.comparing.runs import FinishedRun, comparable_draws, implied, mixture
+from bayestissue.results.tables import columns_of
 
 DRAWS = 4000
 PEOPLE = np.array(["s0", "s1", "s0"])
@@ -58,7 +58,7 @@ def test_quantiles_are_those_of_the_mixture() -> None:
 def test_all_weight_on_one_run_gives_its_own_figures() -> None:
     one, other = run("one", {"K": 1000.0, "C": 20.0}), run("other", {"K": 2000.0, "C": 30.0})
     table = implied([one, other], weights(one=1.0, other=0.0))
-    assert list(table.columns) == IMPLIED_COLUMNS
+    assert list(table.columns) == columns_of("implied")
     by_name = table.set_index(["variable", "label"])
     # Each geometric mean of three log-normal draws of 1 %.
     middle = 1000 * np.prod([0.9, 1.0, 1.2]) ** (1 / 3)
@@ -95,7 +95,7 @@ def test_nothing_is_told_where_runs_that_weigh_lack_it() -> None:
 
 def test_runs_without_weights_imply_nothing() -> None:
     table = implied([run("only", {"K": 1.0, "C": 1.0})], weights(only=np.nan))
-    assert list(table.columns) == IMPLIED_COLUMNS
+    assert list(table.columns) == columns_of("implied")
     assert table.empty
 
 

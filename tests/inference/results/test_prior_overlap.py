@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 from scipy.integrate import quad
 
-from bayestissue.inference.results.prior_overlap import prior_overlap
+from bayestissue.inference.results.summary import prior_overlap
 
 
 def test_the_overlap_of_normals_is_the_integral_of_the_lesser_density_on_any_scale() -> None:

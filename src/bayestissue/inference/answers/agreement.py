@@ -13,13 +13,14 @@ from itertools import combinations
 import numpy as np
 import pandas as pd
 
-COLUMNS = ["quantity", "method", "against", "impacts", "left_out", "ratio", "low", "high"]
+from bayestissue.results.tables import table_of_rows
+
 METHODS = {"dds": "thesis's method", "exact": "exact point fit", "posterior": "posterior median"}
 _LIMITS = 1.96
 
 
 def agreement(values: dict[str, pd.DataFrame]) -> pd.DataFrame:
-    """Each method against each later one, a row each: `COLUMNS`.
+    """Each method against each later one, a row each: ``agreement.csv``.
 
     Args:
         values: of K and of C a row an impact, with a column for each of `METHODS`. What is not above 0 has no
@@ -36,7 +37,7 @@ def agreement(values: dict[str, pd.DataFrame]) -> pd.DataFrame:
             middle = float(d.mean()) if len(d) else np.nan
             ends = np.exp([middle, middle - _LIMITS * sd, middle + _LIMITS * sd])
             rows.append((quantity, method, against, len(d), len(table) - len(d), *map(float, ends)))
-    return pd.DataFrame(rows, columns=COLUMNS)
+    return table_of_rows("agreement", rows)
 
 
 def log_ratios(table: pd.DataFrame, method: str, against: str) -> pd.Series:

@@ -37,13 +37,14 @@ import xarray as xr
 from jaxtyping import Float
 
 from bayestissue.hierarchy.formulas.formula import group_terms, variables_of_terms
-from bayestissue.hierarchy.formulas.group_terms import labels_of
+from bayestissue.hierarchy.formulas.group_terms import SUBJECT, labels_of
 from bayestissue.hierarchy.levels import Condition, Recorded, log_at_levels
 from bayestissue.inference.answers.grammar import Node, Number, Quantity, QuestionError, parse
 from bayestissue.inference.answers.meaning import quantities
+from bayestissue.results.tables import joined
 
-COLUMNS = ["factor", "level", "against", "quantity", "ratio", "low", "high", "p_direction", "p_equivalent"]
 ALL = "mean of all"
+_COMPARED = ["factor", "level", "against"]
 _MOST_IN_PAIRS = 12
 _MOST_LEVELS = 400
 _MOST_AVERAGED = 200
@@ -71,7 +72,7 @@ def contrasts(
     equivalence: float,
     questions: Iterable[str] = (),
 ) -> pd.DataFrame:
-    """Every contrast that the formulas have, a row each: `COLUMNS`.
+    """Every contrast that the formulas have, a row each: ``contrasts.csv``.
 
     Args:
         draws: the group posterior.
@@ -88,13 +89,11 @@ def contrasts(
         directed = [_directed(contrast, directions) for contrast in contrasts_of(recorded, response)]
         if directed:
             logs = log_ratios(draws, recorded, response, directed)
-            names = pd.DataFrame([contrast[:3] for contrast in directed], columns=COLUMNS[:3])
-            tables.append(names.assign(quantity=response, **told_of(logs, equivalence)))
-    if not tables:
-        return pd.DataFrame(columns=COLUMNS)
+            names = pd.DataFrame([contrast[:3] for contrast in directed], columns=_COMPARED)
+            tables.append(names.assign(quantity=response, **ratio_summary(logs, equivalence)))
     # K and C of a contrast one below the other.
-    table = pd.concat(tables, ignore_index=True)
-    order = table.groupby(COLUMNS[:3], sort=False).ngroup()
+    table = joined("contrasts", tables)
+    order = table.groupby(_COMPARED, sort=False).ngroup()
     return table.iloc[np.argsort(order, kind="stable")].reset_index(drop=True)
 
 
@@ -144,7 +143,7 @@ def _directed(contrast: Contrast, directions: frozenset[tuple[str, str, str]]) -
     return contrast
 
 
-def told_of(logs: Float[np.ndarray, "draw ratio"], equivalence: float) -> dict[str, np.ndarray]:
+def ratio_summary(logs: Float[np.ndarray, "draw ratio"], equivalence: float) -> dict[str, np.ndarray]:
     """Median, 90 % interval, probabilities of direction and of practical equivalence of ratios."""
     low, median, high = np.exp(np.percentile(logs, [5, 50, 95], axis=0))
     return {
@@ -301,3 +300,40 @@ def _ordered(levels: Sequence[str]) -> list[str]:
         return sorted(levels, key=float, reverse=True)
     except ValueError:
         return sorted(levels)
+
+
+MOST_PEOPLE = 60
+
+
+def people_compared(draws: xr.Dataset, recorded: Recorded, responses: Sequence[str]) -> pd.DataFrame:
+    """Each person against each other, as in ``people.csv``, two rows a pair; none of more than `MOST_PEOPLE`.
+
+    Args:
+        draws: the group posterior.
+        recorded: what was measured.
+        responses: K, C and the further parameters that have a formula; those with an effect of the person
+            are compared.
+
+    Returns:
+        ``p_greater`` is the probability that the person's is greater, ``ratio`` the posterior median of the
+        person's over the other's, ``low`` and ``high`` the ends of its 90 % interval.
+    """
+    people = recorded.levels("subject")
+    first, second = np.triu_indices(len(people), 1)
+    tables = []
+    for response in responses:
+        if SUBJECT not in group_terms(recorded.formulas.get(response)) or not 2 <= len(people) <= MOST_PEOPLE:
+            continue
+        logs = log_at_levels(draws, recorded, response, [{"subject": name} for name in people])
+        logs = logs.reshape(-1, len(people))
+        ratio = logs[:, first] - logs[:, second]
+        low, median, high = np.exp(np.percentile(ratio, [5, 50, 95], axis=0))
+        above = (ratio > 0).mean(axis=0)
+        for one, another, values in (
+            (first, second, (above, median, low, high)),
+            (second, first, (1 - above, 1 / median, 1 / high, 1 / low)),
+        ):
+            names = {"person": np.array(people)[one], "against": np.array(people)[another]}
+            columns = dict(zip(("p_greater", "ratio", "low", "high"), values, strict=True))
+            tables.append(pd.DataFrame({"quantity": response, **names, **columns}))
+    return joined("people", tables)

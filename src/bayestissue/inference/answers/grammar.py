@@ -3,7 +3,7 @@
     K[side=left] / K[side=right] > 1.1 and mean(K[subject, sex=f]) between 2000 and 3000
 
 Parsed by Lark as LALR(1), in time proportional to the text and without recursion, so that no text is slow or
-deep; what a tree may be is limited besides. The tree is worked off by `bayestissue.inference.answers.draws`.
+deep; what a tree may be is limited besides. `bayestissue.inference.answers.meaning` works off the tree.
 """
 
 from __future__ import annotations

@@ -22,36 +22,21 @@ import xarray as xr
 
 from bayestissue.errors import Coded, InputError, Problem, all_of, printable
 from bayestissue.hierarchy.levels import Recorded
-from bayestissue.inference.answers.draws import draws_of
 from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.grammar import ALLOWED, Node, QuestionError, claims, parse
 from bayestissue.inference.answers.meaning import (
     condition_of,
+    draws_of,
     is_response,
     mistakes,
     quantities,
     unit_of,
 )
-from bayestissue.inference.results.prior_overlap import MOSTLY, prior_overlap
+from bayestissue.inference.results.summary import MOSTLY, prior_overlap
 from bayestissue.inference.samplers.convergence import effective_size
+from bayestissue.results.tables import table_of_rows
 
 FEWEST = 10
-COLUMNS = [
-    "question",
-    "posterior",
-    "prior",
-    "bayes_factor",
-    "mcse",
-    "prior_mcse",
-    "median",
-    "low",
-    "high",
-    "unit",
-    "draws",
-    "prior_draws",
-    "name",
-    "note",
-]
 # Of a question, on either side of a slip.
 _SHOWN = 60
 
@@ -82,7 +67,7 @@ def of_model(questions: dict[str, str], source: str) -> list[Question]:
 
 
 def ask(finished: Finished, questions: Sequence[Question]) -> pd.DataFrame:
-    """The answer to each question: a row of `COLUMNS`.
+    """The answer to each question: a row of ``questions.csv``.
 
     A claim has ``posterior`` and ``prior`` probability, ``bayes_factor`` and the Monte Carlo standard errors
     ``mcse`` and ``prior_mcse`` of the two. An expression has ``median`` and 90 % interval ``low`` to
@@ -92,8 +77,7 @@ def ask(finished: Finished, questions: Sequence[Question]) -> pd.DataFrame:
     Raises:
         InputError: some can't be read, or ask for what this run does not have: all that is wrong at once.
     """
-    rows = all_of(lambda question: _answer(finished, question), questions)
-    return pd.DataFrame(rows, columns=COLUMNS)
+    return table_of_rows("questions", all_of(lambda question: _answer(finished, question), questions))
 
 
 def ask_what_can_be(finished: Finished, questions: Sequence[Question]) -> pd.DataFrame:
@@ -105,7 +89,7 @@ def ask_what_can_be(finished: Finished, questions: Sequence[Question]) -> pd.Dat
         except InputError as error:
             reasons = "; ".join(f"no answer: found {p.value}, expected {p.expected}" for p in error.problems)
             rows.append({"question": question.text, "name": question.name, "note": reasons, "unit": ""})
-    return pd.DataFrame(rows, columns=COLUMNS)
+    return table_of_rows("questions", rows)
 
 
 def require_readable(questions: Sequence[Question], recorded: Recorded) -> None:

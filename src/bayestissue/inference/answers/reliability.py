@@ -55,9 +55,9 @@ from bayestissue.hierarchy.effects import intercept, parameter_of, sd_impact
 from bayestissue.hierarchy.formulas.formula import group_terms
 from bayestissue.hierarchy.formulas.group_terms import SUBJECT, TRIAL, GroupTerm, grouping_of
 from bayestissue.hierarchy.levels import Recorded
-from bayestissue.inference.results.prior_overlap import prior_overlap
+from bayestissue.inference.results.summary import prior_overlap
+from bayestissue.results.tables import table_of_rows
 
-COLUMNS = ["quantity", "measure", "form", "median", "low", "high", "unit", "prior_overlap", "varies"]
 ICC, SEM, MDC = "intraclass correlation", "standard error of measurement", "minimal detectable change (95 %)"
 REPEATS = "repeats"
 TARGETS = (0.75, 0.9)
@@ -219,9 +219,10 @@ def reliability(posterior: Sequence[Coefficient], prior: Sequence[Coefficient] =
         prior: the same of the prior's, if there are any.
 
     Returns:
-        `COLUMNS`, with the median and the 90 % equal-tailed interval; repeats are whole numbers, at least 1.
+        ``reliability.csv``, with the median and the 90 % equal-tailed interval; repeats are whole numbers, at
+        least 1.
         ``prior_overlap`` says how much of that is the prior: see
-        `bayestissue.inference.results.prior_overlap`. ``varies`` names the groupings whose levels may differ
+        `bayestissue.inference.results.summary`. ``varies`` names the groupings whose levels may differ
         between the measurements compared; all others are the same.
     """
     before = {coefficient[:5]: coefficient.drawn for coefficient in prior}
@@ -233,18 +234,9 @@ def reliability(posterior: Sequence[Coefficient], prior: Sequence[Coefficient] =
         shared = (
             prior_overlap(coefficient.drawn, before[coefficient[:5]]) if coefficient[:5] in before else np.nan
         )
-        rows.append(
-            (
-                coefficient.quantity,
-                coefficient.measure,
-                coefficient.form,
-                *ends.tolist(),
-                coefficient.unit,
-                shared,
-                ", ".join(coefficient.varies),
-            )
-        )
-    return pd.DataFrame(rows, columns=COLUMNS)
+        quantity, measure, form, unit = coefficient[:4]
+        rows.append((quantity, measure, form, *ends.tolist(), unit, shared, ", ".join(coefficient.varies)))
+    return table_of_rows("reliability", rows)
 
 
 def as_variables(coefficients: Sequence[Coefficient]) -> xr.Dataset:

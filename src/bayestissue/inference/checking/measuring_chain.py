@@ -33,8 +33,7 @@ from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, trace_distribution, with_normal_errors
 from bayestissue.inference.checking import incredible
 from bayestissue.inference.checking.incredible import Groups, Pattern
-from bayestissue.inference.checking.misfit import judged_at
-from bayestissue.inference.checking.model_form import LIMIT
+from bayestissue.inference.checking.model_form import LIMIT, judged_at
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.execution.kept import some_impacts, some_of
 from bayestissue.inference.factors.sites import laplace_sites, weak_prior

@@ -2,25 +2,154 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
 from bayestissue.errors import Coded
-from bayestissue.inference.comparing.finished import FinishedRun
-from bayestissue.inference.comparing.implied import UNITS, comparable_draws
-from bayestissue.inference.comparing.stacking import COLUMNS as SCORES
 from bayestissue.inference.comparing.stacking import by_importance
-from bayestissue.inference.quantities.elements import element_attributes
 from bayestissue.inference.quantities.secants import EXPONENTS as OF_SECANTS
 from bayestissue.inference.results.cross_validation import densities_of, scheme_words, schemes
-from bayestissue.inference.results.labels import ATTRIBUTES
+from bayestissue.inference.results.labels import ATTRIBUTES, element_attributes
 from bayestissue.inference.results.meanings import meaning
+from bayestissue.results.tables import joined
 
-COMPARISON_COLUMNS = [SCORES[0], "data", *SCORES[1:]]
-POSTERIOR_COLUMNS = ["variable", "label", "of", "unit", "run", "median", "eti90_low", "eti90_high"]
+
+@dataclass(frozen=True)
+class FinishedRun:
+    """A finished `fit`.
+
+    Attributes:
+        name: what tables call it.
+        model: the model as resolved, from ``run.json``.
+        tree: the groups ``posterior`` (of single impacts what `bayestissue.inference.comparing.implied` asks
+            for), ``log_likelihood``, ``log_likelihood_of_groups``, ``observed_data`` and ``constant_data``.
+    """
+
+    name: str
+    model: Mapping[str, Any]
+    tree: xr.DataTree
+
+    @property
+    def quantity(self) -> str:
+        """What the likelihood is a density of: "deceleration" or "displacement"."""
+        return "deceleration" if self.model["likelihood"] == "impact" else "displacement"
+
+    @property
+    def observed(self) -> xr.DataArray:
+        """[impact, sample]: the very numbers that the likelihood is a density of."""
+        return self.tree["observed_data"].dataset[self.quantity]
+
+    @property
+    def people(self) -> np.ndarray:
+        """[impact]: whose each impact is."""
+        return self.tree["constant_data"].dataset["impact_subject"].astype(str).to_numpy()
+
+
+# By what it is called: the draws of an impact that it is made of. On a spring and damper side by side the
+# secant stiffness is K itself, and C is the equivalent damping.
+OF_IMPACTS = {"K_secant_of_impacts": ("K_secant", "K"), "C_equivalent_of_impacts": ("C_equivalent", "C")}
+OF_PEOPLE = {"K_secant_of_subject": ("K_secant", "K"), "C_equivalent_of_subject": ("C_equivalent", "C")}
+UNITS = {name: "N/m" if name.startswith("K") else "N s/m" for name in (*OF_IMPACTS, *OF_PEOPLE)}
+_SCHEMES = ("leave one impact out", "leave one subject out")
+# What all runs together that lack a quantity may weigh for it still to be told.
+_LEAST_WEIGHT = 0.005
+
+
+def comparable_draws(posterior: xr.Dataset, people: np.ndarray) -> dict[str, xr.DataArray]:
+    """Stiffness and damping that mean the same for every element, of these impacts and of each person's.
+
+    The geometric means over all recorded impacts, and over each person's own, of the secant stiffness and
+    of the equivalent damping: for K, exp((1/n) sum_i log K_secant,i), by draw.
+
+    Args:
+        posterior: with "K" and "C" [chain, draw or kept draw, impact], and "K_secant" and "C_equivalent"
+            where the run's element has them. Nothing comes of a run without single impacts.
+        people: [impact], whose each impact is.
+
+    Returns:
+        By name, [chain, draw] or [chain, draw, subject].
+    """
+    comparable = {}
+    for name, sources in {**OF_IMPACTS, **OF_PEOPLE}.items():
+        source = next((candidate for candidate in sources if candidate in posterior), None)
+        if source is None or "impact" not in posterior[source].dims:
+            continue
+        logs = xr.apply_ufunc(np.log, posterior[source])
+        if name in OF_PEOPLE:
+            mean = logs.assign_coords(subject=("impact", people)).groupby("subject").mean("impact")
+        else:
+            mean = logs.mean("impact")
+        comparable[name] = xr.apply_ufunc(np.exp, mean)
+    return comparable
+
+
+def implied(runs: Sequence[FinishedRun], comparison: pd.DataFrame) -> pd.DataFrame:
+    """Median and 90 % interval of the mixture of the runs' posteriors in proportion to their weights.
+
+    Its density is sum_r w_r p_r, with the stacking weights w_r (Yao et al. 2018, doi:10.1214/17-BA1091) of
+    impacts, and of people, left out in turn. K and C of different elements are different things: only what
+    means the same in all is mixed.
+
+    Args:
+        runs: as `bayestissue.inference.comparing.runs.compare_runs` takes them.
+        comparison: what it returned.
+
+    Returns:
+        ``implied.csv``: rows for each scheme and kind of data in which runs have weights; ``runs`` counts
+        those that weigh at least a hundredth.
+    """
+    draws = {run.name: comparable_draws(run.tree["posterior"].dataset, run.people) for run in runs}
+    parts = []
+    weighted = comparison[comparison["scheme"].isin(_SCHEMES) & comparison["weight"].notna()]
+    for (scheme, data), rows in weighted.groupby(["scheme", "data"], sort=False):
+        weights = dict(zip(rows["model"], rows["weight"].clip(lower=0.0), strict=True))
+        for name, unit in UNITS.items():
+            having = {run: draws[run][name] for run in weights if name in draws[run]}
+            lacking = sum(weight for run, weight in weights.items() if run not in having)
+            if having and lacking <= _LEAST_WEIGHT:
+                parts.append(
+                    mixture({run: (weights[run], array) for run, array in having.items()}).assign(
+                        scheme=str(scheme),
+                        data=str(data),
+                        variable=name,
+                        of=meaning(name).level,
+                        unit=unit,
+                        runs=sum(weight >= 0.01 for weight in weights.values()),
+                    )
+                )
+    return joined("implied", parts)
+
+
+def mixture(weighted: Mapping[str, tuple[float, xr.DataArray]]) -> pd.DataFrame:
+    """Quantiles of draws taken together, those of each run sharing its weight evenly.
+
+    Args:
+        weighted: by run, its weight and its draws [chain, draw] or [chain, draw, subject], the subjects
+            those of the first.
+
+    Returns:
+        A row per subject, or one with the label "": median and 90 % interval.
+    """
+    first = next(iter(weighted.values()))[1]
+    labels = first["subject"].to_numpy().tolist() if "subject" in first.dims else [""]
+    values, shares = [], []
+    for weight, array in weighted.values():
+        by_person = array.sel(subject=labels) if labels != [""] else array.expand_dims(subject=[""])
+        flat = by_person.transpose(..., "subject").to_numpy().reshape(-1, len(labels))
+        values.append(flat)
+        shares.append(np.full(len(flat), weight / len(flat)))
+    together, share = np.concatenate(values), np.concatenate(shares)
+    low, median, high = np.quantile(together, [0.05, 0.5, 0.95], axis=0, weights=share, method="inverted_cdf")
+    return pd.DataFrame(
+        {"label": list(map(str, labels)), "median": median, "eti90_low": low, "eti90_high": high}
+    )
+
+
 EXPONENTS = ("mass_exponent_K", *OF_SECANTS, "mass_exponent_C")
 _TYPICAL = {"K_typical_person": "intercept_K", "C_typical_person": "intercept_C"}
 COMPARED = (*EXPONENTS, *UNITS, *_TYPICAL, "K_new", "C_new", "K_subject", "C_subject")
@@ -41,7 +170,7 @@ def compare_runs(runs: Sequence[FinishedRun]) -> pd.DataFrame:
         runs: at least two, of the same dataset, with names that differ.
 
     Returns:
-        `COMPARISON_COLUMNS`: a row per scheme and run; ``data`` names the numbers of the density.
+        ``comparison.csv``: a row per scheme and run; ``data`` names the numbers of the density.
     """
     groups = of_same_numbers(runs)
     names = _data_names(groups)
@@ -64,9 +193,7 @@ def compare_runs(runs: Sequence[FinishedRun]) -> pd.DataFrame:
                 apart = _apart(others)
                 table["warning"] = [f"{said}; {apart}" if said else apart for said in table["warning"]]
             parts.append(table)
-    if not parts:
-        return pd.DataFrame(columns=COMPARISON_COLUMNS)
-    return pd.concat(parts, ignore_index=True)[COMPARISON_COLUMNS]
+    return joined("comparison", parts)
 
 
 def _apart(others: Sequence[str]) -> Coded:
@@ -118,15 +245,14 @@ def side_by_side(runs: Sequence[FinishedRun]) -> pd.DataFrame:
     run whose model lacks a quantity has no row for it.
 
     Returns:
-        `POSTERIOR_COLUMNS`, the rows of one quantity together.
+        ``posteriors.csv``, the rows of one quantity together.
     """
-    table = pd.concat([part for run in runs for part in _quantiles(run)], ignore_index=True)
+    table = joined("posteriors", [part for run in runs for part in _quantiles(run)])
     order = table.assign(
         _variable=table["variable"].map(COMPARED.index), _run=table["run"].map([r.name for r in runs].index)
     )
-    return table.loc[order.sort_values(["_variable", "label", "_run"], kind="stable").index].reset_index(
-        drop=True
-    )[POSTERIOR_COLUMNS]
+    ordered = order.sort_values(["_variable", "label", "_run"], kind="stable").index
+    return table.loc[ordered].reset_index(drop=True)
 
 
 def _quantiles(run: FinishedRun) -> list[pd.DataFrame]:

@@ -13,19 +13,11 @@ import xarray as xr
 from jaxtyping import Float
 
 from bayestissue.errors import Coded
-from bayestissue.inference.results.leave_one_out import above_limit, high, leave_one_out
+from bayestissue.inference.results.cross_validation import above_limit, high, leave_one_out
+from bayestissue.results.tables import columns_of
 
-COLUMNS = [
-    "scheme",
-    "model",
-    "elpd",
-    "se",
-    "elpd_difference",
-    "se_difference",
-    "p_effective",
-    "weight",
-    "warning",
-]
+# Of comparison.csv, whose further column says what data the densities are of.
+COLUMNS = [name for name in columns_of("comparison") if name != "data"]
 BY_IMPACT = "leave one impact out"
 BY_TRIAL = "leave one trial out"
 FEW = 30

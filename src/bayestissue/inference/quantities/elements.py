@@ -35,16 +35,10 @@ from bayestissue.likelihood.element.response import (
     motion,
 )
 
-COMPARABLE = {
-    "K_tangent": ("N/m", "slope of the force with penetration at contact"),
-    "K_secant": ("N/m", "force over penetration at the greatest penetration"),
-    "C_equivalent": ("N s/m", "damping of the spring and damper that lose as much from contact to peak"),
-    "energy_lost": ("1", "share of the impactor's energy that it has lost when it leaves"),
-}
+# What compares across elements.
+COMPARABLE = ("K_tangent", "K_secant", "C_equivalent", "energy_lost")
 # Of elements whose stiffness depends on depth, and of any with a discrepancy.
 COMMON_DEPTH = "K_common_depth"
-_AT_ONE_DEPTH = "static force over depth at the one depth, common_depth_m, that every impact reaches"
-_DISCREPANCY = "rms of the force beside the element's, relative to the trace's peak"
 
 
 class Measured(NamedTuple):
@@ -122,35 +116,6 @@ def element_quantities(
         "zeta": comparables.C_equivalent / (2 * jnp.sqrt(comparables.K_secant * record.mass)),
         **further,
     }
-
-
-def element_attributes() -> dict[str, dict[str, str]]:
-    """Unit and meaning of the variables that elements have besides K and C."""
-    correlation, of_log = (
-        "of the noise's correlation from sample to sample",
-        "mean over impacts of the log of",
-    )
-    table = COMPARABLE | {
-        "noise_correlation": ("1", "correlation of the noise from sample to sample"),
-        "atanh_noise_correlation_mean": ("1", f"mean over impacts of artanh {correlation}"),
-        "sd_atanh_noise_correlation": (
-            "1",
-            "standard deviation between impacts of artanh of the noise's correlation",
-        ),
-        "discrepancy": ("1", _DISCREPANCY),
-        "discrepancy_mean": ("1", f"{of_log} the {_DISCREPANCY}"),
-        "sd_discrepancy": ("1", "standard deviation of that log between impacts"),
-        COMMON_DEPTH: ("N/m", _AT_ONE_DEPTH),
-    }
-    for name, which in ((COMMON_DEPTH, _AT_ONE_DEPTH), ("K_secant", "that at each impact's greatest depth")):
-        meaning = f"slope of the log of the stiffness on log mass, all else equal: {which}"
-        table[f"mass_exponent_{name}"] = "1", meaning
-    for parameter in (extra for name in element_names() for extra in element(name).extra):
-        symbol, log = parameter.name, f"log_{parameter.name}"
-        table[symbol] = parameter.unit, parameter.meaning
-        table[f"{log}_mean"] = "1", f"{of_log} {symbol}"
-        table[f"sd_{log}"] = "1", f"standard deviation between impacts of the log of {symbol}"
-    return {name: {"unit": unit, "long_name": meaning} for name, (unit, meaning) in table.items()}
 
 
 def per_impact() -> tuple[str, ...]:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable, Collection, Mapping
 from functools import partial
+from importlib.resources import files
 from types import MappingProxyType
 from typing import Any
 
@@ -11,133 +13,59 @@ import numpy as np
 import xarray as xr
 
 from bayestissue.elements import element, element_names
-from bayestissue.elements.element import GRAVITY
 from bayestissue.hierarchy.derived import effect_dimensions
 from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.effects import intercept, parameter_of
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, stem_of
-from bayestissue.inference.quantities.elements import element_attributes
 from bayestissue.inference.results.meanings import meaning
 from bayestissue.inference.samplers.sampling import Draws
 
 STIFFNESS, DAMPING = "N/m", "N s/m"
 _UNITS = {"K": STIFFNESS, "C": DAMPING}
-_MEANINGS = {
-    "{q}_observed": "published {name} of the impact",
-    "{q}_average": "published average of {name} over the people of a condition",
-    "{q}_sd": "published standard deviation of {name} over the people of a condition",
-    "linear_intercept_{q}": "constant of the straight line of the conditions' mean {name} against mass",
-}
 _NAMES = {"K": "stiffness K", "C": "damping C"}
 _OF = ("cell", "subject", "trial", "new", "typical_person")
 _ONE_COLUMN = ("subject", "trial")
 
-_TRACE_ATTRIBUTES = {
-    name: {"unit": unit, "long_name": meaning}
-    for name, unit, meaning in (
-        ("omega_n", "rad/s", "natural frequency of the impact"),
-        ("zeta", "1", "damping ratio of the impact"),
-        ("theta1", "1", "moving-average coefficient of the displacement"),
-        ("sigma_a", "m", "standard deviation of the shocks"),
-        ("sigma_d", "m/s^2", "standard deviation of the accelerometer's noise"),
-        ("mass", "kg", "mass of the impactor"),
-        ("noise_mean", "1", "mean over impacts of the log of the noise relative to the trace's peak"),
-        ("sd_noise", "1", "standard deviation between impacts of the log noise"),
-        ("atanh_theta1_mean", "1", "mean over impacts of artanh theta1"),
-        ("sd_atanh_theta1", "1", "standard deviation between impacts of artanh theta1"),
-        ("displacement", "m", "displacement into the tissue"),
-        ("deceleration", "m/s^2", "deceleration of the impactor"),
-        ("time", "s", "time since contact"),
-        ("trace", "1", "log density of the impact's trace, its own parameters integrated out"),
-        ("traces", "1", "log density of all traces, the impacts' own parameters integrated out"),
-        ("traces_of_subject", "1", "log density of a subject's traces, the subject's effects integrated out"),
-        ("traces_of_trial", "1", "log density of a trial's traces, the trial's effects integrated out"),
-        ("level_error", "m", "error of the displacement at contact"),
-        ("ramp_error", "m/s", "error of the displacement's slope: of velocity and gain"),
-        ("velocity_error", "m/s", "error of velocity and gain, as a velocity"),
-        ("gain_error", "1", "relative error of the recorder's sensitivity"),
-        ("gain_error_sd", "1", "standard deviation of the relative error of the recorder's sensitivity"),
-        ("offset_error", "m/s^2", "error of the recorder's zero"),
-        ("contact_time_error", "s", "error of the contact time"),
-        ("level_error_sd", "m", "standard deviation of the error of the displacement at contact"),
-        ("ramp_error_sd", "m/s", "standard deviation of the error of the displacement's slope"),
-        ("velocity_error_sd", "m/s", "standard deviation of the error of velocity and gain"),
-        ("offset_error_sd", "m/s^2", "standard deviation of the error of the recorder's zero"),
-        ("contact_time_error_sd", "s", "standard deviation of the error of the contact time"),
-        ("mass_kg", "kg", "recorded mass"),
-        ("velocity_m_s", "m/s", "recorded velocity at contact"),
-        ("common_depth_m", "m", "depth that every impact reaches, that of K_common_depth"),
-        (GRAVITY, "m/s^2", "gravity along the motion, where there is any: decelerations are force over mass"),
-        ("n_samples", "1", "samples in the window"),
-        ("sampling_interval_s", "s", "sampling interval"),
-        ("first_sample_s", "s", "time from contact to the first sample"),
-    )
-}
-
+_DECLARED = tomllib.loads(files(__package__).joinpath("variables.toml").read_text(encoding="utf-8"))
 # Of posterior.nc: what each group holds, and the variables that are in it alone; others are in the posterior.
 GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
-    "posterior": ("draws of every unknown, and of what follows from them", ()),
-    "prior": ("the same before the data are seen; of traces", ()),
-    "sample_stats": ("what the sampler tells of every draw, by ArviZ's names", ()),
-    "log_prior": ("log prior density of each parameter of the population", ()),
-    "log_likelihood": ("log density of what was observed, by impact", ("trace",)),
-    "log_likelihood_of_groups": (
-        "log density of the traces of a level of each group",
-        ("traces", "traces_of_subject", "traces_of_trial"),
-    ),
-    "posterior_predictive": ("traces that the model makes after it saw the data", ()),
-    "prior_predictive": ("traces that the model makes before it saw them", ()),
-    "observed_data": ("what was observed, as the model sees it", ("displacement", "deceleration")),
-    "constant_data": (
-        "what is known of each impact",
-        (
-            *("mass_kg", "velocity_m_s", "n_samples", "sampling_interval_s", "first_sample_s", "time"),
-            *("common_depth_m", GRAVITY),
-            *(f"{name}_error_sd" for name in ("level", "ramp", "velocity", "gain", "offset", "contact_time")),
-        ),
-    ),
+    name: (group["holds"], tuple(group.get("alone", "").split()))
+    for name, group in _DECLARED["groups"].items()
 }
 
 
-def _exponent(name: str) -> dict[str, str]:
-    return {"unit": "1", "long_name": f"slope of log {name} on log mass, all else equal"}
-
-
-def _attributes() -> dict[str, dict[str, str]]:
-    table = {
-        pattern.format(q=q): {"unit": _UNITS[q], "long_name": words.format(name=_NAMES[q])}
-        for q in _UNITS
-        for pattern, words in _MEANINGS.items()
+def _attributes(table: str) -> dict[str, dict[str, str]]:
+    """Unit and meaning of the variables that a table of ``variables.toml`` declares, of K and C each."""
+    return {
+        pattern.format(q=q): {"unit": unit.format(unit=_UNITS[q]), "long_name": words.format(**words_of)}
+        for pattern, (unit, words) in _DECLARED[table].items()
+        for q in (_UNITS if "{q}" in pattern else ["K"])
+        for words_of in [{"name": _NAMES[q], "unit": _UNITS[q]}]
     }
-    for q, unit in _UNITS.items():
-        name = _NAMES[q]
-        table |= {
-            variable: {"unit": unit, "long_name": f"{name} of {meaning(variable).level}"}
-            for variable in (q, *(f"{q}_{level}" for level in _OF))
-        }
-        table |= {
-            f"linear_slope_{q}": {
-                "unit": f"{unit} / kg",
-                "long_name": f"slope of the straight line of the conditions' mean {name} against mass",
-            },
-            f"mass_exponent_{q}": _exponent(name),
-            f"intercept_{q}": {"unit": "1", "long_name": f"log of {name} in {unit} at the reference mass"},
-        }
-        for group in ("subject", "trial"):
-            table[f"{group}_effect_{q}"] = {"unit": "1", "long_name": f"effect of the {group} on log {name}"}
-        for group in ("subject", "trial", "impact"):
-            table[f"sd_{group}_{q}"] = {
-                "unit": "1",
-                "long_name": f"standard deviation between {group}s of log {name}",
-            }
-    table["residual_correlation"] = {
-        "unit": "1",
-        "long_name": "correlation of the impact-to-impact deviations of log K and log C",
+
+
+def _levels() -> dict[str, dict[str, str]]:
+    """Of K and C of an impact, and at the levels of the population."""
+    return {
+        variable: {"unit": unit, "long_name": f"{_NAMES[q]} of {meaning(variable).level}"}
+        for q, unit in _UNITS.items()
+        for variable in (q, *(f"{q}_{level}" for level in _OF))
     }
-    return table | _TRACE_ATTRIBUTES
 
 
-ATTRIBUTES = _attributes()
+ATTRIBUTES = _levels() | _attributes("variables")
+
+
+def element_attributes() -> dict[str, dict[str, str]]:
+    """Unit and meaning of the variables that elements have besides K and C."""
+    table = _attributes("elements")
+    for parameter in (extra for name in element_names() for extra in element(name).extra):
+        symbol, log = parameter.name, f"log_{parameter.name}"
+        table[symbol] = {"unit": parameter.unit, "long_name": parameter.meaning}
+        table[f"{log}_mean"] = {"unit": "1", "long_name": f"mean over impacts of the log of {symbol}"}
+        between = f"standard deviation between impacts of the log of {symbol}"
+        table[f"sd_{log}"] = {"unit": "1", "long_name": between}
+    return table
 
 
 def design_attributes(design: Design) -> dict[str, dict[str, str]]:
@@ -158,7 +86,8 @@ def design_attributes(design: Design) -> dict[str, dict[str, str]]:
         table[f"impact_{stem}"] = {"long_name": f"the impact's {name}"}
     for q, name in names.items():
         if q not in _UNITS:
-            table[f"mass_exponent_{q}"] = _exponent(name)
+            exponent = f"slope of log {name} on log mass, all else equal"
+            table[f"mass_exponent_{q}"] = {"unit": "1", "long_name": exponent}
             at = f"log of {name} in {units[q]} at the reference mass and mean covariates"
             table[intercept(parameter_of(q))] = {"unit": "1", "long_name": at}
     for q, part in design.responses.items():

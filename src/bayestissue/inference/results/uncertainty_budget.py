@@ -37,10 +37,10 @@ from bayestissue.inference.results.errors import (
     trace_errors,
 )
 from bayestissue.inference.samplers.sampling import ConstrainedDraws
+from bayestissue.results.tables import joined, table_of_rows
 
 type Variance = float | Float[np.ndarray, " impact"]
 
-COLUMNS = ["level", "quantity", "source", "share", "sd"]
 IMPACT, TYPICAL_PERSON, NEW_PERSON = "impact", "typical person", "new person"
 TRACE = "trace alone"
 MASS, SHAPE = "mass", "element's parameters"
@@ -72,14 +72,14 @@ def uncertainty_budget(prepared: Prepared, constrained: ConstrainedDraws) -> pd.
         constrained: draws of everything, of which medians are taken.
 
     Returns:
-        `COLUMNS`. ``level`` is `IMPACT` (shares are means over the recorded impacts, or a hundred evenly
-        spaced ones), `TYPICAL_PERSON` (the population's K and C at the reference mass; not where impacts are
-        many), `NEW_PERSON` (a new impact on a new person) or `TRACE` (an impact from its trace alone, without
-        what the population tells; of K beside a discrepancy without sources). ``share`` is of the variance,
-        and ``sd`` what the source alone would make the standard deviation of the log, the median over
-        impacts. The shares add up to that of `ALL`, 1; `DRAWN` has the variance of the draws relative to it.
-        `WINDOW` is what a window a tenth shorter would move, no part of the sum, and `WINDOW_BY_NOISE` what
-        it may.
+        ``interval_sources.csv``. ``level`` is `IMPACT` (shares are means over the recorded impacts, or a
+        hundred evenly spaced ones), `TYPICAL_PERSON` (the population's K and C at the reference mass; not
+        where impacts are many), `NEW_PERSON` (a new impact on a new person) or `TRACE` (an impact from its
+        trace alone, without what the population tells; of K beside a discrepancy without sources). ``share``
+        is of the variance, and ``sd`` what the source alone would make the standard deviation of the log, the
+        median over impacts. The shares add up to that of `ALL`, 1; `DRAWN` has the variance of the draws
+        relative to it. `WINDOW` is what a window a tenth shorter would move, no part of the sum, and
+        `WINDOW_BY_NOISE` what it may.
     """
     many = constrained.kept_numbers is not None
     rows = np.arange(len(prepared.impacts))
@@ -102,7 +102,7 @@ def uncertainty_budget(prepared: Prepared, constrained: ConstrainedDraws) -> pd.
             for number, q in enumerate(RESPONSES)
             for name, end in zip((WINDOW, WINDOW_BY_NOISE), ends, strict=True)
         ]
-        tables.append(pd.DataFrame(rows_of_window, columns=COLUMNS))
+        tables.append(table_of_rows("interval_sources", rows_of_window))
     means = {}
     if not many:
         # Variances of means are linear in those of the spreads, whose posteriors have long tails.
@@ -110,7 +110,7 @@ def uncertainty_budget(prepared: Prepared, constrained: ConstrainedDraws) -> pd.
         tables.append(_of_population(prepared, TYPICAL_PERSON, means, constrained))
     of_new = _with_scatter(prepared, means, constrained)
     tables.append(_of_population(prepared, NEW_PERSON, of_new, constrained))
-    return pd.concat(tables, ignore_index=True)[COLUMNS]
+    return joined("interval_sources", tables)
 
 
 def _middle(
@@ -317,7 +317,7 @@ def _shares(
     drawn: Mapping[str, Variance] = MappingProxyType({}),
     totals: Mapping[str, Variance] = MappingProxyType({}),
 ) -> pd.DataFrame:
-    """`COLUMNS` of the variances ``made`` by response and source; their sum is the total unless given."""
+    """Rows of the variances by response and source; their sum is the total unless given."""
     rows = []
     for response, by_source in by_response.items():
         total = totals.get(response, sum(by_source.values()))
@@ -326,7 +326,7 @@ def _shares(
             (level, response, name, float(np.mean(v / total)), float(np.sqrt(max(np.median(v), 0.0))))
             for name, v in sources.items()
         ]
-    return pd.DataFrame(rows, columns=COLUMNS)
+    return table_of_rows("interval_sources", rows)
 
 
 def measurement_sd(budget: pd.DataFrame, response: str) -> float:

@@ -159,14 +159,14 @@ def by_impact(
     known = _as_fit(posteriors, prepared.signal, noiseless)
     fit = PointFit(*(in_rows(column, rows) for column in _told(known, untold)))
     bounded = posteriors.moved & ~noiseless
-    ends = {
-        name: tuple(
+    ends = {}
+    for name, marginal in (("K", posteriors.K), ("C", posteriors.C)):
+        # What is not told from below has the upper end of its interval as a bound.
+        low, high = (
             in_rows(np.where(bounded, end, np.nan), rows)
-            # What is not told from below has the upper end of its interval as a bound.
             for end in (np.where(untold[name], 0.0, marginal.low), marginal.high)
         )
-        for name, marginal in (("K", posteriors.K), ("C", posteriors.C))
-    }
+        ends[name] = (low, high)
     flags, notes = flagged(dataset, signal, fit, found, "impact")
     pareto_k = in_rows(posteriors.pareto_k, rows)
     raised = {UNCORRECTED: (pareto_k > k_threshold(POINTS)) & ~fit.noiseless}

@@ -1,20 +1,42 @@
-"""Every impact's posterior beside its point estimates and, where it is known, the truth."""
+"""Every impact's posterior beside its point estimates and, where known, the truth; how methods agree."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
 
 import numpy as np
 import pandas as pd
+from markupsafe import Markup
 from scipy.special import stdtrit
 
 from bayestissue.hierarchy.specification import SIDE_BY_SIDE
+from bayestissue.inference.answers.agreement import METHODS, agreement, log_ratios
 from bayestissue.report.fit.run import COLUMN, COMPARABLE, FitRun
-from bayestissue.report.posterior import QUANTITIES, Spread
-from bayestissue.report.tables import Row, Table, columns
-from bayestissue.report.wording import UNITS, significant
+from bayestissue.report.page import figure
+from bayestissue.report.posterior import (
+    NAMES,
+    QUANTITIES,
+    Spread,
+)
+from bayestissue.report.style import (
+    MUTED,
+    PALETTE,
+    POSTERIOR,
+    REFERENCE,
+    log_ticks,
+    new_figure,
+)
+from bayestissue.report.tables import Field, Row, Table, columns, lines, table_of
+from bayestissue.report.wording import (
+    UNITS,
+    interval,
+    percent,
+    significant,
+)
 
-METHODS = {"exact": "estimates_exact", "dds": "estimates_dds"}
+_POINT_ESTIMATES = {"exact": "estimates_exact", "dds": "estimates_dds"}
 MOST_ROWS = 300
 _MOST_DRAWN = 1000
 _MASS_MUST_VARY = 1.01
@@ -28,11 +50,11 @@ def side_by_side(run: FitRun, quantity: str) -> pd.DataFrame:
     """
     names = ["median", "eti50_low", "eti50_high", "eti90_low", "eti90_high"]
     table = run.of_impacts(quantity)[names].copy()
-    for method, source in METHODS.items():
+    for method, source in _POINT_ESTIMATES.items():
         estimates = getattr(run, source).set_index("impact")[COLUMN[quantity]]
         table[method] = estimates.reindex(table.index)
-    known = None if run.truth is None else run.truth.set_index("impact")[_true_column(run, quantity)]
-    table["truth"] = np.nan if known is None else known.reindex(table.index)
+    known = run.truth.set_index("impact")[_true_column(run, quantity)]
+    table["truth"] = known.reindex(table.index)
     return table
 
 
@@ -40,7 +62,7 @@ def _true_column(run: FitRun, quantity: str) -> str:
     """The column of the truth; of another element's tissue the secant stiffness or equivalent damping."""
     same = run.record.get("model", {}).get("element", SIDE_BY_SIDE) == SIDE_BY_SIDE
     comparable = COMPARABLE[quantity]
-    return comparable if same and run.truth is not None and comparable in run.truth else COLUMN[quantity]
+    return comparable if same and comparable in run.truth else COLUMN[quantity]
 
 
 def shown_rows(table: pd.DataFrame) -> pd.DataFrame:
@@ -72,6 +94,21 @@ def held_by_intervals(run: FitRun, quantity: str) -> list[Held]:
         )
         for level in (50, 90)
     ]
+
+
+# Of how many intervals hold the truth: rows with quantity, level, held and impacts.
+COVERAGE = (
+    Field("quantity", lambda row: str(row.quantity)),
+    Field("interval", lambda row: f"{row.level:g} %", "number"),
+    Field("hold the truth", lambda row: f"{row.held} of {row.impacts}", "number"),
+    Field("share", lambda row: percent(row.held / row.impacts), "number"),
+)
+
+
+def held_table(run: FitRun) -> Table:
+    """How many intervals hold the truth, of K and of C."""
+    held = [row for quantity in QUANTITIES for row in held_by_intervals(run, quantity)]
+    return table_of(held, *COVERAGE)
 
 
 def dds_ratio(run: FitRun, quantity: str) -> float:
@@ -124,7 +161,7 @@ def no_interval(run: FitRun) -> list[bool]:
 def estimates_table(run: FitRun) -> Table:
     """Posterior beside the point estimates and, where known, the truth, of the first 300 impacts."""
     tables = {quantity: side_by_side(run, quantity)[:MOST_ROWS] for quantity in QUANTITIES}
-    known = run.truth is not None
+    known = not run.truth.empty
     titles = ["impact", "person", "condition", "M (kg)"]
     cells: list[list[str]] = [
         run.impacts[:MOST_ROWS],
@@ -142,8 +179,128 @@ def estimates_table(run: FitRun) -> Table:
         ]
         ranges = [_NONE if none else one.range for one, none in zip(spreads, no_interval(run), strict=False)]
         cells += [[one.value for one in spreads], ranges]
-        cells += [[significant(value, 4) for value in table[method]] for method in METHODS]
+        cells += [[significant(value, 4) for value in table[method]] for method in _POINT_ESTIMATES]
         if known:
             titles.append(f"true {quantity}")
             cells.append([significant(value, 4) for value in table["truth"]])
     return Table(columns(*titles, number=titles[3:]), [Row(row) for row in zip(*cells, strict=True)])
+
+
+# In percent off the posterior: nothing positive lies lower than -100.
+_BELOW_ZERO = -105.0
+
+
+_EXACT, _DDS = PALETTE[1], PALETTE[3]
+
+
+def estimates_figure(run: FitRun, quantity: str) -> Markup:
+    """Impacts in the order of their posterior median: the values, and how far each is off the posterior.
+
+    Above, on a log scale, both methods' estimates; below, in percent of the posterior median, its 50 % and
+    90 % intervals with what lies near them.
+    """
+    estimates = side_by_side(run, quantity)
+    table = shown_rows(estimates.sort_values("median", kind="stable"))
+    position = np.arange(len(table))
+    fig, (above, below) = new_figure((9.6, 5.6), 2, 1, sharex=True)
+    above.semilogy(position, table["median"], "o", ms=3, color=POSTERIOR, zorder=4, label="posterior median")
+    above.semilogy(position, table["exact"], "^", ms=3.6, color=_EXACT, zorder=3, label="exact estimate")
+    above.semilogy(position, table["dds"], "D", ms=3.2, mfc="none", color=_DDS, label="thesis's method (dds)")
+    above.set(ylabel=f"{quantity} ({UNITS[quantity]})")
+    log_ticks(above.yaxis, table[["median", "exact", "dds"]].to_numpy().ravel())
+    off_scale = _deviations(below, table, position)
+    below.set(
+        xlabel=f"impacts, in the order of their posterior {quantity}",
+        ylabel=f"off the posterior\nmedian of {quantity} (%)",
+        xlim=(-1, len(table)),
+    )
+    marks = [pair for axes in (above, below) for pair in zip(*axes.get_legend_handles_labels(), strict=True)]
+    fig.legend(*zip(*marks, strict=True), loc="outside upper left", ncols=len(marks))
+    note = f" {off_scale} estimates lie off the lower scale." if off_scale else ""
+    whose = "every impact" if len(table) == len(estimates) else f"{len(table)} of {len(estimates)} impacts"
+    return figure(
+        fig,
+        f"{NAMES[quantity]} of {whose} by posterior, by both point estimates and, where known, the "
+        f"truth: values above, deviations from the posterior median below.{note}",
+        raster=True,
+    )
+
+
+def _deviations(axes: Any, table: pd.DataFrame, position: np.ndarray) -> int:
+    """Draw the lower panel; how many point estimates lie off its scale."""
+    off = 100 * (table.div(table["median"], axis=0) - 1)
+    axes.vlines(position, off["eti90_low"], off["eti90_high"], color=POSTERIOR, lw=1, label="90 %")
+    axes.vlines(position, off["eti50_low"], off["eti50_high"], color=POSTERIOR, lw=2.6, label="50 %")
+    axes.plot(position, off["exact"], "^", ms=3.6, color=_EXACT)
+    axes.plot(position, off["dds"], "D", ms=3.2, mfc="none", color=_DDS)
+    if off["truth"].notna().any():
+        axes.plot(position, off["truth"], "x", ms=4, mew=1.2, color=REFERENCE, label="truth")
+    near = np.nanpercentile(off[["eti90_low", "eti90_high", "truth"]].abs(), 99)
+    limit = 1.6 * max(near, 1e-3)
+    axes.axhline(0, color=POSTERIOR, lw=0.6)
+    lowest = max(-limit, _BELOW_ZERO)
+    axes.set_ylim(lowest, limit)
+    return int(((off[["exact", "dds"]] > limit) | (off[["exact", "dds"]] < lowest)).sum().sum())
+
+
+_MANY_FOLD = 3.0
+
+
+def method_values(run: FitRun, quantity: str) -> pd.DataFrame:
+    """The value of every impact by every method, [impact, method]."""
+    return side_by_side(run, quantity).rename(columns={"median": "posterior"})[list(METHODS)]
+
+
+def agreement_table(run: FitRun) -> Table:
+    """The ratio of each method to each other with its limits of agreement."""
+    ratios = agreement({quantity: method_values(run, quantity) for quantity in QUANTITIES})
+    return table_of(
+        lines(ratios),
+        Field("quantity", lambda line: line.quantity),
+        Field("methods", lambda line: f"{METHODS[line.method]} over {METHODS[line.against]}"),
+        Field("ratio", lambda line: significant(line.ratio), "number"),
+        Field("95 % limits of agreement", _limits, "number"),
+        Field("impacts", lambda line: f"{line.impacts}", "number"),
+        Field("left out", lambda line: f"{line.left_out}", "number"),
+    )
+
+
+def _limits(line: Any) -> str:
+    return interval(line.low, line.high) if np.isfinite(line.low) else "not known"
+
+
+def agreement_figure(run: FitRun, quantity: str) -> Markup:
+    """Each pair of methods: their ratio over their geometric mean, both on log scales."""
+    table = method_values(run, quantity)
+    limits = {(row.method, row.against): row for row in lines(agreement({quantity: table}))}
+    fig, panels = new_figure((10.4, 3.3), 1, 3)
+    for axes, (method, against) in zip(panels, combinations(METHODS, 2), strict=True):
+        d = log_ratios(table, method, against)
+        shown = shown_rows(d.to_frame("d"))["d"]
+        ratio = np.exp(shown.to_numpy())
+        values_shown = table.loc[shown.index]
+        mean = np.sqrt((values_shown[method] * values_shown[against]).to_numpy())
+        axes.plot(mean, ratio, "o", ms=3.5, mfc="none", color=POSTERIOR)
+        line = limits[(method, against)]
+        axes.axhline(1, color=REFERENCE, lw=0.8)
+        ends = np.array([line.ratio, line.low, line.high])
+        for at, dashes in zip(ends[np.isfinite(ends)], ("-", "--", "--"), strict=False):
+            axes.axhline(at, color=MUTED, ls=dashes, lw=1.2)
+        axes.set(
+            title=f"{METHODS[method]} over\n{METHODS[against]}",
+            xlabel=f"geometric mean {quantity} ({UNITS[quantity]})",
+            ylabel="ratio",
+        )
+        for scale, axis, values in (
+            (axes.set_xscale, axes.xaxis, [*mean]),
+            (axes.set_yscale, axes.yaxis, [*ratio, *ends[np.isfinite(ends)], 1.0]),
+        ):
+            # Over less a log scale is as good as straight, and its ticks too few.
+            if values and max(values) > _MANY_FOLD * min(values):
+                scale("log")
+                log_ticks(axis, values)
+    return figure(
+        fig,
+        f"{quantity} of each impact by two methods: their ratio over their geometric mean, for each pair "
+        "of methods, with the mean ratio and its 95 % limits of agreement.",
+    )

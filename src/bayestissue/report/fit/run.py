@@ -1,64 +1,34 @@
-"""A finished `fit`, read whole."""
+"""A finished `fit` as its page needs it, from memory or from its folder."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+import xarray as xr
 
 from bayestissue.errors import InputError, all_of
 from bayestissue.report.run_folder import (
     POSTERIOR_TABLES,
     PosteriorRun,
-    TableFile,
+    of_population,
     read_groups,
     read_json,
-    read_tables,
     require_files,
-    wrong_in,
 )
+from bayestissue.results import read_tables
+from bayestissue.results.tables import table_of_rows, typed, wrong_in
 
 COLUMN = {"K": "K_N_per_m", "C": "C_N_s_per_m"}
 # What means the same for every element, where the truth is another element's.
 COMPARABLE = {"K": "K_secant_N_per_m", "C": "C_equivalent_N_s_per_m"}
-_ESTIMATES = (("impact", "subject", "trial", "flags"), ("mass_kg", *COLUMN.values()))
-_TABLES = (
-    *POSTERIOR_TABLES,
-    TableFile("cross_validation", ("scheme", "label", "warning"), ("elpd", "pareto_k")),
-    TableFile("estimates_exact", *_ESTIMATES),
-    TableFile("estimates_dds", *_ESTIMATES),
-)
-_TRUTH = TableFile("truth", ("impact",), tuple(COLUMN.values()), tuple(COMPARABLE.values()))
-_SOURCES = TableFile("interval_sources", ("level", "quantity", "source"), ("share", "sd"))
-_QUESTIONS = TableFile(
-    "questions",
-    ("question", "name", "note"),
-    ("posterior", "prior", "bayes_factor", "mcse", "median", "low", "high"),
-)
-_RATIOS = ("ratio", "low", "high")
-_CONTRASTS = TableFile(
-    "contrasts",
-    ("factor", "level", "against", "quantity"),
-    (*_RATIOS, "p_direction", "p_equivalent"),
-)
-_RELIABILITY = TableFile(
-    "reliability", ("quantity", "measure", "form", "unit"), ("median", "low", "high"), ("prior_overlap",)
-)
-_PEOPLE = TableFile("people", ("quantity", "person", "against"), ("p_greater", *_RATIOS))
-# Not every run has them, by the field that holds each: only simulated data a truth, earlier runs less, few
-# model files questions.
-_OPTIONAL = {
-    "truth": _TRUTH,
-    "interval_sources": _SOURCES,
-    "contrasts": _CONTRASTS,
-    "people_compared": _PEOPLE,
-    "reliability": _RELIABILITY,
-    "questions": _QUESTIONS,
-}
+TABLES = (*POSTERIOR_TABLES, "cross_validation", "estimates_exact", "estimates_dds")
+# Not every run has them: only simulated data a truth, earlier runs less, few model files questions.
+FURTHER_TABLES = ("truth", "interval_sources", "contrasts", "people", "reliability", "questions")
 # What the page can't do without, by group of `posterior.nc`.
 _NEEDED = {
     "posterior": ("K", "C", "K_new", "C_new", "intercept_K", "intercept_C"),
@@ -74,19 +44,19 @@ class FitRun(PosteriorRun):
     """What the files of a `fit` say.
 
     Draws of single impacts are left out of ``groups``: their medians and intervals stand in ``summary``.
-    ``truth`` is None unless the data were simulated, and so is what follows it where an earlier version made
-    the run.
+    ``truth`` is empty unless the data were simulated, ``questions`` unless some were asked, and all of
+    `FURTHER_TABLES` where an earlier version made the run.
     """
 
     cross_validation: pd.DataFrame
     estimates_exact: pd.DataFrame
     estimates_dds: pd.DataFrame
-    truth: pd.DataFrame | None
-    interval_sources: pd.DataFrame | None = None
-    questions: pd.DataFrame | None = None
-    contrasts: pd.DataFrame | None = None
-    people_compared: pd.DataFrame | None = None
-    reliability: pd.DataFrame | None = None
+    truth: pd.DataFrame
+    interval_sources: pd.DataFrame
+    questions: pd.DataFrame
+    contrasts: pd.DataFrame
+    people: pd.DataFrame
+    reliability: pd.DataFrame
 
     def of_impacts(self, variable: str) -> pd.DataFrame:
         """The rows of ``summary`` for an impact's ``variable``, by impact; empty if the model has none."""
@@ -99,7 +69,7 @@ class FitRun(PosteriorRun):
         return [str(label) for label in self.groups["constant_data"]["impact"].to_numpy()]
 
     @property
-    def people(self) -> int:
+    def people_count(self) -> int:
         """How many people there are: of one, nothing is said of a typical or a new person."""
         return len(self.labels("subject"))
 
@@ -153,24 +123,43 @@ class FitRun(PosteriorRun):
         return "displacement" if self.record.get("quantity") == "displacement" else "deceleration"
 
 
+def fit_run(
+    record: dict[str, Any],
+    diagnostics: dict[str, Any],
+    tree: xr.DataTree,
+    tables: Mapping[str, pd.DataFrame],
+) -> FitRun:
+    """A fit in memory: the content of ``run.json`` and ``diagnostics.json``, its draws, tables by name."""
+    return FitRun(
+        record=record,
+        diagnostics=diagnostics,
+        groups=of_population({name: tree[name].to_dataset() for name in _NEEDED}),
+        **{name: typed(name, tables[name]) for name in TABLES},
+        **_further(tables),
+    )
+
+
 def read_fit_run(folder: Path, record: dict[str, Any]) -> FitRun:
     """Read every file of the run in ``folder``, whose ``run.json`` holds ``record``.
 
     Raises:
         InputError: a file lacks or isn't what a run writes; all such files are named at once.
     """
-    names = [f"{layout.name}.csv" for layout in _TABLES]
-    require_files(folder, [*names, "diagnostics.json", "posterior.nc"])
-    present = [table for table in _OPTIONAL.values() if (folder / f"{table.name}.csv").is_file()]
-    layouts = (*_TABLES, *present)
+    require_files(folder, [*(f"{name}.csv" for name in TABLES), "diagnostics.json", "posterior.nc"])
     readers: tuple[Callable[[], Any], ...] = (
-        lambda: dict(read_tables(folder, layouts)),
+        lambda: read_tables(folder, TABLES, FURTHER_TABLES),
         lambda: read_groups(folder / "posterior.nc", _NEEDED, _AGAIN, of_impacts=()),
         lambda: _read_diagnostics(folder / "diagnostics.json"),
     )
     tables, groups, diagnostics = all_of(lambda read: read(), readers)
-    optional: dict[str, Any] = {field: tables.pop(table.name, None) for field, table in _OPTIONAL.items()}
-    return FitRun(record=record, diagnostics=diagnostics, groups=groups, **optional, **tables)
+    return FitRun(record=record, diagnostics=diagnostics, groups=groups, **(tables | _further(tables)))
+
+
+def _further(tables: Mapping[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
+    """The tables that a run may lack; those that it lacks are empty."""
+    return {
+        name: typed(name, tables[name] if name in tables else table_of_rows(name)) for name in FURTHER_TABLES
+    }
 
 
 def _read_diagnostics(path: Path) -> dict[str, Any]:

@@ -2,27 +2,19 @@
 
 from __future__ import annotations
 
-from itertools import combinations
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from markupsafe import Markup
 
 from bayestissue.errors import Coded
-from bayestissue.inference.answers.agreement import METHODS, agreement, log_ratios
 from bayestissue.inference.answers.reliability import ICC, MDC, REPEATS, SEM
-from bayestissue.inference.results.prior_overlap import MOSTLY
-from bayestissue.report.fit.estimates import shown_rows, side_by_side
-from bayestissue.report.fit.groupings import groupings
+from bayestissue.inference.results.summary import MOSTLY
+from bayestissue.report.fit.population import groupings
 from bayestissue.report.fit.run import FitRun
-from bayestissue.report.page import figure
 from bayestissue.report.posterior import QUANTITIES, Spread
-from bayestissue.report.style import MUTED, POSTERIOR, REFERENCE, log_ticks, new_figure, style
 from bayestissue.report.tables import Field, Row, Table, columns, lines, table_of
 from bayestissue.report.wording import (
-    UNITS,
-    interval,
     likelihood_words,
     listed,
     number,
@@ -30,70 +22,6 @@ from bayestissue.report.wording import (
     probability,
     significant,
 )
-
-_MANY_FOLD = 3.0
-
-
-def method_values(run: FitRun, quantity: str) -> pd.DataFrame:
-    """The value of every impact by every method, [impact, method]."""
-    return side_by_side(run, quantity).rename(columns={"median": "posterior"})[list(METHODS)]
-
-
-def agreement_table(run: FitRun) -> Table:
-    """The ratio of each method to each other with its limits of agreement."""
-    ratios = agreement({quantity: method_values(run, quantity) for quantity in QUANTITIES})
-    return table_of(
-        lines(ratios),
-        Field("quantity", lambda line: line.quantity),
-        Field("methods", lambda line: f"{METHODS[line.method]} over {METHODS[line.against]}"),
-        Field("ratio", lambda line: significant(line.ratio), "number"),
-        Field("95 % limits of agreement", _limits, "number"),
-        Field("impacts", lambda line: f"{line.impacts}", "number"),
-        Field("left out", lambda line: f"{line.left_out}", "number"),
-    )
-
-
-def _limits(line: Any) -> str:
-    return interval(line.low, line.high) if np.isfinite(line.low) else "not known"
-
-
-def agreement_figure(run: FitRun, quantity: str) -> Markup:
-    """Each pair of methods: their ratio over their geometric mean, both on log scales."""
-    table = method_values(run, quantity)
-    limits = {(row.method, row.against): row for row in lines(agreement({quantity: table}))}
-    with style():
-        fig, panels = new_figure((10.4, 3.3), 1, 3)
-        for axes, (method, against) in zip(panels, combinations(METHODS, 2), strict=True):
-            d = log_ratios(table, method, against)
-            shown = shown_rows(d.to_frame("d"))["d"]
-            ratio = np.exp(shown.to_numpy())
-            values_shown = table.loc[shown.index]
-            mean = np.sqrt((values_shown[method] * values_shown[against]).to_numpy())
-            axes.plot(mean, ratio, "o", ms=3.5, mfc="none", color=POSTERIOR)
-            line = limits[(method, against)]
-            axes.axhline(1, color=REFERENCE, lw=0.8)
-            ends = np.array([line.ratio, line.low, line.high])
-            for at, dashes in zip(ends[np.isfinite(ends)], ("-", "--", "--"), strict=False):
-                axes.axhline(at, color=MUTED, ls=dashes, lw=1.2)
-            axes.set(
-                title=f"{METHODS[method]} over\n{METHODS[against]}",
-                xlabel=f"geometric mean {quantity} ({UNITS[quantity]})",
-                ylabel="ratio",
-            )
-            for scale, axis, values in (
-                (axes.set_xscale, axes.xaxis, [*mean]),
-                (axes.set_yscale, axes.yaxis, [*ratio, *ends[np.isfinite(ends)], 1.0]),
-            ):
-                # Over less a log scale is as good as straight, and its ticks too few.
-                if values and max(values) > _MANY_FOLD * min(values):
-                    scale("log")
-                    log_ticks(axis, values)
-        return figure(
-            fig,
-            f"{quantity} of each impact by two methods: their ratio over their geometric mean, for each pair "
-            "of methods, with the mean ratio and its 95 % limits of agreement.",
-        )
-
 
 _ON_FIRST_SCREEN = 2
 MOST_ROWS = 300
@@ -105,8 +33,6 @@ _MASSES = (
 
 def first_contrasts(run: FitRun) -> list[dict[str, Any]]:
     """The first comparisons, not of one person's levels: each with K, C and a sentence; empty if none."""
-    if run.contrasts is None:
-        return []
     simple = run.contrasts[~run.contrasts["factor"].str.contains(":")]
     contrasts = []
     for (factor, level, against), part in simple.groupby(["factor", "level", "against"], sort=False):
@@ -156,14 +82,12 @@ def conditions_words(run: FitRun) -> str:
     """Why conditions are not compared; empty where they are, or where the model has none."""
     masses = run.has("mass_exponent_K") or run.has("mass_exponent_C")
     conditions = run.has("trial_effect_K") or run.has("trial_effect_C")
-    compared = run.contrasts is not None and bool((run.contrasts["factor"] == "trial").any())
+    compared = bool((run.contrasts["factor"] == "trial").any())
     return _MASSES if masses and conditions and not compared else ""
 
 
-def contrasts_table(run: FitRun) -> Table | None:
-    """The first 300 rows of `contrasts.csv`; None where there is nothing to compare."""
-    if run.contrasts is None or run.contrasts.empty:
-        return None
+def contrasts_table(run: FitRun) -> Table:
+    """The first 300 rows of `contrasts.csv`."""
     return table_of(
         lines(run.contrasts[:MOST_ROWS]),
         Field("of", lambda line: line.factor),
@@ -178,9 +102,7 @@ def contrasts_table(run: FitRun) -> Table | None:
 
 def matrices(run: FitRun) -> list[dict[str, Any]]:
     """For each quantity the people, the greatest first, and the probability that each exceeds each other."""
-    if run.people_compared is None:
-        return []
-    return [_matrix(str(name), part) for name, part in run.people_compared.groupby("quantity", sort=False)]
+    return [_matrix(str(name), part) for name, part in run.people.groupby("quantity", sort=False)]
 
 
 def _matrix(quantity: str, part: pd.DataFrame) -> dict[str, Any]:
@@ -208,10 +130,8 @@ _PERCENT = "%"
 _SESSIONS = ("session", "day", "date", "visit", "week", "occasion", "sitzung", "tag", "datum", "termin")
 
 
-def reliability_table(run: FitRun) -> Table | None:
-    """A row a coefficient, columns of K and C; None where the run has none."""
-    if run.reliability is None or run.reliability.empty:
-        return None
+def reliability_table(run: FitRun) -> Table:
+    """A row a coefficient, columns of K and C."""
     units = {"N/m": "units", "N s/m": "units"}
     coefficients = run.reliability.assign(unit=run.reliability["unit"].replace(units))
     cells = _by_place(coefficients)
@@ -248,8 +168,6 @@ def _largely_prior(row: dict[Any, Any]) -> bool:
 
 def prior_words(run: FitRun) -> str:
     """Which coefficients the data leave largely as the prior has them; empty where none."""
-    if run.reliability is None or run.reliability.empty:
-        return ""
     rows = [
         row
         for row in run.reliability.to_dict("records")
@@ -281,7 +199,7 @@ def _whole(value: float) -> str:
 
 def reliability_words(run: FitRun) -> list[str]:
     """The coefficients that answer how repeatable K and C are, in sentences."""
-    if run.reliability is None or run.reliability.empty:
+    if run.reliability.empty:
         return []
     cells = _by_place(run.reliability)
     sentences = []
@@ -324,17 +242,15 @@ def _changes(cells: dict[tuple[str, str, str, str], dict[Any, Any]], q: str) -> 
 
 def another_day(run: FitRun) -> str:
     """The warning that repeats of one session say nothing of another day; empty where it does not apply."""
-    if run.reliability is None or run.reliability.empty or any(map(_is_session, groupings(run))):
+    if run.reliability.empty or any(
+        word in grouping.lower() for grouping in groupings(run) for word in _SESSIONS
+    ):
         return ""
     return Coded(
         "Repeats of one session say nothing of another day: no group of the formula is a session, so that "
         "what differs between days is in none of these numbers.",
         "one-session",
     )
-
-
-def _is_session(grouping: str) -> bool:
-    return any(word in grouping.lower() for word in _SESSIONS)
 
 
 def _spread(row: Any) -> Spread:

@@ -10,12 +10,11 @@ import pandas as pd
 from bayestissue.elements.element import Element
 from bayestissue.elements.registry import element
 from bayestissue.hierarchy.specification import SIDE_BY_SIDE
-from bayestissue.report.fit.depth import depth_words, has_common_depth
-from bayestissue.report.fit.predictions import OTHER_NOISE, STRUCTURED, Residuals, inside_band
+from bayestissue.report.fit.answers import depth_words, has_common_depth
+from bayestissue.report.fit.estimates import COVERAGE
 from bayestissue.report.fit.run import FitRun
-from bayestissue.report.fit.tables import COVERAGE
 from bayestissue.report.tables import Field, Table, lines, table_of
-from bayestissue.report.wording import listed, percent
+from bayestissue.report.wording import percent
 
 _MEASURED = files("bayestissue.report.fit").joinpath("coverage.csv")
 _LIKELIHOODS = {
@@ -40,8 +39,6 @@ _EQUILIBRIA = {
     "sample-mean": "the mean of the samples, as the thesis has it, which makes K and C too large",
     "estimated": "estimated along with the rest",
 }
-# Beyond this share of small p-values residuals as a whole are called structured.
-_STRUCTURED_SHARE = 0.05
 _NOISE = {
     "deceleration": "An accelerometer's white noise, integrated twice, is not the noise of an ARMA(2,1): "
     "its fit is driven to the edge where θ₁ is −1, or its intervals promise more than they hold. "
@@ -184,17 +181,9 @@ def coverage_table(run: FitRun) -> Table | None:
     return table if measured else None
 
 
-def other_noise(run: FitRun, left: Residuals) -> bool:
-    """Whether the residuals' autocorrelation is not the model's; by chance in one of a hundred fits.
-
-    Where the fit has tested each impact's residuals its verdict stands instead.
-    """
-    return not run.tested and left.other_noise_p < OTHER_NOISE
-
-
-def undescribed_words(run: FitRun) -> str:
-    """Why no interval of this run is one; empty where they are."""
-    return str(run.diagnostics["model_form"]["words"]) if run.undescribed else ""
+def excluded_table(run: FitRun) -> Table:
+    """The impacts that were left out of the fit, and why."""
+    return table_of(run.record["left_out"], Field("impact and reason", str, "words"))
 
 
 def chain_words(run: FitRun) -> str:
@@ -208,41 +197,4 @@ def chain_words(run: FitRun) -> str:
         "the declared standard deviations let one expect, of all impacts together, of each person and "
         "condition, and of each impact (a right chain raises an alarm in 1 of 200 fits). "
         f"{_MASS_DOES_NOT_SHOW}"
-    )
-
-
-def residual_words(run: FitRun, left: Residuals, one_step: np.ndarray) -> list[str]:
-    """Whether the residuals have structure, and whether the model expects what they have."""
-    sentences = [
-        f"{percent(inside_band(left))} of all measured samples lie in the predicted 90 % band of a new "
-        "recording of the same impact, whose chain has errors of its own."
-    ]
-    if run.tested:
-        return [*sentences, str(run.diagnostics["model_form"]["words"])]
-    if np.isfinite(one_step).any():
-        sentences.append(
-            _structure("One step ahead, by the exact point fit", one_step, np.array(run.impacts))
-        )
-    table = left.lag_one
-    inside = int(table["inside"].sum())
-    words = f"The autocorrelation at lag 1 is what the model expects in {inside} of {len(table)} impacts"
-    if other_noise(run, left):
-        words += ": the noise that it assumes is not the noise that was recorded"
-    return [*sentences, f"{words}."]
-
-
-def _structure(what: str, p: np.ndarray, names: np.ndarray) -> str:
-    tested = np.isfinite(p)
-    count, total = int((p[tested] < STRUCTURED).sum()), int(tested.sum())
-    # By Bonferroni: so small that among all of them not even one would be expected.
-    sure = names[tested][p[tested] * total < STRUCTURED]
-    if count > _STRUCTURED_SHARE * total:
-        verdict = "the residuals have structure that a single trace's ARMA(2,1) does not explain"
-    elif sure.size:
-        verdict = f"structure beyond chance in {listed([str(name) for name in sure])} only"
-    else:
-        verdict = "no more structure than chance gives"
-    return (
-        f"{what}: {count} of {total} impacts have p below 0.01, where white residuals give about 1 %: "
-        f"{verdict}."
     )

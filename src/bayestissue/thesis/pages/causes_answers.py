@@ -9,31 +9,13 @@ from typing import Any
 import pandas as pd
 
 from bayestissue.errors import InputError
-from bayestissue.report.run_folder import TableFile, read_tables, require_files, wrong_in
 from bayestissue.report.wording import likelihood_words, listed, number, probability, significant
+from bayestissue.results import read_tables
+from bayestissue.results.tables import wrong_in
 from bayestissue.thesis.causes.design import LEVEL, WORDS
 
 _AGAIN = "Make the run anew with `bayestissue causes`."
-_NUMBERS = (
-    "probability",
-    "probability_error",
-    "campaigns",
-    "complete",
-    "p_joint",
-    "smallest_p",
-    "calibration_below_10",
-    "calibration_below_50",
-    "calibration_campaigns",
-    "calibration_p",
-)
-_QUANTILES = ("q01", "q05", "q25", "q50", "q75", "q95", "q99")
-_TABLES = (
-    TableFile("causes", ("cause", "title", "nearest", "fails", "verdict"), _NUMBERS),
-    TableFile("predictive", ("cause", "statistic"), _QUANTILES),
-    TableFile("observed", ("statistic", "compared"), ("value",)),
-    TableFile("confusion", ("truth",)),
-    TableFile("reliability", (), ("probability", "right", "cases")),
-)
+_TABLES = ("causes", "predictive", "observed", "confusion", "causes/reliability")
 # Causes that lie in how K was found, and not in what was hit.
 _OF_METHOD = ("none", "centring", "conversion", "fixed window", "own time", "velocity")
 
@@ -84,15 +66,7 @@ def read_causes_run(folder: Path, record: dict[str, Any]) -> CausesRun:
     if lacking or "causes" not in record["model"]:
         column = (*lacking, "model")[0]
         raise InputError(wrong_in(folder / "run.json", "what every such run writes", _AGAIN, column=column))
-    require_files(folder, [f"{layout.name}.csv" for layout in _TABLES])
-    tables = dict(read_tables(folder, _TABLES))
-    for name in tables["causes"].columns[tables["causes"].columns.str.startswith("p_")]:
-        tables["causes"][name] = pd.to_numeric(tables["causes"][name], errors="coerce")
-    cause_columns = list(tables["confusion"].columns[1:])
-    tables["confusion"][cause_columns] = tables["confusion"][cause_columns].apply(
-        pd.to_numeric, errors="coerce"
-    )
-    return CausesRun(record=record, **tables)
+    return CausesRun(record=record, **read_tables(folder, _TABLES))
 
 
 _CONFUSED = 0.2

@@ -9,7 +9,6 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.ticker import LogLocator, NullLocator
 
-from bayestissue.report.model_words import settings_table
 from bayestissue.report.page import figure, render_page
 from bayestissue.report.style import (
     POSTERIOR,
@@ -21,7 +20,7 @@ from bayestissue.report.style import (
     shown,
     style,
 )
-from bayestissue.report.tables import Field, Row, Table, columns, table_of
+from bayestissue.report.tables import Field, Row, Table, columns, settings_table, table_of
 from bayestissue.report.wording import number, significant
 from bayestissue.thesis.causes.design import LEVEL, MEANING, WORDS
 from bayestissue.thesis.pages.causes_answers import (

@@ -9,7 +9,7 @@ from markupsafe import Markup
 
 from bayestissue.dataset.published import PublishedTables
 from bayestissue.report.page import figure
-from bayestissue.report.posterior_figures import NAMES
+from bayestissue.report.posterior import NAMES
 from bayestissue.report.style import MUTED, POSTERIOR, PUBLISHED, REFERENCE, new_figure, shown, style
 from bayestissue.report.wording import UNITS
 from bayestissue.thesis.pages.published_run import PublishedRun

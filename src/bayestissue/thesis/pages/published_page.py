@@ -11,13 +11,20 @@ import numpy as np
 from bayestissue.dataset.published import PublishedTables, read_published
 from bayestissue.inference.samplers.diagnostics import warned_codes
 from bayestissue.remedies import Code, codes_in
-from bayestissue.report import model_words, posterior
-from bayestissue.report import posterior_tables as shared_tables
-from bayestissue.report.comparison.figures import comparison_figure
-from bayestissue.report.model_words import settings_table
+from bayestissue.report import posterior
+from bayestissue.report import tables as shared_tables
+from bayestissue.report.comparison import comparison_figure
 from bayestissue.report.page import render_page
-from bayestissue.report.posterior import CONSTANT, FIXED, SURE, exponent, hypothesis_probability
-from bayestissue.report.posterior_figures import effects_figure, exponent_figure
+from bayestissue.report.posterior import (
+    CONSTANT,
+    FIXED,
+    SURE,
+    effects_figure,
+    exponent,
+    exponent_figure,
+    hypothesis_probability,
+)
+from bayestissue.report.tables import settings_table
 from bayestissue.report.wording import (
     relative,
     significant,
@@ -264,8 +271,8 @@ def _published(run: PublishedRun, published: PublishedTables) -> dict[str, Any]:
 def _provenance(run: PublishedRun) -> dict[str, Any]:
     described = run.record.get("model", {})
     return {
-        "formulas": model_words.formulas(described),
-        "priors_table": model_words.priors_table(described),
-        "settings_table": settings_table(described, model_words.SHOWN_ELSEWHERE),
+        "formulas": shared_tables.formulas(described),
+        "priors_table": shared_tables.priors_table(described),
+        "settings_table": settings_table(described, shared_tables.SHOWN_ELSEWHERE),
         "versions": run.record.get("versions", {}),
     }

@@ -15,10 +15,8 @@ from bayestissue.report.posterior import QUANTITIES, spread
 from bayestissue.report.run_folder import (
     POSTERIOR_TABLES,
     PosteriorRun,
-    TableFile,
     read_groups,
     read_json,
-    read_tables,
     require_files,
 )
 from bayestissue.report.tables import Field, Row, Table, columns, lines, table_of, tag
@@ -31,23 +29,10 @@ from bayestissue.report.wording import (
     probability,
     significant,
 )
+from bayestissue.results import read_tables
 from bayestissue.thesis.reproduction.conditions import Quantity
 
-_TABLES = (
-    *POSTERIOR_TABLES,
-    TableFile("reproduction", ("table", "row", "quantity", "published", "reproduced", "agrees", "note")),
-    TableFile("audit", ("where", "what", "published", "implied", "severity", "explanation")),
-    TableFile(
-        "comparison",
-        ("scheme", "model", "warning"),
-        ("elpd", "se", "elpd_difference", "se_difference", "p_effective", "weight"),
-    ),
-    TableFile(
-        "predictive_checks",
-        ("statistic", "quantity"),
-        ("observed", "predicted_median", "predicted_low", "predicted_high", "p_value"),
-    ),
-)
+_TABLES = (*POSTERIOR_TABLES, "reproduction", "audit", "comparison", "predictive_checks")
 _GROUPS: dict[str, tuple[str, ...]] = dict.fromkeys(
     ("posterior", "observed_data", "posterior_predictive", "constant_data"), ()
 )
@@ -78,7 +63,7 @@ def read_published_run(folder: Path, record: dict[str, Any]) -> PublishedRun:
     Raises:
         InputError: a file lacks or isn't what a run writes; all that lack are named at once.
     """
-    names = [f"{layout.name}.csv" for layout in _TABLES]
+    names = [f"{name}.csv" for name in _TABLES]
     require_files(folder, [*names, "diagnostics.json", "posterior.nc"])
     return PublishedRun(
         record=record,

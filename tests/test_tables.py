@@ -1,0 +1,77 @@
+"""The declaration of result tables: what is written is read as it was, and what is wrong is named."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from bayestissue.errors import InputError
+from bayestissue.finished import read_run
+from bayestissue.report import write_report
+from bayestissue.report.fit.page import page_of
+from bayestissue.report.fit.run import FURTHER_TABLES, TABLES, fit_run
+from bayestissue.results.tables import (
+    columns_of,
+    declared_files,
+    joined,
+    read_table,
+    read_tables,
+    table_of_rows,
+    typed,
+    write_table,
+)
+from make_fit_run import make_fit_run
+
+
+@pytest.fixture
+def contrasts() -> pd.DataFrame:
+    rows = [("side", "left", "right", "K", 1.1, 0.9, 1.3, 0.8, 0.4), ("1", "2", "3", "C", 1, np.nan, 3, 0, 0)]
+    return table_of_rows("contrasts", rows)
+
+
+@pytest.mark.parametrize("excel", [None, "comma", "point"])
+def test_a_table_is_read_as_it_was(contrasts, tmp_path, excel):
+    write_table(contrasts, tmp_path / "contrasts.csv", excel)
+    read = read_table(tmp_path, "contrasts")
+    # Levels are names, also where they are numbers.
+    assert read["level"].tolist() == ["left", "2"]
+    pd.testing.assert_frame_equal(read, typed("contrasts", contrasts), check_dtype=False)
+    assert read["ratio"].dtype.kind == "f"
+
+
+def test_all_that_is_wrong_is_named_at_once(contrasts, tmp_path):
+    write_table(contrasts.drop(columns="against").assign(low="wide"), tmp_path / "contrasts.csv")
+    with pytest.raises(InputError) as caught:
+        read_tables(tmp_path, ["contrasts", "people"], may_lack=["questions"])
+    named = {
+        (problem.file.rsplit("/", 1)[-1], problem.row, problem.column) for problem in caught.value.problems
+    }
+    assert named == {
+        ("contrasts.csv", 1, "against"),
+        ("contrasts.csv", 2, "low"),
+        ("contrasts.csv", 3, "low"),
+        ("people.csv", None, None),
+    }
+
+
+def test_a_table_may_lack_what_earlier_versions_did_not_write(tmp_path):
+    table = table_of_rows("reliability").drop(columns=["varies", "prior_overlap"])
+    write_table(table, tmp_path / "reliability.csv")
+    assert list(read_table(tmp_path, "reliability")) == columns_of("reliability")[:-2]
+    assert list(joined("people", [])) == columns_of("people")
+
+
+def test_every_column_has_a_meaning_and_text_is_text():
+    for file in declared_files().values():
+        assert all(column.meaning for column in file.columns.values())
+    assert declared_files()["people.csv"].columns["person"].kind == "text"
+
+
+def test_a_page_from_memory_is_the_page_of_the_folder(tmp_path):
+    folder = make_fit_run(tmp_path / "run")
+    read = read_run(folder)
+    tables = {name: read.table(name) for name in TABLES}
+    tables |= {name: read.table(name) for name in FURTHER_TABLES if (folder / f"{name}.csv").is_file()}
+    in_memory = fit_run(read.about, read.diagnostics, read.posterior, tables)
+    assert page_of(in_memory) == write_report(folder).read_text(encoding="utf-8")
