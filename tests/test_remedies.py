@@ -23,7 +23,7 @@ from bayestissue.remedies import codes_in, entries, messages
 SOURCE = Path(bayestissue.__file__).parent
 ROOT = SOURCE.parents[1]
 # What makes a warning or an error: all of these take a code.
-CARRIERS = ("Problem", "problem", "Coded", "Check", "PartialResultError")
+CARRIERS = ("Problem", "Coded", "Check", "PartialResultError")
 KEY = re.compile(r"[a-z-]+\.[a-zA-Z_-]+")
 
 
