@@ -93,7 +93,7 @@ class _Tried:
         monkeypatch.setattr(recipe, "population_attempt", self._draws)
         monkeypatch.setattr(recipe, "refitted", self._about)
         monkeypatch.setattr(recipe, "fitted_to_population", self._placed)
-        monkeypatch.setattr(recipe, "with_expansion", lambda prepared, approximation, *_: approximation)
+        monkeypatch.setattr(recipe, "with_second_order", lambda prepared, approximation, *_: approximation)
         monkeypatch.setattr(recipe, "approximate", lambda *_, **__: self._approximation("normal"))
         monkeypatch.setattr(recipe, "with_impacts", lambda problem, found: found.approximation.name)
 
