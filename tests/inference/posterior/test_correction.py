@@ -132,7 +132,8 @@ def test_sites_are_fitted_about_the_corrected_draws_until_the_correction_holds(m
     assert [row["effective_draws"] for row in found.attempts] == [80, 800, 3200]
     taken = [row["step"] for row in found.steps if not row["refused"]]
     assert taken == ["fit_and_sample", "refit_about_draws", "refit_about_draws"]
-    assert found.steps[-1] == {"step": "lengthen_chains", "refused": "not only draws are lacking"}
+    assert found.steps[-1] == {"step": "lengthen_chains", "refused": "the correction can be trusted"}
+    assert sum(row["step"] == "normal_instead_of_grid" for row in found.steps) == 1
     assert not Route("automatic", found).exact
 
 

@@ -185,6 +185,8 @@ def normal_instead_of_grid(problem: Problem, state: State) -> State | Refused:
 def lengthen_chains(problem: Problem, state: State) -> State | Refused:
     """Longer chains with the best sites, where all that is wrong is that too few draws are effective."""
     correction = state.best.correction
+    if correction.trusted:
+        return Refused("the correction can be trusted")
     if not correction.lacks_only_draws:
         return Refused("not only draws are lacking")
     longer = int(np.ceil(1.2 * correction.needed / correction.effective))
@@ -228,7 +230,10 @@ def corrected_draws(
     for step in STEPS:
         outcome = step(problem, state)
         reason = outcome.reason if isinstance(outcome, Refused) else ""
-        steps.append({"step": step.__name__, "refused": reason})
+        row = {"step": step.__name__, "refused": reason}
+        # Refused again for the same reason, a step has one row.
+        if not reason or row not in steps:
+            steps.append(row)
         state = state if isinstance(outcome, Refused) else outcome
     rows = tuple(attempt.correction.row() for attempt in state.attempts)
     draws = with_impacts(problem, state.best)
