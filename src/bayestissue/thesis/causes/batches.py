@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -131,17 +131,16 @@ def _estimated_as_published(
         truth.strength.get("window_sd", np.zeros(count))[:, None] * random.standard_normal((count, impacts))
     )
     about_rest = cause.mechanism in ("none", "conversion")
-    choices = {
-        "dt": dt,
-        "velocity": flat(design.velocity),
-        "mass": mass,
-        "window": flat(np.array(0.0) if own_time else window[:, None]),
-        "share": flat(length[:, None] * by_eye if own_time else np.array(1.0)),
-        "centred": flat(np.array(0.0 if about_rest else 1.0)),
-        "nominal": flat(own_time * truth.time_to_peak[:, None]),
-        "by_theta1": flat(np.array(float(cause.mechanism == "conversion"))),
-    }
-    treatment = Treatment(**{name: jnp.asarray(values) for name, values in choices.items()})
+    treatment = Treatment(
+        dt=dt,
+        velocity=flat(design.velocity),
+        mass=mass,
+        window=flat(np.array(0.0) if own_time else window[:, None]),
+        share=flat(length[:, None] * by_eye if own_time else np.array(1.0)),
+        centred=flat(np.array(0.0 if about_rest else 1.0)),
+        nominal=flat(own_time * truth.time_to_peak[:, None]),
+        by_theta1=flat(np.array(float(cause.mechanism == "conversion"))),
+    )
     return thesis_estimates(d, treatment)
 
 
@@ -203,14 +202,14 @@ class Treatment(NamedTuple):
         by_theta1: 1 to find the damped frequency from theta1, as section 2.11 writes it.
     """
 
-    dt: Array
-    velocity: Array
-    mass: Array
-    window: Array
-    share: Array
-    centred: Array
-    nominal: Array
-    by_theta1: Array
+    dt: Float[Any, " impact"]
+    velocity: Float[Any, " impact"]
+    mass: Float[Any, " impact"]
+    window: Float[Any, " impact"]
+    share: Float[Any, " impact"]
+    centred: Float[Any, " impact"]
+    nominal: Float[Any, " impact"]
+    by_theta1: Float[Any, " impact"]
 
 
 class Estimates(NamedTuple):
@@ -248,7 +247,7 @@ def thesis_estimates(deceleration: Float[Array, "impact sample"], treatment: Tre
         # As many rows each time, so that one compilation serves all of one width.
         rows = order[np.minimum(np.arange(begin, begin + _TOGETHER), len(order) - 1)]
         width = _width(int(n[rows].max()), x.shape[1])
-        choices = Treatment(*(jnp.asarray(part[rows]) for part in columns))
+        choices = Treatment(*(part[rows] for part in columns))
         K[rows], C[rows] = map(np.asarray, _fitted(x[rows, :width], n[rows], choices))
     return Estimates(K, C, n)
 
