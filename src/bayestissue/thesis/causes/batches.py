@@ -34,6 +34,8 @@ from bayestissue.thesis.causes.specification import Cause, CausesSpecification
 
 # A recording goes on to this many times the typical time to peak.
 REACH = 3.2
+# Impacts that are fitted in one call, and samples of the narrowest window that is compiled for.
+_TOGETHER, _NARROWEST = 500, 64
 
 
 @dataclass(frozen=True)
@@ -184,10 +186,6 @@ def _read(folder: Path | None, batch: Batch) -> pd.DataFrame | None:
     return pd.read_parquet(path) if path is not None and path.is_file() else None
 
 
-_TOGETHER = 500
-_NARROWEST = 64
-
-
 class Treatment(NamedTuple):
     """What the analyst took for known, and which steps were taken; every attribute [impact].
 
@@ -246,15 +244,11 @@ def thesis_estimates(deceleration: Float[Array, "impact sample"], treatment: Tre
     for begin in range(0, len(order), _TOGETHER):
         # As many rows each time, so that one compilation serves all of one width.
         rows = order[np.minimum(np.arange(begin, begin + _TOGETHER), len(order) - 1)]
-        width = _width(int(n[rows].max()), x.shape[1])
+        # The next power of two, so that few widths are ever compiled.
+        width = max(_NARROWEST, 1 << int(n[rows].max() - 1).bit_length())
         choices = Treatment(*(part[rows] for part in columns))
         K[rows], C[rows] = map(np.asarray, _fitted(x[rows, :width], n[rows], choices))
     return Estimates(K, C, n)
-
-
-def _width(samples: int, most: int) -> int:
-    """The next power of two, so that few widths are ever compiled."""
-    return min(most, max(_NARROWEST, 1 << (samples - 1).bit_length()))
 
 
 @jax.jit
