@@ -343,7 +343,7 @@ def _standard(*shape: int) -> dist.Distribution:
 
 def gaussian(data: TraceData, sites: GaussianFactor) -> Data:
     """What the hierarchy's closed forms ask of the dataset, a site standing for each trace."""
-    return Data.of(data.design, data.location_mean, sites)
+    return Data.from_sites(data.design, data.location_mean, sites)
 
 
 class Drawn(NamedTuple):

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from bayestissue.dataset import write_dataset
 from bayestissue.dataset.model import Dataset, Recorder, Trace, Uncertainty
@@ -263,13 +262,14 @@ def _recorded(
         motion = deceleration(simulation.tissue.element, truth.iloc[index], time, gravity)
         part = slice(begin, min(begin + rows, len(n)))
         d = np.asarray(motion)[: part.stop - begin]
-        noise: Callable[[int], np.ndarray] = random.standard_normal
         if recorder is not None:
             d = on_even_grid(d, rate * finer, recorder)[:, ring * finer : -ring * finer or None : finer]
-            if recorder.noise == "before":
-                filtered = _filtered_noise(recorder, rate, ring, d.shape, random)
-                noise = partial(_first_of_rows, filtered, n[part])
-        yield _through_chain(recording, truth.iloc[part], d, n[part], noise)
+        recorded = np.arange(d.shape[1]) < n[part, None]
+        if recorder is not None and recorder.noise == "before":
+            noise = _filtered_noise(recorder, rate, ring, d.shape, random)[recorded]
+        else:
+            noise = random.standard_normal(recorded.sum())
+        yield _through_chain(recording, truth.iloc[part], d, recorded, noise)
 
 
 def _filtered_noise(
@@ -285,25 +285,19 @@ def _filtered_noise(
     return filtered[:, ring * finer : -ring * finer or None : finer]
 
 
-def _first_of_rows(rows: Float[np.ndarray, "impact sample"], n: np.ndarray, count: int) -> np.ndarray:
-    first = rows[np.arange(rows.shape[1]) < n[:, None]]
-    assert len(first) == count  # noqa: S101 - the samples of all recordings
-    return first
-
-
 def _through_chain(
     recording: Recording,
     truth: pd.DataFrame,
     deceleration: Float[np.ndarray, "impact sample"],
-    n: np.ndarray,
-    noise: Callable[[int], np.ndarray],
-) -> np.ndarray:
+    recorded: Bool[np.ndarray, "impact sample"],
+    noise: Float[np.ndarray, " recorded"],
+) -> Float[np.ndarray, " recorded"]:
+    """The samples that are recorded, one impact's after another's; ``noise`` has variance 1."""
     gain, offset = (truth[name].to_numpy()[:, None] for name in ("gain", "offset_m_s2"))
     peak = deceleration.max(axis=1, keepdims=True)
     sd = np.hypot(recording.noise_sd_m_s2, recording.noise_relative_to_peak * peak)
-    inside = np.arange(deceleration.shape[1]) < n[:, None]
-    value = (gain * deceleration + offset)[inside]
-    value = value + np.repeat(sd[:, 0], n) * noise(len(value))
+    value = (gain * deceleration + offset)[recorded]
+    value = value + np.repeat(sd[:, 0], recorded.sum(axis=1)) * noise
     if recording.range_m_s2 is not None:
         value = np.clip(value, -recording.range_m_s2, recording.range_m_s2)
         if recording.bits is not None:

@@ -93,7 +93,7 @@ class _Tried:
         monkeypatch.setattr(recipe, "population_attempt", self._draws)
         monkeypatch.setattr(recipe, "refitted", self._about)
         monkeypatch.setattr(recipe, "fitted_to_population", self._placed)
-        monkeypatch.setattr(recipe, "with_expansion", lambda prepared, approximation, *_: approximation)
+        monkeypatch.setattr(recipe, "with_second_order", lambda prepared, approximation, *_: approximation)
         monkeypatch.setattr(recipe, "approximate", lambda *_, **__: self._approximation("normal"))
         monkeypatch.setattr(recipe, "with_impacts", lambda problem, found: found.approximation.name)
 
@@ -132,7 +132,8 @@ def test_sites_are_fitted_about_the_corrected_draws_until_the_correction_holds(m
     assert [row["effective_draws"] for row in found.attempts] == [80, 800, 3200]
     taken = [row["step"] for row in found.steps if not row["refused"]]
     assert taken == ["fit_and_sample", "refit_about_draws", "refit_about_draws"]
-    assert found.steps[-1] == {"step": "lengthen_chains", "refused": "not only draws are lacking"}
+    assert found.steps[-1] == {"step": "lengthen_chains", "refused": "the correction can be trusted"}
+    assert sum(row["step"] == "normal_instead_of_grid" for row in found.steps) == 1
     assert not Route("automatic", found).exact
 
 

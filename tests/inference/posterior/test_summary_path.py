@@ -40,13 +40,13 @@ from bayestissue.inference.posterior.approximate import Approximation, approxima
 from bayestissue.inference.posterior.constrained_draws import constrained_draws
 from bayestissue.inference.posterior.correction import Correction
 from bayestissue.inference.posterior.exact import exact_draws
-from bayestissue.inference.posterior.expansion import draws_at, refitted, to_second_order
 from bayestissue.inference.posterior.recipe import (
     Problem,
     corrected_draws,
     fitted_to_population,
     population_attempt,
 )
+from bayestissue.inference.posterior.refinement import draws_at, refitted, to_second_order
 from bayestissue.inference.samplers.psis import pareto_smoothed
 from bayestissue.inference.samplers.sampling import Draws
 from bayestissue.simulation import simulate

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from bayestissue.dataset.published import PublishedTables
-from bayestissue.thesis.reproduction.relations import correlation_figure, mass_figure
+from bayestissue.thesis.reproduction.conditions import conditions
+from bayestissue.thesis.reproduction.relations import correlation_figure, printed_line, straight_line
 
 
 @pytest.mark.parametrize(
@@ -23,9 +24,9 @@ def test_bars_fall(published: PublishedTables, quantity: str, averages: bool, co
 
 
 def test_mass_figures(published: PublishedTables) -> None:
-    figure = mass_figure(published, "C")
-    assert (len(figure.impacts), len(figure.averages)) == (70, 9)
-    assert (figure.printed_constant, figure.printed_slope) == (-0.444, 2.962)
-    assert figure.constant == pytest.approx(-0.4435, abs=5e-5)
-    assert figure.slope == pytest.approx(2.9631, abs=5e-5)
-    assert figure.impacts["value"].equals(published.estimates["C"].rename("value"))
+    table = conditions(published, "C")
+    assert (len(published.estimates), len(table)) == (70, 9)
+    assert printed_line(published, "C") == (-0.444, 2.962)
+    refitted = straight_line(table).params
+    assert refitted["const"] == pytest.approx(-0.4435, abs=5e-5)
+    assert refitted["Mass"] == pytest.approx(2.9631, abs=5e-5)

@@ -40,7 +40,9 @@ class Data:
     second_order: GaussianFactor | None = None
 
     @classmethod
-    def of(cls, design: PopulationDesign, mean: Float[Array, " location"], sites: GaussianFactor) -> Data:
+    def from_sites(
+        cls, design: PopulationDesign, mean: Float[Array, " location"], sites: GaussianFactor
+    ) -> Data:
         """Without each impact's entry, so that what is compiled serves other numbers of impacts."""
         data = cls(design._replace(cell=np.zeros(0, int)), mean, design.blocked(sites))
         return jax.tree.map(jnp.asarray, data)

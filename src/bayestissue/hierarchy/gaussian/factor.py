@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from operator import add
 from typing import Any, NamedTuple
 
 import jax
@@ -68,10 +69,9 @@ class GaussianFactor(NamedTuple):
             moved.centre[first], moved.shift[first], moved.precision[first, first], moved.log_scale
         )
 
-    def product(self, other: GaussianFactor) -> GaussianFactor:
-        """Of both, about this one's centre, parameters first."""
-        moved = other.recentred(self.centre)
-        sums = (one + another for one, another in zip(self[1:], moved[1:], strict=True))
+    def product(self, factor: GaussianFactor) -> GaussianFactor:
+        """Of this factor and another, about this one's centre, parameters first."""
+        sums = map(add, self[1:], factor.recentred(self.centre)[1:])
         return GaussianFactor(self.centre, *sums)
 
 
@@ -183,11 +183,11 @@ def _over_blocks(function: Any, sites: GaussianFactor) -> Any:
     if len(sites.centre) == 1:
         return function(jax.tree.map(lambda leaf: leaf[0], sites))
 
-    def add(total: Any, block: GaussianFactor) -> tuple[Any, None]:
+    def step(total: Any, block: GaussianFactor) -> tuple[Any, None]:
         return jax.tree.map(jnp.add, total, function(block)), None
 
     first = jax.eval_shape(function, jax.tree.map(lambda leaf: leaf[0], sites))
-    return jax.lax.scan(add, jax.tree.map(lambda leaf: jnp.zeros(leaf.shape), first), sites)[0]
+    return jax.lax.scan(step, jax.tree.map(lambda leaf: jnp.zeros(leaf.shape), first), sites)[0]
 
 
 def _forward(prior: Array, prior_mean: Array, sites: GaussianFactor) -> tuple[GaussianFactor, Any]:

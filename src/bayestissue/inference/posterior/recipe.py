@@ -38,13 +38,13 @@ from bayestissue.inference.posterior.approximate import (
     marginal_model,
 )
 from bayestissue.inference.posterior.correction import Correction
-from bayestissue.inference.posterior.expansion import (
+from bayestissue.inference.posterior.refinement import (
     CHECKS,
     draws_at,
     importance_weights,
     refitted,
     to_second_order,
-    with_expansion,
+    with_second_order,
 )
 from bayestissue.inference.samplers.independence import LEAST_EFFECTIVE, independence_chains
 from bayestissue.inference.samplers.nuts import Start, run_chains
@@ -141,7 +141,7 @@ Step = Callable[[Problem, State], State | Refused]
 
 
 def fit_and_sample(problem: Problem, state: State) -> State:
-    """Sites fitted to the population, expanded where these need it, and draws with them."""
+    """Sites fitted to the population, what they leave out where it matters, and draws with both."""
     approximation = fitted_to_population(problem, state.approximation)
     attempt = population_attempt(problem, approximation)
     return State(approximation, (*state.attempts, attempt), first=len(state.attempts))
@@ -162,9 +162,9 @@ def refit_about_draws(problem: Problem, state: State) -> State | Refused:
     prepared, seed = problem.prepared, problem.seed
     subset = draws.rows(np.resize(problem.rng.permutation(len(draws.b)), _DRAWS_ABOUT))
     fitted = refitted(prepared, approximation, subset, seed + _MOST_PASSES + len(attempts))
-    expanded = with_expansion(prepared, fitted, seed, problem.most_scatter)
-    attempt = population_attempt(problem, expanded)
-    return replace(state, approximation=expanded, attempts=(*state.attempts, attempt))
+    completed = with_second_order(prepared, fitted, seed, problem.most_scatter)
+    attempt = population_attempt(problem, completed)
+    return replace(state, approximation=completed, attempts=(*state.attempts, attempt))
 
 
 def normal_instead_of_grid(problem: Problem, state: State) -> State | Refused:
@@ -185,6 +185,8 @@ def normal_instead_of_grid(problem: Problem, state: State) -> State | Refused:
 def lengthen_chains(problem: Problem, state: State) -> State | Refused:
     """Longer chains with the best sites, where all that is wrong is that too few draws are effective."""
     correction = state.best.correction
+    if correction.trusted:
+        return Refused("the correction can be trusted")
     if not correction.lacks_only_draws:
         return Refused("not only draws are lacking")
     longer = int(np.ceil(1.2 * correction.needed / correction.effective))
@@ -228,7 +230,10 @@ def corrected_draws(
     for step in STEPS:
         outcome = step(problem, state)
         reason = outcome.reason if isinstance(outcome, Refused) else ""
-        steps.append({"step": step.__name__, "refused": reason})
+        row = {"step": step.__name__, "refused": reason}
+        # Refused again for the same reason, a step has one row.
+        if not reason or row not in steps:
+            steps.append(row)
         state = state if isinstance(outcome, Refused) else outcome
     rows = tuple(attempt.correction.row() for attempt in state.attempts)
     draws = with_impacts(problem, state.best)
@@ -236,13 +241,13 @@ def corrected_draws(
 
 
 def fitted_to_population(problem: Problem, approximation: Approximation) -> Approximation:
-    """Sites fitted about draws of the population to second order, and expanded where these need it."""
+    """Sites fitted about draws to second order, and what these sites leave out where it matters."""
     prepared, seed, progress = problem.prepared, problem.seed, problem.stage("summarising each trace")
     number_of_draws = int(np.clip(_ALL_BEFORE // len(prepared.impacts), _FEWEST_BEFORE, _DRAWS_BEFORE))
     for seed_step in range(_PASSES_BEFORE if approximation.grid is None else 0):
         draws = to_second_order(prepared, approximation, number_of_draws, problem.rng)
         approximation = refitted(prepared, approximation, draws, seed + seed_step, progress)
-    return with_expansion(prepared, approximation, seed, problem.most_scatter, progress)
+    return with_second_order(prepared, approximation, seed, problem.most_scatter, progress)
 
 
 def population_attempt(problem: Problem, approximation: Approximation) -> Attempt:

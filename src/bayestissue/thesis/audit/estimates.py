@@ -62,6 +62,12 @@ def mass_exponent(impacts: Impacts) -> MassExponent | None:
     return MassExponent(float(line.slope), float(line.slope - half), float(line.slope + half))
 
 
+def _in_proportion(impacts: Impacts) -> MassExponent | None:
+    """The mass exponent of K where it is 1 (`MassExponent.is_one`)."""
+    exponent = mass_exponent(impacts)
+    return exponent if exponent is not None and exponent.is_one else None
+
+
 @dataclass(frozen=True)
 class Curve:
     """A robust parabola ω_n(ζ): what is left of the scatter of ω_n, as fractions of its median.
@@ -120,10 +126,7 @@ def _common_curve(impacts: Impacts) -> Curve | None:
     With K and C fixed, ω_n and ζ lie on the line ω_n/ζ = 2K/C as mass varies: only where ω_n does not follow
     the mass does a common curve tell against the estimates.
     """
-    exponent = mass_exponent(impacts)
-    if exponent is None or not exponent.is_one:
-        return None
-    curve = frequency_curve(impacts)
+    curve = frequency_curve(impacts) if _in_proportion(impacts) else None
     return curve if curve is not None and curve.holds else None
 
 
@@ -138,8 +141,8 @@ def constant_natural_frequency(impacts: Impacts) -> Iterator[Finding]:
 
     Major: K = M ω_n², so a K that follows M with ω_n the same for all says nothing about the tissue.
     """
-    exponent = mass_exponent(impacts)
-    if exponent is None or not exponent.is_one:
+    exponent = _in_proportion(impacts)
+    if exponent is None:
         return
     stiffness = impacts.rows["K"].to_numpy()
     per_mass = stiffness / impacts.rows["mass_kg"].to_numpy()
@@ -207,8 +210,7 @@ def equal_masses_at_other_energies(impacts: Impacts) -> Iterator[Finding]:
 
     Minor: it separates mass from energy and velocity, which the design otherwise ties together.
     """
-    exponent = mass_exponent(impacts)
-    if "energy_J" not in impacts.rows or exponent is None or not exponent.is_one:
+    if "energy_J" not in impacts.rows or _in_proportion(impacts) is None:
         return
     conditions = impacts.rows.groupby("trial")[["mass_kg", "energy_J", "K"]].mean()
     pairs = []
@@ -279,8 +281,7 @@ def frequency_of_the_window(impacts: Impacts) -> Iterator[Finding]:
 
     Minor: it shows where the one natural frequency may come from; only the recordings could prove it.
     """
-    exponent = mass_exponent(impacts)
-    if exponent is None or not exponent.is_one or variation(impacts.omega_n) > 0.1:
+    if _in_proportion(impacts) is None or variation(impacts.omega_n) > 0.1:
         return
     product, zeta = centred_fit(*made_up_pulses())
     low, high = float(np.nanmin(product)), float(np.nanmax(product))

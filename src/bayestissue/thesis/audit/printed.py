@@ -15,7 +15,7 @@ from bayestissue.thesis.audit.findings import (
     Severity,
     named_rows,
 )
-from bayestissue.thesis.reproduction.agreement import agrees, decimals, half_unit
+from bayestissue.thesis.reproduction.agreement import agrees, decimals, difference, half_unit, ratio
 from bayestissue.thesis.reproduction.conditions import QUANTITIES, conditions, unrounded_mass
 from bayestissue.thesis.reproduction.relations import straight_line
 
@@ -71,49 +71,37 @@ def arithmetic_of_claims(publication: Publication) -> Iterator[Finding]:
     """
     for (section, quantity), claims in publication.tables.claims.groupby(["section", "quantity"], sort=False):
         said = {str(name): rows for name, rows in claims.groupby("statistic")}
-        for low_name, high_name, derived in _DERIVED:
-            if low_name not in said or high_name not in said:
+        for name, (low_name, high_name, rule) in _DERIVED.items():
+            if not {name, low_name, high_name} <= set(said):
                 continue
             low, high = said[low_name].iloc[0], said[high_name].iloc[0]
-            for name, (of_ends, slack_of_ends) in derived.items():
-                stated = said.get(name, pd.DataFrame(columns=claims.columns)).drop_duplicates("value")
-                implied = of_ends(low["value"], high["value"])
-                slack = slack_of_ends(low, high) + stated["value_text"].map(half_unit).astype("float64")
-                wrong = stated[(stated["value"] - implied).abs() > slack + 1e-9]
-                several = len(publication.claims(str(quantity), name)["value"].unique()) > len(stated)
-                if wrong.empty or several:
-                    continue
-                figures = " and ".join(wrong["value_text"])
-                needed = f"{high['value'] / wrong['value'].iloc[0]:.3g}" if "ratio" in name else ""
-                yield Finding(
-                    f"section {section}",
-                    f"{name} of {quantity} against its ends",
-                    figures,
-                    f"{implied:.4g}",
-                    f"Section {section} lets {quantity} run from {low['value_text']} to "
-                    f"{high['value_text']}, which makes the {name} {implied:.4g}, and calls it {figures}."
-                    + (f" That ratio needs a smallest value of {needed}." if needed else ""),
-                )
+            implied, rounding = rule(*((end["value"], half_unit(end["value_text"])) for end in (low, high)))
+            stated = said[name].drop_duplicates("value")
+            slack = rounding + stated["value_text"].map(half_unit).astype("float64")
+            wrong = stated[(stated["value"] - implied).abs() > slack + 1e-9]
+            several = len(publication.claims(str(quantity), name)["value"].unique()) > len(stated)
+            if wrong.empty or several:
+                continue
+            figures = " and ".join(wrong["value_text"])
+            needed = f"{high['value'] / wrong['value'].iloc[0]:.3g}" if rule is ratio else ""
+            yield Finding(
+                f"section {section}",
+                f"{name} of {quantity} against its ends",
+                figures,
+                f"{implied:.4g}",
+                f"Section {section} lets {quantity} run from {low['value_text']} to "
+                f"{high['value_text']}, which makes the {name} {implied:.4g}, and calls it {figures}."
+                + (f" That ratio needs a smallest value of {needed}." if needed else ""),
+            )
 
 
-def _rounding_of_ratio(low: pd.Series, high: pd.Series) -> float:
-    relative = [half_unit(end["value_text"]) / abs(end["value"]) for end in (low, high)]
-    return sum(relative) * high["value"] / low["value"]
-
-
-# What follows from two ends, and how far their rounding may move it.
-_RANGE = (
-    lambda low, high: high - low,
-    lambda low, high: half_unit(low["value_text"]) + half_unit(high["value_text"]),
-)
-_RATIO = (lambda low, high: high / low, _rounding_of_ratio)
-_DERIVED = tuple(
-    (f"minimum{suffix}", f"maximum{suffix}", {f"range{suffix}": _RANGE, ratio: _RATIO})
-    for suffix, ratio in (
-        ("", "ratio of maximum to minimum"),
-        (" of trial averages", "ratio of trial averages"),
-    )
-)
+# Of a statistic: the two ends that it follows from, and how.
+_DERIVED = {
+    "range": ("minimum", "maximum", difference),
+    "ratio of maximum to minimum": ("minimum", "maximum", ratio),
+    "range of trial averages": ("minimum of trial averages", "maximum of trial averages", difference),
+    "ratio of trial averages": ("minimum of trial averages", "maximum of trial averages", ratio),
+}
 
 
 @PUBLISHED.check("minor", "conclusions")

@@ -12,10 +12,11 @@ from bayestissue.thesis.audit.findings import PUBLISHED, Finding, Publication, n
 from bayestissue.thesis.reproduction.conditions import (
     QUANTITIES,
     Quantity,
+    between_sum_of_squares,
     conditions,
     factors,
-    grand_mean,
     has_mass,
+    within_sum_of_squares,
 )
 from bayestissue.thesis.reproduction.relations import (
     ALPHA,
@@ -231,6 +232,7 @@ def not_the_only_one(publication: Publication) -> Iterator[Finding]:
         if others.empty:
             continue
         words = ", ".join(f"{name} {row['r']:.3f}" for name, row in others.head(4).iterrows())
+        count = int(conditions(publication.tables, claim.quantity)["impacts"].sum())
         yield Finding(
             f"section {claim.section}",
             f"variables significant for {claim.quantity}",
@@ -239,7 +241,7 @@ def not_the_only_one(publication: Publication) -> Iterator[Finding]:
             f"Section {claim.section} calls {said} the only variable significantly correlated with "
             f"{claim.quantity}. From the averages and standard deviations of the trials {len(others)} more "
             f"of {len(recomputed)} variables are significant among all "
-            f"{_impacts(publication, claim.quantity)} impacts ({words}; "
+            f"{count} impacts ({words}; "
             f"the largest p is {others['p'].max():.1g}).",
         )
 
@@ -308,7 +310,8 @@ def personal_factors_of_averages(publication: Publication) -> Iterator[Finding]:
     """
     correlations = publication.tables.correlations
     averaged = correlations[correlations["table"] != _ALL_IMPACTS]
-    personal = averaged[~averaged["variable"].map(_is_condition)]
+    of_design = averaged["variable"].map(lambda name: set(factors(name)) <= {"energy", "velocity", "mass"})
+    personal = averaged[~of_design]
     people = publication.tables.estimates.groupby("trial")["subject"].agg(frozenset)
     if personal.empty or len(people.unique()) > 1:
         return
@@ -345,7 +348,8 @@ def sign_of_a_personal_factor(publication: Publication) -> Iterator[Finding]:
             continue
         r = listed.iloc[0]
         table = conditions(tables, row.quantity)
-        total = _standard_deviation(table)
+        squares = between_sum_of_squares(table) + within_sum_of_squares(table)
+        total = float(np.sqrt(squares / (table["impacts"].sum() - 1)))
         needed = abs(r["correlation"]) * total / abs(row.coefficient)
         yield Finding(
             f"section 5.4, Table {r['table']}",
@@ -375,18 +379,3 @@ def _correlation_tables(publication: Publication, quantity: Quantity) -> Iterato
         yield f"Table {table}", rows.drop_duplicates("variable").set_index("variable")["correlation"]
     if _ALL_IMPACTS not in set(printed["table"]):
         yield "the recomputed Table 5.13", _recomputed(publication, quantity)["r"]
-
-
-def _is_condition(name: str) -> bool:
-    return all(factor in ("energy", "velocity", "mass") for factor in factors(name))
-
-
-def _standard_deviation(table: pd.DataFrame) -> float:
-    """Over all impacts, from averages and standard deviations of the conditions."""
-    n = table["impacts"]
-    squares = (n * (table["average"] - grand_mean(table)) ** 2 + (n - 1) * table["sd"] ** 2).sum()
-    return float(np.sqrt(squares / (n.sum() - 1)))
-
-
-def _impacts(publication: Publication, quantity: Quantity) -> int:
-    return int(conditions(publication.tables, quantity)["impacts"].sum())

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -34,6 +34,8 @@ from bayestissue.thesis.causes.specification import Cause, CausesSpecification
 
 # A recording goes on to this many times the typical time to peak.
 REACH = 3.2
+# Impacts that are fitted in one call, and samples of the narrowest window that is compiled for.
+_TOGETHER, _NARROWEST = 500, 64
 
 
 @dataclass(frozen=True)
@@ -131,17 +133,16 @@ def _estimated_as_published(
         truth.strength.get("window_sd", np.zeros(count))[:, None] * random.standard_normal((count, impacts))
     )
     about_rest = cause.mechanism in ("none", "conversion")
-    choices = {
-        "dt": dt,
-        "velocity": flat(design.velocity),
-        "mass": mass,
-        "window": flat(np.array(0.0) if own_time else window[:, None]),
-        "share": flat(length[:, None] * by_eye if own_time else np.array(1.0)),
-        "centred": flat(np.array(0.0 if about_rest else 1.0)),
-        "nominal": flat(own_time * truth.time_to_peak[:, None]),
-        "by_theta1": flat(np.array(float(cause.mechanism == "conversion"))),
-    }
-    treatment = Treatment(**{name: jnp.asarray(values) for name, values in choices.items()})
+    treatment = Treatment(
+        dt=dt,
+        velocity=flat(design.velocity),
+        mass=mass,
+        window=flat(np.array(0.0) if own_time else window[:, None]),
+        share=flat(length[:, None] * by_eye if own_time else np.array(1.0)),
+        centred=flat(np.array(0.0 if about_rest else 1.0)),
+        nominal=flat(own_time * truth.time_to_peak[:, None]),
+        by_theta1=flat(np.array(float(cause.mechanism == "conversion"))),
+    )
     return thesis_estimates(d, treatment)
 
 
@@ -185,10 +186,6 @@ def _read(folder: Path | None, batch: Batch) -> pd.DataFrame | None:
     return pd.read_parquet(path) if path is not None and path.is_file() else None
 
 
-_TOGETHER = 500
-_NARROWEST = 64
-
-
 class Treatment(NamedTuple):
     """What the analyst took for known, and which steps were taken; every attribute [impact].
 
@@ -203,14 +200,14 @@ class Treatment(NamedTuple):
         by_theta1: 1 to find the damped frequency from theta1, as section 2.11 writes it.
     """
 
-    dt: Array
-    velocity: Array
-    mass: Array
-    window: Array
-    share: Array
-    centred: Array
-    nominal: Array
-    by_theta1: Array
+    dt: Float[Any, " impact"]
+    velocity: Float[Any, " impact"]
+    mass: Float[Any, " impact"]
+    window: Float[Any, " impact"]
+    share: Float[Any, " impact"]
+    centred: Float[Any, " impact"]
+    nominal: Float[Any, " impact"]
+    by_theta1: Float[Any, " impact"]
 
 
 class Estimates(NamedTuple):
@@ -247,15 +244,11 @@ def thesis_estimates(deceleration: Float[Array, "impact sample"], treatment: Tre
     for begin in range(0, len(order), _TOGETHER):
         # As many rows each time, so that one compilation serves all of one width.
         rows = order[np.minimum(np.arange(begin, begin + _TOGETHER), len(order) - 1)]
-        width = _width(int(n[rows].max()), x.shape[1])
-        choices = Treatment(*(jnp.asarray(part[rows]) for part in columns))
+        # The next power of two, so that few widths are ever compiled.
+        width = max(_NARROWEST, 1 << int(n[rows].max() - 1).bit_length())
+        choices = Treatment(*(part[rows] for part in columns))
         K[rows], C[rows] = map(np.asarray, _fitted(x[rows, :width], n[rows], choices))
     return Estimates(K, C, n)
-
-
-def _width(samples: int, most: int) -> int:
-    """The next power of two, so that few widths are ever compiled."""
-    return min(most, max(_NARROWEST, 1 << (samples - 1).bit_length()))
 
 
 @jax.jit

@@ -157,24 +157,9 @@ def reliability(attribution: Attribution, bins: int = 10) -> Float[np.ndarray, "
 
 NEIGHBOURS = 10
 FEWEST = 2 * NEIGHBOURS
+CALIBRATION = ("calibration_below_10", "calibration_below_50", "calibration_campaigns", "calibration_p")
+_UNTRIED = (np.nan, np.nan, 0, np.nan)
 _CLIP = 6.0
-
-
-@dataclass(frozen=True)
-class Calibration:
-    """How p-values behave on campaigns of the cause itself, where they must be uniform.
-
-    Attributes:
-        below_10, below_50: share of p-values at most 0.1 and 0.5.
-        campaigns: how many were tried.
-        uniform_p: p-value of Kolmogorov and Smirnov's test that both halves are alike, which is what makes
-            the p-values uniform.
-    """
-
-    below_10: float
-    below_50: float
-    campaigns: int
-    uniform_p: float
 
 
 def two_sided(simulated: Float[np.ndarray, " campaign"], observed: float) -> float:
@@ -256,12 +241,17 @@ class JointCheck:
             : max(1, round(share * len(campaigns)))
         ]
 
-    def calibration(self) -> Calibration:
-        """p-values of half of the ranked campaigns among the other half."""
+    def calibration(self) -> dict[str, float]:
+        """How p-values behave on campaigns of the cause itself, where they must be uniform.
+
+        Shares of p-values at most 0.1 and 0.5, of half of the ranked campaigns among the other half; how many
+        campaigns were tried; and the p-value of Kolmogorov and Smirnov's test that both halves are alike,
+        which is what makes the p-values uniform.
+        """
         ranked, tried = np.sort(self._others[::2]), self._others[1::2]
         p = (1 + len(ranked) - np.searchsorted(ranked, tried, side="left")) / (len(ranked) + 1)
-        same = stats.ks_2samp(ranked, tried).pvalue
-        return Calibration(float(np.mean(p <= 0.1)), float(np.mean(p <= 0.5)), len(p), float(same))
+        values = (np.mean(p <= 0.1), np.mean(p <= 0.5), len(p), stats.ks_2samp(ranked, tried).pvalue)
+        return dict(zip(CALIBRATION, values, strict=True))
 
 
 # Below the first a cause is said not to have made the numbers, below the second hardly.
@@ -377,7 +367,7 @@ def _row(
     else:
         # What was observed is complete, which this cause's campaigns are this seldom.
         p, smallest = (1 + complete) / (1 + len(values)), 1 / (1 + len(values))
-        calibration, nearest, failing = Calibration(np.nan, np.nan, 0, np.nan), "", list(APART)
+        calibration, nearest, failing = dict(zip(CALIBRATION, _UNTRIED, strict=True)), "", list(APART)
     return {
         "cause": name,
         "title": specification.causes[name].words,
@@ -386,10 +376,7 @@ def _row(
         "p_joint": p,
         "smallest_p": smallest,
         **single,
-        "calibration_below_10": calibration.below_10,
-        "calibration_below_50": calibration.below_50,
-        "calibration_campaigns": calibration.campaigns,
-        "calibration_p": calibration.uniform_p,
+        **calibration,
         "nearest": nearest,
         "fails": ", ".join(failing),
         "verdict": "refuted" if p < REFUTED else "doubtful" if p < DOUBTFUL else "possible",

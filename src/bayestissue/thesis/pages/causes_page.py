@@ -102,15 +102,15 @@ def causes_table(run: CausesRun) -> Table:
         Field("cause", lambda row: row["title"], "words"),
         Field("alone", lambda row: _VERDICTS.get(row["verdict"], row["verdict"])),
         Field("joint p", p_words, "number"),
-        Field("posterior", _posterior, "number"),
+        Field(
+            "posterior",
+            lambda row: f"{number(row['probability'], 3)} ± {number(row['probability_error'], 3)}",
+            "number",
+        ),
         Field("misses most", lambda row: failing(row) or "none by itself", "words"),
         Field("strength of the nearest campaigns", _strength, "words"),
         mark=lambda row: "disagrees" if row["verdict"] == "refuted" else "",
     )
-
-
-def _posterior(row: dict[str, Any]) -> str:
-    return f"{number(row['probability'], 3)} ± {number(row['probability_error'], 3)}"
 
 
 def _strength(row: dict[str, Any]) -> str:
@@ -146,17 +146,11 @@ def confusion_table(run: CausesRun) -> Table:
     names = list(run.confusion["truth"])
     rows = []
     for row in run.confusion.to_dict("records"):
-        cells = [
-            Markup("<b>{}</b>").format(number(row[name], 2)) if name == row["truth"] else _small(row[name])
-            for name in names
-        ]
+        cells = [number(row[name], 2) if row[name] >= 0.005 else "" for name in names]
+        cells[names.index(row["truth"])] = Markup("<b>{}</b>").format(number(row[row["truth"]], 2))
         rows.append(Row((short(row["truth"]), *cells)))
     heads = [short(name) for name in names]
     return Table(columns("made by", *heads, number=heads), rows)
-
-
-def _small(value: float) -> str:
-    return number(value, 2) if value >= 0.005 else ""
 
 
 def calibration_table(run: CausesRun) -> Table:
@@ -168,13 +162,13 @@ def calibration_table(run: CausesRun) -> Table:
         Field("with all statistics", lambda row: number(row["complete"], 3), "number"),
         Field("p ≤ 0.1", lambda row: number(row["calibration_below_10"], 3), "number"),
         Field("p ≤ 0.5", lambda row: number(row["calibration_below_50"], 3), "number"),
-        Field("± at 0.1", lambda row: number(_error_at_10(row["calibration_campaigns"]), 3), "number"),
+        Field(
+            "± at 0.1",
+            lambda row: number(np.sqrt(2 * 0.1 * 0.9 / max(row["calibration_campaigns"], 1)), 3),
+            "number",
+        ),
         Field("uniform: p", lambda row: number(row["calibration_p"], 2), "number"),
     )
-
-
-def _error_at_10(campaigns: float) -> float:
-    return (0.09 * 2 / max(campaigns, 1)) ** 0.5
 
 
 def reliability_table(run: CausesRun) -> Table:

@@ -13,8 +13,8 @@ from bayestissue.report.posterior import NAMES
 from bayestissue.report.style import MUTED, POSTERIOR, PUBLISHED, REFERENCE, new_figure, shown, style
 from bayestissue.report.wording import UNITS
 from bayestissue.thesis.pages.published_run import PublishedRun
-from bayestissue.thesis.reproduction.conditions import Quantity
-from bayestissue.thesis.reproduction.relations import correlation_figure, mass_figure
+from bayestissue.thesis.reproduction.conditions import Quantity, conditions
+from bayestissue.thesis.reproduction.relations import correlation_figure, straight_line
 
 
 def inside_share(run: PublishedRun, quantity: str) -> tuple[int, int]:
@@ -210,38 +210,26 @@ def correlations_plot(published: PublishedTables, quantity: Quantity, *, average
         )
 
 
-def mass_plot(published: PublishedTables, quantity: Quantity) -> Markup:
-    """Figures 5.5 (K) and 5.6 (C): every remaining impact and the averages, over the mass."""
-    plotted = mass_figure(published, quantity)
-    ends = np.array([0.0, 1.05 * plotted.averages["mass_kg"].max()])
-    tabulated, lost = (
-        plotted.averages[plotted.averages["from_rows"]],
-        plotted.averages[~plotted.averages["from_rows"]],
-    )
+def mass_plot(published: PublishedTables, quantity: Quantity, line: tuple[float, float] | None) -> Markup:
+    """Figures 5.5 (K) and 5.6 (C): every remaining impact and the averages, over the mass.
+
+    ``line`` is as of `posterior_mass_figure`.
+    """
+    table, rows = conditions(published, quantity), published.estimates
+    ends = np.array([0.0, 1.05 * table["mass_kg"].max()])
+    refitted = straight_line(table).params
     with style():
         fig, axes = new_figure()
-        axes.scatter(
-            plotted.impacts["mass_kg"],
-            plotted.impacts["value"],
-            12,
-            color=POSTERIOR,
-            alpha=0.5,
-            label="impact",
-        )
-        axes.plot(tabulated["mass_kg"], tabulated["average"], "s", ms=5, color=PUBLISHED, label="average")
-        if len(lost):
-            axes.plot(
-                lost["mass_kg"], lost["average"], "s", ms=5, mfc="white", color=PUBLISHED, label="rows lost"
-            )
-        axes.plot(ends, plotted.constant + plotted.slope * ends, color=POSTERIOR, lw=1.2, label="refitted")
-        axes.plot(
-            ends,
-            plotted.printed_constant + plotted.printed_slope * ends,
-            color=REFERENCE,
-            ls="--",
-            lw=1.2,
-            label="thesis's line",
-        )
+        axes.scatter(rows["mass_kg"], rows[quantity], 12, color=POSTERIOR, alpha=0.5, label="impact")
+        for part, filling in (("average", {}), ("rows lost", {"mfc": "white"})):
+            shown_rows = table[table["from_rows"] == (part == "average")]
+            if len(shown_rows):
+                at, average = shown_rows["mass_kg"], shown_rows["average"]
+                axes.plot(at, average, "s", ms=5, color=PUBLISHED, label=part, **filling)
+        line_through_averages = refitted["const"] + refitted["Mass"] * ends
+        axes.plot(ends, line_through_averages, color=POSTERIOR, lw=1.2, label="refitted")
+        if line is not None:
+            axes.plot(ends, line[0] + line[1] * ends, color=REFERENCE, ls="--", lw=1.2, label="thesis's line")
         axes.set(xlabel="mass of the impactor, M (kg)", ylabel=f"{NAMES[quantity]} ({UNITS[quantity]})")
         fig.legend(loc="outside upper left", ncols=3)
         return figure(

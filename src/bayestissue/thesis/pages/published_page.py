@@ -25,10 +25,7 @@ from bayestissue.report.posterior import (
     hypothesis_probability,
 )
 from bayestissue.report.tables import settings_table
-from bayestissue.report.wording import (
-    relative,
-    significant,
-)
+from bayestissue.report.wording import listed, percent, relative, significant
 from bayestissue.thesis.pages.published_figures import (
     correlations_plot,
     inside_share,
@@ -50,9 +47,9 @@ from bayestissue.thesis.pages.published_run import (
     read_published_run,
     reproduction_table,
     severities,
-    shares,
 )
 from bayestissue.thesis.reproduction.conditions import Quantity
+from bayestissue.thesis.reproduction.relations import printed_line
 
 
 def natural_frequencies(run: PublishedRun) -> np.ndarray:
@@ -156,7 +153,7 @@ def published_page(folder: Path, record: dict[str, Any]) -> str:
     # A run of other tables than the thesis's own carries them along.
     own_tables = folder / "published"
     published = read_published(own_tables if own_tables.is_dir() else None)
-    lines = {quantity: thesis_line(published, quantity) for quantity in posterior.QUANTITIES}
+    lines = {quantity: printed_line(published, quantity) for quantity in posterior.QUANTITIES}
     return render_page(
         "published.html",
         title="Published K and C, re-analysed",
@@ -168,7 +165,7 @@ def published_page(folder: Path, record: dict[str, Any]) -> str:
         **_first_screen(run),
         **_posterior(run, lines),
         **_model_checks(run),
-        **_published(run, published),
+        **_published(run, published, lines),
         **_provenance(run),
     )
 
@@ -183,15 +180,6 @@ def _further_codes(run: PublishedRun) -> list[Code]:
 def _subtitle(run: PublishedRun) -> str:
     impacts, people, conditions = (len(run.labels(name)) for name in ("impact", "subject", "trial"))
     return f"Stiffness K, damping C: {impacts} impacts, {people} people, {conditions} conditions"
-
-
-def thesis_line(published: PublishedTables, quantity: str) -> tuple[float, float] | None:
-    """Intercept and slope over mass of the thesis's regression (section 5.4), or None if it printed none."""
-    terms = published.regressions[published.regressions["quantity"] == quantity].set_index("term")
-    if not {"constant", "Mass"} <= set(terms.index):
-        return None
-    intercept, slope = terms["coefficient"].loc[["constant", "Mass"]]
-    return float(intercept), float(slope)
 
 
 def _first_screen(run: PublishedRun) -> dict[str, Any]:
@@ -212,10 +200,10 @@ def _first_screen(run: PublishedRun) -> dict[str, Any]:
 
 
 def _posterior(run: PublishedRun, lines: ThesisLines) -> dict[str, Any]:
-    kept_shares = {quantity: kept_share(run, quantity) for quantity in posterior.QUANTITIES}
+    kept = [f"{percent(kept_share(run, quantity))} for {quantity}" for quantity in posterior.QUANTITIES]
     return {
         "shrinkage_plots": [shrinkage_figure(run, quantity) for quantity in posterior.QUANTITIES],
-        "kept": shares(run, kept_shares),
+        "kept": listed(kept),
         "estimates_table": estimates_table(run),
         "mass_plots": [
             posterior_mass_figure(run, quantity, lines[quantity]) for quantity in posterior.QUANTITIES
@@ -255,14 +243,16 @@ def _model_checks(run: PublishedRun) -> dict[str, Any]:
     }
 
 
-def _published(run: PublishedRun, published: PublishedTables) -> dict[str, Any]:
+def _published(run: PublishedRun, published: PublishedTables, lines: ThesisLines) -> dict[str, Any]:
     return {
         "correlation_plots": [
             correlations_plot(published, quantity, averages=averages)
             for averages in (False, True)
             for quantity in posterior.QUANTITIES
         ],
-        "mass_plots_thesis": [mass_plot(published, quantity) for quantity in posterior.QUANTITIES],
+        "mass_plots_thesis": [
+            mass_plot(published, quantity, lines[quantity]) for quantity in posterior.QUANTITIES
+        ],
         "reproduction_table": reproduction_table(run),
         "findings": findings_by_severity(run),
     }

@@ -9,7 +9,6 @@ from typing import Any, cast
 
 import numpy as np
 import pandas as pd
-from markupsafe import Markup
 
 from bayestissue.report.posterior import QUANTITIES, spread
 from bayestissue.report.run_folder import (
@@ -25,7 +24,6 @@ from bayestissue.report.wording import (
     interval,
     listed,
     number,
-    percent,
     probability,
     significant,
 )
@@ -143,11 +141,6 @@ def lines_table(run: PublishedRun, printed: Mapping[Quantity, tuple[float, float
     return Table(columns(*titles, number=titles[1:4]), rows)
 
 
-def shares(run: PublishedRun, kept_shares: Mapping[Quantity, float]) -> str:
-    """The kept shares of shrinkage in words, such as "3.2 % for K and 41 % for C"."""
-    return listed([f"{percent(share)} for {quantity}" for quantity, share in kept_shares.items()])
-
-
 _SEVERITIES = ("major", "minor", "note")
 _AGREES = {"true": ("yes", "agrees"), "false": ("no", "differs"), "": ("note-level", "not derivable")}
 
@@ -203,23 +196,17 @@ def severities(run: PublishedRun) -> str:
     return listed([f"{count} {name}" for name, count in counts if count]) or "none"
 
 
-def severity_tag(severity: str) -> Markup:
-    """The severity of a finding as a coloured word."""
-    return tag("note-level" if severity == "note" else severity, severity)
-
-
 def findings(run: PublishedRun) -> list[dict[str, Any]]:
-    """Every finding of the audit, worst first: the columns of `audit.csv`, a tag and an anchor."""
-    lines = cast("list[dict[str, Any]]", run.audit.to_dict("records"))
-    return [
-        line | {"anchor": f"finding-{number}", "tag": severity_tag(line["severity"])}
-        for number, line in enumerate(lines, start=1)
-    ]
+    """Every finding of the audit, worst first: the columns of `audit.csv`, a coloured tag and an anchor."""
+    rows = cast("list[dict[str, Any]]", run.audit.to_dict("records"))
+    for position, row in enumerate(rows, start=1):
+        severity = row["severity"]
+        row["anchor"] = f"finding-{position}"
+        row["tag"] = tag("note-level" if severity == "note" else severity, severity)
+    return rows
 
 
 def findings_by_severity(run: PublishedRun) -> dict[str, list[dict[str, Any]]]:
     """`findings` under "major", "minor" and "note"; a severity without findings is left out."""
-    groups: dict[str, list[dict[str, Any]]] = {name: [] for name in _SEVERITIES}
-    for finding in findings(run):
-        groups[finding["severity"]].append(finding)
+    groups = {name: [line for line in findings(run) if line["severity"] == name] for name in _SEVERITIES}
     return {name: group for name, group in groups.items() if group}

@@ -59,6 +59,21 @@ def agrees(printed: str, value: float) -> bool:
     return abs(value - float(printed)) <= half_unit(printed) + slack
 
 
+type Rounded = tuple[float, float]
+"""A number, and how far the rounding of what it follows from can have moved it."""
+
+
+def difference(low: Rounded, high: Rounded) -> Rounded:
+    """The range between two ends."""
+    return high[0] - low[0], low[1] + high[1]
+
+
+def ratio(low: Rounded, high: Rounded) -> Rounded:
+    """The greater end over the smaller."""
+    quotient = high[0] / low[0]
+    return quotient, (high[1] + quotient * low[1]) / low[0]
+
+
 def is_cut_off(printed: str, value: float) -> bool:
     """Whether ``printed`` is ``value`` with its further digits dropped instead of rounded."""
     scale = 10.0 ** decimals(printed)

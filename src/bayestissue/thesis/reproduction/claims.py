@@ -11,7 +11,15 @@ import numpy as np
 import pandas as pd
 
 from bayestissue.dataset.published import PublishedTables
-from bayestissue.thesis.reproduction.agreement import Line, Recomputed, agrees, line
+from bayestissue.thesis.reproduction.agreement import (
+    Line,
+    Recomputed,
+    Rounded,
+    agrees,
+    difference,
+    line,
+    ratio,
+)
 from bayestissue.thesis.reproduction.conditions import (
     NEVER_TABULATED,
     QUANTITIES,
@@ -182,21 +190,13 @@ def _variance(evidence: Evidence) -> Recomputed:
     return Recomputed(squares / degrees, (2 * np.sqrt(squares) * error + error**2) / degrees)
 
 
-def _range(ends: tuple[Recomputed, Recomputed]) -> Recomputed:
+def _of_ends(rule: Callable[[Rounded, Rounded], Rounded], ends: tuple[Recomputed, Recomputed]) -> Recomputed:
+    """What follows from a smallest and a largest number, where both are known."""
     low, high = ends
     note = "; ".join(filter(None, (low.note, high.note)))
     if low.value is None or high.value is None:
         return Recomputed(None, note=note)
-    return Recomputed(high.value - low.value, low.rounding + high.rounding, note)
-
-
-def _ratio(ends: tuple[Recomputed, Recomputed]) -> Recomputed:
-    low, high = ends
-    note = "; ".join(filter(None, (low.note, high.note)))
-    if low.value is None or high.value is None:
-        return Recomputed(None, note=note)
-    ratio = high.value / low.value
-    return Recomputed(ratio, (high.rounding + ratio * low.rounding) / low.value, note)
+    return Recomputed(*rule((low.value, low.rounding), (high.value, high.rounding)), note)
 
 
 def _with_mass_among_highest(evidence: Evidence) -> Recomputed:
@@ -229,12 +229,12 @@ _STATISTICS: dict[str, Callable[[Evidence], Recomputed]] = {
     "variance": _variance,
     "minimum": lambda evidence: evidence.end_of_impacts("minimum"),
     "maximum": lambda evidence: evidence.end_of_impacts("maximum"),
-    "range": lambda evidence: _range(evidence.ends_of_impacts()),
-    "ratio of maximum to minimum": lambda evidence: _ratio(evidence.ends_of_impacts()),
+    "range": lambda evidence: _of_ends(difference, evidence.ends_of_impacts()),
+    "ratio of maximum to minimum": lambda evidence: _of_ends(ratio, evidence.ends_of_impacts()),
     "minimum of trial averages": lambda evidence: evidence.ends_of_averages()[0],
     "maximum of trial averages": lambda evidence: evidence.ends_of_averages()[1],
-    "range of trial averages": lambda evidence: _range(evidence.ends_of_averages()),
-    "ratio of trial averages": lambda evidence: _ratio(evidence.ends_of_averages()),
+    "range of trial averages": lambda evidence: _of_ends(difference, evidence.ends_of_averages()),
+    "ratio of trial averages": lambda evidence: _of_ends(ratio, evidence.ends_of_averages()),
     "number of variables significantly correlated": _significantly_correlated,
     "number of variables in the final stepwise model": _in_final_model,
     "highest correlations with mass as a component": _with_mass_among_highest,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -264,40 +264,12 @@ def stepwise_lines(published: PublishedTables) -> list[Line]:
     return lines
 
 
-@dataclass(frozen=True)
-class MassFigure:
-    """What figures 5.5 (K) and 5.6 (C) show.
-
-    Attributes:
-        impacts: the impacts that remain: ``trial``, ``subject``, ``mass_kg``, ``value``.
-        averages: one row per trial: ``trial``, ``mass_kg``, ``average``, ``sd``, ``from_rows`` (false where
-            the impacts are lost and the printed average and standard deviation stand in).
-        constant, slope: least squares of the averages on mass; slope per kg.
-        printed_constant, printed_slope: the thesis's equation without its skin fold term.
-    """
-
-    impacts: pd.DataFrame
-    averages: pd.DataFrame
-    constant: float
-    slope: float
-    printed_constant: float
-    printed_slope: float
-
-
-def mass_figure(published: PublishedTables, quantity: Quantity) -> MassFigure:
-    """K or C against the mass of the pendulum (kg): figures 5.5 and 5.6."""
-    table = conditions(published, quantity)
-    fit = straight_line(table)
-    rows = published.estimates
-    printed = published.regressions.query("quantity == @quantity").set_index("term")["coefficient"]
-    return MassFigure(
-        impacts=rows[["trial", "subject", "mass_kg"]].assign(value=rows[quantity]),
-        averages=table.reset_index()[["trial", "mass_kg", "average", "sd", "from_rows"]],
-        constant=float(fit.params["const"]),
-        slope=float(fit.params["Mass"]),
-        printed_constant=float(printed.get("constant", float("nan"))),
-        printed_slope=float(printed.get("Mass", float("nan"))),
-    )
+def printed_line(published: PublishedTables, quantity: Quantity) -> tuple[float, float] | None:
+    """The thesis's constant and slope over mass (section 5.4), or None if it printed none."""
+    terms = published.regressions.query("quantity == @quantity").set_index("term")["coefficient"]
+    if not {"constant", "Mass"} <= set(terms.index):
+        return None
+    return float(terms["constant"]), float(terms["Mass"])
 
 
 def _equation(table: pd.DataFrame, printed: pd.DataFrame) -> dict[str, Recomputed]:

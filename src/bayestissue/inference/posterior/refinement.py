@@ -1,4 +1,4 @@
-"""Sites judged by draws of the population, fitted anew about them, and what they leave out expanded.
+"""Sites judged by draws of the population, fitted anew about them, and what they leave out to second order.
 
 What a trace's true evidence adds to its site's is a smooth function of what the population says of the
 impact. Small as it is for one trace, over many it adds up to more than weights could put right. But with many
@@ -45,7 +45,7 @@ from bayestissue.inference.samplers.psis import relative_variance
 # Of weights that vary by a quarter, as those of 100,000 impacts did, 40 draws have a Pareto k above the
 # threshold of their number 27 times of 100; so many had none of 400 times.
 CHECKS = 192
-EXPANSIONS = 2
+_MOST_TIMES = 2
 
 
 class Ratios(NamedTuple):
@@ -97,7 +97,7 @@ def importance_weights(
 
     Args:
         prepared: model and data.
-        approximation: of the traces, with what they leave out expanded where that is part of the density.
+        approximation: of the traces, with the second-order factor where that is part of the density.
         draws: to be weighted.
         compared: others, of which some give the points at which traces and sites are compared.
         progress: told how many blocks of impacts are done.
@@ -146,16 +146,16 @@ def refitted(
         return approximation
 
 
-def with_expansion(
+def with_second_order(
     prepared: Prepared, approximation: Approximation, seed: int, limit: float, progress: Progress = silent
 ) -> Approximation:
-    """The approximation with what its sites leave out expanded.
+    """The approximation with what its sites leave out to second order.
 
-    That is done where log weights scatter by more than ``limit``. Each expansion is made about the
-    posterior's middle under the one before; one by which weights scatter more is left out.
+    That is added where log weights scatter by more than ``limit``. Each factor is made about the posterior's
+    middle under the one before; one by which weights scatter more is left out.
     """
     rng, best, least = np.random.default_rng([seed, 25]), approximation, np.inf
-    for number in range(1 + EXPANSIONS):
+    for number in range(1 + _MOST_TIMES):
         draws = to_second_order(prepared, approximation, CHECKS, rng)
         weight = importance_weights(prepared, approximation, draws, draws, progress).log_weight
         weight = weight[np.isfinite(weight)]
@@ -163,27 +163,27 @@ def with_expansion(
         if number and not scatter < least:
             break
         best, least = approximation, scatter
-        if scatter < limit or number == EXPANSIONS:
+        if scatter < limit or number == _MOST_TIMES:
             break
-        second_order = expand(prepared, approximation, draws, progress=progress)
+        second_order = second_order_factor(prepared, approximation, draws, progress=progress)
         middle = {name: values[0] for name, values in draws.raw.items()}
         try:
             approximation = replace(approximation, second_order=second_order).near(prepared, middle)
         except FloatingPointError:
-            # Weights of few points leave an expansion that is none.
+            # Weights of few points leave a factor that is none.
             break
     return best
 
 
-def expand(
+def second_order_factor(
     prepared: Prepared, approximation: Approximation, draws: PopulationDraws, *, progress: Progress = silent
 ) -> GaussianFactor:
-    """The expansion about one population.
+    """The second-order factor about one population.
 
     Args:
         prepared: model and data.
         approximation: of the traces.
-        draws: of the population: the first is the one about which to expand, and of all some give the
+        draws: of the population: the first is the one about which it is made, and of all some give the
             points at which traces and sites are compared.
         progress: told how many blocks of impacts are done.
     """
