@@ -6,6 +6,7 @@ import re
 import shutil
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -21,7 +22,7 @@ from bayestissue.dataset.settings import SignalSettings, parse_settings
 from bayestissue.dataset.traces import read_one
 from bayestissue.errors import InputError, Problem, collected
 from bayestissue.intake.choices import Choices
-from bayestissue.intake.facts import Cells, Facts
+from bayestissue.intake.facts import Facts
 from bayestissue.intake.folder import File, RecorderFolder
 from bayestissue.outline import first_of
 from bayestissue.signal.traces import noise_sd, stack
@@ -110,8 +111,8 @@ def build(
     """
     problems = [*recordings.problems, *facts.problems]
     settings = _settings(choices, name, len(recordings.files))
-    signal = _signal(settings, problems)
-    rows = list(impact_rows(recordings, facts, choices, signal, cutting, problems))
+    plan = _Plan(recordings, facts, choices, _signal(settings, problems), cutting)
+    rows = list(plan.rows(problems))
     if not rows:
         raise InputError(problems)
     _write(folder, settings, rows, recordings)
@@ -120,12 +121,8 @@ def build(
     except InputError as error:
         by_trace = {f"{RECORDINGS}/{file.name}": file for file in recordings.files}
         by_impact = {row["impact"]: by_trace[row["trace"]] for row in rows}
-        wrong = [_in_terms_of_init(problem) for problem in error.problems]
-        problems += (
-            wrong
-            if cutting
-            else [_with_hint(problem, by_impact, signal, facts, choices) for problem in wrong]
-        )
+        for problem in map(_in_terms_of_init, error.problems):
+            problems.append(problem if cutting else plan.with_hint(problem, by_impact))
     if not problems:
         return Built(dataset, (), _notes(dataset, cutting))
     bad = {problem.impact for problem in problems}
@@ -199,21 +196,6 @@ def _in_terms_of_init(problem: Problem) -> Problem:
     return problem
 
 
-def _with_hint(
-    problem: Problem, files: dict[str, File], signal: SignalSettings, facts: Facts, choices: Choices
-) -> Problem:
-    """The problem with a further remedy where the recording seems to hold several impacts."""
-    file = files.get(problem.impact or "")
-    if file is None or problem.file != file.name:
-        return problem
-    try:
-        count = len(cut(oriented(file, signal, stated_rate(facts.of_file[file.name], choices))))
-    except InputError:
-        return problem
-    hint = f" The recording seems to hold {count} impacts: --several cuts them apart." if count > 1 else ""
-    return replace(problem, remedy=problem.remedy + hint)
-
-
 def _notes(dataset: Dataset, cutting: Cutting | None) -> tuple[str, ...]:
     notes = [] if any(asdict(dataset.uncertainty).values()) else [_CHAIN]
     if several := [] if cutting else _with_several(dataset):
@@ -230,6 +212,83 @@ def _with_several(dataset: Dataset) -> list[str]:
         for impact, trace in zip(dataset.impacts["impact"], oriented, strict=True)
         if len(cut(trace)) > 1
     ]
+
+
+@dataclass(frozen=True, eq=False)
+class _Plan:
+    """All that the rows of ``impacts.csv`` are made of."""
+
+    recordings: RecorderFolder
+    facts: Facts
+    choices: Choices
+    signal: SignalSettings
+    cutting: Cutting | None
+
+    def rows(self, problems: list[Problem]) -> Iterator[dict[str, Any]]:
+        """The rows; what is wrong with a file goes to ``problems``."""
+        files = self.recordings.files
+        bare = {file.name: file.name[: -len(file.suffix)] for file in files}
+        short = Counter(PurePosixPath(name).name for name in bare.values())
+        usual = _usual_units(self.recordings, self.choices)
+        for file in files:
+            if file.name not in self.facts.of_file:
+                continue
+            name = PurePosixPath(bare[file.name]).name
+            name = name if short[name] == 1 else bare[file.name]
+            base: dict[str, Any] = {"impact": name, "trace": f"{RECORDINGS}/{file.name}"}
+            if self.choices.rate_hz is not None:
+                base["sampling_rate_hz"] = self.choices.rate_hz
+            with collected(problems):
+                _require_unit(file, usual)
+                for number, row in enumerate(self._impacts(file), 1):
+                    impact = row.get("impact", name)
+                    yield {**base, **row, "impact": f"{impact}-{number}" if self.cutting else impact}
+
+    def _impacts(self, file: File) -> list[dict[str, Any]]:
+        """What is known of each impact of a recording, with its stretch if several are cut apart."""
+        common = self.facts.of_file[file.name]
+        numbers = [number for name, number in self.facts.of_number if name == file.name]
+        if self.cutting is None:
+            if len(numbers) > 1:
+                count = f"{len(numbers)} rows of the table"
+                raise InputError.stated("several-impacts.one", file.name, value=count)
+            return [dict(common)]
+        trace, (first, last) = self.oriented(file), _ends(self.signal)
+        if bad := int(np.count_nonzero(~np.isfinite(trace.value))):
+            words = f"no number at {bad} of {trace.value.size} samples"
+            raise InputError.stated("not-a-number.recording", file.name, value=words)
+        stretches = cut(trace, threshold=self.cutting.threshold, separation_s=self.cutting.separation_s)
+        if not stretches or (numbers and sorted(numbers) != list(range(1, len(stretches) + 1))):
+            key = "several-impacts.table" if numbers else "several-impacts.none"
+            raise InputError.stated(key, file.name, value=f"{len(stretches)} impacts", count=len(numbers))
+        return [
+            {
+                **self.facts.of_number.get((file.name, number), common),
+                CROP[0]: max(start, first),
+                CROP[1]: min(stop, last),
+            }
+            for number, (start, stop) in enumerate(stretches, 1)
+        ]
+
+    def oriented(self, file: File) -> Trace:
+        """A recording, as far as it is read, positive while the impactor slows or into the tissue."""
+        rate = self.facts.of_file[file.name].get("sampling_rate_hz", self.choices.rate_hz or np.nan)
+        time, value = read_one(file.path, file.name, self.signal, float(rate))
+        value = -value if self.signal.quantity == "acceleration" else value
+        start, stop = _ends(self.signal)
+        inside = (time >= start) & (time <= stop)
+        return Trace(time[inside], value[inside])
+
+    def with_hint(self, problem: Problem, files: dict[str, File]) -> Problem:
+        """The problem with a further remedy where the recording seems to hold several impacts."""
+        file = files.get(problem.impact or "")
+        if file is None or problem.file != file.name:
+            return problem
+        with suppress(InputError):
+            count = len(cut(self.oriented(file)))
+            hint = f" The recording seems to hold {count} impacts: --several cuts them apart."
+            return replace(problem, remedy=problem.remedy + hint) if count > 1 else problem
+        return problem
 
 
 def cut(
@@ -270,63 +329,6 @@ def cut(
     )
 
 
-def impact_rows(
-    recordings: RecorderFolder,
-    facts: Facts,
-    choices: Choices,
-    signal: SignalSettings,
-    cutting: Cutting | None,
-    problems: list[Problem],
-) -> Iterator[dict[str, Any]]:
-    """The rows of ``impacts.csv``; what is wrong with a file goes to ``problems``."""
-    bare = {file.name: file.name[: -len(file.suffix)] for file in recordings.files}
-    short = Counter(PurePosixPath(name).name for name in bare.values())
-    usual = _usual_units(recordings, choices)
-    for file in recordings.files:
-        if file.name not in facts.of_file:
-            continue
-        short_name = PurePosixPath(bare[file.name]).name
-        base: dict[str, Any] = {
-            "impact": short_name if short[short_name] == 1 else bare[file.name],
-            "trace": f"{RECORDINGS}/{file.name}",
-        }
-        if choices.rate_hz is not None:
-            base["sampling_rate_hz"] = choices.rate_hz
-        with collected(problems):
-            _require_unit(file, usual)
-            if cutting is None:
-                _require_one(file, facts)
-                yield {**base, **facts.of_file[file.name]}
-            else:
-                for number, (cells, stretch) in enumerate(_pieces(file, facts, signal, cutting, choices), 1):
-                    impact = f"{cells.get('impact', base['impact'])}-{number}"
-                    yield {**base, **cells, "impact": impact, **dict(zip(CROP, stretch, strict=True))}
-
-
-def _pieces(
-    file: File, facts: Facts, signal: SignalSettings, cutting: Cutting, choices: Choices
-) -> list[tuple[Cells, tuple[float, float]]]:
-    trace = oriented(file, signal, stated_rate(facts.of_file[file.name], choices))
-    if bad := int(np.count_nonzero(~np.isfinite(trace.value))):
-        raise InputError.stated(
-            "not-a-number.recording", file.name, value=f"no number at {bad} of {trace.value.size} samples"
-        )
-    first, last = _ends(signal)
-    stretches = [
-        (max(start, first), min(stop, last))
-        for start, stop in cut(trace, threshold=cutting.threshold, separation_s=cutting.separation_s)
-    ]
-    numbers = [number for name, number in facts.of_number if name == file.name]
-    if not stretches or (numbers and sorted(numbers) != list(range(1, len(stretches) + 1))):
-        key = "several-impacts.table" if numbers else "several-impacts.none"
-        raise InputError.stated(key, file.name, value=f"{len(stretches)} impacts", count=len(numbers))
-    common = facts.of_file[file.name]
-    return [
-        (facts.of_number.get((file.name, number), common), stretch)
-        for number, stretch in enumerate(stretches, 1)
-    ]
-
-
 def _usual_units(recordings: RecorderFolder, choices: Choices) -> dict[str, str]:
     """The unit that most of the files state for the values, and for the times, by the channel."""
     units = {
@@ -352,27 +354,6 @@ def _require_unit(file: File, usual: dict[str, str]) -> None:
     ]
     if problems:
         raise InputError(problems)
-
-
-def _require_one(file: File, facts: Facts) -> None:
-    numbers = [number for name, number in facts.of_number if name == file.name]
-    if len(numbers) > 1:
-        count = f"{len(numbers)} rows of the table"
-        raise InputError.stated("several-impacts.one", file.name, value=count)
-
-
-def stated_rate(cells: Cells, choices: Choices) -> float:
-    """The sampling rate that is stated of a recording, Hz; nan where none is."""
-    return float(cells.get("sampling_rate_hz", choices.rate_hz or np.nan))
-
-
-def oriented(file: File, signal: SignalSettings, rate: float) -> Trace:
-    """A recording, as far as it is read, positive while the impactor slows or into the tissue."""
-    time, value = read_one(file.path, file.name, signal, rate)
-    value = -value if signal.quantity == "acceleration" else value
-    start, stop = _ends(signal)
-    inside = (time >= start) & (time <= stop)
-    return Trace(time[inside], value[inside])
 
 
 def _ends(signal: SignalSettings) -> tuple[float, float]:
