@@ -20,7 +20,7 @@ import pandas as pd
 from bayestissue import runtime
 from bayestissue.dataset.model import STANDARD_GRAVITY
 from bayestissue.inference.single.estimates import estimate
-from bayestissue.signal.quality.kinds import FALLS, FALLS_NOT
+from bayestissue.signal.quality.inspection import FALLS, FALLS_NOT
 from bayestissue.simulation import Simulation, simulate
 
 TABLE = Path(__file__).with_suffix(".csv")

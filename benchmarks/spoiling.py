@@ -14,7 +14,7 @@ from bayestissue.dataset.model import Dataset, Quantity, Trace
 from bayestissue.dataset.recordings import Recordings, Samples
 from bayestissue.inference.points.notes import FAILED, NO_ANSWER
 from bayestissue.inference.single.estimates import estimate
-from bayestissue.signal.quality.kinds import EARLIER
+from bayestissue.signal.quality.inspection import EARLIER
 
 type Stage = Callable[[np.ndarray, np.ndarray], np.ndarray]
 type Spoiling = Callable[[Impact, Chain, np.random.Generator], Trace]

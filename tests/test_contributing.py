@@ -91,7 +91,7 @@ def test_recipes_work_as_they_are_written(tmp_path: Path) -> None:
     for folder in ("models", "data/published"):
         shutil.copytree(ROOT / folder, tmp_path / folder)
     named = followed(tmp_path / "src")
-    assert {"depth_damped.py", "plainfloat.py", "remedies.toml", "kinds.py"} <= set(named)
+    assert {"depth_damped.py", "plainfloat.py", "remedies.toml", "inspection.py"} <= set(named)
     done = subprocess.run(  # noqa: S603 - our own program
         [sys.executable, "-W", "error", "-c", TRIED],
         cwd=tmp_path,

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -27,7 +27,6 @@ from bayestissue.signal.quality.low_pass import suspected
 if TYPE_CHECKING:
     from bayestissue.dataset import Dataset
 
-_of_recording = partial(Problem, "recording")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -113,48 +112,30 @@ def check(dataset: Dataset | str | Path) -> Check:
     return Check(dataset, signal, quality_table(dataset, signal, warnings), warnings, findings)
 
 
-def _raised(data: Dataset, signal: Displacements, findings: Sequence[Finding]) -> list[Problem]:
+def _raised(data: Dataset, signal: Displacements, findings: Sequence[Finding]) -> Iterator[Problem]:
     """What the signal chain and the detectors of spoilt recordings say: the flags of `estimate`."""
     names = data.impacts["impact"]
     usable = "a recording that the default signal chain can use"
-    chain = [
-        _of_recording(usable, f"{flag}.", impact=impact, code=flag.code)
-        for impact, flags in zip(names, signal.flags, strict=True)
-        for flag in flags
-    ]
-    spoilt = [
-        _of_recording(kind.expected, kind.advice, value=said, impact=impact, code=kind.flag.code)
-        for finding in findings
-        for kind in (finding.kind,)
-        if not kind.note
-        for impact, said in zip(names, finding.said, strict=True)
-        if said
-    ]
-    return [*chain, *spoilt, *_undeclared(data, signal)]
+    for impact, flags in zip(names, signal.flags, strict=True):
+        for flag in flags:
+            yield Problem("recording", usable, f"{flag}.", impact=impact, code=flag.code)
+    for kind, words in ((finding.kind, finding.said) for finding in findings if not finding.kind.note):
+        wrong = partial(Problem, "recording", kind.expected, kind.advice, code=kind.flag.code)
+        pairs = zip(names, words, strict=True)
+        yield from (wrong(value=value, impact=impact) for impact, value in pairs if value)
+    if data.recorder is None and data.quantity != "displacement":
+        yield from _undeclared(names, signal)
 
 
-def _undeclared(data: Dataset, signal: Displacements) -> list[Problem]:
+def _undeclared(names: pd.Series, signal: Displacements) -> Iterator[Problem]:
     """A low-pass that the rise at contact shows, where none is declared, and what it costs (median)."""
-    if data.recorder is not None or data.quantity == "displacement":
-        return []
     suspicion = suspected(signal)
     rows = np.flatnonzero(np.isfinite(suspicion.corner_hz))
     if not rows.size:
-        return []
+        return
     medians = {"K": np.median(suspicion.change_K[rows]), "C": np.median(suspicion.change_C[rows])}
     changes = [f"{q} {abs(by):.0%} too {'small' if by < 0 else 'large'}" for q, by in medians.items()]
-    remedy = (
-        f"Left undeclared, {' and '.join(changes)} (median), with intervals that miss. Look up the low-pass "
-        "of sensor, amplifier and recorder, and write it in dataset.toml: [recorder] with low_pass_hz and "
-        "order, or sae_class."
-    )
-    return [
-        _of_recording(
-            "a rise at contact as fast as the sampling shows it, or a declared low-pass",
-            remedy,
-            value=f"a rise as behind a second-order low-pass of {suspicion.corner_hz[row]:.2g} Hz",
-            impact=data.impacts["impact"].iloc[row],
-            code="undeclared-low-pass",
-        )
-        for row in rows
-    ]
+    words: dict[str, Any] = {"changes": " and ".join(changes)}
+    for row in rows:
+        rise = f"a rise as behind a second-order low-pass of {suspicion.corner_hz[row]:.2g} Hz"
+        yield Problem.stated("undeclared-low-pass", "recording", value=rise, impact=names.iloc[row], **words)

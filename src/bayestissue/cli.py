@@ -1,7 +1,7 @@
 """The command line: which commands there are, and what ends one before it is done.
 
-A command with its options is `run` of a module of `bayestissue.commands`. These modules import what is heavy
-within their functions, so that `--help` answers at once.
+A command with its options is a function of a module of `bayestissue.commands`. These modules import what is
+heavy within their functions, so that `--help` answers at once.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import os
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Annotated, NoReturn
 
@@ -16,17 +17,15 @@ import typer
 
 from bayestissue import runtime, stopping
 from bayestissue.commands import (
-    ask,
     causes,
     check,
     compare,
     estimate,
     explain,
+    finished_runs,
     fit,
     init,
     options,
-    predict,
-    report,
     reproduce,
     simulate,
 )
@@ -56,11 +55,14 @@ app = typer.Typer(
 
 _FAILED = more(["machine-failed"])
 
-for command in (
-    *(init, check, simulate, estimate, fit, reproduce),
-    *(report, compare, ask, predict, causes, explain),
-):
-    app.command(command.__name__.rpartition(".")[2])(command.run)
+_COMMANDS: dict[str, Callable[..., None]] = {
+    **{"init": init.run, "check": check.run, "simulate": simulate.run, "estimate": estimate.run},
+    **{"fit": fit.run, "reproduce": reproduce.run, "report": finished_runs.report, "compare": compare.run},
+    **{"ask": finished_runs.ask, "predict": finished_runs.predict, "causes": causes.run},
+    "explain": explain.run,
+}
+for name, command in _COMMANDS.items():
+    app.command(name)(command)
 
 
 @app.callback(invoke_without_command=True)

@@ -56,10 +56,10 @@ class Problem:
             impact: which one; an empty name is none.
             numbers: by their names in the sentences.
         """
-        told, words = messages()[key], {"column": column, "value": value, **numbers}
-        expected, remedy = told.expected.format(**words), told.remedy.format(**words)
+        text, words = messages()[key], {"column": column, "value": value, **numbers}
+        expected, remedy = text.expected.format(**words), text.remedy.format(**words)
         at = None if row is None else int(row)
-        return cls(file, expected, remedy, at, column, value, impact or None, code=told.code)
+        return cls(file, expected, remedy, at, column, value, impact or None, code=text.code)
 
     def __str__(self) -> str:
         location = [printable(self.file)]

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from datetime import UTC, datetime
-from functools import cache, partial
+from datetime import datetime
+from functools import cache
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -20,7 +19,6 @@ import xarray as xr
 from bayestissue import resources, runtime
 from bayestissue.errors import InputError
 from bayestissue.finished import TABLES, Fit
-from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification, specification_of
 from bayestissue.hierarchy.trace_data import KINDS, Prepared, assemble, prepare, with_discrepancy
 from bayestissue.inference.answers.agreement import agreement
@@ -196,12 +194,23 @@ def fit_prepared(
     a discrepancy follows, and is the one that is told; the first is not finished if its best fits show it.
     float64 must be set.
     """
-    started, clock = datetime.now(UTC), time.perf_counter()
-    plain = _without_discrepancy(dataset, specification, prepared)
+    start, plain = runtime.Start(), prepared
+    if prepared.model.discrepancy:
+        # A discrepancy would take up what the measuring chain does.
+        without = specification.model_copy(update={"discrepancy": "none"})
+        plain = assemble(dataset, without, prepared.design, prepared.signal)
     say("summarising each trace", 0, 1)
     expansions = expanded(plain)
-    chain = cache(partial(_chain, dataset, plain, expansions))
-    contradicted = partial(_contradiction, chain)
+
+    @cache
+    def chain() -> dict[str, Any]:
+        """What the traces say of their measuring chain; nothing of displacements."""
+        return {} if dataset.quantity == "displacement" else judge(plain, expansions)
+
+    def contradicted() -> str:
+        """What the traces contradict of it, in words; empty where nothing."""
+        return str(chain()["words"]) if chain().get("passed") is False else ""
+
     outcome = fit_traces(
         prepared,
         specification,
@@ -215,20 +224,21 @@ def fit_prepared(
     if isinstance(outcome, dict) or (specification.may_add_discrepancy and form.get("structured", False)):
         prepared = with_discrepancy(dataset, specification, prepared)
         analysis = _second_fit(prepared, specification, seed, say, checkpoints, contradicted)
-        form_of_both = {"model_form": model_form.with_discrepancy(form, analysis.tree)}
-        form_of_both["model_form"] |= {
-            "impacts": analysis.diagnostics.get("model_form", {}).get("impacts", {})
-        }
-        analysis = replace(analysis, diagnostics=analysis.diagnostics | form_of_both)
+        of_both = model_form.with_discrepancy(form, analysis.tree)
+        of_both |= {"impacts": analysis.diagnostics.get("model_form", {}).get("impacts", {})}
+        diagnostics = analysis.diagnostics | {"model_form": of_both}
     else:
-        analysis = outcome
-    analysis = _with_chain(analysis, chain())
-    analysis = replace(analysis, summary=noted(analysis.summary, analysis.diagnostics))
+        analysis, diagnostics = outcome, dict(outcome.diagnostics)
+    if chain():
+        diagnostics["measuring_chain"] = chain()
+        if "model_form" in diagnostics:
+            diagnostics["model_form"] = model_form.with_chain(diagnostics["model_form"], chain())
     points = point_estimates(dataset, specification.signal, prepared.signal)
+    summary = noted(analysis.summary, diagnostics)
     if flagged := flagged_recordings(*(points["exact"][name].tolist() for name in ("impact", "flags"))):
-        analysis = replace(analysis, diagnostics=analysis.diagnostics | {"recordings": flagged})
-    wall_time_s = time.perf_counter() - clock
-    return finished_fit(dataset, specification, prepared, analysis, points, seed, started, wall_time_s)
+        diagnostics["recordings"] = flagged
+    analysis = replace(analysis, diagnostics=diagnostics, summary=summary)
+    return finished_fit(dataset, specification, prepared, analysis, points, seed, start.time, start.seconds)
 
 
 def finished_fit(
@@ -242,53 +252,28 @@ def finished_fit(
     wall_time_s: float,
 ) -> Fit:
     """A fit of all that its run folder holds; ``points`` are the tables of `point_estimates`."""
-    own = {name: getattr(analysis, name) for name in TABLES}
-    own |= {f"estimates_{method}": table for method, table in points.items()}
-    own["agreement"] = _agreement(points, analysis.summary)
-    about = _provenance(dataset, specification, prepared, analysis, seed)
-    about |= {"started": started.isoformat(timespec="seconds"), "wall_time_s": round(wall_time_s, 1)}
-    made = Fit(about, analysis.tree, analysis.diagnostics, own.__getitem__, dataset.folder, dataset, prepared)
+    tables = {name: getattr(analysis, name) for name in TABLES}
+    tables |= {f"estimates_{method}": table for method, table in points.items()}
+    tables["agreement"] = _agreement(points, analysis.summary)
+    content = _provenance(dataset, specification, prepared, analysis, seed)
+    record = runtime.run_record("fit", "fit", started, wall_time_s, **content)
+    finished = Fit(
+        record, analysis.tree, analysis.diagnostics, tables.__getitem__, dataset.folder, dataset, prepared
+    )
     if specification.questions:
         from bayestissue.inference.answers.questions import ask_what_can_be, of_model
 
-        own["questions"] = ask_what_can_be(made.finished, of_model(specification.questions, "model"))
-    return made
+        tables["questions"] = ask_what_can_be(finished.finished, of_model(specification.questions, "model"))
+    return finished
 
 
 def _agreement(points: dict[str, pd.DataFrame], summary: pd.DataFrame) -> pd.DataFrame:
     values = {}
     for quantity, column in (("K", "K_N_per_m"), ("C", "C_N_s_per_m")):
-        each = {name: table.set_index("impact")[column] for name, table in points.items()}
+        columns = {name: table.set_index("impact")[column] for name, table in points.items()}
         median = summary[summary["variable"] == quantity].set_index("label")["median"]
-        values[quantity] = pd.DataFrame(each | {"posterior": median})
+        values[quantity] = pd.DataFrame(columns | {"posterior": median})
     return agreement(values)
-
-
-def _without_discrepancy(dataset: Dataset, specification: ModelSpecification, prepared: Prepared) -> Prepared:
-    """The prepared fit without a discrepancy, which would take up what the measuring chain does."""
-    if not prepared.model.discrepancy:
-        return prepared
-    plain = specification.model_copy(update={"discrepancy": "none"})
-    return assemble(dataset, plain, prepared.design, prepared.signal)
-
-
-def _chain(dataset: Dataset, plain: Prepared, expansions: GaussianFactor) -> dict[str, Any]:
-    """What the traces say of their measuring chain; nothing of displacements."""
-    return {} if dataset.quantity == "displacement" else judge(plain, expansions)
-
-
-def _contradiction(chain: Callable[[], dict[str, Any]]) -> str:
-    """What the traces contradict of it, in words; empty where nothing."""
-    verdict = chain()
-    return str(verdict["words"]) if verdict.get("passed") is False else ""
-
-
-def _with_chain(analysis: TraceAnalysis, chain: dict[str, Any]) -> TraceAnalysis:
-    """The analysis with what the traces say of their measuring chain in its diagnostics."""
-    diagnostics = dict(analysis.diagnostics)
-    if chain and "model_form" in diagnostics:
-        diagnostics["model_form"] = model_form.with_chain(diagnostics["model_form"], chain)
-    return replace(analysis, diagnostics=diagnostics | ({"measuring_chain": chain} if chain else {}))
 
 
 def point_estimates(
@@ -339,16 +324,12 @@ def _provenance(
     analysis: TraceAnalysis,
     seed: int,
 ) -> dict[str, Any]:
-    """The content of ``run.json``, but for the time."""
+    """What ``run.json`` says of the fit itself."""
     diagnostics = analysis.diagnostics
     return {
-        "program": "bayestissue",
-        "command": "fit",
-        "kind": "fit",
         "dataset": data.name,
         "description": data.description,
         "quantity": data.quantity,
-        "versions": runtime.versions(),
         "model": specification.model_dump(mode="json") | prepared.design.resolved(),
         "terms_left_out": prepared.design.terms_left_out(),
         "columns_not_used": list(prepared.design.recorded.not_used),

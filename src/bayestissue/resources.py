@@ -9,7 +9,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from bayestissue.errors import refusal
+from bayestissue.errors import InputError
 
 Serves = Callable[[dict[str, Any]], bool]
 
@@ -44,23 +44,18 @@ def model_file(model: str | Path, serves: Serves) -> Path:
         InputError: there is neither such a model nor such a file; the right names are listed, the nearest
             first.
     """
-    names = _models(serves)
+    contents = {
+        path.stem: tomllib.loads(path.read_text("utf-8")) for path in sorted(shared("models").glob("*.toml"))
+    }
+    names = [name for name, content in contents.items() if serves(content)]
     if isinstance(model, str) and model in names:
         return shared("models", f"{model}.toml")
     path = Path(model)
     if path.is_file():
         return path
     near = difflib.get_close_matches(path.stem.lower(), names, n=len(names), cutoff=0.5)
-    listed = ", ".join([*near, *(name for name in names if name not in near)])
+    listed = ", ".join(dict.fromkeys([*near, *names]))
     kind = "a folder" if path.is_dir() else "no such model or file"
-    remedy = f"Write {near[0]} for the one of that name." if near else "Check the spelling."
-    if path.stem in names:
-        remedy = f"Write {path.stem} for the one that comes with the program, or check the path."
-    raise refusal(
-        str(model), f"a model file, or a model of the program: {listed}", remedy, value=kind, code="no-model"
-    )
-
-
-def _models(serves: Serves) -> list[str]:
-    paths = sorted(shared("models").glob("*.toml"))
-    return [path.stem for path in paths if serves(tomllib.loads(path.read_text(encoding="utf-8")))]
+    key, name = ("no-model.near", near[0]) if near else ("no-model.none", "")
+    key, name = ("no-model.program", path.stem) if path.stem in names else (key, name)
+    raise InputError.stated(key, str(model), value=kind, listed=listed, name=name)

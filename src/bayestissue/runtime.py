@@ -8,9 +8,12 @@ import platform
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from functools import wraps
 from importlib.metadata import version
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 from bayestissue import stopping
@@ -184,6 +187,36 @@ def cores() -> int:
 def versions() -> dict[str, str]:
     """The versions that a result depends on, for `run.json`."""
     return {"python": platform.python_version(), **{name: version(name) for name in LIBRARIES}}
+
+
+@dataclass(frozen=True)
+class Start:
+    """The moment at which a command began."""
+
+    time: datetime = field(default_factory=lambda: datetime.now(UTC))
+    clock: float = field(default_factory=perf_counter)
+
+    @property
+    def seconds(self) -> float:
+        """How long ago that is."""
+        return perf_counter() - self.clock
+
+    def record(self, command: str, kind: str, **content: Any) -> dict[str, Any]:
+        """The content of ``run.json`` at the end of the command."""
+        return run_record(command, kind, self.time, self.seconds, **content)
+
+
+def run_record(command: str, kind: str, started: datetime, seconds: float, **content: Any) -> dict[str, Any]:
+    """The content of ``run.json``: which command, by which versions, of what, when and how long."""
+    return {
+        "program": "bayestissue",
+        "command": command,
+        "kind": kind,
+        "versions": versions(),
+        **content,
+        "started": started.isoformat(timespec="seconds"),
+        "wall_time_s": round(seconds, 1),
+    }
 
 
 def content_hash(paths: Iterable[Path]) -> str:

@@ -40,8 +40,8 @@ def read_text(path: Path, file: str) -> str:
             raise InputError.stated("no-file.settings", file, value=kind, limit=_LARGEST / 1e6)
         return path.read_bytes().decode("utf-8-sig")
     except OSError as error:
-        found = error.strerror or "an unreadable file"
-        problem = Problem.stated("unreadable-file.settings", file, value=found)
+        value = error.strerror or "an unreadable file"
+        problem = Problem.stated("unreadable-file.settings", file, value=value)
     except UnicodeDecodeError as error:
         row = error.object[: error.start].count(b"\n") + 1
         wrong = error.object[error.start : error.start + 1]

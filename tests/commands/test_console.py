@@ -13,7 +13,7 @@ import pytest
 from rich.console import Console
 
 from bayestissue import cli
-from bayestissue.commands import causes, compared, estimate
+from bayestissue.commands import causes, compare, estimate
 from bayestissue.commands.console import echo, plain
 from bayestissue.errors import InputError, Problem, has_control_characters, printable
 
@@ -69,7 +69,7 @@ def test_the_tables_of_all_commands_are_tame(capsys: pytest.CaptureFixture[str])
     )
     people = people.assign(eti90_low=1.0, eti90_high=1.0)
     implied = people.assign(scheme=BAD, data=BAD, label="")
-    compared.print_comparison(pd.concat([names, names.assign(data="x")]), people, implied)
+    compare.print_comparison(pd.concat([names, names.assign(data="x")]), people, implied)
     data = SimpleNamespace(name=BAD, left_out=(Problem(BAD, BAD, BAD, impact=BAD, code="no-file"),))
     table = pd.DataFrame({"K_N_per_m": [1.0], "C_N_s_per_m": 1.0, "zeta": 1.0, "flags": BAD, "notes": BAD})
     varied = pd.DataFrame({"choice": ["window"], "value": ["peak"], "note": [BAD]})

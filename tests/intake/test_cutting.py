@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bayestissue.dataset import Trace
-from bayestissue.intake.rows import cut
+from bayestissue.intake.build import cut
 
 RATE, LENGTH_S = 2000.0, 0.05
 

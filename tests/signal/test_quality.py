@@ -13,8 +13,8 @@ from scipy.stats import binom
 from bayestissue.dataset.model import Uncertainty
 from bayestissue.signal import SignalOptions
 from bayestissue.signal.quality import inspect, raised
-from bayestissue.signal.quality.quiet import slope, wave
 from bayestissue.signal.quality.recorded import Recorded as Seen
+from bayestissue.signal.quality.samples import slope, wave
 from bayestissue.signal.traces import stack
 
 TYPICAL = Impact(67.0, 0.28)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import time
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -65,7 +63,7 @@ def run(
 
     An interrupted run goes on where it stopped when the same command is given again.
     """
-    started, clock = datetime.now(UTC), time.perf_counter()
+    start = runtime.Start()
     inputs = (model,) if target == "published" else (Path(target), model)
     with results.claim(out, overwrite=overwrite, command="causes", inputs=inputs) as claimed:
         jobs = runtime.cores() if jobs is None else jobs
@@ -107,21 +105,17 @@ def run(
                     getattr(verdict, name).to_csv(folder / f"{name}.csv", index=False)
                 simulated.insert(1, "seed", seed)
                 simulated.to_parquet(folder / "campaigns.parquet", index=False)
-                record = {
-                    "program": "bayestissue",
-                    "command": "causes",
-                    "kind": "causes",
-                    "subject": what.description,
-                    "versions": runtime.versions(),
-                    "model": specification.model_dump(mode="json", exclude_none=True),
-                    "seed": seed,
-                    "input_hash": what.input_hash,
-                    "campaigns": len(simulated),
-                    "log_score": verdict.log_score,
-                    "computed_by": _by(jobs, scheduler),
-                    "started": started.isoformat(timespec="seconds"),
-                    "wall_time_s": round(time.perf_counter() - clock, 1),
-                }
+                record = start.record(
+                    "causes",
+                    "causes",
+                    subject=what.description,
+                    model=specification.model_dump(mode="json", exclude_none=True),
+                    seed=seed,
+                    input_hash=what.input_hash,
+                    campaigns=len(simulated),
+                    log_score=verdict.log_score,
+                    computed_by=_by(jobs, scheduler),
+                )
                 results.write_json(record, folder / "run.json")
         draw_page(claimed.path)
         if as_json:
@@ -137,23 +131,18 @@ def _by(jobs: int, scheduler: str | None) -> str:
 
 
 def _print(verdict: Verdict, what: Subject, out: Path) -> None:
-    from rich.console import Console
-    from rich.table import Table
+    from bayestissue.commands.console import line, show, table
 
-    from bayestissue.commands.console import plain, show
-
-    console = Console(highlight=False)
-    shown = Table(title=plain(f"{what.title}: could this cause have made the numbers?"), title_justify="left")
-    for heading in ("cause", "p", "posterior", "±", "verdict"):
-        shown.add_column(heading, justify="left" if heading in ("cause", "verdict") else "right")
+    headings = ("cause", "p", "posterior", "±", "verdict")
+    rows = []
     for row in verdict.causes.to_dict("records"):
         small = "<" if row["p_joint"] <= row["smallest_p"] else ""
-        shown.add_row(
-            plain(row["title"]),
+        numbers = (
             f"{small}{row['p_joint']:.2g}",
             f"{row['probability']:.3f}",
             f"{row['probability_error']:.3f}",
-            plain(row["verdict"]),
         )
-    show(shown)
-    console.print(plain(f"wrote {out / 'causes.csv'} and {out / 'report.html'}"), soft_wrap=True)
+        rows.append((row["title"], *numbers, row["verdict"]))
+    title = f"{what.title}: could this cause have made the numbers?"
+    show(table(title, headings, rows, words=("cause", "verdict")))
+    line(f"wrote {out / 'causes.csv'} and {out / 'report.html'}")

@@ -65,33 +65,25 @@ def _plain(checked: Check) -> dict[str, Any]:
 
 
 def _print(checked: Check) -> None:
-    from rich.console import Console
     from rich.table import Table
 
-    from bayestissue.commands.console import explained, plain, show
+    from bayestissue.commands.console import explained, line, plain, show
     from bayestissue.report.recordings_pages import kinds
 
-    data, warnings = checked.dataset, checked.warnings
-    console = Console(highlight=False)
-    table = Table(
-        title=plain(f"{data.name}: {checked.verdict}"),
-        show_header=False,
-        title_justify="left",
-    )
-    for name, words in _summary(checked):
+    data = checked.dataset
+    title = plain(f"{data.name}: {checked.verdict}")
+    table = Table(title=title, show_header=False, title_justify="left")
+    for name, words in (*_summary(checked), *(("note", words) for words in checked.notes)):
         table.add_row(name, plain(words))
-    for words in checked.notes:
-        table.add_row("note", plain(words))
     show(table)
-    for heading, problems in (("Left out", data.left_out), ("Warnings", warnings)):
+    for heading, problems in (("Left out", data.left_out), ("Warnings", checked.warnings)):
         if problems:
-            console.print(plain(f"{heading}:", style="bold"))
-            for group in kinds(problems):
-                more = f" The same in {_names(group[1:])}." if len(group) > 1 else ""
-                console.print(plain(f"  {group[0]}{more} [{group[0].code}]"), soft_wrap=True)
-    explained(
-        [*(problem.code for problem in (*data.left_out, *warnings)), *codes_in("; ".join(checked.notes))]
-    )
+            line(f"{heading}:", "bold")
+        for first, *others in kinds(problems):
+            more = f" The same in {_names(others)}." if others else ""
+            line(f"  {first}{more} [{first.code}]")
+    codes = [problem.code for problem in (*data.left_out, *checked.warnings)]
+    explained([*codes, *codes_in("; ".join(checked.notes))])
 
 
 def _summary(checked: Check) -> list[tuple[str, str]]:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
-import time
-from datetime import UTC, datetime
+from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -16,6 +14,8 @@ from bayestissue.commands.options import Excel, Json, Overwrite, Quiet
 from bayestissue.errors import InputError, Problem, all_of
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from bayestissue.inference.comparing.runs import FinishedRun
 
 _AGAIN = "Give folders of finished runs of `bayestissue fit`."
@@ -27,6 +27,10 @@ _GROUPS: dict[str, tuple[str, ...]] = {
     "constant_data": ("impact_subject",),
 }
 _unfit = partial(Problem, code="runs-to-compare")
+_DIGITS = {"elpd": 1, "elpd_difference": 1, "se_difference": 1, "weight": 2}
+_HEADINGS = {"elpd_difference": "off the best", "se_difference": "its se"}
+# As many as a screen can show.
+_PEOPLE = 12
 _OF_IMPACTS = ("K", "C", "K_secant", "C_equivalent")
 
 
@@ -43,12 +47,11 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Which finished fit predicts best what it has not seen, and whether the fits agree on K and C."""
-    started, clock = datetime.now(UTC), time.perf_counter()
+    start = runtime.Start()
     _require_distinct(runs)
     with results.claim_if(out, overwrite=overwrite, command="compare", inputs=runs) as target:
         runtime.configure()
-        from bayestissue.commands.compared import print_comparison
-        from bayestissue.commands.console import echo
+        from bayestissue.commands.console import echo, echo_tables
         from bayestissue.inference.comparing.runs import compare_runs, implied, side_by_side
         from bayestissue.report import draw_page
         from bayestissue.report.comparison import page_of
@@ -62,25 +65,18 @@ def run(
             with target.folder() as folder:
                 for name, table in tables.items():
                     results.write_table(table, folder / f"{name}.csv", excel)
-                record = {
-                    "program": "bayestissue",
-                    "command": "compare",
-                    "kind": "comparison",
-                    "dataset": abouts[0].get("dataset", ""),
-                    "versions": runtime.versions(),
-                    "input_hash": abouts[0]["input_hash"],
-                    "runs": [
-                        _run_record(run, path, record)
-                        for run, path, record in zip(finished, runs, abouts, strict=True)
-                    ],
-                    "started": started.isoformat(timespec="seconds"),
-                    "wall_time_s": round(time.perf_counter() - clock, 1),
-                }
+                of_runs = zip(finished, runs, abouts, strict=True)
+                record = start.record(
+                    "compare",
+                    "comparison",
+                    dataset=abouts[0].get("dataset", ""),
+                    input_hash=abouts[0]["input_hash"],
+                    runs=[_run_record(run, path, record) for run, path, record in of_runs],
+                )
                 results.write_json(record, folder / "run.json")
             draw_page(target.path, partial(page_of, tables, record))
         if as_json:
-            plain = {name: json.loads(table.to_json(orient="records")) for name, table in tables.items()}
-            echo(json.dumps(plain, ensure_ascii=False))
+            echo_tables(**tables)
         elif not quiet:
             print_comparison(comparison, posteriors, of_weights)
             if target is not None:
@@ -168,3 +164,57 @@ def _names(runs: list[Path]) -> list[str]:
         if len(set(names)) == len(names):
             return names
     return [str(path.resolve()) for path in runs]
+
+
+def print_comparison(comparison: pd.DataFrame, posteriors: pd.DataFrame, of_weights: pd.DataFrame) -> None:
+    """Print the three tables; see `inference.comparing.runs` and `.implied`."""
+    import pandas as pd
+
+    from bayestissue.commands.console import echo, explained, line, show, table
+    from bayestissue.remedies import codes_in
+
+    words = ["model"] + (["data"] if len(comparison["data"].unique()) > 1 else [])
+    headings = [
+        *("run" if name == "model" else name for name in words),
+        *(_HEADINGS.get(k, k) for k in _DIGITS),
+    ]
+    for scheme, rows in comparison.groupby("scheme", sort=False):
+        cells = (
+            [
+                *(row[k] for k in words),
+                *(f"{row[k]:.{d}f}" if pd.notna(row[k]) else "" for k, d in _DIGITS.items()),
+            ]
+            for row in rows.to_dict("records")
+        )
+        show(table(str(scheme), headings, cells, words=("run", "data")))
+        for row in rows[rows["warning"] != ""].to_dict("records"):
+            line(f"  {row['model']}: {row['warning']}")
+    explained(codes_in("; ".join(comparison["warning"])))
+    people = posteriors[posteriors["label"] != ""]
+    few = people["label"].nunique() <= _PEOPLE
+    shown = posteriors if few else posteriors[posteriors["label"] == ""]
+    _print_intervals("posteriors", shown, shown["run"])
+    if len(of_weights):
+        shown = of_weights[of_weights["label"] == ""]
+        weights = [f"{scheme}, {data}" for scheme, data in zip(shown["scheme"], shown["data"], strict=True)]
+        _print_intervals("what the weights imply", shown, weights)
+    if not few:
+        count = people["label"].nunique()
+        echo(f"  K and C of the {count} people: --json prints them, --out writes posteriors.csv")
+
+
+def _print_intervals(title: str, intervals: pd.DataFrame, names: Iterable[str]) -> None:
+    """Each quantity with what its intervals are of, and under it a line for each of ``names``."""
+    from bayestissue.commands.console import line
+    from bayestissue.inference.results.meanings import heading_words
+
+    line(f"{title}: median and 90 % interval", "italic")
+    rows = intervals.assign(name=list(names))
+    for (variable, level, label, unit), shown in rows.groupby(
+        ["variable", "of", "label", "unit"], sort=False
+    ):
+        line(heading_words(str(variable), str(level), str(label)) + ("" if unit == "1" else f" ({unit})"))
+        width = shown["name"].str.len().max()
+        for row in shown.to_dict("records"):
+            median, low, high = (f"{row[name]:.4g}" for name in ("median", "eti90_low", "eti90_high"))
+            line(f"  {row['name']:{width}}  {median}, {low} to {high}")

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from types import TracebackType
+from typing import TYPE_CHECKING
 
 import typer
 from rich.console import Console
@@ -25,6 +27,9 @@ from rich.text import Text
 from bayestissue.errors import more, printable
 from bayestissue.remedies import Code
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 _UNBOUNDED = 10_000
 
 
@@ -36,6 +41,38 @@ def echo(text: str, *, err: bool = False) -> None:
 def plain(text: str, style: str = "") -> Text:
     """The same for a table or a line that rich prints, which then reads no markup in it either."""
     return Text(printable(text, lines=True), style=style)
+
+
+def line(text: str, style: str = "") -> None:
+    """Print one line, however long, that may hold names of any origin."""
+    Console(highlight=False).print(plain(text, style), soft_wrap=True)
+
+
+def table(
+    title: str,
+    headings: Iterable[str],
+    rows: Iterable[Iterable[str]],
+    *,
+    words: Collection[str] | None = None,
+) -> Table:
+    """A table of texts of any origin.
+
+    Args:
+        title: above it.
+        headings: of the columns.
+        rows: the cells of each.
+        words: the headings of columns that are set to the left; that of the first, which breaks long words,
+            unless given. Others are set to the right.
+    """
+    table = Table(title=plain(title), title_justify="left")
+    for number, heading in enumerate(headings):
+        left, first = number == 0 if words is None else heading in words, words is None and number == 0
+        table.add_column(
+            heading, justify="left" if left else "right", overflow="fold" if first else "ellipsis"
+        )
+    for row in rows:
+        table.add_row(*map(plain, row))
+    return table
 
 
 def show(table: Table) -> None:
@@ -54,6 +91,12 @@ def show(table: Table) -> None:
                 line = Text(f"{column.header}: " if str(column.header) else "")
                 line.append(cell if isinstance(cell, Text) else str(cell))
                 console.print(line, soft_wrap=True)
+
+
+def echo_tables(**tables: pd.DataFrame) -> None:
+    """Print tables as JSON: by their names, each a list of its rows."""
+    content = {name: json.loads(table.to_json(orient="records")) for name, table in tables.items()}
+    echo(json.dumps(content, ensure_ascii=False))
 
 
 def explained(codes: Iterable[Code]) -> None:

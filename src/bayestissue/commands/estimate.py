@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
+from collections.abc import Hashable
 from functools import partial
 from pathlib import Path
-from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
@@ -14,7 +13,7 @@ from bayestissue.commands.options import DatasetFolder, Excel, Json, Out, Overwr
 from bayestissue.resources import model_file
 from bayestissue.results import claim, write_json, write_table
 from bayestissue.results.tables import table_of_rows
-from bayestissue.runtime import configure, versions
+from bayestissue.runtime import Start, configure
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -61,7 +60,7 @@ def run(
     as_json: Json = False,
 ) -> None:
     """K and C of every impact by itself, with 90 % intervals; --method dds is the thesis's own chain."""
-    started, clock = datetime.now(UTC), perf_counter()
+    start = Start()
     with claim(out, overwrite=overwrite, command="estimate", inputs=(dataset, model)) as target:
         configure()
         from bayestissue.commands.console import echo
@@ -96,7 +95,14 @@ def run(
                 tables["left_out"] = table_of_rows("left_out", rows).astype({"row": "Int64"})
             for name, content in tables.items():
                 write_table(content, staging / f"{name}.csv", excel)
-            record = _about(data, method, options, file, started, perf_counter() - clock)
+            record = start.record(
+                "estimate",
+                "estimates",
+                dataset=data.name,
+                method=method,
+                model={"file": file.name if file else None, "signal": options.model_dump()},
+                input_hash=data.input_hash,
+            )
             write_json(record, staging / "run.json")
         draw_page(target.path, partial(page_of, tables, record))
         if as_json:
@@ -130,75 +136,37 @@ def _varied(data: Dataset, method: Method, choices: dict[str, tuple[SignalOption
     return pd.DataFrame(rows)
 
 
-def _about(
-    data: Dataset,
-    method: Method,
-    options: SignalOptions,
-    model: Path | None,
-    started: datetime,
-    seconds: float,
-) -> dict[str, Any]:
-    installed = versions()
-    return {
-        "program": f"bayestissue {installed['bayestissue']}",
-        "command": "estimate",
-        "kind": "estimates",
-        "dataset": data.name,
-        "method": method,
-        "model": {"file": model.name if model else None, "signal": options.model_dump()},
-        "versions": installed,
-        "input_hash": data.input_hash,
-        "started": started.isoformat(timespec="seconds"),
-        "wall_time_s": round(seconds, 3),
-    }
-
-
-def _print(data: Dataset, table: pd.DataFrame, varied: pd.DataFrame | None, out: Path) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    from bayestissue.commands.console import explained, plain, show
+def _print(data: Dataset, estimates: pd.DataFrame, varied: pd.DataFrame | None, out: Path) -> None:
+    from bayestissue.commands.console import echo, explained, line, show, table
     from bayestissue.inference.points.notes import said_once
     from bayestissue.remedies import codes_in
 
-    console = Console(highlight=False)
-    flagged = int((table["flags"] != "").sum())
-    shown = Table(title=plain(f"{data.name}: {len(table)} impacts, {flagged} flagged"), title_justify="left")
-    for heading in ("these impacts", "median", "5 % below", "95 % below"):
-        shown.add_column(heading, justify="left" if heading == "these impacts" else "right")
+    flagged = int((estimates["flags"] != "").sum())
+    rows = []
     for name, words in (("K_N_per_m", "K (N/m)"), ("C_N_s_per_m", "C (N s/m)"), ("zeta", "zeta")):
-        low, median, high = table[name].quantile([0.05, 0.5, 0.95])
-        shown.add_row(words, *(f"{value:.4g}" for value in (median, low, high)))
-    show(shown)
-    for sentence in said_once(table["notes"]):
-        console.print(plain(sentence), soft_wrap=True)
+        low, median, high = estimates[name].quantile([0.05, 0.5, 0.95])
+        rows.append((words, *(f"{value:.4g}" for value in (median, low, high))))
+    title = f"{data.name}: {len(estimates)} impacts, {flagged} flagged"
+    show(table(title, ("these impacts", "median", "5 % below", "95 % below"), rows))
+    for sentence in said_once(estimates["notes"]):
+        line(sentence)
     if varied is not None:
-        show(_vary_table(varied))
+        title = "K and C against each choice: the median impact (nine in ten impacts)"
+        headings = ("choice", "value", "impacts", "K (N/m)", "C (N s/m)")
+        show(table(title, headings, map(_vary_row, varied.to_dict("records")), words=headings))
     if data.left_out:
         count = len({problem.impact for problem in data.left_out})
-        console.print(f"{count} impacts left out: see left_out.csv")
-    said = "; ".join([*table["flags"], *table["notes"]])
-    explained([*codes_in(said), *(problem.code for problem in data.left_out)])
-    console.print(plain(f"wrote {out / 'estimates.csv'} and {out / 'report.html'}"), soft_wrap=True)
+        echo(f"{count} impacts left out: see left_out.csv")
+    texts = "; ".join([*estimates["flags"], *estimates["notes"]])
+    explained([*codes_in(texts), *(problem.code for problem in data.left_out)])
+    line(f"wrote {out / 'estimates.csv'} and {out / 'report.html'}")
 
 
-def _vary_table(varied: pd.DataFrame) -> Any:
-    from rich.table import Table
-
-    from bayestissue.commands.console import plain
-
-    shown = Table(
-        title="K and C against each choice: the median impact (nine in ten impacts)", title_justify="left"
+def _vary_row(row: dict[Hashable, Any]) -> list[str]:
+    if row["note"]:
+        return [row["choice"], row["value"], "", row["note"], ""]
+    levels = (
+        f"{row[f'{name}_median']:.4g} ({row[f'{name}_5']:.4g} to {row[f'{name}_95']:.4g})"
+        for name in ("K_N_per_m", "C_N_s_per_m")
     )
-    for heading in ("choice", "value", "impacts", "K (N/m)", "C (N s/m)"):
-        shown.add_column(heading)
-    for row in varied.to_dict("records"):
-        if row["note"]:
-            shown.add_row(row["choice"], row["value"], "", plain(row["note"]), "")
-            continue
-        levels = (
-            f"{row[f'{name}_median']:.4g} ({row[f'{name}_5']:.4g} to {row[f'{name}_95']:.4g})"
-            for name in ("K_N_per_m", "C_N_s_per_m")
-        )
-        shown.add_row(row["choice"], row["value"], f"{row['estimated']:.0f}", *levels)
-    return shown
+    return [row["choice"], row["value"], f"{row['estimated']:.0f}", *levels]

@@ -77,8 +77,8 @@ def run(
     """
     runtime.configure(one_core=True)
     with results.claim(out, overwrite=overwrite, command="fit", inputs=(dataset, model)) as target:
-        from bayestissue.commands.ask import print_answers
         from bayestissue.commands.console import Stages, echo, explained
+        from bayestissue.commands.finished_runs import print_answers
         from bayestissue.dataset import read_dataset
         from bayestissue.finished import page_html, write_run
         from bayestissue.fitting import fit_prepared, formulas_of, require_answerable, resolve

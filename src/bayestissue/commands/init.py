@@ -158,24 +158,14 @@ def run(
     from bayestissue.intake import Choices, Cutting, default_out, prepare, write
 
     choices = Choices(
-        channel,
-        quantity,
-        unit,
-        time,
-        time_unit,
-        rate_hz,
-        scale,
-        offset,
-        crop,
-        pattern,
-        table,
-        _facts(shared or []),
-        _entries(recorder or [], "--recorder", "sae_class=180"),
-        _entries(text or [], "--text", "decimal=comma"),
-        _gravity(gravity),
-        zero,
-        _uncertainty(uncertainty or []),
-    )
+        channel=channel, quantity=quantity, unit=unit, time=time, time_unit=time_unit, rate_hz=rate_hz,
+        scale=scale, offset=offset, crop=crop, pattern=pattern, table=table, zero=zero,
+        gravity=_gravity(gravity),
+        shared=_facts(shared or []),
+        recorder=_entries(recorder or [], "--recorder", "sae_class=180"),
+        text=_entries(text or [], "--text", "decimal=comma"),
+        uncertainty=_uncertainty(uncertainty or []),
+    )  # fmt: skip
     intake = prepare(folder, choices)
     if intake.questions and not quiet and not as_json and _at_a_terminal():
         intake = _asked(intake)

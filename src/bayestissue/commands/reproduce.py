@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import shutil
-import time
 from collections.abc import Callable, Iterable
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -48,7 +46,7 @@ def run(
         from bayestissue.thesis.reanalysis.observations import published_design, published_observations
         from bayestissue.thesis.reproduction import reproduce_published
 
-        started, clock = datetime.now(UTC), time.perf_counter()
+        start = runtime.Start()
         file = resources.model_file(
             "published" if model is None else model,
             lambda content: content.get("likelihood") == "published-estimates",
@@ -73,20 +71,16 @@ def run(
                 _write(getattr(analysis, name), folder / f"{name}.csv")
             results.write_json(analysis.diagnostics, folder / "diagnostics.json")
             words = verdict_in_words(analysis.diagnostics)
-            provenance = {
-                "program": "bayestissue",
-                "command": "reproduce",
-                "kind": "published",
-                "versions": runtime.versions(),
-                "model": specification.model_dump(mode="json") | design.resolved(),
-                "terms_left_out": design.terms_left_out(),
-                "seed": seed,
-                "input_hash": runtime.content_hash([*tables.paths, file]),
-                "started": started.isoformat(timespec="seconds"),
-                "wall_time_s": round(time.perf_counter() - clock, 1),
-                "verdict": {"passed": analysis.diagnostics["passed"], "words": words},
-            }
-            results.write_json(provenance, folder / "run.json")
+            record = start.record(
+                "reproduce",
+                "published",
+                model=specification.model_dump(mode="json") | design.resolved(),
+                terms_left_out=design.terms_left_out(),
+                seed=seed,
+                input_hash=runtime.content_hash([*tables.paths, file]),
+                verdict={"passed": analysis.diagnostics["passed"], "words": words},
+            )
+            results.write_json(record, folder / "run.json")
         draw_page(target.path)
         if not quiet:
             echo(words)

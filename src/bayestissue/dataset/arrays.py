@@ -261,15 +261,11 @@ def _numbers(values: Any, label: str, column: str, impact: str | None) -> Number
     raise InputError.stated("array-shape.numbers", label, column=column, value=shape, impact=impact)
 
 
-def _unstated(signal: SignalSettings, name: str) -> bool:
-    return bool(getattr(signal, name) == SignalSettings.model_fields[name].default)
-
-
 def _hash(settings: Settings, cells: pd.DataFrame, reading: Reading) -> str:
     # What was not stated before there was a key for it leaves the hash as it was.
-    unsaid: dict[str, Any] = {
-        "signal": {name for name in ("gravity", "zero") if _unstated(settings.signal, name)}
-    }
+    signal, fields = settings.signal, SignalSettings.model_fields
+    later = {name for name in ("gravity", "zero") if getattr(signal, name) == fields[name].default}
+    unsaid: dict[str, Any] = {"signal": later}
     if settings.recorder is None:
         unsaid["recorder"] = True
     elif settings.recorder.noise is None:

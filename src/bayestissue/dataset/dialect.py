@@ -11,10 +11,12 @@ import io
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
-from typing import Literal
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
 
 from bayestissue.dataset.files import as_utf8, first_line, is_workbook, sheet_text
 from bayestissue.dataset.units import Dimension, to_si
@@ -24,6 +26,7 @@ Encoding = Literal["utf-8", "utf-16", "cp1252"]
 Delimiter = Literal["comma", "semicolon", "tab", "pipe", "space"]
 Decimal = Literal["point", "comma"]
 Thousands = Literal["none", "point", "comma", "space", "apostrophe"]
+Row = Annotated[int, Field(ge=0)]
 
 DELIMITERS: dict[Delimiter, str] = {"semicolon": ";", "tab": "\t", "pipe": "|", "comma": ",", "space": " "}
 DECIMALS: dict[Decimal, str] = {"point": ".", "comma": ","}
@@ -41,25 +44,33 @@ _ANY_NUMBER = re.compile(
 )
 
 
-@dataclass(frozen=True)
-class Stated:
-    """What somebody says of how a text table is written; None where it is to be found.
+class Stated(BaseModel):
+    """How recordings that are text tables are written, in ``[signal]`` where that is not to be found.
 
-    Attributes:
-        encoding: of the text.
-        delimiter: between cells.
-        decimal: the decimal mark.
-        thousands: between groups of three digits.
-        header_row: the row with the names of columns; 0 if there is none.
-        units_row: the row with their units; 0 if there is none.
+    Where nobody said so it is None, and found.
     """
 
-    encoding: Encoding | None = None
-    delimiter: Delimiter | None = None
-    decimal: Decimal | None = None
-    thousands: Thousands | None = None
-    header_row: int | None = None
-    units_row: int | None = None
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+    encoding: Encoding | None = Field(
+        default=None,
+        description="of text files: utf-8, utf-16 or cp1252. Found if left out, as the next five.",
+    )
+    delimiter: Delimiter | None = Field(
+        default=None, description="between cells: comma, semicolon, tab, pipe or space."
+    )
+    decimal: Decimal | None = Field(default=None, description="the decimal mark: point or comma.")
+    thousands: Thousands | None = Field(
+        default=None, description="between thousands: none, point, comma, space or apostrophe."
+    )
+    header_row: Row | None = Field(
+        default=None,
+        description="the row with the names of columns; 0 where there are none, which makes them column 1, "
+        "column 2 ...",
+    )
+    units_row: Row | None = Field(
+        default=None, description="the row with their units; 0 where there is none."
+    )
 
 
 @dataclass(frozen=True)
@@ -256,7 +267,7 @@ def text_table(
     stated, sheet = stated or Stated(), ""
     if is_workbook(data):
         sheet, data = sheet_text(data, label)
-        stated = replace(stated, encoding="utf-8", delimiter="comma")
+        stated = stated.model_copy(update={"encoding": "utf-8", "delimiter": "comma"})
     data, encoding = as_utf8(data, label, stated.encoding)
     first_line(data, label)
     head = data if len(data) <= _HEAD else data[: data.rfind(b"\n", 0, _HEAD) + 1 or _HEAD]

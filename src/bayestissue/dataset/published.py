@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,68 +13,61 @@ import pandas as pd
 from bayestissue.errors import InputError, Problem
 from bayestissue.resources import shared
 
-_MEND = "Compare the file with data/published, which comes with the program."
-_wrong = partial(Problem, code="published-table")
-
-
-@dataclass(frozen=True)
-class _Layout:
-    """Columns of one file, by what they hold."""
-
-    integers: tuple[str, ...] = ()
-    labels: tuple[str, ...] = ()
-    positive: tuple[str, ...] = ()
-    numbers: tuple[str, ...] = ()
-    may_be_empty: tuple[str, ...] = ()
-    key: tuple[str, ...] = ()
-
-    @property
-    def printed(self) -> tuple[str, ...]:
-        return self.positive + self.numbers + self.may_be_empty
-
-    @property
-    def columns(self) -> tuple[str, ...]:
-        return self.integers + self.labels + self.printed
-
-
 _CONDITION = ("energy_J", "velocity_m_s", "mass_kg")
+# What a cell of each kind holds, and how that shows in its text and number (not a number where it is none).
+_KINDS: dict[str, tuple[str, Callable[[pd.Series, pd.Series], pd.Series]]] = {
+    "whole": ("a whole number", lambda text, value: (value == value.round()) & np.isfinite(value)),
+    "positive": ("a number above zero", lambda text, value: (value > 0) & np.isfinite(value)),
+    "number": ("a number", lambda text, value: np.isfinite(value)),
+    "optional": ("a number or nothing", lambda text, value: np.isfinite(value) | (text.str.strip() == "")),
+    "name": ("a name", lambda text, value: text.str.strip() != ""),
+    "response": ("K or C", lambda text, value: text.isin(["K", "C"])),
+    "status": ("entered or not entered", lambda text, value: text.isin(["entered", "not entered"])),
+}
+# Of numbers of these kinds the digits that were printed are kept.
+_PRINTED = ("positive", "number", "optional")
+
+
+class _Layout:
+    """The columns of one file by what they hold, and those that tell its rows apart."""
+
+    def __init__(self, key: str, **columns: str) -> None:
+        self.key = key.split()
+        self.kinds = {column: kind for kind, names in columns.items() for column in names.split()}
+
+
 _LAYOUTS = {
     "estimates": _Layout(
-        integers=("row", "trial", "subject"),
-        labels=("table",),
-        positive=(*_CONDITION, "K", "C"),
-        key=("trial", "subject"),
+        "trial subject",
+        whole="row trial subject",
+        name="table",
+        positive="energy_J velocity_m_s mass_kg K C",
     ),
     "averages": _Layout(
-        integers=("row", "trial"),
-        labels=("table", "quantity"),
-        positive=(*_CONDITION, "average", "sd", "range"),
-        key=("quantity", "trial"),
+        "quantity trial",
+        whole="row trial",
+        name="table",
+        response="quantity",
+        positive="energy_J velocity_m_s mass_kg average sd range",
     ),
     "correlations": _Layout(
-        integers=("row",),
-        labels=("table", "variable", "quantity"),
-        numbers=("correlation",),
-        may_be_empty=("p_value",),
-        key=("table", "row"),
+        "table row",
+        whole="row",
+        name="table variable",
+        response="quantity",
+        number="correlation",
+        optional="p_value",
     ),
     "stepwise": _Layout(
-        integers=("row",),
-        labels=("table", "quantity", "status", "variable"),
-        key=("table", "quantity", "status", "row"),
+        "table quantity status row",
+        whole="row",
+        name="table variable",
+        response="quantity",
+        status="status",
     ),
-    "regressions": _Layout(
-        labels=("quantity", "term"), numbers=("coefficient", "r_squared"), key=("quantity", "term")
-    ),
-    "claims": _Layout(
-        integers=("claim",),
-        labels=("section", "quantity", "statistic", "sentence"),
-        numbers=("value",),
-        key=("claim",),
-    ),
+    "regressions": _Layout("quantity term", name="term", response="quantity", number="coefficient r_squared"),
+    "claims": _Layout("claim", whole="claim", name="section quantity statistic sentence", number="value"),
 }
-_ALLOWED = {"status": ("entered", "not entered")}
-_K_OR_C = ("averages", "correlations", "stepwise", "regressions")
 
 
 @dataclass(frozen=True)
@@ -128,72 +121,50 @@ def _read_table(path: Path, name: str, problems: list[Problem]) -> pd.DataFrame:
     try:
         table = pd.read_csv(path, dtype=str, keep_default_na=False, encoding="utf-8").fillna("")
     except (OSError, UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
-        problems.append(_wrong(str(path), "a readable CSV table", _MEND, value=type(error).__name__))
+        problems.append(_wrong(path, "a readable CSV table", value=type(error).__name__))
         return pd.DataFrame()
     # pandas takes the first cells of rows that are longer than the header for row names.
     if not isinstance(table.index, pd.RangeIndex):
-        problems.append(_wrong(str(path), "as many cells in a row as in the header", _MEND))
-        return table
-    missing = [column for column in layout.columns if column not in table]
-    if missing or table.empty:
-        problems += [_wrong(str(path), "this column", _MEND, row=1, column=column) for column in missing] or [
-            _wrong(str(path), "at least one row", _MEND)
-        ]
-        return table
-    faults = _wrong_labels(table, path, name)
-    for column in layout.integers + layout.printed:
-        faults += _read_column(table, column, layout, path)
-    faults += _rows_that_stand_twice(table, layout, path)
-    problems += faults
+        problems.append(_wrong(path, "as many cells in a row as in the header"))
+    elif missing := [column for column in layout.kinds if column not in table]:
+        problems += [_wrong(path, "this column", row=1, column=column) for column in missing]
+    elif table.empty:
+        problems.append(_wrong(path, "at least one row"))
+    else:
+        for column in layout.kinds:
+            problems += _read_column(table, column, layout.kinds[column], path)
+        problems += _rows_that_stand_twice(table, layout.key, path)
     return table
 
 
-def _read_column(table: pd.DataFrame, column: str, layout: _Layout, path: Path) -> list[Problem]:
-    """Turn ``column`` of ``table`` into numbers, keep what was printed beside it, and list what isn't one."""
-    text = table[column].str.strip()
-    values = pd.to_numeric(text, errors="coerce").astype("float64")
-    bad = ~np.isfinite(values)
-    expected = "a number"
-    if column in layout.may_be_empty:
-        bad &= text != ""
-        expected = "a number or nothing"
-    if column in layout.positive:
-        bad |= ~(values > 0)
-        expected = "a number above zero"
-    if column in layout.integers:
-        bad |= values != values.round()
-        expected = "a whole number"
-    if column in layout.printed:
-        table[f"{column}_text"] = text
-    table[column] = values if column in layout.printed or bad.any() else values.astype("int64")
+def _read_column(table: pd.DataFrame, column: str, kind: str, path: Path) -> list[Problem]:
+    """Turn a ``column`` of numbers into such, keep what was printed beside it, and list what isn't one."""
+    expected, good = _KINDS[kind]
+    text = table[column]
+    values = pd.to_numeric(text.str.strip(), errors="coerce").astype("float64")
+    bad = ~good(text, values)
+    if kind in _PRINTED:
+        table[f"{column}_text"] = text.str.strip()
+    if kind in (*_PRINTED, "whole"):
+        table[column] = values.astype("int64") if kind == "whole" and not bad.any() else values
     return [
-        _wrong(str(path), expected, _MEND, row=_line(index), column=column, value=text[index])
+        _wrong(path, expected, row=_line(index), column=column, value=text[index])
         for index in table.index[bad]
     ]
 
 
-def _wrong_labels(table: pd.DataFrame, path: Path, name: str) -> list[Problem]:
-    allowed = dict(_ALLOWED, quantity=("K", "C")) if name in _K_OR_C else _ALLOWED
-    problems = []
-    for column in _LAYOUTS[name].labels:
-        wrong = table[column].str.strip() == ""
-        expected = "a name"
-        if column in allowed:
-            wrong = ~table[column].isin(allowed[column])
-            expected = " or ".join(allowed[column])
-        problems += [
-            _wrong(str(path), expected, _MEND, row=_line(index), column=column, value=value)
-            for index, value in table.loc[wrong, column].items()
-        ]
-    return problems
-
-
-def _rows_that_stand_twice(table: pd.DataFrame, layout: _Layout, path: Path) -> list[Problem]:
-    keys = list(layout.key)
-    expected, remedy = f"each {', '.join(keys)} once", "Take one of the two rows out, or mend its key."
+def _rows_that_stand_twice(table: pd.DataFrame, key: list[str], path: Path) -> list[Problem]:
+    names = ", ".join(key)
     return [
-        _wrong(str(path), expected, remedy, row=_line(index), column=keys[-1], value=", ".join(map(str, key)))
-        for index, *key in table.loc[table.duplicated(keys), keys].itertuples()
+        Problem.stated(
+            "published-table.twice",
+            str(path),
+            _line(index),
+            key[-1],
+            ", ".join(map(str, cells)),
+            columns=names,
+        )
+        for index, *cells in table.loc[table.duplicated(key), key].itertuples()
     ]
 
 
@@ -210,18 +181,14 @@ def _conditions_that_disagree(
                 words = f"averages of trial {table.loc[index, 'trial']} in averages.csv"
                 if np.isfinite(expected[index]):
                     words = f"{expected[index]:g}, the first that averages.csv has for the trial"
-                problems.append(
-                    _wrong(
-                        str(path),
-                        words,
-                        _MEND,
-                        row=_line(index),
-                        column=column,
-                        value=table.loc[index, column],
-                    )
-                )
+                where = {"row": _line(index), "column": column, "value": table.loc[index, column]}
+                problems.append(_wrong(path, words, **where))
     return problems
 
 
 def _line(index: Any) -> int:
     return int(index) + 2
+
+
+def _wrong(path: Path, expected: str, **where: Any) -> Problem:
+    return Problem.stated("published-table.other", str(path), expected=expected, **where)

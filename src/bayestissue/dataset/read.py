@@ -66,8 +66,8 @@ def _reading(folder: Path, table: ImpactTable, signal: SignalSettings) -> Readin
     if "trace" not in table.table:
         return read_long(folder, table.table["impact"].tolist(), signal)
     if tables := find_long(folder):
-        found = f"{tables[0].name} beside a column trace in impacts.csv"
-        raise InputError.stated("which-recordings.both", tables[0].name, value=found)
+        value = f"{tables[0].name} beside a column trace in impacts.csv"
+        raise InputError.stated("which-recordings.both", tables[0].name, value=value)
     return read_files(folder, table.table, table.row, signal)
 
 
@@ -143,8 +143,8 @@ def _falls_unsaid(signal: SignalSettings, columns: Iterable[str]) -> Iterator[Pr
     """A height of fall where nothing says whether gravity acts along the motion."""
     heights = [name for name in columns if name.startswith("drop_height")]
     if heights and "gravity" not in signal.model_fields_set:
-        found = f"a column {heights[0]}, and no signal.gravity"
-        yield Problem.stated("gravity", SETTINGS, column="signal.gravity", value=found)
+        value = f"a column {heights[0]}, and no signal.gravity"
+        yield Problem.stated("gravity", SETTINGS, column="signal.gravity", value=value)
 
 
 def _impacts_file(folder: Path) -> Path:

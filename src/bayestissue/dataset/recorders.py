@@ -15,7 +15,7 @@ from bayestissue.dataset.files import error_line, read_bytes
 from bayestissue.dataset.formats import FORMATS, Channel, Contents, UnfitError, unit_in_name
 from bayestissue.dataset.recordings import MIN_SAMPLES
 from bayestissue.dataset.settings import SignalSettings
-from bayestissue.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES, column_names, read_numbers, read_table
+from bayestissue.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES, read_numbers, read_table
 from bayestissue.errors import InputError, Problem
 
 REMEDY = "Correct the cell in column trace of impacts.csv, or put the file there."
@@ -114,16 +114,15 @@ def _contents(path: Path, label: str) -> Contents:
         raise
     except Exception as error:
         # Damaged bytes can fail anywhere in a decoder, with whatever that part of it raises.
-        found = error_line(error)
-        raise InputError.stated("damaged-file.recorder", label, value=found, suffix=suffix) from error
+        line = error_line(error)
+        raise InputError.stated("damaged-file.recorder", label, value=line, suffix=suffix) from error
 
 
 def _from_table(path: Path, label: str, signal: SignalSettings) -> Recording:
-    wanted = [signal.time_column, signal.value_column]
+    columns = {"numbers": [signal.time_column, signal.value_column]}
     if "time_column" not in signal.model_fields_set:
-        names = column_names(path, label, wanted=wanted, remedy=REMEDY, stated=signal.stated)
-        wanted = [name for name in wanted if name in (*names, signal.value_column)]
-    table = read_table(path, label, numbers=wanted, remedy=REMEDY, stated=signal.stated)
+        columns = {"numbers": [signal.value_column], "optional": [signal.time_column]}
+    table = read_table(path, label, **columns, remedy=REMEDY, stated=signal)
     value, time = table.numbers[signal.value_column], table.numbers.get(signal.time_column)
     return Recording(
         value.array,
@@ -151,8 +150,8 @@ def _pick(contents: Contents, label: str, signal: SignalSettings) -> Recording:
         limits = {"least": MIN_SAMPLES, "others": ", ".join(others)}
         raise InputError.stated("no-channel.short", label, column=name, value=f"{count} samples", **limits)
     if time is not None and time.values.size != count:
-        found = {"column": signal.time_column, "value": time.values.size}
-        raise InputError.stated("clock-and-channel", label, **found, channel=name, count=count)
+        where = label, None, signal.time_column, time.values.size
+        raise InputError.stated("clock-and-channel", *where, channel=name, count=count)
     return Recording(
         value.values,
         None if time is None else time.values,

@@ -295,7 +295,7 @@ class Recordings:
         wrong: Bool[np.ndarray, " impact"],
         key: str,
         words: str,
-        found: Shaped[np.ndarray, " impact"],
+        values: Shaped[np.ndarray, " impact"],
         *,
         column: str | None = None,
         **numbers: Any,
@@ -305,11 +305,11 @@ class Recordings:
         Args:
             wrong: which recordings are.
             key: of the message.
-            words: what was found, with braces for the number.
-            found: that number of each recording.
+            words: what is there instead, with braces for the number.
+            values: that number of each recording.
             column: that of the values unless another is named.
             numbers: in the message; an array has one of each recording.
         """
         for which in np.flatnonzero(wrong):
             here = {name: n[which] if isinstance(n, np.ndarray) else n for name, n in numbers.items()}
-            yield self.problem(key, which, words.format(found[which]), column=column, **here)
+            yield self.problem(key, which, words.format(values[which]), column=column, **here)

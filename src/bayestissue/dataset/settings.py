@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
-from bayestissue.dataset.dialect import Decimal, Delimiter, Encoding, Stated, Thousands
+from bayestissue.dataset.dialect import Stated
 from bayestissue.dataset.model import (
     STANDARD_GRAVITY,
     Applied,
@@ -71,7 +71,6 @@ def _stretch(ends: list[float]) -> list[float]:
 Name = Annotated[str, Field(min_length=1)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Spread = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Row = Annotated[int, Field(ge=0)]
 Fraction = Annotated[Spread, AfterValidator(_fraction)]
 Gravity = Literal["none", "drop"] | Annotated[Finite, AfterValidator(_on_earth)]
 Zero = Literal["free_fall", "rest"]
@@ -91,36 +90,7 @@ class _Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
 
-class TextSettings(_Table):
-    """How recordings that are text tables are written, in ``[signal]`` where that is not to be found."""
-
-    encoding: Encoding | None = Field(
-        default=None,
-        description="of text files: utf-8, utf-16 or cp1252. Found if left out, as the next five.",
-    )
-    delimiter: Delimiter | None = Field(
-        default=None, description="between cells: comma, semicolon, tab, pipe or space."
-    )
-    decimal: Decimal | None = Field(default=None, description="the decimal mark: point or comma.")
-    thousands: Thousands | None = Field(
-        default=None, description="between thousands: none, point, comma, space or apostrophe."
-    )
-    header_row: Row | None = Field(
-        default=None,
-        description="the row with the names of columns; 0 where there are none, which makes them column 1, "
-        "column 2 ...",
-    )
-    units_row: Row | None = Field(
-        default=None, description="the row with their units; 0 where there is none."
-    )
-
-    @property
-    def stated(self) -> Stated:
-        """The same as the plain object that readers take."""
-        return Stated(**{name: getattr(self, name) for name in TextSettings.model_fields})
-
-
-class SignalSettings(TextSettings):
+class SignalSettings(Stated):
     """The table ``[signal]``: what was recorded and in which units."""
 
     quantity: Quantity = Field(

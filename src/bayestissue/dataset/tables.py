@@ -83,22 +83,13 @@ class Columns:
     dialect: Dialect | None = None
 
 
-def column_names(
-    path: Path, label: str, *, wanted: Sequence[str], remedy: str, stated: Stated | None = None
-) -> list[str]:
-    """The names of the columns of a table; arguments and errors as of `read_table`."""
-    data = read_bytes(path, label, remedy)
-    if path.suffix == ".parquet":
-        return list(_schema(data, label).names)
-    return text_table(data, label, wanted=wanted, stated=stated).names
-
-
 def read_table(
     path: Path,
     label: str,
     *,
     numbers: Sequence[str],
     labels: Sequence[str] = (),
+    optional: Sequence[str] = (),
     remedy: str,
     stated: Stated | None = None,
 ) -> Columns:
@@ -109,6 +100,7 @@ def read_table(
         label: what to call it in a message.
         numbers: columns that hold numbers.
         labels: columns that hold names.
+        optional: further columns of numbers, which need not be there.
         remedy: what to do if the file is not there.
         stated: how a text is written, as far as somebody said so.
 
@@ -117,9 +109,12 @@ def read_table(
     """
     data = read_bytes(path, label, remedy)
     if path.suffix != ".parquet":
-        text = text_table(data, label, wanted=[*labels, *numbers], stated=stated)
+        text = text_table(data, label, wanted=[*labels, *optional, *numbers], stated=stated)
+        numbers = [*(name for name in optional if name in text.names), *numbers]
         return _parse_text(text, label, numbers, labels)
-    table = _parquet(data, label, numbers, labels)
+    schema = _schema(data, label)
+    numbers = [*(name for name in optional if name in schema.names), *numbers]
+    table = _parquet(data, schema, label, numbers, labels)
     if unfit := [name for name in numbers if not _numeric(table[name].type)]:
         raise InputError(
             Problem.stated("column-type.numbers", label, column=name, value=str(table[name].type))
@@ -246,9 +241,10 @@ def _sifted(cells: pa.Array, dialect: Dialect) -> Numbers:
     return Numbers(values, {int(index): cells[int(index)].as_py() or "" for index in bad})
 
 
-def _parquet(data: bytes, label: str, numbers: Sequence[str], labels: Sequence[str]) -> pa.Table:
+def _parquet(
+    data: bytes, schema: pa.Schema, label: str, numbers: Sequence[str], labels: Sequence[str]
+) -> pa.Table:
     wanted = [*labels, *numbers]
-    schema = _schema(data, label)
     if problems := [*column_problems(label, schema.names, wanted), *_no_names(label, schema, labels)]:
         raise InputError(problems)
     try:

@@ -42,15 +42,15 @@ def read_long(folder: Path, impacts: list[str], signal: SignalSettings) -> Readi
         listed = ", ".join(path.name for path in paths)
         raise InputError.stated("which-recordings.several", paths[0].name, value=listed)
     if not paths:
-        tables, found = ", ".join(LONG_TABLES), "no table of samples"
-        raise InputError.stated("which-recordings.no-table", LONG_TABLES[0], value=found, tables=tables)
+        tables, value = ", ".join(LONG_TABLES), "no table of samples"
+        raise InputError.stated("which-recordings.no-table", LONG_TABLES[0], value=value, tables=tables)
     table = read_table(
         paths[0],
         paths[0].name,
         numbers=[signal.time_column, signal.value_column],
         labels=["impact"],
         remedy="Put the file there.",
-        stated=signal.stated,
+        stated=signal,
     )
     rows = table.first_row + np.arange(table.labels["impact"].codes.size)
     return replace(long_reading(paths[0].name, table, rows, impacts, signal), files=paths)
@@ -113,8 +113,8 @@ def _unknown_impacts(file: str, labels: Labels, codes: np.ndarray, rows: np.ndar
     strange = np.flatnonzero(codes < 0)
     for code, index in zip(*np.unique(labels.codes[strange], return_index=True), strict=True):
         name, row = labels.names[code], rows[strange[index]]
-        found = name or "an empty cell"
-        yield Problem.stated("impacts-and-recordings.unknown", file, row, "impact", found, impact=name)
+        value = name or "an empty cell"
+        yield Problem.stated("impacts-and-recordings.unknown", file, row, "impact", value, impact=name)
 
 
 def read_files(folder: Path, impacts: pd.DataFrame, rows: np.ndarray, signal: SignalSettings) -> Reading:
@@ -132,16 +132,17 @@ def read_files(folder: Path, impacts: pd.DataFrame, rows: np.ndarray, signal: Si
     rates = impacts.get("sampling_rate_hz", pd.Series(np.nan, index=impacts.index)).to_numpy()
     windows = Windows.stated(impacts, signal)
     taken: dict[Path, list[int]] = {}
-    held: tuple[Path, Recording] | None = None
+    held: tuple[tuple[Path, str], Samples] | None = None
     size = 0
     for index, name in enumerate(impacts["trace"]):
         try:
             path = _inside(folder, name, int(rows[index]))
             _require_apart(path, name, index, int(rows[index]), taken, windows)
             # One that several impacts share is read once: they mostly follow each other.
-            if held is None or held[0] != path:
-                held = (path, read_recording(path, name, signal))
-            whole = _samples(held[1], rates[index], name, signal, index)
+            key = (path, str(rates[index]))
+            if held is None or held[0] != key:
+                held = key, _samples(read_recording(path, name, signal), rates[index], name, signal)
+            whole = replace(held[1], impact=np.array([index]), file=[name])
         except InputError as error:
             of_impact = partial(replace, impact=names[index] or None, files_read=len(impacts))
             problems += map(of_impact, error.problems)
@@ -174,9 +175,7 @@ def read_one(
     return samples.time, samples.value
 
 
-def _samples(
-    recording: Recording, rate: float, file: str, signal: SignalSettings, impact: int = 0
-) -> Samples:
+def _samples(recording: Recording, rate: float, file: str, signal: SignalSettings) -> Samples:
     """The recording in SI units, its times by the sampling rate (Hz) where it has none."""
     count = recording.value.size
     if recording.time is not None:
@@ -191,7 +190,7 @@ def _samples(
         time,
         in_si(recording.value, signal),
         np.array([0, count]),
-        np.array([impact]),
+        np.array([0]),
         [file],
         recording.first_row + np.arange(count),
         signal.time_column,

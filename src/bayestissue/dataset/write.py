@@ -46,7 +46,7 @@ def write_dataset(
     """
     signal = parse_settings(settings).signal
     first = [name for name in ("impact", "subject", "trial", "mass_kg") if name != "trial" or name in impacts]
-    impacts = impacts[[*first, *_others(impacts)]]
+    impacts = impacts[list(dict.fromkeys([*first, *impacts.columns]))]
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "dataset.toml").write_text(_toml(settings), encoding="utf-8")
     impacts.to_csv(folder / "impacts.csv", index=False, lineterminator="\n")
@@ -84,10 +84,6 @@ def write_whole(data: Dataset, path: Path, *, overwrite: bool) -> Path:
         impacts = data.impacts.drop(columns="trace", errors="ignore")
         write_dataset(staging, settings=settings, impacts=impacts, traces=traces)
     return path
-
-
-def _others(impacts: pd.DataFrame) -> list[str]:
-    return [name for name in impacts.columns if name not in ("impact", "subject", "trial", "mass_kg")]
 
 
 def _write_table(table: pa.Table, path: Path) -> None:

@@ -4,23 +4,38 @@ from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from bayestissue.dataset import Dataset, Trace, read_dataset, write_dataset
+from bayestissue.dataset.dialect import Stated
+from bayestissue.dataset.recordings import CROP, in_seconds
 from bayestissue.dataset.settings import FILE as SETTINGS
-from bayestissue.dataset.settings import SignalSettings, TextSettings, parse_settings
-from bayestissue.errors import InputError, Problem
+from bayestissue.dataset.settings import SignalSettings, parse_settings
+from bayestissue.dataset.traces import read_one
+from bayestissue.errors import InputError, Problem, collected
 from bayestissue.intake.choices import Choices
 from bayestissue.intake.facts import Facts
 from bayestissue.intake.folder import File, RecorderFolder
-from bayestissue.intake.rows import RECORDINGS, Cutting, cut, impact_rows, oriented, stated_rate
 from bayestissue.outline import first_of
+from bayestissue.signal.traces import noise_sd, stack
 
+RECORDINGS = "recordings"
+THRESHOLD, SEPARATION_S = 20.0, 0.5
+# Of the greatest peak: the handling of the impactor between two impacts stays below it.
+_SHARE = 0.1
+# Of the separation, before and after an impact: enough rest to learn the noise and the zero from.
+_BEFORE, _AFTER = 0.1, 0.5
+_FEWEST = 8
+# Nanoseconds: no recorder's clock is read finer.
+_DIGITS = 9
 _FIRST = ("impact", "subject", "trial", "mass_kg", "velocity_m_s")
 _CHAIN = (
     "Before a fit, state how well mass, velocity, gain and zero are known, by --uncertainty velocity=0.01 or "
@@ -40,10 +55,18 @@ _OPTIONS = {
     for key, option in (
         *(("quantity", "quantity"), ("unit", "unit"), ("time_unit", "time-unit"), ("scale", "scale")),
         *(("value_column", "channel"), ("time_column", "time"), ("offset", "offset")),
-        *((key, f"text {key}") for key in TextSettings.model_fields),
+        *((key, f"text {key}") for key in Stated.model_fields),
         *(("crop", "crop"), ("gravity", "gravity"), ("zero", "zero")),
     )
 }
+
+
+@dataclass(frozen=True)
+class Cutting:
+    """How several impacts in one recording are told apart; see `cut`."""
+
+    threshold: float = THRESHOLD
+    separation_s: float = SEPARATION_S
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,8 +111,8 @@ def build(
     """
     problems = [*recordings.problems, *facts.problems]
     settings = _settings(choices, name, len(recordings.files))
-    signal = _signal(settings, problems)
-    rows = list(impact_rows(recordings, facts, choices, signal, cutting, problems))
+    plan = _Plan(recordings, facts, choices, _signal(settings, problems), cutting)
+    rows = list(plan.rows(problems))
     if not rows:
         raise InputError(problems)
     _write(folder, settings, rows, recordings)
@@ -98,12 +121,8 @@ def build(
     except InputError as error:
         by_trace = {f"{RECORDINGS}/{file.name}": file for file in recordings.files}
         by_impact = {row["impact"]: by_trace[row["trace"]] for row in rows}
-        wrong = [_in_terms_of_init(problem) for problem in error.problems]
-        problems += (
-            wrong
-            if cutting
-            else [_with_hint(problem, by_impact, signal, facts, choices) for problem in wrong]
-        )
+        for problem in map(_in_terms_of_init, error.problems):
+            problems.append(problem if cutting else plan.with_hint(problem, by_impact))
     if not problems:
         return Built(dataset, (), _notes(dataset, cutting))
     bad = {problem.impact for problem in problems}
@@ -177,21 +196,6 @@ def _in_terms_of_init(problem: Problem) -> Problem:
     return problem
 
 
-def _with_hint(
-    problem: Problem, files: dict[str, File], signal: SignalSettings, facts: Facts, choices: Choices
-) -> Problem:
-    """The problem with a further remedy where the recording seems to hold several impacts."""
-    file = files.get(problem.impact or "")
-    if file is None or problem.file != file.name:
-        return problem
-    try:
-        count = len(cut(oriented(file, signal, stated_rate(facts.of_file[file.name], choices))))
-    except InputError:
-        return problem
-    hint = f" The recording seems to hold {count} impacts: --several cuts them apart." if count > 1 else ""
-    return replace(problem, remedy=problem.remedy + hint)
-
-
 def _notes(dataset: Dataset, cutting: Cutting | None) -> tuple[str, ...]:
     notes = [] if any(asdict(dataset.uncertainty).values()) else [_CHAIN]
     if several := [] if cutting else _with_several(dataset):
@@ -208,3 +212,151 @@ def _with_several(dataset: Dataset) -> list[str]:
         for impact, trace in zip(dataset.impacts["impact"], oriented, strict=True)
         if len(cut(trace)) > 1
     ]
+
+
+@dataclass(frozen=True, eq=False)
+class _Plan:
+    """All that the rows of ``impacts.csv`` are made of."""
+
+    recordings: RecorderFolder
+    facts: Facts
+    choices: Choices
+    signal: SignalSettings
+    cutting: Cutting | None
+
+    def rows(self, problems: list[Problem]) -> Iterator[dict[str, Any]]:
+        """The rows; what is wrong with a file goes to ``problems``."""
+        files = self.recordings.files
+        bare = {file.name: file.name[: -len(file.suffix)] for file in files}
+        short = Counter(PurePosixPath(name).name for name in bare.values())
+        usual = _usual_units(self.recordings, self.choices)
+        for file in files:
+            if file.name not in self.facts.of_file:
+                continue
+            name = PurePosixPath(bare[file.name]).name
+            name = name if short[name] == 1 else bare[file.name]
+            base: dict[str, Any] = {"impact": name, "trace": f"{RECORDINGS}/{file.name}"}
+            if self.choices.rate_hz is not None:
+                base["sampling_rate_hz"] = self.choices.rate_hz
+            with collected(problems):
+                _require_unit(file, usual)
+                for number, row in enumerate(self._impacts(file), 1):
+                    impact = row.get("impact", name)
+                    yield {**base, **row, "impact": f"{impact}-{number}" if self.cutting else impact}
+
+    def _impacts(self, file: File) -> list[dict[str, Any]]:
+        """What is known of each impact of a recording, with its stretch if several are cut apart."""
+        common = self.facts.of_file[file.name]
+        numbers = [number for name, number in self.facts.of_number if name == file.name]
+        if self.cutting is None:
+            if len(numbers) > 1:
+                count = f"{len(numbers)} rows of the table"
+                raise InputError.stated("several-impacts.one", file.name, value=count)
+            return [dict(common)]
+        trace, (first, last) = self.oriented(file), _ends(self.signal)
+        if bad := int(np.count_nonzero(~np.isfinite(trace.value))):
+            words = f"no number at {bad} of {trace.value.size} samples"
+            raise InputError.stated("not-a-number.recording", file.name, value=words)
+        stretches = cut(trace, threshold=self.cutting.threshold, separation_s=self.cutting.separation_s)
+        if not stretches or (numbers and sorted(numbers) != list(range(1, len(stretches) + 1))):
+            key = "several-impacts.table" if numbers else "several-impacts.none"
+            raise InputError.stated(key, file.name, value=f"{len(stretches)} impacts", count=len(numbers))
+        return [
+            {
+                **self.facts.of_number.get((file.name, number), common),
+                CROP[0]: max(start, first),
+                CROP[1]: min(stop, last),
+            }
+            for number, (start, stop) in enumerate(stretches, 1)
+        ]
+
+    def oriented(self, file: File) -> Trace:
+        """A recording, as far as it is read, positive while the impactor slows or into the tissue."""
+        rate = self.facts.of_file[file.name].get("sampling_rate_hz", self.choices.rate_hz or np.nan)
+        time, value = read_one(file.path, file.name, self.signal, float(rate))
+        value = -value if self.signal.quantity == "acceleration" else value
+        start, stop = _ends(self.signal)
+        inside = (time >= start) & (time <= stop)
+        return Trace(time[inside], value[inside])
+
+    def with_hint(self, problem: Problem, files: dict[str, File]) -> Problem:
+        """The problem with a further remedy where the recording seems to hold several impacts."""
+        file = files.get(problem.impact or "")
+        if file is None or problem.file != file.name:
+            return problem
+        with suppress(InputError):
+            count = len(cut(self.oriented(file)))
+            hint = f" The recording seems to hold {count} impacts: --several cuts them apart."
+            return replace(problem, remedy=problem.remedy + hint) if count > 1 else problem
+        return problem
+
+
+def cut(
+    trace: Trace, *, threshold: float = THRESHOLD, separation_s: float = SEPARATION_S
+) -> list[tuple[float, float]]:
+    """When each impact of a recording begins and ends, in order, s on the recorder's clock.
+
+    Samples that rise above the median by more than ``threshold`` standard deviations of the noise, and by
+    more than a tenth of the highest, belong to impacts. Two of them that lie at least ``separation_s`` apart
+    belong to two impacts. An impact is cut out from a tenth of that time before its first such sample to half
+    of it after its last one, so that no two stretches meet. The noise is the greater of the white noise that
+    third differences show and the scatter about the median (the median absolute deviation over 0.6745).
+
+    Args:
+        trace: positive while the impactor slows, or into the tissue.
+        threshold: in standard deviations of the noise.
+        separation_s: the least time between two impacts; a rebound that follows sooner stays with its impact.
+
+    Returns:
+        One stretch for each impact; none where nothing rises above the noise.
+    """
+    value, time = trace.value, trace.time_s
+    if value.size < _FEWEST or not (np.isfinite(value).all() and np.isfinite(time).all()):
+        return []
+    above = value - np.median(value)
+    noise = max(float(noise_sd(stack([trace]))[0]), float(np.median(np.abs(above))) / 0.6745)
+    moments = time[above > max(threshold * noise, _SHARE * above.max())]
+    if not moments.size:
+        return []
+    gap = np.flatnonzero(np.diff(moments) >= separation_s)
+    starts, ends = np.append(moments[:1], moments[gap + 1]), np.append(moments[gap], moments[-1:])
+    return list(
+        zip(
+            (starts - _BEFORE * separation_s).round(_DIGITS).tolist(),
+            (ends + _AFTER * separation_s).round(_DIGITS).tolist(),
+            strict=True,
+        )
+    )
+
+
+def _usual_units(recordings: RecorderFolder, choices: Choices) -> dict[str, str]:
+    """The unit that most of the files state for the values, and for the times, by the channel."""
+    units = {
+        name: Counter(channel.unit for channel in channels)
+        for name, channels in recordings.candidates().items()
+        if name in (choices.channel, choices.time)
+    }
+    return {name: count.most_common(1)[0][0] for name, count in units.items()}
+
+
+def _require_unit(file: File, usual: dict[str, str]) -> None:
+    """Refuse a file whose channel has another unit than that of the others: one unit holds for a dataset."""
+    problems = [
+        Problem.stated(
+            "mixed-units",
+            file.name,
+            column=name,
+            value=file.channels[name].unit or "no unit",
+            unit=unit or "which state none",
+        )
+        for name, unit in usual.items()
+        if name in file.channels and file.channels[name].unit != unit
+    ]
+    if problems:
+        raise InputError(problems)
+
+
+def _ends(signal: SignalSettings) -> tuple[float, float]:
+    """The times from which and to which recordings are read, s."""
+    start, stop = in_seconds(np.array(signal.crop or [-np.inf, np.inf]), signal)
+    return float(start), float(stop)

@@ -49,7 +49,7 @@ class Choices:
         shared: facts that hold for all recordings, as text.
         recorder: the table ``[recorder]`` of ``dataset.toml``; none if empty.
         uncertainty: the table ``[uncertainty]`` of ``dataset.toml``; none if empty.
-        text: how texts are written, as far as it is not to be found: keys of `TextSettings`.
+        text: how texts are written, as far as it is not to be found: keys of `Stated`.
         gravity: the part of gravity along the motion, as ``signal.gravity``.
         zero: where the sensor read 0, as ``signal.zero``.
     """
@@ -216,8 +216,8 @@ def _no_channel(option: str, name: str, names: Iterable[str]) -> Problem:
 
 
 def _no_values(file: File, files: int) -> Problem:
-    found = f"{', '.join(file.channels) or 'no numbers'} ({file.written or file.suffix})"
-    return replace(Problem.stated("no-channel.values", file.name, value=found), files_read=files)
+    value = f"{', '.join(file.channels) or 'no numbers'} ({file.written or file.suffix})"
+    return replace(Problem.stated("no-channel.values", file.name, value=value), files_read=files)
 
 
 def _unit(channels: Sequence[ChannelSummary], dimensions: Sequence[Dimension]) -> str | None:

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from bayestissue.dataset import Dataset, Quantity, Recorder, Uncertainty, read_dataset
+from bayestissue.dataset.dialect import Stated
 from bayestissue.dataset.recorders import SUFFIXES
-from bayestissue.dataset.settings import Gravity, TextSettings, Zero
+from bayestissue.dataset.settings import Gravity, Zero, stated_table
 from bayestissue.dataset.tables import TEXT_SUFFIXES
 from bayestissue.errors import InputError, Problem
-from bayestissue.intake.build import Built, build
+from bayestissue.intake.build import SEPARATION_S, THRESHOLD, Built, Cutting, build
 from bayestissue.intake.choices import Choices, Question, settle
 from bayestissue.intake.facts import Facts, gather
 from bayestissue.intake.folder import ChannelSummary, RecorderFolder, look
 from bayestissue.intake.names import guessed
-from bayestissue.intake.rows import SEPARATION_S, THRESHOLD, Cutting
 from bayestissue.outline import first_of
 from bayestissue.results import claim
 from bayestissue.settings import checked
@@ -120,7 +120,7 @@ def prepare(folder: str | Path, choices: Choices) -> Intake:
         if choices.pattern and choices.pattern.lower().endswith(suffix)
     ]
     ignore = [choices.table] if choices.table else []
-    stated = checked(choices.text, TextSettings, file="--text").stated
+    stated = checked(choices.text, Stated, file="--text")
     recordings = look(folder, suffix=max(ends, key=len, default=""), ignore=ignore, stated=stated)
     guess = None
     if choices.pattern is None and choices.table is None and "subject" not in choices.shared:
@@ -260,24 +260,14 @@ def init_dataset(
         InputError: everything that is wrong, or that is not known; nothing is written then.
     """
     choices = Choices(
-        channel,
-        quantity,
-        unit,
-        time,
-        time_unit,
-        rate_hz,
-        scale,
-        offset,
-        crop,
-        pattern,
-        None if table is None else Path(table),
-        {key: str(value) for key, value in (given or {}).items()},
-        recorder.settings() if isinstance(recorder, Recorder) else dict(recorder or {}),
-        dict(text or {}),
-        gravity,
-        zero,
-        asdict(uncertainty) if isinstance(uncertainty, Uncertainty) else dict(uncertainty or {}),
-    )
+        channel=channel, quantity=quantity, unit=unit, time=time, time_unit=time_unit, rate_hz=rate_hz,
+        scale=scale, offset=offset, crop=crop, pattern=pattern, gravity=gravity, zero=zero,
+        table=None if table is None else Path(table),
+        shared={key: str(value) for key, value in (given or {}).items()},
+        recorder=dict(stated_table(recorder or {})),
+        text=dict(text or {}),
+        uncertainty=dict(stated_table(uncertainty or {})),
+    )  # fmt: skip
     out = default_out(folder) if out is None else out
     write(
         prepare(folder, choices),
@@ -301,12 +291,13 @@ def _summary(intake: Intake, cutting: Cutting | None) -> list[tuple[str, str]]:
         times = "the recorder's clock" if choices.rate_hz is None else f"{choices.rate_hz:g} Hz, as stated"
     if choices.crop is not None:
         times += f", from {choices.crop[0]:g} to {choices.crop[1]:g}"
-    cut_words = (
-        "one a recording"
-        if cutting is None
-        else f"cut apart: {cutting.threshold:g} standard deviations above the noise, "
-        f"{cutting.separation_s:g} s apart at least"
-    )
+    cut_words = "one a recording"
+    if cutting is not None:
+        cut_words = f"cut apart: {cutting.threshold:g} standard deviations above the noise, "
+        cut_words += f"{cutting.separation_s:g} s apart at least"
+    falls = choices.gravity if isinstance(choices.gravity, str) else f"{choices.gravity or 0:g} m/s²"
+    falls += f", zero at {(choices.zero or 'free_fall').replace('_', ' ')}"
+    low_pass = ", ".join(f"{key} = {value}" for key, value in choices.recorder.items())
     sources = [f"names read as {choices.pattern}"] if choices.pattern else []
     sources += [f"the table {choices.table.name}"] if choices.table else []
     sources += [f"{key} = {value} for all" for key, value in choices.shared.items()]
@@ -314,21 +305,12 @@ def _summary(intake: Intake, cutting: Cutting | None) -> list[tuple[str, str]]:
         ("files", f"{len(intake.recordings.files)}, with the channels {', '.join(candidates)}"),
         *(("written", words) for words in intake.written()),
         ("values", f"{choices.quantity}, channel {choices.channel}{scaled}, in {choices.unit}"),
-        *([("gravity along the motion", _falls(choices))] if choices.gravity is not None else []),
+        *([("gravity along the motion", falls)] if choices.gravity is not None else []),
         ("times", times),
-        *([("low-pass", _filter(choices))] if choices.recorder else []),
+        *([("low-pass", low_pass)] if choices.recorder else []),
         ("impacts", cut_words),
         ("facts", "; ".join(sources)),
     ]
-
-
-def _falls(choices: Choices) -> str:
-    words = choices.gravity if isinstance(choices.gravity, str) else f"{choices.gravity:g} m/s²"
-    return f"{words}, zero at {(choices.zero or 'free_fall').replace('_', ' ')}"
-
-
-def _filter(choices: Choices) -> str:
-    return ", ".join(f"{key} = {value}" for key, value in choices.recorder.items())
 
 
 def _units(channels: list[ChannelSummary]) -> str:

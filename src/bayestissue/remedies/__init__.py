@@ -1,6 +1,6 @@
 """What every warning and error means, what it does to K and C, and what to do: ``remedies.toml``.
 
-The sentences that a problem is told in stand in ``messages.toml``, those of one code together.
+The sentences that a problem is keyed in stand in ``messages.toml``, those of one code together.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class Remedy:
 
 
 class Message(NamedTuple):
-    """What a problem is told in: what was expected and what to do, with its numbers in braces."""
+    """What a problem is keyed in: what was expected and what to do, with its numbers in braces."""
 
     code: Code
     expected: str
@@ -68,11 +68,11 @@ class Message(NamedTuple):
 def messages() -> MappingProxyType[str, Message]:
     """Every message by its key: a code, or a code, a point and which of its messages."""
     by_code = tomllib.loads(files(__name__).joinpath("messages.toml").read_text(encoding="utf-8"))
-    told: dict[str, Message] = {}
+    keyed: dict[str, Message] = {}
     for code, content in by_code.items():
         several = {code: content} if "expected" in content else {f"{code}.{k}": m for k, m in content.items()}
-        told |= {key: Message(code, **sentences) for key, sentences in several.items()}
-    return MappingProxyType(told)
+        keyed |= {key: Message(code, **sentences) for key, sentences in several.items()}
+    return MappingProxyType(keyed)
 
 
 @cache

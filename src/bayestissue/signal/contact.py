@@ -1,4 +1,4 @@
-"""Where contact begins in a recorded deceleration, and what was recorded before it."""
+"""Where contact begins in a recording, and what was recorded before it."""
 
 from __future__ import annotations
 
@@ -169,6 +169,27 @@ def _onset(recordings: Recordings, options: SignalOptions, noise: Column) -> Ons
         reach,
         np.zeros_like(quiet),
     )
+
+
+def displacement_contact(recordings: Recordings, options: SignalOptions) -> tuple[Index, Column]:
+    """The first sample of a displacement at or after contact, and the seconds from contact to it.
+
+    automatic: displacement is counted into the tissue, so contact is where it last passes 0 on its way up
+    to the peak, or the first sample where the recording begins above 0. threshold: where it passes that
+    fraction of its peak. time-zero: time 0.
+    """
+    if options.contact == "time-zero":
+        return from_time_zero(recordings)
+    x = np.where(recordings.inside, recordings.value, -np.inf)
+    top = np.argmax(x, axis=1)
+    level = options.threshold * x.max(axis=1) if options.contact == "threshold" else np.zeros(len(x))
+    until_peak = np.arange(x.shape[1]) <= top[:, None]
+    # A rest of exact zeros, as a coarse recorder writes it, is before contact; its last zero may be contact.
+    still = np.pad((x[:, :-1] == level[:, None]) & (x[:, 1:] == level[:, None]), ((0, 0), (0, 1)))
+    first = last_where(((x < level[:, None]) | still) & until_peak) + 1
+    above, below = at(recordings.value, first), at(recordings.value, first - 1)
+    rise = np.where(above > below, above - below, 1)
+    return first, np.where(first > 0, (above - level) / rise, 0) * recordings.dt
 
 
 def from_time_zero(recordings: Recordings) -> tuple[Index, Column]:

@@ -11,11 +11,10 @@ import pandas as pd
 
 from bayestissue.dataset.model import Recorder, Uncertainty
 from bayestissue.errors import Coded
-from bayestissue.signal.contact import Onset, find_onset
+from bayestissue.signal.contact import Onset, displacement_contact, find_onset
 from bayestissue.signal.filters import ahead_s, low_pass
-from bayestissue.signal.integration import cumulative
+from bayestissue.signal.integration import cumulative, derivatives
 from bayestissue.signal.options import SignalOptions
-from bayestissue.signal.recorded_displacement import contact_sample, derivatives, slowest
 from bayestissue.signal.start import Start, find_start
 from bayestissue.signal.traces import (
     Column,
@@ -29,7 +28,7 @@ from bayestissue.signal.traces import (
     noise_sd,
     stack,
 )
-from bayestissue.signal.window import Stop, samples_in, still_pushed, zero_velocity
+from bayestissue.signal.window import Stop, samples_in, slowest, still_pushed, zero_velocity
 
 # Arrays of about this many samples at a time stay in a processor's cache and bound the memory in use.
 _BLOCK = 1_000_000
@@ -204,35 +203,30 @@ def _integrated(
     # The last sample clear of great noise is one that the noise has lifted.
     pushed = inside & (still_pushed(d, inside, onset.noise_sd) | onset.blurred[:, None])
     stop = zero_velocity(slows, v, x, inside, pushed, dt, velocity)
-    notes = {NO_OFFSET: options.remove_offset & ~onset.quiet}
+    contact_words = "contact as chosen is more than 1 ms from where the trace shows it"
     flags = {
         Coded("velocity does not reach zero", "no-zero-velocity"): ~stop.reached,
-        Coded(
-            "contact as chosen is more than 1 ms from where the trace shows it", "contact-doubtful"
-        ): onset.doubtful,
+        Coded(contact_words, "contact-doubtful"): onset.doubtful,
     }
     return _windowed(
-        part, x, v, d, stop, flags, notes, mass, velocity, gravity, start, offset, offset_sd, onset.noise_sd,
-        _before(recordings, onset, offset), options,
+        part, (x, v, d), stop, start, options, flags, {NO_OFFSET: options.remove_offset & ~onset.quiet},
+        mass=mass, velocity=velocity, gravity=gravity, offset=offset, offset_sd=offset_sd,
+        noise_sd=onset.noise_sd, **_before(recordings, onset, offset),
     )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class _Before:
+def _before(recordings: Recordings, onset: Onset, offset: Column) -> dict[str, Any]:
     """What was recorded before the first sample in contact: see `Displacements`."""
-
-    value: Rows
-    n: Index
-    reach: Column
-    blurred: Mask
-
-
-def _before(recordings: Recordings, onset: Onset, offset: Column) -> _Before:
     index = onset.first[:, None] - BEFORE + np.arange(BEFORE)
     value = np.take_along_axis(recordings.value, np.maximum(index, 0), axis=1) - offset[:, None]
     # In great noise the quiet part ends well before, and tells the offset: it must not do so twice.
     count = onset.first - np.where(onset.blurred, onset.quiet_samples, 0)
-    return _Before(np.where(index >= 0, value, 0.0), np.minimum(count, BEFORE), onset.reach, onset.blurred)
+    return {
+        "before": np.where(index >= 0, value, 0.0),
+        "n_before": np.minimum(count, BEFORE),
+        "reach_s": onset.reach,
+        "blurred": onset.blurred,
+    }
 
 
 def _recorded(
@@ -242,14 +236,12 @@ def _recorded(
     if options.filter != "none":
         whole = from_sample(recordings, np.zeros_like(recordings.n))
         recordings = replace(recordings, value=low_pass(whole.value, whole.dt, options.filter))
-    first, since_contact = contact_sample(recordings, options)
+    first, since_contact = displacement_contact(recordings, options)
     share = since_contact / recordings.dt
     level = at(recordings.value, first)
     at_contact = np.where(first > 0, level - share * (level - at(recordings.value, first - 1)), level)
-    change = derivatives(recordings)
     part = from_sample(recordings, first)
-    v = from_sample(replace(recordings, value=change.velocity), first).value
-    d = from_sample(replace(recordings, value=change.deceleration), first).value
+    v, d = (from_sample(replace(recordings, value=rows), first).value for rows in derivatives(recordings))
     velocity = np.where(np.isfinite(velocity), velocity, v[:, 0])
     x = part.value - at_contact[:, None]
     stop = slowest(v, x, part.inside, part.dt, velocity)
@@ -257,67 +249,54 @@ def _recorded(
     flags = {Coded(slowest_words, "no-zero-velocity"): ~stop.reached}
     sd = np.where(options.contact == "time-zero", 0, noise / np.maximum(velocity, 1e-12))
     start = Start(since_contact, sd, since_contact, sd, np.zeros(len(sd), bool), x[:, 0], v[:, 0])
+    nothing = np.zeros_like(sd)
     return _windowed(
-        part, x, v, d, stop, flags, {}, mass, velocity, gravity, start, at_contact, np.full_like(sd, np.nan),
-        noise, _Before(np.zeros((len(sd), BEFORE)), np.zeros(len(sd), int), np.zeros_like(sd), sd < 0),
-        options,
+        part, (x, v, d), stop, start, options, flags, {},
+        mass=mass, velocity=velocity, gravity=gravity, offset=at_contact, offset_sd=nothing * np.nan,
+        noise_sd=noise, before=np.zeros((len(sd), BEFORE)), n_before=nothing.astype(int), reach_s=nothing,
+        blurred=nothing.astype(bool),
     )  # fmt: skip
 
 
 def _windowed(
     part: Recordings,
-    x: Rows,
-    v: Rows,
-    deceleration: Rows,
+    motion: tuple[Rows, Rows, Rows],
     stop: Stop,
+    start: Start,
+    options: SignalOptions,
     flags: dict[Coded, Mask],
     notes: dict[Coded, Mask],
-    mass: Column,
-    velocity: Column,
-    gravity: Column,
-    start: Start,
-    offset: Column,
-    offset_sd: Column,
-    noise: Column,
-    before: _Before,
-    options: SignalOptions,
+    **columns: Any,
 ) -> Displacements:
-    n = samples_in(options.window, stop, start.since_contact, deceleration, x, part.inside, part.dt, noise)
+    """The motion (x, v and deceleration) over the window; ``columns`` are attributes as they are."""
+    x, _, deceleration = motion
+    since_contact, noise = start.since_contact, columns["noise_sd"]
+    n = samples_in(options.window, stop, since_contact, deceleration, x, part.inside, part.dt, noise)
     used = np.arange(int(n.max())) < n[:, None]
-    x, v, deceleration = (np.where(used, rows[:, : used.shape[1]], 0) for rows in (x, v, deceleration))
+    x, v, deceleration = (np.where(used, rows[:, : used.shape[1]], 0) for rows in motion)
     equilibrium = np.zeros(len(n))
     if options.equilibrium == "sample-mean":
         equilibrium = x.sum(axis=1) / np.maximum(n, 1)
         x = np.where(used, x - equilibrium[:, None], 0)
     too_few = Coded(f"fewer than {FEWEST_SAMPLES} samples in the window", "too-few-samples")
-    flags = {**flags, too_few: n < FEWEST_SAMPLES}
     return Displacements(
         x=x,
         v=v,
         deceleration=deceleration,
         n_samples=n,
         dt=part.dt,
-        mass=mass,
-        velocity=velocity,
-        gravity=gravity,
         equilibrium=equilibrium,
-        contact_time_s=part.start - start.since_contact,
+        contact_time_s=part.start - since_contact,
         contact_time_sd=start.since_contact_sd,
-        first_sample_s=start.since_contact,
+        first_sample_s=since_contact,
         bracket_s=start.bracket,
         bracket_sd=start.bracket_sd,
         bracket_uniform=start.bracket_uniform,
-        time_to_peak=start.since_contact + stop.time,
+        time_to_peak=since_contact + stop.time,
         peak_displacement=stop.x,
-        offset=offset,
-        offset_sd=offset_sd,
-        noise_sd=noise,
-        before=before.value,
-        n_before=before.n,
-        reach_s=before.reach,
-        blurred=before.blurred,
-        flags=_raised(flags, len(n)),
+        flags=_raised({**flags, too_few: n < FEWEST_SAMPLES}, len(n)),
         notes=_raised(notes, len(n)),
+        **columns,
     )
 
 

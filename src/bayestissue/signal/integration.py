@@ -1,4 +1,4 @@
-"""Cumulative integrals over the samples of each impact."""
+"""Integrals and derivatives over the samples of each impact."""
 
 from __future__ import annotations
 
@@ -8,6 +8,10 @@ import numpy as np
 from jaxtyping import Float
 
 from bayestissue.signal.traces import Recordings, Rows
+
+# Derivatives are those of a parabola fitted over about this long: a millimetre's tenth of noise at 1 kHz
+# then leaves a few per cent of noise on the velocity of a heel strike.
+_SMOOTHING_S = 0.005
 
 type Rule = Literal["trapezoidal", "quintic"]
 
@@ -60,3 +64,23 @@ def _extended(recordings: Recordings) -> Rows:
         padded[chosen, 1], padded[chosen, 0] = before
         padded[chosen, n[chosen] + 2], padded[chosen, n[chosen] + 3] = after
     return padded
+
+
+def derivatives(recordings: Recordings) -> tuple[Rows, Rows]:
+    """Velocity (m/s) and deceleration (m/s²) of displacements.
+
+    Slope and minus curvature of parabolas fitted over 5 ms (at least five samples) around each sample.
+    """
+    # A third of a second to import, which recordings of the deceleration need not wait for.
+    from scipy.signal import savgol_filter
+
+    dt = np.median(recordings.dt)
+    width = max(5, 2 * round(_SMOOTHING_S / dt / 2) + 1)
+    width = min(width, recordings.value.shape[1] - 1 + recordings.value.shape[1] % 2)
+    if width < 3:
+        return np.zeros_like(recordings.value), np.zeros_like(recordings.value)
+    index = np.minimum(np.arange(recordings.value.shape[1]), recordings.n[:, None] - 1)
+    level = np.take_along_axis(recordings.value, index, axis=1)
+    slope = savgol_filter(level, width, 2, deriv=1, axis=1) / recordings.dt[:, None]
+    curvature = savgol_filter(level, width, 2, deriv=2, axis=1) / recordings.dt[:, None] ** 2
+    return slope, -curvature

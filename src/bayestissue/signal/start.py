@@ -170,7 +170,7 @@ class _LeastSquares:
         within = [self._within(parameters, low, high) for parameters in tried]
         whole = np.square(self.target).sum(axis=1)
         left_over = np.stack(
-            [np.nan_to_num(self._residual(own) + whole * (own[:, 1] < 0), nan=np.inf) for own in within]
+            [np.nan_to_num(self._residual(p) + whole * (p[:, 1] < 0), nan=np.inf) for p in within]
         )
         # The first of those that came to the same, or rounding would choose.
         least = (left_over <= _SAME * left_over.min(axis=0)).argmax(axis=0)

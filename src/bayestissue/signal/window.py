@@ -12,6 +12,8 @@ from bayestissue.signal.traces import Column, Index, Mask, Rows, at, first_where
 # Noise standard deviations of a force that is clear of it, and the share of the velocity at contact below
 # which a mass that nothing pushes any more has stopped.
 _CLEAR, _STOPPED = 5.0, 0.05
+# A motion that some other force keeps going counts as stopped where it is slowest, below this fraction of V.
+_SLOW = 0.25
 
 
 @dataclass(frozen=True)
@@ -71,6 +73,28 @@ def zero_velocity(
     travelled = (v0 * s + m0 * s**2 / 2 + p * s**3 / 3 + q * s**4 / 4) * dt
     x_stop = np.where(reached, at(x, before) + travelled, at(x, last))
     return Stop(index, (before + s) * dt, x_stop, reached | left)
+
+
+def slowest(v: Rows, x: Rows, inside: Mask, dt: Column, velocity: Column) -> Stop:
+    """Zero velocity, or, where it isn't reached, the first place where the motion is slowest.
+
+    Args:
+        v: [impact, sample] from the first sample in contact on, m/s.
+        x: [impact, sample], m.
+        inside: [impact, sample].
+        dt: [impact], s.
+        velocity: [impact], at contact, m/s.
+    """
+    last = inside.sum(axis=1) - 1
+    passed = (v <= 0) & inside
+    reached = passed.any(axis=1)
+    slower = np.pad(v[:, 1:] >= v[:, :-1], ((0, 0), (0, 1))) & (v < _SLOW * velocity[:, None]) & inside
+    index = np.where(reached, first_where(passed, last), first_where(slower, last))
+    before = np.maximum(index - 1, 0)
+    v0, v1 = at(v, before), at(v, index)
+    s = np.where(reached & (v0 > v1), v0 / np.where(v0 > v1, v0 - v1, 1), index - before)
+    s = np.clip(s, 0, 1)
+    return Stop(index, (before + s) * dt, at(x, before) + s * (at(x, index) - at(x, before)), reached)
 
 
 def samples_in(

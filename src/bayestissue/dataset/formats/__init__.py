@@ -1,11 +1,10 @@
 """The formats that recorders write. A new one is a module with a record `Format`, and a line here."""
 
-from bayestissue.dataset.formats import biopac, c3d, hdf5, lvm, mat, tdms
+from bayestissue.dataset.formats import biopac, c3d, hdf5, labview, mat
 from bayestissue.dataset.formats.channel import Channel, Contents, Format, UnfitError, unit_in_name
 
 FORMATS: dict[str, Format] = {
-    form.suffix: form
-    for form in (lvm.FORMAT, tdms.FORMAT, mat.FORMAT, c3d.FORMAT, biopac.FORMAT, *hdf5.FORMATS)
+    form.suffix: form for form in (*labview.FORMATS, mat.FORMAT, c3d.FORMAT, biopac.FORMAT, *hdf5.FORMATS)
 }
 
 __all__ = ["FORMATS", "Channel", "Contents", "Format", "UnfitError", "unit_in_name"]

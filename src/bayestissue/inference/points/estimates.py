@@ -28,7 +28,7 @@ from bayestissue.oscillator import peak_displacement
 from bayestissue.signal import Displacements, SignalOptions
 from bayestissue.signal.displacement import FEWEST_SAMPLES
 from bayestissue.signal.quality import Finding, raised
-from bayestissue.signal.quality.kinds import DRIFT, HUM
+from bayestissue.signal.quality.inspection import DRIFT, HUM
 
 if TYPE_CHECKING:
     from bayestissue.dataset import Dataset

@@ -10,7 +10,7 @@ from bayestissue.errors import Coded
 from bayestissue.outline import first_of
 from bayestissue.remedies import entries
 from bayestissue.signal.displacement import NO_OFFSET
-from bayestissue.signal.quality.kinds import EARLIER
+from bayestissue.signal.quality.inspection import EARLIER
 
 THETA1 = Coded("theta1 at its limit", "integrated-noise")
 NOT_WHITE = Coded("residuals are not white", "integrated-noise")

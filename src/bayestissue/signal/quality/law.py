@@ -1,4 +1,8 @@
-"""Whether any tissue pushes back like this: force laws fitted to the motion that the recording gives."""
+"""Whether any tissue pushes back like this: force laws fitted to the motion that the recording gives.
+
+What no law gives may be a sensor at its limit, or gravity along the motion that was not declared, or was and
+is not there.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +13,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import fdtrc
 
+from bayestissue.dataset.model import STANDARD_GRAVITY
+from bayestissue.signal.displacement import Displacements
 from bayestissue.signal.integration import trapezoids
 from bayestissue.signal.traces import Column, Mask, Rows
 
@@ -24,6 +30,13 @@ _WELL = 4.0
 _LITTLE_NOISE = 0.03
 # The sensor's limits tried, as multiples of the greatest recorded value.
 LIMITS = (1.02, 1.05, 1.1, 1.2, 1.35, 1.6, 2.0)
+# Of the velocity: of errors that are nobody's mistake.
+_VELOCITY = 0.02
+# What the other gravity gains, in the noise's variance: e^(-this / 2) of the likelihood.
+_GAIN = 30.0
+# Noise alone where chance leaves as much in one of a hundred.
+_NOISE_ALONE = 0.01
+_FEWEST = 16
 
 
 class Start(NamedTuple):
@@ -75,14 +88,8 @@ def any_law(x: Rows, v: Rows, used: Mask) -> Law:
 
 def left_over(law: Law, d: Rows, used: Mask) -> Float[np.ndarray, "impact sample"]:
     """What least squares leave of d; 0 outside ``used``."""
-    terms = np.where(used[..., None], law, 0.0)
-    target = np.where(used, d, 0.0)
-    gram = np.einsum("isk,isl->ikl", terms, terms)
-    scale = np.sqrt(np.maximum(np.einsum("ikk->ik", gram), 1e-300))
-    gram = gram / scale[:, :, None] / scale[:, None, :] + 1e-10 * np.eye(law.shape[-1])
-    moment = np.einsum("isk,is->ik", terms, target) / scale
-    weights = np.linalg.solve(gram, moment[..., None])[..., 0] / scale
-    return target - np.einsum("isk,ik->is", terms, weights)
+    coefficients = _solved(law, d, used, ridge=1e-10)
+    return np.where(used, d - np.einsum("isk,ik->is", law, coefficients), 0.0)
 
 
 def no_law(d: Rows, used: Mask, start: Start, sd: Column, freedom: Column, peak: Column) -> Mask:
@@ -145,3 +152,65 @@ def best_left(d: Rows, used: Mask, start: Start, weight: Rows) -> Column:
         (left_over(law * weight[..., None], d * weight, used) ** 2).sum(axis=1) for law in laws(xs, vs, used)
     ]
     return np.min(squares, axis=0)
+
+
+def gravity_tried(signal: Displacements) -> Column:
+    """The gravity that is tried besides the declared one, m/s²: a drop's, or none."""
+    return np.where(signal.gravity == 0, STANDARD_GRAVITY, 0.0)
+
+
+def another_gravity(signal: Displacements, used: Mask, sd: Column, freedom: Column) -> Mask:
+    """Where a drop was declared as none, or none as a drop.
+
+    A spring and damper's force over mass is linear in the motion that the recording gives once gravity is
+    known,
+
+        d = a (v + e t) + b (x + e t^2 / 2) + (a + b t) dV + b V dc,  a = C / M, b = K / M,
+
+    v and x being those under the declared gravity g, e what gravity is more than that, t the time since
+    contact, and dV and dc errors of velocity and contact time, of the sizes that are usual. Two values of
+    e are tried: 0, and that of a drop taken for none or of none taken for a drop. The other is found
+    where it explains the trace far better and leaves noise alone, which another law of tissue is not
+    likely to do with that one number.
+
+    Args:
+        signal: until the tissue no longer pushes, under the declared gravity.
+        used: [impact, sample], the samples to ask.
+        sd: standard deviation of the noise, m/s².
+        freedom: degrees of freedom of that, about.
+    """
+    change = gravity_tried(signal) - signal.gravity
+    peak = np.where(used, signal.deceleration, 0).max(axis=1)
+    variance = sd**2 + (MISFIT * peak) ** 2
+    declared, changed = (_left(signal, used, variance, added) for added in (np.zeros_like(change), change))
+    count = np.maximum(used.sum(axis=1) - 2, 1)
+    well = fdtrc(count, freedom, changed / count) > _NOISE_ALONE
+    return (used.sum(axis=1) >= _FEWEST) & well & (declared - changed > _GAIN)
+
+
+def _left(signal: Displacements, used: Mask, variance: Column, change: Column) -> Column:
+    """The least sum of squares in units of the variance, that of the errors in theirs included."""
+    time = signal.first_sample_s[:, None] + np.arange(used.shape[1]) * signal.dt[:, None]
+    v = signal.v + change[:, None] * time
+    x = signal.x + signal.equilibrium[:, None] + change[:, None] * time**2 / 2
+    a, b = np.maximum(_solved(np.stack([v, x], axis=-1), signal.deceleration, used), 0).T
+    errors = (a[:, None] + b[:, None] * time) * _VELOCITY * signal.velocity[:, None]
+    late = (b * signal.velocity * signal.dt / np.sqrt(12))[:, None] + np.zeros_like(time)
+    terms = np.stack([v, x, errors, late], axis=-1)
+    target = signal.deceleration / np.sqrt(variance)[:, None]
+    terms = terms / np.sqrt(variance)[:, None, None]
+    weights = _solved(terms, target, used, np.array([0.0, 0.0, 1.0, 1.0]))
+    residual = np.where(used, target - np.einsum("isk,ik->is", terms, weights), 0.0)
+    return (residual**2).sum(axis=1) + (weights[:, 2:] ** 2).sum(axis=1)
+
+
+def _solved(
+    terms: Law, target: Rows, used: Mask, precision: np.ndarray | float = 0.0, ridge: float = 1e-12
+) -> Float[np.ndarray, "impact term"]:
+    """Least squares over the ``used`` samples, with a normal prior of each coefficient about 0."""
+    terms = np.where(used[..., None], terms, 0.0)
+    gram = np.einsum("isk,isl->ikl", terms, terms) + np.diag(np.broadcast_to(precision, terms.shape[-1]))
+    scale = np.sqrt(np.maximum(np.einsum("ikk->ik", gram), 1e-300))
+    gram = gram / scale[:, :, None] / scale[:, None, :] + ridge * np.eye(terms.shape[-1])
+    moment = np.einsum("isk,is->ik", terms, np.where(used, target, 0.0)) / scale
+    return np.linalg.solve(gram, moment[..., None])[..., 0] / scale

@@ -1,19 +1,34 @@
-"""What is wrong with single samples: spikes, values that stand still, steps too coarse."""
+"""What is wrong with samples, whatever the tissue.
+
+Single ones: spikes, values that stand still, steps too coarse. While nothing is touched: drift, hum, a zero
+that moves, slow noise.
+"""
 
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import ndtri
+from scipy.special import fdtrc, ndtri, stdtr
 
 from bayestissue.signal.quality.recorded import Recorded
 from bayestissue.signal.traces import Column, Index, Mask, Rows
 
+# The noise of one sound recording in a thousand alone passes for each of these.
+ALARMS = 1e-3
+FEWEST, FEWEST_OF_LINE = 12, 6
+_SLOW = 5
+# Below these fractions of the peak K and C change by less than some 5 %.
+WAVE, SHIFT, FIRST = 0.007, 0.015, 0.01
+# Where chance gives less than this a rest after contact is taken for a force that fades.
+_FADES = 0.01
+_HUM_HZ = np.arange(20.0, 410.0, 5.0)
+# A low-pass that passes this many times the frequency of a pulse, 1 over the time to peak, moves K and C by
+# a few per cent at most.
+_PASSES = 10.0
 _WIDEST = 3
 _SIDE = 4
 # A fraction of the peak: a spike of three samples among fifteen until the peak then moves K by some 3 %.
 _HIGH = 0.1
 _LEVELS = 20
-_ALARMS = 1e-3
 # The line before a jump misses so many times more than that behind it; of a decay by e in a sampling interval
 # nothing is left to tell its rate from.
 _JUMP, _FASTEST = 2.0, 1.0
@@ -54,7 +69,7 @@ def spikes(recorded: Recorded) -> Index:
         misses[1] = np.where(jumps, toward * np.minimum(toward * misses[1], toward * decayed), misses[1])
         same = (np.sign(misses[0]) == np.sign(misses[1])) & (np.sign(misses[0]) == np.sign(misses[2]))
         least = np.where(same, np.min(np.abs(misses), axis=0), 0.0)
-        chance = -ndtri(_ALARMS / 2 / _WIDEST / np.maximum(recorded.inside.sum(axis=1), 1))
+        chance = -ndtri(ALARMS / 2 / _WIDEST / np.maximum(recorded.inside.sum(axis=1), 1))
         error = recorded.sd * np.sqrt(1 / wide + max(float(w @ w) for w in (left, right, either_side)))
         limit = np.maximum(chance * error, _HIGH * recorded.peak)
         least = np.where(recorded.inside[:, window - 1 :], least, 0.0)
@@ -116,4 +131,152 @@ def levels(recorded: Recorded) -> Column:
     return np.where(count < _LEVELS, count, np.nan)
 
 
-__all__ = ["Rows", "levels", "spikes", "standing"]
+def segment(recorded: Recorded, quiet: Mask) -> tuple[Rows, Index]:
+    """The samples of one rest from the left, 0 past its end, and how many there are."""
+    count, first = quiet.sum(axis=1), np.argmax(quiet, axis=1)
+    index = np.arange(max(int(count.max(initial=1)), 1))
+    column = np.minimum(first[:, None] + index, recorded.value.shape[1] - 1)
+    values = np.take_along_axis(recorded.value, column, axis=1)
+    return np.where(index < count[:, None], values, 0.0), count
+
+
+def wave(values: Rows, count: Index) -> tuple[Column, Column]:
+    """Root mean square of the slowest five cosines of each row, and the p-value of white noise.
+
+    The cosine transform of white noise is white: the mean square of its five slowest terms, the mean left
+    out, over that of all others has the F distribution.
+    """
+    m, index = np.maximum(count, 1)[:, None], np.arange(values.shape[1])
+    inside = index < count[:, None]
+    deviation = np.where(inside, values - values.sum(axis=1, keepdims=True) / m, 0.0)
+    total = (deviation**2).sum(axis=1)
+    slow = np.zeros(len(values))
+    for k in range(1, _SLOW + 1):
+        cosine = np.where(inside, np.cos(np.pi * k * (index + 0.5) / m), 0.0)
+        slow += (deviation * cosine).sum(axis=1) ** 2 * 2 / m[:, 0]
+    freedom = np.maximum(count - 1 - _SLOW, 1)
+    ratio = slow / _SLOW / np.maximum((total - slow) / freedom, 1e-12 * total + 1e-300)
+    return np.sqrt(slow / m[:, 0]), np.where(count >= FEWEST, fdtrc(_SLOW, freedom, ratio), 1.0)
+
+
+def slope(values: Rows, count: Index, sd: Column) -> tuple[Column, Column]:
+    """Least-squares slope of each row, per sample, and the p-value of none.
+
+    Student's t with the scatter about the line, which is taken no smaller than the recorder's noise ``sd``.
+    """
+    m, index = np.maximum(count, 3)[:, None], np.arange(values.shape[1])
+    inside = index < count[:, None]
+    time = np.where(inside, index - (m - 1) / 2, 0.0)
+    square = (m * (m**2 - 1) / 12)[:, 0]
+    rate = (values * time).sum(axis=1) / square
+    mean = values.sum(axis=1, keepdims=True) / m
+    residual = np.where(inside, values - mean - rate[:, None] * time, 0.0)
+    freedom = m[:, 0] - 2
+    scatter = np.maximum(np.sqrt((residual**2).sum(axis=1) / freedom), sd)
+    p = 2 * stdtr(freedom, -np.abs(rate) * np.sqrt(square) / scatter)
+    return rate, np.where(count >= FEWEST_OF_LINE, p, 1.0)
+
+
+def uneven(recorded: Recorded, to_peak: Column) -> Mask:
+    """A rest before contact that is not level: slower than white noise can be, and large enough to matter.
+
+    A line matters where it goes on until zero velocity, a wave by its own size. After contact a force may
+    fade for long, which is no drift.
+    """
+    values, count = segment(recorded, recorded.before)
+    size, p = wave(values, count)
+    wavy = (p < ALARMS / 2) & (size > WAVE * recorded.peak)
+    rate, p = slope(values, count, recorded.sd)
+    return wavy | (p < ALARMS / 2) & (np.abs(rate) * to_peak / recorded.dt > SHIFT * recorded.peak)
+
+
+def level(recorded: Recorded, quiet: Mask) -> Mask:
+    """Whether neither a wave nor a line is found in a rest: what fades has not yet come to rest."""
+    values, count = segment(recorded, quiet)
+    return (wave(values, count)[1] > _FADES) & (slope(values, count, recorded.sd)[1] > _FADES)
+
+
+def hum(recorded: Recorded, chosen: Mask) -> Column:
+    """The frequency of a sine through both rests, Hz, where it leaves less than a line does; else NaN."""
+    frequency = np.full(len(recorded.dt), np.nan)
+    for which in np.flatnonzero(chosen):
+        index = np.flatnonzero(recorded.quiet[which])
+        time, values = index * recorded.dt[which], recorded.value[which, index]
+        line = _left_over(values, time)
+        left = [_left_over(values, np.cos(w := 2 * np.pi * f * time), np.sin(w)) for f in _HUM_HZ]
+        if min(left) < 0.5 * line and index.size > 2 * FEWEST:
+            frequency[which] = _HUM_HZ[int(np.argmin(left))]
+    return frequency
+
+
+def _left_over(values: np.ndarray, *columns: np.ndarray) -> float:
+    design = np.column_stack([np.ones_like(values), *columns])
+    residual = values - design @ np.linalg.lstsq(design, values, rcond=None)[0]
+    return float(residual @ residual)
+
+
+def mean_at(recorded: Recorded, quiet: Mask) -> tuple[Column, Column]:
+    """Mean of one rest and its standard error; NaN where it has fewer than five samples."""
+    count = quiet.sum(axis=1)
+    mean = np.where(quiet, recorded.value, 0).sum(axis=1) / np.maximum(count, 1)
+    spread = np.where(quiet, recorded.value - mean[:, None], 0)
+    sd = np.maximum(np.sqrt((spread**2).sum(axis=1) / np.maximum(count - 1, 1)), recorded.sd)
+    known = count >= 5
+    return np.where(known, mean, np.nan), sd / np.sqrt(np.maximum(count, 1))
+
+
+def moved_zero(recorded: Recorded, gravity: float) -> Column:
+    """By how much the mean after contact is off the one before, or off 0 without one, per peak; else 0.
+
+    Force over mass is 0 in flight after contact, and ``gravity`` where the impactor rests on the tissue.
+    """
+    earlier, its_error = mean_at(recorded, recorded.before)
+    later, error = mean_at(recorded, recorded.after)
+    known = np.isfinite(earlier)
+    change = later - np.where(known, earlier, 0)
+    change = np.where(np.abs(change - gravity) < np.abs(change), change - gravity, change)
+    error = np.hypot(error, np.where(known, its_error, recorded.sd))
+    with np.errstate(invalid="ignore"):
+        moved = (
+            level(recorded, recorded.after)
+            & (np.abs(change) > 5 * error)
+            & (np.abs(change) > SHIFT * recorded.peak)
+        )
+    return np.where(moved, change / recorded.peak, 0.0)
+
+
+def starts_off_zero(recorded: Recorded) -> Column:
+    """The first sample as a fraction of the peak, where no rest stands before it and noise is no reason."""
+    first = recorded.value[:, 0]
+    alone = recorded.before.sum(axis=1) < 5
+    off_zero = alone & (np.abs(first) > 5 * recorded.sd) & (np.abs(first) > FIRST * recorded.peak)
+    return np.where(off_zero, first / recorded.peak, 0.0)
+
+
+def slow_noise(recorded: Recorded, to_peak: Column) -> Column:
+    """The frequency that the noise at rest goes up to, Hz, where a low-pass is too slow; else NaN.
+
+    The root mean square of white noise's first differences is 2^(1/2) times its own; of noise that a low-pass
+    has slowed it is 2 pi f dt times its own, f its root mean square frequency.
+    """
+    frequency = np.full(len(recorded.dt), np.nan)
+    for quiet in (recorded.before, recorded.after):
+        values, count = segment(recorded, quiet)
+        m = np.maximum(count, 2)
+        inside = np.arange(values.shape[1]) < count[:, None]
+        deviation = np.where(inside, values - values.sum(axis=1, keepdims=True) / m[:, None], 0.0)
+        steps = np.where(inside[:, 1:], np.diff(deviation, axis=1), 0.0)
+        square, change = (deviation**2).sum(axis=1) / (m - 1), (steps**2).sum(axis=1) / (m - 1)
+        # Rounding adds a twelfth of a squared step to every sample, and a sixth to every difference.
+        change = np.maximum(change - np.where(np.isfinite(recorded.step), recorded.step, 0) ** 2 / 6, 0)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            corner = np.sqrt(change / square) / (2 * np.pi * recorded.dt)
+            # Von Neumann's ratio of white noise is 2, with a standard deviation of 2 / m^(1/2).
+            slow = (change / square < 2 - 2 * 4 / np.sqrt(m)) & (square > recorded.step**2)
+        slow &= (
+            (count >= 2 * FEWEST)
+            & (level(recorded, quiet) | (quiet is recorded.before))
+            & (corner * to_peak < _PASSES)
+        )
+        frequency = np.where(slow & ~(frequency < corner), corner, frequency)
+    return frequency

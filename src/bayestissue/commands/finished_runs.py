@@ -1,0 +1,219 @@
+"""Commands that ask a finished run: `bayestissue ask`, `predict` and `report`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+
+import typer
+
+from bayestissue import results, runtime
+from bayestissue.commands.options import Excel, FinishedFit, Json, Overwrite, Quiet
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from bayestissue.finished import Fit
+
+_DIGITS = {"posterior": "{:.3f}", "prior": "{:.3f}", "bayes_factor": "{:.3g}", "mcse": "{:.2g}"}
+_HEADINGS = {"bayes_factor": "Bayes factor", "mcse": "Monte Carlo error"}
+
+
+def ask(
+    run: FinishedFit,
+    questions: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="QUESTION...",
+            help='Such as "K[side=left] / K[side=right] > 1.1" or "mass_exponent_K between -0.1 and 0.1".',
+        ),
+    ],
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Also write questions.csv and report.html to this folder.")
+    ] = None,
+    excel: Excel = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Questions to a finished fit: probability by posterior and prior, Bayes factor, Monte Carlo error.
+
+    K alone is that of a typical person at the reference mass, the mean of other numbers and the first
+    category. K[subject=s01, mass_kg=1.2] has these instead; all impacts' columns of the formula can be named,
+    and what belongs to a person, such as sex, follows the person. K[subject=new] is a new person's,
+    mean(K[subject, sex=f]) is over people, K[impact=7] is of one recorded impact. Any other quantity of
+    summary.csv is called by its name: mass_exponent_K, sd_subject_K, K_new, subject_effect_K[subject=s01].
+    Besides: numbers, + - * / ^ ( ), abs, exp, log, max, min, mean, < <= > >=, between, and, or, not. Odd
+    names stand in quotes, those of quantities in backticks. Without a comparison the answer is a median and
+    a 90 % interval.
+    """
+    output = _Output(out, excel, overwrite, quiet, as_json)
+    _answer("ask", "questions", run, lambda fit: fit.ask(*questions), print_answers, output)
+
+
+def predict(
+    run: FinishedFit,
+    at: Annotated[
+        Path,
+        typer.Option(
+            "--at",
+            metavar="TABLE.csv",
+            help="A row for each new impact, with any columns of impacts.csv: subject, mass_kg, ...",
+        ),
+    ],
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Also write predictions.csv and report.html to this folder.")
+    ] = None,
+    excel: Excel = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """K, C, greatest depth and force, and time to peak of new impacts, by a finished fit.
+
+    Each row of the table is one new impact, so the intervals hold its scatter too. Numbers and categories
+    that are not given are at the reference: the reference mass, mean numbers, the first recorded category;
+    what belongs to a known person follows the person. A person, condition or other level that is not given,
+    or was not measured, is a new one of its population.
+    """
+    output = _Output(out, excel, overwrite, quiet, as_json)
+    _answer("predict", "predictions", run, lambda fit: fit.predict(at), _print_predictions, output, at)
+
+
+def report(
+    run: Annotated[Path, typer.Argument(help="Folder of a finished run.", metavar="DIR")],
+    quiet: Quiet = False,
+) -> None:
+    """Write report.html anew from the files of a finished run."""
+    from bayestissue.commands.console import echo
+    from bayestissue.report import write_report
+
+    path = write_report(run)
+    if not quiet:
+        echo(f"wrote {path}")
+
+
+class _Output(NamedTuple):
+    """Where to write, and how: the options of that name."""
+
+    out: Path | None
+    excel: results.Excel | None
+    overwrite: bool
+    quiet: bool
+    as_json: bool
+
+
+def _answer(
+    command: str,
+    name: str,
+    run: Path,
+    table_of: Callable[[Fit], pd.DataFrame],
+    show: Callable[[pd.DataFrame], None],
+    output: _Output,
+    *inputs: Path,
+) -> None:
+    """Make a table of a finished run, print it, and write it into the folder for it if there is one.
+
+    Args:
+        command: what the folder says wrote it.
+        name: of the table: that of its file, of its page in `bayestissue.report.answers_page`, and its key in
+            JSON.
+        run: the run's folder.
+        table_of: makes the table.
+        show: prints it.
+        output: where and how.
+        inputs: files besides the run that are read and must not be overwritten.
+
+    Raises:
+        InputError: ``run`` is no finished fit, ``table_of`` finds something wrong, or the folder is not free.
+    """
+    out, excel, overwrite, quiet, as_json = output
+    with results.claim_if(out, overwrite=overwrite, command=command, inputs=(run, *inputs)) as target:
+        runtime.configure()
+        from bayestissue.commands.console import echo, echo_tables
+        from bayestissue.finished import read_run
+
+        finished = read_run(run)
+        table = table_of(finished)
+        if target is not None:
+            with target.folder() as folder:
+                from bayestissue.report import answers_page
+
+                results.write_table(table, folder / f"{name}.csv", excel)
+                page = getattr(answers_page, f"{name}_page")(table, finished.about)
+                (folder / "report.html").write_text(page, encoding="utf-8")
+        if as_json:
+            echo_tables(**{name: table})
+        elif not quiet:
+            show(table)
+            if target is not None:
+                echo(f"wrote {target.path / f'{name}.csv'} and {target.path / 'report.html'}")
+
+
+def print_answers(answers: pd.DataFrame) -> None:
+    """Claims and numbers, each as a table, and under them what is to be said of single ones."""
+    import pandas as pd
+
+    from bayestissue.commands.console import explained, line, show, table
+    from bayestissue.remedies import codes_in
+
+    numbers = answers["median"].notna()
+    if not numbers.all():
+        rows = [
+            [
+                row["question"],
+                *(form.format(row[k]) if pd.notna(row[k]) else "" for k, form in _DIGITS.items()),
+            ]
+            for row in answers[~numbers].to_dict("records")
+        ]
+        headings = ["claim", *(_HEADINGS.get(name, name) for name in _DIGITS)]
+        show(table("probability of each claim", headings, rows))
+    if numbers.any():
+        rows = [
+            [row["question"], *(f"{row[name]:.4g}" for name in ("median", "low", "high")), row["unit"],
+             f"{row['mcse']:.2g}"]
+            for row in answers[numbers].to_dict("records")
+        ]  # fmt: skip
+        headings = ["quantity", "median", "from", "to", "unit", "Monte Carlo error"]
+        show(table("median and 90 % interval", headings, rows, words=("quantity", "unit")))
+    for row in answers[answers["note"] != ""].to_dict("records"):
+        line(f"  {row['question']}: {row['note']}")
+    line(f"  {_counts(answers)}")
+    explained(codes_in("; ".join(answers["note"])))
+
+
+def _counts(table: pd.DataFrame) -> str:
+    """How many draws the answers rest on."""
+    posterior, prior = table["draws"].max(), table["prior_draws"].max()
+    of_prior = f", {int(prior)} of the prior" if prior > 0 else ""
+    return f"{int(posterior)} draws of the posterior{of_prior}" if posterior > 0 else ""
+
+
+def _print_predictions(predictions: pd.DataFrame) -> None:
+    """The median of each quantity with its 90 % interval, and under the table what each row was given."""
+    from bayestissue.commands.console import explained, line, show, table
+    from bayestissue.remedies import codes_in
+    from bayestissue.report.wording import PREDICTED, covariate_words
+
+    headings = [f"{heading.removeprefix('time ')} ({unit})" for heading, unit, _ in PREDICTED.values()]
+    rows = predictions.to_dict("records")
+    cells = ([str(number), *(_cell(row, name) for name in PREDICTED)] for number, row in enumerate(rows, 1))
+    show(table("a new impact: median and 90 % interval", ["row", *headings], cells))
+    for number, row in enumerate(rows, start=1):
+        words = [covariate_words(row)]
+        words += [f"new: {row['new']}"] * bool(row["new"]) + [row["note"]] * bool(row["note"])
+        line(f"  row {number}: {'; '.join(words)}")
+    explained(codes_in("; ".join(predictions["note"])))
+
+
+def _cell(row: dict[Hashable, Any], name: str) -> str:
+    import math
+
+    from bayestissue.report.wording import PREDICTED, significant
+
+    if math.isnan(row[name]):
+        return ""
+    factor = PREDICTED[name][2]
+    median, low, high = (significant(factor * row[f"{name}{end}"]) for end in ("", "_low", "_high"))
+    return f"{median}\n{low} to {high}"
