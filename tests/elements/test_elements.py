@@ -15,6 +15,7 @@ from bayestissue.elements.element import complete
 from bayestissue.oscillator import impact_motion, spring_damper_inverse
 
 TIME = np.linspace(0.0, 0.03, 91) + np.zeros((3, 1))
+_BY_DEFAULT = (("standard_linear", "none"), ("stiffening", "drop"))
 # Of the largest value: the cubic between nodes, and the Hertz force, which has no smooth start.
 SOLVED = 1e-6
 EXACT = 1e-10
@@ -92,8 +93,17 @@ def even_grid(name: str, *given: Any, count: int) -> Any:
     return (linear if which.linear else solver).even_grid(which, *given, count)
 
 
-@pytest.mark.parametrize("gravity", [None, np.full(3, 9.80665)], ids=["none", "drop"])
-@pytest.mark.parametrize("name", NAMES)
+# By default one in closed form that flies level, and one solved on a grid that drops; all in the long suite.
+_ALONG = [
+    pytest.param(
+        name, gravity, id=f"{name}-{fall}", marks=[] if (name, fall) in _BY_DEFAULT else pytest.mark.long
+    )
+    for name in VALUES
+    for fall, gravity in (("none", None), ("drop", np.full(3, 9.80665)))
+]
+
+
+@pytest.mark.parametrize(("name", "gravity"), _ALONG)
 def test_even_grid_of_the_likelihood_is_the_same_path(name: str, gravity: np.ndarray | None) -> None:
     which, count = element(name), TIME.shape[1]
     values = {key: np.full(3, value) for key, value in VALUES[name].items()}
