@@ -14,7 +14,7 @@ HOW := the commands: $(BIN)/bayestissue --help, or make shell and then bayestiss
 REPORTS := reports
 
 .DEFAULT_GOAL := help
-.PHONY: help setup shell report report-example report-arma report-published test check-code docs docs-outputs test-long evidence evidence-status evidence-pages evidence-peers lock clean
+.PHONY: help setup shell report report-example report-arma report-published test run-tests check-code docs docs-outputs test-long evidence evidence-status evidence-pages evidence-peers lock clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-16s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -58,7 +58,11 @@ report-arma: $(READY)
 report-published: $(READY)
 	@$(BIN)/bayestissue reproduce --out $(REPORTS)/published --overwrite
 
-test: $(READY_FOR_TESTS) check-code  ## style, types, import order and the test suite
+# Types are one process's work and tests two processes', so that neither leaves a core idle.
+test: $(READY_FOR_TESTS)  ## style, types, import order and the test suite
+	@$(MAKE) --no-print-directory -j2 check-code run-tests
+
+run-tests: $(READY_FOR_TESTS)
 	@echo "tests, some minutes (more of them the first time, when all is compiled) ..."
 	@$(BIN)/python -m pytest
 

@@ -114,7 +114,7 @@ def test_a_tree_that_has_no_room_is_refused_before_it_is_written(tmp_path: Path)
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full here")
 def test_an_output_that_takes_nothing_is_one_line(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "bayestissue", "check", "data/example", "--json"]
+    command = [sys.executable, "-m", "bayestissue", "explain"]
     with Path("/dev/full").open("w") as full:
         ended = subprocess.run(  # noqa: S603 - our own program
             command, cwd=ROOT, stdout=full, stderr=subprocess.PIPE, text=True, check=False
@@ -126,7 +126,7 @@ def test_an_output_that_takes_nothing_is_one_line(tmp_path: Path) -> None:
 
 
 def test_whoever_has_seen_enough_gets_no_complaint() -> None:
-    command = [sys.executable, "-m", "bayestissue", "check", "data/example", "--json"]
+    command = [sys.executable, "-m", "bayestissue", "explain"]
     started = subprocess.Popen(  # noqa: S603 - our own program
         command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )

@@ -15,6 +15,7 @@ from bayestissue.elements.element import complete
 from bayestissue.oscillator import impact_motion, spring_damper_inverse
 
 TIME = np.linspace(0.0, 0.03, 91) + np.zeros((3, 1))
+_BY_DEFAULT = (("standard_linear", "none"), ("stiffening", "drop"))
 # Of the largest value: the cubic between nodes, and the Hertz force, which has no smooth start.
 SOLVED = 1e-6
 EXACT = 1e-10
@@ -92,8 +93,17 @@ def even_grid(name: str, *given: Any, count: int) -> Any:
     return (linear if which.linear else solver).even_grid(which, *given, count)
 
 
-@pytest.mark.parametrize("gravity", [None, np.full(3, 9.80665)], ids=["none", "drop"])
-@pytest.mark.parametrize("name", NAMES)
+# By default one in closed form that flies level, and one solved on a grid that drops; all in the long suite.
+_ALONG = [
+    pytest.param(
+        name, gravity, id=f"{name}-{fall}", marks=[] if (name, fall) in _BY_DEFAULT else pytest.mark.long
+    )
+    for name in VALUES
+    for fall, gravity in (("none", None), ("drop", np.full(3, 9.80665)))
+]
+
+
+@pytest.mark.parametrize(("name", "gravity"), _ALONG)
 def test_even_grid_of_the_likelihood_is_the_same_path(name: str, gravity: np.ndarray | None) -> None:
     which, count = element(name), TIME.shape[1]
     values = {key: np.full(3, value) for key, value in VALUES[name].items()}
@@ -111,19 +121,23 @@ def test_even_grid_of_the_likelihood_is_the_same_path(name: str, gravity: np.nda
 def test_energy_given_up_is_stored_or_spent(name: str) -> None:
     """F v = d(stored)/dt + what the dampers take, which is never negative."""
     which = element(name)
-    p = {k: v + jnp.zeros(1) for k, v in complete(which, VALUES[name], None).items()}
+    p = {k: np.asarray(v) + np.zeros(1) for k, v in complete(which, VALUES[name], None).items()}
     x, v = jnp.array([0.008]), jnp.array([0.6])
     s = (jnp.array([0.003]),) * which.states
-    flow = which.rates(x, v, s, p)
-    _, kept = jax.jvp(lambda x, v, s: which.stored(x, v, s, p), (x, v, s), (v, jnp.zeros(1), flow))
-    taken = which.force(x, v, s, p) * v - kept
+
+    @jax.jit
+    def taken(x: jax.Array, v: jax.Array, s: tuple[jax.Array, ...]) -> jax.Array:
+        flow = which.rates(x, v, s, p)
+        _, kept = jax.jvp(lambda x, v, s: which.stored(x, v, s, p), (x, v, s), (v, jnp.zeros(1), flow))
+        return which.force(x, v, s, p) * v - kept
+
     spring = {"maxwell": 0.0}.get(name, VALUES[name]["C"] * 0.6**2)
     if name in ("maxwell", "standard_linear"):
         stiffness = VALUES[name]["K"] * VALUES[name].get("arm_ratio", 1.0)
         spring = (stiffness * 0.005) ** 2 / VALUES[name]["C"]
     if name == "hunt_crossley":
         spring *= 0.8**1.5
-    np.testing.assert_allclose(taken, spring, rtol=1e-10)
+    np.testing.assert_allclose(taken(x, v, s), spring, rtol=1e-10)
 
 
 def test_kelvin_voigt_is_the_closed_form() -> None:

@@ -16,14 +16,11 @@ from scipy.stats import multivariate_normal
 from bayestissue.hierarchy.gaussian.arrangement import expected_by_cell
 from bayestissue.hierarchy.gaussian.effects import effects_from_standard
 
-# Small sites, nested and crossed levels, and a parameter without a formula of its own.
-CASES = [
-    ("people and trials", 3, 0.0, 1e-4),
-    ("people's sides", 2, 0.3, 1.0),
+# Crossed levels with small sites, and nested ones with parameters without a formula; all in the long suite.
+CASES = [("people and trials", 3, 0.0, 1e-4), ("people's sides", 2, 0.3, 1.0)]
+FURTHER = [
     ("sessions across operators", 1, 0.0, 1.0),
     ("the last parameter by people and trials", 2, 0.0, 1.0),
-]
-FURTHER = [
     ("no groups", 3, 0.0, 1.0),
     ("people", 1, 0.0, 1e3),
     ("people and trials", 2, 0.3, 1.0),

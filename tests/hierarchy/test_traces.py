@@ -162,7 +162,7 @@ def test_an_element_has_slopes_where_places_are_filled_up() -> None:
     assert (above - below) / (2 * step) == pytest.approx(slope, rel=1e-5)
 
 
-@pytest.mark.parametrize("last", [False, True])
+@pytest.mark.parametrize("last", [pytest.param(False, marks=pytest.mark.long), True])
 def test_warped_coordinates_have_the_same_density_of_the_unconstrained_ones(last: bool) -> None:
     """Of one likelihood: what is warped is the same for all."""
     model, data, summaries = made("a2")

@@ -9,6 +9,8 @@ import pytest
 
 from bayestissue.inference.factors.grid import PLACES, LikelihoodGrid
 
+log_evidence = jax.jit(LikelihoodGrid.log_evidence)
+
 
 def grid_of(sd: np.ndarray, centre: float = 0.83) -> LikelihoodGrid:
     """Normal likelihoods so wide, about a centre between two places."""
@@ -40,7 +42,7 @@ def test_the_evidence_of_a_resolved_grid_is_the_normals() -> None:
     sd, spread, mean = np.array([0.3, 0.1, 0.05]), 0.2, 0.9
     with jax.enable_x64(True):
         grid = grid_of(sd)
-        found = grid.log_evidence(jnp.asarray(mean), jnp.asarray(spread))
+        found = log_evidence(grid, mean, spread)
     variance = sd**2 + spread**2
     exact = np.log(sd) - np.log(variance) / 2 - (mean - 0.83) ** 2 / 2 / variance
     # Cubics repeat a quadratic; what is left is of the points over a population four times as wide.

@@ -22,7 +22,6 @@ from bayestissue.simulation import simulate
 from bayestissue.simulation.specification import Simulation
 
 TRUTH = {"K_N_per_m": 3000.0, "C_N_s_per_m": 25.0}
-KINDS = ("arma", "impact")
 
 
 @cache
@@ -77,7 +76,7 @@ def test_values_do_not_depend_on_how_many_are_asked_for(number: int) -> None:
     np.testing.assert_allclose(found[finite], alone[finite], rtol=1e-11)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", [pytest.param("arma", marks=pytest.mark.long), "impact"])
 def test_an_expansion_has_the_derivatives_of_the_likelihood(kind: str) -> None:
     given = prepared(kind)
     data = with_normal_errors(given.data)

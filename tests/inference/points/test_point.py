@@ -22,6 +22,8 @@ from bayestissue.oscillator import impact_motion, spring_damper_inverse, time_to
 
 K, C, DT, VELOCITY = 3000.0, 25.0, 1e-4, 1.5
 Z90 = 1.6449
+# The slowest and the fastest recorder by default, each of a width of its own to compile; all in the long one.
+RATES = [2e3, pytest.param(1e4, marks=pytest.mark.long), 5e4]
 # Impacts simulated at once, whatever is asked for.
 MOST = 1000
 motion = jax.jit(impact_motion)
@@ -53,7 +55,7 @@ def _driven(
     return ARMA21(c1, c2, theta1, sigma_a, first=first, width=n).sample(key, (count,))
 
 
-@pytest.mark.parametrize("rate", [2e3, 1e4, 5e4])
+@pytest.mark.parametrize("rate", RATES)
 def test_noise_free_impacts_give_back_stiffness_and_damping(rate: float) -> None:
     mass, zeta = (a.ravel() for a in np.meshgrid([0.1, 0.375, 1.0, 5.0], [0.02, 0.1, 0.5, 1.0, 1.5, 2.0]))
     damping = 2 * zeta * np.sqrt(K * mass)
@@ -64,7 +66,7 @@ def test_noise_free_impacts_give_back_stiffness_and_damping(rate: float) -> None
     np.testing.assert_allclose(fit.C, damping, rtol=1e-8)
 
 
-@pytest.mark.parametrize("rate", [2e3, 1e4])
+@pytest.mark.parametrize("rate", RATES[:2])
 def test_noise_free_drops_give_back_stiffness_and_damping(rate: float) -> None:
     mass, zeta = (a.ravel() for a in np.meshgrid([0.1, 0.375, 1.0, 5.0], [0.02, 0.1, 0.3, 0.5, 1.0, 1.5]))
     damping = 2 * zeta * np.sqrt(K * mass)
@@ -260,7 +262,9 @@ def test_no_impacts_and_no_motion_are_no_reason_to_fail() -> None:
     assert np.isnan(still.K).all()
 
 
-@pytest.mark.parametrize(("length", "columns"), [(30, 5), (80, 12), (200, 6)])
+@pytest.mark.parametrize(
+    ("length", "columns"), [(30, 5), (80, 12), pytest.param(200, 6, marks=pytest.mark.long)]
+)
 def test_noise_with_smooth_columns_taken_off_is_white_noise_as_often_as_stated(length, columns) -> None:
     """What a fit takes off makes the rest bend to and fro; Ljung and Box's test calls that structure."""
     count, rng = 4000, np.random.default_rng(length)

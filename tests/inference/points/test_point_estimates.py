@@ -76,7 +76,8 @@ def recorded(
     )
 
 
-@pytest.mark.parametrize("rate", [2e3, 1e4, 5e4])
+# The slowest and the fastest by default, each of a width of its own to compile; all in the long suite.
+@pytest.mark.parametrize("rate", [2e3, pytest.param(1e4, marks=pytest.mark.long), 5e4])
 @pytest.mark.parametrize(
     ("before", "after"),
     [(30.0, 0.3), (30.2, 0.3), (30.37, 0.3), (30.6, 0.3), (30.95, 0.3), (30.37, 0.0), (0.0, 0.0)],

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import gc
 import json
 import os
 import signal
@@ -29,6 +30,13 @@ from bayestissue.likelihood.arma.displacement import displacement_record
 from bayestissue.thesis.causes.batches import Batch, run_batches
 
 pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _connections_collected() -> Iterator[None]:
+    """What Dask's connections leave behind is collected here, where its warnings are expected."""
+    yield
+    gc.collect()
 
 
 @pytest.fixture(scope="module")
