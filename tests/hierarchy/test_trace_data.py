@@ -219,6 +219,8 @@ def test_elements_whose_stiffness_depends_on_depth_have_one_depth_that_all_impac
     assert (depth <= found.signal.peak_displacement).all()
     assert np.ptp(depth) == 0
     straight = prepare(made, specification("impact", element="maxwell"), source="m.toml")
-    assert straight.data.record.common_depth is None  # type: ignore[union-attr]
+    assert not straight.model.depends_on_depth
     beside = with_discrepancy(made, specification("impact", element="maxwell"), straight)
+    assert found.model.depends_on_depth
+    assert beside.model.depends_on_depth
     assert_allclose(beside.data.record.common_depth, depth)  # type: ignore[union-attr]

@@ -290,7 +290,7 @@ def _deceleration_record(
         colour=colour,
         rate=jnp.asarray(rate),
         quiet=jnp.asarray(np.isfinite(signal.offset_sd)),
-        common_depth=jnp.full(number, common_depth(signal)),
+        common_depth=jnp.asarray(np.full(number, common_depth(signal))),
         low_pass=low_pass,
     )
 

@@ -136,6 +136,11 @@ class TraceModel(Hyperparameters):
         return self.nuisance[-1] in {"atanh_theta1", *extra}
 
     @property
+    def depends_on_depth(self) -> bool:
+        """Whether force over depth is another at every depth, so that impacts compare at a common one."""
+        return self.discrepancy or not element_named(self.element).linear
+
+    @property
     def may_have_grid(self) -> bool:
         """Whether a grid may stand for what traces say of that parameter: one that has no formula of its own.
 

@@ -98,7 +98,7 @@ def element_quantities(
         comparables = comparables._replace(K_secant=whole.secant)
         further = {"discrepancy": jnp.exp(u[-1])}
         common = whole_at_common_depth(measured.impact, whole, record.common_depth)
-    elif not which.linear:
+    elif model.depends_on_depth:
         common = at_common_depth(which, arguments, record.common_depth)
     if model.autoregressive:
         log_sigma = physical(model, data, u).log_sigma

@@ -12,7 +12,6 @@ import pandas as pd
 import xarray as xr
 
 from bayestissue.dataset.impacts import RESERVED
-from bayestissue.elements import element
 from bayestissue.elements.element import GRAVITY
 from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.derived import named_sites
@@ -150,8 +149,7 @@ def _constants(prepared: Prepared) -> dict[str, np.ndarray]:
     error_sd, first = np.asarray(record.error_sd), np.asarray(record.first_time)
     time = first[:, None] + np.arange(signal.x.shape[1]) * signal.dt[:, None]
     inside = np.arange(signal.x.shape[1]) < signal.n_samples[:, None]
-    model = prepared.model
-    has_depth = model.discrepancy or not element(model.element).linear
+    has_depth = prepared.model.depends_on_depth
     return {
         **({"common_depth_m": common_depth(signal)} if has_depth else {}),
         **({GRAVITY: signal.gravity[0]} if signal.gravity.any() else {}),
