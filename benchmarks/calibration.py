@@ -49,7 +49,7 @@ from bayestissue.inference.posterior.constrained_draws import constrained_draws
 from bayestissue.inference.posterior.exact import exact_draws
 from bayestissue.inference.posterior.recipe import corrected_draws
 from bayestissue.likelihood.arma.displacement import displacement_record
-from bayestissue.likelihood.element.deceleration import DecelerationRecord
+from bayestissue.likelihood.element.record import DecelerationRecord
 from bayestissue.simulation import simulate
 
 SAMPLES, RANKS, BINS = 110, 100, 20
@@ -73,9 +73,8 @@ def with_traces(prepared: Prepared, traces: np.ndarray) -> Prepared:
     error_sd = np.asarray(record.error_sd)
     if isinstance(record, DecelerationRecord):
         velocity = np.asarray(record.velocity)
-        made = DecelerationRecord.from_arrays(
-            traces, n_samples, first, dt, velocity, error_sd, np.asarray(record.uniform)
-        )
+        known = (record.mass, record.surroundings, record.contact)
+        made = DecelerationRecord.from_arrays(traces, n_samples, first, dt, velocity, error_sd, *known)
         # First guesses, from which the summaries start, ask for the motion.
         v = velocity[:, None] - np.cumsum(traces, axis=1) * dt[:, None]
         x = np.cumsum(v, axis=1) * dt[:, None]

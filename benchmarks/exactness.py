@@ -28,8 +28,8 @@ from statsmodels.tsa.arima.model import ARIMA
 from bayestissue.elements import element, element_names, impact
 from bayestissue.likelihood import arma21_log_likelihood
 from bayestissue.likelihood.arma.displacement import MeasuredDisplacement, displacement_record
-from bayestissue.likelihood.element.impact import MeasuredImpact
-from bayestissue.likelihood.element.response import ElementRecord
+from bayestissue.likelihood.element.impact import MeasuredImpact, NoiseParameters
+from bayestissue.likelihood.element.record import Contact, DecelerationRecord
 from bayestissue.oscillator import autocovariance_arma21, to_discrete
 from bayestissue.runtime import configure
 
@@ -150,8 +150,9 @@ def impacts(name: str) -> Iterator[Row]:
     count = np.minimum(middle.argmax(1) + 3, SAMPLES)
     d = middle + 0.3 + NOISE * np.random.default_rng(4).standard_normal(middle.shape)
     ones = np.ones(len(MASS))
-    record = ElementRecord.from_arrays(
-        d, count, FIRST * ones, DT * ones, VELOCITY, np.outer(ones, CHAIN_SD), ones < 0, MASS, 0.0318 * ones
+    chain, ball = np.outer(ones, CHAIN_SD), {"diameter_m": 0.0318 * ones}
+    record = DecelerationRecord.from_arrays(
+        d, count, FIRST * ones, DT * ones, VELOCITY, chain, MASS, ball, Contact.known(ones < 0)
     )
     found = density(name)(jnp.array([value * ones for value in values.values()]), record)
     differences = []
@@ -166,13 +167,13 @@ def impacts(name: str) -> Iterator[Row]:
     yield f"recorded decelerations, {name}", "dense normal", max(differences), "nats"
 
 
-def density(name: str) -> Callable[[jax.Array, ElementRecord], jax.Array]:
+def density(name: str) -> Callable[[jax.Array, DecelerationRecord], jax.Array]:
     """Log densities of a record's own traces."""
 
     @jax.jit
-    def log_prob(parameters: jax.Array, record: ElementRecord) -> jax.Array:
-        log_sigma = jnp.log(jnp.full(len(MASS), NOISE))
-        return MeasuredImpact(element(name), parameters, log_sigma, record).log_prob(record.d)
+    def log_prob(parameters: jax.Array, record: DecelerationRecord) -> jax.Array:
+        noise = NoiseParameters(jnp.log(jnp.full(len(MASS), NOISE)))
+        return MeasuredImpact(element(name), parameters, noise, record).log_prob(record.d)
 
     return log_prob
 

@@ -14,7 +14,7 @@ from bayestissue.errors import InputError, Problem
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared, prepare, with_discrepancy
 from bayestissue.hierarchy.traces import Kind
-from bayestissue.likelihood.element.response import ElementRecord
+from bayestissue.likelihood.element.record import CONTACT, DecelerationRecord
 from bayestissue.oscillator import impact_motion
 from bayestissue.signal import SignalOptions
 
@@ -167,14 +167,14 @@ def test_a_discrepancy_adds_a_parameter_and_the_modes_of_every_window() -> None:
     assert found.signal is plain.signal
     assert "discrepancy_mean" in found.model.locations.parts
     record = found.data.record
-    assert isinstance(record, ElementRecord)
-    assert record.basis is not None
-    assert record.basis.shape == (6, *record.d.shape)
-    assert_allclose(record.share.sum(1), plain.signal.n_samples)
+    assert isinstance(record, DecelerationRecord)
+    impacts, samples = record.d.shape
+    assert record.discrepancy.basis.shape == (impacts, 6, samples)
+    assert_allclose(record.discrepancy.share.sum(1), plain.signal.n_samples)
     other = prepared("impact", element="hunt_crossley", discrepancy="always")
     assert other.model.nuisance == ("noise", "discrepancy")
     # A discrepancy takes up what a wrong moment of contact does.
-    assert other.data.record.before is None
+    assert not other.data.record.contact.reach
 
 
 def test_autoregressive_noise_adds_its_correlation_and_marks_quiet_parts() -> None:
@@ -183,8 +183,8 @@ def test_autoregressive_noise_adds_its_correlation_and_marks_quiet_parts() -> No
     assert made.model.prior_of("sd_atanh_noise_correlation").scale == 0.3
     assert "atanh_noise_correlation_mean" in made.model.locations.parts
     record = made.data.record
-    assert isinstance(record, ElementRecord)
-    assert record.basis is None
+    assert isinstance(record, DecelerationRecord)
+    assert not record.discrepancy.basis.size
     assert np.asarray(record.quiet).all()
     bare = prepared("impact", noise="autoregressive", signal=SignalOptions(remove_offset=False))
     assert not np.asarray(bare.data.record.quiet).any()
@@ -195,22 +195,20 @@ def test_autoregressive_noise_adds_its_correlation_and_marks_quiet_parts() -> No
 def test_contact_that_does_not_show_may_be_in_any_of_some_cells() -> None:
     made = prepared("impact", element="hunt_crossley")
     record, signal = made.data.record, made.signal
-    assert isinstance(record, ElementRecord)
+    assert isinstance(record, DecelerationRecord)
     assert made.model.nuisance == ("noise",)
-    cells, impacts, width = record.before.shape
+    impacts, reach = record.contact.before.shape
     assert impacts == len(signal.x)
-    assert width % 2 == 1
-    assert cells * width * signal.dt.min() >= signal.reach_s.max() - 1e-12
-    early = np.moveaxis(np.asarray(record.before), 0, 1).reshape(impacts, -1)
-    assert_allclose(early, signal.before[:, -cells * width :])
-    assert_allclose(record.error_sd[:, 3], cells * width * signal.dt / np.sqrt(12))
-    assert np.asarray(record.uniform).all()
+    assert reach * signal.dt.min() >= signal.reach_s.max() - 1e-12
+    assert_allclose(record.contact.before, signal.before[:, -reach:])
+    assert_allclose(record.error_sd[:, CONTACT], reach * signal.dt / np.sqrt(12))
+    assert np.asarray(record.contact.uniform).all()
 
 
 def test_contact_that_is_given_is_known() -> None:
     made = prepared("impact", element="hunt_crossley", signal=SignalOptions(contact="time-zero"))
-    assert made.data.record.before is None
-    assert not np.asarray(made.data.record.error_sd)[:, 3].any()
+    assert not made.data.record.contact.reach
+    assert not np.asarray(made.data.record.error_sd)[:, CONTACT].any()
 
 
 def test_elements_whose_stiffness_depends_on_depth_have_one_depth_that_all_impacts_reach() -> None:
@@ -221,6 +219,8 @@ def test_elements_whose_stiffness_depends_on_depth_have_one_depth_that_all_impac
     assert (depth <= found.signal.peak_displacement).all()
     assert np.ptp(depth) == 0
     straight = prepare(made, specification("impact", element="maxwell"), source="m.toml")
-    assert straight.data.record.common_depth is None  # type: ignore[union-attr]
+    assert not straight.model.depends_on_depth
     beside = with_discrepancy(made, specification("impact", element="maxwell"), straight)
+    assert found.model.depends_on_depth
+    assert beside.model.depends_on_depth
     assert_allclose(beside.data.record.common_depth, depth)  # type: ignore[union-attr]

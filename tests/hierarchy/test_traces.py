@@ -32,7 +32,7 @@ from bayestissue.hierarchy.traces import (
 )
 from bayestissue.hierarchy.warp import SinhArcsinh
 from bayestissue.likelihood.arma.displacement import displacement_record
-from bayestissue.likelihood.element.deceleration import DecelerationRecord
+from bayestissue.likelihood.element.record import Contact, DecelerationRecord
 from bayestissue.oscillator import spring_damper
 from bayestissue.simulation import Simulation, simulate
 
@@ -57,9 +57,9 @@ def made(kind: Kind) -> tuple[TraceModel, TraceData, GaussianFactor]:
     errors = np.tile([1e-4, 0.02, 0.5], (NUMBER, 1))
     if kind == "impact":
         d = 50 + RNG.normal(size=(NUMBER, SAMPLES))
-        record = DecelerationRecord.from_arrays(
-            d, *start, np.full(NUMBER, 1.5), errors, np.arange(NUMBER) % 2 == 0
-        )
+        contact, ball = Contact.known(np.arange(NUMBER) % 2 == 0), {"diameter_m": np.full(NUMBER, 0.03)}
+        mass = rows["mass_kg"].to_numpy()
+        record = DecelerationRecord.from_arrays(d, *start, np.full(NUMBER, 1.5), errors, mass, ball, contact)
         peak = 50.0
     else:
         x = 0.02 * np.sin(np.arange(SAMPLES) / 9) + 1e-4 * RNG.normal(size=(NUMBER, SAMPLES))

@@ -15,9 +15,10 @@ from scipy.stats import multivariate_normal
 
 from bayestissue.elements import element, impact
 from bayestissue.elements.element import Element
-from bayestissue.likelihood import autoregressive
-from bayestissue.likelihood.element.impact import MeasuredImpact
-from bayestissue.likelihood.element.response import ElementRecord, Response, columns, response
+from bayestissue.likelihood.element import noise
+from bayestissue.likelihood.element.impact import MeasuredImpact, NoiseParameters
+from bayestissue.likelihood.element.record import Contact, DecelerationRecord
+from bayestissue.likelihood.element.response import Response, columns, response
 
 MASS, VELOCITY = np.array([0.5, 1.2]), np.array([1.5, 1.0])
 DT, FIRST = np.array([4e-4, 5e-4]), np.array([1e-4, 4e-4])
@@ -35,19 +36,20 @@ def measured(name: str, a: jax.Array | None = A, *, uniform: bool = False) -> Me
     time = FIRST[:, None] + DT[:, None] * np.arange(COUNT.max())
     d = np.array(impact("stiffening", EXTRA, MASS, 0.99 * VELOCITY, time).deceleration) + 0.3
     d += 0.5 * np.random.default_rng(4).standard_normal(d.shape)
-    chain = (VELOCITY, SD, np.array([uniform, False]))
-    record = ElementRecord.from_arrays(d, COUNT, FIRST, DT, *chain, MASS, np.full(2, 0.0318))
+    contact = Contact.known(np.array([uniform, False]))
+    ball = {"diameter_m": np.full(2, 0.0318)}
+    record = DecelerationRecord.from_arrays(d, COUNT, FIRST, DT, VELOCITY, SD, MASS, ball, contact)
     which = element(name)
     parameters = jnp.array([np.full(2, EXTRA[each.name]) for each in which.parameters])
     found = record._replace(quiet=jnp.asarray(QUIET))
-    return MeasuredImpact(which, parameters, LOG_SIGMA, found, atanh_correlation=a)
+    return MeasuredImpact(which, parameters, NoiseParameters(LOG_SIGMA, None, a), found)
 
 
 @partial(jax.jit, static_argnums=0)
 def _log_prob(
-    which: Element, parameters: jax.Array, log_sigma: jax.Array, record: ElementRecord, a: jax.Array | None
+    which: Element, parameters: jax.Array, noise: NoiseParameters, record: DecelerationRecord
 ) -> jax.Array:
-    return MeasuredImpact(which, parameters, log_sigma, record, atanh_correlation=a).log_prob(record.d)
+    return MeasuredImpact(which, parameters, noise, record).log_prob(record.d)
 
 
 @partial(jax.jit, static_argnums=0)
@@ -61,7 +63,7 @@ def response_of(given: MeasuredImpact) -> Response:
 
 def log_prob(name: str, a: jax.Array | None = A) -> jax.Array:
     given = measured(name)
-    return _log_prob(given.element, given.parameters, LOG_SIGMA, given.record, a)
+    return _log_prob(given.element, given.parameters, NoiseParameters(LOG_SIGMA, None, a), given.record)
 
 
 def noise_covariance(row: int) -> np.ndarray:
@@ -88,10 +90,8 @@ def test_whitened_parts_have_the_products_of_the_inverse_covariance() -> None:
     random = np.random.default_rng(0)
     inside = np.arange(50) < COUNT[:, None]
     p, q = np.where(inside, random.normal(size=(2, *inside.shape)), 0.0)
-    white = [
-        np.asarray(autoregressive.whitened(jnp.asarray(part), A, jnp.asarray(inside))) for part in (p, q)
-    ]
-    determinant = autoregressive.log_determinant(A)
+    white = [np.asarray(noise.whitened(jnp.asarray(part), A, jnp.asarray(inside))) for part in (p, q)]
+    determinant = noise.log_determinant(A)
     for row, n in enumerate(COUNT):
         assert not white[0][row, n:].any()
         shape = toeplitz(RHO[row] ** np.arange(n)) / (1 - RHO[row] ** 2)
@@ -103,14 +103,14 @@ def test_whitened_parts_have_the_products_of_the_inverse_covariance() -> None:
 
 def test_the_determinant_does_not_overflow_near_a_correlation_of_one() -> None:
     far = jnp.array([-40.0, 40.0])
-    assert_allclose(autoregressive.log_determinant(far), 80 - 2 * np.log(2), rtol=1e-14)
+    assert_allclose(noise.log_determinant(far), 80 - 2 * np.log(2), rtol=1e-14)
 
 
 def test_correlated_is_the_inverse_of_whitened() -> None:
     standard = jnp.asarray(np.random.default_rng(0).normal(size=(2, 30)))
-    noise = autoregressive.correlated(standard, A)
+    shocks = noise.correlated(standard, A)
     everywhere = jnp.ones(standard.shape, bool)
-    assert_allclose(autoregressive.whitened(noise, A, everywhere), standard, atol=1e-13)
+    assert_allclose(noise.whitened(shocks, A, everywhere), standard, atol=1e-13)
 
 
 @pytest.mark.parametrize("name", ["kelvin_voigt", "stiffening"])
@@ -137,7 +137,8 @@ def test_slopes_agree_with_differences_and_with_the_path_through_any_value() -> 
     @jax.jit
     @partial(jax.value_and_grad, has_aux=True)
     def at(logs: jax.Array) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
-        made = MeasuredImpact(which, jnp.exp(logs[:-2]), logs[-2], record, atanh_correlation=logs[-1])
+        noise = NoiseParameters(logs[-2], None, logs[-1])
+        made = MeasuredImpact(which, jnp.exp(logs[:-2]), noise, record)
         found = made.log_prob(record.d)
         return found.sum(), (found, made.log_prob(record.d + 0.0))
 
@@ -171,11 +172,11 @@ def test_samples_have_the_covariance_of_noise_and_chain() -> None:
 def test_noise_has_its_autocovariance() -> None:
     count, number = 60, 4000
     standard = jax.random.normal(jax.random.PRNGKey(1), (number, 2, count))
-    noise = np.asarray(autoregressive.correlated(standard, A))
+    shocks = np.asarray(noise.correlated(standard, A))
     for row, rho in enumerate(RHO):
         for lag in range(4):
             # One product a series and place, all series independent.
-            each = (noise[:, row, lag:] * noise[:, row, : count - lag]).mean(1)
+            each = (shocks[:, row, lag:] * shocks[:, row, : count - lag]).mean(1)
             error = each.std() / np.sqrt(number)
             assert abs(each.mean() - rho**lag / (1 - rho**2)) < 5 * error
 

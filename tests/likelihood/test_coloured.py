@@ -15,11 +15,12 @@ from scipy.stats import multivariate_normal
 
 from bayestissue.dataset.model import Recorder
 from bayestissue.elements import element
-from bayestissue.likelihood.element import coloured, contact_cells, discrepancy
-from bayestissue.likelihood.element.coloured import LEAST_EIGENVALUE, colour_of
-from bayestissue.likelihood.element.impact import MeasuredImpact
+from bayestissue.likelihood.element import noise
+from bayestissue.likelihood.element.impact import MeasuredImpact, NoiseParameters
+from bayestissue.likelihood.element.noise import LEAST_EIGENVALUE, colour_of, discrepancy_modes
+from bayestissue.likelihood.element.record import Contact, DecelerationRecord
 from bayestissue.likelihood.element.recorder import Colour, LowPass
-from bayestissue.likelihood.element.response import ElementRecord, columns, response
+from bayestissue.likelihood.element.response import columns, response
 from bayestissue.signal.filters import autocorrelation, modes
 
 SLOW = Recorder(500.0)
@@ -50,31 +51,39 @@ def test_samples_are_so_far_apart_that_no_frequency_is_believed_above_all_others
 
 @pytest.mark.parametrize(("recorder", "white"), [(SLOW, 0.2), (SAE, 0.05), (SAE, 0.0)], ids=str)
 def test_products_are_those_under_the_inverse_covariance(recorder, white):
-    """Of traces that begin and end anywhere, at two sampling rates; some parts have cells of contact."""
+    """Of traces that begin and end anywhere, at two sampling rates."""
     random = np.random.default_rng(0)
     colour = colour_of(white, [lags(recorder), lags(recorder, 1.5 * DT)], ROWS)
-    asked = np.arange(ROWS)[:: colour.stride]
-    inside = (np.arange(ROWS) >= [[0], [7], [20]]) & (np.arange(ROWS) < [[60], [55], [60]])
-    inside, rate = inside[:, :: colour.stride], np.array([0, 1, 0])
-    p, q = np.where(inside, random.normal(size=(2, *inside.shape)), 0), random.normal(size=(4, *inside.shape))
-    q = np.where(inside, q, 0)
-    arrays = [jnp.asarray(each) for each in (p[0], q)]
-    found = jax.jit(lambda arrays: coloured.products(colour, jnp.asarray(rate), jnp.asarray(inside), arrays))(
-        arrays
+    asked, reach = np.arange(ROWS)[:: colour.stride], 20
+    recorded, rate = np.array([20, 13, 0]), np.array([0, 1, 0])
+    traces = record(
+        DT, SLOW, colour, np.zeros((3, ROWS - reach)), Contact.anywhere(np.zeros((3, reach)), recorded)
     )
+    traces = traces._replace(rate=jnp.asarray(rate), n_samples=jnp.array([40, 35, 40]))
+    inside = (np.arange(ROWS) >= [[0], [7], [20]]) & (np.arange(ROWS) < [[60], [55], [60]])
+    inside = inside[:, :: colour.stride]
+    parts = np.where(inside, random.normal(size=(5, *inside.shape)), 0)
+
+    @jax.jit
+    @jax.vmap
+    def products(one: noise.Noise, parts: jax.Array) -> tuple[jax.Array, jax.Array]:
+        return one.gram(parts), one.log_determinant()
+
+    made = noise.noise_of(traces, jnp.zeros(3))
+    np.testing.assert_array_equal(made.inside, inside)
+    gram, log_determinant = products(made, jnp.asarray(parts.swapaxes(0, 1)))
     for row in range(3):
         rows = asked[inside[row]]
         shape = whole(recorder, max(white, 1e-3), dt=DT * (1, 1.5)[rate[row]])[np.ix_(rows, rows)]
-        assert found.n_values[row] == len(rows)
         # Eigenvalues below a ten-thousandth of f are left out.
-        assert_allclose(found.log_determinant[row], np.linalg.slogdet(shape)[1], atol=1e-3 * len(rows))
-        mine, other = p[0, row, inside[row]], q[:, row][:, inside[row]]
+        assert_allclose(log_determinant[row], np.linalg.slogdet(shape)[1], atol=1e-3 * len(rows))
+        mine, *other = parts[:, row, inside[row]]
         solved = np.linalg.solve(shape, mine)
         size = np.sqrt(mine @ solved)
-        assert_allclose(found.gram[0][0][row], mine @ solved, rtol=1e-3)
-        assert_allclose(found.gram[0][1][:, row], other @ solved, atol=1e-3 * size**2)
+        assert_allclose(gram[row, 0, 0], mine @ solved, rtol=1e-3)
+        assert_allclose(gram[row, 0, 1:], np.array(other) @ solved, atol=1e-3 * size**2)
         each = [one @ np.linalg.solve(shape, one) for one in other]
-        assert_allclose(found.gram[1][1][:, row], each, rtol=1e-3)
+        assert_allclose(np.diagonal(gram[row])[1:], each, rtol=1e-3)
 
 
 def test_innovations_undo_the_factor_and_draws_have_the_covariance():
@@ -82,28 +91,43 @@ def test_innovations_undo_the_factor_and_draws_have_the_covariance():
     standard = np.random.default_rng(1).standard_normal((3, 40))
     factor = np.linalg.cholesky(whole(SAE, 0.1, 40))
     rate = jnp.zeros(3, int)
-    found = coloured.innovations(colour, rate, jnp.asarray(standard @ factor.T))
+    found = noise.innovations(colour, rate, jnp.asarray(standard @ factor.T))
     assert_allclose(found, standard, atol=1e-3)
     draws = 20_000
     white = jax.random.normal(jax.random.PRNGKey(0), (draws, 3, 40))
-    drawn = np.asarray(coloured.drawn(colour, rate, jax.random.PRNGKey(1), white))[:, 0]
+    drawn = np.asarray(noise.drawn(colour, rate, jax.random.PRNGKey(1), white))[:, 0]
     # Five standard errors of a covariance of numbers whose variances are 1.
     assert_allclose(np.cov(drawn.T), whole(SAE, 0.1, 40), atol=5 * (2 / draws) ** 0.5)
 
 
-def record(first: float, samples: int, recorder: Recorder, colour: Colour, **besides) -> ElementRecord:
+def record(
+    first: float,
+    recorder: Recorder,
+    colour: Colour,
+    d: np.ndarray,
+    contact: Contact,
+    error_sd: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0),
+    *,
+    lead: int = 0,
+    phases: int = 1,
+) -> DecelerationRecord:
     poles, weights = modes(recorder)
-    lead, phases = besides.pop("lead", 0), besides.pop("phases", 1)
     ahead = jnp.zeros(lead) if recorder.zero_phase else None
     cells = (jnp.arange(phases) + 0.5) / phases
     low_pass = LowPass(jnp.asarray(poles), jnp.asarray(weights), cells, ahead)
-    one = np.ones(1)
-    error_sd = besides.pop("error_sd", np.zeros((1, 4)))
-    chain = (VELOCITY * one, error_sd, besides.pop("uniform", np.zeros(1, bool)))
-    about = {"low_pass": low_pass, "colour": colour, "rate": np.zeros(1, int), **besides}
-    d = about.pop("d", np.zeros((1, samples)))
-    times = (first * one, DT * one)
-    return ElementRecord.from_arrays(d, np.array([samples]), *times, *chain, MASS * one, 0.03 * one, **about)
+    one = np.ones(len(d))
+    made = DecelerationRecord.from_arrays(
+        d,
+        np.full(len(d), d.shape[1]),
+        first * one,
+        DT * one,
+        VELOCITY * one,
+        np.outer(one, error_sd),
+        MASS * one,
+        {"diameter_m": 0.03 * one},
+        contact,
+    )
+    return made._replace(low_pass=low_pass, colour=colour)
 
 
 TISSUE, PARAMETERS = element("kelvin_voigt"), jnp.array([[K], [C]])
@@ -115,22 +139,20 @@ def test_the_density_where_contact_is_known_is_that_of_the_whole_covariance(log_
     """Chain and discrepancy are in it too."""
     samples, white = 50, 0.15
     random = np.random.default_rng(2)
-    basis, share = discrepancy.modes(np.array([samples]), samples)
+    smooth = discrepancy_modes(np.array([samples]), samples)
     given = record(
         2.3 * DT,
-        samples,
         SLOW,
         colour_of(white, [lags(SLOW)], samples),
-        d=300 * np.sin(np.arange(samples) / 25)[None] + random.standard_normal((1, samples)),
-        error_sd=np.array([[0.01, 0.02, 0.5, 1e-5]]),
-        basis=basis,
-        share=share,
-    )
+        300 * np.sin(np.arange(samples) / 25)[None] + random.standard_normal((1, samples)),
+        Contact.known(np.zeros(1, bool)),
+        (0.01, 0.02, 0.5, 1e-5),
+    )._replace(discrepancy=smooth)
     beside = None if log_discrepancy is None else jnp.array([log_discrepancy])
 
     @jax.jit
     def asked(given):
-        event = MeasuredImpact(TISSUE, PARAMETERS, jnp.array([np.log(SIGMA)]), given, beside)
+        event = MeasuredImpact(TISSUE, PARAMETERS, NoiseParameters(jnp.array([np.log(SIGMA)]), beside), given)
         found = response(TISSUE, PARAMETERS, given)
         return event.log_prob(given.d), found.d, jnp.stack(columns(found, given))
 
@@ -139,7 +161,7 @@ def test_the_density_where_contact_is_known_is_that_of_the_whole_covariance(log_
     scaled = each[:, 0].T * np.asarray(given.error_sd)[0]
     covariance += scaled @ scaled.T
     if log_discrepancy is not None:
-        own = np.exp(log_discrepancy) * basis[:, 0].T * np.sqrt(share[0])
+        own = np.exp(log_discrepancy) * np.asarray(smooth.basis)[0].T * np.sqrt(smooth.share[0])
         covariance += own @ own.T
     expected = multivariate_normal(np.zeros(samples), covariance).logpdf(np.asarray(given.d)[0] - d[0])
     assert density[0] == pytest.approx(expected, abs=1e-3 * samples)
@@ -147,27 +169,24 @@ def test_the_density_where_contact_is_known_is_that_of_the_whole_covariance(log_
 
 def with_contact_open(
     recorder: Recorder, colour: Colour, trace: np.ndarray, reach: int, lead: int
-) -> ElementRecord:
+) -> DecelerationRecord:
     """Contact may be in any of ``reach`` cells, those in which the filter looks ahead among them."""
     return record(
         DT / 2,
-        len(trace) - reach,
         recorder,
         colour,
+        trace[None, reach:],
+        Contact.anywhere(trace[None, :reach], np.array([reach])),
+        (0.0, 0.0, 0.0, reach * DT / 12**0.5),
         lead=lead,
         phases=2,
-        d=trace[None, reach:],
-        error_sd=np.array([[0.0, 0.0, 0.0, reach * DT / 12**0.5]]),
-        uniform=np.ones(1, bool),
-        before=trace[:reach].reshape(reach, 1, 1),
-        n_before=np.array([reach]),
-        quiet_sd=np.array([SIGMA]),
     )
 
 
 @jax.jit
-def of_trace(given: ElementRecord, beside: jax.Array | None = None) -> tuple[jax.Array, jax.Array]:
-    event = MeasuredImpact(TISSUE, PARAMETERS, jnp.array([np.log(SIGMA)]), given, beside)
+def of_trace(given: DecelerationRecord, beside: jax.Array | None = None) -> tuple[jax.Array, jax.Array]:
+    noise = NoiseParameters(jnp.array([np.log(SIGMA)]), beside)
+    event = MeasuredImpact(TISSUE, PARAMETERS, noise, given)
     return event.log_prob(given.d), event.mean_first_time()
 
 
@@ -195,8 +214,8 @@ def test_where_all_of_it_is_white_it_is_the_likelihood_of_white_noise():
     trace = seen_directly(SLOW, time + 3.4 * DT)
     trace = trace + SIGMA * np.random.default_rng(3).standard_normal(len(time))
     given = with_contact_open(SLOW, colour_of(white, [lags(SLOW)], len(time)), trace, reach, 0)
-    plain = given._replace(colour=None, rate=None)
-    quiet = contact_cells.quiet_density(plain)
+    contact = Contact.anywhere(trace[None, :reach], np.array([reach]), np.array([SIGMA]))
+    plain, quiet = given._replace(colour=Colour.white_noise(), contact=contact), contact.quiet_log_density
     coloured_one, white_one = of_trace(given), of_trace(plain)
     # In proportion to 1 - f times the greatest eigenvalue of R, a dozen.
     assert_allclose(coloured_one[0], white_one[0] + quiet, atol=1e-4)
@@ -210,16 +229,17 @@ def test_a_discrepancy_beside_it_takes_up_what_the_element_leaves():
     noise = np.linalg.cholesky(whole(SLOW, 0.3, len(time))) @ np.random.default_rng(3).standard_normal(58)
     trace = seen_directly(SLOW, time + 3.4 * DT) + SIGMA * noise
     colour = colour_of(0.3, [lags(SLOW)], len(time))
-    basis, share = discrepancy.modes(np.array([samples]), samples)
+    smooth = discrepancy_modes(np.array([samples]), samples)
 
     def density(trace: np.ndarray, log_discrepancy: float) -> float:
         given = with_contact_open(SLOW, colour, trace, reach, 0)
-        given = given._replace(basis=jnp.asarray(basis), share=jnp.asarray(share))
+        given = given._replace(discrepancy=smooth)
         return float(of_trace(given, jnp.array([log_discrepancy]))[0][0])
 
     plain = float(of_trace(with_contact_open(SLOW, colour, trace, reach, 0))[0][0])
     assert density(trace, -12.0) == pytest.approx(plain, abs=1e-4)
-    further = 10 * np.sqrt(share[0]) * np.random.default_rng(4).standard_normal(len(basis)) @ basis[:, 0]
+    basis, share = (np.asarray(part)[0] for part in smooth)
+    further = 10 * np.sqrt(share) * np.random.default_rng(4).standard_normal(len(basis)) @ basis
     spoilt = trace + np.concatenate([np.zeros(reach), further])
     assert density(spoilt, np.log(10.0)) > density(spoilt, np.log(1.0)) + 3
     assert density(trace, np.log(10.0)) < plain

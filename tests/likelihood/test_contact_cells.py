@@ -13,8 +13,8 @@ from scipy.stats import kstest, multivariate_normal
 
 from bayestissue.elements import element, impact
 from bayestissue.elements.element import Element
-from bayestissue.likelihood.element.impact import MeasuredImpact
-from bayestissue.likelihood.element.response import ElementRecord
+from bayestissue.likelihood.element.impact import MeasuredImpact, NoiseParameters
+from bayestissue.likelihood.element.record import Contact, DecelerationRecord
 
 DT, SAMPLES, CELLS = 2e-4, 60, 4
 LONGEST = 72
@@ -49,51 +49,49 @@ def response(name: str, time: np.ndarray, velocity: np.ndarray) -> np.ndarray:
 
 @partial(jax.jit, static_argnums=0)
 def _log_prob(
-    which: Element, parameters: jax.Array, log_sigma: jax.Array, record: ElementRecord
+    which: Element, parameters: jax.Array, noise: NoiseParameters, record: DecelerationRecord
 ) -> jax.Array:
-    return MeasuredImpact(which, parameters, log_sigma, record).log_prob(record.d)
+    return MeasuredImpact(which, parameters, noise, record).log_prob(record.d)
 
 
 def log_prob(given: MeasuredImpact) -> np.ndarray:
-    return np.asarray(_log_prob(given.element, given.parameters, given.log_sigma, given.record))
+    return np.asarray(_log_prob(given.element, given.parameters, given.noise_parameters, given.record))
 
 
 def contact_errors(given: MeasuredImpact, seed: int, number: int) -> np.ndarray:
     """Draws of the first impact's error of contact."""
     keys = jax.random.split(jax.random.PRNGKey(seed), number)
-    return np.asarray(_contact_errors(given.element, given.parameters, given.log_sigma, keys, given.record))
+    return np.asarray(
+        _contact_errors(given.element, given.parameters, given.noise_parameters, keys, given.record)
+    )
 
 
 @partial(jax.jit, static_argnums=0)
 def _contact_errors(
-    which: Element, parameters: jax.Array, log_sigma: jax.Array, keys: jax.Array, record: ElementRecord
+    which: Element, parameters: jax.Array, noise: NoiseParameters, keys: jax.Array, record: DecelerationRecord
 ) -> jax.Array:
-    given = MeasuredImpact(which, parameters, log_sigma, record)
+    given = MeasuredImpact(which, parameters, noise, record)
     return jax.vmap(given.draw_errors)(keys)[:, 0, 3]
 
 
-def measured(name: str, width: int, *, sigma: float = SIGMA, lead: float = 2.6) -> MeasuredImpact:
-    reach = CELLS * width
+def measured(name: str, reach: int, *, sigma: float = SIGMA, lead: float = 2.6) -> MeasuredImpact:
     traces = simulated(name, np.full(2, lead * DT), reach, sigma)
-    before = np.where(np.arange(reach) >= reach - RECORDED[:, None], traces[:, :reach], 0.0)
+    recorded, quiet_sd = np.minimum(RECORDED, reach), np.full(2, QUIET_SD)
     error_sd = np.tile(ERROR_SD, (2, 1))
     error_sd[:, 3] = reach * DT / np.sqrt(12)
-    record = ElementRecord.from_arrays(
+    record = DecelerationRecord.from_arrays(
         traces[:, reach:],
         COUNT,
         np.full(2, DT / 2),
         np.full(2, DT),
         VELOCITY,
         error_sd,
-        np.ones(2, bool),
         MASS,
-        DIAMETER,
-        before=np.moveaxis(before.reshape(2, CELLS, width), 1, 0),
-        n_before=np.minimum(RECORDED, reach),
-        quiet_sd=np.full(2, QUIET_SD),
+        {"diameter_m": DIAMETER},
+        Contact.anywhere(traces[:, :reach], recorded, quiet_sd),
     )
     parameters = jnp.stack([jnp.full(2, value) for value in VALUES[name].values()])
-    return MeasuredImpact(element(name), parameters, jnp.full(2, np.log(sigma)), record)
+    return MeasuredImpact(element(name), parameters, NoiseParameters(jnp.full(2, np.log(sigma))), record)
 
 
 def density_at(given: MeasuredImpact, name: str, row: int, lead: float, about: float) -> float:
@@ -103,7 +101,7 @@ def density_at(given: MeasuredImpact, name: str, row: int, lead: float, about: f
     samples before the first.
     """
     record = given.record
-    n, before = int(COUNT[row]), int(record.n_before[row])
+    n, before = int(COUNT[row]), int(record.contact.n_before[row])
     time = np.arange(-before, n) * DT + about
     touched = np.tile(np.maximum(time, 0.0), (2, 1))
     step = 1e-3 * VELOCITY
@@ -118,10 +116,9 @@ def density_at(given: MeasuredImpact, name: str, row: int, lead: float, about: f
         np.where(own, d, 0.0) * ERROR_SD[1],
         np.ones_like(d) * ERROR_SD[2],
     ]
-    covariance = np.exp(2 * float(given.log_sigma[row])) * np.eye(n + before)
+    covariance = float(given.sigma[row]) ** 2 * np.eye(n + before)
     covariance += sum(np.outer(column, column) for column in columns)
-    reach = record.before.shape[0] * record.before.shape[2]
-    early = np.moveaxis(np.asarray(record.before), 0, 1).reshape(2, -1)[row, reach - before :]
+    early = np.asarray(record.contact.before)[row, record.contact.reach - before :]
     seen = np.concatenate([early, np.asarray(record.d)[row, :n]])
     mean = np.where(own, d + jerk * (lead - about), 0.0)
     found = multivariate_normal.logpdf(seen, mean, covariance)
@@ -129,49 +126,49 @@ def density_at(given: MeasuredImpact, name: str, row: int, lead: float, about: f
     return float(found - noise.logpdf(early[:, None]).sum()) if before else float(found)
 
 
-def density_of_row(given: MeasuredImpact, name: str, row: int, width: int) -> float:
+def density_of_row(given: MeasuredImpact, name: str, row: int) -> float:
     """Log of the integral over all cells, contact in sampling intervals.
 
     Within a cell the log density is a parabola in contact: three values give it, many points its integral.
     """
     inner = (np.arange(20_000) + 0.5) / 10_000 - 1
     total = []
-    for cell in range(CELLS):
-        about, half = (cell + 0.5) * width * DT, width * DT / 2
+    for cell in range(given.record.contact.reach):
+        about, half = (cell + 0.5) * DT, DT / 2
         values = [density_at(given, name, row, about + side * half, about) for side in (-1, 0, 1)]
         total.append(np.polyval(np.polyfit([-1, 0, 1], values, 2), inner))
-    return float(logsumexp(total) - np.log(len(inner)) + np.log(width))
+    return float(logsumexp(total) - np.log(len(inner)))
 
 
 @pytest.mark.parametrize(
-    ("name", "width"),
+    ("name", "reach"),
     # One that jumps at contact and one that does not; the sum over cells is the same code for all.
     [
-        (name, width)
-        if (name, width) in (("maxwell", 1), ("hunt_crossley", 3))
-        else pytest.param(name, width, marks=pytest.mark.long)
+        (name, reach)
+        if (name, reach) in (("maxwell", CELLS), ("hunt_crossley", 3 * CELLS))
+        else pytest.param(name, reach, marks=pytest.mark.long)
         for name in VALUES
-        for width in (1, 3)
+        for reach in (CELLS, 3 * CELLS)
     ],
 )
-def test_density_is_the_integral_over_all_cells(name: str, width: int) -> None:
-    given = measured(name, width)
+def test_density_is_the_integral_over_all_cells(name: str, reach: int) -> None:
+    given = measured(name, reach)
     found = log_prob(given)
-    expected = [density_of_row(given, name, row, width) for row in range(2)]
+    expected = [density_of_row(given, name, row) for row in range(2)]
     # Both are good to the differences that the oracle takes: a millionth of a trace's product over sigma^2.
     assert found == pytest.approx(expected, abs=1e-3)
 
 
 def test_slopes_are_those_of_differences() -> None:
-    given = measured("standard_linear", 1)
+    given = measured("standard_linear", CELLS)
     which = given.element
 
     @jax.jit
     @jax.value_and_grad
     def total(logs: jax.Array) -> jax.Array:
-        return _log_prob(which, jnp.exp(logs[:-1]), logs[-1], given.record).sum()
+        return _log_prob(which, jnp.exp(logs[:-1]), NoiseParameters(logs[-1]), given.record).sum()
 
-    logs = jnp.concatenate([jnp.log(given.parameters), given.log_sigma[None]])
+    logs = jnp.concatenate([jnp.log(given.parameters), given.noise_parameters.log_sigma[None]])
     slope = np.asarray(total(logs)[1])
     h = 1e-5
     for place in np.ndindex(*logs.shape):
@@ -183,11 +180,11 @@ def test_slopes_are_those_of_differences() -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_contact_is_found_where_it_was(name: str) -> None:
     """Nearly without noise the moment is told to a hundredth of a sampling interval or so."""
-    given = measured(name, 1, sigma=1e-3)
+    given = measured(name, CELLS, sigma=1e-3)
 
     @jax.jit
-    def found(record: ElementRecord) -> tuple[jax.Array, jax.Array]:
-        same = MeasuredImpact(given.element, given.parameters, given.log_sigma, record)
+    def found(record: DecelerationRecord) -> tuple[jax.Array, jax.Array]:
+        same = MeasuredImpact(given.element, given.parameters, given.noise_parameters, record)
         return same.draw_errors(jax.random.PRNGKey(0)), same.mean_first_time()
 
     errors, mean_first = found(given.record)
@@ -198,7 +195,7 @@ def test_contact_is_found_where_it_was(name: str) -> None:
 
 
 def test_drawn_contact_is_distributed_as_its_density() -> None:
-    given = measured("maxwell", 1, sigma=1.0)
+    given = measured("maxwell", CELLS, sigma=1.0)
     drawn = DT / 2 - contact_errors(given, 1, 4000)
 
     def density(lead: float) -> float:
@@ -213,19 +210,20 @@ def test_drawn_contact_is_distributed_as_its_density() -> None:
 
 def test_early_samples_bound_contact() -> None:
     """Without them contact could be earlier by as much as the rest of the trace allows."""
-    with_them = measured("maxwell", 3, sigma=1.0, lead=1.2)
-    none = with_them.record._replace(n_before=jnp.zeros(2, int))
-    without = MeasuredImpact(with_them.element, with_them.parameters, with_them.log_sigma, none)
+    with_them = measured("maxwell", 3 * CELLS, sigma=1.0, lead=8.2)
+    nothing = Contact.anywhere(np.zeros((2, 3 * CELLS)), np.zeros(2, int))
+    none = with_them.record._replace(contact=nothing)
+    without = MeasuredImpact(with_them.element, with_them.parameters, with_them.noise_parameters, none)
     spread = [contact_errors(each, 2, 2000).std() for each in (with_them, without)]
     assert spread[0] < spread[1]
 
 
 def test_replicates_have_contact_where_the_trace_has_it() -> None:
-    given = measured("maxwell", 1, sigma=1e-2)
+    given = measured("maxwell", CELLS, sigma=1e-2)
 
     @jax.jit
-    def sampled(record: ElementRecord) -> jax.Array:
-        same = MeasuredImpact(given.element, given.parameters, given.log_sigma, record)
+    def sampled(record: DecelerationRecord) -> jax.Array:
+        same = MeasuredImpact(given.element, given.parameters, given.noise_parameters, record)
         return same.sample(jax.random.PRNGKey(3))
 
     made = np.asarray(sampled(given.record))
@@ -239,9 +237,10 @@ def test_replicates_have_contact_where_the_trace_has_it() -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_no_noise_is_small_enough_to_explain_everything(name: str) -> None:
     """Early samples that hold part of the impact must not make a vanishing noise likely."""
-    given = measured(name, 3, lead=8.0)
+    given = measured(name, 3 * CELLS, lead=8.0)
     values = []
     for log_sigma in np.log(SIGMA) - np.array([0.0, 2.0, 4.0, 8.0]):
-        other = MeasuredImpact(given.element, given.parameters, jnp.full(2, log_sigma), given.record)
+        noise = NoiseParameters(jnp.full(2, log_sigma))
+        other = MeasuredImpact(given.element, given.parameters, noise, given.record)
         values.append(log_prob(other))
     assert (np.diff(values, axis=0) < 0).all()

@@ -1,3 +1,5 @@
+"""The kernel of spring and damper side by side against dense normals and the general way."""
+
 from __future__ import annotations
 
 from functools import partial
@@ -9,8 +11,11 @@ from numpy.testing import assert_allclose
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
-from bayestissue.likelihood.element.deceleration import DecelerationRecord, MeasuredDeceleration
-from bayestissue.likelihood.linear_errors import marginal_log_likelihood
+from bayestissue.elements import element
+from bayestissue.elements.element import GRAVITY as ALONG
+from bayestissue.likelihood.element.impact import MeasuredImpact, NoiseParameters, element_log_likelihood
+from bayestissue.likelihood.element.record import Contact, DecelerationRecord
+from bayestissue.likelihood.element.spring_damper import log_likelihood
 from bayestissue.oscillator import impact_motion
 
 RNG = np.random.default_rng(11)
@@ -50,7 +55,13 @@ def record() -> DecelerationRecord:
     d = RNG.normal(size=(5, WIDTH))
     for i in range(5):
         d[i, : LENGTHS[i]] += expected(i, OMEGA_N[i], ZETA[i])[0]
-    return DecelerationRecord.from_arrays(d, LENGTHS, FIRST, DT, VELOCITY, ERROR_SD, UNIFORM, gravity=GRAVITY)
+    return recorded(d)
+
+
+def recorded(d: np.ndarray) -> DecelerationRecord:
+    surroundings = {"diameter_m": np.full(5, 0.03), ALONG: GRAVITY}
+    chain = (VELOCITY, ERROR_SD, np.ones(5), surroundings, Contact.known(UNIFORM))
+    return DecelerationRecord.from_arrays(d, LENGTHS, FIRST, DT, *chain)
 
 
 RECORD = record()
@@ -59,13 +70,21 @@ RECORD = record()
 AT = tuple(map(jnp.asarray, (OMEGA_N, ZETA, LOG_SIGMA)))
 
 
-def measured() -> MeasuredDeceleration:
-    return MeasuredDeceleration(*AT, RECORD)
+TISSUE = element("kelvin_voigt")
+
+
+def spring_and_damper(omega_n: jax.Array, zeta: jax.Array) -> jax.Array:
+    """K and C for a mass of 1 kg."""
+    return jnp.stack([omega_n**2, 2 * zeta * omega_n])
+
+
+def measured() -> MeasuredImpact:
+    return MeasuredImpact(TISSUE, spring_and_damper(*AT[:2]), NoiseParameters(AT[2]), RECORD)
 
 
 @jax.jit
 def densities(*parts: jax.Array) -> jax.Array:
-    return MeasuredDeceleration(*parts, RECORD).log_prob(RECORD.d)
+    return log_likelihood(*parts, RECORD)
 
 
 slopes_of = jax.jit(jax.grad(lambda *parts: densities(*parts).sum(), argnums=(0, 1, 2)))
@@ -73,8 +92,9 @@ slopes_of = jax.jit(jax.grad(lambda *parts: densities(*parts).sum(), argnums=(0,
 
 @jax.jit
 def density_of(value: jax.Array) -> jax.Array:
-    """By the path that takes any traces, its own among them."""
-    return measured().log_prob(value)
+    """Of any traces, by the way that serves every element."""
+    record = RECORD.with_traces(value, RECORD.n_samples)
+    return element_log_likelihood(TISSUE, spring_and_damper(*AT[:2]), NoiseParameters(AT[2]), record)
 
 
 def dense_log_density(value: np.ndarray) -> list[float]:
@@ -101,6 +121,7 @@ def test_density_is_that_of_the_dense_normal() -> None:
     assert_allclose(densities(*AT), dense_log_density(np.asarray(RECORD.d)), rtol=1e-6)
     other = 1.1 * np.asarray(RECORD.d)
     assert_allclose(density_of(other), dense_log_density(other), rtol=1e-6)
+    assert_allclose(jax.jit(lambda d: measured().log_prob(d))(other), density_of(other), rtol=1e-10)
 
 
 def test_density_by_the_motion_itself() -> None:
@@ -121,21 +142,11 @@ def test_density_by_the_motion_itself() -> None:
         assert_allclose(exact[i], direct, rtol=1e-11)
 
 
-def test_products_by_blocks_are_those_by_samples() -> None:
-    by_blocks, by_samples = jax.jit(lambda d: (measured().products(), measured().products(d)))(RECORD.d)
-    for own, other in zip(jax.tree.leaves(by_blocks), jax.tree.leaves(by_samples), strict=True):
-        # Sums of some tens of terms, in another order; the residual's are differences of near equals.
-        assert_allclose(own, other, rtol=1e-9, atol=1e-12 * np.abs(np.asarray(other)).max())
-
-
 def test_what_lies_past_an_impacts_end_counts_nothing() -> None:
     inside = np.arange(WIDTH) < LENGTHS[:, None]
     value = np.where(inside, RECORD.d, 7.0)
     assert_allclose(density_of(value), density_of(np.asarray(RECORD.d)), rtol=1e-12)
-    messy = DecelerationRecord.from_arrays(
-        value, LENGTHS, FIRST, DT, VELOCITY, ERROR_SD, UNIFORM, gravity=GRAVITY
-    )
-    assert_allclose(messy.d, RECORD.d, atol=0)
+    assert_allclose(recorded(value).d, RECORD.d, atol=0)
 
 
 def test_slopes_are_central_differences() -> None:
@@ -156,9 +167,9 @@ def test_slopes_in_closed_form_are_those_of_the_plain_path() -> None:
     @jax.jit
     @partial(jax.value_and_grad, argnums=(0, 1, 2), has_aux=True)
     def plain(*parts: jax.Array) -> tuple[jax.Array, jax.Array]:
-        distribution = MeasuredDeceleration(*parts, RECORD)
-        products = distribution.products()
-        found = marginal_log_likelihood(products, distribution.log_sigma, RECORD.error_sd, RECORD.uniform)
+        found = element_log_likelihood(
+            TISSUE, spring_and_damper(*parts[:2]), NoiseParameters(parts[2]), RECORD
+        )
         return found.sum(), found
 
     (_, found), slopes = plain(*AT)

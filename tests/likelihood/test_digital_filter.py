@@ -10,8 +10,9 @@ from scipy.signal import bessel, butter, sosfilt, sosfiltfilt
 
 from bayestissue.dataset.model import Recorder
 from bayestissue.elements import element, impact
+from bayestissue.likelihood.element.record import Contact, DecelerationRecord
 from bayestissue.likelihood.element.recorder import LowPass
-from bayestissue.likelihood.element.response import ElementRecord, response
+from bayestissue.likelihood.element.response import response
 from bayestissue.signal.filters import ahead_s, decay, modes
 
 DT, SAMPLES, VELOCITY = 5e-4, 40, 1.5
@@ -53,21 +54,20 @@ def likelihoods(recorder: Recorder) -> tuple[LowPass, int]:
     return LowPass(jnp.asarray(poles), jnp.asarray(weights), jnp.array([0.5]), ahead, corner), lead
 
 
-def record(name: str, first_time: float, low_pass: LowPass, **further: np.ndarray) -> ElementRecord:
+def record(first_time: float, low_pass: LowPass, cells: int = 0) -> DecelerationRecord:
     one = np.ones(1)
-    return ElementRecord.from_arrays(
+    contact = Contact.anywhere(np.zeros((1, cells)), np.zeros(1)) if cells else Contact.known(one > 0)
+    return DecelerationRecord.from_arrays(
         np.zeros((1, SAMPLES)),
         np.array([SAMPLES]),
         first_time * one,
         DT * one,
         VELOCITY * one,
         np.zeros((1, 4)),
-        np.ones(1, bool),
         0.5 * one,
-        0.03 * one,
-        low_pass=low_pass,
-        **further,
-    )
+        {"diameter_m": 0.03 * one},
+        contact,
+    )._replace(low_pass=low_pass)
 
 
 answered = jax.jit(response, static_argnums=0)
@@ -95,15 +95,13 @@ def test_the_mean_is_what_scipy_makes_of_the_samples(name, recorder):
     # Of a force that a solver finds.
     solved = 1e-9 if name == "kelvin_voigt" else 1e-5
     for since in (0.13, -2.4) if recorder.zero_phase else (0.13,):
-        answer = answered(element(name), parameters, record(name, since * DT, low_pass))
+        answer = answered(element(name), parameters, record(since * DT, low_pass))
         expected = filtered[since][300 : 300 + SAMPLES]
         np.testing.assert_allclose(answer.d[0], expected, atol=(tail + solved) * peak)
     if name != "kelvin_voigt":
         return
     # In cells of contact, from as long before it as the filter looks ahead, half an interval before a sample.
-    cells = answered(
-        element(name), parameters, record(name, DT / 2, low_pass, before=np.zeros((lead + 3, 1, 1)))
-    )
+    cells = answered(element(name), parameters, record(DT / 2, low_pass, lead + 3))
     expected = filtered[0.5][300 - lead : 300 - lead + cells.d.shape[1]]
     inside = slice(0, lead + SAMPLES)
     np.testing.assert_allclose(cells.d[0, inside], expected[inside], atol=(tail + solved) * peak)
@@ -120,7 +118,7 @@ def test_an_analog_filter_of_the_same_corner_is_another():
     parameters = jnp.array([[value] for value in TISSUES["kelvin_voigt"].values()])
     tissue = element("kelvin_voigt")
     both = [
-        answered(tissue, parameters, record("kelvin_voigt", time[0], low_pass)).d[0]
+        answered(tissue, parameters, record(time[0], low_pass)).d[0]
         for low_pass in (digital, digital._replace(corner=None))
     ]
     assert np.abs(both[0] - both[1]).max() > 0.02 * np.abs(both[0]).max()
@@ -130,7 +128,7 @@ def test_a_filter_far_below_the_sampling_rate_is_the_analog_one():
     slow, _ = likelihoods(Recorder(RATE / 400, applied="digital"))
     parameters = jnp.array([[value] for value in TISSUES["kelvin_voigt"].values()])
     both = [
-        answered(element("kelvin_voigt"), parameters, record("kelvin_voigt", 0.5 * DT, low_pass)).d[0]
+        answered(element("kelvin_voigt"), parameters, record(0.5 * DT, low_pass)).d[0]
         for low_pass in (slow, slow._replace(corner=None))
     ]
     # The samples know of contact to half an interval: half of the angle of the corner in it.

@@ -12,9 +12,11 @@ from scipy.stats import multivariate_normal, norm
 
 from bayestissue.elements import element, impact
 from bayestissue.elements.element import Element
-from bayestissue.likelihood.element import discrepancy
-from bayestissue.likelihood.element.impact import MeasuredImpact
-from bayestissue.likelihood.element.response import ElementRecord, Response, columns, response
+from bayestissue.inference.quantities.elements import integrals
+from bayestissue.likelihood.element.impact import MeasuredImpact, NoiseParameters
+from bayestissue.likelihood.element.noise import discrepancy_modes
+from bayestissue.likelihood.element.record import Contact, DecelerationRecord
+from bayestissue.likelihood.element.response import Response, columns, response
 
 MASS, VELOCITY = np.array([0.5, 1.2]), np.array([1.5, 1.0])
 DT, FIRST = np.array([4e-4, 5e-4]), np.array([1e-4, 4e-4])
@@ -39,20 +41,19 @@ def measured(name: str, log_s: jax.Array | None = LOG_S, *, uniform: bool = Fals
     time = FIRST[:, None] + DT[:, None] * np.arange(COUNT.max())
     d = np.array(impact("stiffening", EXTRA, MASS, 0.99 * VELOCITY, time).deceleration) + 0.3
     d += 0.5 * np.random.default_rng(4).standard_normal(d.shape)
-    chain = (VELOCITY, SD, np.array([uniform, False]))
-    traces = ElementRecord.from_arrays(
-        d, COUNT, FIRST, DT, *chain, MASS, np.full(2, 0.0318), *discrepancy.modes(COUNT, COUNT.max())
-    )
+    contact, ball = Contact.known(np.array([uniform, False])), {"diameter_m": np.full(2, 0.0318)}
+    traces = DecelerationRecord.from_arrays(d, COUNT, FIRST, DT, VELOCITY, SD, MASS, ball, contact)
+    traces = traces._replace(discrepancy=discrepancy_modes(COUNT, COUNT.max()))
     which = element(name)
     parameters = jnp.array([np.full(2, EXTRA[each.name]) for each in which.parameters])
-    return MeasuredImpact(which, parameters, LOG_SIGMA, traces, log_s)
+    return MeasuredImpact(which, parameters, NoiseParameters(LOG_SIGMA, log_s), traces)
 
 
 @partial(jax.jit, static_argnums=0)
 def _log_prob(
-    which: Element, parameters: jax.Array, record: ElementRecord, log_s: jax.Array | None
+    which: Element, parameters: jax.Array, noise: NoiseParameters, record: DecelerationRecord
 ) -> jax.Array:
-    return MeasuredImpact(which, parameters, LOG_SIGMA, record, log_s).log_prob(record.d)
+    return MeasuredImpact(which, parameters, noise, record).log_prob(record.d)
 
 
 @partial(jax.jit, static_argnums=0)
@@ -62,7 +63,7 @@ def _response(*given: Any) -> Response:
 
 def log_prob(given: MeasuredImpact) -> np.ndarray:
     """Log densities of its own traces."""
-    return np.asarray(_log_prob(given.element, given.parameters, given.record, given.log_discrepancy))
+    return np.asarray(_log_prob(given.element, given.parameters, given.noise_parameters, given.record))
 
 
 def dense(given: MeasuredImpact, row: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -74,12 +75,12 @@ def dense(given: MeasuredImpact, row: int) -> tuple[np.ndarray, np.ndarray, np.n
 
 
 def test_modes_are_those_of_the_kernel() -> None:
-    basis, share = discrepancy.modes(COUNT, 50)
-    assert basis.shape == (6, 2, 50)
+    basis, share = (np.asarray(part) for part in discrepancy_modes(COUNT, 50))
+    assert basis.shape == (2, 6, 50)
     assert share.shape == (2, 6)
     for row, n in enumerate(COUNT):
-        own = basis[:, row, :n]
-        assert not basis[:, row, n:].any()
+        own = basis[row, :, :n]
+        assert not basis[row, :, n:].any()
         np.testing.assert_allclose(own @ own.T, np.eye(6), atol=1e-11)
         np.testing.assert_allclose((own.T * share[row]) @ own, kernel(n), atol=1e-10)
         assert (np.diff(share[row]) < 0).all()
@@ -87,8 +88,8 @@ def test_modes_are_those_of_the_kernel() -> None:
 
 
 def test_modes_of_the_shortest_and_of_a_long_trace_are_orthonormal() -> None:
-    basis, share = discrepancy.modes(np.array([8, 3000]), 3000)
-    np.testing.assert_allclose(np.einsum("jin,kin->ijk", basis, basis), [np.eye(6)] * 2, atol=1e-10)
+    basis, share = (np.asarray(part) for part in discrepancy_modes(np.array([8, 3000]), 3000))
+    np.testing.assert_allclose(basis @ basis.swapaxes(1, 2), [np.eye(6)] * 2, atol=1e-10)
     assert (share > 0).all()
 
 
@@ -139,7 +140,8 @@ def test_slopes_agree_with_differences_and_with_the_path_through_any_value(name:
     @jax.jit
     @partial(jax.value_and_grad, has_aux=True)
     def both(logs: jax.Array) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
-        made = MeasuredImpact(which, jnp.exp(logs[:-2]), logs[-2], traces, logs[-1])
+        noise = NoiseParameters(logs[-2], logs[-1])
+        made = MeasuredImpact(which, jnp.exp(logs[:-2]), noise, traces)
         found = made.log_prob(traces.d)
         return found.sum(), (found, made.log_prob(traces.d + 0.0))
 
@@ -188,10 +190,11 @@ def test_draws_given_a_trace_are_those_of_the_joint_normal() -> None:
 
 def test_samples_have_the_discrepancy_in_them() -> None:
     given, number = measured("kelvin_voigt"), 4000
-    key, record = jax.random.PRNGKey(0), given.record
+    key = jax.random.PRNGKey(0)
     drawn = np.asarray(jax.jit(lambda key: given.sample(key, (number,)))(key))
-    shape = (number, len(record.n_samples))
-    delta = discrepancy.draw_prior(key, shape, record.basis, given.log_discrepancy, record.share)
+    # The same draws of everything else, so that the difference is the discrepancy.
+    without = MeasuredImpact(given.element, given.parameters, NoiseParameters(LOG_SIGMA), given.record)
+    delta = drawn - np.asarray(jax.jit(lambda key: without.sample(key, (number,)))(key))
     for row in range(2):
         n = COUNT[row]
         assert not drawn[:, row, n:].any()
@@ -199,7 +202,7 @@ def test_samples_have_the_discrepancy_in_them() -> None:
         spread = np.diag(own + each @ each.T) + np.exp(2 * LOG_SIGMA[row])
         # 83 values: five standard errors of a variance.
         assert np.abs(drawn[:, row, :n].var(0) / spread - 1).max() < 5 * np.sqrt(2 / number)
-        mean_square = np.square(np.asarray(delta)[:, row, :n]).mean()
+        mean_square = np.square(delta[:, row, :n]).mean()
         # s is the root of delta's mean square; most of it is in two modes, so that a draw's mean square
         # has a standard deviation of about its mean.
         assert abs(mean_square / np.exp(2 * LOG_S[row]) - 1) < 5 / np.sqrt(number)
@@ -207,12 +210,12 @@ def test_samples_have_the_discrepancy_in_them() -> None:
 
 def test_integrals_are_exact_for_a_constant_and_near_for_a_wave() -> None:
     time = FIRST[:, None] + DT[:, None] * np.arange(COUNT.max())
-    velocity, x = discrepancy.integrals(jnp.full(time.shape, 3.0), jnp.asarray(FIRST), jnp.asarray(DT))
+    velocity, x = integrals(jnp.full(time.shape, 3.0), jnp.asarray(FIRST), jnp.asarray(DT))
     np.testing.assert_allclose(velocity, 3 * time, rtol=1e-12)
     # Trapezia of a straight line are exact.
     np.testing.assert_allclose(x, 3 * time**2 / 2, rtol=1e-12)
     rate = 100.0
-    velocity, x = discrepancy.integrals(
+    velocity, x = integrals(
         jnp.asarray(np.cos(rate * (time - FIRST[:, None]))), jnp.asarray(FIRST), jnp.asarray(DT)
     )
     after = time - FIRST[:, None]

@@ -10,9 +10,11 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from bayestissue.elements import element, element_names, impact
-from bayestissue.likelihood.element.deceleration import DecelerationRecord, recorded_log_likelihood
-from bayestissue.likelihood.element.impact import MeasuredImpact
-from bayestissue.likelihood.element.response import ElementRecord, motion
+from bayestissue.elements.element import GRAVITY
+from bayestissue.likelihood.element import spring_damper
+from bayestissue.likelihood.element.impact import MeasuredImpact, NoiseParameters
+from bayestissue.likelihood.element.record import Contact, DecelerationRecord
+from bayestissue.likelihood.element.response import motion
 
 MASS, VELOCITY = np.array([0.5, 1.2]), np.array([1.5, 1.0])
 DT, FIRST = np.array([4e-4, 5e-4]), np.array([1e-4, 4e-4])
@@ -26,14 +28,13 @@ def values(name: str) -> dict[str, float]:
     return {p.name: {"K": 2500.0, "C": 30.0, **EXTRA}[p.name] for p in element(name).parameters}
 
 
-def record(name: str, *, uniform: bool = False, gravity: float = 0.0) -> ElementRecord:
+def record(name: str, *, uniform: bool = False, gravity: float = 0.0) -> DecelerationRecord:
     time = FIRST[:, None] + DT[:, None] * np.arange(COUNT.max())
     d = np.array(impact(name, values(name), MASS, 0.99 * VELOCITY, time).deceleration) + 0.3
     d += 0.5 * np.random.default_rng(4).standard_normal(d.shape)
-    return ElementRecord.from_arrays(
-        *(d, COUNT, FIRST, DT, VELOCITY, SD, np.array([uniform, False]), MASS, np.full(2, 0.0318)),
-        **({"gravity": np.full(2, gravity)} if gravity else {}),
-    )
+    surroundings = {"diameter_m": np.full(2, 0.0318)} | ({GRAVITY: np.full(2, gravity)} if gravity else {})
+    contact = Contact.known(np.array([uniform, False]))
+    return DecelerationRecord.from_arrays(d, COUNT, FIRST, DT, VELOCITY, SD, MASS, surroundings, contact)
 
 
 def parameters(name: str) -> jax.Array:
@@ -41,13 +42,13 @@ def parameters(name: str) -> jax.Array:
 
 
 @cache
-def compiled(name: str) -> Callable[[jax.Array, ElementRecord], jax.Array]:
+def compiled(name: str) -> Callable[[jax.Array, DecelerationRecord], jax.Array]:
     """Log densities of a record's own traces, for logs of parameters and noise."""
     which = element(name)
 
     @jax.jit
-    def log_prob(logs: jax.Array, record: ElementRecord) -> jax.Array:
-        return MeasuredImpact(which, jnp.exp(logs[:-1]), logs[-1], record).log_prob(record.d)
+    def log_prob(logs: jax.Array, record: DecelerationRecord) -> jax.Array:
+        return MeasuredImpact(which, jnp.exp(logs[:-1]), NoiseParameters(logs[-1]), record).log_prob(record.d)
 
     return log_prob
 
@@ -102,11 +103,10 @@ def test_kelvin_voigt_has_the_density_of_the_closed_form(gravity: float) -> None
         traces = traces._replace(error_sd=traces.error_sd.at[:, 1].set(0.0))
     gain_sd = np.asarray(traces.error_sd)[:, 1]
     sd = np.stack([np.hypot(SD[:, 0], gain_sd * VELOCITY), SD[:, 2], SD[:, 3]], axis=1)
-    own = (*(np.asarray(each) for each in traces[:4]), VELOCITY, sd, np.array([True, False]))
-    closed = DecelerationRecord.from_arrays(*own, gravity=gravity)
+    closed = traces._replace(error_sd=jnp.asarray(sd))
     omega_n = jnp.sqrt(2500.0 / MASS)
     found = compiled("kelvin_voigt")(logs_of("kelvin_voigt"), traces)
-    expected = jax.jit(recorded_log_likelihood)(omega_n, 30.0 / (2 * omega_n * MASS), LOG_SIGMA, closed)
+    expected = jax.jit(spring_damper.log_likelihood)(omega_n, 30.0 / (2 * omega_n * MASS), LOG_SIGMA, closed)
     np.testing.assert_allclose(found, expected, rtol=1e-10)
 
 
@@ -123,7 +123,7 @@ def test_slopes_agree_with_differences_and_with_the_path_through_any_value(name:
 
     @jax.jit
     def through_any_value(logs: jax.Array) -> jax.Array:
-        given = MeasuredImpact(element(name), jnp.exp(logs[:-1]), logs[-1], traces)
+        given = MeasuredImpact(element(name), jnp.exp(logs[:-1]), NoiseParameters(logs[-1]), traces)
         return given.log_prob(traces.d + 0.0)
 
     np.testing.assert_allclose(at(logs), through_any_value(logs), rtol=1e-12)
@@ -137,7 +137,9 @@ def test_slopes_agree_with_differences_and_with_the_path_through_any_value(name:
 
 def test_samples_have_the_mean_and_spread_of_the_chain() -> None:
     traces = record("stiffening", uniform=True)
-    given = MeasuredImpact(element("stiffening"), parameters("stiffening"), LOG_SIGMA, traces)
+    given = MeasuredImpact(
+        element("stiffening"), parameters("stiffening"), NoiseParameters(LOG_SIGMA), traces
+    )
     number = 4000
     sampled = jax.jit(lambda key: (given.sample(key, (number,)), given.response()))
     traces_drawn, found = sampled(jax.random.PRNGKey(0))
@@ -156,12 +158,13 @@ def test_samples_have_the_mean_and_spread_of_the_chain() -> None:
 def test_errors_of_the_chain_are_found_again() -> None:
     """Traces shifted by a velocity error and an offset, noise as small as makes both plain."""
     name = "hunt_crossley"
-    given = MeasuredImpact(element(name), parameters(name), jnp.log(jnp.full(2, 1e-3)), record(name))
+    quiet = NoiseParameters(jnp.log(jnp.full(2, 1e-3)))
+    given = MeasuredImpact(element(name), parameters(name), quiet, record(name))
     sd = jnp.array([[0.02, 0.0, 0.5, 0.0], [0.02, 0.0, 0.5, 0.0]])
     found = jax.jit(given.response)()
     seen = found.d + 0.01 * found.by_velocity - 0.2
     made = given.record._replace(error_sd=sd, d=jnp.where(given.record.inside(), seen, 0.0))
-    same = MeasuredImpact(element(name), parameters(name), given.log_sigma, made)
+    same = MeasuredImpact(element(name), parameters(name), quiet, made)
     errors = jax.jit(same.draw_errors)(jax.random.PRNGKey(1))
     # Noise of 1e-3 over some forty samples that change by about 100 and 1 per unit.
     np.testing.assert_allclose(errors[:, 0], 0.01, atol=1e-4)

@@ -11,9 +11,10 @@ from scipy.special import logsumexp
 
 from bayestissue.dataset.model import Recorder
 from bayestissue.elements import element
-from bayestissue.likelihood.element.impact import MeasuredImpact
+from bayestissue.likelihood.element.impact import MeasuredImpact, NoiseParameters
+from bayestissue.likelihood.element.record import Contact, DecelerationRecord
 from bayestissue.likelihood.element.recorder import PIECES, Flow, LowPass, low_passed
-from bayestissue.likelihood.element.response import ElementRecord, motion, response
+from bayestissue.likelihood.element.response import motion, response
 from bayestissue.signal.filters import delay, modes
 
 FILTERS = [
@@ -50,21 +51,25 @@ def low_pass(recorder: Recorder, phases: int = 1, lead: int = 0) -> LowPass:
     return LowPass(jnp.asarray(poles), jnp.asarray(weights), (jnp.arange(phases) + 0.5) / phases, ahead)
 
 
-def record(first_time: float, samples: int, filters: LowPass, **besides: np.ndarray) -> ElementRecord:
+def record(
+    first_time: float,
+    filters: LowPass,
+    d: np.ndarray,
+    contact: Contact | None = None,
+    contact_sd: float = 0.0,
+) -> DecelerationRecord:
     one = np.ones(1)
-    return ElementRecord.from_arrays(
-        besides.pop("d", np.zeros((1, samples))),
-        np.array([samples]),
+    return DecelerationRecord.from_arrays(
+        d,
+        np.array([d.shape[1]]),
         first_time * one,
         DT * one,
         VELOCITY * one,
-        besides.pop("error_sd", np.zeros((1, 4))),
-        np.ones(1, bool),
+        np.array([[0.0, 0.0, 0.0, contact_sd]]),
         MASS * one,
-        0.03 * one,
-        low_pass=filters,
-        **besides,
-    )
+        {"diameter_m": 0.03 * one},
+        contact or Contact.known(one > 0),
+    )._replace(low_pass=filters)
 
 
 compiled = jax.jit(response, static_argnums=0)
@@ -107,11 +112,12 @@ def test_an_impact_behind_a_filter_is_the_closed_form(recorder):
     peak = closed_form(recorder, np.arange(80) * DT).max()
     # Beyond the samples a forward and backward filter has the impact for `lead` more, and then nothing.
     tail = np.exp(modes(recorder)[0].real.max() * lead * DT) if lead else 0.0
-    found = compiled(TISSUE, PARAMETERS, record(first, samples, given))
+    found = compiled(TISSUE, PARAMETERS, record(first, given, np.zeros((1, samples))))
     expected = closed_form(recorder, first + np.arange(samples) * DT)
     np.testing.assert_allclose(found.d[0], expected, atol=(1e-6 + tail) * peak)
     np.testing.assert_allclose(found.by_velocity[0], expected / VELOCITY, atol=(1e-6 + tail) * peak)
-    cells = record(first, samples, given, before=np.zeros((lead + 4, 1, 1)))
+    anywhere = Contact.anywhere(np.zeros((1, lead + 4)), np.zeros(1))
+    cells = record(first, given, np.zeros((1, samples)), anywhere)
     fine = compiled(TISSUE, PARAMETERS, cells)
     time = (np.arange(fine.d.shape[1]) + 0.5) * DT / 2 - lead * DT
     inside = time < 40 * DT
@@ -126,7 +132,7 @@ def test_an_impact_behind_a_filter_is_the_closed_form(recorder):
 def test_the_motion_is_in_flight_until_contact():
     given = low_pass(FILTERS[3], lead=20)
     found = jax.jit(motion, static_argnums=0)(
-        TISSUE, PARAMETERS, record(-2.5 * DT, 10, given), jnp.array([VELOCITY])
+        TISSUE, PARAMETERS, record(-2.5 * DT, given, np.zeros((1, 10))), jnp.array([VELOCITY])
     )
     since = (np.arange(10) - 2.5) * DT
     np.testing.assert_allclose(found.x[0, :3], VELOCITY * since[:3])
@@ -159,21 +165,18 @@ def test_the_density_is_that_over_all_moments_of_contact(recorder):
     early = np.random.default_rng(1)
     time = (np.arange(-reach, samples)) * DT + contact
     trace = closed_form(recorder, time) + sigma * early.standard_normal(time.size)
-    error_sd = np.array([[0.0, 0.0, 0.0, reach * DT / 12**0.5]])
     given = record(
         DT / 2,
-        samples,
         low_pass(recorder, phases=2, lead=lead),
-        d=trace[None, reach:],
-        error_sd=error_sd,
-        before=trace[:reach].reshape(reach, 1, 1),
-        n_before=np.array([reach]),
-        quiet_sd=np.array([sigma]),
+        trace[None, reach:],
+        Contact.anywhere(trace[None, :reach], np.array([reach]), np.array([sigma])),
+        reach * DT / 12**0.5,
     )
 
     @jax.jit
-    def asked(given: ElementRecord) -> tuple[jax.Array, jax.Array]:
-        event = MeasuredImpact(TISSUE, PARAMETERS, jnp.array([np.log(sigma)]), given)
+    def asked(given: DecelerationRecord) -> tuple[jax.Array, jax.Array]:
+        noise = NoiseParameters(jnp.array([np.log(sigma)]))
+        event = MeasuredImpact(TISSUE, PARAMETERS, noise, given)
         return event.log_prob(given.d), event.mean_first_time()
 
     density, first = asked(given)

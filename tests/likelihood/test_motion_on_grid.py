@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from bayestissue.likelihood.element.motion_on_grid import response, response_in_blocks
+from bayestissue.likelihood.element.spring_damper import response, response_in_blocks
 from bayestissue.oscillator import impact_motion
 
 # Undamped, lightly damped, both sides of critical damping and at it, and far above it.

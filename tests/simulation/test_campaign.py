@@ -7,8 +7,9 @@ import pytest
 
 from bayestissue.dataset import read_dataset
 from bayestissue.elements import element
+from bayestissue.likelihood.element.record import Contact, DecelerationRecord
 from bayestissue.likelihood.element.recorder import LowPass
-from bayestissue.likelihood.element.response import ElementRecord, response
+from bayestissue.likelihood.element.response import response
 from bayestissue.signal.filters import modes
 from bayestissue.simulation import Simulation, simulate, write_campaign
 
@@ -245,10 +246,11 @@ def test_a_recorders_low_pass_takes_the_true_motion_and_leaves_noise_white(recor
     own = [truth[name].to_numpy() for name in ("velocity_m_s", "mass_kg", "K_N_per_m", "C_N_s_per_m")]
     first = np.searchsorted(time, truth["contact_time_s"]) - (60 if made.recorder.zero_phase else 0)
     dt, samples, columns = time[1] - time[0], 120, np.zeros((2, 4))
-    record = ElementRecord.from_arrays(
+    contact, ball = Contact.known(np.zeros(2, bool)), {"diameter_m": np.full(2, 0.03)}
+    record = DecelerationRecord.from_arrays(
         np.zeros((2, samples)), np.full(2, samples), time[first] - truth["contact_time_s"], np.full(2, dt),
-        own[0], columns, np.zeros(2, bool), own[1], np.full(2, 0.03), low_pass=given,
-    )  # fmt: skip
+        own[0], columns, own[1], ball, contact,
+    )._replace(low_pass=given)  # fmt: skip
     found = jax.jit(response, static_argnums=0)(element("kelvin_voigt"), jnp.asarray(own[2:]), record)
     # The fine grid of the simulation moves contact's jump by half a step at most, 1/128 of an interval;
     # samples that a digital filter runs over are exact.

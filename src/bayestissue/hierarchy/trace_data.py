@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -13,7 +12,7 @@ import pandas as pd
 
 from bayestissue.dataset.model import Dataset, Recorder
 from bayestissue.elements import element
-from bayestissue.elements.element import REFERENCE_DIAMETER_M
+from bayestissue.elements.element import GRAVITY, REFERENCE_DIAMETER_M
 from bayestissue.errors import InputError, Problem
 from bayestissue.hierarchy.design import Design, build_design
 from bayestissue.hierarchy.effects import RESPONSES
@@ -21,11 +20,9 @@ from bayestissue.hierarchy.population import population_design
 from bayestissue.hierarchy.specification import SIDE_BY_SIDE, ModelSpecification
 from bayestissue.hierarchy.traces import Kind, Record, TraceData, TraceModel, nuisance_of
 from bayestissue.likelihood.arma.displacement import displacement_record
-from bayestissue.likelihood.element.coloured import colour_of
-from bayestissue.likelihood.element.deceleration import DecelerationRecord
-from bayestissue.likelihood.element.discrepancy import modes
+from bayestissue.likelihood.element.noise import colour_of, discrepancy_modes
+from bayestissue.likelihood.element.record import Contact, DecelerationRecord
 from bayestissue.likelihood.element.recorder import Colour, LowPass
-from bayestissue.likelihood.element.response import ElementRecord
 from bayestissue.signal import Displacements, displacements
 from bayestissue.signal.displacement import BEFORE, FEWEST_SAMPLES
 from bayestissue.signal.filters import ahead_s, autocorrelation, delay
@@ -132,55 +129,42 @@ def with_discrepancy(dataset: Dataset, specification: ModelSpecification, prepar
 
 def unsuited(dataset: Dataset, specification: ModelSpecification, source: str) -> list[Problem]:
     """What the model asks for that these recordings can't give; ``source`` is the model file's name."""
-    problems = []
-    if specification.likelihood not in KINDS:
-        problems.append(
-            Problem(
-                source,
-                f"one of {', '.join(KINDS)}",
-                "Choose a model of traces, such as models/arma.toml; published estimates go through "
-                "`bayestissue reproduce`.",
-                column="likelihood",
-                value=specification.likelihood,
-                code="unsuited-likelihood",
-            )
-        )
-    if specification.likelihood == "impact" and dataset.quantity == "displacement":
-        problems.append(
-            Problem(
-                source,
-                '"arma" or "a2", since this dataset holds displacements',
-                "Use models/arma.toml: the impact likelihood reads recorded decelerations.",
-                column="likelihood",
-                value="impact",
-                code="unsuited-likelihood",
-            )
-        )
-    if specification.likelihood != "impact" and specification.likelihood in KINDS and dataset.recorder:
-        problems.append(
-            Problem(
-                source,
-                f'"impact", since dataset.toml declares a low-pass ({dataset.recorder}), which an ARMA model '
-                "of the displacement has no place for",
-                "Use models/impact.toml. Without the table [recorder] this model would run, with K and C too "
-                "small: `check` says by how much.",
-                column="likelihood",
-                value=specification.likelihood,
-                code="low-pass-not-applied",
-            )
-        )
-    if specification.likelihood == "impact" and specification.signal.filter != "none":
-        problems.append(
-            Problem(
-                source,
-                '"none", since a filter leaves noise that is neither white nor autoregressive',
-                "Take signal.filter out: the likelihood itself tells impact from noise.",
-                column="signal.filter",
-                value=specification.signal.filter,
-                code="unsuited-likelihood",
-            )
-        )
-    return problems
+    likelihood, smoothing = specification.likelihood, specification.signal.filter
+    of_traces, of_decelerations = likelihood in KINDS, likelihood == "impact"
+    checks = [
+        (
+            not of_traces,
+            ("likelihood", likelihood, "unsuited-likelihood"),
+            f"one of {', '.join(KINDS)}",
+            "Choose a model of traces, such as models/arma.toml; published estimates go through "
+            "`bayestissue reproduce`.",
+        ),
+        (
+            of_decelerations and dataset.quantity == "displacement",
+            ("likelihood", likelihood, "unsuited-likelihood"),
+            '"arma" or "a2", since this dataset holds displacements',
+            "Use models/arma.toml: the impact likelihood reads recorded decelerations.",
+        ),
+        (
+            of_traces and not of_decelerations and dataset.recorder is not None,
+            ("likelihood", likelihood, "low-pass-not-applied"),
+            f'"impact", since dataset.toml declares a low-pass ({dataset.recorder}), which an ARMA model '
+            "of the displacement has no place for",
+            "Use models/impact.toml. Without the table [recorder] this model would run, with K and C too "
+            "small: `check` says by how much.",
+        ),
+        (
+            of_decelerations and smoothing != "none",
+            ("signal.filter", smoothing, "unsuited-likelihood"),
+            '"none", since a filter leaves noise that is neither white nor autoregressive',
+            "Take signal.filter out: the likelihood itself tells impact from noise.",
+        ),
+    ]
+    return [
+        Problem(source, expected, remedy, column=column, value=value, code=code)
+        for applies, (column, value, code), expected, remedy in checks
+        if applies
+    ]
 
 
 def _without_people(design: Design, source: str) -> list[Problem]:
@@ -210,36 +194,26 @@ def _record(
     dataset: Dataset, specification: ModelSpecification, signal: Displacements
 ) -> tuple[Record, np.ndarray]:
     """The traces with the standard deviations of their linear errors, and each trace's peak."""
-    chain, recorded = dataset.uncertainty, dataset.quantity == "displacement"
+    chain = dataset.uncertainty
     velocity_sd = np.hypot(chain.velocity_sd_m_s, chain.relative_gain_sd * signal.velocity)
     # What a quiet part before contact tells of the offset replaces what was declared of it.
     offset_sd = np.where(np.isfinite(signal.offset_sd), signal.offset_sd, chain.offset_sd)
-    start = (signal.n_samples, signal.first_sample_s, signal.dt)
     if specification.likelihood == "impact":
-        # The likelihood asks the samples itself when contact was; what they said of it must not count twice.
-        start = (signal.n_samples, signal.bracket_s, signal.dt)
-        plain = specification.discrepancy != "always" and specification.noise == "white"
-        # Of an impact along gravity an error of the gain is not one of the velocity.
-        plain &= not signal.blurred.any()
-        plain &= not (dataset.gravity and chain.relative_gain_sd)
-        if specification.element != SIDE_BY_SIDE or not plain or dataset.recorder is not None:
-            return _element_record(dataset, specification, signal, offset_sd)
-        errors = np.stack([velocity_sd, offset_sd, signal.bracket_sd], axis=1)
-        peak = np.abs(signal.deceleration).max(axis=1)
-        record = (signal.deceleration, *start, signal.velocity, errors, signal.bracket_uniform)
-        return DecelerationRecord.from_arrays(*record, gravity=signal.gravity), peak
+        record = _deceleration_record(dataset, specification, signal, velocity_sd, offset_sd)
+        return record, np.abs(signal.deceleration).max(axis=1)
     gravity = signal.gravity if specification.signal.equilibrium != "sample-mean" else 0.0
     level_sd = signal.velocity * signal.contact_time_sd
     # Along gravity a gain in error is an offset too, and a contact time a velocity.
     velocity_sd = np.hypot(velocity_sd, signal.gravity * signal.contact_time_sd)
     offset_sd = np.hypot(offset_sd, signal.gravity * chain.relative_gain_sd)
-    if recorded:
+    if dataset.quantity == "displacement":
         level_sd = np.hypot(level_sd, chain.offset_sd)
         velocity_sd, offset_sd = np.zeros_like(velocity_sd), np.zeros_like(offset_sd)
     peak = signal.peak_displacement
     if specification.signal.equilibrium == "estimated":
         level_sd = np.hypot(level_sd, peak)
     errors = np.stack([level_sd, velocity_sd, offset_sd], axis=1)
+    start = (signal.n_samples, signal.first_sample_s, signal.dt)
     return displacement_record(signal.x, *start, errors, gravity), peak
 
 
@@ -251,75 +225,94 @@ def common_depth(signal: Displacements) -> float:
     return float((signal.x.max(axis=1) + signal.equilibrium).min())
 
 
-def _element_record(
+def _deceleration_record(
     dataset: Dataset,
     specification: ModelSpecification,
     signal: Displacements,
+    velocity_sd: np.ndarray,
     offset_sd: np.ndarray,
-) -> tuple[ElementRecord, np.ndarray]:
-    """The same for any element, of which the impactor's diameter may matter."""
-    chain, impacts = dataset.uncertainty, dataset.impacts
-    size = impacts.get("diameter_m", pd.Series(REFERENCE_DIAMETER_M, impacts.index)).to_numpy(float)
-    gain_sd, velocity_sd = (
-        np.full(len(size), value) for value in (chain.relative_gain_sd, chain.velocity_sd_m_s)
-    )
-    if specification.element == SIDE_BY_SIDE and dataset.recorder is not None and not dataset.gravity:
-        # In proportion to the velocity: one error, as of the likelihood without a filter.
-        velocity_sd, gain_sd = np.hypot(velocity_sd, gain_sd * signal.velocity), np.zeros(len(size))
-    optional: dict[str, Any] = {"gravity": signal.gravity} if dataset.gravity else {}
-    contact_sd, uniform = signal.bracket_sd, signal.bracket_uniform
-    lead = 0
-    if dataset.recorder is not None:
-        white = white_share(dataset, signal) if specification.noise == "white" else 1.0
-        optional["low_pass"] = low_pass = _low_pass(dataset.recorder, signal.dt)
-        lead = low_pass.lead
-    if specification.discrepancy == "always":
-        # It takes up what a wrong moment of contact does to a trace.
-        basis, share = modes(signal.n_samples, signal.deceleration.shape[1])
-        optional |= {"basis": basis, "share": share}
-    if dataset.recorder is not None:
-        # No force jumps behind it.
-        reach = int(np.ceil(((signal.reach_s + delay(dataset.recorder)) / signal.dt).max())) + lead
-    elif (
-        specification.discrepancy != "always"
-        and not element(specification.element).jumps
-        and (signal.reach_s > 0).all()
-    ):
-        reach = min(int(np.ceil((signal.reach_s / signal.dt).max())), BEFORE)
-    elif specification.discrepancy != "always" and signal.blurred.any():
-        # Noise hides the jump: contact is anywhere between two moments, too far apart to be linear in.
-        reach = min(int(np.ceil((2 * signal.bracket_s / signal.dt).max())), BEFORE)
-    else:
-        reach = 0
+) -> DecelerationRecord:
+    """The record of decelerations, ``velocity_sd`` being that of velocity and gain together.
+
+    The likelihood asks the samples itself when contact was; what they said of it must not count twice.
+    """
+    chain, recorder, number = dataset.uncertainty, dataset.recorder, len(signal.dt)
+    side_by_side = specification.element == SIDE_BY_SIDE
+    white, discrepancy = specification.noise == "white", specification.discrepancy == "always"
+    low_pass = None if recorder is None else _low_pass(recorder, signal.dt)
+    reach = _reach(specification, signal, recorder, low_pass)
+    contact, contact_sd = Contact.known(signal.bracket_uniform), signal.bracket_sd
+    colour, rate = Colour.white_noise(), np.zeros(number, int)
     if reach:
         # Cells of one sampling interval: over three a trace is not linear, and of traces of sixty samples
         # 90 % intervals of Hunt and Crossley's C then held 85 %.
-        early = np.pad(signal.before, ((0, 0), (max(0, reach - BEFORE), 0)))
-        before = np.moveaxis(early[:, early.shape[1] - reach :, None], 1, 0)
-        optional |= {"before": before, "n_before": np.minimum(signal.n_before, reach)}
-        optional["quiet_sd"] = np.maximum(signal.noise_sd, 1e-12)
-        contact_sd, uniform = reach * signal.dt / np.sqrt(12), np.ones_like(uniform)
-        if dataset.recorder is not None and white < 1:
+        contact_sd = reach * signal.dt / np.sqrt(12)
+        before = np.pad(signal.before, ((0, 0), (max(0, reach - BEFORE), 0)))
+        before = before[:, before.shape[1] - reach :]
+        n_before = np.minimum(signal.n_before, reach)
+        share = white_share(dataset, signal) if recorder is not None and white else 1.0
+        if recorder is not None and share < 1:
             rows = reach + signal.deceleration.shape[1]
-            optional["colour"], optional["rate"], longer = _colour(dataset.recorder, white, rows, signal.dt)
+            colour, rate, longer = _colour(recorder, share, rows, signal.dt)
             offset_sd = np.where(np.isfinite(signal.offset_sd), longer * offset_sd, offset_sd)
-    if specification.discrepancy == "always" or not element(specification.element).linear:
-        optional["common_depth"] = np.full(len(size), common_depth(signal))
-    record = ElementRecord.from_arrays(
+            contact = Contact.anywhere(before, n_before)
+        elif white and not discrepancy:
+            contact = Contact.anywhere(before, n_before, np.maximum(signal.noise_sd, 1e-12))
+        else:
+            contact = Contact.anywhere(before, np.zeros_like(n_before))
+    gain_sd, chain_sd = np.full(number, chain.relative_gain_sd), [offset_sd, contact_sd]
+    # Of an impact along gravity an error of the gain is not one of the velocity.
+    separate = recorder or discrepancy or reach or (dataset.gravity and chain.relative_gain_sd)
+    if side_by_side and white and not separate:
+        chain_sd = [velocity_sd, *chain_sd]
+    elif side_by_side and recorder is not None and not dataset.gravity:
+        chain_sd = [velocity_sd, np.zeros(number), *chain_sd]
+    else:
+        chain_sd = [np.full(number, chain.velocity_sd_m_s), gain_sd, *chain_sd]
+    diameter = dataset.impacts.get("diameter_m", pd.Series(REFERENCE_DIAMETER_M, dataset.impacts.index))
+    surroundings = {"diameter_m": diameter.astype(float).fillna(REFERENCE_DIAMETER_M).to_numpy()}
+    record = DecelerationRecord.from_arrays(
         signal.deceleration,
         signal.n_samples,
         signal.bracket_s,
         signal.dt,
         signal.velocity,
-        np.stack([velocity_sd, gain_sd, offset_sd, contact_sd], axis=1),
-        uniform,
+        np.stack(chain_sd, axis=1),
         signal.mass,
-        np.where(np.isfinite(size), size, REFERENCE_DIAMETER_M),
-        **optional,
+        surroundings | ({GRAVITY: signal.gravity} if dataset.gravity else {}),
+        contact,
     )
-    if specification.noise == "autoregressive":
-        record = record._replace(quiet=jnp.asarray(np.isfinite(signal.offset_sd)))
-    return record, np.abs(signal.deceleration).max(axis=1)
+    if discrepancy:
+        # It takes up what a wrong moment of contact does to a trace.
+        modes = discrepancy_modes(signal.n_samples, signal.deceleration.shape[1])
+        record = record._replace(discrepancy=modes)
+    return record._replace(
+        colour=colour,
+        rate=jnp.asarray(rate),
+        quiet=jnp.asarray(np.isfinite(signal.offset_sd)),
+        common_depth=jnp.asarray(np.full(number, common_depth(signal))),
+        low_pass=low_pass,
+    )
+
+
+def _reach(
+    specification: ModelSpecification,
+    signal: Displacements,
+    recorder: Recorder | None,
+    low_pass: LowPass | None,
+) -> int:
+    """In how many sampling intervals before the first sample contact may be; none where it is known."""
+    if recorder is not None and low_pass is not None:
+        # No force jumps behind it.
+        return int(np.ceil(((signal.reach_s + delay(recorder)) / signal.dt).max())) + low_pass.lead
+    if specification.discrepancy == "always":
+        return 0
+    if not element(specification.element).jumps and (signal.reach_s > 0).all():
+        return min(int(np.ceil((signal.reach_s / signal.dt).max())), BEFORE)
+    if signal.blurred.any():
+        # Noise hides the jump: contact is anywhere between two moments, too far apart to be linear in.
+        return min(int(np.ceil((2 * signal.bracket_s / signal.dt).max())), BEFORE)
+    return 0
 
 
 def _colour(

@@ -33,9 +33,8 @@ from bayestissue.hierarchy.priors import HalfNormal, Priors
 from bayestissue.hierarchy.specification import SIDE_BY_SIDE
 from bayestissue.hierarchy.warp import SinhArcsinh
 from bayestissue.likelihood.arma.displacement import DisplacementRecord, MeasuredDisplacement
-from bayestissue.likelihood.element.deceleration import DecelerationRecord, MeasuredDeceleration
-from bayestissue.likelihood.element.impact import MeasuredImpact
-from bayestissue.likelihood.element.response import ElementRecord
+from bayestissue.likelihood.element.impact import MeasuredImpact, NoiseParameters
+from bayestissue.likelihood.element.record import DecelerationRecord
 
 Kind = Literal["arma", "a2", "impact"]
 NUISANCE: dict[str, tuple[str, ...]] = {
@@ -43,7 +42,7 @@ NUISANCE: dict[str, tuple[str, ...]] = {
     "a2": ("noise",),
     "impact": ("noise",),
 }
-Record = DisplacementRecord | DecelerationRecord | ElementRecord
+Record = DisplacementRecord | DecelerationRecord
 LOG_2 = 0.6931471805599453
 # The site that holds the coordinates of all hyperparameters where they are warped.
 COORDINATES = "coordinates"
@@ -137,6 +136,11 @@ class TraceModel(Hyperparameters):
         return self.nuisance[-1] in {"atanh_theta1", *extra}
 
     @property
+    def depends_on_depth(self) -> bool:
+        """Whether force over depth is another at every depth, so that impacts compare at a common one."""
+        return self.discrepancy or not element_named(self.element).linear
+
+    @property
     def may_have_grid(self) -> bool:
         """Whether a grid may stand for what traces say of that parameter: one that has no formula of its own.
 
@@ -161,7 +165,7 @@ def physical(model: TraceModel, data: TraceData, u: list[Array]) -> Physical:
 
     For "arma" the noise parameter is log s with s^2 = sigma_a^2 (1 + theta1^2), the variance of
     a_t - theta1 a_{t-1}, which the data tell whatever theta1 is; sigma_a alone would follow theta1. For
-    autoregressive noise it is that of its shocks: see `bayestissue.likelihood.autoregressive`.
+    autoregressive noise it is that of its shocks: see `bayestissue.likelihood.element.noise`.
     """
     omega_n = jnp.exp((u[0] - data.log_mass) / 2)
     zeta = jnp.exp(u[1] - data.log_mass - LOG_2) / omega_n
@@ -193,17 +197,16 @@ def nuisance_of(
 
 def trace_distribution(
     model: TraceModel, data: TraceData, u: list[Array]
-) -> MeasuredDisplacement | MeasuredDeceleration | MeasuredImpact:
+) -> MeasuredDisplacement | MeasuredImpact:
     """The distribution of every impact's trace."""
     at = physical(model, data, u)
-    if isinstance(data.record, ElementRecord):
-        which = element_named(model.element)
-        log_discrepancy = u[-1] + data.log_peak if model.discrepancy else None
-        parameters = element_parameters(model, u)
-        correlation = u[-1] if model.autoregressive else None
-        return MeasuredImpact(which, parameters, at.log_sigma, data.record, log_discrepancy, correlation)
     if isinstance(data.record, DecelerationRecord):
-        return MeasuredDeceleration(at.omega_n, at.zeta, at.log_sigma, data.record)
+        noise = NoiseParameters(
+            at.log_sigma,
+            u[-1] + data.log_peak if model.discrepancy else None,
+            u[-1] if model.autoregressive else None,
+        )
+        return MeasuredImpact(element_named(model.element), element_parameters(model, u), noise, data.record)
     return MeasuredDisplacement(at.omega_n, at.zeta, at.theta1, at.log_sigma, data.record)
 
 

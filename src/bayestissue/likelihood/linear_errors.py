@@ -9,7 +9,7 @@ is that lies anywhere between two samples.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -34,7 +34,7 @@ class Products(NamedTuple):
         n_values: number of values of each trace.
     """
 
-    gram: tuple[tuple[Array, ...], ...]
+    gram: Any
     log_determinant: Float[Array, " impact"]
     n_values: Float[Array, " impact"]
 

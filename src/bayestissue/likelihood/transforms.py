@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jaxtyping import Float, Num
+from jaxtyping import Float, Int, Num
 from scipy import fft
 
 # Sums over frequencies run over this many blocks first: a loop short enough to be unrolled by the compiler,
@@ -47,34 +47,47 @@ def sine_transforms(
     Args:
         x: displacement of each impact [m], padded at the end.
         n_samples: length of each impact, at least 3; the whole width of ``x`` unless given.
+    """
+    x = np.atleast_2d(np.asarray(x, float))
+    lengths = np.broadcast_to(x.shape[1] if n_samples is None else np.asarray(n_samples, int), len(x))
+    columns, spread = transformed(x, lengths, -(-(x.shape[1] - 2) // FILLED))
+    alike = len(np.unique(lengths)) == 1
+    clean = np.where(np.arange(x.shape[1]) < lengths[:, None], x, 0.0)
+    return SineTransforms(
+        jax.device_put(clean), columns, spread[:, :1] if alike else spread, jax.device_put(lengths - 2.0)
+    )
+
+
+def transformed(
+    x: Float[np.ndarray, "impact sample"],
+    lengths: Int[np.ndarray, " impact"],
+    registers: int,
+    *further: Float[np.ndarray, "impact sample"],
+) -> tuple[tuple[Float[Array, "block impact lane"], ...], Float[Array, "block impact lane"]]:
+    """Orthonormal DST-I of x''_t, x'_{t-1}, x_{t-2} and further series at t - 2, and the frequencies' spread.
+
+    Args:
+        x: displacement of each impact [m], padded at the end.
+        lengths: of each impact.
+        registers: how many times `FILLED` frequencies there is room for.
+        further: other series.
 
     Raises:
         ValueError: an impact has fewer than three samples or more than ``x`` is wide.
     """
-    x = np.atleast_2d(np.asarray(x, float))
-    lengths = np.broadcast_to(x.shape[1] if n_samples is None else np.asarray(n_samples, int), len(x))
     if lengths.size and not 3 <= lengths.min() <= lengths.max() <= x.shape[1]:
         raise ValueError(f"every impact needs 3 to {x.shape[1]} samples")
-    width = FILLED * -(-(x.shape[1] - 2) // FILLED)
-    columns = np.zeros((3, len(x), width))
-    sizes = np.unique(lengths)
+    slope = np.diff(x, axis=1)
+    series = (np.diff(slope, axis=1), slope, x, *further)
+    columns = np.zeros((len(series), len(x), FILLED * registers))
     # padded frequencies count as an eigenvalue of 1 + theta1^2, never zero
-    spread = np.full((1 if len(sizes) == 1 else len(x), width), 2.0)
-    for n in sizes:
+    spread = np.full(columns.shape[1:], 2.0)
+    for n in np.unique(lengths):
         rows = np.flatnonzero(lengths == n)
-        part, slope = x[rows, :n], np.diff(x[rows, :n], axis=1)
-        for column, series in zip(
-            columns, (np.diff(slope, axis=1), slope[:, :-1], part[:, :-2]), strict=True
-        ):
-            column[rows, : n - 2] = fft.dst(series, type=1, axis=1, norm="ortho")
-        spread[rows if len(spread) > 1 else slice(None), : n - 2] = spread_of(n - 2)
-    clean = np.where(np.arange(x.shape[1]) < lengths[:, None], x, 0.0)
-    return SineTransforms(
-        jax.device_put(clean),
-        tuple(in_blocks(column) for column in columns),
-        in_blocks(spread),
-        jax.device_put(lengths - 2.0),
-    )
+        for column, values in zip(columns, series, strict=True):
+            column[rows, : n - 2] = fft.dst(values[rows, : n - 2], type=1, axis=1, norm="ortho")
+        spread[rows, : n - 2] = spread_of(n - 2)
+    return tuple(in_blocks(column) for column in columns), in_blocks(spread)
 
 
 def spread_of(count: int) -> Float[np.ndarray, " frequency"]:

@@ -13,7 +13,7 @@ from jax import Array
 
 from bayestissue.elements import element, impact
 from bayestissue.elements.comparables import comparables
-from bayestissue.elements.element import Element
+from bayestissue.elements.element import GRAVITY, Element
 from bayestissue.inference.quantities.elements import (
     Whole,
     at_common_depth,
@@ -21,8 +21,9 @@ from bayestissue.inference.quantities.elements import (
     whole_at_common_depth,
     whole_impact,
 )
-from bayestissue.likelihood.element.impact import MeasuredImpact
-from bayestissue.likelihood.element.response import ElementRecord, motion
+from bayestissue.likelihood.element.impact import MeasuredImpact, NoiseParameters
+from bayestissue.likelihood.element.record import Contact, DecelerationRecord
+from bayestissue.likelihood.element.response import motion
 
 MASS, VELOCITY, DT = np.array([0.5, 1.2]), np.array([1.5, 1.0]), np.full(2, 2e-4)
 FIRST, DEPTH = np.array([5e-5, 1.5e-4]), jnp.full(2, 0.012)
@@ -50,17 +51,20 @@ def measured(
     """A record whose window ends so many samples after the last before the greatest penetration."""
     count = np.floor((to_peak - FIRST) / DT).astype(int) + 1 + off
     still = np.zeros((2, WIDTH))
-    given = (FIRST, DT, VELOCITY, np.zeros((2, 4)), np.zeros(2, bool), MASS, np.full(2, 0.0318))
-    parameters = jnp.array([np.full(2, value) for value in values.values()])
-    record = ElementRecord.from_arrays(still, count, *given)
+    surroundings = {"diameter_m": np.full(2, 0.0318)}
     if gravity is not None:
-        record = record._replace(gravity=jnp.full(2, gravity))
-    return MeasuredImpact(element(name), parameters, NONE, record)
+        surroundings[GRAVITY] = np.full(2, gravity)
+    given = (FIRST, DT, VELOCITY, np.zeros((2, 4)), MASS, surroundings, Contact.known(np.zeros(2, bool)))
+    parameters = jnp.array([np.full(2, value) for value in values.values()])
+    record = DecelerationRecord.from_arrays(still, count, *given)
+    return MeasuredImpact(element(name), parameters, NoiseParameters(NONE), record)
 
 
 @partial(jax.jit, static_argnums=0)
-def _whole(which: Element, parameters: Array, record: ElementRecord, delta: Array, error: Array) -> Whole:
-    return whole_impact(MeasuredImpact(which, parameters, NONE, record), delta, error)
+def _whole(
+    which: Element, parameters: Array, record: DecelerationRecord, delta: Array, error: Array
+) -> Whole:
+    return whole_impact(MeasuredImpact(which, parameters, NoiseParameters(NONE), record), delta, error)
 
 
 def whole(given: MeasuredImpact, delta: Array, error: Array) -> Whole:
@@ -68,7 +72,7 @@ def whole(given: MeasuredImpact, delta: Array, error: Array) -> Whole:
 
 
 @partial(jax.jit, static_argnums=0)
-def _motion(which: Element, parameters: Array, record: ElementRecord) -> Any:
+def _motion(which: Element, parameters: Array, record: DecelerationRecord) -> Any:
     return motion(which, parameters, record, record.velocity)
 
 

@@ -25,7 +25,7 @@ from bayestissue.inference.results import uncertainty_budget as sources
 from bayestissue.inference.results.errors import TraceErrors, as_expected, shorter_window, trace_errors
 from bayestissue.inference.results.uncertainty_budget import uncertainty_budget
 from bayestissue.inference.samplers.sampling import ConstrainedDraws
-from bayestissue.likelihood.element.response import CONTACT
+from bayestissue.likelihood.element.record import CONTACT
 from bayestissue.simulation import Simulation, simulate
 
 PEOPLE, CONDITIONS = 4, 3
@@ -234,8 +234,8 @@ def test_contact_that_the_traces_tell_is_known_but_for_a_normal_error() -> None:
     dataset = read_dataset(resources.shared("data", "published").parent / "example")
     specification = read_specification(resources.shared("models", "impact.toml").parent / "maxwell.toml")
     given = prepare(dataset, specification, source="maxwell")
-    assert given.data.record.before is not None
+    assert given.data.record.contact.reach
     record = as_expected(given, first_guess(given)).record
-    assert record.before is None
-    assert not np.asarray(record.uniform).any()
+    assert not record.contact.reach
+    assert not np.asarray(record.contact.uniform).any()
     assert (np.asarray(record.error_sd)[:, CONTACT] > 0).all()

@@ -12,14 +12,12 @@ from jaxtyping import Int
 from bayestissue import runtime
 from bayestissue.hierarchy.traces import TraceData
 from bayestissue.inference.execution.workers import cluster, computed
-from bayestissue.likelihood.element.recorder import Colour, LowPass
 
 BLOCK = 512
 # With fewer blocks a second process takes longer to begin than it saves.
 _FEW = 40
 # Blocks that a worker is given at once.
 _SHARE = 8
-_SHARED = (LowPass, Colour)
 Rows = Int[np.ndarray, " row"]
 OfBlock = Callable[[TraceData, Rows], Any]
 Item = tuple[OfBlock, TraceData, list[Rows], int]
@@ -44,19 +42,10 @@ def map_impacts(
 
 def impacts_of(data: TraceData, rows: Rows) -> TraceData:
     """Some impacts' traces and masses; the design is still that of all."""
-
-    def chosen(leaf: Any) -> Any:
-        if isinstance(leaf, _SHARED):
-            # One recorder's, of all impacts.
-            return leaf
-        # Sums run over blocks of samples first, so that there the impacts come second.
-        whole = np.asarray(leaf)
-        return whole[:, rows] if whole.ndim == 3 else whole[rows]
-
     return data._replace(
-        record=jax.tree.map(chosen, data.record, is_leaf=lambda part: isinstance(part, _SHARED)),
-        log_mass=chosen(data.log_mass),
-        log_peak=chosen(data.log_peak),
+        record=data.record.impacts(rows),
+        log_mass=np.asarray(data.log_mass)[rows],
+        log_peak=np.asarray(data.log_peak)[rows],
     )
 
 

@@ -21,7 +21,6 @@ from bayestissue.hierarchy.traces import TraceData, TraceModel, trace_distributi
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.points.whiteness import projected_portmanteau
 from bayestissue.likelihood.arma.displacement import MeasuredDisplacement
-from bayestissue.likelihood.element.deceleration import MeasuredDeceleration
 from bayestissue.likelihood.element.impact import MeasuredImpact
 
 
@@ -46,9 +45,8 @@ def _left(
     """What is white if the model is right, what a unit of each parameter adds to it, and how much it is."""
     key, error_sd = jax.random.PRNGKey(0), data.record.error_sd
     event = _event(model, data, u)
-    if isinstance(event, MeasuredImpact):
-        data = data._replace(record=event.with_contact_found(key).record)
-        event = _event(model, data, u)
+    data = data._replace(record=event.with_contact_found(key).record)
+    event = _event(model, data, u)
     none = jnp.zeros_like(error_sd)
 
     def shocks(u: Array, errors: Array) -> Array:
@@ -62,14 +60,11 @@ def _left(
         jax.jvp(lambda errors: shocks(u, errors), (none,), (_only(none, a) * error_sd,))[1]
         for a in range(error_sd.shape[-1])
     ]
-    if isinstance(event, MeasuredImpact) and event.log_discrepancy is not None:
-        basis, share = event.record.basis, event.record.share
-        assert basis is not None  # noqa: S101 - of a discrepancy
-        assert share is not None  # noqa: S101
-        sd = jnp.exp(event.log_discrepancy)[:, None] * jnp.sqrt(share)
-        shared += [event.innovations(mode * sd[:, j, None])[0] for j, mode in enumerate(basis)]
+    basis, share = event.record.discrepancy
+    sd = (event.sigma * event.noise_parameters.ratio())[:, None] * jnp.sqrt(share)
+    shared += [event.innovations(basis[:, j] * sd[:, j, None])[0] for j in range(basis.shape[1])]
     left, size = event.innovations(event.residuals(none))
-    A = jnp.stack(shared, axis=-1) / jnp.exp(event.log_sigma)[:, None, None]
+    A = jnp.stack(shared, axis=-1) / event.sigma[:, None, None]
     columns = jnp.stack([left, *fitted], axis=1)
     white = jax.vmap(_without)(A, columns)
     return white[:, 0], white[:, 1:], size
@@ -89,7 +84,7 @@ def _only(array: Array, column: int) -> Array:
     return jnp.zeros_like(array).at[:, column].set(1.0)
 
 
-def _event(model: TraceModel, data: TraceData, u: Array) -> MeasuredDeceleration | MeasuredImpact:
+def _event(model: TraceModel, data: TraceData, u: Array) -> MeasuredImpact:
     event = trace_distribution(model, data, list(u.T))
     assert not isinstance(event, MeasuredDisplacement)  # noqa: S101 - recorded decelerations alone
     return event

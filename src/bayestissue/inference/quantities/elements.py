@@ -24,16 +24,9 @@ from bayestissue.hierarchy.traces import (
     physical,
 )
 from bayestissue.likelihood.arma.displacement import MeasuredDisplacement
-from bayestissue.likelihood.element.deceleration import MeasuredDeceleration
-from bayestissue.likelihood.element.discrepancy import integrals
 from bayestissue.likelihood.element.impact import MeasuredImpact
-from bayestissue.likelihood.element.response import (
-    CONTACT,
-    VELOCITY,
-    ElementRecord,
-    beside_parameters,
-    motion,
-)
+from bayestissue.likelihood.element.record import CONTACT, VELOCITY, DecelerationRecord
+from bayestissue.likelihood.element.response import motion
 
 # What compares across elements.
 COMPARABLE = ("K_tangent", "K_secant", "C_equivalent", "energy_lost")
@@ -55,11 +48,9 @@ class Measured(NamedTuple):
     discrepancy: Float[Array, "impact sample"] | None = None
 
 
-def measured_of(
-    distribution: MeasuredDisplacement | MeasuredDeceleration | MeasuredImpact, key: Array
-) -> Measured:
+def measured_of(distribution: MeasuredDisplacement | MeasuredImpact, key: Array) -> Measured:
     """A draw of the errors, and of the discrepancy, given the traces and the impacts' parameters."""
-    if not isinstance(distribution, MeasuredImpact) or distribution.log_discrepancy is None:
+    if not isinstance(distribution, MeasuredImpact) or distribution.noise_parameters.log_discrepancy is None:
         return Measured(distribution.draw_errors(key))
     stated, distribution = distribution, distribution.with_contact_found(key)
     response = distribution.response()
@@ -86,11 +77,11 @@ def element_quantities(
     shocks'. Nothing for a record that is of spring and damper side by side alone.
     """
     record = data.record
-    if not isinstance(record, ElementRecord):
+    if not isinstance(record, DecelerationRecord) or record.side_by_side:
         return {}
     which, values = element(model.element), element_parameters(model, u)
     p = {parameter.name: value for parameter, value in zip(which.parameters, values, strict=True)}
-    arguments = p | beside_parameters(record)
+    arguments = p | record.surroundings
     comparables = comparables_of(
         which, arguments, record.mass, record.velocity + measured.chain_error[:, VELOCITY]
     )
@@ -100,9 +91,8 @@ def element_quantities(
         whole = whole_impact(measured.impact, measured.discrepancy, measured.chain_error[:, VELOCITY])
         comparables = comparables._replace(K_secant=whole.secant)
         further = {"discrepancy": jnp.exp(u[-1])}
-        if record.common_depth is not None:
-            common = whole_at_common_depth(measured.impact, whole, record.common_depth)
-    elif record.common_depth is not None:
+        common = whole_at_common_depth(measured.impact, whole, record.common_depth)
+    elif model.depends_on_depth:
         common = at_common_depth(which, arguments, record.common_depth)
     if model.autoregressive:
         log_sigma = physical(model, data, u).log_sigma
@@ -200,7 +190,7 @@ def whole_impact(
     depth, speed = at(x, last), at(v, last)
     rate = slope + bend * (last - middle) * step
     # Force over mass slows by gravity less than itself.
-    fall = 0.0 if record.gravity is None else record.gravity[:, None]
+    fall = record.gravity[:, None]
     slows = at(a, last) - fall
     wait = speed / (slows + rate * (speed / slows) / 2)
     peak = depth + wait * (speed - wait * (slows / 2 + rate * wait / 6))
@@ -215,6 +205,27 @@ def whole_impact(
     x, v, a = until
     mass = record.mass
     return Whole(x, v, mass[:, None] * a, peak[:, 0], -mass * (steeper / (most - fall))[:, 0])
+
+
+def integrals(
+    delta: Float[Array, "*batch impact sample"],
+    first_time: Float[Array, " impact"],
+    dt: Float[Array, " impact"],
+) -> tuple[Float[Array, "*batch impact sample"], Float[Array, "*batch impact sample"]]:
+    """The velocity and the displacement that delta takes off: its first and second integral from contact.
+
+    By trapezia; between contact and the first sample delta is taken as it is there. Past a row's end the
+    values mean nothing.
+    """
+    first, step = first_time[:, None], dt[:, None]
+    begin = delta[..., :1]
+    velocity = begin * first + _integral(delta, step)
+    return velocity, begin * first**2 / 2 + _integral(velocity, step)
+
+
+def _integral(values: Array, step: Array) -> Array:
+    pieces = step * (values[..., 1:] + values[..., :-1]) / 2
+    return jnp.pad(jnp.cumsum(pieces, axis=-1), [(0, 0)] * (values.ndim - 1) + [(1, 0)])
 
 
 def whole_at_common_depth(
@@ -235,7 +246,7 @@ def whole_at_common_depth(
     """
     element, record = measured.element, measured.record
     names = (parameter.name for parameter in element.parameters)
-    arguments = {**dict(zip(names, measured.parameters, strict=True)), "diameter_m": record.diameter}
+    arguments = {**dict(zip(names, measured.parameters, strict=True)), **record.surroundings}
     columns = {name: value[:, None] for name, value in arguments.items()}
     here, most = _viscous(element, columns, whole.x), _viscous(element, columns, whole.peak[:, None])
     share = jnp.where(most > 0, here / jnp.where(most > 0, most, 1.0), 1.0)

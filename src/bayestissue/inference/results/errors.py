@@ -27,7 +27,8 @@ from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.factors.sites import laplace_sites, weak_prior
 from bayestissue.inference.results.predictions import replicates
 from bayestissue.likelihood.element.impact import MeasuredImpact
-from bayestissue.likelihood.element.response import ElementRecord, response
+from bayestissue.likelihood.element.record import DecelerationRecord
+from bayestissue.likelihood.element.response import response
 from bayestissue.signal.displacement import FEWEST_SAMPLES
 
 NOISE, ELEMENT = "noise", "element"
@@ -92,7 +93,7 @@ def trace_errors(
 
 def as_expected(prepared: Prepared, u: Float[np.ndarray, "impact parameter"]) -> TraceData:
     """The data with each trace as its model has it at ``u``, without noise and errors; all errors normal."""
-    if isinstance(prepared.data.record, ElementRecord):
+    if isinstance(prepared.data.record, DecelerationRecord):
         record = _of_element(prepared.model, prepared.data, jnp.asarray(u))
         # Only a known contact has an error that can be made normal.
         return with_normal_errors(prepared.data._replace(record=record))
@@ -102,18 +103,19 @@ def as_expected(prepared: Prepared, u: Float[np.ndarray, "impact parameter"]) ->
     replicated = replicates(
         prepared.model, data._replace(record=bare), quiet[None], jax.random.PRNGKey(0)[None]
     )
-    trace = replicated["deceleration" if prepared.model.kind == "impact" else "displacement"][0]
-    record = data.record.with_traces(np.nan_to_num(np.asarray(trace)), np.asarray(data.record.n_samples))
+    trace = np.nan_to_num(np.asarray(replicated["displacement"][0]))
+    record = data.record.with_traces(trace, np.asarray(data.record.n_samples))
     return data._replace(record=record)
 
 
 @compiled_quickly()
-def _of_element(model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]) -> ElementRecord:
+def _of_element(
+    model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]
+) -> DecelerationRecord:
     """The record with contact where the traces have it, and what the element does from then on as traces."""
     distribution = trace_distribution(model, data, [u[:, a] for a in range(u.shape[1])])
     assert isinstance(distribution, MeasuredImpact)  # noqa: S101 - so is every element's
-    record = distribution.record
-    known = record if record.before is None else record.at_contact(distribution.mean_first_time())
+    known = distribution.record.at_contact(distribution.mean_first_time())
     return known._replace(d=response(distribution.element, distribution.parameters, known).d)
 
 
@@ -159,7 +161,7 @@ def shorter_window(prepared: Prepared, u: Float[np.ndarray, "impact parameter"])
     doi:10.2307/1913827). Nothing for a model with a discrepancy, whose modes are those of the whole window.
     """
     whole = with_normal_errors(prepared.data)
-    if getattr(whole.record, "basis", None) is not None:
+    if prepared.model.discrepancy:
         return None
     n = np.asarray(whole.record.n_samples)
     fewer = np.minimum(n, np.maximum(np.ceil(_SHORTER * n), FEWEST_SAMPLES)).astype(n.dtype)

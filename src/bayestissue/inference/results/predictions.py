@@ -16,7 +16,6 @@ from bayestissue.hierarchy.traces import TraceData, TraceModel, impacts_model, p
 from bayestissue.inference.execution.compiling import by_row, compiled_quickly
 from bayestissue.inference.execution.kept import some_impacts
 from bayestissue.inference.samplers.sampling import ConstrainedDraws, thinned
-from bayestissue.likelihood.element.response import ElementRecord
 
 PREDICTIVE_DRAWS = 100
 PRIOR_DRAWS, PRIOR_PREDICTIVE_DRAWS = 1000, 50
@@ -83,7 +82,7 @@ def prior_draws(
     drawn = bare(key)
     nuisance = [drawn.pop(name)[..., None] for name in model.nuisance]
     u = jnp.concatenate([drawn.pop("log_K_and_C"), *nuisance], axis=-1)
-    if isinstance(data.record, ElementRecord):
+    if not data.record.side_by_side:
         return drawn, u, {}
     at = physical(model, data, [u[..., a] for a in range(u.shape[-1])])
     return drawn, u, {"omega_n": at.omega_n, "zeta": at.zeta}

@@ -18,7 +18,7 @@ from bayestissue.hierarchy.derived import named_sites
 from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.formulas.group_terms import stem_of
 from bayestissue.hierarchy.specification import ModelSpecification
-from bayestissue.hierarchy.trace_data import Prepared
+from bayestissue.hierarchy.trace_data import Prepared, common_depth
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.execution.kept import some_impacts, some_of
 from bayestissue.inference.quantities.elements import per_impact
@@ -37,7 +37,6 @@ from bayestissue.inference.results.predictions import (
     replicates,
 )
 from bayestissue.inference.samplers.sampling import ConstrainedDraws, Draws
-from bayestissue.likelihood.element.response import ElementRecord
 
 PER_IMPACT = ("K", "C", "omega_n", "zeta", "theta1", "sigma_a", "sigma_d", "mass", *per_impact())
 
@@ -150,9 +149,9 @@ def _constants(prepared: Prepared) -> dict[str, np.ndarray]:
     error_sd, first = np.asarray(record.error_sd), np.asarray(record.first_time)
     time = first[:, None] + np.arange(signal.x.shape[1]) * signal.dt[:, None]
     inside = np.arange(signal.x.shape[1]) < signal.n_samples[:, None]
-    depth = record.common_depth if isinstance(record, ElementRecord) else None
+    has_depth = prepared.model.depends_on_depth
     return {
-        **({} if depth is None else {"common_depth_m": np.asarray(depth)[0]}),
+        **({"common_depth_m": common_depth(signal)} if has_depth else {}),
         **({GRAVITY: signal.gravity[0]} if signal.gravity.any() else {}),
         "time": np.where(inside, time, np.nan),
         "mass_kg": signal.mass,

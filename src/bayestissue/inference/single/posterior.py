@@ -39,7 +39,6 @@ from bayestissue.inference.factors.sites import laplace_sites
 from bayestissue.inference.posterior.approximate import first_guess
 from bayestissue.inference.samplers.psis import k_threshold, pareto_smoothed
 from bayestissue.likelihood.arma.displacement import MeasuredDisplacement
-from bayestissue.likelihood.element.impact import MeasuredImpact
 
 POINTS = 1024
 # Degrees of freedom of the proposal.
@@ -311,7 +310,6 @@ def _residuals(
     """Residuals, of errors of the chain that are a draw given the trace."""
     event = trace_distribution(model, data, list(u.T))
     key = jax.random.PRNGKey(0)
-    if isinstance(event, MeasuredImpact):
-        event = event.with_contact_found(key)
     assert not isinstance(event, MeasuredDisplacement)  # noqa: S101 - recorded decelerations alone
+    event = event.with_contact_found(key)
     return event.residuals(event.draw_errors(key))

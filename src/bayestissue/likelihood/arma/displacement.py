@@ -31,7 +31,7 @@ from bayestissue.likelihood.linear_errors import (
     marginal_log_likelihood,
 )
 from bayestissue.likelihood.quadratic import eigenvalues, log_determinant, sums_over_frequencies
-from bayestissue.likelihood.transforms import FILLED, in_blocks, spread_of
+from bayestissue.likelihood.transforms import FILLED, transformed
 from bayestissue.oscillator import to_differences
 from bayestissue.padding import bucket
 
@@ -68,6 +68,11 @@ class DisplacementRecord(NamedTuple):
         return self.x
 
     @property
+    def side_by_side(self) -> bool:
+        """Whether it is of a spring and damper side by side alone."""
+        return True
+
+    @property
     def errors(self) -> dict[str, str]:
         """What each column of ``error_sd`` is called in the posterior, and which link of the chain errs."""
         return {
@@ -82,6 +87,13 @@ class DisplacementRecord(NamedTuple):
         """The record of other traces, or of fewer of their samples."""
         same = map(np.asarray, (self.first_time, self.dt, self.error_sd, self.gravity))
         return displacement_record(traces, n_samples, *same)
+
+    def impacts(self, rows: Int[np.ndarray, " row"]) -> DisplacementRecord:
+        """The record of some impacts."""
+        blocks = jax.tree.map(lambda part: np.asarray(part)[:, rows], (self.columns, self.spread))
+        others: Any = {"columns": None, "spread": None}
+        some = jax.tree.map(lambda part: np.asarray(part)[rows], self._replace(**others))
+        return some._replace(columns=blocks[0], spread=blocks[1])
 
     def with_normal_errors(self) -> DisplacementRecord:
         """The record itself, whose errors are normal."""
@@ -103,36 +115,14 @@ def displacement_record(
     Raises:
         ValueError: an impact has fewer than three samples or more than ``x`` is wide.
     """
-    from scipy import fft
-
     lengths = np.asarray(n_samples)
-    if lengths.size and not 3 <= lengths.min() <= lengths.max() <= x.shape[1]:
-        raise ValueError(f"every impact needs 3 to {x.shape[1]} samples")
-    inside = np.arange(x.shape[1]) < lengths[:, None]
-    x = np.where(inside, x, 0.0)
+    x = np.where(np.arange(x.shape[1]) < lengths[:, None], x, 0.0)
     time = first_time[:, None] + np.arange(x.shape[1]) * dt[:, None]
-    width = FILLED * bucket(-(-(x.shape[1] - 2) // FILLED))
-    columns = np.zeros((6, len(x), width))
-    # padded frequencies count as an eigenvalue of 1 + theta1^2, never zero
-    spread = np.full((len(x), width), 2.0)
-    for n in np.unique(lengths):
-        rows = np.flatnonzero(lengths == n)
-        part, t = x[rows, :n], time[rows, : n - 2]
-        slope = np.diff(part, axis=1)
-        series = (np.diff(slope, axis=1), slope[:, :-1], part[:, :-2], np.ones_like(t), t, t**2)
-        for column, values in zip(columns, series, strict=True):
-            column[rows, : n - 2] = fft.dst(values, type=1, axis=1, norm="ortho")
-        spread[rows, : n - 2] = spread_of(n - 2)
-    return DisplacementRecord(
-        jnp.asarray(x),
-        jnp.asarray(lengths),
-        jnp.asarray(first_time),
-        jnp.asarray(dt),
-        tuple(in_blocks(column) for column in columns),
-        in_blocks(spread),
-        jnp.asarray(error_sd),
-        jnp.asarray(np.broadcast_to(np.asarray(gravity, float), lengths.shape)),
-    )
+    registers = bucket(-(-(x.shape[1] - 2) // FILLED))
+    columns, spread = transformed(x, lengths, registers, np.ones_like(time), time, time**2)
+    along = np.broadcast_to(np.asarray(gravity, float), lengths.shape)
+    parts: Any = (x, lengths, first_time, dt, columns, spread, error_sd, along)
+    return DisplacementRecord(*jax.tree.map(jnp.asarray, parts))
 
 
 def displacement_products(

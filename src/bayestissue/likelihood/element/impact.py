@@ -3,18 +3,15 @@
 (1 + gain) d(t - tau; V + dV) + b, to first order in the errors, d being F / M of the element: the columns of
 the errors are d's derivative by V, d itself, 1 and minus its derivative in time. An element that is not
 linear tells gain from velocity, since its deceleration is not in proportion to V, and so does gravity along
-the motion, which does not come with V. Where the element's law is
-not trusted a smooth discrepancy is added: see `bayestissue.likelihood.element.discrepancy`. Noise is white
-or, without a discrepancy, first-order autoregressive: see `bayestissue.likelihood.autoregressive`. Or a part
-of it went through a recorder's low-pass: see `bayestissue.likelihood.element.coloured`.
+the motion, which does not come with V. What the samples share besides is noise: see
+`bayestissue.likelihood.element.noise`. When contact was may be for the trace to tell: see
+`bayestissue.likelihood.element.contact`.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -24,138 +21,78 @@ from jaxtyping import Float, Int
 from numpyro.distributions import constraints
 
 from bayestissue.elements import Element
-from bayestissue.likelihood import autoregressive
-from bayestissue.likelihood.element import coloured, contact_cells, discrepancy
-from bayestissue.likelihood.element.response import (
-    CONTACT,
-    OFFSET,
-    ElementRecord,
-    Response,
-    columns,
-    in_proportion,
-    response,
-)
+from bayestissue.likelihood.element import contact, noise, spring_damper
+from bayestissue.likelihood.element.record import CONTACT, OFFSET, DecelerationRecord
+from bayestissue.likelihood.element.response import Response, columns, response
 from bayestissue.likelihood.linear_errors import (
     Products,
     draw_errors,
-    gram,
     marginal_log_likelihood,
     prior_errors,
 )
+from bayestissue.oscillator import spring_damper_inverse
 
 # A response this many times the trace is no impact; the products would keep seven digits.
 _GREATEST = 1e4
-# Among the chain's errors.
 
 
-class _Noise(NamedTuple):
-    """What a trace holds besides the impact and the chain's errors: see `element_log_likelihood`."""
+class NoiseParameters(NamedTuple):
+    """What the noise of each impact has for parameters.
 
-    log_sigma: Array
-    log_discrepancy: Array | None
-    atanh_correlation: Array | None
+    Attributes:
+        log_sigma: log of the standard deviation [m/s^2]; of autoregressive noise, of its shocks'.
+        log_discrepancy: log of the discrepancy's rms [m/s^2]; None without one.
+        atanh_correlation: artanh of the noise's correlation from sample to sample; None where it has none.
+    """
 
+    log_sigma: Float[Array, " impact"]
+    log_discrepancy: Float[Array, " impact"] | None = None
+    atanh_correlation: Float[Array, " impact"] | None = None
 
-def _products(
-    element: Element, predicted: Response, noise: _Noise, value: Array, record: ElementRecord
-) -> Products:
-    of_columns = partial(_products_of_columns, noise, record)
-    if record.colour is not None and record.before is not None:
-        in_colour = partial(_products_in_colour, noise, record)
-        linear = in_proportion(element, record)
-        return contact_cells.products_of_all_rows(predicted, value, record, in_colour, linear=linear)
-    if record.before is None:
-        residual = jnp.where(record.inside(), value - predicted.d, 0.0)
-        return of_columns((residual, *columns(predicted, record)))
-    if _white(noise):
-        return contact_cells.products(predicted, value, record, linear=in_proportion(element, record))
-    return contact_cells.products_in_columns(predicted, value, record, of_columns)
+    def of(self, record: DecelerationRecord) -> noise.Noise:
+        """The noise on the record's samples."""
+        return noise.noise_of(record, self.ratio(), self.atanh_correlation)
 
+    def ratio(self) -> Float[Array, " impact"]:
+        """The discrepancy's rms over sigma."""
+        if self.log_discrepancy is None:
+            return jnp.zeros_like(self.log_sigma)
+        return jnp.exp(self.log_discrepancy - self.log_sigma)
 
-def _white(noise: _Noise) -> bool:
-    """Whether a trace holds nothing else that its samples share."""
-    return noise.atanh_correlation is None and noise.log_discrepancy is None
-
-
-def _products_in_colour(
-    noise: _Noise, record: ElementRecord, inside: Array, parts: Sequence[Array]
-) -> Products:
-    """Of rows of the samples that coloured noise is asked at: those of the window, and some before it."""
-    assert record.colour is not None  # noqa: S101 - for the type checker
-    assert record.rate is not None  # noqa: S101 - for the type checker
-    stride, modes = record.colour.stride, []
-    if noise.log_discrepancy is not None and record.basis is not None:
-        reach = 0 if record.before is None else math.prod(contact_cells.shape(record))
-        modes = list(jnp.pad(record.basis, ((0, 0), (0, 0), (reach, 0)))[:, :, ::stride])
-    products = coloured.products(record.colour, record.rate, inside, [*parts, *modes])
-    if noise.log_discrepancy is None or record.share is None or not modes:
-        return products
-    number = len(parts)
-    plain = products._replace(gram=tuple(row[:number] for row in products.gram[:number]))
-    # Not all parts have cells.
-    shape = jnp.broadcast_shapes(*(row[number].shape for row in products.gram[:number]))
-    along = [
-        jnp.stack([jnp.broadcast_to(entry, shape) for entry in row[number:]])
-        for row in products.gram[:number]
-    ]
-    ratio = discrepancy.ratios(noise.log_sigma, noise.log_discrepancy, record.share)
-    modes_gram = [row[number:] for row in products.gram[number:]]
-    return discrepancy.with_discrepancy(plain, along, ratio, modes_gram)
+    def error_sd(self, record: DecelerationRecord) -> Float[Array, "impact error"]:
+        """Of the chain; that of a mean of many samples is ((1 + rho) / (1 - rho))^1/2 = e^a times larger."""
+        error_sd = contact.error_sd(record)
+        if self.atanh_correlation is None:
+            return error_sd
+        factor = jnp.where(record.quiet, jnp.exp(self.atanh_correlation), 1.0)
+        return error_sd.at[..., OFFSET].multiply(factor)
 
 
-def _products_of_columns(noise: _Noise, record: ElementRecord, parts: tuple[Array, ...]) -> Products:
-    """Of residual and error columns at one moment of contact."""
-    if record.colour is not None:
-        stride = record.colour.stride
-        inside = record.inside()[:, ::stride]
-        return _products_in_colour(noise, record, inside, [part[:, ::stride] for part in parts])
-    count = record.n_samples + 0.0
-    if noise.atanh_correlation is not None:
-        a = noise.atanh_correlation
-        white = tuple(autoregressive.whitened(part, a, record.inside()) for part in parts)
-        return Products(gram(white, jnp.ones(())), autoregressive.log_determinant(a), count)
-    plain = Products(gram(parts, jnp.ones(())), jnp.zeros_like(count), count)
-    if noise.log_discrepancy is None or record.basis is None or record.share is None:
-        return plain
-    ratio = discrepancy.ratios(noise.log_sigma, noise.log_discrepancy, record.share)
-    return discrepancy.with_discrepancy(plain, [(record.basis * part).sum(-1) for part in parts], ratio)
+def _densities(products: Products, parameters: NoiseParameters, record: DecelerationRecord) -> Array:
+    """Log density of each trace by contact in each cell, [cell, impact]."""
+    error_sd = parameters.error_sd(record)
+    return marginal_log_likelihood(products, parameters.log_sigma, error_sd, record.contact.uniform)
 
 
 def _log_density(
-    element: Element, predicted: Response, noise: _Noise, value: Array, record: ElementRecord
-) -> Array:
-    products = _products(element, predicted, noise, value, record)
-    density = marginal_log_likelihood(products, noise.log_sigma, _error_sd(noise, record), record.uniform)
-    if record.before is not None:
-        density = jax.nn.logsumexp(density, axis=0) + jnp.log(contact_cells.cell_width(record))
-        if _white(noise) and record.colour is None:
-            density = density - contact_cells.quiet_density(record)
+    predicted: Response, parameters: NoiseParameters, record: DecelerationRecord
+) -> Float[Array, " impact"]:
+    products = contact.products(predicted, record, parameters.of(record))
+    density = jax.nn.logsumexp(_densities(products, parameters, record), axis=0)
+    if record.contact.reach:
+        density = density + jnp.log(contact.cell_width(record)) - record.contact.quiet_log_density
     # Parameters far from anything seen may send a response beyond all bounds, where the products' digits are
     # lost and a density would be anything.
     greatest = _GREATEST * jnp.abs(record.d).max(-1)
     return jnp.where(jnp.abs(predicted.d).max(-1) <= greatest, density, -jnp.inf)
 
 
-def _error_sd(noise: _Noise, record: ElementRecord) -> Array:
-    error_sd = record.error_sd if record.before is None else contact_cells.error_sd(record, record.error_sd)
-    if noise.atanh_correlation is None or record.quiet is None:
-        return error_sd
-    return autoregressive.offset_sd(error_sd, record.quiet, noise.atanh_correlation, OFFSET)
-
-
-def _of_cell(cell: Array, shape: tuple[int, ...], values: Array) -> Array:
-    """What broadcasts to [cell, impact], that shape, at one cell of each impact."""
-    return jnp.take_along_axis(jnp.broadcast_to(values, shape), cell[None], axis=0)[0]
-
-
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def element_log_likelihood(
     element: Element,
     parameters: Float[Array, "parameter impact"],
-    log_sigma: Float[Array, " impact"],
-    record: ElementRecord,
-    log_discrepancy: Float[Array, " impact"] | None = None,
-    atanh_correlation: Float[Array, " impact"] | None = None,
+    noise_parameters: NoiseParameters,
+    record: DecelerationRecord,
 ) -> Float[Array, " impact"]:
     """Log density of the recorded traces, errors and discrepancy integrated out.
 
@@ -165,20 +102,15 @@ def element_log_likelihood(
     Args:
         element: what is hit.
         parameters: as of `response`.
-        log_sigma: log of the noise's standard deviation [m/s^2]; of autoregressive noise, of its shocks'.
+        noise_parameters: of the noise.
         record: the traces.
-        log_discrepancy: log of the discrepancy's rms [m/s^2]; none unless given.
-        atanh_correlation: artanh of the noise's correlation from sample to sample; white unless given, and
-            not beside a discrepancy.
     """
-    predicted = response(element, parameters, record)
-    noise = _Noise(log_sigma, log_discrepancy, atanh_correlation)
-    return _log_density(element, predicted, noise, record.d, record)
+    return _log_density(response(element, parameters, record), noise_parameters, record)
 
 
 @element_log_likelihood.defjvp
 def _element_jvp(element: Element, primals: Any, tangents: Any) -> tuple[Array, Array]:
-    parameters, log_sigma, record, log_discrepancy, atanh_correlation = primals
+    parameters, noise_parameters, record = primals
     number = parameters.shape[0]
     basis = jnp.broadcast_to(jnp.eye(number)[..., None], (number, *parameters.shape))
 
@@ -186,15 +118,11 @@ def _element_jvp(element: Element, primals: Any, tangents: Any) -> tuple[Array, 
         return jax.jvp(lambda p: response(element, p, record), (parameters,), (tangent,))
 
     predicted, changes = jax.vmap(along, out_axes=(None, 0))(basis)
-    value, pull_back = jax.vjp(
-        lambda f, noise: _log_density(element, f, noise, record.d, record),
-        predicted,
-        _Noise(log_sigma, log_discrepancy, atanh_correlation),
-    )
+    value, pull_back = jax.vjp(lambda f, n: _log_density(f, n, record), predicted, noise_parameters)
     by_response, by_noise = pull_back(jnp.ones_like(value))
     slopes = sum((change * by).sum(-1) for change, by in zip(changes, by_response, strict=True))
-    along_noise = zip(by_noise, (tangents[1], tangents[3], tangents[4]), strict=True)
-    return value, (slopes * tangents[0]).sum(0) + sum(by * to for by, to in along_noise if by is not None)
+    along_noise = sum(by * to for by, to in zip(by_noise, tangents[1], strict=True) if by is not None)
+    return value, (slopes * tangents[0]).sum(0) + along_noise
 
 
 class MeasuredImpact(dist.Distribution):
@@ -203,108 +131,105 @@ class MeasuredImpact(dist.Distribution):
     Args:
         element: what is hit.
         parameters: as of `response`.
-        log_sigma: log of the noise's standard deviation [m/s^2]; of autoregressive noise, of its shocks'.
-        record: see `ElementRecord`.
-        log_discrepancy: log of the discrepancy's rms [m/s^2]; none unless given.
-        atanh_correlation: as of `element_log_likelihood`.
+        noise_parameters: of the noise.
+        record: the traces and what is known of their recording.
     """
 
-    arg_constraints = {"log_sigma": constraints.real}  # noqa: RUF012
+    arg_constraints: ClassVar[dict[str, Any]] = {}
     support = constraints.real_vector
-    pytree_data_fields = ("parameters", "log_sigma", "record", "log_discrepancy", "atanh_correlation")
+    pytree_data_fields = ("parameters", "noise_parameters", "record")
     pytree_aux_fields = ("element",)
 
     def __init__(
         self,
         element: Element,
         parameters: Array,
-        log_sigma: Array,
-        record: ElementRecord,
-        log_discrepancy: Array | None = None,
-        atanh_correlation: Array | None = None,
+        noise_parameters: NoiseParameters,
+        record: DecelerationRecord,
         *,
         validate_args: bool | None = None,
     ) -> None:
-        self.element, self.parameters, self.log_sigma, self.record = element, parameters, log_sigma, record
-        self.log_discrepancy, self.atanh_correlation = log_discrepancy, atanh_correlation
-        super().__init__(log_sigma.shape, record.d.shape[1:], validate_args=validate_args)
+        self.element, self.parameters = element, parameters
+        self.noise_parameters, self.record = noise_parameters, record
+        super().__init__(record.d.shape[:1], record.d.shape[1:], validate_args=validate_args)
+
+    @property
+    def sigma(self) -> Float[Array, " impact"]:
+        """The noise's standard deviation [m/s^2]."""
+        return jnp.exp(self.noise_parameters.log_sigma)
 
     def response(self) -> Response:
         """See `response`."""
         return response(self.element, self.parameters, self.record)
 
     def products(self, predicted: Response | None = None) -> Products:
-        """Products of the residual and the errors' columns; ``found`` is `response`, if it is at hand."""
+        """Products of the residual and the errors' columns; ``predicted`` is `response`, if it is at hand."""
         predicted = self.response() if predicted is None else predicted
-        return _products(self.element, predicted, self._noise(), self.record.d, self.record)
+        return contact.products(predicted, self.record, self.noise_parameters.of(self.record))
 
     def log_prob(self, value: Float[Array, "impact sample"]) -> Float[Array, " impact"]:
         """Log density of each impact's trace, its errors and its discrepancy integrated out."""
-        if value is self.record.d:
-            log_sigma, log_discrepancy, atanh_correlation = self._noise()
-            return element_log_likelihood(
-                self.element, self.parameters, log_sigma, self.record, log_discrepancy, atanh_correlation
-            )
-        return _log_density(self.element, self.response(), self._noise(), value, self.record)
+        record = self.record.with_traces(value, self.record.n_samples)
+        if record.side_by_side:
+            omega_n, zeta = spring_damper_inverse(*self.parameters, record.mass)
+            return spring_damper.log_likelihood(omega_n, zeta, self.noise_parameters.log_sigma, record)
+        return element_log_likelihood(self.element, self.parameters, self.noise_parameters, record)
 
-    def draw_errors(self, key: Array, predicted: Response | None = None) -> Float[Array, "impact 4"]:
-        """The chain's errors given the recorded traces: velocity, gain, offset, contact time (later).
+    def draw_errors(self, key: Array, predicted: Response | None = None) -> Float[Array, "impact error"]:
+        """The chain's errors given the recorded traces, contact time's counted from ``first_time`` (later).
 
-        ``found`` is `response`, if it is at hand.
+        ``predicted`` is `response`, if it is at hand.
         """
-        products, record = self.products(predicted), self.record
-        error_sd = _error_sd(self._noise(), record)
-        if record.before is None:
-            return draw_errors(key, products, self.log_sigma, error_sd, record.uniform)
-        density = marginal_log_likelihood(products, self.log_sigma, error_sd, record.uniform)
+        products, record, parameters = self.products(predicted), self.record, self.noise_parameters
+        density = _densities(products, parameters, record)
         cell = jax.random.categorical(jax.random.fold_in(key, 2), density, axis=0)
-        chosen = partial(_of_cell, cell, density.shape)
-        products = Products(*jax.tree.map(chosen, tuple(products)))
-        errors = draw_errors(key, products, self.log_sigma, error_sd, record.uniform)
-        return errors.at[:, CONTACT].add(record.first_time - chosen(contact_cells.middles(record)))
+
+        def chosen(values: Array) -> Array:
+            return jnp.take_along_axis(
+                values, jnp.broadcast_to(cell, (*values.shape[:-2], 1, len(cell))), -2
+            )[..., 0, :]
+
+        products = products._replace(gram=chosen(products.gram))
+        error_sd = parameters.error_sd(record)
+        errors = draw_errors(key, products, parameters.log_sigma, error_sd, record.contact.uniform)
+        return errors.at[:, CONTACT].add(record.first_time - chosen(contact.middles(record)))
 
     def mean_first_time(self) -> Float[Array, " impact"]:
         """From contact to the first sample as the traces have it, by the mean over the cells [s]."""
-        record = self.record
-        if record.before is None:
-            return record.first_time
-        error_sd = _error_sd(self._noise(), record)
-        density = marginal_log_likelihood(self.products(), self.log_sigma, error_sd, record.uniform)
-        return (jax.nn.softmax(density, axis=0) * contact_cells.middles(record)).sum(0)
+        if not self.record.contact.reach:
+            return self.record.first_time
+        density = _densities(self.products(), self.noise_parameters, self.record)
+        return (jax.nn.softmax(density, axis=0) * contact.middles(self.record)).sum(0)
 
     def as_drawn(self, contact_error: Float[Array, " impact"]) -> MeasuredImpact:
         """The same with contact where such an error puts it, and known."""
-        record, noise = self.record, self._noise()
-        least = 0.0 if record.low_pass is None else -record.low_pass.lead * record.dt
-        known = record.at_contact(jnp.maximum(record.first_time - contact_error, least))
+        record = self.record
+        known = record.at_contact(jnp.maximum(record.first_time - contact_error, -record.lead * record.dt))
         known = known._replace(error_sd=known.error_sd.at[:, CONTACT].set(0.0))
-        return MeasuredImpact(self.element, self.parameters, noise.log_sigma, known, *noise[1:])
+        return MeasuredImpact(self.element, self.parameters, self.noise_parameters, known)
 
     def with_contact_found(self, key: Array) -> MeasuredImpact:
         """The same with contact known: where the trace has it, if the record leaves it to be found."""
-        if self.record.before is None:
+        if not self.record.contact.reach:
             return self
         return self.as_drawn(self.draw_errors(jax.random.fold_in(key, 3))[:, CONTACT])
 
     def draw_discrepancy(
-        self, key: Array, errors: Float[Array, "impact 4"], predicted: Response | None = None
+        self, key: Array, errors: Float[Array, "impact error"], predicted: Response | None = None
     ) -> Float[Array, "impact sample"]:
-        """The discrepancy given the recorded traces and the chain's errors [m/s^2]; ``found`` as above."""
-        record = self.record
-        if self.log_discrepancy is None or record.basis is None or record.share is None:
-            return jnp.zeros_like(record.d)
-        predicted = self.response() if predicted is None else predicted
-        left = self.residuals(errors, predicted)
-        ratio = discrepancy.ratios(self.log_sigma, self.log_discrepancy, record.share)
-        if record.colour is None or record.rate is None:
-            return discrepancy.draw_given(key, left, record.basis, self.log_sigma, ratio)
-        stride = record.colour.stride
-        in_colour = [part[:, ::stride] for part in (left, *record.basis)]
-        products_gram = coloured.products(
-            record.colour, record.rate, record.inside()[:, ::stride], in_colour
-        ).gram
-        along, modes = jnp.stack(products_gram[0][1:]), [row[1:] for row in products_gram[1:]]
-        return discrepancy.draw_along(key, along, record.basis, self.log_sigma, ratio, modes)
+        """The discrepancy given traces and the chain's errors [m/s^2]; contact is known."""
+        record, ratio = self.record, self.noise_parameters.ratio()
+        left, basis, stride = (
+            self.residuals(errors, predicted),
+            record.discrepancy.basis,
+            record.colour.stride,
+        )
+        sd = ratio[:, None] * jnp.sqrt(record.discrepancy.share)
+        # Its own noise is that without a discrepancy.
+        alone = noise.noise_of(record, jnp.zeros_like(ratio))
+        shocks = self.sigma[:, None] * jax.random.normal(key, sd.shape[::-1]).T
+        weights = jax.vmap(noise.weights_given)(left[:, ::stride], basis[..., ::stride], alone, sd, shocks)
+        return jnp.einsum("im,imr->ir", weights, basis)
 
     def innovations(
         self, left: Float[Array, "impact sample"]
@@ -313,18 +238,16 @@ class MeasuredImpact(dist.Distribution):
 
         Of coloured noise at the samples that it is asked at.
         """
-        record = self.record
-        if self.atanh_correlation is not None:
-            return autoregressive.whitened(left, self.atanh_correlation, record.inside()), record.n_samples
-        if record.colour is None or record.rate is None:
-            return left, record.n_samples
-        stride = record.colour.stride
-        inside = record.inside()[:, ::stride]
-        left = coloured.innovations(record.colour, record.rate, left[:, ::stride])
+        record, a = self.record, self.noise_parameters.atanh_correlation
+        inside = record.inside()[:, :: record.colour.stride]
+        if a is not None:
+            left = noise.whitened(left, a, record.inside())
+        elif record.colour.root.shape[1]:
+            left = noise.innovations(record.colour, record.rate, left[:, :: record.colour.stride])
         return jnp.where(inside, left, 0.0), inside.sum(-1)
 
     def residuals(
-        self, errors: Float[Array, "impact 4"], predicted: Response | None = None
+        self, errors: Float[Array, "impact error"], predicted: Response | None = None
     ) -> Float[Array, "impact sample"]:
         """What these errors and the impact leave of the recorded traces [m/s^2]; contact is known."""
         predicted, record = self.response() if predicted is None else predicted, self.record
@@ -336,23 +259,21 @@ class MeasuredImpact(dist.Distribution):
         Where the recorded trace has to tell when contact was, contact is where it has it: the samples are
         counted from what it shows.
         """
-        if self.record.before is not None:
+        if self.record.contact.reach:
             return self.with_contact_found(key).sample(key, sample_shape)
         key_of_noise, key_of_errors = jax.random.split(key)
-        shape, record = (*sample_shape, *self.batch_shape), self.record
-        predicted, delta = self.response(), jnp.zeros((*shape, *self.event_shape))
-        if self.log_discrepancy is not None and record.basis is not None and record.share is not None:
-            key_of_delta = jax.random.fold_in(key, 2)
-            delta = discrepancy.draw_prior(
-                key_of_delta, shape, record.basis, self.log_discrepancy, record.share
-            )
-        errors = prior_errors(key_of_errors, shape, _error_sd(self._noise(), record), record.uniform)
-        noise = jax.random.normal(key_of_noise, (*shape, *self.event_shape))
-        if record.colour is not None and record.rate is not None:
-            noise = coloured.drawn(record.colour, record.rate, jax.random.fold_in(key, 4), noise)
-        elif self.atanh_correlation is not None:
-            noise = autoregressive.correlated(noise, self.atanh_correlation)
-        added = _added(errors, predicted, record) + jnp.exp(self.log_sigma)[:, None] * noise
+        shape, record, predicted = (*sample_shape, *self.batch_shape), self.record, self.response()
+        error_sd = self.noise_parameters.error_sd(record)
+        errors = prior_errors(key_of_errors, shape, error_sd, record.contact.uniform)
+        shocks = jax.random.normal(key_of_noise, (*shape, *self.event_shape))
+        if record.colour.root.shape[1]:
+            shocks = noise.drawn(record.colour, record.rate, jax.random.fold_in(key, 4), shocks)
+        elif self.noise_parameters.atanh_correlation is not None:
+            shocks = noise.correlated(shocks, self.noise_parameters.atanh_correlation)
+        scale = (self.sigma * self.noise_parameters.ratio())[:, None] * jnp.sqrt(record.discrepancy.share)
+        weights = scale * jax.random.normal(jax.random.fold_in(key, 2), (*shape, scale.shape[1]))
+        delta = jnp.einsum("...im,imr->...ir", weights, record.discrepancy.basis)
+        added = _added(errors, predicted, record) + self.sigma[:, None] * shocks
         return jnp.where(record.inside(), predicted.d + delta + added, 0.0)
 
     def replicate(self, key: Array) -> dict[str, Float[Array, "impact sample"]]:
@@ -360,13 +281,9 @@ class MeasuredImpact(dist.Distribution):
         known = self.with_contact_found(key)
         return {"deceleration": jnp.where(known.record.inside(), known.sample(key), jnp.nan)}
 
-    def _noise(self) -> _Noise:
-        return _Noise(self.log_sigma, self.log_discrepancy, self.atanh_correlation)
-
 
 def _added(
-    errors: Float[Array, "*batch impact 4"], predicted: Response, record: ElementRecord
+    errors: Float[Array, "*batch impact error"], predicted: Response, record: DecelerationRecord
 ) -> Float[Array, "*batch impact sample"]:
     """What the chain's errors add to the traces."""
-    numbered = enumerate(columns(predicted, record))
-    return jnp.asarray(sum(errors[..., i, None] * column for i, column in numbered))
+    return jnp.asarray(sum(errors[..., i, None] * q for i, q in enumerate(columns(predicted, record))))

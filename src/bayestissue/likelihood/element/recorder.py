@@ -53,7 +53,7 @@ class LowPass(NamedTuple):
 
 
 class Colour(NamedTuple):
-    """Noise that went through the filter, on as many samples as the longest trace has: see `coloured`.
+    """Noise that went through the filter, on as many samples as the longest trace has: see `noise`.
 
     Attributes:
         white: f, above 0.
@@ -64,6 +64,11 @@ class Colour(NamedTuple):
     white: Float[Array, ""]
     root: Float[Array, "rate mode row"]
     stride_marks: Float[Array, " stride"]
+
+    @classmethod
+    def white_noise(cls) -> Colour:
+        """All of it white: without modes."""
+        return cls(jnp.asarray(1.0), jnp.zeros((1, 0, 0)), jnp.zeros(1))
 
     @property
     def stride(self) -> int:

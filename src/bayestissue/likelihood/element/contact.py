@@ -1,0 +1,146 @@
+"""Contact where a recording does not show its moment: in one of several cells, and anywhere in it.
+
+A force that rises from 0 has its first samples lost in noise. Contact may then be in any sampling interval
+before the first sample that is certain to be in contact. Beforehand all moments are as likely, with a density
+of one per sampling interval: that of a force that jumps, which must have come between two samples. Within a
+cell the trace is linear in the moment, about the cell's middle, and the cells' densities add up.
+
+From cell to cell the same response is shifted by whole samples. It is made once, and where noise is white so
+are its products with itself: a sum over a trace's samples then changes by the few that enter at its end, and
+those that leave at its beginning.
+
+Where noise is white, samples before the first count by how much likelier they are than a quiet part of the
+recorder's noise would make them, as elements that jump leave them out; of autoregressive noise, and beside a
+discrepancy, they do not count. Noise that went through a recorder's filter has them as it has the others.
+
+Behind a recorder's low-pass every force rises from 0, and where the filter is fast beside the sampling, an
+interval is divided into as many cells as keep a trace linear in each.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Float
+
+from bayestissue.likelihood.element.noise import Noise
+from bayestissue.likelihood.element.record import CONTACT, DecelerationRecord
+from bayestissue.likelihood.element.response import Response, columns
+from bayestissue.likelihood.linear_errors import Products
+
+_ROOT_12 = 12**0.5
+
+
+def middles(record: DecelerationRecord) -> Float[Array, "cell impact"]:
+    """From the middle of each cell to the first sample [s]; the first cell is the last before that sample.
+
+    Behind a low-pass a row of them for each phase, by as much later as the filter looks ahead. Of a known
+    contact its time alone.
+    """
+    if not record.contact.reach:
+        return record.first_time[None]
+    interval = jnp.arange(record.contact.reach) + record.phase[:, None] - record.lead
+    return interval.reshape(-1, 1) * record.dt
+
+
+def cell_width(record: DecelerationRecord) -> float:
+    """Of a cell, in sampling intervals."""
+    return 1 / len(record.phase)
+
+
+def error_sd(record: DecelerationRecord) -> Float[Array, "impact error"]:
+    """The errors' standard deviations, that of contact within its cell."""
+    if not record.contact.reach:
+        return record.error_sd
+    return record.error_sd.at[:, CONTACT].set(cell_width(record) * record.dt / _ROOT_12)
+
+
+def products(response: Response, record: DecelerationRecord, noise: Noise) -> Products:
+    """Products of the residual and the errors' columns, each [cell, impact]; of a known contact one cell."""
+    reach, stride = record.contact.reach, record.colour.stride
+    if reach:
+        samples = jnp.concatenate([record.contact.before, record.d], axis=1)[:, ::stride]
+        from_contact = (response.by_velocity, response.d, jnp.ones_like(response.d), -response.jerk)
+        in_cells = partial(_gram_in_cells, reach, len(record.phase), stride)
+        gram = jax.vmap(in_cells, out_axes=-1)(noise, samples, jnp.stack(from_contact, axis=1))
+    else:
+        residual = jnp.where(record.inside(), record.d - response.d, 0.0)
+        parts = jnp.stack([residual, *columns(response, record)], axis=1)[..., ::stride]
+        gram = jax.vmap(Noise.gram, out_axes=-1)(noise, parts)[:, :, None]
+    return Products(gram, jax.vmap(Noise.log_determinant)(noise), noise.inside.sum(-1) + 0.0)
+
+
+def _gram_in_cells(
+    reach: int,
+    finer: int,
+    stride: int,
+    noise: Noise,
+    samples: Float[Array, " row"],
+    parts: Float[Array, "4 time"],
+) -> Float[Array, "5 5 cell"]:
+    """Products of residual, velocity, gain, offset and contact of one impact, for contact in each cell.
+
+    Args:
+        reach: in how many sampling intervals contact may be.
+        finer: cells of an interval.
+        stride: every how many samples are asked.
+        noise: of the trace.
+        samples: the trace, beginning with the samples before the first.
+        parts: what by-velocity, deceleration, 1 and minus the jerk are from contact on, on the finer grid.
+    """
+    by_phase = jnp.moveaxis(parts.reshape(4, -1, finer), -1, 0)
+    if noise.is_white:
+        gram = jax.vmap(lambda phase: _slid_gram(reach, noise, samples, phase))(by_phase)
+    else:
+        gram = jax.vmap(lambda phase: _gram_by_cell(reach, stride, noise, samples, phase))(by_phase)
+    return jnp.moveaxis(gram.reshape(-1, 5, 5), 0, -1)
+
+
+def _gram_by_cell(
+    reach: int, stride: int, noise: Noise, samples: Float[Array, " row"], parts: Float[Array, "4 time"]
+) -> Float[Array, "cell 5 5"]:
+    """The products under any noise, cell by cell."""
+    longer = jnp.pad(parts, ((0, 0), (reach, 0)))
+
+    def of_cell(shift: Array) -> Array:
+        rows = jax.lax.dynamic_slice(longer, (0, shift), parts.shape)[:, ::stride]
+        by_velocity, d, _, late = jnp.where(noise.inside, rows, 0.0)
+        offset = jnp.where(noise.inside, 1.0, 0.0)
+        return noise.gram(jnp.stack([samples - d, by_velocity, d, offset, late]))
+
+    return jax.vmap(of_cell)(jnp.arange(reach))
+
+
+def _slid_gram(
+    reach: int, noise: Noise, samples: Float[Array, " row"], parts: Float[Array, "4 time"]
+) -> Float[Array, "cell 5 5"]:
+    """The products under white noise: by how much those of the first cell change from cell to cell.
+
+    Response k meets sample k + reach - s where contact is s intervals before the last cell.
+    """
+    recorded, number = noise.inside[:reach].sum(), noise.inside[reach:].sum()
+    width = parts.shape[1]
+    shift, offset = jnp.arange(reach)[:, None], jnp.arange(reach)
+
+    def among(some: Array, counts: Array) -> Array:
+        return jnp.einsum("sk,ak,bk->sab", counts + 0.0, some, some)
+
+    longer = jnp.pad(samples, (0, reach))
+    slid = [longer[reach - cell :][:width] for cell in range(reach)]
+    window = jnp.where(jnp.arange(width) < number, parts, 0.0)
+    sums = jnp.concatenate([jnp.stack(slid), window]) @ parts.T
+    with_samples, among_parts = sums[:reach], sums[reach:]
+    enters, leaves = jax.lax.dynamic_slice(parts, (0, number), (4, reach)), parts[:, :reach]
+    among_parts += among(enters, offset < shift) - among(leaves, offset < shift - recorded)
+    # The offset counts before contact too.
+    among_parts = among_parts.at[:, 2, 2].set(number + recorded)
+    with_samples = with_samples.at[:, 2].set(samples.sum())
+    squares = jnp.broadcast_to(samples @ samples, (reach, 1, 1))
+    top = jnp.concatenate([squares, with_samples[:, None]], axis=2)
+    gram = jnp.concatenate([top, jnp.concatenate([with_samples[..., None], among_parts], axis=2)], axis=1)
+    # The residual is samples less deceleration.
+    gram = gram.at[:, 0].add(-gram[:, 2])
+    return gram.at[:, :, 0].add(-gram[:, :, 2])

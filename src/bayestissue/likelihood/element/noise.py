@@ -1,0 +1,304 @@
+"""A recorder's noise, and what a trace holds beside the impact and the chain's errors.
+
+The covariance of a trace, given impact and errors, is sigma^2 T with T = f (S + A A'): white noise or a
+first-order autoregressive one, and a few modes A besides. By Woodbury's identity, with p~ = S^-1/2 p and
+M = 1 + A~' A~,
+
+    p' T^-1 q = (p~'q~ - (A~'p~)' M^-1 (A~'q~)) / f,    log det T = N log f + log det S + log det M.
+
+Three things make modes and S:
+
+Autoregressive noise, e_t = rho e_{t-1} + w_t, stationary, with independent w_t ~ N(0, sigma^2), so that
+S_st = rho^|s - t| / (1 - rho^2), whose inverse is tridiagonal and has the determinant 1 - rho^2 (Box and
+Jenkins, Time Series Analysis, section 7.4). sigma is that of w: what the data tell of it hardly depends on
+rho, since sigma and rho share no information but the first sample's 2 rho / (1 - rho^2) against 2 N for
+log sigma itself; the standard deviation of e, sigma / (1 - rho^2)^1/2, would follow rho. a = artanh rho
+stands for rho everywhere, since 1 - rho^2 = 1 / cosh^2 a loses no digits near rho = 1.
+
+Noise that went through the recorder's low-pass, beside a share f of white noise that entered behind it:
+T = f 1 + (1 - f) R, R being the correlations that the filter leaves (`bayestissue.signal.recorder_noise`). R
+has few eigenvalues that count, about two for each period of the filter's corner, so that (1 - f) R = B B'
+with as many columns in B. Samples that a trace lacks are rows that B lacks. Where next to no noise entered
+behind the filter, T has eigenvalues near 0, of what changes faster than the filter lets pass. A likelihood
+would believe those frequencies above all others, and whatever the filter's description leaves out there, and
+it would take the noise's size from them. So only every k-th sample is asked, as far apart as keeps the least
+eigenvalue of T at `LEAST_EIGENVALUE`: some four in a period of the corner.
+
+A discrepancy, a smooth force of unknown shape: delta(t), a Gaussian process on the force per mass (Kennedy
+and O'Hagan 2001), with the covariance s^2 exp(-(t - t')^2 / (2 l^2)) over the window's own time t in [0, 1]
+and l = 0.3, by its first six eigenvectors on the samples: delta = U c with c_j ~ N(0, s^2 lambda_j). It adds
+(s / sigma)^2 U diag(lambda) U' to T.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.scipy.linalg import solve_triangular
+from jaxtyping import Bool, Float, Int
+from scipy.linalg import toeplitz
+
+from bayestissue.likelihood.element.record import DecelerationRecord, Discrepancy
+from bayestissue.likelihood.element.recorder import Colour
+
+LEAST_EIGENVALUE = 0.02
+# f, at the least: what is divided by it keeps nine digits.
+_LEAST_WHITE = 1e-3
+# Eigenvalues of the filtered part that are left out, over f.
+_LEFT_OUT = 1e-4
+# Samples of which those eigenvalues are.
+_SAMPLES = 48
+# Half a swing of a force in a window, and no less: what changes faster is not a tissue's law.
+LENGTH = 0.3
+MODES = 6
+# The kernel is a polynomial of this many terms in either time to rounding error.
+_NODES = 24
+_LOG_2 = 0.6931471805599453
+
+
+class Noise(NamedTuple):
+    """The noise of one trace over its sigma, or with impacts along all first axes that of many.
+
+    Attributes:
+        inside: where there is a sample; what comes after, and before, is 0 everywhere.
+        white: f.
+        modes: A', 0 where there is no sample; none where noise is white or autoregressive.
+        atanh_correlation: a; None where noise is not autoregressive.
+    """
+
+    inside: Bool[Array, " row"]
+    white: Float[Array, ""]
+    modes: Float[Array, "mode row"]
+    atanh_correlation: Float[Array, ""] | None = None
+
+    @property
+    def is_white(self) -> bool:
+        """Whether no sample shares anything with another."""
+        return not self.modes.shape[-2] and self.atanh_correlation is None
+
+    def whitened(self, parts: Float[Array, "*part row"]) -> Float[Array, "*part row"]:
+        """S^-1/2 p: (1 - rho^2)^1/2 p_0 and p_t - rho p_{t-1}."""
+        if self.atanh_correlation is None:
+            return parts
+        return whitened(parts, self.atanh_correlation, self.inside)
+
+    def gram(self, parts: Float[Array, "part row"]) -> Float[Array, "part part"]:
+        """The products p' T^-1 q of all parts with each other."""
+        white = self.whitened(parts)
+        products = white @ white.T
+        if self.modes.shape[0]:
+            modes = self.whitened(self.modes)
+            shared = solve_triangular(self._factor(), modes @ white.T, lower=True)
+            products = products - shared.T @ shared
+        return products / self.white
+
+    def log_determinant(self) -> Float[Array, ""]:
+        """Of T."""
+        total = self.inside.sum() * jnp.log(self.white)
+        if self.atanh_correlation is not None:
+            total = total + log_determinant(self.atanh_correlation)
+        if self.modes.shape[0]:
+            total = total + 2 * jnp.log(jnp.diagonal(self._factor())).sum()
+        return total
+
+    def _factor(self) -> Float[Array, "mode mode"]:
+        """L of L L' = M."""
+        modes = self.whitened(self.modes)
+        return jnp.linalg.cholesky(jnp.eye(len(modes)) + modes @ modes.T)
+
+
+def noise_of(
+    record: DecelerationRecord,
+    discrepancy_ratio: Float[Array, " impact"],
+    atanh_correlation: Float[Array, " impact"] | None = None,
+) -> Noise:
+    """The noise of every trace, on the samples that it is asked at, those before the first among them.
+
+    Args:
+        record: what was recorded.
+        discrepancy_ratio: s / sigma; nothing without a discrepancy.
+        atanh_correlation: of autoregressive noise.
+    """
+    colour, contact, stride = record.colour, record.contact, record.colour.stride
+    early = jnp.arange(contact.reach) >= contact.reach - contact.n_before[:, None]
+    inside = jnp.concatenate([early, record.inside()], axis=1)[:, ::stride]
+    basis = jnp.pad(record.discrepancy.basis, ((0, 0), (0, 0), (contact.reach, 0)))[..., ::stride]
+    scale = discrepancy_ratio[:, None] * jnp.sqrt(record.discrepancy.share)
+    root = jnp.where(inside[:, None], _root(colour, inside.shape[1])[record.rate], 0.0)
+    modes = jnp.concatenate([root, scale[..., None] * basis], axis=1) / jnp.sqrt(colour.white)
+    white = jnp.broadcast_to(colour.white, len(inside))
+    return Noise(inside, white, modes, atanh_correlation)
+
+
+def whitened(
+    parts: Float[Array, "*part row"],
+    atanh_correlation: Float[Array, "*#part"],
+    inside: Bool[Array, "*#part row"],
+) -> Float[Array, "*part row"]:
+    """(1 - rho^2)^1/2 p of the first sample and p_t - rho p_{t-1} of all others.
+
+    Args:
+        parts: residual or error column, 0 where there is no sample.
+        atanh_correlation: a.
+        inside: where there is a sample.
+    """
+    a = jnp.asarray(atanh_correlation)[..., None]
+    before = jnp.pad(parts[..., :-1], [(0, 0)] * (parts.ndim - 1) + [(1, 0)])
+    first = inside & (jnp.cumsum(inside, axis=-1) == 1)
+    return jnp.where(inside, jnp.where(first, parts / jnp.cosh(a), parts - jnp.tanh(a) * before), 0.0)
+
+
+def log_determinant(atanh_correlation: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
+    """Of S: -log(1 - rho^2) = 2 log cosh a."""
+    size = jnp.abs(atanh_correlation)
+    return 2 * (size + jnp.log1p(jnp.exp(-2 * size)) - _LOG_2)
+
+
+def correlated(
+    standard: Float[Array, "*batch impact sample"], atanh_correlation: Float[Array, " impact"]
+) -> Float[Array, "*batch impact sample"]:
+    """Noise over sigma from standard normals, one a sample: the inverse of `whitened`."""
+    rho = jnp.tanh(atanh_correlation)
+    first = standard[..., 0] * jnp.cosh(atanh_correlation)
+
+    def follow(before: Array, shock: Array) -> tuple[Array, Array]:
+        now = rho * before + shock
+        return now, now
+
+    _, later = jax.lax.scan(follow, first, jnp.moveaxis(standard[..., 1:], -1, 0))
+    return jnp.concatenate([first[..., None], jnp.moveaxis(later, 0, -1)], axis=-1)
+
+
+def colour_of(
+    white: float,
+    correlations: Sequence[Callable[[Int[np.ndarray, " lag"]], Float[np.ndarray, " lag"]]],
+    rows: int,
+) -> Colour:
+    """Noise that went through a filter, on so many rows.
+
+    Args:
+        white: f.
+        correlations: for each sampling rate those of filtered noise at lags in samples.
+        rows: of the longest trace, the samples before its first one included.
+    """
+    white = max(white, _LEAST_WHITE)
+    roots = []
+    for correlation in correlations:
+        values, vectors = np.linalg.eigh((1 - white) * toeplitz(correlation(np.arange(rows))))
+        counts = values > _LEFT_OUT * white
+        roots.append((vectors[:, counts] * np.sqrt(values[counts])).T)
+    most = max(len(root) for root in roots)
+    filled = [np.pad(root, ((0, most - len(root)), (0, 0))) for root in roots]
+    stride = max(_stride(white, correlation) for correlation in correlations)
+    return Colour(jnp.asarray(white), jnp.asarray(np.stack(filled)), jnp.zeros(stride))
+
+
+def _stride(
+    white: float, correlations: Callable[[Int[np.ndarray, " lag"]], Float[np.ndarray, " lag"]]
+) -> int:
+    """How far apart samples must be for T to have no eigenvalue below `LEAST_EIGENVALUE`."""
+    stride = 1
+    while True:
+        least = np.linalg.eigvalsh(toeplitz(correlations(stride * np.arange(_SAMPLES))))[0]
+        if white + (1 - white) * least >= LEAST_EIGENVALUE:
+            return stride
+        stride += 1
+
+
+def drawn(
+    colour: Colour,
+    rate: Int[Array, " impact"],
+    key: Array,
+    standard: Float[Array, "*batch impact sample"],
+) -> Float[Array, "*batch impact sample"]:
+    """Coloured noise over sigma on all samples; ``standard`` are standard normals for its white part."""
+    root = _root(colour._replace(stride_marks=jnp.zeros(1)), standard.shape[-1])[rate]
+    modes = jax.random.normal(key, (*standard.shape[:-1], root.shape[1]))
+    return jnp.sqrt(colour.white) * standard + jnp.einsum("...im,imr->...ir", modes, root)
+
+
+def innovations(
+    colour: Colour, rate: Int[Array, " impact"], left: Float[Array, "impact row"]
+) -> Float[Array, "impact row"]:
+    """What each sample has beside what those before it say of it, as white as the noise's model is right.
+
+    L^-1 e with T = L L': L of the first samples is the beginning of L.
+
+    Args:
+        colour: the noise.
+        rate: which of its sampling rates each impact has.
+        left: residuals at every k-th sample: see `Colour.stride`.
+    """
+    root = _root(colour, left.shape[1])
+    shape = colour.white * jnp.eye(left.shape[1]) + jnp.einsum("amr,ams->ars", root, root)
+    whitened = solve_triangular(
+        jnp.linalg.cholesky(shape), jnp.broadcast_to(left.T, (len(root), *left.T.shape)), lower=True
+    )
+    return jnp.take_along_axis(whitened, rate[None, None], axis=0)[0].T
+
+
+def _root(colour: Colour, width: int) -> Float[Array, "rate mode row"]:
+    """B' on the first so many samples that are asked, 0 beyond those that any trace has."""
+    root = colour.root[:, :, :: colour.stride][:, :, :width]
+    return jnp.pad(root, ((0, 0), (0, 0), (0, width - root.shape[2])))
+
+
+def discrepancy_modes(n_samples: Int[np.ndarray, " impact"], width: int) -> Discrepancy:
+    """Eigenvectors U and eigenvalues lambda of a discrepancy's kernel on each impact's samples.
+
+    The kernel is taken through its polynomial at Chebyshev's points, so that the eigenvectors of 24 by 24
+    matrices give those on any number of samples.
+
+    Args:
+        n_samples: of each impact, six or more.
+        width: number of samples of the longest row.
+
+    Returns:
+        U, orthonormal over each impact's samples and 0 past its end, and lambda, greatest first, with the
+        sum n_samples, so that s is the root of delta's mean square.
+    """
+    count = np.asarray(n_samples)[:, None]
+    index = np.arange(width)
+    time = np.where(index < count, 2 * index / (count - 1) - 1, 0.0)
+    nodes = np.polynomial.chebyshev.chebpts1(_NODES)
+    to_values = np.polynomial.chebyshev.chebvander(time, _NODES - 1)
+    through = to_values @ np.linalg.inv(np.polynomial.chebyshev.chebvander(nodes, _NODES - 1))
+    through = np.where((index < count)[..., None], through, 0.0)
+    # Chebyshev's times go from -1 to 1.
+    kernel = np.exp(-((nodes[:, None] - nodes) ** 2) / (2 * (2 * LENGTH) ** 2))
+    frame, triangle = np.linalg.qr(through)
+    values, vectors = np.linalg.eigh(triangle @ kernel @ triangle.swapaxes(1, 2))
+    values, vectors = values[:, : -MODES - 1 : -1], vectors[:, :, : -MODES - 1 : -1]
+    basis = np.where((index < count)[:, None], (frame @ vectors).swapaxes(1, 2), 0.0)
+    share = values * count / values.sum(1, keepdims=True)
+    return Discrepancy(jnp.asarray(basis), jnp.asarray(share))
+
+
+def weights_given(
+    left: Float[Array, " row"],
+    basis: Float[Array, "mode row"],
+    noise: Noise,
+    sd: Float[Array, " mode"],
+    shock: Float[Array, " mode"],
+) -> Float[Array, " mode"]:
+    """A draw of the weights c of a discrepancy's modes, given what is left of one trace.
+
+    Normal with mean S M^-1 S U' N^-1 left and covariance sigma^2 S M^-1 S, M = 1 + S U' N^-1 U S, for noise
+    of covariance sigma^2 N.
+
+    Args:
+        left: of the trace, impact and errors of the chain taken off [m/s^2].
+        basis: U'.
+        noise: N, without the discrepancy.
+        sd: S, standard deviations of the weights over sigma.
+        shock: sigma times standard normals.
+    """
+    products = noise.gram(jnp.concatenate([left[None], basis]))
+    factor = jnp.linalg.cholesky(jnp.eye(len(sd)) + sd[:, None] * sd * products[1:, 1:])
+    mean = solve_triangular(factor, sd * products[0, 1:], lower=True)
+    return sd * solve_triangular(factor.T, mean + shock, lower=False)

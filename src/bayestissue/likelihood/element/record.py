@@ -1,0 +1,239 @@
+"""What is recorded of an impact: its deceleration, the measuring chain's errors, contact and noise.
+
+A part that a record lacks is an array without entries: no samples before the first where contact is known, no
+modes where no discrepancy is beside the element, or none that a filter leaves of the noise.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Bool, Float, Int
+
+from bayestissue.elements.element import GRAVITY
+from bayestissue.likelihood.element.recorder import Colour, LowPass
+from bayestissue.likelihood.linear_errors import LOG_2PI
+
+# Among the errors of the measuring chain; the gain, if it is another than the velocity's, is between them.
+VELOCITY, OFFSET, CONTACT = 0, -2, -1
+_MERGED = {
+    "velocity_error": "velocity and gain",
+    "offset_error": "offset",
+    "contact_time_error": "contact moment",
+}
+_SEPARATE = {
+    "velocity_error": "velocity",
+    "gain_error": "gain",
+    "offset_error": "offset",
+    "contact_time_error": "contact moment",
+}
+
+
+class Contact(NamedTuple):
+    """When contact was: so long before the first sample as is known, or in any of the intervals before it.
+
+    Attributes:
+        uniform: where the contact time's error is uniform instead of normal.
+        before: the samples before the first, in order of time, one for each sampling interval that contact
+            may be in; 0 where there are none [m/s^2]. Contact is known where it has no entries.
+        n_before: how many of these samples were recorded and count.
+        quiet_log_density: of these samples as a quiet part of the recorder's noise, which the likelihood is
+            relative to where noise is white; else 0.
+    """
+
+    uniform: Bool[Array, " impact"]
+    before: Float[Array, "impact reach"]
+    n_before: Int[Array, " impact"]
+    quiet_log_density: Float[Array, " impact"]
+
+    @classmethod
+    def known(cls, uniform: Bool[Array | np.ndarray, " impact"]) -> Contact:
+        """At ``first_time`` but for its error."""
+        number = len(uniform)
+        parts: Any = (uniform, np.zeros((number, 0)), np.zeros(number, int), np.zeros(number))
+        return cls(*parts)
+
+    @classmethod
+    def anywhere(
+        cls,
+        before: Float[np.ndarray, "impact reach"],
+        n_before: Int[np.ndarray, " impact"],
+        quiet_sd: Float[np.ndarray, " impact"] | None = None,
+    ) -> Contact:
+        """In any of the intervals of ``before``; with the noise's standard deviation in a quiet part."""
+        counts = np.arange(before.shape[1]) >= before.shape[1] - np.asarray(n_before)[:, None]
+        early, density = np.where(counts, before, 0.0), np.zeros(len(before))
+        if quiet_sd is not None:
+            density = -(n_before * (LOG_2PI + 2 * np.log(quiet_sd)) + (early**2).sum(1) / quiet_sd**2) / 2
+        parts: Any = (np.ones(len(before), bool), early, n_before, density)
+        return cls(*parts)
+
+    @property
+    def reach(self) -> int:
+        """In how many sampling intervals before the first sample contact may be."""
+        return self.before.shape[1]
+
+
+class Discrepancy(NamedTuple):
+    """The modes of a smooth force beside the element's: see `bayestissue.likelihood.element.noise`.
+
+    Attributes:
+        basis: modes, orthonormal over each impact's samples and 0 past its end.
+        share: their part in the discrepancy's mean square.
+    """
+
+    basis: Float[Array, "impact mode sample"]
+    share: Float[Array, "impact mode"]
+
+
+class DecelerationRecord(NamedTuple):
+    """What the likelihood reads of a set of deceleration traces.
+
+    Attributes:
+        d: decelerations, 0 past a row's end [m/s^2].
+        n_samples: length of each.
+        first_time: from contact to the first sample [s].
+        dt: sampling interval [s].
+        velocity: recorded velocity at contact [m/s].
+        error_sd: standard deviations of velocity [m/s], gain [1], offset [m/s^2] and contact time [s]. One of
+            velocity and gain together, without the second column, makes the record one of a spring and damper
+            side by side with white noise and known contact: see `side_by_side`.
+        mass: recorded mass [kg].
+        surroundings: what an element's functions take beside its parameters, by name: the impactor's diameter
+            [m] and, where there is any, gravity along the motion [m/s^2]; decelerations are force over mass
+            then.
+        contact: when it was.
+        discrepancy: its modes.
+        colour: the part of the noise that went through the recorder's filter.
+        rate: which of that noise's sampling rates each impact has.
+        quiet: where the offset was found as the mean of a quiet part, and its standard deviation is that
+            under white noise.
+        common_depth: one depth that every impact reaches [m]; no part of the likelihood.
+        low_pass: a filter that the traces went through; None where there is none.
+    """
+
+    d: Float[Array, "impact sample"]
+    n_samples: Int[Array, " impact"]
+    first_time: Float[Array, " impact"]
+    dt: Float[Array, " impact"]
+    velocity: Float[Array, " impact"]
+    error_sd: Float[Array, "impact error"]
+    mass: Float[Array, " impact"]
+    surroundings: dict[str, Float[Array, " impact"]]
+    contact: Contact
+    discrepancy: Discrepancy
+    colour: Colour
+    rate: Int[Array, " impact"]
+    quiet: Bool[Array, " impact"]
+    common_depth: Float[Array, " impact"]
+    low_pass: LowPass | None = None
+
+    @classmethod
+    def from_arrays(
+        cls,
+        d: np.ndarray,
+        n_samples: np.ndarray,
+        first_time: np.ndarray,
+        dt: np.ndarray,
+        velocity: np.ndarray,
+        error_sd: np.ndarray,
+        mass: np.ndarray,
+        surroundings: dict[str, Any],
+        contact: Contact,
+    ) -> DecelerationRecord:
+        """Of white noise without a discrepancy; values past a row's end are cleared."""
+        number, samples = d.shape
+        inside = np.arange(samples) < np.asarray(n_samples)[:, None]
+        parts: Any = {
+            "d": np.where(inside, d, 0.0),
+            "n_samples": n_samples,
+            "first_time": first_time,
+            "dt": dt,
+            "velocity": velocity,
+            "error_sd": error_sd,
+            "mass": mass,
+            "rate": np.zeros(number, int),
+            "quiet": np.zeros(number, bool),
+            "common_depth": np.zeros(number),
+        }
+        modes: Any = (np.zeros((number, 0, samples)), np.zeros((number, 0)))
+        record: DecelerationRecord = jax.device_put(
+            cls(
+                **parts,
+                surroundings=surroundings,
+                contact=contact,
+                discrepancy=Discrepancy(*modes),
+                colour=Colour.white_noise(),
+            )
+        )
+        return record
+
+    @property
+    def traces(self) -> Float[Array, "impact sample"]:
+        """The recorded decelerations."""
+        return self.d
+
+    @property
+    def side_by_side(self) -> bool:
+        """Whether it is of a spring and damper side by side, white noise and known contact alone."""
+        return self.error_sd.shape[-1] == len(_MERGED)
+
+    @property
+    def errors(self) -> dict[str, str]:
+        """What each column of ``error_sd`` is called in the posterior, and which link of the chain errs."""
+        return _MERGED if self.side_by_side else _SEPARATE
+
+    @property
+    def gravity(self) -> Float[Array, " impact"]:
+        """The part of gravity along the motion [m/s^2]."""
+        return self.surroundings.get(GRAVITY, jnp.zeros_like(self.mass))
+
+    @property
+    def phase(self) -> Float[Array, " phase"]:
+        """Moments of contact within a sampling interval that are told apart, as fractions of it."""
+        return jnp.full(1, 0.5) if self.low_pass is None else self.low_pass.phase
+
+    @property
+    def lead(self) -> int:
+        """For how many sampling intervals before contact a filter that looks ahead has an answer."""
+        return 0 if self.low_pass is None else self.low_pass.lead
+
+    def with_traces(
+        self,
+        traces: Float[Array | np.ndarray, "impact sample"],
+        n_samples: Int[Array | np.ndarray, " impact"],
+    ) -> DecelerationRecord:
+        """The record of other traces, or of fewer of their samples."""
+        record = self._replace(n_samples=jnp.asarray(n_samples))
+        return record._replace(d=jnp.where(record.inside(), jnp.asarray(traces), 0.0))
+
+    def impacts(self, rows: Int[np.ndarray, " row"]) -> DecelerationRecord:
+        """The record of some impacts; the recorder's filter and noise are those of all."""
+        shared: Any = {"colour": None, "low_pass": None}
+        some = jax.tree.map(lambda leaf: np.asarray(leaf)[rows], self._replace(**shared))
+        return some._replace(colour=self.colour, low_pass=self.low_pass)
+
+    def with_normal_errors(self) -> DecelerationRecord:
+        """The same, every error of the measuring chain taken as normal with its standard deviation.
+
+        Over all cells of contact the likelihood is smooth as it is.
+        """
+        if self.contact.reach:
+            return self
+        return self._replace(contact=self.contact._replace(uniform=jnp.zeros_like(self.contact.uniform)))
+
+    def at_contact(self, first_time: Float[Array, " impact"]) -> DecelerationRecord:
+        """The same traces with contact so long before the first sample [s], its error about that."""
+        return self._replace(first_time=first_time, contact=Contact.known(self.contact.uniform))
+
+    def inside(self) -> Bool[Array, "impact sample"]:
+        """True where there is a sample."""
+        return jnp.arange(self.d.shape[1]) < self.n_samples[:, None]
+
+    def time(self) -> Float[Array, "impact sample"]:
+        """Time since contact, also past a row's end [s]."""
+        return self.first_time[:, None] + jnp.arange(self.d.shape[1]) * self.dt[:, None]
