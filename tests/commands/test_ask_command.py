@@ -10,6 +10,8 @@ import pytest
 from command_line import bayestissue
 from make_fit_run import make_fit_run
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
