@@ -19,7 +19,7 @@ _PEOPLE = 12
 
 
 def print_comparison(comparison: pd.DataFrame, posteriors: pd.DataFrame, of_weights: pd.DataFrame) -> None:
-    """Print the three tables; see `inference.comparing.runs` and `.implied`."""
+    """Print the three tables; see `inference.comparing`."""
     console = Console(highlight=False)
     kinds = ["data"] if len(comparison["data"].unique()) > 1 else []
     for scheme, rows in comparison.groupby("scheme", sort=False):

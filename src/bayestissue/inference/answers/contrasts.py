@@ -136,9 +136,7 @@ def _directed(contrast: Contrast, directions: frozenset[tuple[str, str, str]]) -
     parts = (contrast.factor.split(":"), contrast.level.split(":"), contrast.against.split(":"))
     if len({len(part) for part in parts}) == 1:
         differ = [triple for triple in zip(*parts, strict=True) if triple[1] != triple[2]]
-        if [
-            (name, against, level) for name, level, against in differ if (name, against, level) in directions
-        ]:
+        if any((name, against, level) in directions for name, level, against in differ):
             return Contrast(contrast.factor, contrast.against, contrast.level, contrast.lower, contrast.upper)
     return contrast
 
