@@ -132,7 +132,7 @@ def exponent_words(quantity: str, beta: Spread) -> str:
 
 
 class Levels(NamedTuple):
-    """K or C of a typical and of a new person."""
+    """K or C of a typical person, and of a new one."""
 
     quantity: str
     unit: str
