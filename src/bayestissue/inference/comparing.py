@@ -148,7 +148,7 @@ class FinishedRun:
     Attributes:
         name: what tables call it.
         model: the model as resolved, from ``run.json``.
-        tree: the groups ``posterior`` (of single impacts what `bayestissue.inference.comparing.implied` asks
+        tree: the groups ``posterior`` (of single impacts what `comparable_draws` asks
             for), ``log_likelihood``, ``log_likelihood_of_groups``, ``observed_data`` and ``constant_data``.
     """
 
@@ -218,7 +218,7 @@ def implied(runs: Sequence[FinishedRun], comparison: pd.DataFrame) -> pd.DataFra
     means the same in all is mixed.
 
     Args:
-        runs: as `bayestissue.inference.comparing.runs.compare_runs` takes them.
+        runs: as `compare_runs` takes them.
         comparison: what it returned.
 
     Returns:
@@ -284,7 +284,7 @@ def compare_runs(runs: Sequence[FinishedRun]) -> pd.DataFrame:
     """Expected log predictive densities of impacts, people and conditions that a run has not seen.
 
     By Pareto-smoothed importance sampling, the parameters and effects of what is left out being integrated
-    out; see `bayestissue.inference.comparing.stacking`. Densities of different numbers have no common scale:
+    out; see `by_importance`. Densities of different numbers have no common scale:
     runs get differences, standard errors and stacking weights only beside runs whose likelihoods are of the
     same numbers, and ``warning`` says so where some are not.
 

@@ -12,7 +12,7 @@ Compared are, of each response, by its own formula:
 
 - the levels of each category, of numbers in ``C()``, and of each number with two values, averaged over what
   interacts with it;
-- the levels of each group but people, who have a table of their own (`bayestissue.inference.answers.people`);
+- the levels of each group but people, who have a table of their own (`people_compared`);
 - of combinations such as ``subject:side`` those that differ in one column but the person, within each person
   and averaged over the people recorded;
 - conditions at one mass. Where the formula has the mass, effects of conditions that stand for masses are what
