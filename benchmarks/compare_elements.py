@@ -40,7 +40,7 @@ from bayestissue import runtime
 from bayestissue.elements import element_names
 from bayestissue.hierarchy.specification import read_specification
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.inference.comparing.runs import OF_IMPACTS, FinishedRun, compare_runs, implied
+from bayestissue.inference.comparing import OF_IMPACTS, FinishedRun, compare_runs, implied
 from bayestissue.inference.posterior.recipe import Correction
 from bayestissue.inference.results.cross_validation import scheme_words
 from bayestissue.inference.samplers.sampling import ConstrainedDraws

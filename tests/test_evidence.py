@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from bayestissue.inference.comparing.stacking import DECISIVE_NATS, DECISIVE_SE
+from bayestissue.inference.comparing import DECISIVE_NATS, DECISIVE_SE
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.append(str(ROOT / "benchmarks"))

@@ -16,7 +16,7 @@ from bayestissue.errors import InputError, Problem, all_of
 if TYPE_CHECKING:
     import pandas as pd
 
-    from bayestissue.inference.comparing.runs import FinishedRun
+    from bayestissue.inference.comparing import FinishedRun
 
 _AGAIN = "Give folders of finished runs of `bayestissue fit`."
 _GROUPS: dict[str, tuple[str, ...]] = {
@@ -52,7 +52,7 @@ def run(
     with results.claim_if(out, overwrite=overwrite, command="compare", inputs=runs) as target:
         runtime.configure()
         from bayestissue.commands.console import echo, echo_tables
-        from bayestissue.inference.comparing.runs import compare_runs, implied, side_by_side
+        from bayestissue.inference.comparing import compare_runs, implied, side_by_side
         from bayestissue.report import draw_page
         from bayestissue.report.comparison import page_of
 
@@ -144,7 +144,7 @@ def _abouts(runs: list[Path]) -> list[dict[str, Any]]:
 def _finished(runs: list[Path], abouts: list[dict[str, Any]]) -> list[FinishedRun]:
     import xarray as xr
 
-    from bayestissue.inference.comparing.runs import FinishedRun
+    from bayestissue.inference.comparing import FinishedRun
     from bayestissue.report.run_folder import read_groups
 
     def read(run: tuple[str, Path, dict[str, Any]]) -> FinishedRun:

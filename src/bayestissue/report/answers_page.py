@@ -145,15 +145,15 @@ def _intervals(predictions: pd.DataFrame, name: str) -> Markup | None:
 
 
 def _table(predictions: pd.DataFrame) -> Table:
-    quantities = [
-        Field(f"{word}, {unit}", lambda row, name=name: _cell(row[1], name), "number")
-        for name, (word, unit, _) in PREDICTED.items()
-    ]
+    def quantity(name: str) -> Field:
+        word, unit, _ = PREDICTED[name]
+        return Field(f"{word}, {unit}", lambda row: _cell(row[1], name), "number")
+
     return table_of(
         enumerate(predictions.to_dict("records"), start=1),
         Field("row", lambda row: str(row[0]), "number"),
         Field("given", lambda row: _covariate_cell(row[1]), "words"),
-        *quantities,
+        *map(quantity, PREDICTED),
     )
 
 

@@ -121,6 +121,10 @@ def _draw(axes: Axes, rows: pd.DataFrame, runs: Sequence[str]) -> None:
 
 
 OF_IMPACTS = {"K": "K_secant_of_impacts", "C": "C_equivalent_of_impacts"}
+_INTERVAL = (
+    Field("median", lambda row: significant(row["median"]), "number"),
+    Field("90 % interval", lambda row: interval(row["eti90_low"], row["eti90_high"]), "number"),
+)
 
 
 def same_element(runs: list[dict[str, Any]]) -> bool:
@@ -167,8 +171,7 @@ def implied_table(implied: pd.DataFrame) -> Table:
         Field("quantity", quantity),
         Field("weights by", lambda row: what_is_left_out(row["scheme"])),
         Field("density of", lambda row: row["data"]),
-        Field("median", lambda row: significant(row["median"]), "number"),
-        Field("90 % interval", lambda row: interval(row["eti90_low"], row["eti90_high"]), "number"),
+        *_INTERVAL,
         Field("unit", lambda row: row["unit"]),
     )
 
@@ -380,8 +383,7 @@ def posteriors_table(posteriors: pd.DataFrame) -> Table:
         posteriors.to_dict("records"),
         Field("quantity", quantity),
         Field("run", lambda row: row["run"]),
-        Field("median", lambda row: significant(row["median"]), "number"),
-        Field("90 % interval", lambda row: interval(row["eti90_low"], row["eti90_high"]), "number"),
+        *_INTERVAL,
         Field("unit", lambda row: "" if row["unit"] == "1" else row["unit"]),
     )
 

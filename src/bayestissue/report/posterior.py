@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from bayestissue.errors import Coded
 from bayestissue.hierarchy.formulas.group_terms import stem_of
-from bayestissue.inference.comparing.stacking import decides
+from bayestissue.inference.comparing import decides
 from bayestissue.inference.results.meanings import SECANTS
 from bayestissue.report.page import figure
 from bayestissue.report.run_folder import PosteriorRun
@@ -131,19 +131,18 @@ def exponent_words(quantity: str, beta: Spread) -> str:
     return f"excludes {fixed} and {constant}: it lies {where}"
 
 
-def level_rows(run: PosteriorRun) -> list[dict[str, str]]:
-    """For K and for C: the typical person's value and interval, and a new person's, as text."""
-    return [
-        {
-            "quantity": quantity,
-            "unit": UNITS[quantity],
-            "value": typical(run, quantity).value,
-            "range": typical(run, quantity).range,
-            "new_value": new_person(run, quantity).value,
-            "new_range": new_person(run, quantity).range,
-        }
-        for quantity in QUANTITIES
-    ]
+class Levels(NamedTuple):
+    """K or C of a typical person, and of a new one."""
+
+    quantity: str
+    unit: str
+    typical: Spread
+    new: Spread
+
+
+def levels(run: PosteriorRun) -> list[Levels]:
+    """For K and for C: the typical person's value and interval, and a new person's."""
+    return [Levels(q, UNITS[q], typical(run, q), new_person(run, q)) for q in QUANTITIES]
 
 
 def sureness(run: PosteriorRun) -> list[dict[str, str]]:

@@ -118,8 +118,8 @@ def typed(name: str, table: pd.DataFrame, path: Path | str = "") -> pd.DataFrame
             columns[column] = cells.where(cells.notna(), "").astype(str)
             continue
         numbers = pd.to_numeric(cells, errors="coerce") if len(cells) else cells.astype(float)
-        is_empty = cells.isna() | cells.astype(str).str.lower().isin(["", "nan"])
-        wrong = cells[numbers.isna() & ~is_empty]
+        unread = cells[numbers.isna() & cells.notna()]
+        wrong = unread[~unread.astype(str).str.lower().isin(["", "nan"])]
         columns[column] = cells if len(wrong) else numbers
         if column in declared:
             problems += [

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from scipy.optimize import brentq
 from scipy.stats import norm
 
-from bayestissue.inference.comparing.runs import FinishedRun, comparable_draws, implied, mixture
+from bayestissue.inference.comparing import FinishedRun, comparable_draws, implied, mixture
 from bayestissue.results.tables import columns_of
 
 DRAWS = 4000

@@ -12,7 +12,7 @@ Compared are, of each response, by its own formula:
 
 - the levels of each category, of numbers in ``C()``, and of each number with two values, averaged over what
   interacts with it;
-- the levels of each group but people, who have a table of their own (`bayestissue.inference.answers.people`);
+- the levels of each group but people, who have a table of their own (`people_compared`);
 - of combinations such as ``subject:side`` those that differ in one column but the person, within each person
   and averaged over the people recorded;
 - conditions at one mass. Where the formula has the mass, effects of conditions that stand for masses are what
@@ -136,9 +136,7 @@ def _directed(contrast: Contrast, directions: frozenset[tuple[str, str, str]]) -
     parts = (contrast.factor.split(":"), contrast.level.split(":"), contrast.against.split(":"))
     if len({len(part) for part in parts}) == 1:
         differ = [triple for triple in zip(*parts, strict=True) if triple[1] != triple[2]]
-        if [
-            (name, against, level) for name, level, against in differ if (name, against, level) in directions
-        ]:
+        if any((name, against, level) in directions for name, level, against in differ):
             return Contrast(contrast.factor, contrast.against, contrast.level, contrast.lower, contrast.upper)
     return contrast
 

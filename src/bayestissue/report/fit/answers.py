@@ -127,16 +127,12 @@ def person_words(run: FitRun) -> dict[str, str]:
     }
 
 
-def the_only_impact(run: FitRun) -> list[dict[str, str]]:
-    """K and C of a single impact, value and interval as text; empty where there are several."""
+def the_only_impact(run: FitRun) -> list[tuple[str, str, Spread]]:
+    """K and C of a single impact, each with its unit; empty where there are several impacts."""
     if len(run.impacts) > 1:
         return []
     ends = ["median", "eti90_low", "eti90_high"]
-    spreads = {quantity: Spread(*run.of_impacts(quantity)[ends].to_numpy()[0]) for quantity in QUANTITIES}
-    return [
-        {"quantity": quantity, "unit": UNITS[quantity], "value": value.value, "range": value.range}
-        for quantity, value in spreads.items()
-    ]
+    return [(q, UNITS[q], Spread(*run.of_impacts(q)[ends].to_numpy()[0])) for q in QUANTITIES]
 
 
 def averaged_over(run: FitRun, variable: str) -> str:

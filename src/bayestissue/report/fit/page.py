@@ -119,7 +119,7 @@ def _first_screen(run: FitRun) -> dict[str, Any]:
     """What the first screen says, and sections below it again."""
     return {
         "reference_mass": f"{run.reference_mass:.3g}",
-        "levels": posterior.level_rows(run),
+        "levels": posterior.levels(run),
         "alone": answers.the_only_impact(run),
         "one_impact": ONE_IMPACT,
         "of": answers.person_words(run),

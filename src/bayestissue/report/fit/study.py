@@ -44,7 +44,7 @@ def first_contrasts(run: FitRun) -> list[dict[str, Any]]:
                 if _is_number(level)
                 else f"{level} over {against}",
                 "factor": factor,
-                "ratios": [_ratio(line) for line in shown],
+                "ratios": [(line.quantity, _ratio(line)) for line in shown],
                 "words": " ".join(_contrast_words(line, str(level), equivalence(run)) for line in shown),
             }
         )
@@ -64,9 +64,8 @@ def equivalence(run: FitRun) -> float:
     return float(run.record.get("model", {}).get("practical_equivalence", {}).get("ratio", 0.1))
 
 
-def _ratio(line: Any) -> dict[str, str]:
-    ratio = Spread(line.ratio, line.low, line.high)
-    return {"quantity": line.quantity, "value": ratio.value, "range": ratio.range}
+def _ratio(line: Any) -> Spread:
+    return Spread(line.ratio, line.low, line.high)
 
 
 def _contrast_words(line: Any, level: str, near: float) -> str:
@@ -93,8 +92,8 @@ def contrasts_table(run: FitRun) -> Table:
         Field("of", lambda line: line.factor),
         Field("comparison", lambda line: f"{line.level} over {line.against}"),
         Field("quantity", lambda line: line.quantity),
-        Field("ratio", lambda line: _ratio(line)["value"], "number"),
-        Field("90 %", lambda line: _ratio(line)["range"], "number"),
+        Field("ratio", lambda line: _ratio(line).value, "number"),
+        Field("90 %", lambda line: _ratio(line).range, "number"),
         Field("direction", lambda line: probability(line.p_direction), "number"),
         Field(f"within {percent(equivalence(run))}", lambda line: probability(line.p_equivalent), "number"),
     )

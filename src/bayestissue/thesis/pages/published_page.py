@@ -186,7 +186,7 @@ def _first_screen(run: PublishedRun) -> dict[str, Any]:
     finding = constant_frequency_finding(run)
     return {
         "reference_mass": f"{run.reference_mass:.3g}",
-        "levels": posterior.level_rows(run),
+        "levels": posterior.levels(run),
         "sureness": posterior.sureness(run),
         "exponents": posterior.exponent_rows(run),
         "conclusion": mass_conclusion(run),

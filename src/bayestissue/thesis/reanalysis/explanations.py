@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 from scipy.special import logsumexp
 
 from bayestissue.hierarchy.specification import Sampler
-from bayestissue.inference.comparing import stacking
+from bayestissue.inference import comparing
 from bayestissue.inference.execution.chunks import Progress, silent
 from bayestissue.inference.samplers.psis import k_threshold, pareto_smoothed
 from bayestissue.thesis.reanalysis.model import EstimatesData, EstimatesModel, without
@@ -48,10 +48,10 @@ def compare_explanations(
         progress: told how many explanations are done.
 
     Returns:
-        The tables of `bayestissue.inference.comparing.stacking`, one below the other.
+        The tables of `bayestissue.inference.comparing`, one below the other.
     """
     if not explanations:
-        return pd.DataFrame(columns=stacking.COLUMNS)
+        return pd.DataFrame(columns=comparing.COLUMNS)
     settings = Sampler.model_validate(sampler.model_dump() | SAMPLER)
     held_out = [trial == label for label in dict.fromkeys(trial)]
     trees, scores, fitted = {}, {}, {}
@@ -64,9 +64,9 @@ def compare_explanations(
         score = partial(log_predictive_density, model, posterior, settings=settings, seed=seed)
         scores[name] = np.array([score(rows) for rows in held_out])
     progress(len(explanations), len(explanations))
-    by_impact = stacking.by_impact(trees, "estimates")
+    by_impact = comparing.by_impact(trees, "estimates")
     by_impact["p_effective"] = by_impact["model"].map(fitted) - by_impact["elpd"]
-    return pd.concat([by_impact, stacking.by_trial(scores)], ignore_index=True)
+    return pd.concat([by_impact, comparing.by_trial(scores)], ignore_index=True)
 
 
 def log_predictive_density(

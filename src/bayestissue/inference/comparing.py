@@ -1,7 +1,13 @@
-"""Model comparison: expected log predictive densities and estimates of finished fits beside each other."""
+"""Finished fits of the same data side by side: leave-one-out scores, stacking weights, and what they imply.
+
+Weights are those of stacking (Yao et al. 2018); the mixture of the fits' posteriors in proportion to them is
+an answer that does not bet on one of the models.
+"""
 
 from __future__ import annotations
 
+import copy
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -9,14 +15,130 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import xarray as xr
+from jaxtyping import Float
 
 from bayestissue.errors import Coded
-from bayestissue.inference.comparing.stacking import by_importance
 from bayestissue.inference.quantities.secants import EXPONENTS as OF_SECANTS
-from bayestissue.inference.results.cross_validation import densities_of, scheme_words, schemes
+from bayestissue.inference.results.cross_validation import (
+    above_limit,
+    densities_of,
+    high,
+    leave_one_out,
+    scheme_words,
+    schemes,
+)
 from bayestissue.inference.results.labels import ATTRIBUTES, element_attributes
 from bayestissue.inference.results.meanings import meaning
-from bayestissue.results.tables import joined
+from bayestissue.results.tables import columns_of, joined
+
+# Of comparison.csv, whose further column says what data the densities are of.
+COLUMNS = [name for name in columns_of("comparison") if name != "data"]
+BY_IMPACT = "leave one impact out"
+BY_TRIAL = "leave one trial out"
+FEW = 30
+# A difference tells two models apart above both: below four nats it is small, and its standard error is no
+# guide (Sivula, Magnusson, Matamoros and Vehtari 2020).
+DECISIVE_SE, DECISIVE_NATS = 2.0, 4.0
+
+
+def decides(difference: pd.Series, se: pd.Series) -> pd.Series:
+    """Whether differences of expected log predictive density tell two models apart."""
+    return (difference.abs() > DECISIVE_SE * se) & (difference.abs() > DECISIVE_NATS)
+
+
+def by_impact(trees: Mapping[str, xr.DataTree], variable: str) -> pd.DataFrame:
+    """Leave-one-impact-out accuracy: `by_importance` for the densities of single impacts."""
+    return by_importance(trees, variable, BY_IMPACT)
+
+
+def by_importance(
+    trees: Mapping[str, xr.DataTree], variable: str, scheme: str, elements: str = "impacts"
+) -> pd.DataFrame:
+    """Leave-one-out accuracy by Pareto-smoothed importance sampling, with stacking weights.
+
+    Vehtari, Gelman and Gabry (2017), doi:10.1007/s11222-016-9696-4; Yao et al. (2018),
+    doi:10.1214/17-BA1091.
+
+    Args:
+        trees: by model, the groups ``posterior`` and ``log_likelihood``.
+        variable: the log densities [chain, draw, element] of what is left out in turn.
+        scheme: what the table calls it.
+        elements: what they are, in the plural.
+
+    Returns:
+        `COLUMNS`, one row a model, the best first. ``warning`` counts the elements whose Pareto k̂ is above
+        its threshold (`k_threshold`), and says where people or conditions are too few for a standard error to
+        be trusted.
+    """
+    scores = {name: leave_one_out(tree, variable) for name, tree in trees.items()}
+    pointwise = {name: score.elpd_i.to_numpy().ravel() for name, score in scores.items()}
+    table = _table(scheme, pointwise)
+    weights = _stacking_weights(scores)
+    table["p_effective"] = [float(scores[name].p) for name in table["model"]]
+    table["weight"] = [weights[name] for name in table["model"]]
+    few = "" if scheme == BY_IMPACT else _few(len(next(iter(pointwise.values()))), elements)
+    table["warning"] = [
+        "; ".join(filter(None, (_high(scores[name], elements), few))) for name in table["model"]
+    ]
+    return table
+
+
+def _stacking_weights(scores: Mapping[str, Any]) -> dict[str, float]:
+    import arviz_stats as az
+
+    if len(scores) < 2:
+        return dict.fromkeys(scores, float("nan"))
+    # A trace of many samples has a log density of thousands, whose exponential overflows. The weights are
+    # the same when each element's densities are taken relative to the best model's.
+    best = np.max([score.elpd_i.to_numpy() for score in scores.values()], axis=0)
+    relative = {}
+    for name, score in scores.items():
+        relative[name] = copy.copy(score)
+        relative[name].elpd_i = score.elpd_i - best
+    with warnings.catch_warnings():
+        # A high Pareto k is reported in the table instead.
+        warnings.simplefilter("ignore", UserWarning)
+        weights = az.compare(relative, method="stacking", round_to="none")["weight"]
+    return {name: float(weights[name]) for name in scores}
+
+
+def _high(score: Any, elements: str) -> str:
+    count = int(high(score).sum())
+    return f"{count} of {score.pareto_k.size} {elements} with {above_limit(score)}" if count else ""
+
+
+def _few(count: int, elements: str) -> str:
+    if count >= FEW:
+        return ""
+    return Coded(f"{count} {elements} only: the standard errors are rough", "few-levels")
+
+
+def by_trial(pointwise: Mapping[str, np.ndarray]) -> pd.DataFrame:
+    """The same from the log predictive densities of whole trials, each given the other trials."""
+    table = _table(BY_TRIAL, pointwise)
+    table["warning"] = _few(len(next(iter(pointwise.values()))), "trials")
+    return table
+
+
+def _table(scheme: str, pointwise: Mapping[str, np.ndarray]) -> pd.DataFrame:
+    models = sorted(pointwise, key=lambda name: -pointwise[name].sum())
+    values = np.stack([pointwise[name] for name in models])
+    difference = values - values[0]
+    columns = {
+        "scheme": scheme,
+        "model": models,
+        "elpd": values.sum(axis=1),
+        "se": _standard_errors(values),
+        "elpd_difference": difference.sum(axis=1),
+        "se_difference": _standard_errors(difference),
+    }
+    return pd.DataFrame(columns).reindex(columns=COLUMNS).assign(warning="")
+
+
+def _standard_errors(values: Float[np.ndarray, "model element"]) -> Float[np.ndarray, " model"]:
+    count = values.shape[1]
+    # One value tells nothing of how they scatter.
+    return np.sqrt(count * values.var(axis=1, ddof=1)) if count > 1 else np.full(len(values), np.nan)
 
 
 @dataclass(frozen=True)
@@ -26,7 +148,7 @@ class FinishedRun:
     Attributes:
         name: what tables call it.
         model: the model as resolved, from ``run.json``.
-        tree: the groups ``posterior`` (of single impacts what `bayestissue.inference.comparing.implied` asks
+        tree: the groups ``posterior`` (of single impacts what `comparable_draws` asks
             for), ``log_likelihood``, ``log_likelihood_of_groups``, ``observed_data`` and ``constant_data``.
     """
 
@@ -96,7 +218,7 @@ def implied(runs: Sequence[FinishedRun], comparison: pd.DataFrame) -> pd.DataFra
     means the same in all is mixed.
 
     Args:
-        runs: as `bayestissue.inference.comparing.runs.compare_runs` takes them.
+        runs: as `compare_runs` takes them.
         comparison: what it returned.
 
     Returns:
@@ -162,7 +284,7 @@ def compare_runs(runs: Sequence[FinishedRun]) -> pd.DataFrame:
     """Expected log predictive densities of impacts, people and conditions that a run has not seen.
 
     By Pareto-smoothed importance sampling, the parameters and effects of what is left out being integrated
-    out; see `bayestissue.inference.comparing.stacking`. Densities of different numbers have no common scale:
+    out; see `by_importance`. Densities of different numbers have no common scale:
     runs get differences, standard errors and stacking weights only beside runs whose likelihoods are of the
     same numbers, and ``warning`` says so where some are not.
 

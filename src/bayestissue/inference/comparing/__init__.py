@@ -1,1 +1,0 @@
-"""Finished fits of the same data side by side."""
