@@ -200,10 +200,10 @@ def _first_screen(run: PublishedRun) -> dict[str, Any]:
 
 
 def _posterior(run: PublishedRun, lines: ThesisLines) -> dict[str, Any]:
-    kept = [f"{percent(kept_share(run, quantity))} for {quantity}" for quantity in posterior.QUANTITIES]
+    shares = [f"{percent(kept_share(run, quantity))} for {quantity}" for quantity in posterior.QUANTITIES]
     return {
         "shrinkage_plots": [shrinkage_figure(run, quantity) for quantity in posterior.QUANTITIES],
-        "kept": listed(kept),
+        "kept": listed(shares),
         "estimates_table": estimates_table(run),
         "mass_plots": [
             posterior_mass_figure(run, quantity, lines[quantity]) for quantity in posterior.QUANTITIES
