@@ -167,7 +167,7 @@ def _names(runs: list[Path]) -> list[str]:
 
 
 def print_comparison(comparison: pd.DataFrame, posteriors: pd.DataFrame, of_weights: pd.DataFrame) -> None:
-    """Print the three tables; see `inference.comparing.runs` and `.implied`."""
+    """Print the three tables; see `bayestissue.inference.comparing`."""
     import pandas as pd
 
     from bayestissue.commands.console import echo, explained, line, show, table
