@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -23,6 +24,7 @@ from bayestissue.likelihood.arma.displacement import displacement_record
 from bayestissue.likelihood.element.noise import colour_of, discrepancy_modes
 from bayestissue.likelihood.element.record import Contact, DecelerationRecord
 from bayestissue.likelihood.element.recorder import Colour, LowPass
+from bayestissue.remedies.codes import Code
 from bayestissue.signal import Displacements, displacements
 from bayestissue.signal.displacement import BEFORE, FEWEST_SAMPLES
 from bayestissue.signal.filters import ahead_s, autocorrelation, delay
@@ -131,7 +133,7 @@ def unsuited(dataset: Dataset, specification: ModelSpecification, source: str) -
     """What the model asks for that these recordings can't give; ``source`` is the model file's name."""
     likelihood, smoothing = specification.likelihood, specification.signal.filter
     of_traces, of_decelerations = likelihood in KINDS, likelihood == "impact"
-    checks = [
+    checks: list[tuple[bool, tuple[str, Any, Code], str, str]] = [
         (
             not of_traces,
             ("likelihood", likelihood, "unsuited-likelihood"),

@@ -330,7 +330,7 @@ def sampled_model(
     if present is not None:
         # Slopes of what is left out must be numbers too.
         u = [jnp.where(present, values, values[:1]) for values in u]
-    # No observed site: a mask hands on a copy of the traces, at which an element's likelihood has no slopes.
+    # No observed site: a mask hands on a copy of the traces, of which a displacement's has no transforms.
     of_traces = log_likelihood(model, data, u)
     numpyro.factor("traces", (of_traces if present is None else jnp.where(present, of_traces, 0.0)).sum())
 

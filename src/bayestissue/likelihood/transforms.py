@@ -51,10 +51,10 @@ def sine_transforms(
     x = np.atleast_2d(np.asarray(x, float))
     lengths = np.broadcast_to(x.shape[1] if n_samples is None else np.asarray(n_samples, int), len(x))
     columns, spread = transformed(x, lengths, -(-(x.shape[1] - 2) // FILLED))
-    alike = len(np.unique(lengths)) == 1
+    one_length = len(np.unique(lengths)) == 1
     clean = np.where(np.arange(x.shape[1]) < lengths[:, None], x, 0.0)
     return SineTransforms(
-        jax.device_put(clean), columns, spread[:, :1] if alike else spread, jax.device_put(lengths - 2.0)
+        jax.device_put(clean), columns, spread[:, :1] if one_length else spread, jax.device_put(lengths - 2.0)
     )
 
 

@@ -92,8 +92,8 @@ class DisplacementRecord(NamedTuple):
         """The record of some impacts."""
         blocks = jax.tree.map(lambda part: np.asarray(part)[:, rows], (self.columns, self.spread))
         others: Any = {"columns": None, "spread": None}
-        some = jax.tree.map(lambda part: np.asarray(part)[rows], self._replace(**others))
-        return some._replace(columns=blocks[0], spread=blocks[1])
+        chosen = jax.tree.map(lambda part: np.asarray(part)[rows], self._replace(**others))
+        return chosen._replace(columns=blocks[0], spread=blocks[1])
 
     def with_normal_errors(self) -> DisplacementRecord:
         """The record itself, whose errors are normal."""

@@ -125,8 +125,8 @@ def _slid_gram(
     width = parts.shape[1]
     shift, offset = jnp.arange(reach)[:, None], jnp.arange(reach)
 
-    def among(some: Array, counts: Array) -> Array:
-        return jnp.einsum("sk,ak,bk->sab", counts + 0.0, some, some)
+    def among(values: Array, counts: Array) -> Array:
+        return jnp.einsum("sk,ak,bk->sab", counts + 0.0, values, values)
 
     longer = jnp.pad(samples, (0, reach))
     slid = [longer[reach - cell :][:width] for cell in range(reach)]

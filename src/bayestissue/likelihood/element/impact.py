@@ -49,7 +49,7 @@ class NoiseParameters(NamedTuple):
     log_discrepancy: Float[Array, " impact"] | None = None
     atanh_correlation: Float[Array, " impact"] | None = None
 
-    def of(self, record: DecelerationRecord) -> noise.Noise:
+    def noise(self, record: DecelerationRecord) -> noise.Noise:
         """The noise on the record's samples."""
         return noise.noise_of(record, self.ratio(), self.atanh_correlation)
 
@@ -77,7 +77,7 @@ def _densities(products: Products, parameters: NoiseParameters, record: Decelera
 def _log_density(
     predicted: Response, parameters: NoiseParameters, record: DecelerationRecord
 ) -> Float[Array, " impact"]:
-    products = contact.products(predicted, record, parameters.of(record))
+    products = contact.products(predicted, record, parameters.noise(record))
     density = jax.nn.logsumexp(_densities(products, parameters, record), axis=0)
     if record.contact.reach:
         density = density + jnp.log(contact.cell_width(record)) - record.contact.quiet_log_density
@@ -165,7 +165,7 @@ class MeasuredImpact(dist.Distribution):
     def products(self, predicted: Response | None = None) -> Products:
         """Products of the residual and the errors' columns; ``predicted`` is `response`, if it is at hand."""
         predicted = self.response() if predicted is None else predicted
-        return contact.products(predicted, self.record, self.noise_parameters.of(self.record))
+        return contact.products(predicted, self.record, self.noise_parameters.noise(self.record))
 
     def log_prob(self, value: Float[Array, "impact sample"]) -> Float[Array, " impact"]:
         """Log density of each impact's trace, its errors and its discrepancy integrated out."""

@@ -161,16 +161,15 @@ class DecelerationRecord(NamedTuple):
             "common_depth": np.zeros(number),
         }
         modes: Any = (np.zeros((number, 0, samples)), np.zeros((number, 0)))
-        record: DecelerationRecord = jax.device_put(
-            cls(
-                **parts,
-                surroundings=surroundings,
-                contact=contact,
-                discrepancy=Discrepancy(*modes),
-                colour=Colour.white_noise(),
-            )
+        record = cls(
+            **parts,
+            surroundings=surroundings,
+            contact=contact,
+            discrepancy=Discrepancy(*modes),
+            colour=Colour.white_noise(),
         )
-        return record
+        on_device: DecelerationRecord = jax.device_put(jax.tree.map(np.asarray, record))
+        return on_device
 
     @property
     def traces(self) -> Float[Array, "impact sample"]:
@@ -214,8 +213,8 @@ class DecelerationRecord(NamedTuple):
     def impacts(self, rows: Int[np.ndarray, " row"]) -> DecelerationRecord:
         """The record of some impacts; the recorder's filter and noise are those of all."""
         shared: Any = {"colour": None, "low_pass": None}
-        some = jax.tree.map(lambda leaf: np.asarray(leaf)[rows], self._replace(**shared))
-        return some._replace(colour=self.colour, low_pass=self.low_pass)
+        chosen = jax.tree.map(lambda leaf: np.asarray(leaf)[rows], self._replace(**shared))
+        return chosen._replace(colour=self.colour, low_pass=self.low_pass)
 
     def with_normal_errors(self) -> DecelerationRecord:
         """The same, every error of the measuring chain taken as normal with its standard deviation.

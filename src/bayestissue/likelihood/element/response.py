@@ -62,7 +62,7 @@ def motion(
     # In flight until contact.
     index = jnp.arange(record.d.shape[1]) - late[:, None]
     x, v, d = (jnp.take_along_axis(part, jnp.maximum(index, 0), axis=1) for part in (x, v, d))
-    since = jnp.minimum(record.first_time[:, None] + index * record.dt[:, None], 0.0)
+    since = jnp.minimum(first[:, None] + index * record.dt[:, None], 0.0)
     flies, speed, fall = index < 0, velocity[:, None], record.gravity[:, None]
     here = speed * since + fall * since**2 / 2
     return Motion(
