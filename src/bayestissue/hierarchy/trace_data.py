@@ -24,7 +24,7 @@ from bayestissue.likelihood.arma.displacement import displacement_record
 from bayestissue.likelihood.element.noise import colour_of, discrepancy_modes
 from bayestissue.likelihood.element.record import Contact, DecelerationRecord
 from bayestissue.likelihood.element.recorder import Colour, LowPass
-from bayestissue.remedies.codes import Code
+from bayestissue.remedies import Code
 from bayestissue.signal import Displacements, displacements
 from bayestissue.signal.displacement import BEFORE, FEWEST_SAMPLES
 from bayestissue.signal.filters import ahead_s, autocorrelation, delay
