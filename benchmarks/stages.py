@@ -33,13 +33,18 @@ STAGES = {
         "model_form",
         *("contrasts", "people_compared", "coefficients", "as_variables", "reliability"),
     ),
-    "fitting": ("judge", "point_estimates", "write_run", "agreement"),
-    "report.fit.page": ("read_fit_run", "render_page", "_study"),
+    "fitting": ("judge", "point_estimates", "agreement"),
+    "finished": ("write_run",),
+    "report.fit.page": ("page_of", "render_page"),
+    "report.fit.study": ("contrasts_table", "matrices", "reliability_table", "prior_words"),
     "report.page": ("figure",),
     "report": ("draw_page",),
 }
 # What a study asks of a fit: comparisons, reliability, agreement of methods, and their part of a page.
-STUDY = ("contrasts", "people_compared", "coefficients", "as_variables", "reliability", "agreement", "_study")
+STUDY = (
+    *("contrasts", "people_compared", "coefficients", "as_variables", "reliability", "agreement"),
+    *STAGES["report.fit.study"],
+)
 spent: dict[str, float] = {}
 with_all_within: dict[str, float] = {}
 _within: list[float] = []

@@ -199,7 +199,7 @@ def test_sites_whose_marginal_has_no_mode_are_not_taken(
 def test_corrections_are_what_many_points_of_each_population_say(dataset: Dataset) -> None:
     """Where contact lies anywhere between two samples, no trace's likelihood is normal."""
     prepared = prepare(dataset, ModelSpecification(name="impact", likelihood="impact"), source="model")
-    assert np.asarray(prepared.data.record.uniform).all()
+    assert np.asarray(prepared.data.record.contact.uniform).all()
     rng = np.random.default_rng(3)
     approximation = fitted_to_population(Problem(prepared, SETTINGS, 3, rng), approximate(prepared))
     model, data, summaries = prepared.model, prepared.data, approximation.sites
