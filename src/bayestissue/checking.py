@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from bayestissue.dataset import Dataset
 
 
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Check(Outlined):
     """What was found on a dataset that could be read.
