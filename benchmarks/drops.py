@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 
 from bayestissue import runtime
-from bayestissue.dataset.model import STANDARD_GRAVITY
+from bayestissue.dataset.chain import STANDARD_GRAVITY
 from bayestissue.inference.single.estimates import estimate
 from bayestissue.signal.quality.inspection import FALLS, FALLS_NOT
 from bayestissue.simulation import Simulation, simulate

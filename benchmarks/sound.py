@@ -9,7 +9,8 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float
 
-from bayestissue.dataset.model import Dataset, Quantity, Trace, Uncertainty
+from bayestissue.dataset.chain import Quantity, Uncertainty
+from bayestissue.dataset.model import Dataset, Trace
 from bayestissue.simulation.campaign import simulate
 from bayestissue.simulation.contact import leaves
 from bayestissue.simulation.specification import Condition, Design, Recording, Simulation, Tissue

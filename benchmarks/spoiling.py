@@ -9,8 +9,9 @@ import numpy as np
 import pandas as pd
 from sound import FINE_HZ, Chain, Impact, chain, dataset
 
+from bayestissue.dataset.chain import Quantity
 from bayestissue.dataset.checks import check_recordings
-from bayestissue.dataset.model import Dataset, Quantity, Trace
+from bayestissue.dataset.model import Dataset, Trace
 from bayestissue.dataset.recordings import Recordings, Samples
 from bayestissue.inference.points.notes import FAILED, NO_ANSWER
 from bayestissue.inference.single.estimates import estimate

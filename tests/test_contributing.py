@@ -35,7 +35,7 @@ print("format", read.values.tolist(), read.clock.tolist())
 
 import pandas as pd
 from bayestissue.commands import explain
-from bayestissue.dataset.model import Uncertainty
+from bayestissue.dataset.chain import Uncertainty
 from bayestissue.signal.quality import inspect
 time = np.arange(400) / 1e4
 pulse = 0.5 * np.exp(-(((time - 0.02) / 0.004) ** 2)) + np.random.default_rng(0).normal(0, 1e-3, time.size)

@@ -11,7 +11,8 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from bayestissue.dataset.arrays import dataset as dataset_of
-from bayestissue.dataset.model import Dataset, Recorder, Uncertainty
+from bayestissue.dataset.chain import Recorder, Uncertainty
+from bayestissue.dataset.model import Dataset
 from bayestissue.dataset.settings import Gravity, Zero
 from bayestissue.inference.points.estimates import default_options
 from bayestissue.inference.points.notes import said_once

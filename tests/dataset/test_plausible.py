@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from bayestissue.dataset.chain import Quantity, Uncertainty
 from bayestissue.dataset.checks import check_recordings
-from bayestissue.dataset.model import Quantity, Uncertainty
 from bayestissue.dataset.recordings import Recordings, Samples
 
 COUNT = 400

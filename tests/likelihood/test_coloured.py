@@ -13,7 +13,7 @@ from scipy.linalg import toeplitz
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
-from bayestissue.dataset.model import Recorder
+from bayestissue.dataset.chain import Recorder
 from bayestissue.elements import element
 from bayestissue.likelihood.element import noise
 from bayestissue.likelihood.element.impact import MeasuredImpact, NoiseParameters

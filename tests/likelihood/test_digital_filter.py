@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.signal import bessel, butter, sosfilt, sosfiltfilt
 
-from bayestissue.dataset.model import Recorder
+from bayestissue.dataset.chain import Recorder
 from bayestissue.elements import element, impact
 from bayestissue.likelihood.element.record import Contact, DecelerationRecord
 from bayestissue.likelihood.element.recorder import LowPass

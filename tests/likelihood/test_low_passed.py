@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import bessel, butter, freqs
 from scipy.special import logsumexp
 
-from bayestissue.dataset.model import Recorder
+from bayestissue.dataset.chain import Recorder
 from bayestissue.elements import element
 from bayestissue.likelihood.element.impact import MeasuredImpact, NoiseParameters
 from bayestissue.likelihood.element.record import Contact, DecelerationRecord

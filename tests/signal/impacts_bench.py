@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pandas as pd
 
-from bayestissue.dataset.model import Uncertainty
+from bayestissue.dataset.chain import Uncertainty
 
 
 @dataclass

@@ -9,7 +9,8 @@ import pytest
 from scipy.signal import bessel, butter, freqs, sosfilt, sosfiltfilt
 
 from bayestissue.dataset import Dataset
-from bayestissue.dataset.model import Recorder, Trace
+from bayestissue.dataset.chain import Recorder
+from bayestissue.dataset.model import Trace
 from bayestissue.signal import displacements
 from bayestissue.signal.filters import autocorrelation
 from bayestissue.signal.recorder_noise import white_share

@@ -12,7 +12,8 @@ from types import ModuleType
 from typing import Any
 
 from bayestissue.dataset.arrays import dataset as _from_arrays
-from bayestissue.dataset.model import Dataset, Quantity, Recorder, Trace, Uncertainty
+from bayestissue.dataset.chain import Quantity, Recorder, Uncertainty
+from bayestissue.dataset.model import Dataset, Trace
 from bayestissue.dataset.read import as_dataset, read_dataset
 from bayestissue.dataset.write import write_dataset
 

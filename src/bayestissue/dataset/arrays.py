@@ -15,8 +15,9 @@ import pandas as pd
 
 from bayestissue.dataset.cells import FILE as IMPACTS
 from bayestissue.dataset.cells import cells_of, column_problems
+from bayestissue.dataset.chain import Quantity, Recorder, Uncertainty
 from bayestissue.dataset.impacts import impact_table, wanted
-from bayestissue.dataset.model import Dataset, Quantity, Recorder, Trace, Uncertainty
+from bayestissue.dataset.model import Dataset, Trace
 from bayestissue.dataset.read import checked_dataset
 from bayestissue.dataset.recordings import Reading
 from bayestissue.dataset.settings import FILE as SETTINGS

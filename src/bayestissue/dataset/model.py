@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
 from jaxtyping import Float64
 
+from bayestissue.dataset.chain import Quantity, Recorder, Uncertainty
 from bayestissue.errors import Problem
 from bayestissue.outline import Outlined, Rows, counted, short, span
-
-Quantity = Literal["deceleration", "acceleration", "displacement"]
-STANDARD_GRAVITY = 9.80665
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,77 +30,6 @@ class Trace:
 
     def __repr__(self) -> str:
         return f"Trace of {counted(len(self.time_s), 'sample')}, {span(self.time_s, 's')}"
-
-
-@dataclass(frozen=True)
-class Uncertainty:
-    """Standard deviations of the measuring chain; 0 where nothing was stated.
-
-    Attributes:
-        relative_mass_sd: of the impactor's mass, as a fraction of it.
-        velocity_sd_m_s: of the velocity at contact, m/s.
-        relative_gain_sd: of the recorder's sensitivity, as a fraction of it.
-        offset_sd: of the recorder's zero, in SI units of the recorded quantity.
-    """
-
-    relative_mass_sd: float = 0.0
-    velocity_sd_m_s: float = 0.0
-    relative_gain_sd: float = 0.0
-    offset_sd: float = 0.0
-
-    def settings(self) -> dict[str, float]:
-        """The keys of the table ``[uncertainty]`` in ``dataset.toml``."""
-        return asdict(self)
-
-
-FilterKind = Literal["butterworth", "bessel"]
-SaeClass = Literal[60, 180, 600, 1000]
-NoiseEntry = Literal["before", "after"]
-Applied = Literal["analog", "digital"]
-
-
-@dataclass(frozen=True)
-class Recorder:
-    """A known low-pass between the sensor and the file.
-
-    Attributes:
-        low_pass_hz: its -3 dB corner run once, Hz.
-        order: number of its poles.
-        kind: "butterworth" or "bessel"; alike for an order of 1.
-        zero_phase: whether it is run forwards and backwards, which doubles its order.
-        sae_class: the channel frequency class of SAE J211-1 that it is, if one was declared.
-        noise: whether white noise enters before the filter, and goes through it, or after it; None where
-            the quiet parts before contact have to tell.
-        applied: "digital" where software ran it over the very samples of the file, "analog" where it acted
-            before sampling; None where nothing was said: see `digital`.
-    """
-
-    low_pass_hz: float
-    order: int = 2
-    kind: FilterKind = "butterworth"
-    zero_phase: bool = False
-    sae_class: SaeClass | None = None
-    noise: NoiseEntry | None = None
-    applied: Applied | None = None
-
-    @property
-    def digital(self) -> bool:
-        """Whether it is a digital filter of the samples; one of zero phase can be no other unless stated."""
-        return self.zero_phase if self.applied is None else self.applied == "digital"
-
-    def settings(self) -> dict[str, Any]:
-        """The keys of the table ``[recorder]`` in ``dataset.toml``."""
-        names = ("low_pass_hz", "order", "kind", "zero_phase") if self.sae_class is None else ("sae_class",)
-        stated = [name for name in ("noise", "applied") if getattr(self, name) is not None]
-        return {name: getattr(self, name) for name in (*names, *stated)}
-
-    def __str__(self) -> str:
-        stated = f", {self.applied}" if self.applied else ""
-        stated += f", noise {self.noise} it" if self.noise else ""
-        if self.sae_class is not None:
-            return f"SAE class {self.sae_class}{stated}"
-        directions = ", forwards and backwards" if self.zero_phase else ""
-        return f"{self.kind}, order {self.order}, {self.low_pass_hz:g} Hz{directions}{stated}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -161,9 +87,34 @@ class Dataset(Outlined):
         Raises:
             InputError: ``path`` is taken, or is no place for a dataset.
         """
-        from bayestissue.dataset.write import write_whole
+        from bayestissue.dataset.write import write_dataset
+        from bayestissue.results import claim
 
-        return write_whole(self, Path(path), overwrite=overwrite)
+        free_text = {name: getattr(self, name) for name in ("name", "description", "licence", "source")}
+        unit = "m" if self.quantity == "displacement" else "m/s^2"
+        settings = {name: text for name, text in free_text.items() if text} | {
+            "signal": {"quantity": self.quantity, "unit": unit, "gravity": self.gravity or "none"},
+            "uncertainty": self.uncertainty.settings(),
+        }
+        if self.recorder is not None:
+            settings["recorder"] = self.recorder.settings()
+        count = [len(trace.time_s) for trace in self.traces]
+        traces = pd.DataFrame(
+            {
+                "impact": pd.Categorical.from_codes(
+                    np.repeat(np.arange(len(count)), count), pd.Index(self.impacts["impact"])
+                ),
+                "time_s": np.concatenate([trace.time_s for trace in self.traces]),
+                "value": np.concatenate([trace.value for trace in self.traces]),
+            }
+        )
+        impacts, folder = self.impacts.drop(columns="trace", errors="ignore"), Path(path)
+        with (
+            claim(folder, overwrite=overwrite, command="write", inputs=(self.folder,)) as target,
+            target.folder() as staging,
+        ):
+            write_dataset(staging, settings=settings, impacts=impacts, traces=traces)
+        return folder
 
     def _outline(self) -> tuple[str, Rows]:
         people, trials = (self.impacts[name].nunique() for name in ("subject", "trial"))

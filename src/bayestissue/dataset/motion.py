@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64, Int
 
-from bayestissue.dataset.model import Quantity
+from bayestissue.dataset.chain import Quantity
 from bayestissue.dataset.recordings import Samples
 
 # A recording has begun to go somewhere where it is this share of its farthest way from where it began.

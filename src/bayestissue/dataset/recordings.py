@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float64, Int, Shaped
 
-from bayestissue.dataset.model import Quantity, Recorder, Uncertainty
+from bayestissue.dataset.chain import Quantity, Recorder, Uncertainty
 from bayestissue.dataset.settings import SignalSettings
 from bayestissue.dataset.units import to_si
 from bayestissue.errors import Problem

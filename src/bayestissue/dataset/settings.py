@@ -8,8 +8,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
-from bayestissue.dataset.dialect import Stated
-from bayestissue.dataset.model import (
+from bayestissue.dataset.chain import (
     STANDARD_GRAVITY,
     Applied,
     FilterKind,
@@ -19,6 +18,7 @@ from bayestissue.dataset.model import (
     SaeClass,
     Uncertainty,
 )
+from bayestissue.dataset.dialect import Stated
 from bayestissue.dataset.units import EXAMPLES, Dimension, to_si
 from bayestissue.errors import InputError, Problem, has_control_characters
 from bayestissue.settings import checked, parse_toml, read_text, row_of

@@ -7,15 +7,12 @@ import json
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.csv as pa_csv
 import pyarrow.parquet as pq
 
-from bayestissue.dataset.model import Dataset
 from bayestissue.dataset.settings import Settings, parse_settings
-from bayestissue.results import claim
 
 TraceFile = Literal["traces.csv", "traces.csv.gz", "traces.parquet"]
 
@@ -55,35 +52,6 @@ def write_dataset(
             traces[["impact", signal.time_column, signal.value_column]], preserve_index=False
         )
         _write_table(table.replace_schema_metadata(None), folder / trace_file)
-
-
-def write_whole(data: Dataset, path: Path, *, overwrite: bool) -> Path:
-    """Write a dataset's folder whole: see `Dataset.write`."""
-    free_text = {name: getattr(data, name) for name in ("name", "description", "licence", "source")}
-    unit = "m" if data.quantity == "displacement" else "m/s^2"
-    settings = {name: text for name, text in free_text.items() if text} | {
-        "signal": {"quantity": data.quantity, "unit": unit, "gravity": data.gravity or "none"},
-        "uncertainty": data.uncertainty.settings(),
-    }
-    if data.recorder is not None:
-        settings["recorder"] = data.recorder.settings()
-    count = [len(trace.time_s) for trace in data.traces]
-    traces = pd.DataFrame(
-        {
-            "impact": pd.Categorical.from_codes(
-                np.repeat(np.arange(len(count)), count), pd.Index(data.impacts["impact"])
-            ),
-            "time_s": np.concatenate([trace.time_s for trace in data.traces]),
-            "value": np.concatenate([trace.value for trace in data.traces]),
-        }
-    )
-    with (
-        claim(path, overwrite=overwrite, command="write", inputs=(data.folder,)) as target,
-        target.folder() as staging,
-    ):
-        impacts = data.impacts.drop(columns="trace", errors="ignore")
-        write_dataset(staging, settings=settings, impacts=impacts, traces=traces)
-    return path
 
 
 def _write_table(table: pa.Table, path: Path) -> None:

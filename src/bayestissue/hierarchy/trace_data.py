@@ -11,7 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
-from bayestissue.dataset.model import Dataset, Recorder
+from bayestissue.dataset.chain import Recorder
+from bayestissue.dataset.model import Dataset
 from bayestissue.elements import element
 from bayestissue.elements.element import GRAVITY, REFERENCE_DIAMETER_M
 from bayestissue.errors import InputError, Problem

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, get_args
 
-from bayestissue.dataset.model import Quantity
+from bayestissue.dataset.chain import Quantity
 from bayestissue.dataset.recordings import MIN_SAMPLES
 from bayestissue.dataset.units import EXAMPLES, Dimension, to_si
 from bayestissue.errors import InputError, Problem

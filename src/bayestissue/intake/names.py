@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import PurePosixPath
 
-from bayestissue.dataset.model import STANDARD_GRAVITY
+from bayestissue.dataset.chain import STANDARD_GRAVITY
 from bayestissue.errors import InputError, Problem
 from bayestissue.intake.folder import File
 

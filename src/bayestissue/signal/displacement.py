@@ -9,7 +9,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 import pandas as pd
 
-from bayestissue.dataset.model import Recorder, Uncertainty
+from bayestissue.dataset.chain import Recorder, Uncertainty
 from bayestissue.errors import Coded
 from bayestissue.signal.contact import Onset, displacement_contact, find_onset
 from bayestissue.signal.filters import ahead_s, low_pass

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Complex, Float, Num
 
-from bayestissue.dataset.model import Recorder
+from bayestissue.dataset.chain import Recorder
 from bayestissue.dataset.settings import SAE_CORNER
 from bayestissue.errors import InputError
 from bayestissue.signal.traces import Column, Rows

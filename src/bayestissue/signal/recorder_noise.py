@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import toeplitz
 
-from bayestissue.dataset.model import Recorder
+from bayestissue.dataset.chain import Recorder
 from bayestissue.signal.displacement import Displacements, RecordedImpacts
 from bayestissue.signal.filters import ahead_s, autocorrelation
 

@@ -12,7 +12,8 @@ import pandas as pd
 from jaxtyping import Bool, Float, Int
 
 from bayestissue.dataset import write_dataset
-from bayestissue.dataset.model import Dataset, Recorder, Trace, Uncertainty
+from bayestissue.dataset.chain import Recorder, Uncertainty
+from bayestissue.dataset.model import Dataset, Trace
 from bayestissue.dataset.settings import gravity_m_s2
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, grouping_of
 from bayestissue.signal.filters import decay, on_even_grid

@@ -12,7 +12,8 @@ import pytest
 from numpy.testing import assert_allclose
 from numpyro.infer.util import potential_energy
 
-from bayestissue.dataset.model import Dataset, Trace, Uncertainty
+from bayestissue.dataset.chain import Uncertainty
+from bayestissue.dataset.model import Dataset, Trace
 from bayestissue.hierarchy import population
 from bayestissue.hierarchy.gaussian import arrangement
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor

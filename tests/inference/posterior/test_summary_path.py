@@ -15,7 +15,8 @@ import pytest
 from arviz_stats.base import array_stats
 from scipy.special import logsumexp
 
-from bayestissue.dataset.model import Dataset, Trace, Uncertainty
+from bayestissue.dataset.chain import Uncertainty
+from bayestissue.dataset.model import Dataset, Trace
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import gaussian

@@ -6,7 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayestissue.dataset.model import Dataset, Trace, Uncertainty
+from bayestissue.dataset.chain import Uncertainty
+from bayestissue.dataset.model import Dataset, Trace
 from bayestissue.inference.single.estimates import estimate
 from bayestissue.oscillator import impact_motion, spring_damper_inverse, time_to_peak
 from bayestissue.signal import SignalOptions

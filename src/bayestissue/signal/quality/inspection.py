@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 import pandas as pd
 
-from bayestissue.dataset.model import Recorder, Uncertainty
+from bayestissue.dataset.chain import Recorder, Uncertainty
 from bayestissue.errors import Coded
 from bayestissue.remedies import entries
 from bayestissue.signal.displacement import Displacements, RecordedImpacts, displacements

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import fdtrc
 
-from bayestissue.dataset.model import Recorder
+from bayestissue.dataset.chain import Recorder
 from bayestissue.signal.displacement import BEFORE, Displacements
 from bayestissue.signal.filters import answers
 from bayestissue.signal.integration import trapezoids
