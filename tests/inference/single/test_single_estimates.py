@@ -13,7 +13,7 @@ from bayestissue.dataset import Dataset, Uncertainty
 from bayestissue.hierarchy.specification import Formulas, read_specification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.inference.factors.likelihoods import log_likelihoods
-from bayestissue.inference.points.notes import C_UNTOLD, K_UNTOLD, NOISELESS, STRUCTURED
+from bayestissue.inference.points.notes import C_UNTOLD, K_MOSTLY_UNTOLD, K_UNTOLD, NOISELESS, STRUCTURED
 from bayestissue.inference.samplers.psis import k_threshold
 from bayestissue.inference.single import estimates as single_estimates
 from bayestissue.inference.single.posterior import POINTS, single_posteriors
@@ -181,6 +181,24 @@ def test_what_the_recording_does_not_tell_is_empty_and_flagged(monkeypatch):
     assert table["zeta"].notna().tolist() == [True, False, False, False]
     assert table[of_K].notna().all(axis=1).tolist() == [True, True, False, False]
     assert table["flags"].tolist() == ["", C_UNTOLD, K_UNTOLD, f"{K_UNTOLD}; {C_UNTOLD}"]
+
+
+def test_where_most_of_a_trial_do_not_tell_K_the_others_are_flagged(monkeypatch):
+    """They are those whose noise made their interval narrow; another trial's are not concerned."""
+    data = made(8, {"noise_relative_to_peak": 0.005}).dataset("selected")
+    data = replace(data, impacts=data.impacts.assign(trial=list("aaaabbbb")))
+    real = single_estimates.single_posteriors
+    untold = np.isin(np.arange(8), [0, 1, 2, 4, 5])
+
+    def spoilt(prepared):
+        posteriors = real(prepared)
+        K = posteriors.K._replace(high=np.where(untold, 11 * posteriors.K.low, posteriors.K.high))
+        return posteriors._replace(K=K)
+
+    monkeypatch.setattr(single_estimates, "single_posteriors", spoilt)
+    table = bt.estimate(data)
+    assert table["flags"].tolist() == [*[K_UNTOLD] * 3, K_MOSTLY_UNTOLD, *[K_UNTOLD] * 2, "", ""]
+    assert table["K_N_per_m"].notna().tolist() == (~untold).tolist()
 
 
 def test_without_noise_there_are_medians_and_no_intervals():
