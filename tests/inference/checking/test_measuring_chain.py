@@ -17,8 +17,8 @@ MASSES_AND_VELOCITIES = [(0.4, 1.2), (0.7, 1.2), (1.0, 1.0), (1.3, 0.9)]
 FAR = 4.0
 
 
-def simulated(**tissue: object) -> Dataset:
-    """Three people in four conditions, errors of the measuring chain as large as declared."""
+def simulated(subjects: int = 3, recording: dict[str, float] | None = None, **tissue: object) -> Dataset:
+    """So many people in four conditions, errors of the measuring chain as large as declared."""
     conditions = [
         {"trial": f"t{i}", "mass_kg": mass, "velocity_m_s": velocity}
         for i, (mass, velocity) in enumerate(MASSES_AND_VELOCITIES)
@@ -26,7 +26,7 @@ def simulated(**tissue: object) -> Dataset:
     content = {
         "name": "chain",
         "seed": 4,
-        "design": {"subjects": 3, "conditions": conditions},
+        "design": {"subjects": subjects, "conditions": conditions},
         "tissue": {"K_N_per_m": 3000.0, "C_N_s_per_m": 25.0, "sd_subject_K": 0.2, "sd_impact_K": 0.05}
         | tissue,
         "recording": {
@@ -36,7 +36,8 @@ def simulated(**tissue: object) -> Dataset:
             "relative_gain_sd": 0.005,
             "velocity_sd_m_s": 0.005,
             "relative_mass_sd": 0.002,
-        },
+        }
+        | (recording or {}),
     }
     return simulate(Simulation.model_validate(content)).dataset("chain")
 
@@ -90,6 +91,23 @@ def test_a_velocity_a_tenth_too_low_in_all_impacts_is_named(prepared: Prepare, g
     assert found["change_K"] < -0.1
     for part in ("all 12 impacts", "higher than stated", "common factor", "Check the velocity"):
         assert part in found["words"], part
+
+
+@pytest.mark.parametrize("factor", [1.1, 1.06, 1 / 1.1])
+def test_a_velocity_is_named_before_a_zero_that_explains_the_traces_as_well(
+    impact: Prepare, factor: float
+) -> None:
+    """Of 160 impacts; one wide normal left no number, and the zero was named alone."""
+    chain = {
+        "sampling_rate_hz": 5000.0,
+        "offset_sd_m_s2": 0.0,
+        "relative_gain_sd": 0.0,
+        "relative_mass_sd": 0.0,
+    }
+    dataset = simulated(40, chain, sd_impact_K=0.08)
+    found = judge(impact(with_column(dataset, "velocity_m_s", factor)))
+    assert (found["passed"], found["error"], OFFSET in found["alike"]) == (False, AMPLITUDE, True)
+    assert found["relative"] == pytest.approx(1 / factor - 1, abs=0.01)
 
 
 def test_the_error_that_was_made_is_found_to_its_standard_error(impact: Prepare, good: Dataset) -> None:

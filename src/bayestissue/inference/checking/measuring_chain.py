@@ -49,8 +49,11 @@ _COLUMN = {
     CONTACT: ("contact_time_error", "level_error"),
 }
 _DRAWS = 64
-# Of log likelihood: e to the power of 10 to 1.
-_CLEAR = 10.0
+# Of a normal's draws none is this many median deviations off: five standard deviations.
+_FARTHEST = 8.0
+# Of log likelihood, e to the power of 10 to 1; and a share of what the best account explains: errors are
+# taken to first order, and of velocities 6 to 10 % off a zero explained as much as they, or up to 16 % more.
+_CLEAR, _CLEAR_SHARE = 10.0, 0.2
 # Of the velocity, of the mean deceleration and of the time to peak: wider than any error that is one.
 _WIDE = {AMPLITUDE: 0.5, OFFSET: 1.0, CONTACT: 0.3}
 _MOST_NAMED = 12
@@ -183,10 +186,15 @@ def freed(prepared: Prepared, name: str, expansions: GaussianFactor | None = Non
     z = np.random.default_rng(0).standard_normal((_DRAWS, *centre.shape))
     u = centre + np.einsum("iab,dib->dia", root, z)
     keys = jax.random.split(jax.random.PRNGKey(0), _DRAWS)
-    drawn = sign * np.asarray(_errors(prepared.model, data, jnp.asarray(u), keys))[..., column]
-    error = np.median(drawn, axis=0)
+    errors = sign * np.asarray(_errors(prepared.model, data, jnp.asarray(u), keys))[..., column]
+    # Where velocity and K do nearly the same to a trace the normal that is drawn from is wide, and one draw
+    # may lie where no impact is: its error is none, or thousands of times the others'.
+    drawn = np.ma.masked_invalid(errors)
+    error = np.ma.median(drawn, axis=0).filled(np.nan)
+    farthest = _FARTHEST * np.ma.median(np.abs(drawn - error), axis=0).filled(np.nan)
+    near = drawn.clip(error - farthest, error + farthest)
     # Undeclared and known without an error there would be nothing to divide by.
-    spread = np.maximum(drawn.std(axis=0), 1e-12 * unit)
+    spread = np.maximum(np.ma.filled(near.std(axis=0), np.nan), 1e-12 * unit)
     # With an error so wide a normal likelihood is z^2 / 2 - log(wide / expected sd) above that as declared.
     occam = np.log(_WIDE[name] * unit / np.hypot(spread, declared))
     before = np.asarray((expansions or expanded(prepared)).log_scale)
@@ -245,9 +253,9 @@ def _account(
     # Over the way to the peak they do much the same to a trace: the velocity is named first unless another
     # is clearly the better account.
     gain = {key: errors[key].gain.sum() for key, pattern in patterns.items() if pattern is not None}
-    name, *equivalent = [
-        key for key, freed_error in gain.items() if freed_error > max(gain.values()) - _CLEAR
-    ]
+    greatest = max(gain.values())
+    least = greatest - max(_CLEAR, _CLEAR_SHARE * greatest)
+    name, *equivalent = [key for key, explained in gain.items() if explained > least]
     freed_error, pattern = errors[name], patterns[name]
     assert pattern is not None  # noqa: S101 - candidates have one
     left = structure_left(prepared, name, freed_error) if prepared.model.kind == "impact" else 0.0
