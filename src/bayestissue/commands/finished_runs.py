@@ -39,14 +39,14 @@ def ask(
 ) -> None:
     """Questions to a finished fit: probability by posterior and prior, Bayes factor, Monte Carlo error.
 
-    K alone is that of a typical person at the reference mass, the mean of other numbers and the first
-    category. K[subject=s01, mass_kg=1.2] has these instead; all impacts' columns of the formula can be named,
-    and what belongs to a person, such as sex, follows the person. K[subject=new] is a new person's,
-    mean(K[subject, sex=f]) is over people, K[impact=7] is of one recorded impact. Any other quantity of
-    summary.csv is called by its name: mass_exponent_K, sd_subject_K, K_new, subject_effect_K[subject=s01].
-    Besides: numbers, + - * / ^ ( ), abs, exp, log, max, min, mean, < <= > >=, between, and, or, not. Odd
-    names stand in quotes, those of quantities in backticks. Without a comparison the answer is a median and
-    a 90 % interval.
+    K alone is that of a typical person at the reference mass and the mean of other numbers, averaged over
+    sides and other categories. K[subject=s01, mass_kg=1.2] has these instead; all impacts' columns of the
+    formula can be named, and what belongs to a person, such as sex, follows the person. K[subject=new] is a
+    new person's, mean(K[subject, sex=f]) is over people, K[impact=7] is of one recorded impact. Any other
+    quantity of summary.csv is called by its name: mass_exponent_K, sd_subject_K, K_new,
+    subject_effect_K[subject=s01]. Besides: numbers, + - * / ^ ( ), abs, exp, log, max, min, mean, < <= > >=,
+    between, and, or, not. Odd names stand in quotes, those of quantities in backticks. Without a comparison
+    the answer is a median and a 90 % interval.
     """
     output = _Output(out, excel, overwrite, quiet, as_json)
     _answer("ask", "questions", run, lambda fit: fit.ask(*questions), print_answers, output)
@@ -72,10 +72,10 @@ def predict(
 ) -> None:
     """K, C, greatest depth and force, and time to peak of new impacts, by a finished fit.
 
-    Each row of the table is one new impact, so the intervals hold its scatter too. Numbers and categories
-    that are not given are at the reference: the reference mass, mean numbers, the first recorded category;
-    what belongs to a known person follows the person. A person, condition or other level that is not given,
-    or was not measured, is a new one of its population.
+    Each row of the table is one new impact, so the intervals hold its scatter too. Numbers that are not given
+    are at the reference, which is the reference mass and the mean of others; categories that are not given
+    are averaged over; what belongs to a known person follows the person. A person, condition or other level
+    that is not given, or was not measured, is a new one of its population.
     """
     output = _Output(out, excel, overwrite, quiet, as_json)
     _answer("predict", "predictions", run, lambda fit: fit.predict(at), _print_predictions, output, at)
