@@ -123,7 +123,7 @@ def judge(prepared: Prepared, expansions: GaussianFactor | None = None) -> dict[
         square of 1.4); nor where displacements are measured from their own mean, which makes K and C wrong
         by itself.
         Else ``passed`` and ``of`` how many impacts. If it is not true: ``error``, which the traces
-        contradict; ``alike``, others that would do as much to the traces, and their size; the ``kind`` of
+        contradict; ``alike``, others that explain them as well or nearly, and their size; the ``kind`` of
         `Pattern`, whether one factor is ``common``, and the names of ``groups`` and ``impacts``;
         ``relative``, to the velocity, the mean deceleration or the time to peak (median there, and
         ``greatest``); ``declared_sds``, how many of them that is (median; None where none was declared);
@@ -322,7 +322,7 @@ def _equivalents(account: dict[str, Any]) -> str:
     others = [
         f"{_OTHER[error]} off by {_percent(size)} of {_OF[error]}" for error, size in account["alike"].items()
     ]
-    return f" To the traces {' or '.join(others)} would look the same." if others else ""
+    return f" As well, or nearly, {' or '.join(others)} would explain the traces." if others else ""
 
 
 def _where(account: dict[str, Any]) -> str:
