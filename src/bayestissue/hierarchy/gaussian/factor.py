@@ -138,7 +138,7 @@ class Conditional:
         return small.solve_lower(self.root, right)
 
     def draw(self, v: small.Vector, standard: small.Vector) -> small.Vector:
-        """U from standard normals: N(m + V (g + D (v - m)), V)."""
+        """A draw of u, N(m + V (g + D (v - m)), V), from standard normals."""
         half = [h + z for h, z in zip(self.half(v), standard, strict=True)]
         return [m + d for m, d in zip(self.factor.centre, small.solve_upper(self.root, half), strict=True)]
 

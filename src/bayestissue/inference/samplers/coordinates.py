@@ -162,7 +162,7 @@ def covariance_about(
 
 
 def _unconstrained(flat: np.ndarray, by_log: np.ndarray) -> np.ndarray:
-    """Y of log(log(1 + e^y)), or the coordinate itself."""
+    """The coordinate y whose log(log(1 + e^y)) is ``flat``, where it is one of logs."""
     sd = np.exp(np.where(by_log, flat, 0.0))
     # log(e^s - 1), whose exponential must not overflow.
     return np.where(by_log, sd + np.log(-np.expm1(-sd)), flat)
