@@ -71,6 +71,15 @@ def undrawn() -> Iterator[None]:
         yield
 
 
+@pytest.fixture(scope="module")
+def read_once() -> Iterator[None]:
+    """Of runs that are copies of one another a module's tests read the draws once."""
+    from tree_file import read_once
+
+    with read_once():
+        yield
+
+
 @pytest.fixture(scope="session")
 def heel_strikes() -> Path:
     """The recorded heel strikes, used where they lie beside the project."""

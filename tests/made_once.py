@@ -38,22 +38,23 @@ def made_once(make: Maker) -> Maker:
     def copied(folder: Path, **options: Any) -> Path:
         given = signature(make).bind(folder, **options)
         given.apply_defaults()
-        key = repr(list(given.arguments.items())[1:])
-        original = _originals() / f"{make.__name__}-{sha256(key.encode()).hexdigest()[:16]}"
-        if not original.exists():
-            _in_one_step(make, original, options)
+        key = sha256(repr(list(given.arguments.items())[1:]).encode()).hexdigest()[:16]
+        original = once(f"{make.__name__}-{key}", lambda path: make(path, **options))
         shutil.copytree(original, folder, dirs_exist_ok=True)
         return folder
 
     return copied
 
 
-def _in_one_step(make: Maker, original: Path, options: dict[str, Any]) -> None:
-    """Another process sees the original whole or not at all."""
-    mine = original.with_name(f".{original.name}.{os.getpid()}")
-    make(mine, **options)
-    try:
-        mine.rename(original)
-    except OSError:
-        # Another process was faster.
-        shutil.rmtree(mine)
+def once(name: str, make: Callable[[Path], Any]) -> Path:
+    """The file or folder of this name that ``make`` writes; another process sees it whole or not at all."""
+    original = _originals() / name
+    if not original.exists():
+        mine = original.with_name(f".{name}.{os.getpid()}")
+        make(mine)
+        try:
+            mine.rename(original)
+        except OSError:
+            # Another process was faster.
+            shutil.rmtree(mine)
+    return original

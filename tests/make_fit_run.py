@@ -15,6 +15,7 @@ from bayestissue.hierarchy.levels import Recorded
 from bayestissue.inference.answers.contrasts import contrasts, people_compared
 from bayestissue.inference.answers.reliability import as_variables, coefficients, reliability, variances
 from made_once import made_once
+from tree_file import write_tree
 
 CHAINS, DRAWS, REPLICATES, SAMPLES = 2, 100, 40, 60
 PEOPLE, CONDITIONS = 4, 3
@@ -73,7 +74,7 @@ def write_fit_run(
         found[name] = coefficients(each, draws)
         draws.update(as_variables(found[name]))
     groups = {"posterior": posterior, "prior": prior, **traces}
-    xr.DataTree.from_dict(extended(groups)).to_netcdf(folder / "posterior.nc", engine="h5netcdf")
+    write_tree(extended(groups), folder / "posterior.nc")
     tables = _tables(rng, impacts, true, posterior, exponent)
     tables["contrasts"] = contrasts(posterior, recorded, ["K", "C"], 0.1)
     tables["people"] = people_compared(posterior, recorded, ["K", "C"])

@@ -13,6 +13,8 @@ from bayestissue.report import write_report
 from make_scored_run import make_scored_run
 from page_reader import Reader
 
+pytestmark = pytest.mark.usefixtures("read_once")
+
 
 def made(folder, **runs):
     paths = [make_scored_run(folder / name, **options) for name, options in runs.items()]

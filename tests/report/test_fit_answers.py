@@ -11,6 +11,8 @@ from bayestissue.report.fit.run import read_fit_run
 from bayestissue.report.run_folder import read_about
 from make_fit_run import DRAWS, make_fit_run
 
+pytestmark = pytest.mark.usefixtures("read_once")
+
 
 def read(folder):
     return read_fit_run(folder, read_about(folder))

@@ -7,11 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pytest
 import statsmodels.api as sm
 
 from bayestissue.report.fit.estimates import apparent_exponent, side_by_side
 from bayestissue.report.fit.run import read_fit_run
 from make_fit_run import make_fit_run
+
+pytestmark = pytest.mark.usefixtures("read_once")
 
 
 def test_side_by_side_is_held_against_the_other_element_s_secant_stiffness(

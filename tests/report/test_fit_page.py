@@ -12,6 +12,8 @@ from bayestissue.report import write_report
 from make_fit_run import make_fit_run
 from page_reader import Reader
 
+pytestmark = pytest.mark.usefixtures("read_once")
+
 
 def page_of(folder):
     return write_report(folder).read_text(encoding="utf-8")

@@ -11,6 +11,7 @@ import xarray as xr
 
 from bayestissue.report import write_report
 from make_fit_run import make_fit_run
+from tree_file import write_tree
 
 KEPT = [0, 20, 40, 60, 80]
 
@@ -25,7 +26,7 @@ def of_many(folder: Path) -> Path:
     groups["posterior"] = posterior.drop_vars(single).drop_dims("impact", errors="ignore").merge(kept)
     for name in ("posterior_predictive", "observed_data"):
         groups[name] = groups[name].isel(impact=slice(0, None, 3))
-    xr.DataTree.from_dict(groups).to_netcdf(folder / "posterior.nc", engine="h5netcdf")
+    write_tree(groups, folder / "posterior.nc")
     summary = pd.read_csv(folder / "summary.csv")
     summary.loc[summary["variable"].isin(single), ["ess_bulk", "ess_tail", "r_hat"]] = np.nan
     summary.to_csv(folder / "summary.csv", index=False)

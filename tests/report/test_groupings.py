@@ -15,14 +15,17 @@ from bayestissue.report.fit.population import differing_words, groupings, own_sl
 from bayestissue.report.fit.run import read_fit_run
 from bayestissue.report.run_folder import read_json
 from make_fit_run import CHAINS, DRAWS, PEOPLE, make_fit_run
+from tree_file import write_tree
+
+pytestmark = pytest.mark.usefixtures("read_once")
 
 SIDES = [f"s{person}:{side}" for person in range(PEOPLE) for side in ("left", "right")]
 
 
-@pytest.fixture(params=[0.3, 0.0], ids=["people differ", "people do not differ"])
-def made(request, tmp_path):
+@pytest.fixture(scope="module", params=[0.3, 0.0], ids=["people differ", "people do not differ"])
+def made(request, tmp_path_factory):
     """A run with effects of sides and people's own mass exponents, which differ or do not."""
-    folder = make_fit_run(tmp_path / "run")
+    folder = make_fit_run(tmp_path_factory.mktemp("groups") / "run")
     rng, shape = np.random.default_rng(3), (CHAINS, DRAWS)
     path = folder / "posterior.nc"
     with xr.open_datatree(path, engine="h5netcdf") as tree:
@@ -43,7 +46,7 @@ def made(request, tmp_path):
     )
     groups["posterior"] = groups["posterior"].assign_coords({"subject:side": SIDES})
     path.unlink()
-    xr.DataTree.from_dict(groups).to_netcdf(path, engine="h5netcdf")
+    write_tree(groups, path)
     table = pd.read_csv(folder / "summary.csv")
     labels = [f"s{person}" for person in range(PEOPLE)]
     more = table[table["variable"] == "subject_effect_K"].assign(variable="subject_mass_exponent_K")

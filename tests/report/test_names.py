@@ -11,6 +11,7 @@ from bayestissue.report import write_report
 from bayestissue.report.page import figure
 from bayestissue.report.style import label_in_powers, new_figure, power_of_ten, shown, style
 from make_fit_run import make_fit_run
+from tree_file import write_tree
 
 # What matplotlib would read as a formula, hide from a legend, or warn of; what a page would read as HTML.
 NAMES = ["$x_{1$", "_x", r"a\b\frac{", "<b>", "long " * 60, "قدم اليسار", "👣", "100 %", "^2_", "x\ny"]
@@ -40,7 +41,7 @@ def renamed(folder):
                     data[name].dims,
                     np.array([told[str(v)] for v in data[name].to_numpy()], object),
                 )
-    xr.DataTree.from_dict(groups).to_netcdf(folder / "posterior.nc", engine="h5netcdf")
+    write_tree(groups, folder / "posterior.nc")
     for path in folder.glob("*.csv"):
         table = pd.read_csv(path, dtype=str, keep_default_na=False)
         table.map(lambda cell: told.get(cell, cell)).to_csv(path, index=False)

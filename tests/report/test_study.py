@@ -13,6 +13,8 @@ from bayestissue.report import write_report
 from make_fit_run import PEOPLE, make_fit_run
 from page_reader import Reader
 
+pytestmark = pytest.mark.usefixtures("read_once")
+
 
 def plain(html: str) -> str:
     return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", html)).replace("\N{NO-BREAK SPACE}", " ")
