@@ -108,17 +108,6 @@ class Conditional:
         """L^-1 P."""
         return small.product(self._inverse, self.factor.precision)
 
-    @cached_property
-    def covariance(self) -> small.Matrix:
-        """V = L'^-1 L^-1."""
-        return small.squared(self._inverse)
-
-    @cached_property
-    def shrinkage(self) -> small.Matrix:
-        """V P, by which the mean of u moves from v towards what the factor says."""
-        columns = small.transposed(self._of_factor)
-        return small.transposed([small.turned_times(self._inverse, column) for column in columns])
-
     def _deviation(self, v: small.Vector) -> small.Vector:
         return [x - m for x, m in zip(v, self.factor.centre, strict=True)]
 
@@ -126,10 +115,6 @@ class Conditional:
         """L^-1 (g - P (v - m))."""
         curved = small.times(self._of_factor, self._deviation(v))
         return [g - b for g, b in zip(small.times(self._inverse, self.factor.shift), curved, strict=True)]
-
-    def mean_shift(self, v: small.Vector) -> small.Vector:
-        """The mean of u less v: V g - V P (v - m)."""
-        return small.turned_times(self._inverse, self._toward_factor(v))
 
     def half(self, v: small.Vector) -> small.Vector:
         """L^-1 (g + D (v - m)): L' (u - m) less this is standard normal."""
@@ -155,14 +140,10 @@ class Conditional:
         return GaussianFactor(v, small.times(columns[0], toward), precision, log_scale)
 
 
-@jax.custom_vjp
 def cell_factors(
     prior: Float[Array, "parameter parameter"], prior_mean: Float[Array, "parameter entry"], sites: Any
 ) -> GaussianFactor:
     """Integrate every impact's parameters out, and multiply what is left over each entry's impacts.
-
-    Differentiable by the prior alone, once, and backwards: the derivatives of the sums by D are expectations
-    (Fisher's identity), with half of the operations.
 
     Args:
         prior: D of an impact's parameters, one of all impacts.
@@ -170,6 +151,8 @@ def cell_factors(
         sites: `GaussianFactor` of the impacts, as `PopulationDesign.blocked` arranges them.
     """
 
+    # Made again on the way back, which is faster than reading from memory all that an impact's algebra has.
+    @jax.checkpoint
     def product(block: GaussianFactor) -> Any:
         _, *terms = Conditional(prior, block).marginal(prior_mean)
         return jax.tree.map(lambda values: values.sum(-2), terms)
@@ -188,35 +171,3 @@ def _over_blocks(function: Any, sites: GaussianFactor) -> Any:
 
     first = jax.eval_shape(function, jax.tree.map(lambda leaf: leaf[0], sites))
     return jax.lax.scan(step, jax.tree.map(lambda leaf: jnp.zeros(leaf.shape), first), sites)[0]
-
-
-def _forward(prior: Array, prior_mean: Array, sites: GaussianFactor) -> tuple[GaussianFactor, Any]:
-    return cell_factors(prior, prior_mean, sites), (prior, prior_mean, sites)
-
-
-def _backward(saved: Any, change: GaussianFactor) -> tuple[Array, None, None]:
-    """By D: T W T' + (T p t' + t p' T') / 2 - c (V + t t' - D^-1) / 2 with changes W, p, c of the sums.
-
-    T is V P, and t the mean of u - X b.
-    """
-    prior, prior_mean, sites = saved
-    # Whoever reads one half of a precision alone, as a Cholesky factor does, has a change of that half.
-    W, c = (change.precision + change.precision.swapaxes(0, 1)) / 2, change.log_scale
-
-    def of_block(block: GaussianFactor) -> Any:
-        conditional = Conditional(prior, block)
-        T, t, V = conditional.shrinkage, conditional.mean_shift(prior_mean), conditional.covariance
-        curved, pulled = small.product(T, W), small.times(T, change.shift)
-
-        def entry(a: int, b: int) -> Array:
-            across = (pulled[a] * t[b] + pulled[b] * t[a]) / 2
-            return (small.dot(curved[a], T[b]) + across - c / 2 * (V[a][b] + t[a] * t[b])).sum()
-
-        return small.symmetric(len(t), entry)
-
-    slots = sites.log_scale.shape[0] * sites.log_scale.shape[1]
-    of_scale = slots * c.sum() / 2 * small.stacked(small.inverse(prior))
-    return small.stacked(_over_blocks(of_block, sites)) + of_scale, None, None
-
-
-cell_factors.defvjp(_forward, _backward)
