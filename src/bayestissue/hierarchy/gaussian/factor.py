@@ -93,28 +93,8 @@ class Conditional:
         P, D = self.factor.precision, self.prior
         return small.cholesky([[P[a][b] + D[a][b] for b in range(a + 1)] for a in range(len(P))])
 
-    @cached_property
-    def _inverse(self) -> small.Triangle:
-        """L^-1."""
-        return small.inverse_factor(self.root)
-
-    @cached_property
-    def _of_prior(self) -> small.Matrix:
-        """L^-1 D."""
-        return small.product(self._inverse, self.prior)
-
-    @cached_property
-    def _of_factor(self) -> small.Matrix:
-        """L^-1 P."""
-        return small.product(self._inverse, self.factor.precision)
-
     def _deviation(self, v: small.Vector) -> small.Vector:
         return [x - m for x, m in zip(v, self.factor.centre, strict=True)]
-
-    def _toward_factor(self, v: small.Vector) -> small.Vector:
-        """L^-1 (g - P (v - m))."""
-        curved = small.times(self._of_factor, self._deviation(v))
-        return [g - b for g, b in zip(small.times(self._inverse, self.factor.shift), curved, strict=True)]
 
     def half(self, v: small.Vector) -> small.Vector:
         """L^-1 (g + D (v - m)): L' (u - m) less this is standard normal."""
@@ -129,12 +109,16 @@ class Conditional:
 
     def marginal(self, v: small.Vector) -> GaussianFactor:
         """The factor with u integrated out, a function of v written about ``v``."""
-        g_half, toward = small.times(self._inverse, self.factor.shift), self._toward_factor(v)
-        columns = [small.transposed(part) for part in (self._of_prior, self._of_factor)]
+        inverse, deviation = small.inverse_factor(self.root), self._deviation(v)
+        of_prior, of_factor = (small.product(inverse, part) for part in (self.prior, self.factor.precision))
+        columns = [small.transposed(part) for part in (of_prior, of_factor)]
         precision = small.symmetric(len(self.root), lambda a, b: small.dot(columns[0][a], columns[1][b]))
+        # L^-1 g, and L^-1 (g - P (v - m)).
+        g_half = small.times(inverse, self.factor.shift)
+        toward = [g - b for g, b in zip(g_half, small.times(of_factor, deviation), strict=True)]
         # (v - m)' (D V g - W (v - m) / 2), in factors.
         near = [(h + t) / 2 for h, t in zip(g_half, toward, strict=True)]
-        gained = small.dot(near, small.times(self._of_prior, self._deviation(v)))
+        gained = small.dot(near, small.times(of_prior, deviation))
         scale = small.log_diagonal(small.cholesky(self.prior)) - small.log_diagonal(self.root)
         log_scale = self.factor.log_scale + scale + gained + small.dot(g_half, g_half) / 2
         return GaussianFactor(v, small.times(columns[0], toward), precision, log_scale)
