@@ -183,8 +183,8 @@ def _refusal(judged: Judged, formula: str, key: str, source: str) -> Problem:
     faults = judged.faults
     wanted = "; ".join(dict.fromkeys(fault.expected for fault in faults))
     wrong = "; ".join(f"{fault.term}: {fault.reason}" if fault.term else fault.reason for fault in faults)
-    numbers = {"wanted": wanted, "wrong": wrong, "terms": judged.terms}
-    return Problem.stated("formula.judged", source, None, key, formula, **numbers)
+    at = (source, None, key, formula)
+    return Problem.stated("formula.judged", *at, wanted=wanted, wrong=wrong, terms=judged.terms)
 
 
 def _response(parameter: str, judged: Judged) -> ResponseDesign:

@@ -50,7 +50,7 @@ def components(squares: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray,
 
 
 def of(people, conditions, error, *, k: float, measurement: float = 0.0, shared: float = 0.0) -> Variances:
-    return Variances(people, shared, [(conditions, k)], [], error, measurement, k)
+    return Variances(people, shared, {"trial": (conditions, k)}, {}, error, measurement, k)
 
 
 def classical(each: Variances) -> dict[str, np.ndarray]:
