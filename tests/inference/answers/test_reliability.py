@@ -167,8 +167,8 @@ def test_each_group_is_part_of_the_variance_that_its_levels_say() -> None:
     square = {str(name): array.to_numpy() ** 2 for name, array in draws.items()}
     # People belong to teams; sides and these sessions are one person's; conditions are everybody's.
     assert_allclose(found.people, square["sd_subject_K"] + square["sd_team_K"])
-    assert [levels for _, levels in found.agreement] == [3]
-    assert [levels for _, levels in found.within] == [2, 2]
+    assert [levels for _, levels in found.agreement.values()] == [3]
+    assert [levels for _, levels in found.within.values()] == [2, 2]
     assert found.k == 6
     error = square["sd_impact_K"] + square["sd_subject_side_K"] + square["sd_session_K"] + 0.03**2
     assert_allclose(found.error(agreement=False), error)
