@@ -181,10 +181,10 @@ def build_design(
 def _refusal(judged: Judged, formula: str, key: str, source: str) -> Problem:
     """Everything that is wrong with a formula, and the one that the rows can tell."""
     faults = judged.faults
-    expected = "; ".join(dict.fromkeys(fault.expected for fault in faults))
+    wanted = "; ".join(dict.fromkeys(fault.expected for fault in faults))
     wrong = "; ".join(f"{fault.term}: {fault.reason}" if fault.term else fault.reason for fault in faults)
-    remedy = f'What is wrong: {wrong}. Write "{judged.terms}" instead, or leave {key} out.'
-    return Problem(source, expected, remedy, column=key, value=formula, code="formula")
+    at = (source, None, key, formula)
+    return Problem.stated("formula.judged", *at, wanted=wanted, wrong=wrong, terms=judged.terms)
 
 
 def _response(parameter: str, judged: Judged) -> ResponseDesign:

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayestissue.errors import InputError, Problem
+from bayestissue.errors import InputError
 from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.levels import Recorded
@@ -120,7 +120,7 @@ def fit_traces(
             return label(prepared, specification, sites, draws, seed, say, likelihood, route)
     automatic = settings.path == "automatic"
     if automatic and (words := contradicted()):
-        raise InputError(_refusal(words, route))
+        raise InputError.stated("exact-path", "fit", why=words, route=route.why)
     say(f"sampling by the exact path, {route.why}", 0, 1)
     whitening = first or approximate(prepared, expansions=expansions, progress=done)
     progress = _with_estimate(say, route if automatic else None)
@@ -128,17 +128,6 @@ def fit_traces(
     # Scores ask for sites that stand for the traces; those of the chains only whiten.
     likelihood = LikelihoodApproximation(sites or whitening)
     return label(prepared, specification, whitening, draws, seed, say, likelihood, route)
-
-
-def _refusal(why: str, route: Route) -> Problem:
-    """That the exact path is not begun unasked, and how to ask for it."""
-    return Problem(
-        "fit",
-        "recordings that the short way can sample",
-        f"{why} To go on all the same, by the exact path: --path exact, or sampler.path in the model file. "
-        f"It is not begun unasked, {route.why}.",
-        code="exact-path",
-    )
 
 
 def _with_estimate(say: Say, unasked: Route | None) -> Progress:
@@ -153,7 +142,7 @@ def _with_estimate(say: Say, unasked: Route | None) -> Progress:
             seconds = (time.monotonic() - began) / done
             if unasked is not None and seconds * total > _LONGEST_UNASKED_S:
                 words = f"The exact path would take about {duration(seconds * total)}."
-                raise InputError(_refusal(words, unasked))
+                raise InputError.stated("exact-path", "fit", why=words, route=unasked.why)
             stage.append(
                 f"exact path, {seconds:.2g} s a transition, about {duration(seconds * total)} in all"
             )

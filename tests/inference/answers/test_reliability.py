@@ -50,7 +50,7 @@ def components(squares: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray,
 
 
 def of(people, conditions, error, *, k: float, measurement: float = 0.0, shared: float = 0.0) -> Variances:
-    return Variances(people, shared, [(conditions, k)], [], error, measurement, k)
+    return Variances(people, shared, {"trial": (conditions, k)}, {}, error, measurement, k)
 
 
 def classical(each: Variances) -> dict[str, np.ndarray]:
@@ -167,8 +167,8 @@ def test_each_group_is_part_of_the_variance_that_its_levels_say() -> None:
     square = {str(name): array.to_numpy() ** 2 for name, array in draws.items()}
     # People belong to teams; sides and these sessions are one person's; conditions are everybody's.
     assert_allclose(found.people, square["sd_subject_K"] + square["sd_team_K"])
-    assert [levels for _, levels in found.agreement] == [3]
-    assert [levels for _, levels in found.within] == [2, 2]
+    assert [levels for _, levels in found.agreement.values()] == [3]
+    assert [levels for _, levels in found.within.values()] == [2, 2]
     assert found.k == 6
     error = square["sd_impact_K"] + square["sd_subject_side_K"] + square["sd_session_K"] + 0.03**2
     assert_allclose(found.error(agreement=False), error)

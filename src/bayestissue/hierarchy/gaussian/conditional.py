@@ -69,8 +69,5 @@ def flat_covariances(covariances: Covariances) -> Float[Array, "*draw variance"]
 
 
 def log_marginal(data: Data, covariances: Covariances) -> Float[Array, ""]:
-    """Log density of all sites, b and every u integrated out.
-
-    Differentiable by the standard deviations alone, once, and backwards.
-    """
+    """Log density of all sites, b and every u integrated out."""
     return log_density_of_cells(data.design, covariances, data.sums(covariances))

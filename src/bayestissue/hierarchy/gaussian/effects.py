@@ -12,12 +12,12 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import Array
-from jax.scipy.linalg import cho_solve, solve_triangular
+from jax.scipy.linalg import solve_triangular
 from jaxtyping import Float
 
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign
@@ -61,25 +61,20 @@ class EffectsConditional(NamedTuple):
 def log_density_of_cells(
     design: PopulationDesign, covariances: Covariances, sums: GaussianFactor
 ) -> Float[Array, ""]:
-    """Log density of all data, b integrated out.
+    """Log density of all data, b integrated out; arguments as of `integrate_effects`."""
+    return integrate_effects(design, covariances, sums)[1]
 
-    Differentiable by the covariances and the sums, once, and backwards: see `_backward`.
+
+def integrate_effects(
+    design: PopulationDesign, covariances: Covariances, sums: GaussianFactor
+) -> tuple[EffectsConditional, Float[Array, ""]]:
+    """What is needed to draw b, and `log_density_of_cells`.
 
     Args:
         design: X, arranged.
         covariances: of which those of b count.
         sums: what the data of each entry say of X b, about X times b's prior mean.
     """
-    inner, outer = _elements(design)
-    precision = covariances.of_effects()
-    gained = _integrated(precision.among(inner), precision.among(outer), sums.precision, sums.shift, design)
-    return sums.log_scale.sum() + gained - covariances.log_scale()
-
-
-def integrate_effects(
-    design: PopulationDesign, covariances: Covariances, sums: GaussianFactor
-) -> tuple[EffectsConditional, Float[Array, ""]]:
-    """What is needed to draw b, and `log_density_of_cells`."""
     inner, outer = _elements(design)
     precision = covariances.of_effects()
     conditional = _eliminated(
@@ -191,73 +186,3 @@ def _symmetric(entry: Callable[[int, int], Array], size: Sequence[int]) -> Array
     """A symmetric matrix of blocks, those of its upper triangle given."""
     upper = {pair: entry(*pair) for pair in itertools.combinations_with_replacement(size, 2)}
     return _assembled(lambda a, b: upper[a, b] if a <= b else upper[b, a].swapaxes(0, 1), size)
-
-
-@jax.custom_vjp
-def _integrated(
-    inner_prior: Array, outer_prior: Array, precision: Array, shift: Array, design: PopulationDesign
-) -> Array:
-    return _eliminated(inner_prior, outer_prior, precision, shift, design).log_density()
-
-
-def _forward(
-    inner_prior: Array, outer_prior: Array, precision: Array, shift: Array, design: Any
-) -> tuple[Any, Any]:
-    conditional = _eliminated(inner_prior, outer_prior, precision, shift, design)
-    return conditional.log_density(), (conditional, design)
-
-
-def _backward(saved: tuple[EffectsConditional, PopulationDesign], change: Array) -> tuple[Any, ...]:
-    """By Fisher's identity minus half the expected squares of what each precision is of, given the data.
-
-    By shift that is the mean of X b less its prior mean.
-    """
-    conditional, design = saved
-    size = range(len(design.inner))
-    outer_covariance = cho_solve((conditional.outer_factor, True), jnp.eye(len(conditional.outer_half)))
-    gain = _stacked(small.solve_upper(conditional.factor, conditional.coupling), conditional.coupling)
-    across = -jnp.einsum("iql,qp->ipl", gain, outer_covariance)
-    covariance = -jnp.einsum("iql,jql->ijl", across, gain)
-    if conditional.factor:
-        covariance = covariance + small.stacked(small.squared(small.inverse_factor(conditional.factor)))
-    inner, outer = conditional.solve_upper(conditional.half, conditional.outer_half)
-    inner_parts, outer_parts = _parts(design.inner, 0), _parts(design.outer, 2)
-    rows = jnp.asarray(design.level)
-
-    def mean(a: int) -> Array:
-        value = (design.inner[a] * inner[inner_parts[a]][:, rows, None]).sum(0)
-        return (value + design.outer[a] @ outer[outer_parts[a]]).ravel()
-
-    def one_side(a: int, b: int) -> Array:
-        inner_to_outer = jnp.moveaxis(across[inner_parts[a], outer_parts[b]][..., rows], 1, 2)
-        if len(design.outer[b]) == 1:
-            between = inner_to_outer @ design.outer[b][0].T
-        else:
-            between = jnp.einsum("irq,rsq->irs", inner_to_outer, design.outer[b])
-        return (design.inner[a] * between).sum(0)
-
-    def scatter(a: int, b: int) -> Array:
-        inner_covariance = covariance[inner_parts[a], inner_parts[b]][..., rows, None]
-        within = (design.inner[a][:, None] * inner_covariance * design.inner[b][None]).sum((0, 1))
-        outer_square = (design.outer[a] @ outer_covariance[outer_parts[a], outer_parts[b]]) * design.outer[b]
-        return (within + outer_square.sum(-1) + one_side(a, b) + one_side(b, a)).ravel()
-
-    mean_by_cell = jnp.stack([mean(a) for a in size])
-    upper = {pair: scatter(*pair) for pair in itertools.combinations_with_replacement(size, 2)}
-    squares = jnp.stack([jnp.stack([upper[min(a, b), max(a, b)] for b in size]) for a in size])
-    return (
-        -change / 2 * (covariance + inner[:, None] * inner[None]),
-        -change / 2 * (outer_covariance + outer[:, None] * outer[None]),
-        -change / 2 * (squares + mean_by_cell[:, None] * mean_by_cell[None]),
-        change * mean_by_cell,
-        None,
-    )
-
-
-def _parts(columns: Sequence[Array], axis: int) -> list[slice]:
-    """Where each parameter's columns are among those of all."""
-    ends = list(itertools.accumulate(matrix.shape[axis] for matrix in columns))
-    return [slice(end - matrix.shape[axis], end) for end, matrix in zip(ends, columns, strict=True)]
-
-
-_integrated.defvjp(_forward, _backward)

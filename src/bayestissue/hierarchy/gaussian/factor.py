@@ -93,43 +93,8 @@ class Conditional:
         P, D = self.factor.precision, self.prior
         return small.cholesky([[P[a][b] + D[a][b] for b in range(a + 1)] for a in range(len(P))])
 
-    @cached_property
-    def _inverse(self) -> small.Triangle:
-        """L^-1."""
-        return small.inverse_factor(self.root)
-
-    @cached_property
-    def _of_prior(self) -> small.Matrix:
-        """L^-1 D."""
-        return small.product(self._inverse, self.prior)
-
-    @cached_property
-    def _of_factor(self) -> small.Matrix:
-        """L^-1 P."""
-        return small.product(self._inverse, self.factor.precision)
-
-    @cached_property
-    def covariance(self) -> small.Matrix:
-        """V = L'^-1 L^-1."""
-        return small.squared(self._inverse)
-
-    @cached_property
-    def shrinkage(self) -> small.Matrix:
-        """V P, by which the mean of u moves from v towards what the factor says."""
-        columns = small.transposed(self._of_factor)
-        return small.transposed([small.turned_times(self._inverse, column) for column in columns])
-
     def _deviation(self, v: small.Vector) -> small.Vector:
         return [x - m for x, m in zip(v, self.factor.centre, strict=True)]
-
-    def _toward_factor(self, v: small.Vector) -> small.Vector:
-        """L^-1 (g - P (v - m))."""
-        curved = small.times(self._of_factor, self._deviation(v))
-        return [g - b for g, b in zip(small.times(self._inverse, self.factor.shift), curved, strict=True)]
-
-    def mean_shift(self, v: small.Vector) -> small.Vector:
-        """The mean of u less v: V g - V P (v - m)."""
-        return small.turned_times(self._inverse, self._toward_factor(v))
 
     def half(self, v: small.Vector) -> small.Vector:
         """L^-1 (g + D (v - m)): L' (u - m) less this is standard normal."""
@@ -144,25 +109,25 @@ class Conditional:
 
     def marginal(self, v: small.Vector) -> GaussianFactor:
         """The factor with u integrated out, a function of v written about ``v``."""
-        g_half, toward = small.times(self._inverse, self.factor.shift), self._toward_factor(v)
-        columns = [small.transposed(part) for part in (self._of_prior, self._of_factor)]
+        inverse, deviation = small.inverse_factor(self.root), self._deviation(v)
+        of_prior, of_factor = (small.product(inverse, part) for part in (self.prior, self.factor.precision))
+        columns = [small.transposed(part) for part in (of_prior, of_factor)]
         precision = small.symmetric(len(self.root), lambda a, b: small.dot(columns[0][a], columns[1][b]))
+        # L^-1 g, and L^-1 (g - P (v - m)).
+        g_half = small.times(inverse, self.factor.shift)
+        toward = [g - b for g, b in zip(g_half, small.times(of_factor, deviation), strict=True)]
         # (v - m)' (D V g - W (v - m) / 2), in factors.
         near = [(h + t) / 2 for h, t in zip(g_half, toward, strict=True)]
-        gained = small.dot(near, small.times(self._of_prior, self._deviation(v)))
+        gained = small.dot(near, small.times(of_prior, deviation))
         scale = small.log_diagonal(small.cholesky(self.prior)) - small.log_diagonal(self.root)
         log_scale = self.factor.log_scale + scale + gained + small.dot(g_half, g_half) / 2
         return GaussianFactor(v, small.times(columns[0], toward), precision, log_scale)
 
 
-@jax.custom_vjp
 def cell_factors(
     prior: Float[Array, "parameter parameter"], prior_mean: Float[Array, "parameter entry"], sites: Any
 ) -> GaussianFactor:
     """Integrate every impact's parameters out, and multiply what is left over each entry's impacts.
-
-    Differentiable by the prior alone, once, and backwards: the derivatives of the sums by D are expectations
-    (Fisher's identity), with half of the operations.
 
     Args:
         prior: D of an impact's parameters, one of all impacts.
@@ -170,6 +135,8 @@ def cell_factors(
         sites: `GaussianFactor` of the impacts, as `PopulationDesign.blocked` arranges them.
     """
 
+    # Made again on the way back, which is faster than reading from memory all that an impact's algebra has.
+    @jax.checkpoint
     def product(block: GaussianFactor) -> Any:
         _, *terms = Conditional(prior, block).marginal(prior_mean)
         return jax.tree.map(lambda values: values.sum(-2), terms)
@@ -188,35 +155,3 @@ def _over_blocks(function: Any, sites: GaussianFactor) -> Any:
 
     first = jax.eval_shape(function, jax.tree.map(lambda leaf: leaf[0], sites))
     return jax.lax.scan(step, jax.tree.map(lambda leaf: jnp.zeros(leaf.shape), first), sites)[0]
-
-
-def _forward(prior: Array, prior_mean: Array, sites: GaussianFactor) -> tuple[GaussianFactor, Any]:
-    return cell_factors(prior, prior_mean, sites), (prior, prior_mean, sites)
-
-
-def _backward(saved: Any, change: GaussianFactor) -> tuple[Array, None, None]:
-    """By D: T W T' + (T p t' + t p' T') / 2 - c (V + t t' - D^-1) / 2 with changes W, p, c of the sums.
-
-    T is V P, and t the mean of u - X b.
-    """
-    prior, prior_mean, sites = saved
-    # Whoever reads one half of a precision alone, as a Cholesky factor does, has a change of that half.
-    W, c = (change.precision + change.precision.swapaxes(0, 1)) / 2, change.log_scale
-
-    def of_block(block: GaussianFactor) -> Any:
-        conditional = Conditional(prior, block)
-        T, t, V = conditional.shrinkage, conditional.mean_shift(prior_mean), conditional.covariance
-        curved, pulled = small.product(T, W), small.times(T, change.shift)
-
-        def entry(a: int, b: int) -> Array:
-            across = (pulled[a] * t[b] + pulled[b] * t[a]) / 2
-            return (small.dot(curved[a], T[b]) + across - c / 2 * (V[a][b] + t[a] * t[b])).sum()
-
-        return small.symmetric(len(t), entry)
-
-    slots = sites.log_scale.shape[0] * sites.log_scale.shape[1]
-    of_scale = slots * c.sum() / 2 * small.stacked(small.inverse(prior))
-    return small.stacked(_over_blocks(of_block, sites)) + of_scale, None, None
-
-
-cell_factors.defvjp(_forward, _backward)

@@ -12,7 +12,6 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Iterator, Sequence
-from functools import partial
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -202,7 +201,6 @@ _POSITIVE = {"mass_kg": "kg", "velocity_m_s": "m/s", "diameter_m": "m"}
 _LARGEST = 1e4
 _LABEL = "impact"
 _TABLE = "table (rows from 0)"
-_in_table = partial(Problem, code="prediction-table")
 
 
 def read_conditions(table: str | Path | pd.DataFrame, recorded: Recorded) -> list[Condition]:
@@ -224,7 +222,7 @@ def read_conditions(table: str | Path | pd.DataFrame, recorded: Recorded) -> lis
         label = str(table)
         remedy = "Write one: a header with columns of impacts.csv, and a row for each new impact."
         cells, rows = read_cells(Path(table), (), label=label, keep_empty=True, remedy=remedy)
-    if problems := [*_columns(cells, recorded, label), *_lacking(recorded, label)]:
+    if problems := list(_columns(cells, recorded, label)):
         raise InputError(problems)
     if problems := list(_wrong(cells, rows, recorded, label)):
         raise InputError(problems)
@@ -246,45 +244,39 @@ def _text(value: object) -> str:
     return str(value).strip()
 
 
-def _usable(recorded: Recorded) -> list[str]:
-    return list(dict.fromkeys([*map(str, recorded.rows), *_POSITIVE]))
-
-
 def _is_number(name: str, recorded: Recorded) -> bool:
     return name in _POSITIVE or (name in recorded.rows and name not in recorded.named)
 
 
 def _columns(cells: pd.DataFrame, recorded: Recorded, label: str) -> Iterator[Problem]:
-    usable = _usable(recorded)
+    """Columns that the run does not have, or has not kept."""
+    usable = list(dict.fromkeys([*map(str, recorded.rows), *_POSITIVE]))
     for name in map(str, cells):
         if name not in (*usable, _LABEL):
             near = difflib.get_close_matches(name, usable, n=1)
             remedy = f'Is it "{near[0]}"?' if near else "Rename or remove the column."
-            expected = f"columns of the run: {', '.join(usable)}"
-            yield _in_table(label, expected, remedy, row=1, column=name, value=name)
-
-
-def _lacking(recorded: Recorded, label: str) -> Iterator[Problem]:
-    expected, remedy = "a run that keeps this column", "Fit again with this version."
+            numbers = {"usable": ", ".join(usable), "remedy": remedy}
+            yield Problem.stated("prediction-table.column", label, 1, name, name, **numbers)
     for name in recorded.lacking:
-        yield Problem(label, expected, remedy, column=name, code="damaged-run")
+        yield Problem.stated("damaged-run.column", label, None, name)
 
 
 def _wrong(cells: pd.DataFrame, rows: np.ndarray, recorded: Recorded, label: str) -> Iterator[Problem]:
     for name in map(str, cells):
         known = recorded.levels(name) if name in recorded.named and not recorded.may_be_new(name) else None
         for text, row in zip(cells[name], rows, strict=True):
-            expected, remedy = "", "Correct the cell, or leave it empty."
+            wanted, hint = "", ""
             if has_control_characters(text):
-                expected = "text on one line and without control characters"
+                wanted = "text on one line and without control characters"
             elif text and name != _LABEL and _is_number(name, recorded):
-                expected = _no_number(name, text)
+                wanted = _no_number(name, text)
             elif text and name != _LABEL and known is not None and text not in known:
-                expected = f"one of {', '.join(known[:8])}"
+                wanted = f"one of {', '.join(known[:8])}"
                 near = difflib.get_close_matches(text, known, n=1)
-                remedy = f'Is it "{near[0]}"? {remedy}' if near else remedy
-            if expected:
-                yield _in_table(label, expected, remedy, row=int(row), column=name, value=text)
+                hint = f'Is it "{near[0]}"? ' if near else ""
+            if wanted:
+                where = (label, int(row), name, text)
+                yield Problem.stated("prediction-table.cell", *where, wanted=wanted, hint=hint)
 
 
 def _no_number(name: str, text: str) -> str:

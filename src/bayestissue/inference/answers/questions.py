@@ -130,31 +130,18 @@ def _answer(finished: Finished, question: Question) -> dict[str, Any]:
     except QuestionError as slip:
         raise InputError(_problem(slip, question)) from None
     prior, note = _prior(finished, node)
-    level_notes = _of_levels(finished.recorded, node)
-    unit = "" if claims(node) else unit_of(node, finished.posterior)
-    row = {
-        "question": question.text,
-        "name": question.name,
-        "note": note,
-        "unit": unit,
-        "draws": posterior.size,
-    }
+    row = {"question": question.text, "name": question.name, "unit": "", "draws": posterior.size}
     if not claims(node):
         note = _largely_prior(posterior, prior)
-        return row | _interval(posterior) | {"note": "; ".join(filter(None, [note, *level_notes]))}
-    p, error, size = _probability(posterior)
-    row |= {"posterior": p, "mcse": error}
-    if prior is None:
-        return row | {"note": "; ".join([note, *level_notes])}
-    p_0, error_0, size_0 = _probability(prior)
-    factor, note = _bayes_factor(p, size, p_0, size_0)
-    return row | {
-        "prior": p_0,
-        "prior_mcse": error_0,
-        "prior_draws": prior.size,
-        "bayes_factor": factor,
-        "note": "; ".join(filter(None, [note, *level_notes])),
-    }
+        row |= _interval(posterior) | {"unit": unit_of(node, finished.posterior)}
+    else:
+        p, error, size = _probability(posterior)
+        row |= {"posterior": p, "mcse": error}
+        if prior is not None:
+            p_0, error_0, size_0 = _probability(prior)
+            factor, note = _bayes_factor(p, size, p_0, size_0)
+            row |= {"prior": p_0, "prior_mcse": error_0, "prior_draws": prior.size, "bayes_factor": factor}
+    return row | {"note": "; ".join(filter(None, [note, *_of_levels(finished.recorded, node)]))}
 
 
 def _of_levels(recorded: Recorded, node: Node) -> list[Coded]:

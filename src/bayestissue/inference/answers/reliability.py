@@ -70,19 +70,22 @@ Drawn = Float[np.ndarray, "*draw"]
 
 
 class Variances(NamedTuple):
-    """Variances of log q: see the module; ``agreement`` and ``within`` with the levels in k impacts, each.
+    """Variances of log q: see the module.
 
-    ``names`` are those of the groupings of ``within``, and of all whose levels may differ.
+    Those of ``agreement`` and ``within`` stand by their grouping, each with its levels in k impacts.
     """
 
     people: Drawn
     shared: float
-    agreement: Sequence[tuple[Drawn, float]]
-    within: Sequence[tuple[Drawn, float]]
+    agreement: Mapping[str, tuple[Drawn, float]]
+    within: Mapping[str, tuple[Drawn, float]]
     impacts: Drawn
     measurement: float
     k: float
-    names: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
+
+    def varies(self, *, agreement: bool) -> tuple[str, ...]:
+        """The groupings whose levels may differ between measurements."""
+        return (*self.within, *(self.agreement if agreement else ()))
 
     def repeat(self, *, averaged: bool = False) -> Drawn:
         """Variance of one measurement, or of a mean of k, where all levels stay the same."""
@@ -90,7 +93,7 @@ class Variances(NamedTuple):
 
     def error(self, *, agreement: bool, averaged: bool = False) -> Drawn:
         """Variance of one measurement, or of the mean of a person's, about the person's own value."""
-        groups = [*self.within, *(self.agreement if agreement else ())]
+        groups = {**self.within, **(self.agreement if agreement else {})}.values()
         of_groups = [variance / (levels if averaged else 1) for variance, levels in groups]
         return np.sum(of_groups, axis=0) + self.repeat(averaged=averaged)
 
@@ -110,11 +113,8 @@ def variances(
     draws: xr.Dataset, recorded: Recorded, response: str, *, measurement_sd: float, shared_sd: float = 0.0
 ) -> Variances:
     """Those of one response; ``people`` are 0 where the formula has no effect of the person."""
-    zero = np.zeros((draws.sizes["chain"], draws.sizes["draw"]))
-    people = zero
-    agreement: list[tuple[np.ndarray, float]] = []
-    within: list[tuple[np.ndarray, float]] = []
-    names: dict[str, list[str]] = {"agreement": [], "within": []}
+    people = np.zeros((draws.sizes["chain"], draws.sizes["draw"]))
+    groups: dict[str, dict[str, tuple[np.ndarray, float]]] = {"agreement": {}, "within": {}}
     for term in group_terms(recorded.formulas.get(response, "1")):
         if term.slope:
             continue
@@ -123,14 +123,10 @@ def variances(
         if kind == "people":
             people = people + variance
         else:
-            (agreement if kind == "agreement" else within).append((variance, levels))
-            names[kind].append(term.grouping)
+            groups[kind][term.grouping] = variance, levels
     impacts = draws[sd_impact(parameter_of(response))].to_numpy() ** 2
-    impacts_a_person = recorded.rows.groupby("subject").size().median()
-    varies = tuple(names["within"]), (*names["within"], *names["agreement"])
-    return Variances(
-        people, shared_sd**2, agreement, within, impacts, measurement_sd**2, float(impacts_a_person), varies
-    )
+    k = float(recorded.rows.groupby("subject").size().median())
+    return Variances(people, shared_sd**2, **groups, impacts=impacts, measurement=measurement_sd**2, k=k)
 
 
 def _place(recorded: Recorded, term: GroupTerm) -> tuple[float, str]:
@@ -171,7 +167,7 @@ def _of_response(q: str, variances: Variances, draws: xr.Dataset) -> Iterator[Co
     typical = draws[name].to_numpy() if name in draws else np.exp(draws[log].to_numpy())
     known = bool((variances.people > 0).any())
     forms = {"C": "consistency", "A": "agreement"}
-    varies = dict(zip(forms, variances.names, strict=True)) | {"R": ()}
+    varies = {letter: variances.varies(agreement=letter == "A") for letter in forms} | {"R": ()}
     for letter, number in ((a, b) for b in ("1", "k") for a in forms) if known else ():
         form = f"ICC({letter},{number})" + (f", k = {variances.k:g}" if number == "k" else "")
         values = variances.icc(agreement=letter == "A", averaged=number == "k")

@@ -1,1 +1,22 @@
-"""Whether the traces contradict the model or the declared measuring chain."""
+"""Whether data and model fit together: the measuring chain, the model's form, straight lines.
+
+What the checks say is declared in ``verdicts.toml``.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+
+def said(key: str, **numbers: object) -> str:
+    """A sentence of ``verdicts.toml`` by its table and key, such as "chain.undecided", with its numbers."""
+    table, _, name = key.partition(".")
+    return str(_sentences()[table][name]).format(**numbers)
+
+
+@cache
+def _sentences() -> dict[str, Any]:
+    return tomllib.loads(files(__name__).joinpath("verdicts.toml").read_text(encoding="utf-8"))

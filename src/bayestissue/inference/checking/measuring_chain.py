@@ -31,7 +31,7 @@ from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.specification import SIDE_BY_SIDE
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, trace_distribution, with_normal_errors
-from bayestissue.inference.checking import incredible
+from bayestissue.inference.checking import incredible, said
 from bayestissue.inference.checking.incredible import Groups, Pattern
 from bayestissue.inference.checking.model_form import LIMIT, judged_at
 from bayestissue.inference.execution.compiling import compiled_quickly
@@ -57,18 +57,7 @@ _CLEAR, _CLEAR_SHARE = 10.0, 0.2
 # Of the velocity, of the mean deceleration and of the time to peak: wider than any error that is one.
 _WIDE = {AMPLITUDE: 0.5, OFFSET: 1.0, CONTACT: 0.3}
 _MOST_NAMED = 12
-_UNTRUSTED = (
-    "K and C of these impacts can't be trusted: their intervals rest on the declared errors. "
-    "If the measuring chain is right, the tissue obeys another law than the model's."
-)
-_CHECK = {
-    "velocity and gain": "Check the velocity at contact, and the recorder's gain (sensitivity, unit, scale)",
-    "offset": "Check the recorder's zero (drift, hum, a baseline that moves at contact)",
-    "contact": "Check the moment of contact (signal.contact), and that the recording begins before it",
-}
-_OTHER = {"offset": "a zero of the recorder", "contact": "a moment of contact"}
-_OF = {"offset": "the mean deceleration", "contact": "the time to zero velocity"}
-_OF_GROUP = {"trial": "the velocity that is stated for this condition", "subject": "what differs for them"}
+_GROUPS = ("trial", "subject")
 
 
 @dataclass(frozen=True)
@@ -152,7 +141,7 @@ def _rate_is_known(prepared: Prepared) -> bool:
 
 def _groups(prepared: Prepared) -> Groups:
     table = prepared.impacts
-    return {kind: pd.factorize(table[kind].astype(str))[0] for kind in ("trial", "subject")}
+    return {kind: pd.factorize(table[kind].astype(str))[0] for kind in _GROUPS}
 
 
 def _pattern(freed_error: Freed, groups: Groups) -> Pattern | None:
@@ -302,59 +291,51 @@ def structure_left(prepared: Prepared, name: str, freed_error: Freed) -> float:
 
 def in_words(account: dict[str, Any]) -> str:
     """Sentences on what `bayestissue.inference.checking.measuring_chain.judge` found."""
+    error = account["error"]
     if account["passed"] is None:
-        return (
-            f"Whether the measuring chain is as declared can't be told ({account['error']}): the residuals "
-            "stay structured whatever its errors are, and what the traces ask of it may be the tissue's law."
-        )
-    check = _CHECK[account["error"]]
-    if account["error"] == "velocity and gain" and account["kind"] in _OF_GROUP:
-        check += f"; first {_OF_GROUP[account['kind']]}"
-    checks = ". ".join([check, *(_CHECK[error] for error in account["alike"])])
-    return (
-        f"The traces contradict the measuring chain in {_where(account)}: {_what(account)}, {_sds(account)}. "
-        f"K would then be {_change(account['change_K'])} and C {_change(account['change_C'])}."
-        f"{_equivalents(account)} {checks}. {_UNTRUSTED}"
+        return said("chain.undecided", error=error)
+    first = error == AMPLITUDE and account["kind"] in _GROUPS
+    check = said(f"check.{error}") + (said(f"first.{account['kind']}") if first else "")
+    others = [said(f"error.{name}", share=_percent(size)) for name, size in account["alike"].items()]
+    return said(
+        "chain.contradicted",
+        where=_where(account),
+        what=_what(account),
+        sds=_sds(account),
+        K=_change(account["change_K"]),
+        C=_change(account["change_C"]),
+        equivalents=said("chain.equivalents", others=" or ".join(others)) if others else "",
+        checks=". ".join([check, *(said(f"check.{name}") for name in account["alike"])]),
     )
-
-
-def _equivalents(account: dict[str, Any]) -> str:
-    others = [
-        f"{_OTHER[error]} off by {_percent(size)} of {_OF[error]}" for error, size in account["alike"].items()
-    ]
-    return f" As well, or nearly, {' or '.join(others)} would explain the traces." if others else ""
 
 
 def _where(account: dict[str, Any]) -> str:
-    count, total = len(account["impacts"]), account["of"]
-    if account["kind"] == "all":
-        return f"all {total} impacts" if total > 1 else "the only impact"
-    if account["kind"] in _OF_GROUP:
-        groups = first_of(account["groups"], _MOST_NAMED)
-        return f"all impacts of {account['kind']} {groups} ({count} of {total})"
-    return f"{count} of {total} impacts ({first_of(account['impacts'], _MOST_NAMED)})"
+    count, total, kind = len(account["impacts"]), account["of"], account["kind"]
+    if kind == incredible.ALL:
+        return said("chain.all" if total > 1 else "chain.only", of=total)
+    named = first_of(account["groups" if kind in _GROUPS else "impacts"], _MOST_NAMED)
+    key = "chain.groups" if kind in _GROUPS else "chain.impacts"
+    return said(key, kind=kind, named=named, count=count, of=total)
 
 
 def _what(account: dict[str, Any]) -> str:
-    size, common = account["relative"], account["common"] or len(account["impacts"]) == 1
-    at_most = "" if common else "up to "
-    share = f"{at_most}{_percent(size if common else account['greatest'])}"
-    if (error := account["error"]) in _OTHER:
-        return f"they ask for {_OTHER[error]} off by {share} of {_OF[error]}"
+    size, single = account["relative"], len(account["impacts"]) == 1
+    common = account["common"] or single
+    share = _percent(size) if common else f"up to {_percent(account['greatest'])}"
+    if account["error"] != AMPLITUDE:
+        return said("chain.asked", error=said(f"error.{account['error']}", share=share))
     if not common:
-        return f"they ask for other velocities, off by {share} (or for another gain of each)"
+        return said("chain.velocities", share=share)
     way, reads = ("higher", "much") if size > 0 else ("lower", "little")
-    return (
-        f"they ask for a velocity {share} {way} than stated, or a recorder that reads {share} too {reads}"
-        + (", by one common factor" if account["common"] and len(account["impacts"]) > 1 else "")
-    )
+    factor = "" if single else said("chain.one_factor")
+    return said("chain.velocity", share=share, way=way, reads=reads) + factor
 
 
 def _sds(account: dict[str, Any]) -> str:
-    sds = account["declared_sds"]
-    if sds is None:
-        return "where no error was declared"
-    return f"{sds:.2g} declared standard deviations" + (" (median)" if len(account["impacts"]) > 1 else "")
+    if account["declared_sds"] is None:
+        return said("chain.undeclared")
+    median = said("chain.median") if len(account["impacts"]) > 1 else ""
+    return said("chain.declared", sds=account["declared_sds"]) + median
 
 
 def _change(ratio: float) -> str:

@@ -20,6 +20,7 @@ from scipy.stats import binom
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData
+from bayestissue.inference.checking import said
 from bayestissue.inference.points.whiteness import autocorrelation
 from bayestissue.inference.results.predictions import PREDICTIVE_DRAWS, replicates
 from bayestissue.outline import first_of
@@ -39,12 +40,6 @@ _SMOOTH = 3
 _LAGS = 6
 # Of a discrepancy's rms over the trace's peak: beyond it the element describes nothing of the force.
 MOST_DISCREPANCY = 0.2
-UNDESCRIBED = "No element of this program describes these traces"
-_ANOTHER_LAW = "the traces obey another law than the model's"
-_REMEDY = (
-    "Fit the other elements of models/ (or, where the recorder is known for it, "
-    'noise = "autoregressive") and compare. A recorder that saturates bends traces too: check its range.'
-)
 
 
 def model_form(tree: xr.DataTree, name: str) -> dict[str, Any]:
@@ -73,10 +68,7 @@ def judged(
     """`model_form` of traces and their replicates, NaN past a row's end."""
     score = pooled_score(measured, replicated)
     structured = bool(score > LIMIT)
-    if not structured:
-        words = f"{_said(score)}, as far as chance goes."
-    else:
-        words = f"{_said(score)}: {_ANOTHER_LAW}, and its intervals are too narrow. {_REMEDY}"
+    words = _words("form.structured" if structured else "form.sound", score)
     return {"score": score, "structured": structured, "words": words}
 
 
@@ -109,15 +101,12 @@ def with_impacts(
         "structured": structured,
         "names": below if structured else [],
     }
-    counted = f"{len(below)} of {tested} impacts have p below {SMALL_P:g}, where the model gives about 1 %"
+    counted = said("form.counted", below=len(below), tested=tested, small=SMALL_P)
     words = form["words"]
     if structured and not form["structured"]:
-        words = (
-            f"The residuals have structure that the model does not explain: {counted} "
-            f"({first_of(below, _NAMED)}). Their intervals may be too narrow: look at their traces."
-        )
+        words = said("form.impacts", counted=counted, named=first_of(below, _NAMED))
     elif not form["structured"]:
-        words = f"Nothing against the model in its residuals: {counted}. {words}"
+        words = said("form.nothing", counted=counted, words=words)
     return form | {"impacts": impacts, "words": words}
 
 
@@ -137,16 +126,11 @@ def with_discrepancy(first: dict[str, Any], tree: xr.DataTree) -> dict[str, Any]
     drawn = [name for name in stiffness.dims if name != "impact"]
     low, high = stiffness.quantile([0.05, 0.95], drawn).to_numpy()
     sure = float(np.sqrt(np.median(high / low)) - 1)
-    words = (
-        f"{_said(first['score'])}: {_ANOTHER_LAW}. The intervals printed include a discrepancy, a smooth "
-        f"force of unknown shape, of {100 * size:.2g} % of the peak. K_secant, the force over the depth at "
-        f"the greatest depth, is known to {100 * sure:.2g} % (half the 90 % interval, median impact). "
-        f"{_REMEDY}"
-    )
+    words = _words("form.discrepancy", first["score"], size=100 * size, sure=100 * sure)
     left = model_form(tree, "deceleration")["score"]
     discrepancy = described(tree)
     if discrepancy["undescribed"]:
-        words = f"{_said(first['score'])}. {discrepancy['words']}"
+        words = f"{said('form.score', score=first['score'])}. {discrepancy['words']}"
     return first | discrepancy | {"left": left, "words": words}
 
 
@@ -164,16 +148,11 @@ def described(tree: xr.DataTree) -> dict[str, Any]:
     of_impacts = draws.median([name for name in draws.dims if name != "impact"])
     size, beyond = float(draws.median()), of_impacts.to_numpy() > MOST_DISCREPANCY
     names = [str(name) for name in np.asarray(of_impacts["impact"])[beyond]]
-    words = (
-        f"{UNDESCRIBED}: the smooth force that has to be added beside the element is {100 * size:.2g} % of "
-        "the peak (rms, median impact). What is printed of K and C is no estimate of the tissue's, and has "
-        "no interval. Check whether the recorder was clipped or saturated, the unit, the sign and the window."
-    )
     return {
         "discrepancy": size,
         "undescribed": size > MOST_DISCREPANCY,
         "undescribed_impacts": names,
-        "words": words,
+        "words": said("form.undescribed", size=100 * size),
     }
 
 
@@ -186,16 +165,15 @@ def with_chain(form: dict[str, Any], chain: dict[str, Any]) -> dict[str, Any]:
     """
     if not form.get("structured") or chain.get("passed") is not False:
         return form
-    explained = (
-        f"with the measuring chain as the traces have it ({chain['error']}) {chain['structure_left']:.1f}. "
-        "So a wrong measuring chain explains it, and no other law is needed"
-    )
-    words = form["words"].replace(_ANOTHER_LAW, explained).replace(_REMEDY, "Mend the measuring chain first.")
-    return form | {"words": words}
+    explained = said("form.explained", error=chain["error"], left=chain["structure_left"])
+    words = form["words"].replace(said("form.another_law"), explained)
+    return form | {"words": words.replace(said("form.remedy"), said("form.mend"))}
 
 
-def _said(score: float) -> str:
-    return f"The residuals' autocorrelation lies {score:.1f} standard errors from the model's"
+def _words(key: str, score: float, **numbers: float) -> str:
+    """A sentence that begins with the score."""
+    law, remedy = said("form.another_law"), said("form.remedy")
+    return said(key, score=said("form.score", score=score), law=law, remedy=remedy, **numbers)
 
 
 def pooled_score(

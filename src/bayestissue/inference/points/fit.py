@@ -13,9 +13,7 @@ from jaxtyping import Float, Num
 
 from bayestissue.inference.execution.compiling import compiled, compiled_quickly
 from bayestissue.inference.execution.workers import cluster, computed
-from bayestissue.inference.points.conditional import fit_conditional
-from bayestissue.inference.points.exact import fit_exact
-from bayestissue.inference.points.profile import Covariance, Profile
+from bayestissue.inference.points.profile import Covariance, Profile, fit_conditional, fit_exact
 from bayestissue.inference.points.whiteness import whiteness
 from bayestissue.likelihood import SineTransforms, sine_transforms
 from bayestissue.likelihood.arma.arma21 import LOG_2PI

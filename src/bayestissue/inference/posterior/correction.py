@@ -22,7 +22,6 @@ _NEEDED_SHARE = 1 / 3
 # In fits of each element to data of its own kind it was 0.73 to 1; it was 0.02 where a ridge of the
 # likelihood was taken for a peak.
 _LEAST_OF_POINTS = 0.25
-_EXACT = 'Set sampler.path = "exact" in the model file.'
 
 
 def needed_size(number: int) -> float:
@@ -127,37 +126,14 @@ class Correction:
 
     def checks(self) -> tuple[Check, ...]:
         """As some of a run's diagnostics."""
-        limit = k_threshold(self.weight.size)
-        of_tail = Check(
-            "Pareto k of the correction",
-            self.pareto_k,
-            f"below {limit:.2f}",
-            self.pareto_k < limit,
-            "do the sites, normal approximations of the likelihoods, reach wherever the posterior is?",
-            _EXACT,
-            "correction",
-        )
-        of_draws = Check(
-            "effective number of draws after the correction",
-            self.effective,
-            f"above {self.needed:.0f}",
-            self.effective > self.needed,
-            f"are enough draws left? The weights' relative effective sample size is {self.relative:.0%}",
-            _EXACT,
-            "correction",
+        limit, of_points = k_threshold(self.weight.size), self.relative_of_points
+        checks = (
+            Check.stated("correction", self.pareto_k, limit, of="tail"),
+            Check.stated("correction", self.effective, self.needed, of="draws", relative=self.relative),
         )
         if self.varies is None:
-            return of_tail, of_draws
-        of_points = Check(
-            "relative effective sample size of the points that likelihood and site were compared at",
-            self.relative_of_points,
-            f"above {_LEAST_OF_POINTS}",
-            self.relative_of_points > _LEAST_OF_POINTS,
-            "is each trace's likelihood anything like its site?",
-            _EXACT,
-            "correction",
-        )
-        return of_tail, of_draws, of_points
+            return checks
+        return (*checks, Check.stated("correction", of_points, _LEAST_OF_POINTS, of="points"))
 
 
 @dataclass(frozen=True)

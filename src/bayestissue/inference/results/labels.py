@@ -15,7 +15,7 @@ import xarray as xr
 from bayestissue.elements import element, element_names
 from bayestissue.hierarchy.derived import effect_dimensions
 from bayestissue.hierarchy.design import Design
-from bayestissue.hierarchy.effects import intercept, parameter_of
+from bayestissue.hierarchy.effects import intercept
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, stem_of
 from bayestissue.inference.results.meanings import meaning
 from bayestissue.inference.samplers.sampling import Draws
@@ -71,49 +71,45 @@ def element_attributes() -> dict[str, dict[str, str]]:
 def design_attributes(design: Design) -> dict[str, dict[str, str]]:
     """Unit and meaning of what a design has besides the effects of subject and trial on K and C."""
     extra = {parameter.name: parameter for name in element_names() for parameter in element(name).extra}
-    units = {q: _UNITS[q] if q in _UNITS else extra[q].unit for q in design.responses}
-    names = {q: _NAMES.get(q, q) for q in design.responses}
+    words_of = {
+        q: {"q": q, "name": _NAMES.get(q, q), "unit": _UNITS[q] if q in _UNITS else extra[q].unit}
+        for q in design.responses
+    }
     table: dict[str, dict[str, str]] = {}
     for name in design.groupings:
-        stem = stem_of(name)
-        level_words = f"each {name} at the reference mass"
+        table |= _worded("design.grouping", stem=stem_of(name), grouping=name)
+        table[f"impact_{stem_of(name)}"] = {"long_name": f"the impact's {name}"}
+        of_levels = f"each {name} at the reference mass"
         if name in _ONE_COLUMN:
-            level_words = meaning(f"K_{name}").level
-        for q, unit in units.items():
-            table[f"{q}_{stem}"] = {"unit": unit, "long_name": f"{names[q]} of {level_words}"}
-        what = f"log density of the traces of a {name}, the effects that it alone has integrated out"
-        table[f"traces_of_{stem}"] = {"unit": "1", "long_name": what}
-        table[f"impact_{stem}"] = {"long_name": f"the impact's {name}"}
-    for q, name in names.items():
-        if q not in _UNITS:
-            exponent = f"slope of log {name} on log mass, all else equal"
-            table[f"mass_exponent_{q}"] = {"unit": "1", "long_name": exponent}
-            at = f"log of {name} in {units[q]} at the reference mass and mean covariates"
-            table[intercept(parameter_of(q))] = {"unit": "1", "long_name": at}
+            of_levels = meaning(f"K_{name}").level
+        for words in words_of.values():
+            table |= _worded("design.level", stem=stem_of(name), level=of_levels, **words)
     for q, part in design.responses.items():
+        if q not in _UNITS:
+            table |= _worded("design.further", intercept=intercept(part.parameter), **words_of[q])
         for column in part.names:
-            what = f"change of log {names[q]} for one unit of {column}, all else equal"
-            table[f"effect_of_{column}_{q}"] = {"unit": "1", "long_name": what}
-    for term in design.terms:
-        for q, name in names.items():
-            what = f"log {name}"
-            if term.slope:
-                which = "mass exponent of" if term.slope == MASS_TERM else f"effect of {term.slope} on log"
-                table[term.coefficient(q)] = {
-                    "unit": "1",
-                    "long_name": f"{which} {name} of a {term.grouping} itself",
-                }
-                what = f"the {which} {name}"
-            else:
-                table[term.effect(q)] = {"unit": "1", "long_name": f"effect of the {term.grouping} on {what}"}
-            between = f"standard deviation between levels of {term.grouping} of {what}"
-            table[term.sd(q)] = {"unit": "1", "long_name": between}
+            table |= _worded("design.covariate", column=column, **words_of[q])
         for name in design.recorded.named_by(q):
-            level_words = f"a typical person at the reference mass, of each {name}"
-            table[f"{q}_{stem_of(name)}"] = {"unit": units[q], "long_name": f"{names[q]} of {level_words}"}
+            of_levels = f"a typical person at the reference mass, of each {name}"
+            table |= _worded("design.level", stem=stem_of(name), level=of_levels, **words_of[q])
+    for term in design.terms:
+        for q, words in words_of.items():
+            names = {"term": (term.coefficient if term.slope else term.effect)(q), "sd": term.sd(q)}
+            kind = "design.slope" if term.slope else "design.effect"
+            which = "mass exponent of" if term.slope == MASS_TERM else f"effect of {term.slope} on log"
+            table |= _worded(kind, which=which, grouping=term.grouping, **names, **words)
     # People and conditions have words of their own for K and C.
     table = {name: words for name, words in table.items() if name not in ATTRIBUTES}
     return table | _averaged(design, ATTRIBUTES | table)
+
+
+def _worded(table: str, **words: str) -> dict[str, dict[str, str]]:
+    """Unit and meaning of the variables of a table of ``variables.toml``, with these words in its braces."""
+    kind, _, name = table.partition(".")
+    return {
+        pattern.format(**words): {"unit": unit.format(**words), "long_name": long_name.format(**words)}
+        for pattern, (unit, long_name) in _DECLARED[kind][name].items()
+    }
 
 
 def _averaged(design: Design, known: Mapping[str, dict[str, str]]) -> dict[str, dict[str, str]]:

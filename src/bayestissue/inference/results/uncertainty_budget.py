@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -103,14 +104,25 @@ def uncertainty_budget(prepared: Prepared, constrained: ConstrainedDraws) -> pd.
             for name, end in zip((WINDOW, WINDOW_BY_NOISE), ends, strict=True)
         ]
         tables.append(table_of_rows("interval_sources", rows_of_window))
-    means = {}
+    typical = {q: float(np.var(typical_logs(prepared.design, constrained.sites, q))) for q in RESPONSES}
+    means = {q: {PERSON_AND_CONDITION: variance} for q, variance in typical.items()}
     if not many:
         # Variances of means are linear in those of the spreads, whose posteriors have long tails.
         means = _Hierarchy(part, _middle(part, constrained, _root_mean_square)).of_means(errors)
-        tables.append(_of_population(prepared, TYPICAL_PERSON, means, constrained))
-    of_new = _with_scatter(prepared, means, constrained)
-    tables.append(_of_population(prepared, NEW_PERSON, of_new, constrained))
+        tables.append(_shares(TYPICAL_PERSON, means, typical))
+    added = {q: _new_levels(prepared, constrained, q) for q in RESPONSES}
+    of_new = {q: _summed(means[q], {PEOPLE: 0.0, CONDITIONS: 0.0}, added[q]) for q in RESPONSES}
+    whole = {q: typical[q] + sum(added[q].values()) for q in RESPONSES}
+    tables.append(_shares(NEW_PERSON, of_new, whole))
     return joined("interval_sources", tables)
+
+
+def _summed[Value](*parts: Mapping[str, Value]) -> dict[str, Value]:
+    """What several accounts by source have of each source together."""
+    total: dict[str, Any] = {}
+    for source, value in (item for part in parts for item in part.items()):
+        total[source] = total[source] + value if source in total else value
+    return total
 
 
 def _middle(
@@ -188,32 +200,34 @@ class _Hierarchy:
             if len(covariates):
                 v = v + covariance[:, parts[f"covariate_effect_{response}"]] @ covariates
             w = np.einsum("iab,ibl,l->ia", weight, self._columns, v)
-            by_source = {
+            of_measured = {
                 name: float(np.einsum("ia,iab,ib->", w, matrix, w)) for name, matrix in measured.items()
             }
-            for name, matrix in self._scatter.items():
-                by_source[name] = by_source.get(name, 0.0) + float(np.einsum("ia,ab,ib->", w, matrix, w))
-            shares[response] = by_source | self._of_effects(v, by_source[MASS])
+            of_scatter = {
+                name: float(np.einsum("ia,ab,ib->", w, matrix, w)) for name, matrix in self._scatter.items()
+            }
+            shares[response] = _summed(of_measured, of_scatter, self._of_effects(v))
         return shares
 
     def _covariance_of_means(self, weight: Matrices) -> Float[np.ndarray, "location location"]:
         precision = np.einsum("ial,iab,ibm->lm", self._columns, weight, self._columns, optimize=True)
         return np.linalg.inv(precision + self._prior)
 
-    def _of_effects(self, v: Float[np.ndarray, " location"], mass: float) -> dict[str, float]:
-        """What people, conditions and priors add, of v' (prior precision) v."""
+    def _of_effects(self, v: Float[np.ndarray, " location"]) -> dict[str, float]:
+        """What people, their masses, conditions and priors add, of v' (prior precision) v."""
         spread, names = self._spread, np.array(self._prepared.model.locations.spread)
         variance = spread.locations**2
         pull = self._prior @ v
         variances = pull**2 * variance
+        sources = _sources(self._prepared)
+        groups = dict.fromkeys((MASS, PEOPLE, CONDITIONS, *sources.values(), PRIORS), 0.0)
         if spread.shared is not None:
             # A person's two effects hold the error of the mass too.
             together = pull[spread.shared.effect_on_K] + pull[spread.shared.effect_on_C]
-            mass = mass + float(spread.shared.variance * (together**2).sum())
-        groups = dict.fromkeys((PEOPLE, CONDITIONS, *_sources(self._prepared).values(), PRIORS), 0.0)
-        for name, source in {"": PRIORS, **_sources(self._prepared)}.items():
+            groups[MASS] = float(spread.shared.variance * (together**2).sum())
+        for name, source in {"": PRIORS, **sources}.items():
             groups[source] += float(variances[names == name].sum())
-        return {MASS: mass, **groups}
+        return groups
 
     def of_impacts(self, errors: TraceErrors, whole: bool) -> dict[str, dict[str, np.ndarray]]:
         """By response and source: the variance of each impact's log, [impact].
@@ -225,11 +239,10 @@ class _Hierarchy:
         V = np.linalg.inv(np.linalg.inv(self.omega) + precision)
         gain = V @ precision
         left = np.eye(gain.shape[1]) - gain
-        by_source = {
-            name: np.einsum("iab,ibc,iac->ia", gain, matrix, gain) for name, matrix in measured.items()
-        }
-        for name, matrix in self._scatter.items():
-            by_source[name] = by_source.get(name, 0.0) + np.einsum("iab,bc,iac->ia", left, matrix, left)
+        by_source = _summed(
+            {name: np.einsum("iab,ibc,iac->ia", gain, matrix, gain) for name, matrix in measured.items()},
+            {name: np.einsum("iab,bc,iac->ia", left, matrix, left) for name, matrix in self._scatter.items()},
+        )
         if whole:
             covariance = self._covariance_of_means(np.linalg.inv(self.omega + noise))
             pulled = left @ self._columns
@@ -265,25 +278,6 @@ def _new_levels(prepared: Prepared, constrained: ConstrainedDraws, response: str
     return {source: float(np.mean(constrained.sites[name] ** 2)) for source, name in spread.items()}
 
 
-def _with_scatter(
-    prepared: Prepared, means: dict[str, dict[str, float]], constrained: ConstrainedDraws
-) -> dict[str, dict[str, float]]:
-    """What a new person, condition and impact add to the population's mean."""
-    shares = {}
-    for response in RESPONSES:
-        by_source = dict(means.get(response, {}))
-        if not by_source:
-            by_source[PERSON_AND_CONDITION] = float(
-                np.var(typical_logs(prepared.design, constrained.sites, response))
-            )
-        for source in (PEOPLE, CONDITIONS):
-            by_source.setdefault(source, 0.0)
-        for source, added in _new_levels(prepared, constrained, response).items():
-            by_source[source] = by_source.get(source, 0.0) + added
-        shares[response] = by_source
-    return shares
-
-
 def _of_traces(
     by_response: dict[str, dict[str, np.ndarray]],
     drawn: dict[str, np.ndarray],
@@ -300,15 +294,6 @@ def _of_traces(
         known_share = np.maximum(1 - drawn["K"] / scatter["K"], _LEAST_TOLD)
         by_response, totals = {**by_response, "K": {}}, {"K": drawn["K"] / known_share}
     return _shares(TRACE, by_response, totals=totals)
-
-
-def _of_population(
-    prepared: Prepared, level: str, by_response: dict[str, dict[str, float]], constrained: ConstrainedDraws
-) -> pd.DataFrame:
-    drawn = {q: np.var(typical_logs(prepared.design, constrained.sites, q)) for q in by_response}
-    if level == NEW_PERSON:
-        drawn = {q: v + sum(_new_levels(prepared, constrained, q).values()) for q, v in drawn.items()}
-    return _shares(level, by_response, drawn)
 
 
 def _shares(

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from importlib.resources import files
+from typing import Any, Self
 
 import numpy as np
 import pandas as pd
@@ -16,6 +18,7 @@ from bayestissue.remedies import Code, codes_in
 R_HAT_LIMIT = 1.01
 ESS_LIMIT = 400
 BFMI_LIMIT = 0.3
+_DECLARED = tomllib.loads(files(__package__).joinpath("checks.toml").read_text(encoding="utf-8"))
 # Notes of a summary's rows.
 NO_INTERVAL = Coded("not an interval: no element describes these traces", "undescribed")
 CONTRADICTED = Coded("the traces contradict the measuring chain", "measuring-chain")
@@ -33,6 +36,23 @@ class Check:
     next_step: str
     code: Code
 
+    @classmethod
+    def stated(cls, code: Code, value: float, limit: float = 0.0, *, of: str = "", **numbers: object) -> Self:
+        """The check of this code in ``checks.toml``, passed where the value is on the side that it names.
+
+        Args:
+            code: of the warning where it fails.
+            value: of the diagnostic.
+            limit: which it is to be below or above; of a count that is to be none there is none.
+            of: which check it is, where several have the code.
+            numbers: by their names in the sentences.
+        """
+        declared = _DECLARED[code][of] if of else _DECLARED[code]
+        words = {name: sentence.format(limit=limit, **numbers) for name, sentence in declared.items()}
+        passed = {"below": value < limit, "above": value > limit, "none": value == 0}
+        side = words["limit"].partition(" ")[0]
+        return cls(value=value, passed=bool(passed[side]), code=code, **words)
+
 
 def diagnose(summary: pd.DataFrame, statistics: xr.Dataset, further: Sequence[Check] = ()) -> dict[str, Any]:
     """The verdict on a run, as it is written to ``diagnostics.json``.
@@ -46,62 +66,17 @@ def diagnose(summary: pd.DataFrame, statistics: xr.Dataset, further: Sequence[Ch
         further: checks to be added.
     """
     worst = {column: _worst(summary, column) for column in ("r_hat", "ess_bulk", "ess_tail")}
-    sizes = {"bulk": "is the middle of each posterior known", "tail": "are the ends of the intervals known"}
-    divergences = int(statistics["diverging"].sum())
-    saturated = int((statistics["tree_depth"] >= statistics.attrs["max_tree_depth"]).sum())
     energy = statistics["energy"].to_numpy()
     # E[(E_t - E_{t-1})^2] / Var(E) of each chain.
     bfmi = float((np.mean(np.diff(energy, axis=1) ** 2, axis=1) / np.var(energy, axis=1)).min())
-    longer = "Raise sampler.warmup and sampler.draws in the model file."
+    saturated = int((statistics["tree_depth"] >= statistics.attrs["max_tree_depth"]).sum())
     checks = [
-        Check(
-            "R-hat",
-            worst["r_hat"]["value"],
-            f"below {R_HAT_LIMIT}",
-            worst["r_hat"]["value"] < R_HAT_LIMIT,
-            f"do the chains agree? The worst is {worst['r_hat']['variable']}",
-            longer,
-            "r-hat",
-        ),
-        *(
-            Check(
-                f"{part} effective sample size",
-                worst[f"ess_{part}"]["value"],
-                f"above {ESS_LIMIT}",
-                worst[f"ess_{part}"]["value"] > ESS_LIMIT,
-                f"{question}? The worst is {worst[f'ess_{part}']['variable']}",
-                longer,
-                "effective-sample-size",
-            )
-            for part, question in sizes.items()
-        ),
-        Check(
-            "divergent transitions",
-            divergences,
-            "none",
-            divergences == 0,
-            "did the sampler meet a region that it could not follow? Then part of the posterior is missing",
-            "Raise sampler.target_accept towards 0.99, or give the standard deviations narrower priors.",
-            "divergences",
-        ),
-        Check(
-            "energy fraction of missing information",
-            bfmi,
-            f"above {BFMI_LIMIT}",
-            bfmi > BFMI_LIMIT,
-            "do the tails of the energy get explored?",
-            "Give heavy-tailed standard deviations a narrower prior, or raise sampler.warmup.",
-            "energy-fraction",
-        ),
-        Check(
-            "trajectories cut at the deepest tree",
-            saturated,
-            "none",
-            saturated == 0,
-            "were steps ended early, which costs efficiency and not truth?",
-            "Raise sampler.max_tree_depth.",
-            "tree-depth",
-        ),
+        Check.stated("r-hat", limit=R_HAT_LIMIT, **worst["r_hat"]),
+        Check.stated("effective-sample-size", limit=ESS_LIMIT, of="bulk", **worst["ess_bulk"]),
+        Check.stated("effective-sample-size", limit=ESS_LIMIT, of="tail", **worst["ess_tail"]),
+        Check.stated("divergences", int(statistics["diverging"].sum())),
+        Check.stated("energy-fraction", bfmi, BFMI_LIMIT),
+        Check.stated("tree-depth", saturated),
         *further,
     ]
     return {

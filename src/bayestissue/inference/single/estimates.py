@@ -168,18 +168,16 @@ def by_impact(
         )
         ends[name] = (low, high)
     flags, notes = flagged(dataset, signal, fit, found, "impact")
-    pareto_k = in_rows(posteriors.pareto_k, rows)
-    raised = {UNCORRECTED: (pareto_k > k_threshold(POINTS)) & ~fit.noiseless}
+    raised = {UNCORRECTED: (posteriors.pareto_k > k_threshold(POINTS)) & ~noiseless}
     for name, alone, among in (("K", K_UNTOLD, K_MOSTLY_UNTOLD), ("C", C_UNTOLD, C_MOSTLY_UNTOLD)):
         # The few of a trial that come out above the threshold are those that erred upwards.
         share = prepared.impacts.assign(untold=untold[name]).groupby("trial")["untold"].transform("mean")
-        most = share.to_numpy() > 0.5
-        raised |= {alone: in_rows(untold[name], rows) > 0, among: in_rows(most & ~untold[name], rows) > 0}
-    for row, *up in zip(flags, *raised.values(), strict=True):
-        row.extend(flag for flag, is_raised in zip(raised, up, strict=True) if is_raised)
+        raised |= {alone: untold[name], among: (share.to_numpy() > 0.5) & ~untold[name]}
+    for row, *up in zip(np.flatnonzero(rows), *raised.values(), strict=True):
+        flags[row].extend(flag for flag, is_raised in zip(raised, up, strict=True) if is_raised)
     table = table_of(dataset, signal, fit, ends, flags, notes)
     last = table.pop("notes")
-    noise = in_rows(posteriors.sigma.median, rows)
+    noise, pareto_k = (in_rows(column, rows) for column in (posteriors.sigma.median, posteriors.pareto_k))
     return table.assign(noise_sd_m_s2=noise, pareto_k=pareto_k, notes=last), posteriors
 
 

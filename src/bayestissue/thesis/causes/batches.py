@@ -19,9 +19,9 @@ from jaxtyping import Float, Int
 
 from bayestissue.inference.execution.chunks import Progress, silent
 from bayestissue.inference.execution.workers import computed
-from bayestissue.inference.points.conditional import fit_conditional
 from bayestissue.inference.points.estimates import default_options
 from bayestissue.inference.points.fit import PointFit, fit_points
+from bayestissue.inference.points.profile import fit_conditional
 from bayestissue.likelihood.transforms import SineTransforms
 from bayestissue.oscillator import from_differences, spring_damper
 from bayestissue.results import whole_file

@@ -189,7 +189,9 @@ def leave_one_out(
         return log_density_of_cells(data.design, covariances, sums)
 
     slopes = jax.grad(density)(_sums(data, rows))
-    moved, squares = slopes.shift[:, data.design.cell], -2 * slopes.precision[..., data.design.cell]
+    # The density reads one half of each precision alone.
+    squares = -(slopes.precision + slopes.precision.swapaxes(0, 1))[..., data.design.cell]
+    moved = slopes.shift[:, data.design.cell]
     residual = rows.centre - expected(data.design, data.location_mean) - moved
     row_covariance = rows.covariance
     turned = small.product(row_covariance, small.inverse(row_covariance - squares + moved[:, None] * moved))
