@@ -14,10 +14,11 @@ from typing import Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import numpyro
 import numpyro.distributions as dist
 from jax import Array
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from numpyro.distributions import biject_to
 
 from bayestissue.elements import element as element_named
@@ -35,6 +36,7 @@ from bayestissue.hierarchy.warp import SinhArcsinh
 from bayestissue.likelihood.arma.displacement import DisplacementRecord, MeasuredDisplacement
 from bayestissue.likelihood.element.impact import MeasuredImpact, NoiseParameters
 from bayestissue.likelihood.element.record import DecelerationRecord
+from bayestissue.padding import padded_rows
 
 Kind = Literal["arma", "a2", "impact"]
 NUISANCE: dict[str, tuple[str, ...]] = {
@@ -69,6 +71,17 @@ class TraceData(NamedTuple):
     location_mean: Float[Array, " location"]
     log_mass: Float[Array, " impact"]
     log_peak: Float[Array, " impact"]
+
+    def impacts(self, rows: Int[np.ndarray, " row"]) -> TraceData:
+        """Of some impacts, the population's design included as far as it says X b of each."""
+        design = self.design and self.design._replace(cell=np.asarray(self.design.cell)[rows])
+        per_impact = (np.asarray(values)[rows] for values in (self.log_mass, self.log_peak))
+        return TraceData(self.record.impacts(rows), design, self.location_mean, *per_impact)
+
+    def padded(self) -> TraceData:
+        """As many impacts and samples as a `bucket` holds, whose numbers are to be cut off results again."""
+        data = self.impacts(padded_rows(len(self.log_mass)))
+        return data._replace(record=data.record.padded())
 
 
 class Hyperparameters:

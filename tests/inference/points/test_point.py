@@ -208,9 +208,9 @@ def test_impacts_of_different_length_do_not_see_each_other() -> None:
 
 def test_many_impacts_compile_once() -> None:
     x = driven(600, -0.3, 1e-8)
-    before = _fit_batch.jitted._cache_size()
+    before = _fit_batch._cache_size()
     fit_points(x, np.full(600, x.shape[1]), np.full(600, DT), np.full(600, 0.666))
-    assert _fit_batch.jitted._cache_size() - before <= 1
+    assert _fit_batch._cache_size() - before <= 1
 
 
 def test_residuals_of_the_true_model_are_white_five_times_in_a_hundred() -> None:

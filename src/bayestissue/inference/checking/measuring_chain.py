@@ -34,11 +34,12 @@ from bayestissue.hierarchy.traces import TraceData, TraceModel, trace_distributi
 from bayestissue.inference.checking import incredible
 from bayestissue.inference.checking.incredible import Groups, Pattern
 from bayestissue.inference.checking.model_form import LIMIT, judged_at
-from bayestissue.inference.execution.compiling import compiled_quickly
+from bayestissue.inference.execution.compiling import by_row
 from bayestissue.inference.execution.kept import some_impacts, some_of
 from bayestissue.inference.factors.sites import laplace_sites, weak_prior
 from bayestissue.inference.posterior.approximate import expanded, first_guess, rows_of
 from bayestissue.outline import first_of
+from bayestissue.padding import padded_impacts
 
 AMPLITUDE, OFFSET, CONTACT = "velocity and gain", "offset", "contact"
 # Errors that are judged; contact, whose error is not normal, can only turn out to explain what they show.
@@ -186,7 +187,7 @@ def freed(prepared: Prepared, name: str, expansions: GaussianFactor | None = Non
     z = np.random.default_rng(0).standard_normal((_DRAWS, *centre.shape))
     u = centre + np.einsum("iab,dib->dia", root, z)
     keys = jax.random.split(jax.random.PRNGKey(0), _DRAWS)
-    errors = sign * np.asarray(_errors(prepared.model, data, jnp.asarray(u), keys))[..., column]
+    errors = sign * _errors(prepared.model, data.padded(), padded_impacts(u, 1), keys)[:, : len(unit), column]
     # Where velocity and K do nearly the same to a trace the normal that is drawn from is wide, and one draw
     # may lie where no impact is: its error is none, or thousands of times the others'.
     drawn = np.ma.masked_invalid(errors)
@@ -228,16 +229,12 @@ def _shifted(prepared: Prepared, data: TraceData, name: str, error: np.ndarray) 
     return data._replace(record=record._replace(velocity=jnp.asarray(prepared.signal.velocity + error)))
 
 
-@compiled_quickly()
+@by_row(_DRAWS, constant=2)
 def _errors(
-    model: TraceModel, data: TraceData, u: Float[Array, "draw impact parameter"], keys: Array
-) -> Float[Array, "draw impact error"]:
+    model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"], key: Array
+) -> Float[Array, "impact error"]:
     """Draws of the chain's errors given the traces, of each draw of the impacts' parameters."""
-
-    def one(draw: tuple[Array, Array]) -> Array:
-        return trace_distribution(model, data, list(draw[0].T)).draw_errors(draw[1])
-
-    return jax.lax.map(one, (u, keys))
+    return trace_distribution(model, data, list(u.T)).draw_errors(key)
 
 
 def _account(

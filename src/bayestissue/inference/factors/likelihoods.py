@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 from bayestissue.hierarchy.traces import TraceData, TraceModel, log_likelihood
 from bayestissue.inference.execution.compiling import by_row
+from bayestissue.padding import padded_impacts
 
 # Points of one call.
 POINTS = 64
@@ -25,7 +26,8 @@ def log_likelihoods(
 
     Minus infinity where there is none.
     """
-    density = densities_at(model, data, u)
+    padded = data.padded()._replace(design=None)  # type: ignore[arg-type]
+    density = densities_at(model, padded, padded_impacts(u, 1))[:, : u.shape[1]]
     return np.where(np.isfinite(density), density, -np.inf)
 
 

@@ -22,6 +22,7 @@ from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.points.whiteness import projected_portmanteau
 from bayestissue.likelihood.arma.displacement import MeasuredDisplacement
 from bayestissue.likelihood.element.impact import MeasuredImpact
+from bayestissue.padding import padded_impacts
 
 
 def noise_p(
@@ -34,11 +35,12 @@ def noise_p(
         data: the traces.
         u: a point of each impact's posterior.
     """
-    left, fitted, size = (np.asarray(part) for part in _left(model, data, jnp.asarray(u)))
+    parts = _left(model, data.padded(), padded_impacts(u))
+    left, fitted, size = (np.asarray(part)[: len(u)] for part in parts)
     return projected_portmanteau(left, fitted, size)
 
 
-@compiled_quickly()
+@compiled_quickly
 def _left(
     model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]
 ) -> tuple[Float[Array, "impact shock"], Float[Array, "impact parameter shock"], Int[Array, " impact"]]:

@@ -25,6 +25,7 @@ from bayestissue.inference.posterior.approximate import Approximation
 from bayestissue.inference.posterior.scores import LikelihoodApproximation, of_draws
 from bayestissue.inference.quantities.elements import element_quantities, measured_of
 from bayestissue.inference.samplers.sampling import ConstrainedDraws, Draws
+from bayestissue.padding import padded_impacts
 
 # Draws of one call.
 DRAWS = 256
@@ -69,9 +70,11 @@ def constrained_draws(
         shared = people if model.mass_error == "subject" else of_mass
         # Of the design X b of these impacts is asked alone.
         part = part._replace(design=design._replace(cell=cell[rows]))
-        impacts_by_name = constrained_impacts(
-            model, part, kept_population.sites, kept_population.b, here.mean, u, shared, of_errors
+        population_here = (kept_population.sites, kept_population.b)
+        padded = constrained_impacts(
+            model, part.padded(), *population_here, *padded_impacts((here.mean, u), 1), shared, of_errors
         )
+        impacts_by_name = {name: values[:, : len(rows)] for name, values in padded.items()}
         if len(kept_numbers) < shape[1]:
             # Seven digits of a draw are more than it knows, and half the memory.
             impacts_by_name = {name: values.astype(np.float32) for name, values in impacts_by_name.items()}

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jaxtyping import Bool, Float
@@ -29,6 +28,7 @@ from bayestissue.inference.results.predictions import replicates
 from bayestissue.likelihood.element.impact import MeasuredImpact
 from bayestissue.likelihood.element.record import DecelerationRecord
 from bayestissue.likelihood.element.response import response
+from bayestissue.padding import padded_impacts
 from bayestissue.signal.displacement import FEWEST_SAMPLES
 
 NOISE, ELEMENT = "noise", "element"
@@ -94,7 +94,10 @@ def trace_errors(
 def as_expected(prepared: Prepared, u: Float[np.ndarray, "impact parameter"]) -> TraceData:
     """The data with each trace as its model has it at ``u``, without noise and errors; all errors normal."""
     if isinstance(prepared.data.record, DecelerationRecord):
-        record = _of_element(prepared.model, prepared.data, jnp.asarray(u))
+        record, parts = prepared.data.record, prepared.data.padded()
+        first_time, d = _of_element(prepared.model, parts, padded_impacts(u))
+        impacts, samples = record.d.shape
+        record = record.at_contact(first_time[:impacts])._replace(d=d[:impacts, :samples])
         # Only a known contact has an error that can be made normal.
         return with_normal_errors(prepared.data._replace(record=record))
     data = with_normal_errors(prepared.data)
@@ -104,19 +107,18 @@ def as_expected(prepared: Prepared, u: Float[np.ndarray, "impact parameter"]) ->
         prepared.model, data._replace(record=bare), quiet[None], jax.random.PRNGKey(0)[None]
     )
     trace = np.nan_to_num(np.asarray(replicated["displacement"][0]))
-    record = data.record.with_traces(trace, np.asarray(data.record.n_samples))
-    return data._replace(record=record)
+    return data._replace(record=data.record.with_traces(trace, np.asarray(data.record.n_samples)))
 
 
-@compiled_quickly()
+@compiled_quickly
 def _of_element(
     model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]
-) -> DecelerationRecord:
-    """The record with contact where the traces have it, and what the element does from then on as traces."""
+) -> tuple[Float[Array, " impact"], Float[Array, "impact sample"]]:
+    """From contact, where the traces have it, to the first sample, and what the element does from then on."""
     distribution = trace_distribution(model, data, [u[:, a] for a in range(u.shape[1])])
     assert isinstance(distribution, MeasuredImpact)  # noqa: S101 - so is every element's
     known = distribution.record.at_contact(distribution.mean_first_time())
-    return known._replace(d=response(distribution.element, distribution.parameters, known).d)
+    return known.first_time, response(distribution.element, distribution.parameters, known).d
 
 
 def _named(prepared: Prepared, names: tuple[str, ...]) -> Bool[np.ndarray, " parameter"]:

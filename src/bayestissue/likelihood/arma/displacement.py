@@ -33,7 +33,7 @@ from bayestissue.likelihood.linear_errors import (
 from bayestissue.likelihood.quadratic import eigenvalues, log_determinant, sums_over_frequencies
 from bayestissue.likelihood.transforms import FILLED, transformed
 from bayestissue.oscillator import to_differences
-from bayestissue.padding import bucket
+from bayestissue.padding import bucket, padded_zeros
 
 Noise = Literal["arma", "a2"]
 
@@ -94,6 +94,10 @@ class DisplacementRecord(NamedTuple):
         others: Any = {"columns": None, "spread": None}
         chosen = jax.tree.map(lambda part: np.asarray(part)[rows], self._replace(**others))
         return chosen._replace(columns=blocks[0], spread=blocks[1])
+
+    def padded(self) -> DisplacementRecord:
+        """With as many samples, 0 past a row's end, as a `bucket` holds; so are the frequencies already."""
+        return self._replace(x=padded_zeros(self.x, 1))
 
     def with_normal_errors(self) -> DisplacementRecord:
         """The record itself, whose errors are normal."""
