@@ -30,7 +30,7 @@ def padded_impacts(values: Any, axis: int = 0) -> Any:
 
     An axis of one, which broadcasts, stays so.
     """
-    return jax.tree.map(lambda leaf: np.take(leaf, padded_rows(np.shape(leaf)[axis]), axis), values)
+    return jax.tree.map(lambda leaf: np.asarray(leaf).take(padded_rows(leaf.shape[axis]), axis), values)
 
 
 def padded_zeros(values: Any, axis: int = 0) -> Any:

@@ -117,7 +117,7 @@ def test_fewer_people_and_impacts_left_out_have_the_same_shapes(
     shapes = set()
     for each in (whole, campaign(tmp_path, 9, 2, 0.002, masses), part):
         prepared = prepare(each, specification, source="model")
-        data = prepared.data.padded()
+        data = prepared.data.padded
         sizes = tuple(np.shape(leaf) for leaf in jax.tree.leaves(data))
         shapes.add((jax.tree.structure((prepared.model, data)), sizes))
     assert len(shapes) == 1
@@ -166,7 +166,7 @@ def test_the_exact_path_leaves_out_what_was_added(
     prepared = prepare(dataset, specification, source="model")
     model, data, sites = prepared.model, prepared.data, sites_of(prepared)
     number, size = sites.centre.shape
-    more = data.padded(), padded_zeros(sites)
+    more = data.padded, padded_zeros(sites)
     present = np.arange(len(more[1].centre)) < number
     rng = np.random.default_rng(5)
     z_u = np.zeros((len(present), size))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -52,7 +53,7 @@ def in_blocks(data: TraceData, function: OfBlock, *, progress: Progress = silent
     blocks = -(-count // BLOCK)
     size = -(-count // blocks)
     # The design stays behind: what is done block by block is told X b.
-    data = data._replace(design=None)  # type: ignore[arg-type]
+    data = replace(data, design=None)  # type: ignore[arg-type]
     if blocks == 1 and cluster() is None:
         return jax.tree.map(np.asarray, function(data, np.arange(count)))
     rows = [np.minimum(np.arange(number * size, (number + 1) * size), count - 1) for number in range(blocks)]

@@ -55,7 +55,7 @@ def by_row(
                 places = np.minimum(np.arange(size), number - 1)
                 rows_of_call = jax.tree.map(lambda leaf: leaf[places], rows)
                 results = first(*arguments[:constant], *rows_of_call, number)
-                return jax.tree.map(lambda leaf: leaf[:number], results)
+                return jax.tree.map(lambda leaf: np.asarray(leaf)[:number], results)
 
             return in_parts(of_rows, arguments[constant:], size)
 

@@ -48,7 +48,7 @@ def some_of(prepared: Prepared, rows: Int[np.ndarray, " row"]) -> Prepared:
             return [value[row] for row in rows]
         return value[rows] if len(value) == count else value
 
-    data = prepared.data.impacts(rows)._replace(design=prepared.data.design.subset(rows))
+    data = replace(prepared.data.impacts(rows), design=prepared.data.design.subset(rows))
     data = jax.tree.map(jnp.asarray, data)
     return replace(
         prepared,

@@ -7,6 +7,8 @@ on whole arrays, which needs no compiler.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from jax import Array
 from jaxtyping import Float
@@ -26,8 +28,8 @@ def log_likelihoods(
 
     Minus infinity where there is none.
     """
-    padded = data.padded()._replace(design=None)  # type: ignore[arg-type]
-    density = densities_at(model, padded, padded_impacts(u, 1))[:, : u.shape[1]]
+    traces = replace(data.padded, design=None)  # type: ignore[arg-type]
+    density = densities_at(model, traces, padded_impacts(u, 1))[:, : u.shape[1]]
     return np.where(np.isfinite(density), density, -np.inf)
 
 

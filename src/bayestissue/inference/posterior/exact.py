@@ -35,7 +35,7 @@ def exact_draws(
         sampled_model,
         (
             prepared.model,
-            prepared.data.padded(),
+            prepared.data.padded,
             padded_zeros(approximation.sites),
             approximation.coordinates.warp,
             present,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +13,7 @@ from jaxtyping import Float
 from numpyro.infer import Predictive
 
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import TraceData, TraceModel, impacts_model, physical, trace_distribution
+from bayestissue.hierarchy.traces import TraceData, TraceModel, impacts_model, physical, trace_likelihood
 from bayestissue.inference.execution.compiling import by_row, compiled_quickly
 from bayestissue.inference.execution.kept import some_impacts
 from bayestissue.inference.samplers.sampling import ConstrainedDraws, thinned
@@ -61,7 +62,7 @@ def replicates(
     That is the deceleration; of a likelihood of displacements these, and the decelerations that follow.
     """
     impacts, samples = data.record.traces.shape
-    replicated = _replicates(model, data.padded()._replace(design=None), padded_impacts(u, 1), keys)  # type: ignore[arg-type]
+    replicated = _replicates(model, replace(data.padded, design=None), padded_impacts(u, 1), keys)  # type: ignore[arg-type]
     return {name: values[:, :impacts, :samples] for name, values in replicated.items()}
 
 
@@ -70,7 +71,7 @@ def _replicates(
     model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"], key: Array
 ) -> dict[str, Float[Array, "impact sample"]]:
     """What is compiled of `replicates`."""
-    replicate = trace_distribution(model, data, list(u.T)).replicate(key)
+    replicate = trace_likelihood(model, data, list(u.T)).replicate(key)
     # Else the noise is made anew for every part of the row that is written: three times as long.
     return jax.lax.optimization_barrier(replicate)
 
@@ -87,7 +88,7 @@ def prior_draws(
     The last are the natural frequency and damping ratio, where the element is spring and damper side by side.
     """
     count = len(data.log_mass)
-    drawn, u, ratios = jax.device_get(_prior_draws(model, data.padded(), key))
+    drawn, u, ratios = jax.device_get(_prior_draws(model, data.padded, key))
     return drawn, u[:, :count], {name: values[:, :count] for name, values in ratios.items()}
 
 

@@ -25,8 +25,8 @@ from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import (
     TraceData,
     TraceModel,
+    impact_likelihood,
     physical,
-    trace_distribution,
     with_normal_errors,
 )
 from bayestissue.inference.execution.chunks import map_impacts
@@ -37,7 +37,6 @@ from bayestissue.inference.factors.noise_left import noise_p
 from bayestissue.inference.factors.sites import laplace_sites
 from bayestissue.inference.posterior.approximate import first_guess
 from bayestissue.inference.samplers.psis import k_threshold, pareto_smoothed
-from bayestissue.likelihood.arma.displacement import MeasuredDisplacement
 from bayestissue.padding import padded_impacts
 
 POINTS = 1024
@@ -308,7 +307,7 @@ def _residuals(
 ) -> Float[np.ndarray, "impact sample"]:
     """Residuals, of errors of the chain that are a draw given the trace."""
     impacts, samples = data.record.traces.shape
-    return np.asarray(_padded_residuals(model, data.padded(), padded_impacts(u)))[:impacts, :samples]
+    return np.asarray(_padded_residuals(model, data.padded, padded_impacts(u)))[:impacts, :samples]
 
 
 @compiled_quickly
@@ -316,8 +315,6 @@ def _padded_residuals(
     model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]
 ) -> Float[Array, "impact sample"]:
     """What is compiled of `_residuals`."""
-    event = trace_distribution(model, data, list(u.T))
     key = jax.random.PRNGKey(0)
-    assert not isinstance(event, MeasuredDisplacement)  # noqa: S101 - recorded decelerations alone
-    event = event.with_contact_found(key)
+    event = impact_likelihood(model, data, list(u.T)).with_contact_found(key)
     return event.residuals(event.draw_errors(key))
