@@ -84,7 +84,7 @@ def with_traces(prepared: Prepared, traces: np.ndarray) -> Prepared:
         motion = {"x": traces}
     noise = np.exp(np.asarray(prepared.data.log_peak) + prepared.model.priors.noise.mean)
     signal = replace(signal, **motion, n_samples=n_samples, first_sample_s=first, noise_sd=noise)
-    return replace(prepared, data=prepared.data._replace(record=made), signal=signal)
+    return replace(prepared, data=replace(prepared.data, record=made), signal=signal)
 
 
 def blank(kind: str, people: Mapping[str, Sequence[str]] = MappingProxyType({}), **design: Any) -> Prepared:

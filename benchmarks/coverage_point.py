@@ -31,7 +31,7 @@ from bayestissue import runtime
 from bayestissue.inference.points.estimates import in_rows, interval
 from bayestissue.inference.points.fit import PointFit, fit_points
 from bayestissue.inference.single.estimates import estimate
-from bayestissue.likelihood import ARMA21
+from bayestissue.likelihood.arma.arma21 import arma21_series
 from bayestissue.oscillator import impact_motion, spring_damper_inverse, time_to_peak, to_differences
 from bayestissue.signal import displacements
 from bayestissue.signal.displacement import FEWEST_SAMPLES
@@ -65,9 +65,9 @@ def shocks_as_assumed(sigma: float | None, impacts: int = MANY, seed: int = 0) -
     motion = impact_motion(DT * np.arange(n.max()), omega_n[:, None], zeta[:, None], velocity[:, None])
     if sigma is None:
         sigma = 0.005 * motion.deceleration.max(1) * DT**2
-    options = {"first": motion.displacement[:, :2], "n_samples": n, "width": int(n.max())}
-    event = ARMA21(*to_differences(omega_n, zeta, DT), sigma, **options)
-    x = np.asarray(event.sample(jax.random.key(seed)))
+    shocks = sigma * jax.random.normal(jax.random.key(seed), (int(n.max()) + 1, impacts))
+    x = arma21_series(motion.displacement[:, :2], shocks[2:], *to_differences(omega_n, zeta, DT))
+    x = np.where(np.arange(n.max()) < n[:, None], x, 0.0)
     return Case(fit_points(x, n, np.full(impacts, DT), mass), n, truth)
 
 

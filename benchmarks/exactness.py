@@ -119,7 +119,7 @@ def displacements() -> Row:
         one = (np.array([value]) for value in (SAMPLES, FIRST, DT))
         made = displacement_record(x[None], *one, sd[None])
         given = (jnp.array([value]) for value in (omega_dt / DT, zeta, theta1, log_sigma))
-        ours = float(MeasuredDisplacement(*given, made).log_prob(made.x)[0])
+        ours = float(MeasuredDisplacement(*given, made).log_density()[0])
         differences.append(abs(ours / normal(covariance, w) - 1))
     return "recorded displacements, ARMA(2,1)", "dense normal", max(differences), "of the log density"
 
@@ -173,7 +173,7 @@ def density(name: str) -> Callable[[jax.Array, DecelerationRecord], jax.Array]:
     @jax.jit
     def log_prob(parameters: jax.Array, record: DecelerationRecord) -> jax.Array:
         noise = NoiseParameters(jnp.log(jnp.full(len(MASS), NOISE)))
-        return MeasuredImpact(element(name), parameters, noise, record).log_prob(record.d)
+        return MeasuredImpact(element(name), parameters, noise, record).log_density()
 
     return log_prob
 

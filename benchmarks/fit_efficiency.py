@@ -40,7 +40,7 @@ from bayestissue.hierarchy.traces import (
     from_standard,
     population,
     sampled_model,
-    trace_distribution,
+    trace_likelihood,
 )
 from bayestissue.inference.posterior.approximate import Approximation, approximate
 from bayestissue.inference.posterior.constrained_draws import constrained_draws
@@ -288,7 +288,7 @@ def plain_start(bench: Bench, key: jax.Array) -> dict[str, jax.Array]:
     spread = population(model, sites)
     factor = cholesky_factor(sites["sd_impact_K"], sites["sd_impact_C"], sites["residual_correlation"])
     away = [u - mean for u, mean in zip(found.u, found.prior_mean, strict=True)]
-    errors = trace_distribution(model, data, found.u).draw_errors(key)
+    errors = trace_likelihood(model, data, found.u).draw_errors(key)
     return raw | {
         "standard_locations": (found.b - data.location_mean) / spread.locations,
         "standard_pair": jnp.linalg.solve(factor, jnp.stack(away[:2])).T,

@@ -3,10 +3,8 @@
     python benchmarks/trace_likelihood.py
 
 For each likelihood of traces: the log density of all 90 impacts at their point estimates, and it with its
-gradient by each impact's own parameters, errors of the measuring chain integrated out. Beside it the same
-density of a value that is not the recorded one, which goes another way, differentiated by JAX: displacements
-through a filter, decelerations through the motion sample by sample. The contenders take turns; least of many.
-The table goes to trace_likelihood.csv.
+gradient by each impact's own parameters, errors of the measuring chain integrated out; least of many. The
+table goes to trace_likelihood.csv.
 """
 
 from __future__ import annotations
@@ -24,7 +22,7 @@ from evidence import recorded
 from bayestissue.dataset import read_dataset
 from bayestissue.hierarchy.specification import read_specification
 from bayestissue.hierarchy.trace_data import KINDS, prepare
-from bayestissue.hierarchy.traces import Kind, trace_distribution
+from bayestissue.hierarchy.traces import Kind, trace_likelihood
 from bayestissue.inference.posterior.approximate import first_guess
 from bayestissue.runtime import configure
 
@@ -34,23 +32,16 @@ HERE = Path(__file__).resolve().parents[1]
 
 
 def calls(kind: Kind) -> dict[str, Callable[[], Any]]:
-    """Log density and gradient, recorded value and other value."""
+    """Log density, and it with its gradient."""
     specification = read_specification(HERE / "models" / f"{kind}.toml")
     prepared = prepare(read_dataset(HERE / "data" / "example"), specification, source=kind)
     model, data, u = prepared.model, prepared.data, list(jnp.asarray(first_guess(prepared)).T)
 
-    def recorded(u: list[jax.Array], data: Any) -> jax.Array:
-        return trace_distribution(model, data, u).log_prob(data.record.traces).sum()
+    def density(u: list[jax.Array], data: Any) -> jax.Array:
+        return trace_likelihood(model, data, u).log_density().sum()
 
-    def other(u: list[jax.Array], data: Any) -> jax.Array:
-        return trace_distribution(model, data, u).log_prob(data.record.traces + 0.0).sum()
-
-    made = {}
-    for name, density in (("recorded", recorded), ("other", other)):
-        value, both = jax.jit(density), jax.jit(jax.value_and_grad(density))
-        made[f"{name}, value"] = lambda value=value: value(u, data)
-        made[f"{name}, value and gradient"] = lambda both=both: both(u, data)
-    return made
+    value, both = jax.jit(density), jax.jit(jax.value_and_grad(density))
+    return {"value": lambda: value(u, data), "value and gradient": lambda: both(u, data)}
 
 
 def least(contenders: dict[str, Callable[[], Any]]) -> dict[str, float]:

@@ -16,7 +16,6 @@ from scipy.stats import multivariate_normal, norm
 from bayestissue.dataset.published import read_published
 from bayestissue.hierarchy.gaussian.arrangement import expected
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
-from bayestissue.padding import padded, sizes_of
 from bayestissue.thesis.reanalysis.model import (
     EstimatesModel,
     common_effects,
@@ -179,20 +178,6 @@ def test_a_trial_held_out_by_averaging_over_everything_it_shares(setting) -> Non
     weight = np.exp(np.asarray(given) - float(jnp.max(given)))
     error = weight.std() / weight.mean() / np.sqrt(len(weight))
     assert abs(float(ratio) - (logsumexp(given) - np.log(len(given)))) < 4 * error
-
-
-def test_rows_that_only_fill_up_say_nothing(setting) -> None:
-    """Trajectories are of data that are filled up: a row counted twice would be another posterior."""
-    _, _, model, data, sites = setting
-    more = padded(data, None, sizes_of((data,), (None,)))
-    assert len(more.value) > len(data.value)
-    z = jnp.asarray(np.random.default_rng(7).standard_normal(model.locations.size))
-    found, wanted = (drawn_effects(model, each, sites, z) for each in (more, data))
-    assert_allclose(evidence(model, more, sites), evidence(model, data, sites), rtol=1e-12)
-    # Sums of some hundred terms.
-    assert_allclose(found.log_density, wanted.log_density, rtol=1e-12)
-    assert_allclose(found.log_ratio, wanted.log_ratio, rtol=1e-12)
-    assert_allclose(found.b, wanted.b, rtol=1e-10, atol=1e-12)
 
 
 def test_a_formula_s_missing_terms_change_nothing(setting) -> None:

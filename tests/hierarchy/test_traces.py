@@ -28,7 +28,6 @@ from bayestissue.hierarchy.traces import (
     physical,
     plain_model,
     sampled_model,
-    trace_distribution,
 )
 from bayestissue.hierarchy.warp import SinhArcsinh
 from bayestissue.likelihood.arma.displacement import displacement_record
@@ -203,18 +202,14 @@ def test_parameters_become_those_of_the_likelihood_and_back(kind: Kind) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_likelihood_is_one_event_an_impact(kind: Kind) -> None:
+def test_an_impact_s_likelihood_is_its_own_trace_s_alone(kind: Kind) -> None:
     model, data, summaries = made(kind)
-    u = [summaries.centre[:, a] for a in range(summaries.centre.shape[1])]
-
-    @jax.jit
-    def both(u: list[jax.Array]) -> tuple[jax.Array, jax.Array]:
-        distribution = trace_distribution(model, data, u)
-        assert distribution.batch_shape == (NUMBER,)
-        assert distribution.event_shape == (SAMPLES,)
-        return log_likelihood(model, data, u), distribution.log_prob(data.record.traces + 0.0)
-
-    assert_allclose(*both(u), rtol=1e-8)
+    u, density = summaries.centre, jax.jit(log_likelihood)
+    together = density(model, data, list(u.T))
+    assert together.shape == (NUMBER,)
+    row = np.array([1])
+    alone = density(model, data.impacts(row), list(u[row].T))
+    assert_allclose(alone, together[row], rtol=1e-10)
 
 
 def test_spreads_are_the_groups_the_impacts_and_the_nuisance() -> None:

@@ -154,7 +154,7 @@ def test_the_density_where_contact_is_known_is_that_of_the_whole_covariance(log_
     def asked(given):
         event = MeasuredImpact(TISSUE, PARAMETERS, NoiseParameters(jnp.array([np.log(SIGMA)]), beside), given)
         found = response(TISSUE, PARAMETERS, given)
-        return event.log_prob(given.d), found.d, jnp.stack(columns(found, given))
+        return event.log_density(), found.d, jnp.stack(columns(found, given))
 
     density, d, each = (np.asarray(part) for part in asked(given))
     covariance = SIGMA**2 * whole(SLOW, white, samples)
@@ -187,7 +187,7 @@ def with_contact_open(
 def of_trace(given: DecelerationRecord, beside: jax.Array | None = None) -> tuple[jax.Array, jax.Array]:
     noise = NoiseParameters(jnp.array([np.log(SIGMA)]), beside)
     event = MeasuredImpact(TISSUE, PARAMETERS, noise, given)
-    return event.log_prob(given.d), event.mean_first_time()
+    return event.log_density(), event.mean_first_time()
 
 
 def test_the_density_is_that_over_all_moments_of_contact():

@@ -51,7 +51,7 @@ def response(name: str, time: np.ndarray, velocity: np.ndarray) -> np.ndarray:
 def _log_prob(
     which: Element, parameters: jax.Array, noise: NoiseParameters, record: DecelerationRecord
 ) -> jax.Array:
-    return MeasuredImpact(which, parameters, noise, record).log_prob(record.d)
+    return MeasuredImpact(which, parameters, noise, record).log_density()
 
 
 def log_prob(given: MeasuredImpact) -> np.ndarray:

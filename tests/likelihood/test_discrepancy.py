@@ -53,7 +53,7 @@ def measured(name: str, log_s: jax.Array | None = LOG_S, *, uniform: bool = Fals
 def _log_prob(
     which: Element, parameters: jax.Array, noise: NoiseParameters, record: DecelerationRecord
 ) -> jax.Array:
-    return MeasuredImpact(which, parameters, noise, record).log_prob(record.d)
+    return MeasuredImpact(which, parameters, noise, record).log_density()
 
 
 @partial(jax.jit, static_argnums=0)
@@ -133,24 +133,23 @@ def test_no_amplitude_is_no_discrepancy() -> None:
     # The slopes of an element's own motion are tested with the elements.
     ["kelvin_voigt", pytest.param("stiffening", marks=pytest.mark.long)],
 )
-def test_slopes_agree_with_differences_and_with_the_path_through_any_value(name: str) -> None:
+def test_slopes_agree_with_differences(name: str) -> None:
     given = measured(name, uniform=True)
     which, traces = given.element, given.record
 
     @jax.jit
     @partial(jax.value_and_grad, has_aux=True)
-    def both(logs: jax.Array) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
+    def both(logs: jax.Array) -> tuple[jax.Array, jax.Array]:
         noise = NoiseParameters(logs[-2], logs[-1])
         made = MeasuredImpact(which, jnp.exp(logs[:-2]), noise, traces)
-        found = made.log_prob(traces.d)
-        return found.sum(), (found, made.log_prob(traces.d + 0.0))
+        found = made.log_density()
+        return found.sum(), found
 
     logs = jnp.concatenate([jnp.log(given.parameters), LOG_SIGMA[None], LOG_S[None]])
-    (_, found), slopes = both(logs)
-    np.testing.assert_allclose(*found, rtol=1e-12)
+    _, slopes = both(logs)
     step = 1e-5
     for k in range(len(logs)):
-        ahead, behind = (both(logs.at[k].add(side * step))[0][1][0] for side in (1, -1))
+        ahead, behind = (both(logs.at[k].add(side * step))[0][1] for side in (1, -1))
         difference = (ahead - behind) / (2 * step)
         # Densities of about 100 are good to 1e-12, their differences over 2e-5 to 1e-5.
         np.testing.assert_allclose(slopes[k], difference, rtol=1e-5, atol=5e-5)

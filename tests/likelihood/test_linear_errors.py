@@ -10,7 +10,6 @@ from scipy.stats import multivariate_normal
 from bayestissue.likelihood.linear_errors import (
     Products,
     draw_errors,
-    gram,
     marginal_log_likelihood,
     prior_errors,
 )
@@ -25,9 +24,9 @@ ERROR_SD = np.array([[0.7, 1.2, 0.3], [0.0, 0.5, 0.0], [0.0, 0.0, 0.0]])
 
 
 def products() -> Products:
-    parts = (jnp.asarray(RESIDUAL), *map(jnp.asarray, COLUMNS))
-    logs = -jnp.log(jnp.asarray(WEIGHT)).sum(1)
-    return Products(gram(parts, jnp.asarray(WEIGHT)), logs, jnp.full(IMPACTS, float(COUNT)))
+    parts = np.stack([RESIDUAL, *COLUMNS])
+    gram = jnp.asarray(np.einsum("aik,bik,ik->abi", parts, parts, WEIGHT))
+    return Products(gram, -jnp.log(jnp.asarray(WEIGHT)).sum(1), jnp.full(IMPACTS, float(COUNT)))
 
 
 def dense(i: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

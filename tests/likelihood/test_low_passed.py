@@ -177,7 +177,7 @@ def test_the_density_is_that_over_all_moments_of_contact(recorder):
     def asked(given: DecelerationRecord) -> tuple[jax.Array, jax.Array]:
         noise = NoiseParameters(jnp.array([np.log(sigma)]))
         event = MeasuredImpact(TISSUE, PARAMETERS, noise, given)
-        return event.log_prob(given.d), event.mean_first_time()
+        return event.log_density(), event.mean_first_time()
 
     density, first = asked(given)
     moments = (np.arange(2000) + 0.5) / 2000 * reach * DT - lead * DT

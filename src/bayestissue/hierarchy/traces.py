@@ -8,16 +8,17 @@ coordinates made for sampling: b and every impact's parameters are affine maps o
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import partial
-from typing import Literal, NamedTuple
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Literal, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import numpyro
 import numpyro.distributions as dist
 from jax import Array
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from numpyro.distributions import biject_to
 
 from bayestissue.elements import element as element_named
@@ -35,6 +36,7 @@ from bayestissue.hierarchy.warp import SinhArcsinh
 from bayestissue.likelihood.arma.displacement import DisplacementRecord, MeasuredDisplacement
 from bayestissue.likelihood.element.impact import MeasuredImpact, NoiseParameters
 from bayestissue.likelihood.element.record import DecelerationRecord
+from bayestissue.padding import padded_rows
 
 Kind = Literal["arma", "a2", "impact"]
 NUISANCE: dict[str, tuple[str, ...]] = {
@@ -52,7 +54,9 @@ _SHAPE_OF_MODEL = [
 ]
 
 
-class TraceData(NamedTuple):
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class TraceData:
     """What the model reads of a dataset, all of it arrays.
 
     Attributes:
@@ -69,6 +73,19 @@ class TraceData(NamedTuple):
     location_mean: Float[Array, " location"]
     log_mass: Float[Array, " impact"]
     log_peak: Float[Array, " impact"]
+
+    def impacts(self, rows: Int[np.ndarray, " row"]) -> TraceData:
+        """Of some impacts, the population's design included as far as it says X b of each."""
+        design = self.design and self.design._replace(cell=np.asarray(self.design.cell)[rows])
+        per_impact = (np.asarray(values)[rows] for values in (self.log_mass, self.log_peak))
+        return TraceData(self.record.impacts(rows), design, self.location_mean, *per_impact)
+
+    @cached_property
+    def padded(self) -> TraceData:
+        """As many impacts and samples as a `bucket` holds, whose numbers are to be cut off results again."""
+        data = self.impacts(padded_rows(len(self.log_mass)))
+        on_device: TraceData = jax.device_put(replace(data, record=data.record.padded()))
+        return on_device
 
 
 class Hyperparameters:
@@ -195,29 +212,33 @@ def nuisance_of(
     return (*NUISANCE[kind], *element_logs, *last)
 
 
-def trace_distribution(
+def trace_likelihood(
     model: TraceModel, data: TraceData, u: list[Array]
 ) -> MeasuredDisplacement | MeasuredImpact:
-    """The distribution of every impact's trace."""
-    at = physical(model, data, u)
-    if isinstance(data.record, DecelerationRecord):
-        noise = NoiseParameters(
-            at.log_sigma,
-            u[-1] + data.log_peak if model.discrepancy else None,
-            u[-1] if model.autoregressive else None,
-        )
-        return MeasuredImpact(element_named(model.element), element_parameters(model, u), noise, data.record)
-    return MeasuredDisplacement(at.omega_n, at.zeta, at.theta1, at.log_sigma, data.record)
+    """The likelihood of every impact's trace."""
+    if model.kind == "impact":
+        return impact_likelihood(model, data, u)
+    at, record = physical(model, data, u), cast(DisplacementRecord, data.record)
+    return MeasuredDisplacement(at.omega_n, at.zeta, at.theta1, at.log_sigma, record)
+
+
+def impact_likelihood(model: TraceModel, data: TraceData, u: list[Array]) -> MeasuredImpact:
+    """The likelihood of every impact's trace, of recorded decelerations."""
+    log_discrepancy = u[-1] + data.log_peak if model.discrepancy else None
+    atanh_correlation = u[-1] if model.autoregressive else None
+    noise = NoiseParameters(physical(model, data, u).log_sigma, log_discrepancy, atanh_correlation)
+    record = cast(DecelerationRecord, data.record)
+    return MeasuredImpact(element_named(model.element), element_parameters(model, u), noise, record)
 
 
 def log_likelihood(model: TraceModel, data: TraceData, u: list[Array]) -> Float[Array, " impact"]:
     """Log density of each trace given its own parameters, the chain's errors integrated out."""
-    return trace_distribution(model, data, u).log_prob(data.record.traces)
+    return trace_likelihood(model, data, u).log_density()
 
 
 def with_normal_errors(data: TraceData) -> TraceData:
     """The same traces, every error of the measuring chain taken as normal with its standard deviation."""
-    return data._replace(record=data.record.with_normal_errors())
+    return replace(data, record=data.record.with_normal_errors())
 
 
 def sample_hyperparameters(model: Hyperparameters) -> dict[str, Array]:
@@ -272,10 +293,11 @@ def population(model: TraceModel, sites: dict[str, Array]) -> Covariances:
 
 def plain_model(model: TraceModel, data: TraceData, *, conditioned: bool = True) -> None:
     """The model from the top down: standard deviations, b, each impact's parameters, its trace."""
-    u = impacts_model(model, data)
-    observed = data.record.traces if conditioned else None
-    with numpyro.plate("impact", data.log_mass.shape[0]):
-        numpyro.sample("trace", trace_distribution(model, data, u), obs=observed)
+    likelihood = trace_likelihood(model, data, impacts_model(model, data))
+    if conditioned:
+        numpyro.factor("trace", likelihood.log_density().sum())
+    else:
+        numpyro.deterministic("trace", likelihood.sample(numpyro.prng_key()))
 
 
 def impacts_model(model: TraceModel, data: TraceData) -> list[Array]:
@@ -330,7 +352,6 @@ def sampled_model(
     if present is not None:
         # Slopes of what is left out must be numbers too.
         u = [jnp.where(present, values, values[:1]) for values in u]
-    # No observed site: a mask hands on a copy of the traces, of which a displacement's has no transforms.
     of_traces = log_likelihood(model, data, u)
     numpyro.factor("traces", (of_traces if present is None else jnp.where(present, of_traces, 0.0)).sum())
 

@@ -39,19 +39,6 @@ class Products(NamedTuple):
     n_values: Float[Array, " impact"]
 
 
-def gram(parts: tuple[Array, ...], weight: Array) -> tuple[tuple[Array, ...], ...]:
-    """The sums of part a times part b times weight over the last axis, as rows of entries.
-
-    Args:
-        parts: residual and error columns, each [impact, value], 0 where a trace has no value.
-        weight: 1 over the eigenvalue of T that belongs to each value; broadcasts with the parts.
-    """
-    size = len(parts)
-    over = [part * weight for part in parts]
-    lower = [[(over[a] * parts[b]).sum(-1) for b in range(a + 1)] for a in range(size)]
-    return tuple(tuple(lower[max(a, b)][min(a, b)] for b in range(size)) for a in range(size))
-
-
 def marginal_log_likelihood(
     products: Products,
     log_sigma: Float[Array, " impact"],

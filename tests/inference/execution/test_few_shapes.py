@@ -20,19 +20,20 @@ from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import COORDINATES, gaussian, sampled_model
-from bayestissue.inference.execution.compiling import compiled_quickly, filled_up
+from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.factors.conditional import (
     DRAWS,
     PopulationDraws,
     population_draw,
     population_draws,
 )
-from bayestissue.inference.factors.likelihoods import POINTS, densities_at
+from bayestissue.inference.factors.likelihoods import POINTS, densities_at, log_likelihoods
 from bayestissue.inference.posterior.approximate import _value_and_slope, first_guess
 from bayestissue.inference.posterior.constrained_draws import constrained_draws, constrained_impacts
 from bayestissue.inference.posterior.recipe import corrected_draws
 from bayestissue.inference.samplers import independence
 from bayestissue.inference.samplers.coordinates import unwarped
+from bayestissue.padding import padded_zeros
 from bayestissue.simulation import simulate
 from bayestissue.simulation.specification import Simulation
 
@@ -116,7 +117,7 @@ def test_fewer_people_and_impacts_left_out_have_the_same_shapes(
     shapes = set()
     for each in (whole, campaign(tmp_path, 9, 2, 0.002, masses), part):
         prepared = prepare(each, specification, source="model")
-        (data,) = filled_up((prepared.data,))
+        data = prepared.data.padded
         sizes = tuple(np.shape(leaf) for leaf in jax.tree.leaves(data))
         shapes.add((jax.tree.structure((prepared.model, data)), sizes))
     assert len(shapes) == 1
@@ -136,7 +137,7 @@ def test_filling_up_changes_neither_densities_nor_slopes_nor_conditionals(
     y = np.random.default_rng(3).normal(size=len(model.hyperparameters)) - 1
     warp = unwarped(len(y))
     found = _value_and_slope(model, y, own, None, warp)
-    wanted = _value_and_slope.jitted(plain.model, y, other, None, warp)
+    wanted = _value_and_slope(plain.model, y, other, None, warp)
     for values in zip(found, wanted, strict=True):
         assert_allclose(*values, rtol=ROUNDING)
     raw = {name: np.full(DRAWS, value) for name, value in zip(model.hyperparameters, y, strict=True)}
@@ -154,7 +155,7 @@ def test_filling_up_changes_neither_densities_nor_slopes_nor_conditionals(
         # A person who is not there has the prior's mean.
         assert_allclose(b[:, count:], 0.0, atol=ROUNDING)
     u = np.asarray(sites.centre) + 0.1 * np.random.default_rng(4).normal(size=(POINTS, *sites.centre.shape))
-    found = densities_at(model, data, u)
+    found = log_likelihoods(model, data, u)
     assert found.shape == u.shape[:2]
     assert_allclose(found, densities_at.jitted(model, data, u, POINTS), rtol=ROUNDING)
 
@@ -165,7 +166,7 @@ def test_the_exact_path_leaves_out_what_was_added(
     prepared = prepare(dataset, specification, source="model")
     model, data, sites = prepared.model, prepared.data, sites_of(prepared)
     number, size = sites.centre.shape
-    more = tuple(filled_up((data, sites)))
+    more = data.padded, padded_zeros(sites)
     present = np.arange(len(more[1].centre)) < number
     rng = np.random.default_rng(5)
     z_u = np.zeros((len(present), size))
@@ -181,7 +182,7 @@ def test_the_exact_path_leaves_out_what_was_added(
     def potential(arguments, z_u):
         return potential_energy(sampled_model, arguments, {}, point | {"standard_impacts": z_u})
 
-    slopes = compiled_quickly()(jax.value_and_grad(potential, argnums=1)).jitted
+    slopes = compiled_quickly(jax.value_and_grad(potential, argnums=1))
     value, slope = slopes((model, *more, warp, present), z_u)
     wanted, of_those = slopes((model, data, sites, warp), z_u[:number])
     assert_allclose(value - np.sum(z_u[number:] ** 2 / 2 + np.log(2 * np.pi) / 2), wanted, rtol=ROUNDING)
@@ -204,8 +205,8 @@ def test_another_dataset_of_about_that_size_compiles_nothing(
         assert {each.shape[2] for each in found.impacts.values()} == {impacts}
         assert found.sites["subject_effect_K"].shape[2] == people
 
-    functions = [densities_at, population_draw, _value_and_slope, constrained_impacts]
-    compiled = [*(function.jitted for function in functions), independence.log_densities.jitted]
+    functions = [densities_at, population_draw, constrained_impacts, independence.log_densities]
+    compiled = [*(function.jitted for function in functions), _value_and_slope]
     fitted(dataset)
     sizes = [function._cache_size() for function in compiled]
     fitted(campaign(tmp_path, 10, 2, 0.004))

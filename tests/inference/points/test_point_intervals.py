@@ -13,7 +13,7 @@ from bayestissue.cli import main
 from bayestissue.dataset import write_dataset
 from bayestissue.inference.points.estimates import interval
 from bayestissue.inference.points.fit import PointFit, fit_points
-from bayestissue.likelihood import ARMA21
+from bayestissue.likelihood.arma.arma21 import arma21_series
 from bayestissue.oscillator import impact_motion, spring_damper_inverse, time_to_peak, to_differences
 
 COUNT, MASS, VELOCITY, DT = 500, 0.7, 1.5, 1e-4
@@ -43,8 +43,9 @@ def _driven(omega_n: jax.Array, zeta: jax.Array, n: jax.Array, sigma: float | No
     motion = impact_motion(DT * jnp.arange(width), omega_n[:, None], zeta[:, None], VELOCITY)
     if sigma is None:
         sigma = 0.005 * motion.deceleration.max(1) * DT**2
-    start = {"first": motion.displacement[:, :2], "n_samples": n, "width": width}
-    return ARMA21(*to_differences(omega_n, zeta, DT), sigma, **start).sample(jax.random.key(1))
+    shocks = sigma * jax.random.normal(jax.random.key(1), (width + 1, len(n)))
+    x = arma21_series(motion.displacement[:, :2], shocks[2:], *to_differences(omega_n, zeta, DT))
+    return jnp.where(jnp.arange(width) < n[:, None], x, 0.0)
 
 
 def written(folder: Path, K: np.ndarray, C: np.ndarray) -> None:

@@ -73,7 +73,7 @@ def u(given: Prepared) -> np.ndarray:
 def with_errors(given: Prepared, change: Callable[[np.ndarray], np.ndarray]) -> Prepared:
     record: Any = given.data.record
     changed = record._replace(error_sd=jnp.asarray(change(np.array(record.error_sd))))
-    return replace(given, data=given.data._replace(record=changed))
+    return replace(given, data=replace(given.data, record=changed))
 
 
 def scaled(given: Prepared, column: int, factor: float) -> Prepared:

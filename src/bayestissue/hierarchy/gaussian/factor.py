@@ -22,10 +22,8 @@ from jax import Array
 from jaxtyping import Float
 
 from bayestissue.likelihood import small
-from bayestissue.padding import adds_nothing
 
 
-@adds_nothing
 class GaussianFactor(NamedTuple):
     """A Gaussian factor of a vector, or one of each impact's parameters.
 

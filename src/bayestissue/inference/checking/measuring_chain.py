@@ -17,7 +17,7 @@ A wrong mass does not show: it makes K and C of an impact wrong by one factor, a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import jax
@@ -30,15 +30,16 @@ from jaxtyping import Float
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.specification import SIDE_BY_SIDE
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import TraceData, TraceModel, trace_distribution, with_normal_errors
+from bayestissue.hierarchy.traces import TraceData, TraceModel, trace_likelihood, with_normal_errors
 from bayestissue.inference.checking import incredible, said
 from bayestissue.inference.checking.incredible import Groups, Pattern
 from bayestissue.inference.checking.model_form import LIMIT, judged_at
-from bayestissue.inference.execution.compiling import compiled_quickly
+from bayestissue.inference.execution.compiling import by_row
 from bayestissue.inference.execution.kept import some_impacts, some_of
 from bayestissue.inference.factors.sites import laplace_sites, weak_prior
 from bayestissue.inference.posterior.approximate import expanded, first_guess, rows_of
 from bayestissue.outline import first_of
+from bayestissue.padding import padded_impacts
 
 AMPLITUDE, OFFSET, CONTACT = "velocity and gain", "offset", "contact"
 # Errors that are judged; contact, whose error is not normal, can only turn out to explain what they show.
@@ -166,7 +167,7 @@ def freed(prepared: Prepared, name: str, expansions: GaussianFactor | None = Non
     sd = np.asarray(data.record.error_sd)
     unit, declared = _unit(prepared, name), sd[:, column]
     wide = np.where(np.arange(sd.shape[1]) == column, _WIDE[name] * unit[:, None], sd)
-    data = data._replace(record=data.record._replace(error_sd=jnp.asarray(wide)))
+    data = replace(data, record=data.record._replace(error_sd=jnp.asarray(wide)))
     start = first_guess(prepared)
     prior = weak_prior(start)
     sites = laplace_sites(prepared.model, data, start, prior)
@@ -175,7 +176,7 @@ def freed(prepared: Prepared, name: str, expansions: GaussianFactor | None = Non
     z = np.random.default_rng(0).standard_normal((_DRAWS, *centre.shape))
     u = centre + np.einsum("iab,dib->dia", root, z)
     keys = jax.random.split(jax.random.PRNGKey(0), _DRAWS)
-    errors = sign * np.asarray(_errors(prepared.model, data, jnp.asarray(u), keys))[..., column]
+    errors = sign * _errors(prepared.model, data.padded, padded_impacts(u, 1), keys)[:, : len(unit), column]
     # Where velocity and K do nearly the same to a trace the normal that is drawn from is wide, and one draw
     # may lie where no impact is: its error is none, or thousands of times the others'.
     drawn = np.ma.masked_invalid(errors)
@@ -213,20 +214,16 @@ def _shifted(prepared: Prepared, data: TraceData, name: str, error: np.ndarray) 
     record: Any = data.record
     if name == CONTACT:
         first = jnp.maximum(record.first_time - error, 0.0)
-        return data._replace(record=record._replace(first_time=first))
-    return data._replace(record=record._replace(velocity=jnp.asarray(prepared.signal.velocity + error)))
+        return replace(data, record=record._replace(first_time=first))
+    return replace(data, record=record._replace(velocity=jnp.asarray(prepared.signal.velocity + error)))
 
 
-@compiled_quickly()
+@by_row(_DRAWS, constant=2)
 def _errors(
-    model: TraceModel, data: TraceData, u: Float[Array, "draw impact parameter"], keys: Array
-) -> Float[Array, "draw impact error"]:
+    model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"], key: Array
+) -> Float[Array, "impact error"]:
     """Draws of the chain's errors given the traces, of each draw of the impacts' parameters."""
-
-    def one(draw: tuple[Array, Array]) -> Array:
-        return trace_distribution(model, data, list(draw[0].T)).draw_errors(draw[1])
-
-    return jax.lax.map(one, (u, keys))
+    return trace_likelihood(model, data, list(u.T)).draw_errors(key)
 
 
 def _account(

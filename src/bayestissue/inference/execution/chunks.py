@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -40,15 +41,6 @@ def map_impacts(
     return in_blocks(data, one, progress=progress)
 
 
-def impacts_of(data: TraceData, rows: Rows) -> TraceData:
-    """Some impacts' traces and masses; the design is still that of all."""
-    return data._replace(
-        record=data.record.impacts(rows),
-        log_mass=np.asarray(data.log_mass)[rows],
-        log_peak=np.asarray(data.log_peak)[rows],
-    )
-
-
 def in_blocks(data: TraceData, function: OfBlock, *, progress: Progress = silent) -> Any:
     """What ``function`` makes of each block and its rows, one after another along the first axis.
 
@@ -61,7 +53,7 @@ def in_blocks(data: TraceData, function: OfBlock, *, progress: Progress = silent
     blocks = -(-count // BLOCK)
     size = -(-count // blocks)
     # The design stays behind: what is done block by block is told X b.
-    data = data._replace(design=None)  # type: ignore[arg-type]
+    data = replace(data, design=None)  # type: ignore[arg-type]
     if blocks == 1 and cluster() is None:
         return jax.tree.map(np.asarray, function(data, np.arange(count)))
     rows = [np.minimum(np.arange(number * size, (number + 1) * size), count - 1) for number in range(blocks)]
@@ -87,9 +79,9 @@ def in_blocks(data: TraceData, function: OfBlock, *, progress: Progress = silent
 def _item(function: OfBlock, data: TraceData, share: list[Rows]) -> Item:
     """What a worker needs for some blocks: of the data their impacts alone, and the number of the first."""
     first, last = int(share[0][0]), int(share[-1][-1])
-    return function, impacts_of(data, np.arange(first, last + 1)), share, first
+    return function, data.impacts(np.arange(first, last + 1)), share, first
 
 
 def _of_share(item: Item) -> list[Any]:
     function, data, share, first = item
-    return [jax.tree.map(np.asarray, function(impacts_of(data, rows - first), rows)) for rows in share]
+    return [jax.tree.map(np.asarray, function(data.impacts(rows - first), rows)) for rows in share]

@@ -11,7 +11,6 @@ import numpy as np
 from jaxtyping import Int
 
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.inference.execution.chunks import impacts_of
 
 SHOWN = 1000
 # Draws times impacts that fit into memory.
@@ -49,8 +48,8 @@ def some_of(prepared: Prepared, rows: Int[np.ndarray, " row"]) -> Prepared:
             return [value[row] for row in rows]
         return value[rows] if len(value) == count else value
 
-    data = impacts_of(prepared.data, rows)
-    data = jax.tree.map(jnp.asarray, data._replace(design=data.design.subset(rows)))
+    data = replace(prepared.data.impacts(rows), design=prepared.data.design.subset(rows))
+    data = jax.tree.map(jnp.asarray, data)
     return replace(
         prepared,
         data=data,

@@ -126,6 +126,8 @@ class PopulationDraws(NamedTuple):
 
     def priors(self, design: PopulationDesign) -> ConditionalPrior:
         """The conditional prior of an impact at every place of the design; see `of_cells`."""
+        # Without each impact's place, so that what is compiled serves other numbers of impacts.
+        design = design._replace(cell=np.zeros(0, int))
         return ConditionalPrior(_expected(design, self.b), self.precision[:, None])
 
 

@@ -24,7 +24,6 @@ from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.traces import TraceData, TraceModel
 from bayestissue.inference.factors.conditional import ConditionalPrior, normals
 from bayestissue.inference.factors.likelihoods import log_likelihoods
-from bayestissue.padding import adds_nothing
 
 PLACES = np.linspace(-8.0, 8.0, 161)
 STEP = float(PLACES[1] - PLACES[0])
@@ -50,7 +49,6 @@ _REACH = 15.0
 _WIDEST = np.array([[3.0, 1.5], [2.5, 2.0]])
 
 
-@adds_nothing
 class LikelihoodGrid(NamedTuple):
     """Log likelihood of each impact's last parameter at `PLACES`, the others integrated out.
 

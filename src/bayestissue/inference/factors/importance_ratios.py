@@ -28,6 +28,7 @@ from bayestissue.inference.factors.grid import LikelihoodGrid
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.inference.samplers.psis import below_greatest
 from bayestissue.likelihood import small
+from bayestissue.padding import padded_impacts
 
 # Among an impact's parameters: the noise, after log K and log C.
 _NOISE = 2
@@ -84,6 +85,11 @@ class ImportanceRatios(NamedTuple):
     log_ratio: Float[Array, "point impact"]
     tables: tuple[TabulatedRatio, ...]
 
+    def padded(self) -> ImportanceRatios:
+        """Of as many impacts as a `bucket` holds."""
+        u, log_density, log_ratio = padded_impacts((self.u, self.log_density, self.log_ratio), 1)
+        return ImportanceRatios(u, log_density, log_ratio, padded_impacts(self.tables, -1))
+
 
 def importance_ratios(
     model: TraceModel,
@@ -113,7 +119,9 @@ def importance_ratios(
     references = means.mean(1)
     reaches = np.abs(means - references[:, None]).max(1) + 4 * sds.max(1)
     lasts = priors.mean[..., -1] + priors.precision[..., -1, -1] ** -0.5 * standard[:, -1:]
-    of_last = np.zeros(lasts.shape) if grid is None else np.asarray(_of_grid(grid, lasts))
+    of_last = np.zeros(lasts.shape)
+    if grid is not None:
+        of_last = np.asarray(_of_grid(*padded_impacts((grid, lasts), -1)))[:, : lasts.shape[1]]
     back = np.argsort(order)
     centre = sites.centre[:, :known]
 
@@ -173,7 +181,7 @@ def _known_and_tabulated(model: TraceModel, profiled: bool) -> tuple[int, int]:
     return known, sum(name not in _WITHOUT_TABLE for name in model.nuisance[: known - _NOISE])
 
 
-_of_grid = compiled_quickly()(LikelihoodGrid.at)
+_of_grid = compiled_quickly(LikelihoodGrid.at)
 
 
 class _OrderedConditional(NamedTuple):
@@ -256,11 +264,19 @@ def log_corrections(
     return weighted - weight + sum(means)
 
 
-@by_row(DRAWS, constant=2)
 def log_evidence_corrections(
+    sites: GaussianFactor, ratios: ImportanceRatios, priors: ConditionalPrior
+) -> Float[np.ndarray, "draw impact"]:
+    """`log_corrections` of what each of any number of draws of the population expects."""
+    padded = padded_impacts(sites), ratios.padded(), padded_impacts(priors, 1)
+    return _log_corrections(*padded)[:, : len(sites.centre)]
+
+
+@by_row(DRAWS, constant=2)
+def _log_corrections(
     sites: GaussianFactor, ratios: ImportanceRatios, prior: ConditionalPrior
 ) -> Float[Array, " impact"]:
-    """`log_corrections` of what each of any number of draws of the population expects, [draw, impact]."""
+    """What is compiled of `log_evidence_corrections`."""
     return log_corrections(sites, ratios, prior)
 
 

@@ -7,12 +7,15 @@ on whole arrays, which needs no compiler.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from jax import Array
 from jaxtyping import Float
 
 from bayestissue.hierarchy.traces import TraceData, TraceModel, log_likelihood
 from bayestissue.inference.execution.compiling import by_row
+from bayestissue.padding import padded_impacts
 
 # Points of one call.
 POINTS = 64
@@ -25,7 +28,8 @@ def log_likelihoods(
 
     Minus infinity where there is none.
     """
-    density = densities_at(model, data, u)
+    traces = replace(data.padded, design=None)  # type: ignore[arg-type]
+    density = densities_at(model, traces, padded_impacts(u, 1))[:, : u.shape[1]]
     return np.where(np.isfinite(density), density, -np.inf)
 
 

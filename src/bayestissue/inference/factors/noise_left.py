@@ -10,6 +10,8 @@ The autocorrelations of what is left are held against those of white noise less 
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -17,11 +19,10 @@ from jax import Array
 from jaxtyping import Float, Int
 
 from bayestissue.elements import element as element_named
-from bayestissue.hierarchy.traces import TraceData, TraceModel, trace_distribution
+from bayestissue.hierarchy.traces import TraceData, TraceModel, impact_likelihood
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.points.whiteness import projected_portmanteau
-from bayestissue.likelihood.arma.displacement import MeasuredDisplacement
-from bayestissue.likelihood.element.impact import MeasuredImpact
+from bayestissue.padding import padded_impacts
 
 
 def noise_p(
@@ -34,23 +35,24 @@ def noise_p(
         data: the traces.
         u: a point of each impact's posterior.
     """
-    left, fitted, size = (np.asarray(part) for part in _left(model, data, jnp.asarray(u)))
+    parts = _left(model, data.padded, padded_impacts(u))
+    left, fitted, size = (np.asarray(part)[: len(u)] for part in parts)
     return projected_portmanteau(left, fitted, size)
 
 
-@compiled_quickly()
+@compiled_quickly
 def _left(
     model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]
 ) -> tuple[Float[Array, "impact shock"], Float[Array, "impact parameter shock"], Int[Array, " impact"]]:
     """What is white if the model is right, what a unit of each parameter adds to it, and how much it is."""
     key, error_sd = jax.random.PRNGKey(0), data.record.error_sd
-    event = _event(model, data, u)
-    data = data._replace(record=event.with_contact_found(key).record)
-    event = _event(model, data, u)
+    event = impact_likelihood(model, data, list(u.T))
+    data = replace(data, record=event.with_contact_found(key).record)
+    event = impact_likelihood(model, data, list(u.T))
     none = jnp.zeros_like(error_sd)
 
     def shocks(u: Array, errors: Array) -> Array:
-        event = _event(model, data, u)
+        event = impact_likelihood(model, data, list(u.T))
         return event.innovations(event.residuals(errors))[0]
 
     # The noise's own parameters are no direction of the trace.
@@ -82,9 +84,3 @@ def _without(A: Float[Array, "shock error"], rows: Float[Array, "row shock"]) ->
 def _only(array: Array, column: int) -> Array:
     """Zeros, and ones in one column."""
     return jnp.zeros_like(array).at[:, column].set(1.0)
-
-
-def _event(model: TraceModel, data: TraceData, u: Array) -> MeasuredImpact:
-    event = trace_distribution(model, data, list(u.T))
-    assert not isinstance(event, MeasuredDisplacement)  # noqa: S101 - recorded decelerations alone
-    return event

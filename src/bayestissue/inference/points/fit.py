@@ -11,7 +11,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float, Num
 
-from bayestissue.inference.execution.compiling import compiled, compiled_quickly
+from bayestissue.inference.execution.compiling import FULLY, compiled_quickly
 from bayestissue.inference.execution.workers import cluster, computed
 from bayestissue.inference.points.profile import Covariance, Profile, fit_conditional, fit_exact
 from bayestissue.inference.points.whiteness import whiteness
@@ -207,9 +207,9 @@ def _fit(
     return fit, values
 
 
-_fit_batch = compiled("method")(_fit)
+_fit_batch = jax.jit(_fit, static_argnames="method", compiler_options=FULLY)
 # Compiled in half the time, and ten times as long at it, which for few is not felt.
-_fit_few = compiled_quickly("method")(_fit)
+_fit_few = compiled_quickly(_fit, static_argnames="method")
 
 
 def _physical(fit: Profile, covariance: Covariance, dt: Array, mass: Array) -> dict[str, Array]:

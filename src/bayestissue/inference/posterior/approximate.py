@@ -58,6 +58,7 @@ from bayestissue.inference.samplers.coordinates import (
     find_mode,
     unwarped,
 )
+from bayestissue.padding import bucket, padded_zeros
 from bayestissue.signal import Displacements
 
 # A grid integrates the other parameters over so many points: few where impacts are many.
@@ -192,7 +193,7 @@ class Approximation:
 _PLACES = np.linspace(-8.0, 8.0, 321)
 
 
-@compiled_quickly()
+@compiled_quickly
 def _value_and_slope(
     model: TraceModel,
     y: Array,
@@ -248,7 +249,8 @@ class MarginalDensity:
     def with_grid(self, grid: LikelihoodGrid, mode: np.ndarray) -> MarginalDensity:
         """With the last parameter's grid; that of many impacts as one table about the mode."""
         if grid.log_likelihood.shape[1] <= BLOCK:
-            return replace(self, grid=grid)
+            # An impact of zeros adds nothing.
+            return replace(self, grid=padded_zeros(grid, -1))
         sd = population(self.model, self._hyperparameters(mode)).nuisance[-1]
         start = np.array([self.last_mean(mode), np.log(float(sd))])
         return replace(self, grid=grid_sum_around(grid, partial(self._of_last, mode), start))
@@ -357,7 +359,7 @@ def approximate(
     impacts = len(expansions.centre)
     progress(1, passes)
     # One flat grid stands for those of however many impacts.
-    columns = impacts if impacts <= BLOCK else 1
+    columns = bucket(impacts) if impacts <= BLOCK else 1
     flat = LikelihoodGrid(jnp.zeros((len(PLACES), columns))) if model.may_have_grid else None
     density = MarginalDensity(model, gaussian(data, expansions), flat)
     mode = density.mode()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -16,7 +17,7 @@ from bayestissue.hierarchy.derived import named_sites
 from bayestissue.hierarchy.gaussian.covariances import Covariances
 from bayestissue.hierarchy.population import of_impacts
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import TraceData, TraceModel, physical, population, trace_distribution
+from bayestissue.hierarchy.traces import TraceData, TraceModel, physical, population, trace_likelihood
 from bayestissue.inference.execution.chunks import in_blocks
 from bayestissue.inference.execution.compiling import by_row
 from bayestissue.inference.execution.kept import kept_draws
@@ -25,6 +26,7 @@ from bayestissue.inference.posterior.approximate import Approximation
 from bayestissue.inference.posterior.scores import LikelihoodApproximation, of_draws
 from bayestissue.inference.quantities.elements import element_quantities, measured_of
 from bayestissue.inference.samplers.sampling import ConstrainedDraws, Draws
+from bayestissue.padding import padded_impacts
 
 # Draws of one call.
 DRAWS = 256
@@ -68,10 +70,12 @@ def constrained_draws(
         of_errors, of_mass = np.moveaxis(np.asarray(jax.vmap(jax.random.split)(of_block)), 1, 0)
         shared = people if model.mass_error == "subject" else of_mass
         # Of the design X b of these impacts is asked alone.
-        part = part._replace(design=design._replace(cell=cell[rows]))
-        impacts_by_name = constrained_impacts(
-            model, part, kept_population.sites, kept_population.b, here.mean, u, shared, of_errors
+        part = replace(part, design=design._replace(cell=cell[rows]))
+        population_here = (kept_population.sites, kept_population.b)
+        padded = constrained_impacts(
+            model, part.padded, *population_here, *padded_impacts((here.mean, u), 1), shared, of_errors
         )
+        impacts_by_name = {name: values[:, : len(rows)] for name, values in padded.items()}
         if len(kept_numbers) < shape[1]:
             # Seven digits of a draw are more than it knows, and half the memory.
             impacts_by_name = {name: values.astype(np.float32) for name, values in impacts_by_name.items()}
@@ -136,8 +140,7 @@ def impact_quantities(
         mass_error: of the log mass.
         key: of the chain's errors.
     """
-    at, distribution = physical(model, data, u), trace_distribution(model, data, u)
-    measured = measured_of(distribution, key)
+    at, measured = physical(model, data, u), measured_of(model, data, u, key)
     impacts = {
         "K": jnp.exp(u[0] + mass_error),
         "C": jnp.exp(u[1] + mass_error),
@@ -145,14 +148,10 @@ def impact_quantities(
         "zeta": at.zeta,
         "mass": jnp.exp(data.log_mass + mass_error),
         "chain_error": measured.chain_error,
-        **({"sigma_d": jnp.exp(at.log_sigma)} if model.kind == "impact" else {}),
-        **({} if model.kind == "impact" else {"sigma_a": jnp.exp(at.log_sigma)}),
+        **trace_likelihood(model, data, u).noise_quantities(),
         "parameters": jnp.stack(u, axis=-1),
     }
-    impacts |= element_quantities(model, data, u, mass_error, measured)
-    if model.kind != "impact":
-        impacts["theta1"] = distribution.differences()[2]
-    return impacts
+    return impacts | element_quantities(model, data, u, mass_error, measured)
 
 
 def error_of_people(covariances: Covariances, b: Array, key: Array) -> Float[Array, " person"]:

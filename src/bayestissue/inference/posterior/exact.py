@@ -12,11 +12,10 @@ from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import COORDINATES, TraceModel, sampled_model, warped
 from bayestissue.inference.execution.chunks import Progress, silent
-from bayestissue.inference.execution.compiling import filled_up
 from bayestissue.inference.posterior.approximate import Approximation
 from bayestissue.inference.samplers.nuts import Start, run_chains
 from bayestissue.inference.samplers.sampling import Draws
-from bayestissue.padding import bucket
+from bayestissue.padding import bucket, padded_zeros
 
 
 def exact_draws(
@@ -36,7 +35,8 @@ def exact_draws(
         sampled_model,
         (
             prepared.model,
-            *filled_up((prepared.data, approximation.sites)),
+            prepared.data.padded,
+            padded_zeros(approximation.sites),
             approximation.coordinates.warp,
             present,
         ),

@@ -22,7 +22,7 @@ from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import COORDINATES, TraceData, TraceModel
 from bayestissue.inference.execution.chunks import Progress, in_blocks
-from bayestissue.inference.execution.compiling import filled_up, in_parts
+from bayestissue.inference.execution.compiling import in_parts
 from bayestissue.inference.execution.kept import all_fit, kept_draws
 from bayestissue.inference.factors.conditional import (
     ConditionalPrior,
@@ -318,7 +318,8 @@ def sample_marginal(problem: Problem, approximation: Approximation) -> Draws:
     data = approximation.data(prepared.data)
     arguments = (
         prepared.model,
-        *filled_up((data, approximation.marginal_grid)),
+        data,
+        approximation.marginal_grid,
         approximation.coordinates.warp,
     )
     progress(0, 1)

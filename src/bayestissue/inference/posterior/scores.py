@@ -29,14 +29,13 @@ from bayestissue.hierarchy.gaussian.conditional import Data
 from bayestissue.hierarchy.gaussian.covariances import Covariances
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceModel, population
-from bayestissue.inference.execution.chunks import impacts_of
 from bayestissue.inference.execution.compiling import by_row, in_parts
 from bayestissue.inference.execution.kept import all_fit, some_impacts
 from bayestissue.inference.factors.conditional import PopulationDraws, log_evidence, of_cells
 from bayestissue.inference.factors.grid import LikelihoodGrid
 from bayestissue.inference.factors.importance_ratios import log_evidence_corrections, ratios_among
 from bayestissue.inference.posterior.approximate import Approximation
-from bayestissue.padding import bucket
+from bayestissue.padding import bucket, padded_impacts
 
 # Draws at a time: what a matrix of each impact under each of them takes stays small.
 _AT_ONCE = 64
@@ -75,16 +74,15 @@ def of_draws(
         prepared, replace(approximation, second_order=None) if whole else approximation, draws
     )
     rows = np.arange(count) if whole else some_impacts(count)
-    part, (sites, grid) = impacts_of(data, rows), approximation.of_rows(rows)
+    part, (sites, grid) = data.impacts(rows), approximation.of_rows(rows)
     priors = of_cells(draws.priors(data.design), np.asarray(data.design.cell)[rows])
     corrections = likelihood.corrections
     if corrections is None:
         ratios = ratios_among(prepared.model, part, sites, priors, grid)
         corrections = log_evidence_corrections(sites, ratios, priors)
     if grid is not None:
-        corrections = corrections + _grid_evidence(
-            grid, priors.mean[..., -1], priors.precision[:, 0, -1, -1] ** -0.5
-        )
+        mean, sd = padded_impacts(priors.mean[..., -1], 1), priors.precision[:, 0, -1, -1] ** -0.5
+        corrections = corrections + _grid_evidence(padded_impacts(grid, -1), mean, sd)[:, : len(rows)]
     scores = {"trace": corrections + in_parts(partial(log_evidence, sites), (priors,), _AT_ONCE)}
     if not whole:
         return scores | groups

@@ -7,7 +7,7 @@ tissue's law, not the depth.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -21,9 +21,10 @@ from bayestissue.hierarchy.traces import (
     TraceData,
     TraceModel,
     element_parameters,
+    impact_likelihood,
     physical,
+    trace_likelihood,
 )
-from bayestissue.likelihood.arma.displacement import MeasuredDisplacement
 from bayestissue.likelihood.element.impact import MeasuredImpact
 from bayestissue.likelihood.element.record import CONTACT, VELOCITY, DecelerationRecord
 from bayestissue.likelihood.element.response import motion
@@ -39,7 +40,7 @@ class Measured(NamedTuple):
 
     Attributes:
         chain_error: a draw of the chain's errors.
-        impact: beside a discrepancy, the traces' distribution with contact where the errors put it.
+        impact: beside a discrepancy, the traces' likelihood with contact where the errors put it.
         discrepancy: a draw of it [m/s^2].
     """
 
@@ -48,16 +49,17 @@ class Measured(NamedTuple):
     discrepancy: Float[Array, "impact sample"] | None = None
 
 
-def measured_of(distribution: MeasuredDisplacement | MeasuredImpact, key: Array) -> Measured:
+def measured_of(model: TraceModel, data: TraceData, u: list[Array], key: Array) -> Measured:
     """A draw of the errors, and of the discrepancy, given the traces and the impacts' parameters."""
-    if not isinstance(distribution, MeasuredImpact) or distribution.noise_parameters.log_discrepancy is None:
-        return Measured(distribution.draw_errors(key))
-    stated, distribution = distribution, distribution.with_contact_found(key)
-    response = distribution.response()
-    errors = distribution.draw_errors(key, response)
-    delta = distribution.draw_discrepancy(jax.random.fold_in(key, 3), errors, response)
-    at_contact = distribution.as_drawn(errors[:, CONTACT])
-    errors = errors.at[:, CONTACT].add(stated.record.first_time - distribution.record.first_time)
+    if not model.discrepancy:
+        return Measured(trace_likelihood(model, data, u).draw_errors(key))
+    stated = impact_likelihood(model, data, u)
+    likelihood = stated.with_contact_found(key)
+    response = likelihood.response()
+    errors = likelihood.draw_errors(key, response)
+    delta = likelihood.draw_discrepancy(jax.random.fold_in(key, 3), errors, response)
+    at_contact = likelihood.as_drawn(errors[:, CONTACT])
+    errors = errors.at[:, CONTACT].add(stated.record.first_time - likelihood.record.first_time)
     return Measured(errors, at_contact, delta)
 
 
@@ -76,9 +78,9 @@ def element_quantities(
     Of autoregressive noise there are its correlation and, as sigma_d, its own standard deviation, not its
     shocks'. Nothing for a record that is of spring and damper side by side alone.
     """
-    record = data.record
-    if not isinstance(record, DecelerationRecord) or record.side_by_side:
+    if data.record.side_by_side:
         return {}
+    record = cast(DecelerationRecord, data.record)
     which, values = element(model.element), element_parameters(model, u)
     p = {parameter.name: value for parameter, value in zip(which.parameters, values, strict=True)}
     arguments = p | record.surroundings

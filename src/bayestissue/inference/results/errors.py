@@ -7,11 +7,10 @@ is left.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jaxtyping import Bool, Float
@@ -20,15 +19,15 @@ from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import (
     TraceData,
     TraceModel,
-    trace_distribution,
+    impact_likelihood,
     with_normal_errors,
 )
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.factors.sites import laplace_sites, weak_prior
 from bayestissue.inference.results.predictions import replicates
-from bayestissue.likelihood.element.impact import MeasuredImpact
 from bayestissue.likelihood.element.record import DecelerationRecord
 from bayestissue.likelihood.element.response import response
+from bayestissue.padding import padded_impacts
 from bayestissue.signal.displacement import FEWEST_SAMPLES
 
 NOISE, ELEMENT = "noise", "element"
@@ -94,29 +93,30 @@ def trace_errors(
 def as_expected(prepared: Prepared, u: Float[np.ndarray, "impact parameter"]) -> TraceData:
     """The data with each trace as its model has it at ``u``, without noise and errors; all errors normal."""
     if isinstance(prepared.data.record, DecelerationRecord):
-        record = _of_element(prepared.model, prepared.data, jnp.asarray(u))
+        record, parts = prepared.data.record, prepared.data.padded
+        first_time, d = jax.device_get(_of_element(prepared.model, parts, padded_impacts(u)))
+        impacts, samples = record.d.shape
+        record = record.at_contact(first_time[:impacts])._replace(d=d[:impacts, :samples])
         # Only a known contact has an error that can be made normal.
-        return with_normal_errors(prepared.data._replace(record=record))
+        return with_normal_errors(replace(prepared.data, record=record))
     data = with_normal_errors(prepared.data)
     quiet = np.where(_named(prepared, _OF_NOISE) & ~_named(prepared, _CORRELATIONS), _NOTHING, u)
     bare = data.record._replace(error_sd=jax.device_put(np.zeros(data.record.error_sd.shape)))
     replicated = replicates(
-        prepared.model, data._replace(record=bare), quiet[None], jax.random.PRNGKey(0)[None]
+        prepared.model, replace(data, record=bare), quiet[None], jax.random.PRNGKey(0)[None]
     )
     trace = np.nan_to_num(np.asarray(replicated["displacement"][0]))
-    record = data.record.with_traces(trace, np.asarray(data.record.n_samples))
-    return data._replace(record=record)
+    return replace(data, record=data.record.with_traces(trace, np.asarray(data.record.n_samples)))
 
 
-@compiled_quickly()
+@compiled_quickly
 def _of_element(
     model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]
-) -> DecelerationRecord:
-    """The record with contact where the traces have it, and what the element does from then on as traces."""
-    distribution = trace_distribution(model, data, [u[:, a] for a in range(u.shape[1])])
-    assert isinstance(distribution, MeasuredImpact)  # noqa: S101 - so is every element's
-    known = distribution.record.at_contact(distribution.mean_first_time())
-    return known._replace(d=response(distribution.element, distribution.parameters, known).d)
+) -> tuple[Float[Array, " impact"], Float[Array, "impact sample"]]:
+    """From contact, where the traces have it, to the first sample, and what the element does from then on."""
+    likelihood = impact_likelihood(model, data, list(u.T))
+    known = likelihood.record.at_contact(likelihood.mean_first_time())
+    return known.first_time, response(likelihood.element, likelihood.parameters, known).d
 
 
 def _named(prepared: Prepared, names: tuple[str, ...]) -> Bool[np.ndarray, " parameter"]:
@@ -137,8 +137,8 @@ def _information(prepared: Prepared, data: TraceData, u: np.ndarray) -> Matrices
 def _scaled(data: TraceData, column: int, side: int) -> TraceData:
     """With the log variance of one error larger or smaller by half a step."""
     factor = np.where(np.arange(data.record.error_sd.shape[1]) == column, np.exp(side * _STEP / 4), 1.0)
-    return data._replace(
-        record=data.record._replace(error_sd=jax.device_put(np.asarray(data.record.error_sd) * factor))
+    return replace(
+        data, record=data.record._replace(error_sd=jax.device_put(np.asarray(data.record.error_sd) * factor))
     )
 
 
@@ -168,7 +168,7 @@ def shorter_window(prepared: Prepared, u: Float[np.ndarray, "impact parameter"])
     shorter = whole.record.with_traces(np.asarray(whole.record.traces), fewer)
     windows = [
         laplace_sites(prepared.model, data, u, weak_prior(u), _ITERATIONS)
-        for data in (whole, whole._replace(record=shorter))
+        for data in (whole, replace(whole, record=shorter))
     ]
     centres = [np.asarray(sites.centre)[:, :2] for sites in windows]
     variances = [

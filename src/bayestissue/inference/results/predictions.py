@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
@@ -12,10 +13,11 @@ from jaxtyping import Float
 from numpyro.infer import Predictive
 
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import TraceData, TraceModel, impacts_model, physical, trace_distribution
+from bayestissue.hierarchy.traces import TraceData, TraceModel, impacts_model, physical, trace_likelihood
 from bayestissue.inference.execution.compiling import by_row, compiled_quickly
 from bayestissue.inference.execution.kept import some_impacts
 from bayestissue.inference.samplers.sampling import ConstrainedDraws, thinned
+from bayestissue.padding import padded_impacts
 
 PREDICTIVE_DRAWS = 100
 PRIOR_DRAWS, PRIOR_PREDICTIVE_DRAWS = 1000, 50
@@ -52,27 +54,49 @@ def rounded(
     return (np.round(replicates / step) * step).astype(np.float32)
 
 
-@by_row(PREDICTIVE_DRAWS, constant=2)
 def replicates(
-    model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"], key: Array
-) -> dict[str, Float[Array, "impact sample"]]:
+    model: TraceModel, data: TraceData, u: Float[np.ndarray, "draw impact parameter"], keys: Array
+) -> dict[str, Float[np.ndarray, "draw impact sample"]]:
     """A replicate of every trace for each draw of ``u``, as what the likelihood is of.
 
     That is the deceleration; of a likelihood of displacements these, and the decelerations that follow.
     """
-    replicate = trace_distribution(model, data, list(u.T)).replicate(key)
+    impacts, samples = data.record.traces.shape
+    replicated = _replicates(model, replace(data.padded, design=None), padded_impacts(u, 1), keys)  # type: ignore[arg-type]
+    return {name: values[:, :impacts, :samples] for name, values in replicated.items()}
+
+
+@by_row(PREDICTIVE_DRAWS, constant=2)
+def _replicates(
+    model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"], key: Array
+) -> dict[str, Float[Array, "impact sample"]]:
+    """What is compiled of `replicates`."""
+    replicate = trace_likelihood(model, data, list(u.T)).replicate(key)
     # Else the noise is made anew for every part of the row that is written: three times as long.
     return jax.lax.optimization_barrier(replicate)
 
 
-@compiled_quickly()
 def prior_draws(
     model: TraceModel, data: TraceData, key: Array
-) -> tuple[dict[str, Array], Float[Array, "draw impact parameter"], dict[str, Float[Array, "draw impact"]]]:
+) -> tuple[
+    dict[str, np.ndarray],
+    Float[np.ndarray, "draw impact parameter"],
+    dict[str, Float[np.ndarray, "draw impact"]],
+]:
     """Draws from the priors: of the population, of each impact's parameters, and of what these stand for.
 
     The last are the natural frequency and damping ratio, where the element is spring and damper side by side.
     """
+    count = len(data.log_mass)
+    drawn, u, ratios = jax.device_get(_prior_draws(model, data.padded, key))
+    return drawn, u[:, :count], {name: values[:, :count] for name, values in ratios.items()}
+
+
+@compiled_quickly
+def _prior_draws(
+    model: TraceModel, data: TraceData, key: Array
+) -> tuple[dict[str, Array], Float[Array, "draw impact parameter"], dict[str, Float[Array, "draw impact"]]]:
+    """What is compiled of `prior_draws`."""
     shared = ["log_mass_error"] if model.mass_error == "subject" else []
     bare = Predictive(
         lambda: impacts_model(model, data),

@@ -70,7 +70,7 @@ def posterior_tree(
     quantities = _quantities(whole, constrained.sites, constrained.impacts, rng)
     quantities |= mass_exponents_of_secants(whole, constrained, seed)
     # Effects that the formulas leave out are zero in ``sites``, where a spread's prior has no density.
-    priors = compiled_quickly()(specification.complete_priors().log_densities)(
+    priors = compiled_quickly(specification.complete_priors().log_densities)(
         {k: v for k, v in constrained.sites.items() if k in quantities}
     )
     log_likelihood = constrained.log_likelihood
@@ -185,7 +185,7 @@ def _column_attributes(prepared: Prepared) -> dict[str, dict[str, str]]:
 def _prior_groups(prepared: Prepared, put: Any, seed: int, rng: np.random.Generator) -> dict[str, xr.Dataset]:
     model, data = prepared.model, prepared.data
     key = jax.random.fold_in(jax.random.PRNGKey(seed), 13)
-    prior_sites, u, ratios = jax.device_get(prior_draws(model, data, key))
+    prior_sites, u, ratios = prior_draws(model, data, key)
     drawn = {name: values[None] for name, values in prior_sites.items()}
     sites = named_sites(
         model.locations,

@@ -23,7 +23,7 @@ from jaxtyping import Float
 from bayestissue.hierarchy.derived import typical_covariates, typical_logs
 from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.formulas.group_terms import SUBJECT, TRIAL
-from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expected
+from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expected_by_cell
 from bayestissue.hierarchy.gaussian.covariances import Covariances
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceModel, population
@@ -154,13 +154,13 @@ def _scatter(prepared: Prepared, spread: Covariances) -> dict[str, Float[np.ndar
     return scatter
 
 
-@compiled_quickly()
+@compiled_quickly
 def _dense(
     model: TraceModel, design: PopulationDesign, sites: dict[str, Array]
-) -> tuple[Covariances, Float[Array, "parameter location impact"], Float[Array, "location location"]]:
+) -> tuple[Covariances, Float[Array, "parameter location entry"], Float[Array, "location location"]]:
     """The hierarchy at these standard deviations: covariances, columns of X, prior precision of b."""
     spread, unit = population(model, sites), jnp.eye(model.locations.size)
-    return spread, expected(design, unit), spread.of_effects().among(jnp.arange(len(unit)))
+    return spread, expected_by_cell(design, unit), spread.of_effects().among(jnp.arange(len(unit)))
 
 
 class _Hierarchy:
@@ -168,9 +168,10 @@ class _Hierarchy:
 
     def __init__(self, prepared: Prepared, sites: dict[str, np.floating]) -> None:
         self._prepared = prepared
-        arrays = _dense(prepared.model, prepared.data.design, sites)
+        design = prepared.data.design
+        arrays = _dense(prepared.model, design._replace(cell=np.zeros(0, int)), sites)
         self._spread, columns, self._prior = jax.device_get(arrays)
-        self._columns = columns.transpose(2, 0, 1)
+        self._columns = columns[..., np.asarray(design.cell)].transpose(2, 0, 1)
         self._scatter = _scatter(prepared, self._spread)
         self.omega = np.sum(list(self._scatter.values()), axis=0)
         self._both = (np.arange(len(self.omega)) < 2).astype(float)

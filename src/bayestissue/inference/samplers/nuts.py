@@ -209,7 +209,7 @@ def _compiled(
 
         return jax.lax.scan(step, state, None, length=SEGMENT)
 
-    return _Kernel(compiled_quickly()(begin), jax.jit(advance, compiler_options=FULLY))
+    return _Kernel(compiled_quickly(begin), jax.jit(advance, compiler_options=FULLY))
 
 
 def _write(path: Path, leaves: list[np.ndarray], draws: tuple[Arrays, Arrays]) -> None:

@@ -14,7 +14,6 @@ from functools import partial
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jaxtyping import Bool, Float
@@ -26,8 +25,8 @@ from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import (
     TraceData,
     TraceModel,
+    impact_likelihood,
     physical,
-    trace_distribution,
     with_normal_errors,
 )
 from bayestissue.inference.execution.chunks import map_impacts
@@ -38,7 +37,7 @@ from bayestissue.inference.factors.noise_left import noise_p
 from bayestissue.inference.factors.sites import laplace_sites
 from bayestissue.inference.posterior.approximate import first_guess
 from bayestissue.inference.samplers.psis import k_threshold, pareto_smoothed
-from bayestissue.likelihood.arma.displacement import MeasuredDisplacement
+from bayestissue.padding import padded_impacts
 
 POINTS = 1024
 # Degrees of freedom of the proposal.
@@ -145,7 +144,7 @@ def _of_block(
         zeta,
         sigma,
         log_likelihoods(model, data, middle[None])[0],
-        np.asarray(_residuals(model, data, jnp.asarray(middle))),
+        _residuals(model, data, middle),
         noise_p(model, data, middle),
         np.any(np.abs(np.asarray(sites.centre) - start)[:, :2] > _MOVES, axis=1),
         pareto_k,
@@ -303,13 +302,19 @@ def _marginal(
     return Marginal(median, np.sqrt((weight * (values - mean) ** 2).sum(0)), low, high)
 
 
-@compiled_quickly()
 def _residuals(
+    model: TraceModel, data: TraceData, u: Float[np.ndarray, "impact parameter"]
+) -> Float[np.ndarray, "impact sample"]:
+    """Residuals, of errors of the chain that are a draw given the trace."""
+    impacts, samples = data.record.traces.shape
+    return np.asarray(_padded_residuals(model, data.padded, padded_impacts(u)))[:impacts, :samples]
+
+
+@compiled_quickly
+def _padded_residuals(
     model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]
 ) -> Float[Array, "impact sample"]:
-    """Residuals, of errors of the chain that are a draw given the trace."""
-    event = trace_distribution(model, data, list(u.T))
+    """What is compiled of `_residuals`."""
     key = jax.random.PRNGKey(0)
-    assert not isinstance(event, MeasuredDisplacement)  # noqa: S101 - recorded decelerations alone
-    event = event.with_contact_found(key)
+    event = impact_likelihood(model, data, list(u.T)).with_contact_found(key)
     return event.residuals(event.draw_errors(key))

@@ -11,7 +11,6 @@ from jax import Array
 from jax.typing import ArrayLike
 from jaxtyping import Float
 
-from bayestissue.likelihood.arma.innovations import innovations
 from bayestissue.likelihood.quadratic import eigenvalues, log_determinant, quadratic_form
 from bayestissue.likelihood.transforms import SineTransforms, sine_transform, spread_of
 from bayestissue.oscillator.processes import start_moments
@@ -105,40 +104,32 @@ def arma21_log_likelihood(
     return free + _stationary(x[..., 0], x[..., 1], end, parameters, jnp.asarray(float(count)))
 
 
-def masked_log_likelihood(
-    x: Float[Array, "*batch sample"],
-    n_samples: Array,
+def arma21_series(
+    first: Float[Array, "*batch 2"],
+    shocks: Float[Array, " later *batch"],
     c1: Array,
     c2: Array,
     theta1: Array,
-    sigma_a: Array,
-    start: Start = "free",
-) -> Array:
-    """The same for padded traces whose lengths need not be known when compiling, by a filter.
-
-    The filter runs backwards: an MA(1) reversed is the same MA(1), and its last prediction error is then
-    the first element of T^-1 w that the stationary start asks for.
+) -> Float[Array, "*batch sample"]:
+    """The ARMA(2,1) that shocks drive from its first two values on.
 
     Args:
-        x: displacements [m], padded at the end.
-        n_samples: length of each.
+        first: x_1 and x_2 [m].
+        shocks: a_2 ... a_n [m].
         c1: 2 - phi1.
         c2: 1 - phi1 - phi2.
         theta1: moving-average coefficient.
-        sigma_a: standard deviation of the shocks [m].
-        start: as in `log_likelihood`.
     """
-    count = jnp.asarray(n_samples, float) - 2
-    slope = jnp.diff(x, axis=-1)
-    w = jnp.diff(slope, axis=-1) + c1[..., None] * slope[..., :-1] + c2[..., None] * x[..., :-2]
-    valid = jnp.broadcast_to(jnp.arange(x.shape[-1] - 2) < count[..., None], w.shape)
-    v, r = innovations(w[..., ::-1], jnp.broadcast_to(theta1, w.shape[:-1]), valid[..., ::-1])
-    scale = count * (LOG_2PI + 2 * jnp.log(sigma_a)) + jnp.log(r).sum(-1)
-    free = -(scale + (v**2 / r).sum(-1) / sigma_a**2) / 2
-    if start == "free":
-        return free
-    parameters = (c1, c2, theta1, sigma_a)
-    return free + _stationary(x[..., 0], x[..., 1], v[..., -1] / r[..., -1], parameters, count)
+    x1, x2 = (jnp.broadcast_to(first[..., i], shocks.shape[1:]) for i in (0, 1))
+
+    def step(carry: tuple[Array, Array, Array], shock: Array) -> tuple[tuple[Array, Array, Array], Array]:
+        before, now, last_shock = carry
+        slope = now - before
+        after = now + slope - c1 * slope - c2 * before + shock - theta1 * last_shock
+        return (now, after, shock), after
+
+    _, later = jax.lax.scan(step, (x1, x2, shocks[0]), shocks[1:])
+    return jnp.moveaxis(jnp.concatenate([x1[None], x2[None], later]), 0, -1)
 
 
 def _free(form: Array, theta1: Array, sigma_a: Array, count: Array) -> Array:

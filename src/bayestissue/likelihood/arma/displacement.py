@@ -10,32 +10,27 @@ no free parameter. w_t is smaller by c2 x_e then.
 
 from __future__ import annotations
 
-from typing import Any, Literal, NamedTuple
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import numpyro.distributions as dist
 from jax import Array
 from jaxtyping import Float, Int
-from numpyro.distributions import constraints
 
 from bayestissue.likelihood import small
-from bayestissue.likelihood.arma.distributions import ARMA21
-from bayestissue.likelihood.arma.innovations import innovations
+from bayestissue.likelihood.arma.arma21 import arma21_series
 from bayestissue.likelihood.linear_errors import (
     Products,
     draw_errors,
     from_lower_entries,
-    gram,
     marginal_log_likelihood,
 )
 from bayestissue.likelihood.quadratic import eigenvalues, log_determinant, sums_over_frequencies
 from bayestissue.likelihood.transforms import FILLED, transformed
 from bayestissue.oscillator import to_differences
-from bayestissue.padding import bucket
-
-Noise = Literal["arma", "a2"]
+from bayestissue.padding import bucket, padded_zeros
 
 
 class DisplacementRecord(NamedTuple):
@@ -94,6 +89,10 @@ class DisplacementRecord(NamedTuple):
         others: Any = {"columns": None, "spread": None}
         chosen = jax.tree.map(lambda part: np.asarray(part)[rows], self._replace(**others))
         return chosen._replace(columns=blocks[0], spread=blocks[1])
+
+    def padded(self) -> DisplacementRecord:
+        """With as many samples, 0 past a row's end, as a `bucket` holds; so are the frequencies already."""
+        return self._replace(x=padded_zeros(self.x, 1))
 
     def with_normal_errors(self) -> DisplacementRecord:
         """The record itself, whose errors are normal."""
@@ -237,13 +236,15 @@ def _recorded_jvp(primals: Any, tangents: Any) -> tuple[Array, Array]:
     return value, sum(changes, slopes[3] * tangents[3] + slopes[4] * tangents[4])
 
 
-class MeasuredDisplacement(dist.Distribution):
-    """Distribution of whole displacement traces: ARMA(2,1) plus the measuring chain's linear errors.
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class MeasuredDisplacement:
+    """The likelihood of displacement traces: ARMA(2,1) plus the measuring chain's linear errors.
 
-    One event an impact, the density of x_3 ... x_n given x_1 and x_2 with the errors integrated out. At
-    ``record.x`` itself the density comes from the stored transforms; at any other value from a filter.
+    The density is that of x_3 ... x_n given x_1 and x_2 with the errors integrated out, from the stored
+    transforms.
 
-    Args:
+    Attributes:
         omega_n: natural frequency [rad/s].
         zeta: damping ratio.
         theta1: moving-average coefficient, or None: that of the sampled A(2) (thesis, section 2.11).
@@ -251,27 +252,11 @@ class MeasuredDisplacement(dist.Distribution):
         record: see `displacement_record`.
     """
 
-    arg_constraints = {  # noqa: RUF012
-        "omega_n": constraints.positive,
-        "zeta": constraints.real,
-        "log_sigma": constraints.real,
-    }
-    support = constraints.real_vector
-    pytree_data_fields = ("omega_n", "zeta", "theta1", "log_sigma", "record")
-
-    def __init__(
-        self,
-        omega_n: Array,
-        zeta: Array,
-        theta1: Array | None,
-        log_sigma: Array,
-        record: DisplacementRecord,
-        *,
-        validate_args: bool | None = None,
-    ) -> None:
-        self.omega_n, self.zeta, self.theta1, self.log_sigma = omega_n, zeta, theta1, log_sigma
-        self.record = record
-        super().__init__(omega_n.shape, record.x.shape[1:], validate_args=validate_args)
+    omega_n: Float[Array, " impact"]
+    zeta: Float[Array, " impact"]
+    theta1: Float[Array, " impact"] | None
+    log_sigma: Float[Array, " impact"]
+    record: DisplacementRecord
 
     def differences(self) -> tuple[Array, Array, Array]:
         """c1, c2 and theta1 of each impact."""
@@ -287,14 +272,10 @@ class MeasuredDisplacement(dist.Distribution):
         c1, c2, theta1 = self.differences()
         return displacement_products(self.record, c1, c2, theta1, c2 * self.equilibrium())
 
-    def log_prob(self, value: Float[Array, "impact sample"]) -> Float[Array, " impact"]:
-        """Log density of each impact's trace, its errors integrated out."""
-        if value is self.record.x:
-            c1, c2, theta1 = self.differences()
-            return recorded_log_likelihood(
-                c1, c2, theta1, self.log_sigma, c2 * self.equilibrium(), self.record
-            )
-        return marginal_log_likelihood(self._filtered(value), self.log_sigma, self.record.error_sd)
+    def log_density(self) -> Float[Array, " impact"]:
+        """Log density of each recorded trace, its errors integrated out."""
+        c1, c2, theta1 = self.differences()
+        return recorded_log_likelihood(c1, c2, theta1, self.log_sigma, c2 * self.equilibrium(), self.record)
 
     def draw_errors(self, key: Array) -> Float[Array, "impact 3"]:
         """The chain's errors given the recorded traces: constant, ramp and parabola."""
@@ -305,23 +286,19 @@ class MeasuredDisplacement(dist.Distribution):
         key_of_x, key_of_errors = jax.random.split(key)
         record = self.record
         c1, c2, theta1 = self.differences()
-        errors = record.error_sd * jax.random.normal(key_of_errors, (*sample_shape, *self.batch_shape, 3))
-        time = record.first_time[:, None] + jnp.arange(record.x.shape[1]) * record.dt[:, None]
+        shape, width = (*sample_shape, len(record.x)), record.x.shape[1]
+        errors = record.error_sd * jax.random.normal(key_of_errors, (*shape, 3))
+        time = record.first_time[:, None] + jnp.arange(width) * record.dt[:, None]
         e0, e1, e2 = (errors[..., i, None] for i in range(3))
         added = e0 + e1 * time + e2 * time**2 / 2 + self.equilibrium()[:, None]
-        first = record.x[:, :2] - added[..., :2]
-        shape = (*sample_shape, *self.batch_shape)
-        clean = ARMA21(
-            jnp.broadcast_to(c1, shape),
-            c2,
-            theta1,
-            jnp.exp(self.log_sigma),
-            first=first,
-            n_samples=record.n_samples,
-            width=record.x.shape[1],
-        ).sample(key_of_x)
+        shocks = jnp.exp(self.log_sigma) * jax.random.normal(key_of_x, (width + 1, *shape))
+        clean = arma21_series(record.x[:, :2] - added[..., :2], shocks[2:], c1, c2, theta1)
         inside = jnp.arange(record.x.shape[1]) < record.n_samples[:, None]
         return jnp.where(inside, clean + added, 0.0)
+
+    def noise_quantities(self) -> dict[str, Float[Array, " impact"]]:
+        """What the noise of each trace is, by the names that posteriors have."""
+        return {"sigma_a": jnp.exp(self.log_sigma), "theta1": self.differences()[2]}
 
     def replicate(self, key: Array) -> dict[str, Float[Array, "impact sample"]]:
         """A replicate of every trace, as displacement [m] and as deceleration [m/s^2]; NaN past its end.
@@ -336,17 +313,3 @@ class MeasuredDisplacement(dist.Distribution):
             "displacement": jnp.where(left > 0, trace, jnp.nan),
             "deceleration": jnp.where(left > 1, edges, jnp.nan),
         }
-
-    def _filtered(self, value: Array) -> Products:
-        record = self.record
-        c1, c2, theta1 = self.differences()
-        time = record.first_time[:, None] + jnp.arange(value.shape[-1]) * record.dt[:, None]
-        count = record.n_samples - 2.0
-        valid = jnp.arange(value.shape[-1] - 2) < count[:, None]
-        series = jnp.stack(jnp.broadcast_arrays(value, jnp.ones_like(time), time, time**2 / 2))
-        slope = jnp.diff(series, axis=-1)
-        w = jnp.diff(slope, axis=-1) + c1[:, None] * slope[..., :-1] + c2[:, None] * series[..., :-2]
-        w = w.at[0].add(-(c2 * self.equilibrium())[:, None])
-        valid = jnp.broadcast_to(valid, w.shape)
-        errors, spreads = innovations(jnp.where(valid, w, 0.0), jnp.broadcast_to(theta1, w.shape[:-1]), valid)
-        return Products(gram(tuple(errors), 1 / spreads[0]), jnp.log(spreads[0]).sum(-1), count)

@@ -10,15 +10,14 @@ the motion, which does not come with V. What the samples share besides is noise:
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpyro.distributions as dist
 from jax import Array
 from jaxtyping import Float, Int
-from numpyro.distributions import constraints
 
 from bayestissue.elements import Element
 from bayestissue.likelihood.element import contact, noise, spring_damper
@@ -125,33 +124,26 @@ def _element_jvp(element: Element, primals: Any, tangents: Any) -> tuple[Array, 
     return value, (slopes * tangents[0]).sum(0) + along_noise
 
 
-class MeasuredImpact(dist.Distribution):
-    """Distribution of whole deceleration traces; one event an impact, its errors integrated out.
+@partial(
+    jax.tree_util.register_dataclass,
+    data_fields=["parameters", "noise_parameters", "record"],
+    meta_fields=["element"],
+)
+@dataclass(frozen=True)
+class MeasuredImpact:
+    """The likelihood of deceleration traces, the errors of their measuring chain integrated out.
 
-    Args:
+    Attributes:
         element: what is hit.
         parameters: as of `response`.
         noise_parameters: of the noise.
         record: the traces and what is known of their recording.
     """
 
-    arg_constraints: ClassVar[dict[str, Any]] = {}
-    support = constraints.real_vector
-    pytree_data_fields = ("parameters", "noise_parameters", "record")
-    pytree_aux_fields = ("element",)
-
-    def __init__(
-        self,
-        element: Element,
-        parameters: Array,
-        noise_parameters: NoiseParameters,
-        record: DecelerationRecord,
-        *,
-        validate_args: bool | None = None,
-    ) -> None:
-        self.element, self.parameters = element, parameters
-        self.noise_parameters, self.record = noise_parameters, record
-        super().__init__(record.d.shape[:1], record.d.shape[1:], validate_args=validate_args)
+    element: Element
+    parameters: Float[Array, "parameter impact"]
+    noise_parameters: NoiseParameters
+    record: DecelerationRecord
 
     @property
     def sigma(self) -> Float[Array, " impact"]:
@@ -167,9 +159,9 @@ class MeasuredImpact(dist.Distribution):
         predicted = self.response() if predicted is None else predicted
         return contact.products(predicted, self.record, self.noise_parameters.noise(self.record))
 
-    def log_prob(self, value: Float[Array, "impact sample"]) -> Float[Array, " impact"]:
-        """Log density of each impact's trace, its errors and its discrepancy integrated out."""
-        record = self.record.with_traces(value, self.record.n_samples)
+    def log_density(self) -> Float[Array, " impact"]:
+        """Log density of each recorded trace, its errors and its discrepancy integrated out."""
+        record = self.record
         if record.side_by_side:
             omega_n, zeta = spring_damper_inverse(*self.parameters, record.mass)
             return spring_damper.log_likelihood(omega_n, zeta, self.noise_parameters.log_sigma, record)
@@ -262,10 +254,11 @@ class MeasuredImpact(dist.Distribution):
         if self.record.contact.reach:
             return self.with_contact_found(key).sample(key, sample_shape)
         key_of_noise, key_of_errors = jax.random.split(key)
-        shape, record, predicted = (*sample_shape, *self.batch_shape), self.record, self.response()
+        record, predicted = self.record, self.response()
+        shape = (*sample_shape, len(record.d))
         error_sd = self.noise_parameters.error_sd(record)
         errors = prior_errors(key_of_errors, shape, error_sd, record.contact.uniform)
-        shocks = jax.random.normal(key_of_noise, (*shape, *self.event_shape))
+        shocks = jax.random.normal(key_of_noise, (*shape, record.d.shape[1]))
         if record.colour.root.shape[1]:
             shocks = noise.drawn(record.colour, record.rate, jax.random.fold_in(key, 4), shocks)
         elif self.noise_parameters.atanh_correlation is not None:
@@ -275,6 +268,10 @@ class MeasuredImpact(dist.Distribution):
         delta = jnp.einsum("...im,imr->...ir", weights, record.discrepancy.basis)
         added = _added(errors, predicted, record) + self.sigma[:, None] * shocks
         return jnp.where(record.inside(), predicted.d + delta + added, 0.0)
+
+    def noise_quantities(self) -> dict[str, Float[Array, " impact"]]:
+        """What the noise of each trace is, by the names that posteriors have."""
+        return {"sigma_d": self.sigma}
 
     def replicate(self, key: Array) -> dict[str, Float[Array, "impact sample"]]:
         """A replicate of every trace, the deceleration [m/s^2] with its discrepancy; NaN past its end."""

@@ -17,6 +17,7 @@ from jaxtyping import Bool, Float, Int
 from bayestissue.elements.element import GRAVITY
 from bayestissue.likelihood.element.recorder import Colour, LowPass
 from bayestissue.likelihood.linear_errors import LOG_2PI
+from bayestissue.padding import padded_zeros
 
 # Among the errors of the measuring chain; the gain, if it is another than the velocity's, is between them.
 VELOCITY, OFFSET, CONTACT = 0, -2, -1
@@ -215,6 +216,11 @@ class DecelerationRecord(NamedTuple):
         shared: Any = {"colour": None, "low_pass": None}
         chosen = jax.tree.map(lambda leaf: np.asarray(leaf)[rows], self._replace(**shared))
         return chosen._replace(colour=self.colour, low_pass=self.low_pass)
+
+    def padded(self) -> DecelerationRecord:
+        """With as many samples, 0 past a row's end, as a `bucket` holds."""
+        basis = padded_zeros(self.discrepancy.basis, -1)
+        return self._replace(d=padded_zeros(self.d, 1), discrepancy=self.discrepancy._replace(basis=basis))
 
     def with_normal_errors(self) -> DecelerationRecord:
         """The same, every error of the measuring chain taken as normal with its standard deviation.

@@ -207,7 +207,7 @@ class _Results:
         sites = named_sites(self.model.locations, self.design, sampled.draws.sites, sampled.b)
         quantities = self._quantities(sites, rng)
         reported = {name: values for name, values in sites.items() if name in quantities}
-        priors = compiled_quickly()(self.model.priors.log_densities)(reported)
+        priors = compiled_quickly(self.model.priors.log_densities)(reported)
         tables = len(self.observations.averages)
         densities = {"estimates": sampled.rows[..., tables:], "averages": sampled.rows[..., :tables]}
         return {

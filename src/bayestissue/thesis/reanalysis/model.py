@@ -39,7 +39,6 @@ from bayestissue.hierarchy.priors import Priors
 from bayestissue.hierarchy.traces import Hyperparameters, sample_hyperparameters, sample_warped
 from bayestissue.hierarchy.warp import SinhArcsinh
 from bayestissue.likelihood import small
-from bayestissue.padding import adds_nothing
 from bayestissue.thesis.reanalysis.observations import (
     AveragesOfLognormals,
     PublishedObservations,
@@ -58,7 +57,6 @@ class EstimatesModel(Hyperparameters):
     correlated: bool
 
 
-@adds_nothing
 class EstimatesData(NamedTuple):
     """What the model reads, all of it arrays. A row is the mean of a lost table, or an estimate.
 

@@ -17,7 +17,7 @@ from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.traces import COORDINATES, constrained
 from bayestissue.hierarchy.warp import SinhArcsinh
 from bayestissue.inference.execution.chunks import Progress, silent
-from bayestissue.inference.execution.compiling import by_row, filled_up
+from bayestissue.inference.execution.compiling import by_row
 from bayestissue.inference.posterior.correction import Correction
 from bayestissue.inference.samplers.coordinates import (
     Coordinates,
@@ -140,7 +140,7 @@ def sample_chains(
             break
     else:
         start = Start({COORDINATES: np.zeros(len(proposed.names))}, COORDINATES, proposed.covariance)
-        target = (model, *filled_up((data,)), proposed.warp)
+        target = (model, data, proposed.warp)
         sampled = run_chains(
             marginal_model, target, start, settings, seed, progress=progress, processes=False
         )
@@ -162,7 +162,7 @@ def _exact(
     size = len(coordinates.names)
     centre = {COORDINATES: np.zeros(size), "standard_locations": np.zeros(model.locations.size)}
     start = Start(centre, COORDINATES, coordinates.covariance)
-    arguments = (model, *filled_up((data,)), coordinates.warp)
+    arguments = (model, data, coordinates.warp)
     sampled = run_chains(sampled_model, arguments, start, settings, seed, progress=progress)
     sampled = sampled.thinned(settings.thinning)
     y, z = (sampled.sites[name].reshape(-1, *np.shape(centre[name])) for name in centre)
