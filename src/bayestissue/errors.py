@@ -93,21 +93,6 @@ class InputError(ValueError):
         return cls(Problem.stated(key, file, *where, **numbers))
 
 
-def refusal(
-    file: str,
-    expected: str,
-    remedy: str,
-    row: int | None = None,
-    column: str | None = None,
-    value: object = None,
-    *,
-    impact: str | None = None,
-    code: Code,
-) -> InputError:
-    """The `InputError` of one problem; arguments as of `Problem`."""
-    return InputError(Problem(file, expected, remedy, row, column, value, impact, code=code))
-
-
 # From so many files on, the same problem in each is one cause.
 _MANY = 3
 

@@ -15,7 +15,7 @@ import pandas as pd
 import xarray as xr
 
 from bayestissue import results, runtime
-from bayestissue.errors import InputError, refusal
+from bayestissue.errors import InputError
 from bayestissue.hierarchy.specification import ModelSpecification, specification_of
 from bayestissue.inference.answers.finished import GROUPS, Finished
 from bayestissue.inference.samplers.diagnostics import verdict_in_words
@@ -230,12 +230,7 @@ class Fit(Outlined):
 
     def _page(self, path: Path, overwrite: bool) -> Path:
         if path.exists() and not overwrite:
-            raise refusal(
-                str(path),
-                "a name not yet taken",
-                "Choose another, or pass overwrite=True.",
-                code="out-taken",
-            )
+            raise InputError.stated("out-taken.page", str(path))
         with results.whole_file(path) as staging:
             staging.write_text(page_html(self), encoding="utf-8")
         return path

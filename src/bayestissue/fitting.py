@@ -99,10 +99,6 @@ def fit(
 def _checked_seed(seed: Any) -> int:
     if isinstance(seed, int | np.integer) and not isinstance(seed, bool) and 0 <= seed <= runtime.MOST_SEED:
         return int(seed)
-    _expected, _remedy = (
-        f"a whole number from 0 to {runtime.MOST_SEED}",
-        "Pass such a number, or leave seed out.",
-    )
     raise InputError.stated(
         "option-value.seed", "arguments", column="seed", value=seed, most=runtime.MOST_SEED
     )

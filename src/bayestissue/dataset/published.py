@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -28,46 +30,8 @@ _KINDS: dict[str, tuple[str, Callable[[pd.Series, pd.Series], pd.Series]]] = {
 _PRINTED = ("positive", "number", "optional")
 
 
-class _Layout:
-    """The columns of one file by what they hold, and those that tell its rows apart."""
-
-    def __init__(self, key: str, **columns: str) -> None:
-        self.key = key.split()
-        self.kinds = {column: kind for kind, names in columns.items() for column in names.split()}
-
-
-_LAYOUTS = {
-    "estimates": _Layout(
-        "trial subject",
-        whole="row trial subject",
-        name="table",
-        positive="energy_J velocity_m_s mass_kg K C",
-    ),
-    "averages": _Layout(
-        "quantity trial",
-        whole="row trial",
-        name="table",
-        response="quantity",
-        positive="energy_J velocity_m_s mass_kg average sd range",
-    ),
-    "correlations": _Layout(
-        "table row",
-        whole="row",
-        name="table variable",
-        response="quantity",
-        number="correlation",
-        optional="p_value",
-    ),
-    "stepwise": _Layout(
-        "table quantity status row",
-        whole="row",
-        name="table variable",
-        response="quantity",
-        status="status",
-    ),
-    "regressions": _Layout("quantity term", name="term", response="quantity", number="coefficient r_squared"),
-    "claims": _Layout("claim", whole="claim", name="section quantity statistic sentence", number="value"),
-}
+# The columns of each file by what they hold, and the key that tells its rows apart.
+_LAYOUTS = tomllib.loads(files(__package__).joinpath("published.toml").read_text(encoding="utf-8"))
 
 
 @dataclass(frozen=True)
@@ -118,6 +82,7 @@ def read_published(folder: Path | None = None) -> PublishedTables:
 
 def _read_table(path: Path, name: str, problems: list[Problem]) -> pd.DataFrame:
     layout = _LAYOUTS[name]
+    kinds = {column: kind for kind, columns in layout.items() if kind != "key" for column in columns}
     try:
         table = pd.read_csv(path, dtype=str, keep_default_na=False, encoding="utf-8").fillna("")
     except (OSError, UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
@@ -126,14 +91,14 @@ def _read_table(path: Path, name: str, problems: list[Problem]) -> pd.DataFrame:
     # pandas takes the first cells of rows that are longer than the header for row names.
     if not isinstance(table.index, pd.RangeIndex):
         problems.append(_wrong(path, "as many cells in a row as in the header"))
-    elif missing := [column for column in layout.kinds if column not in table]:
+    elif missing := [column for column in kinds if column not in table]:
         problems += [_wrong(path, "this column", row=1, column=column) for column in missing]
     elif table.empty:
         problems.append(_wrong(path, "at least one row"))
     else:
-        for column in layout.kinds:
-            problems += _read_column(table, column, layout.kinds[column], path)
-        problems += _rows_that_stand_twice(table, layout.key, path)
+        for column in kinds:
+            problems += _read_column(table, column, kinds[column], path)
+        problems += _rows_that_stand_twice(table, layout["key"], path)
     return table
 
 

@@ -188,7 +188,9 @@ def settle(
     if choices.quantity is None:
         what = "what it recorded (a deceleration is positive while the impactor slows)"
         questions.append(Question("--quantity", what, _QUANTITIES, "deceleration"))
-    dimensions = _dimensions(choices.quantity)
+    dimensions: list[Dimension] = ["length" if choices.quantity == "displacement" else "acceleration"]
+    if choices.quantity is None:
+        dimensions = ["acceleration", "length"]
     if choices.unit is None and (unit := _unit(chosen, dimensions)) is None:
         example = "mm" if dimensions == ["length"] else "g"
         words = f"its unit after scale and offset, {' or '.join(EXAMPLES[kind] for kind in dimensions)}"
@@ -203,12 +205,6 @@ def settle(
     if choices.gravity is None and any(map(is_height, facts)):
         questions.append(Question("--gravity", _FALLS, ("drop", "none"), "drop"))
     return choices, questions
-
-
-def _dimensions(quantity: str | None) -> list[Dimension]:
-    if quantity is None:
-        return ["acceleration", "length"]
-    return ["length" if quantity == "displacement" else "acceleration"]
 
 
 def _no_channel(option: str, name: str, names: Iterable[str]) -> Problem:

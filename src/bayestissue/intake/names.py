@@ -146,7 +146,8 @@ class Pattern:
         if shortest is None or longest is None:
             raise InputError.stated("file-names.unlike", file, value=name, pattern=self.text)
         if shortest.groupdict() != longest.groupdict():
-            readings = (_words(reading.groupdict()) for reading in (shortest, longest))
+            fields = (reading.groupdict().items() for reading in (shortest, longest))
+            readings = (", ".join(f"{name} {text}" for name, text in reading) for reading in fields)
             raise InputError.stated(
                 "file-names.two-ways", file, value=" or ".join(readings), pattern=self.text
             )
@@ -160,10 +161,6 @@ class Pattern:
                 what = (_NUMBER if is_number(name) else _TEXT).replace("{lazy}", lazy)
                 pieces.append(f"(?P<{name}>{what})" if name else f"(?:{what})")
         return "".join(pieces)
-
-
-def _words(fields: dict[str, str]) -> str:
-    return ", ".join(f"{name} {text}" for name, text in fields.items())
 
 
 def _unfit(text: str, slip: str) -> InputError:
@@ -233,17 +230,14 @@ def _pieces(columns: Sequence[Sequence[str]]) -> list[str]:
             pieces[position], taken = "{subject}", taken | {"subject"}
         elif pieces[position] is None:
             counted = all(text.isdigit() for text in texts)
-            name = next(n for n in (["n"] if counted else []) + _others() if n not in taken)
+            names = [*(["n"] if counted else []), "group", *(f"group_{number}" for number in range(2, 20))]
+            name = next(name for name in names if name not in taken)
             pieces[position], taken = f"{{{name}}}", taken | {name}
     # Counts alone, as in 01_1, 01_2: the first is the person.
     if "subject" not in taken and "{n}" in pieces:
         pieces[pieces.index("{n}")] = "{subject}"
     twice = [piece for piece in pieces if piece and "{" in piece]
     return ["{}" if p in twice and p in pieces[:position] else str(p) for position, p in enumerate(pieces)]
-
-
-def _others() -> list[str]:
-    return ["group", *(f"group_{number}" for number in range(2, 20))]
 
 
 def _recognised(texts: set[str]) -> str | None:

@@ -308,22 +308,16 @@ def interval_subject(posteriors: pd.DataFrame, variable: str) -> str:
 def quantity_rows(posteriors: pd.DataFrame, runs: list[str], variable: str) -> list[dict[str, str]]:
     """Median and 90 % interval of a quantity without labels, by run; "not in this model" where it lacks."""
     chosen = posteriors[posteriors["variable"] == variable]
-    by_run = {row["run"]: row for row in chosen.to_dict("records")}
-    rows = []
-    for run in runs:
-        if run in by_run:
-            row = by_run[run]
-            rows.append(
-                {
-                    "run": run,
-                    "value": significant(row["median"]),
-                    "range": interval(row["eti90_low"], row["eti90_high"]),
-                    "unit": "" if row["unit"] == "1" else str(row["unit"]),
-                }
-            )
-        else:
-            rows.append({"run": run, "value": "not in this model", "range": "", "unit": ""})
-    return rows
+    absent = {"value": "not in this model", "range": "", "unit": ""}
+    present = {
+        row["run"]: {
+            "value": significant(row["median"]),
+            "range": interval(row["eti90_low"], row["eti90_high"]),
+            "unit": "" if row["unit"] == "1" else str(row["unit"]),
+        }
+        for row in chosen.to_dict("records")
+    }
+    return [{"run": run, **present.get(run, absent)} for run in runs]
 
 
 def exponent_rows(posteriors: pd.DataFrame, runs: list[str], quantity: str) -> list[dict[str, str]]:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import tomllib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib.resources import files
 from typing import Any
 
 import pandas as pd
@@ -103,27 +105,7 @@ def plain(value: Any) -> str:
     return "not set" if value is None else str(value)
 
 
-_MEANINGS = {
-    "intercept": "log of a typical person's value at the reference mass",
-    "mass_exponent": "slope of the log on log mass",
-    "covariate": "change of the log for one standard deviation of another covariate",
-    "sd_subject": "spread between people, log scale",
-    "sd_trial": "spread between conditions beyond the covariates, log scale",
-    "sd_group": "spread between the levels of another grouping, log scale",
-    "sd_slope": "spread between levels of the mass exponent, or of the change of the log for one standard "
-    "deviation of another covariate",
-    "sd_impact": "spread of one person's impacts in one condition, log scale",
-    "residual_correlation": "correlation of K and C from impact to impact",
-    "noise": "mean over impacts of the log of the noise, as a fraction of the trace's peak",
-    "sd_noise": "spread of that log between impacts",
-    "atanh_theta1": "mean over impacts of artanh θ₁: 0 is white, minus infinity is θ₁ = −1",
-    "atanh_noise_correlation": "mean over impacts of artanh of the noise's correlation from sample to sample",
-    "sd_atanh_noise_correlation": "spread of that between impacts",
-    "discrepancy": "mean over impacts of the log of the discrepancy's rms, as a fraction of the trace's peak",
-    "sd_discrepancy": "spread of that log between impacts",
-    "element": "log of the element's further parameters",
-    "sd_atanh_theta1": "spread of artanh θ₁ between impacts",
-}
+_MEANINGS = tomllib.loads(files(__package__).joinpath("priors.toml").read_text(encoding="utf-8"))
 SHOWN_ELSEWHERE = ("name", "description", "formula", "priors")
 
 

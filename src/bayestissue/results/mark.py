@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from bayestissue import runtime
-from bayestissue.errors import refusal
+from bayestissue.errors import InputError
 from bayestissue.outline import first_of
 
 MARK = ".bayestissue.json"
@@ -121,8 +121,6 @@ def _read(path: Path) -> dict[str, Any]:
     return content if isinstance(content, dict) else {}
 
 
-_BELOW = "Choose another --out, such as a new folder in it."
-_ANOTHER = "Choose another --out."
 _NAMED = 3
 
 
@@ -139,16 +137,10 @@ def require_place(out: Path, inputs: Sequence[str | Path | None] = ()) -> Path:
         resolved = Path(out).resolve()
         wrong = _wrong_place(resolved, inputs)
     except (OSError, RuntimeError, ValueError) as error:
-        raise refusal(
-            str(out),
-            "a folder that can be made and written",
-            _ANOTHER,
-            value=str(error),
-            code="out-unwritable",
-        ) from error
+        raise InputError.stated("out-unwritable.here", str(out), value=str(error)) from error
     if wrong is not None:
-        value, expected, remedy = wrong
-        raise refusal(f"--out {str(out)!r}", expected=expected, remedy=remedy, value=value, code="out-taken")
+        key, value, path = wrong
+        raise InputError.stated(key, f"--out {str(out)!r}", value=value, path=path)
     return resolved
 
 
@@ -160,55 +152,33 @@ def require_free(out: Path, *, overwrite: bool) -> None:
             anything that this program did not write.
     """
     if out.exists() and not out.is_dir():
-        raise refusal(
-            str(out),
-            expected="a folder or a name not yet taken",
-            remedy=_ANOTHER,
-            value="a file",
-            code="out-taken",
-        )
+        raise InputError.stated("out-taken.file", str(out), value="a file")
     if not out.is_dir() or not any(out.iterdir()):
         return
     others = foreign(out)
     if not overwrite:
-        remedy = (
-            f"{_ANOTHER}" if others else "Choose another --out, or pass --overwrite to replace these results."
-        )
-        raise refusal(
-            str(out),
-            expected="an empty folder or a name not yet taken",
-            remedy=remedy,
-            value="a folder that is not empty",
-            code="out-taken",
-        )
+        key = "out-taken.others" if others else "out-taken.results"
+        raise InputError.stated(key, str(out), value="a folder that is not empty")
     if others:
-        raise refusal(
-            str(out),
-            expected=(
-                "a folder that holds results of bayestissue and nothing else, which alone "
-                "--overwrite replaces"
-            ),
-            remedy="Choose another --out, or move what is in it elsewhere.",
-            value=first_of(others, _NAMED),
-            code="out-taken",
-        )
+        raise InputError.stated("out-taken.mixed", str(out), value=first_of(others, _NAMED))
 
 
-def _wrong_place(out: Path, inputs: Sequence[str | Path | None]) -> tuple[str, str, str] | None:
+def _wrong_place(out: Path, inputs: Sequence[str | Path | None]) -> tuple[str, str, str | Path] | None:
+    """What is wrong with a place: the message, what it is, and the folder or file that is in the way."""
     for folder, name in ((Path.cwd(), "the working folder"), (_home(), "the home folder")):
         if folder is not None and _holds(out, folder):
             which = name if out == folder else f"a folder that holds {name}"
-            return which, "a folder of its own for the results", _BELOW
+            return "out-taken.folder", which, folder
     if out.is_mount():
-        return "a mount point, which can't be replaced", "a folder of its own for the results", _BELOW
+        return "out-taken.folder", "a mount point, which can't be replaced", out
     for path in inputs:
         # Text may be the name of a model of the program: `--model impact --out impact` is no conflict.
         is_name = isinstance(path, str) and not Path(path).is_file()
         if path is not None and not is_name and _holds(out, Path(path).resolve()):
-            return "what this command reads", f"a folder that does not hold {path}", _ANOTHER
+            return "out-taken.input", "what this command reads", path
     for parent in out.parents:
         if is_result(parent):
-            return "a folder inside other results", f"a folder outside {parent}", _ANOTHER
+            return "out-taken.inside", "a folder inside other results", parent
     return None
 
 

@@ -95,13 +95,7 @@ def _in_use(out: Path, path: Path) -> Problem:
         words = path.read_text(encoding="utf-8").strip()
     except (OSError, UnicodeDecodeError):
         words = ""
-    return Problem(
-        str(out),
-        expected="a folder that no other command is writing",
-        remedy="Wait for that one to end, or choose another --out.",
-        value=f"a folder in use by {words or 'another command'}",
-        code="out-in-use",
-    )
+    return Problem.stated("out-in-use", str(out), value=f"a folder in use by {words or 'another command'}")
 
 
 @contextmanager
@@ -115,14 +109,10 @@ def _as_input_errors(out: Path) -> Iterator[None]:
 
 
 def _no_place(out: Path, why: str) -> Problem:
-    file, remedy = _file_above(out), "Choose another --out."
+    file = _file_above(out)
     if file is not None:
-        return Problem(
-            str(out), f"a folder at {file}", remedy, value="a file above it", code="out-unwritable"
-        )
-    return Problem(
-        str(out), "a folder that can be made and written", remedy, value=why, code="out-unwritable"
-    )
+        return Problem.stated("out-unwritable.above", str(out), value="a file above it", path=file)
+    return Problem.stated("out-unwritable.here", str(out), value=why)
 
 
 def _file_above(out: Path) -> Path | None:

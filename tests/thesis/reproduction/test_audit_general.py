@@ -130,7 +130,7 @@ def test_impacts_off_the_curve_are_named() -> None:
     frame = with_constant_frequency(made_up_table())
     frame.loc[12, "K"] *= 1.1
     impacts = read_impacts(frame)
-    (found,) = GENERAL.checks["impacts_off_the_curve"].look(impacts)
+    (found,) = GENERAL.checks["impacts_off_the_curve"].findings(impacts)
     assert "2/3" in found.explanation
 
 
@@ -178,9 +178,9 @@ def test_recorded_peaks_are_compared() -> None:
 def test_energy_that_is_not_half_m_v_squared_is_found_with_the_velocity_that_fits() -> None:
     frame = made_up_table()
     shifted = frame.assign(velocity_m_s=frame["velocity_m_s"] - 0.1)
-    (found,) = GENERAL.checks["kinetic_energy"].look(read_impacts(shifted))
+    (found,) = GENERAL.checks["kinetic_energy"].findings(read_impacts(shifted))
     assert "0.10 m/s higher than stated" in found.explanation
-    (found,) = GENERAL.checks["kinetic_energy"].look(
+    (found,) = GENERAL.checks["kinetic_energy"].findings(
         read_impacts(frame.assign(mass_kg=frame["mass_kg"] * 1.2))
     )
     assert "0.10" not in found.explanation
@@ -190,7 +190,7 @@ def test_people_without_differences_are_not_told_apart() -> None:
     frame = made_up_table()
     rng = np.random.default_rng(5)
     shuffled = frame.assign(K=frame.groupby("trial")["K"].transform(lambda one: rng.permutation(one)))
-    (found,) = GENERAL.checks["people_not_told_apart"].look(read_impacts(shuffled))
+    (found,) = GENERAL.checks["people_not_told_apart"].findings(read_impacts(shuffled))
     assert found.what.startswith("K of the same person")
 
 

@@ -126,7 +126,7 @@ def names_of(publication: Publication) -> set[str]:
 
 
 def explained(publication: Publication, name: str) -> str:
-    (found,) = PUBLISHED.checks[name].look(publication)
+    (found,) = PUBLISHED.checks[name].findings(publication)
     return found.explanation
 
 
@@ -181,7 +181,7 @@ def test_masses_behind_an_equation_are_recognised() -> None:
 def test_a_figure_given_twice_is_found_and_last_digits_are_a_note() -> None:
     for second, severity in (("1.122", "note"), ("2.5", None)):
         publication = with_claims(("1", "C", "mean", "1.121", ""), ("2", "C", "mean", second, ""))
-        (found,) = PUBLISHED.checks["claims_that_contradict"].look(publication)
+        (found,) = PUBLISHED.checks["claims_that_contradict"].findings(publication)
         assert found.severity == (severity or "minor")
     rounded = with_claims(("1", "C", "mean", "1.121", ""), ("2", "C", "mean", "1.12", ""))
     assert "claims_that_contradict" not in names_of(rounded)

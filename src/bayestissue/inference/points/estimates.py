@@ -28,7 +28,7 @@ from bayestissue.oscillator import peak_displacement
 from bayestissue.signal import Displacements, SignalOptions
 from bayestissue.signal.displacement import FEWEST_SAMPLES
 from bayestissue.signal.quality import Finding, raised
-from bayestissue.signal.quality.inspection import DRIFT, HUM
+from bayestissue.signal.quality.inspection import KINDS
 
 if TYPE_CHECKING:
     from bayestissue.dataset import Dataset
@@ -206,7 +206,7 @@ def flagged(
     # No quiet part is found where hum or drift stand in it: that is named instead.
     earlier = raised(findings, len(another_peak), notes=True)
     notes = [
-        [*(n for n in a if not {HUM.flag, DRIFT.flag} & set(named)), *b, *c]
+        [*(n for n in a if not {KINDS["hum"].flag, KINDS["drift"].flag} & set(named)), *b, *c]
         for a, b, c, named in zip(signal.notes, earlier, _by_row(noted), spoilt, strict=True)
     ]
     return flags, notes

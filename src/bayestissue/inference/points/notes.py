@@ -10,7 +10,7 @@ from bayestissue.errors import Coded
 from bayestissue.outline import first_of
 from bayestissue.remedies import entries
 from bayestissue.signal.displacement import NO_OFFSET
-from bayestissue.signal.quality.inspection import EARLIER
+from bayestissue.signal.quality.inspection import KINDS
 
 THETA1 = Coded("theta1 at its limit", "integrated-noise")
 NOT_WHITE = Coded("residuals are not white", "integrated-noise")
@@ -39,8 +39,9 @@ NO_ANSWER = Coded("the fit came to no answer", "sensor-noise")
 _NAMED = 5
 # What `said_once` may meet in the column ``notes``.
 _NOTES = (
-    THETA1, NOT_WHITE, ARCCOS, NOT_FILTERED, NOISELESS, NO_ANSWER, ANOTHER_PEAK, NO_OFFSET, EARLIER.flag,
-)  # fmt: skip
+    *(THETA1, NOT_WHITE, ARCCOS, NOT_FILTERED, NOISELESS, NO_ANSWER, ANOTHER_PEAK, NO_OFFSET),
+    KINDS["contact-earlier"].flag,
+)
 
 
 def flagged_recordings(impacts: Sequence[str], flags: Sequence[str]) -> dict[str, Any]:

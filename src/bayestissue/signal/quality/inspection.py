@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple
+from importlib.resources import files
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -63,84 +65,12 @@ class Finding:
     said: list[str]
 
 
-SPIKE = Kind(
-    Coded("a spike of one to three samples", "spike"),
-    "samples that follow from their neighbours",
-    "one at sample {}",
-)
-STANDING = Kind(
-    Coded("samples that repeat the one before", "repeated-samples"),
-    "a new value in each sample while the signal moves",
-    "{} such samples",
-)
-COARSE = Kind(
-    Coded("steps of the recorder too coarse for the peak", "coarse-steps"),
-    "20 or more steps of the recorder in the peak",
-    "{:.3g} steps",
-)
-HUM = Kind(
-    Coded("hum while nothing is touched", "hum"),
-    "a level signal before and after contact",
-    "a wave of {:.0f} Hz",
-)
-DRIFT = Kind(
-    Coded("drift while nothing is touched", "drift"),
-    "a level signal before and after contact",
-    "a signal that is not level",
-)
-MOVED = Kind(
-    Coded("the zero after contact is another than before", "zero-moved"),
-    "the same mean before contact and after it",
-    "a difference of {:.1%} of the peak",
-)
-ABOVE = Kind(
-    Coded("begins above zero: after contact, or with an offset", "starts-above-zero"),
-    "a recording that begins before contact",
-    "{:.1%} of the peak at the first sample",
-)
-EARLIER = Kind(
-    Coded("contact may have come before the first sample", "contact-earlier"),
-    "a recording that begins before contact",
-    "up to {:.2g} ms before",
-    note=True,
-)
-BELOW = Kind(
-    Coded("begins below zero: an offset", "starts-below-zero"),
-    "a recording that begins at zero, or with a quiet part that tells the offset",
-    "{:.1%} of the peak at the first sample",
-)
-SLOW = Kind(
-    Coded("noise slower than the impact: a low-pass", "slow-low-pass"),
-    "noise up to far higher frequencies than those of the impact",
-    "noise up to {:.0f} Hz",
-)
-SATURATED = Kind(
-    Coded("flatter at the top than any tissue makes it: saturated or cut off", "saturated"),
-    "a force that some spring and damper could make",
-    "what a limit of {:.2g} times the peak makes",
-)
-NO_LAW = Kind(
-    Coded("no force of depth and velocity gives this trace", "no-law"),
-    "a deceleration that follows from depth and velocity, whatever the tissue",
-    "structure beyond noise in what every law leaves over",
-)
-FALLS = Kind(
-    Coded("looks like gravity along the motion, which is not declared", "gravity"),
-    'signal.gravity = "drop" in dataset.toml where the impactor falls straight down',
-    "a trace that gravity of {:.3g} m/s² explains far better",
-)
-FALLS_NOT = Kind(
-    Coded("looks like no gravity along the motion, though it is declared", "gravity"),
-    'signal.gravity = "none" in dataset.toml where the impactor moves across gravity',
-    "a trace that gravity of {:.3g} m/s² explains far better",
-)
-DEEP = Kind(
-    Coded(
-        "begins above zero: contact came before the recording, or the sensor has another zero", "starts-deep"
-    ),
-    "a displacement that begins at 0, where contact is",
-    "{:.1%} of the peak at the first sample",
-)
+def _kind(code: str, flag: str, **attributes: Any) -> Kind:
+    return Kind(Coded(flag, code), **attributes)
+
+
+_DECLARED = tomllib.loads(files(__package__).joinpath("kinds.toml").read_text(encoding="utf-8"))
+KINDS = {name: _kind(**{"code": name, **entry}) for name, entry in _DECLARED.items()}
 
 
 @dataclass(frozen=True)
@@ -205,7 +135,7 @@ def _inspected(part: _Part, options: SignalOptions) -> Iterator[Finding]:
         # A displacement that passes 0 on its way shows its contact.
         early = np.arange(recorded.value.shape[1]) <= recorded.top[:, None]
         deep = (start > _ABOVE) & (np.where(early, recorded.value, np.inf).min(axis=1) > 0)
-        yield from (*findings, DEEP.where(deep, start))
+        yield from (*findings, KINDS["starts-deep"].where(deep, start))
         return
     whole = {"window": "rebound", "filter": "none", "equilibrium": "rest"}
     signal = displacements(part, options.model_copy(update=whole))
@@ -214,34 +144,41 @@ def _inspected(part: _Part, options: SignalOptions) -> Iterator[Finding]:
     if part.recorder is None:
         # An impact's force may jump at contact; behind a low-pass it can't.
         above, longest = beginning.beginning(recorded, signal, start > 0, part.uncertainty)
-    findings += [ABOVE.where(above, start), BELOW.where(start < -_ABOVE, start)]
-    yield EARLIER.where(longest > 0, 1e3 * longest)
-    yield from (finding for finding in findings if part.recorder is None or finding.kind is not SLOW)
+    findings += [
+        KINDS["starts-above-zero"].where(above, start),
+        KINDS["starts-below-zero"].where(start < -_ABOVE, start),
+    ]
+    yield KINDS["contact-earlier"].where(longest > 0, 1e3 * longest)
+    yield from (
+        finding for finding in findings if part.recorder is None or finding.kind is not KINDS["slow-low-pass"]
+    )
     # What a declared low-pass makes of a law is none.
     if part.recorder is not None:
         return
     used = np.arange(signal.x.shape[1]) < signal.n_samples[:, None]
     other_gravity = law.another_gravity(signal, used, recorded.sd, recorded.freedom)
-    yield (FALLS_NOT if part.gravity else FALLS).where(other_gravity, law.gravity_tried(signal))
+    yield KINDS["gravity-declared" if part.gravity else "gravity-undeclared"].where(
+        other_gravity, law.gravity_tried(signal)
+    )
     named = np.array([[bool(words) for words in finding.said] for finding in findings]).any(axis=0)
     yield from _laws(recorded, signal, used & ~(named | other_gravity)[:, None])
 
 
 def _single_samples(recorded: Recorded) -> Iterator[Finding]:
     spike, repeated, levels = samples.spikes(recorded), samples.standing(recorded), samples.levels(recorded)
-    yield SPIKE.where(spike >= 0, spike + 1)
-    yield STANDING.where(repeated > 0, repeated)
-    yield COARSE.where(np.isfinite(levels), levels)
+    yield KINDS["spike"].where(spike >= 0, spike + 1)
+    yield KINDS["repeated-samples"].where(repeated > 0, repeated)
+    yield KINDS["coarse-steps"].where(np.isfinite(levels), levels)
 
 
 def _at_rest(recorded: Recorded, to_peak: Column, along: float) -> Iterator[Finding]:
     uneven = samples.uneven(recorded, to_peak)
     frequency, moved = samples.hum(recorded, uneven), samples.moved_zero(recorded, along)
     slow = samples.slow_noise(recorded, to_peak)
-    yield HUM.where(np.isfinite(frequency), frequency)
-    yield DRIFT.where(uneven & np.isnan(frequency), moved)
-    yield MOVED.where((moved != 0) & ~uneven, moved)
-    yield SLOW.where(np.isfinite(slow) & ~uneven, slow)
+    yield KINDS["hum"].where(np.isfinite(frequency), frequency)
+    yield KINDS["drift"].where(uneven & np.isnan(frequency), moved)
+    yield KINDS["zero-moved"].where((moved != 0) & ~uneven, moved)
+    yield KINDS["slow-low-pass"].where(np.isfinite(slow) & ~uneven, slow)
 
 
 def _laws(recorded: Recorded, signal: Displacements, used: Mask) -> Iterator[Finding]:
@@ -249,5 +186,5 @@ def _laws(recorded: Recorded, signal: Displacements, used: Mask) -> Iterator[Fin
     limit = law.saturation(signal.deceleration, used, start, recorded.sd)
     flat = limit > 0
     none = law.no_law(signal.deceleration, used, start, recorded.sd, recorded.freedom, recorded.peak)
-    yield SATURATED.where(flat, limit)
-    yield NO_LAW.where((limit == 0) | none & ~flat, limit)
+    yield KINDS["saturated"].where(flat, limit)
+    yield KINDS["no-law"].where((limit == 0) | none & ~flat, limit)

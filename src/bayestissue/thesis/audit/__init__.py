@@ -1,8 +1,8 @@
 """The audit: the program finds what does not hold together, and says why.
 
-A check is a function that yields a `Finding` for everything it does not believe. It is registered with
-``@GENERAL.check(...)`` if it needs no more than a table of estimates, with ``@PUBLISHED.check(...)`` if it is
-about a publication, in a module that is imported below.
+A check is a function that yields the numbers of everything it does not believe; ``findings.toml`` has what is
+said of them. It is registered with ``@GENERAL.check`` if it needs no more than a table of estimates, with
+``@PUBLISHED.check`` if it is about a publication, in a module that is imported below.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ from statsmodels.tools.sm_exceptions import ConvergenceWarning
 from bayestissue.oscillator import peak_displacement, time_to_peak
 from bayestissue.outline import first_of
 from bayestissue.signal.integration import trapezoids
-from bayestissue.thesis.audit.findings import GENERAL, Finding, Impacts
+from bayestissue.thesis.audit.findings import GENERAL, Impacts, Numbers
 
 # Impacts that a finding names, at most.
 _NAMED = 12
@@ -135,8 +135,8 @@ def variation(values: Float[np.ndarray, " impact"]) -> float:
     return float(np.std(values, ddof=1) / np.mean(values))
 
 
-@GENERAL.check("major", "tissue")
-def constant_natural_frequency(impacts: Impacts) -> Iterator[Finding]:
+@GENERAL.check
+def constant_natural_frequency(impacts: Impacts) -> Iterator[Numbers]:
     """K proportional to the mass of the impactor.
 
     Major: K = M ω_n², so a K that follows M with ω_n the same for all says nothing about the tissue.
@@ -148,44 +148,27 @@ def constant_natural_frequency(impacts: Impacts) -> Iterator[Finding]:
     per_mass = stiffness / impacts.rows["mass_kg"].to_numpy()
     if variation(per_mass) > 0.5 * variation(stiffness):
         return
-    omega = impacts.omega_n
-    yield impacts.finding(
-        "K against the mass of the impactor",
-        f"K from {stiffness.min():.4g} to {stiffness.max():.4g} (varies by {variation(stiffness):.0%})",
-        f"K/M varies by {variation(per_mass):.1%}; K ∝ M^{exponent.slope:.2f} "
-        f"[{exponent.low:.2f}, {exponent.high:.2f}]",
-        f"To within {variation(per_mass):.0%} K is the mass of the impactor times a constant: over all "
-        f"people and masses the natural frequency √(K/M) stays within {omega.min():.2f} to "
-        f"{omega.max():.2f} rad/s (varies by {variation(omega):.1%}). A tissue of fixed stiffness would "
-        "make it fall as M^−½, so these estimates of K record which mass was mounted and next to nothing "
-        "of the tissue that was struck.",
+    K, omega = (
+        {"min": values.min(), "max": values.max(), "variation": variation(values)}
+        for values in (stiffness, impacts.omega_n)
     )
+    yield {"K": K, "per_mass": variation(per_mass), "exponent": exponent, "omega": omega}
 
 
-@GENERAL.check("major", "method")
-def frequency_and_damping_on_one_curve(impacts: Impacts) -> Iterator[Finding]:
+@GENERAL.check
+def frequency_and_damping_on_one_curve(impacts: Impacts) -> Iterator[Numbers]:
     """ω_n a function of ζ, across people and masses that have nothing else in common.
 
     Major: two estimates that lie on one line hold one piece of information, not two.
     """
     curve = _common_curve(impacts)
-    if curve is None:
-        return
-    yield impacts.finding(
-        "ω_n and ζ, impact by impact",
-        f"{len(impacts.rows)} pairs (K, C)",
-        f"one curve: half of all ω_n within {curve.residual:.2%} of it",
-        "Natural frequency and damping ratio are not two findings about an impact but one: a parabola in "
-        f"ζ predicts ω_n with a median error of {curve.residual:.2%}, {curve.total / curve.residual:.0f} "
-        "times less than the scatter about the median; of random pairings 99 % leave more than "
-        f"{curve.chance:.2%}. A curve that is the same for every mass and person belongs to the method of "
-        f"estimation, not to the tissue; {int(curve.off.sum())} of {len(curve.off)} impacts leave it by "
-        "more than five times the usual distance.",
-    )
+    if curve is not None:
+        times = curve.total / curve.residual
+        yield {"impacts": len(curve.off), "curve": curve, "times": times, "off": curve.off.sum()}
 
 
-@GENERAL.check("note", "method")
-def impacts_off_the_curve(impacts: Impacts) -> Iterator[Finding]:
+@GENERAL.check
+def impacts_off_the_curve(impacts: Impacts) -> Iterator[Numbers]:
     """The impacts that do not follow the curve of the others.
 
     Note: the reader may want to look at these impacts first; they decide nothing.
@@ -195,17 +178,11 @@ def impacts_off_the_curve(impacts: Impacts) -> Iterator[Finding]:
         return
     rows = impacts.rows[curve.off]
     names = [f"{trial}/{subject}" for trial, subject in zip(rows["trial"], rows["subject"], strict=True)]
-    yield impacts.finding(
-        "impacts off the common curve of ω_n and ζ",
-        f"{len(impacts.rows)} impacts",
-        f"{len(rows)} off the curve",
-        "These impacts (trial/subject) stand apart from the curve that holds for the others: "
-        f"{first_of(names, _NAMED)}. It may be worth looking for what was done differently there.",
-    )
+    yield {"impacts": len(impacts.rows), "off": len(rows), "names": first_of(names, _NAMED)}
 
 
-@GENERAL.check("minor", "method")
-def equal_masses_at_other_energies(impacts: Impacts) -> Iterator[Finding]:
+@GENERAL.check
+def equal_masses_at_other_energies(impacts: Impacts) -> Iterator[Numbers]:
     """Conditions of nearly the same mass but different energy that give the same K.
 
     Minor: it separates mass from energy and velocity, which the design otherwise ties together.
@@ -226,14 +203,11 @@ def equal_masses_at_other_energies(impacts: Impacts) -> Iterator[Finding]:
         f", K {change['K']:+.1%}"
         for names, lower, higher, change in pairs
     )
-    yield impacts.finding(
-        "K of equal masses at different energies",
-        "; ".join(f"{lower['K']:.3f} and {higher['K']:.3f}" for _, lower, higher, _ in pairs),
-        "; ".join(f"{change['K']:+.1%}" for *_, change in pairs),
-        "Where two conditions have nearly the same mass, K is the same however hard and fast the blow "
-        f"({words}). Tissue or muscle that stiffens under a harder blow would answer to its energy; K "
-        "answers to the mass alone.",
-    )
+    yield {
+        "stiffnesses": "; ".join(f"{lower['K']:.3f} and {higher['K']:.3f}" for _, lower, higher, _ in pairs),
+        "changes": "; ".join(f"{change['K']:+.1%}" for *_, change in pairs),
+        "pairs": words,
+    }
 
 
 def centred_fit(
@@ -275,8 +249,8 @@ def made_up_pulses() -> tuple[Float[np.ndarray, "pulse time"], Float[np.ndarray,
     return 1 - lost / lost[:, -1:], bell / lost[:, -1:]
 
 
-@GENERAL.check("minor", "method")
-def frequency_of_the_window(impacts: Impacts) -> Iterator[Finding]:
+@GENERAL.check
+def frequency_of_the_window(impacts: Impacts) -> Iterator[Numbers]:
     """A natural frequency that is the same for all may be the reciprocal of the window.
 
     Minor: it shows where the one natural frequency may come from; only the recordings could prove it.
@@ -284,21 +258,17 @@ def frequency_of_the_window(impacts: Impacts) -> Iterator[Finding]:
     if _in_proportion(impacts) is None or variation(impacts.omega_n) > 0.1:
         return
     product, zeta = centred_fit(*made_up_pulses())
-    low, high = float(np.nanmin(product)), float(np.nanmax(product))
-    omega = float(np.median(impacts.omega_n))
-    mass = impacts.conditions["mass_kg"]
-    yield impacts.finding(
-        "natural frequency and length of the window",
-        f"ω_n = {omega:.2f} rad/s (median)",
-        f"window of {low / omega:.2f} to {high / omega:.2f} s for every impact",
-        f"A fit about the sample mean from contact to peak gives ω_n T between {low:.2f} and {high:.2f} "
-        f"(and ζ between {zeta.min():.2f} and {zeta.max():.2f}) for {len(product)} made-up blows of quite "
-        "different shape, T being the length of the window: what comes out is the window, whatever the "
-        f"tissue. ω_n = {omega:.2f} rad/s belongs to T = {low / omega:.2f} to {high / omega:.2f} s for "
-        "every mass, where a tissue of fixed stiffness would make the heaviest take "
-        f"{np.sqrt(mass.max() / mass.min()):.2f} times as long as the lightest: time seems to have been "
-        "counted in a unit of each impact's own length.",
-    )
+    low, high = np.nanmin(product), np.nanmax(product)
+    omega, mass = np.median(impacts.omega_n), impacts.conditions["mass_kg"]
+    yield {
+        "omega": omega,
+        "product": (low, high),
+        "zeta": (zeta.min(), zeta.max()),
+        "shortest": low / omega,
+        "longest": high / omega,
+        "blows": len(product),
+        "slower": np.sqrt(mass.max() / mass.min()),
+    }
 
 
 def peak(impacts: Impacts) -> tuple[Float[np.ndarray, " impact"], Float[np.ndarray, " impact"]]:
@@ -309,84 +279,66 @@ def peak(impacts: Impacts) -> tuple[Float[np.ndarray, " impact"], Float[np.ndarr
     return np.asarray(time), np.asarray(depth)
 
 
-@GENERAL.check("major", "physics")
-def implied_penetration(impacts: Impacts) -> Iterator[Finding]:
+@GENERAL.check
+def implied_penetration(impacts: Impacts) -> Iterator[Numbers]:
     """How deep, and for how long, an impactor would sink into a tissue of the estimated K and C.
 
     Major: an impactor that sinks through the limb was stopped by another K and C, or in another unit.
     """
     time, depth = peak(impacts)
     limit = THICKEST_TISSUE_M if impacts.tissue_m is None else impacts.tissue_m
-    middle = float(np.median(depth))
+    middle, stiffness = np.median(depth), np.median(impacts.rows["K"])
     if middle <= limit and np.median(time) <= SLOWEST_PEAK_S:
         return
-    known = (
-        "the greatest thickness stated for it" if impacts.tissue_m else "more than covers any bone of a limb"
-    )
-    stiffness = np.median(impacts.rows["K"])
-    yield impacts.finding(
-        "penetration that K and C imply",
-        f"tissue up to {limit * 1000:.3g} mm",
-        f"{depth.min() * 100:.0f} to {depth.max() * 100:.0f} cm, reached after {time.min():.2f} to "
-        f"{time.max():.2f} s",
-        f"With M, V, K and C as given, the impactor would come to rest {middle * 100:.0f} cm deep (median) "
-        f"after {np.median(time):.2f} s, in tissue of {limit * 1000:.3g} mm ({known}). To stop the same "
-        f"mass within that, K would have to be at least {_two_digits((middle / limit) ** 2):,.0f} times "
-        f"larger, some {_two_digits(stiffness * (middle / limit) ** 2):,.0f} N/m instead of "
-        f"{stiffness:.0f}: in N/m and N s/m the figures can't describe the tissue; the unit of time in the "
-        "fit can't have been the second.",
-    )
+    stated = impacts.tissue_m is not None
+    yield {
+        "limit_mm": 1000 * limit,
+        "known": "the greatest thickness stated for it" if stated else "more than covers any bone of a limb",
+        "depth_cm": (100 * depth.min(), 100 * depth.max()),
+        "time": (time.min(), time.max()),
+        "middle_cm": 100 * middle,
+        "median_time": np.median(time),
+        "stiffness": stiffness,
+        "factor": _two_digits((middle / limit) ** 2),
+        "needed": _two_digits(stiffness * (middle / limit) ** 2),
+    }
 
 
-@GENERAL.check("major", "physics")
-def energy_from_nowhere(impacts: Impacts) -> Iterator[Finding]:
+@GENERAL.check
+def energy_from_nowhere(impacts: Impacts) -> Iterator[Numbers]:
     """Springs that push the wrong way and dampers that drive.
 
     Major: tissue that adds energy to a blow does not exist; a few such estimates may be noise.
     """
     total = len(impacts.rows) + impacts.left_out
-    if not impacts.below_zero:
-        return
-    share = impacts.below_zero / total
-    yield impacts.finding(
-        "K or C below zero",
-        f"{impacts.below_zero} of {total} rows",
-        "none",
-        f"{impacts.below_zero} of {total} estimates ({share:.0%}) have a K or a C that is not above zero, "
-        "which would feed energy into the blow; a tissue that stiffens as it is compressed looks like "
-        "that to a spring and a damper whose constants are fixed.",
-        None if share > _FEW else "minor",
-    )
+    if impacts.below_zero:
+        share = impacts.below_zero / total
+        severity = "major" if share > _FEW else "minor"
+        yield {"below_zero": impacts.below_zero, "total": total, "share": share, "severity": severity}
 
 
-@GENERAL.check("major", "physics")
-def measured_peak(impacts: Impacts) -> Iterator[Finding]:
+@GENERAL.check
+def measured_peak(impacts: Impacts) -> Iterator[Numbers]:
     """Time to peak and peak displacement as recorded, beside those that K and C imply.
 
     Major: a K and C that do not bring back the peak they were fitted to do not describe the trace.
     """
     time, depth = peak(impacts)
-    for column, implied, what, unit in (
+    for column, implied, quantity, unit in (
         ("time_to_peak_s", time, "time to peak", "ms"),
         ("peak_displacement_m", depth, "peak displacement", "mm"),
     ):
         if column not in impacts.rows:
             continue
         measured = pd.to_numeric(impacts.rows[column], errors="coerce").to_numpy(dtype="float64")
-        ratio = float(np.nanmedian(implied / measured))
+        ratio = np.nanmedian(implied / measured)
         if not 0.8 <= ratio <= 1.25:
-            yield impacts.finding(
-                f"{what}, recorded and implied",
-                f"{np.nanmedian(measured) * 1000:.3g} {unit}",
-                f"{np.median(implied) * 1000:.3g} {unit}",
-                f"A mass on a spring and damper of the estimated K and C would have a {what} {ratio:.2f} "
-                "times the recorded one (median over the impacts): the fit has not caught the impact "
-                "itself.",
-            )
+            medians = {"measured": 1000 * np.nanmedian(measured), "implied": 1000 * np.median(implied)}
+            yield {"quantity": quantity, "unit": unit, "ratio": ratio, **medians}
 
 
-@GENERAL.check("major", "inputs")
-def kinetic_energy(impacts: Impacts) -> Iterator[Finding]:
+@GENERAL.check
+def kinetic_energy(impacts: Impacts) -> Iterator[Numbers]:
     """E = ½MV² with energy, mass and velocity as given.
 
     Major: K and C are proportional to the mass, so a wrong mass or velocity goes straight into them.
@@ -401,17 +353,19 @@ def kinetic_energy(impacts: Impacts) -> Iterator[Finding]:
         return
     implied = (2 * energy / mass) ** 0.5
     worst = int(ratio.to_numpy().argmin())
-    yield impacts.finding(
-        "energy, velocity and mass",
-        f"V = {_list(np.unique(velocity))} m/s",
-        f"V = {_list(np.unique(implied.round(2)))} m/s from √(2E/M)",
-        f"In {wrong.sum()} of {len(conditions)} conditions ½MV² is not the stated energy but "
-        f"{ratio[wrong].min():.2f} to {ratio[wrong].max():.2f} of it (trial {ratio.index[worst]}: "
-        f"½ × {mass.iloc[worst]:g} × {velocity.iloc[worst]:g}² = {(ratio * energy).iloc[worst]:.3f} J, "
-        f"not {energy.iloc[worst]:g} J). "
-        + _pattern(velocity, implied)
-        + " At least one of the three columns is not that of the experiment.",
-    )
+    yield {
+        "stated": _list(np.unique(velocity)),
+        "implied": _list(np.unique(implied.round(2))),
+        "wrong": wrong.sum(),
+        "conditions": len(conditions),
+        "ratios": (ratio[wrong].min(), ratio[wrong].max()),
+        "worst": ratio.index[worst],
+        "mass": mass.iloc[worst],
+        "velocity": velocity.iloc[worst],
+        "kinetic": (ratio * energy).iloc[worst],
+        "energy": energy.iloc[worst],
+        "pattern": _pattern(velocity, implied),
+    }
 
 
 def _pattern(velocity: pd.Series, implied: pd.Series) -> str:

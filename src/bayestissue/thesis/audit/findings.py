@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
+from functools import cache, cached_property
+from importlib.resources import files
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -12,7 +14,7 @@ import pandas as pd
 from jaxtyping import Float
 
 from bayestissue.dataset.published import PublishedTables
-from bayestissue.errors import InputError, Problem, refusal
+from bayestissue.errors import InputError, Problem
 from bayestissue.thesis.reproduction import reproduce_published
 from bayestissue.thesis.reproduction.conditions import Quantity, conditions
 
@@ -33,18 +35,18 @@ class Finding:
         what: the quantity, in a few words.
         published: the figure as it stands there.
         implied: the figure that follows from something else.
+        severity: how serious it is (`SEVERITIES`, worst first).
         explanation: one or two sentences that hold without the other columns.
-        severity: where it differs from what the check declares for all its findings; see `Registry.run`.
-        bearing: what it bears on (`BEARINGS`, most damaging first), the check's.
+        bearing: what it puts in doubt (`BEARINGS`, most damaging first).
     """
 
     where: str
     what: str
     published: str
     implied: str
+    severity: Severity
     explanation: str
-    severity: Severity | None = None
-    bearing: Bearing | None = None
+    bearing: Bearing
 
 
 def as_table(graded: Iterable[Finding]) -> pd.DataFrame:
@@ -54,16 +56,35 @@ def as_table(graded: Iterable[Finding]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=list(COLUMNS), dtype="str")
 
 
-type Look[Subject] = Callable[[Subject], Iterable[Finding]]
+type Numbers = Mapping[str, Any]
+"""What a check yields of a thing that it does not believe, by the names in its texts in ``findings.toml``.
+
+A ``severity`` among them, unless None, stands instead of the check's.
+"""
+type Look[Subject] = Callable[[Subject], Iterable[Numbers]]
+
+
+@cache
+def _texts() -> dict[str, dict[str, Any]]:
+    return tomllib.loads(files(__package__).joinpath("findings.toml").read_text(encoding="utf-8"))
 
 
 @dataclass(frozen=True)
 class Check[Subject]:
-    """A function that yields a finding for everything it does not believe, and how serious they are."""
+    """A function that yields the numbers of everything it does not believe, and what is said of them."""
 
     look: Look[Subject]
     severity: Severity
     bearing: Bearing
+    texts: Mapping[str, str]
+
+    def findings(self, subject: Subject) -> Iterator[Finding]:
+        """What it finds in ``subject``."""
+        for numbers in self.look(subject):
+            known = {"where": getattr(subject, "where", ""), **numbers}
+            texts = {name: text.format(**known) for name, text in self.texts.items()}
+            severity = numbers.get("severity") or self.severity
+            yield Finding(**{"where": known["where"], **texts}, severity=severity, bearing=self.bearing)
 
 
 class Registry[Subject]:
@@ -72,25 +93,16 @@ class Registry[Subject]:
     def __init__(self) -> None:
         self.checks: dict[str, Check[Subject]] = {}
 
-    def check(self, severity: Severity, bearing: Bearing) -> Callable[[Look[Subject]], Look[Subject]]:
-        """Register a function, whose docstring says why its findings are that serious.
-
-        Args:
-            severity: of its findings, unless a finding says otherwise.
-            bearing: what its findings put in doubt; among equals in severity this decides which comes first.
-        """
-
-        def register(look: Look[Subject]) -> Look[Subject]:
-            self.checks[look.__name__] = Check(look, severity, bearing)
-            return look
-
-        return register
+    def check(self, look: Look[Subject]) -> Look[Subject]:
+        """Register a function, whose docstring says why its findings are that serious."""
+        severity, bearing, *texts = _texts()[look.__name__].items()
+        self.checks[look.__name__] = Check(look, severity[1], bearing[1], dict(texts))
+        return look
 
     def run(self, subject: Subject) -> Iterator[Finding]:
-        """Every finding of every check on ``subject``, with its severity and what it bears on."""
+        """Every finding of every check on ``subject``."""
         for check in self.checks.values():
-            for finding in check.look(subject):
-                yield replace(finding, severity=finding.severity or check.severity, bearing=check.bearing)
+            yield from check.findings(subject)
 
 
 _SAME = {"K": "K_N_per_m", "C": "C_N_s_per_m"}
@@ -135,12 +147,6 @@ class Impacts:
         rows = self.rows
         return rows["C"].to_numpy() / (2 * np.sqrt(rows["K"].to_numpy() * rows["mass_kg"].to_numpy()))
 
-    def finding(
-        self, what: str, published: str, implied: str, explanation: str, severity: Severity | None = None
-    ) -> Finding:
-        """A finding about these estimates."""
-        return Finding(self.where, what, published, implied, explanation, severity)
-
 
 def read_impacts(
     frame: pd.DataFrame,
@@ -159,20 +165,20 @@ def read_impacts(
         InputError: a column is missing, or fewer than two rows are usable.
     """
     frame = frame.rename(columns={long: short for short, long in _SAME.items() if short not in frame})
-    _require_columns(frame, _NEEDED, where, f"Add it: the audit needs {', '.join(_NEEDED)}.", _SAME)
+    needed, problems = ", ".join(_NEEDED), []
+    for column in (column for column in _NEEDED if column not in frame):
+        key = "published-table.named" if column in _SAME else "published-table.column"
+        problems.append(Problem.stated(key, where, column=column, other=_SAME.get(column), needed=needed))
+    if problems:
+        raise InputError(problems)
     rows = frame[[column for column in (*_NEEDED, *_OPTIONAL) if column in frame]].copy()
     numbers = list(_NEEDED[2:])
     rows[numbers] = rows[numbers].apply(pd.to_numeric, errors="coerce")
     known = np.isfinite(rows[numbers]).all(axis=1)
     usable = known & (rows[numbers] > 0).all(axis=1)
     if usable.sum() < 2:
-        raise refusal(
-            where,
-            "at least two rows whose mass, velocity, K and C are above zero",
-            "Check the estimates that the table comes from.",
-            value=f"{usable.sum()} of {len(rows)} rows",
-            code="published-table",
-        )
+        few = f"{usable.sum()} of {len(rows)} rows"
+        raise InputError.stated("published-table.few", where, value=few)
     below_zero = int((known & (rows[["K", "C"]] <= 0).any(axis=1)).sum())
     rows, left_out = rows[usable].reset_index(drop=True), int((~usable).sum())
     if conditions is None:
@@ -181,34 +187,15 @@ def read_impacts(
     return Impacts(rows, conditions, where, left_out, tissue_m, digits, below_zero)
 
 
-def _require_columns(
-    frame: pd.DataFrame, needed: Iterable[str], where: str, remedy: str, other_names: Mapping[str, str]
-) -> None:
-    """Raise an `InputError` that names every column ``frame`` lacks, with the name that would do as well."""
-    problems = []
-    for column in needed:
-        if column not in frame:
-            wanted = "this column" + (f" (or {other_names[column]})" if column in other_names else "")
-            problems.append(Problem(where, wanted, remedy, column=column, code="published-table"))
-    if problems:
-        raise InputError(problems)
-
-
-@GENERAL.check("note", "tables")
-def rows_left_out(impacts: Impacts) -> Iterator[Finding]:
+@GENERAL.check
+def rows_left_out(impacts: Impacts) -> Iterator[Numbers]:
     """Rows without a usable K, C, mass or velocity.
 
     Note: what is left out can't be judged.
     """
     if impacts.left_out:
-        total = impacts.left_out + len(impacts.rows)
-        yield impacts.finding(
-            "rows without a usable estimate",
-            str(total),
-            str(len(impacts.rows)),
-            f"{impacts.left_out} of {total} rows have no K, C, mass or velocity above zero; "
-            "everything below is about the others.",
-        )
+        used = len(impacts.rows)
+        yield {"left_out": impacts.left_out, "used": used, "total": impacts.left_out + used}
 
 
 _COLUMNS = ("topic", "place", "position", "weight", "sentence")
@@ -267,5 +254,7 @@ def read_publication(tables: PublishedTables) -> Publication:
     if not path.is_file():
         return Publication(tables, pd.DataFrame(columns=list(_COLUMNS)))
     statements = pd.read_csv(path, dtype=str, keep_default_na=False)
-    _require_columns(statements, _COLUMNS, str(path), "Compare it with data/published.", {})
+    if lacking := [column for column in _COLUMNS if column not in statements]:
+        key, this = "published-table.other", "this column"
+        raise InputError(Problem.stated(key, str(path), column=name, expected=this) for name in lacking)
     return Publication(tables, statements)

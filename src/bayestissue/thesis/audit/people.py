@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from bayestissue.thesis.audit.findings import GENERAL, Finding, Impacts
+from bayestissue.thesis.audit.findings import GENERAL, Impacts, Numbers
 
 _EXACT = 1e-9
 """Logarithms that differ by less differ by rounding errors only, as in estimates without noise."""
@@ -69,8 +69,8 @@ def agreement(impacts: Impacts, quantity: str) -> Agreement | None:
     )
 
 
-@GENERAL.check("major", "conclusions")
-def people_not_told_apart(impacts: Impacts) -> Iterator[Finding]:
+@GENERAL.check
+def people_not_told_apart(impacts: Impacts) -> Iterator[Numbers]:
     """The same people, struck again, do not come out in the same order.
 
     Major: a property of a person's tissue must show in the same person twice.
@@ -83,27 +83,22 @@ def people_not_told_apart(impacts: Impacts) -> Iterator[Finding]:
     }
     if not indistinct:
         return
-    size = next(iter(indistinct.values()))
-    names = " or ".join(indistinct)
-    figures = "; ".join(
-        f"{name}: mean rank correlation between trials {one.rank_correlation:.2f}, p = {one.p_value:.2f}"
-        for name, one in indistinct.items()
-    )
-    yield impacts.finding(
-        f"{names} of the same person in other trials",
-        f"{size.people} people, {size.conditions} trials",
-        "; ".join(
+    yield {
+        "names": " or ".join(indistinct),
+        "size": next(iter(indistinct.values())),
+        "correlations": "; ".join(
             f"{name}: intraclass correlation {one.correlation:.2f}, at most {one.high:.2f}"
             for name, one in indistinct.items()
         ),
-        f"Whoever has a high {names} in one trial has no higher one than others in the next ({figures}, F "
-        "test of differences between people). Either the people hardly differ, or the estimates do not "
-        "measure what they differ in; that personal factors do not matter can't be concluded from them.",
-    )
+        "figures": "; ".join(
+            f"{name}: mean rank correlation between trials {one.rank_correlation:.2f}, p = {one.p_value:.2f}"
+            for name, one in indistinct.items()
+        ),
+    }
 
 
-@GENERAL.check("minor", "tissue")
-def damping_without_bounds(impacts: Impacts) -> Iterator[Finding]:
+@GENERAL.check
+def damping_without_bounds(impacts: Impacts) -> Iterator[Numbers]:
     """C that differs many times over within one condition while K hardly differs.
 
     Minor: a damper that differs so much between shoulders of one age and stiffness is not credible.
@@ -116,48 +111,38 @@ def damping_without_bounds(impacts: Impacts) -> Iterator[Finding]:
     if not wide.any():
         return
     worst = damping[wide].idxmax()
-    yield impacts.finding(
-        "C within one trial",
-        f"{ends.loc[worst, ('C', 'min')]:g} to {ends.loc[worst, ('C', 'max')]:g} in trial {worst}",
-        f"{damping[worst]:.0f} times, beside {stiffness[worst]:.2f} times for K",
-        f"In {wide.sum()} of {len(ends)} trials C differs more than fourfold between people struck alike, "
-        f"{damping[worst]:.0f} times in trial {worst}, while their K differs by "
-        f"{stiffness[wide].max() - 1:.0%} at most; of dampers in tissue of one stiffness that is hard to "
-        "believe.",
-    )
+    yield {
+        "low": ends.loc[worst, ("C", "min")],
+        "high": ends.loc[worst, ("C", "max")],
+        "worst": worst,
+        "damping": damping[worst],
+        "stiffness": stiffness[worst],
+        "most": stiffness[wide].max() - 1,
+        "wide": wide.sum(),
+        "trials": len(ends),
+    }
 
 
-@GENERAL.check("note", "method")
-def unequal_scatter(impacts: Impacts) -> Iterator[Finding]:
+@GENERAL.check
+def unequal_scatter(impacts: Impacts) -> Iterator[Numbers]:
     """Scatter within conditions that differs by more than chance (Brown and Forsythe's test).
 
     Note: correlation and regression took the scatter to be the same in every condition.
     """
     for quantity in ("K", "C"):
-        groups = {trial: rows[quantity].to_numpy() for trial, rows in impacts.rows.groupby("trial")}
-        groups = {trial: values for trial, values in groups.items() if len(values) >= 3}
-        if len(groups) < 2:
+        groups = {trial: np.log(rows[quantity].to_numpy()) for trial, rows in impacts.rows.groupby("trial")}
+        logs = {trial: values for trial, values in groups.items() if len(values) >= 3}
+        if len(logs) < 2 or max(map(np.ptp, logs.values())) < _EXACT:
             continue
-        logs = [np.log(values) for values in groups.values()]
-        if max(map(np.ptp, logs)) < _EXACT:
-            continue
-        test = stats.levene(*logs, center="median")
-        if not test.pvalue < 0.01:
-            continue
-        spread = pd.Series({trial: float(np.std(np.log(values), ddof=1)) for trial, values in groups.items()})
-        yield impacts.finding(
-            f"scatter of {quantity} within a trial",
-            "one scatter for all",
-            f"{spread.min():.1%} (trial {spread.idxmin()}) to {spread.max():.1%} (trial {spread.idxmax()})",
-            f"The people scatter about their trial's mean {quantity} by {spread.min():.1%} in trial "
-            f"{spread.idxmin()} and by {spread.max():.1%} in trial {spread.idxmax()} (Brown-Forsythe "
-            f"p = {test.pvalue:.1g}); least squares with one residual variance gives the noisy trials too "
-            f"much weight.",
-        )
+        p = stats.levene(*logs.values(), center="median").pvalue
+        if p < 0.01:
+            spread = pd.Series({trial: float(np.std(values, ddof=1)) for trial, values in logs.items()})
+            least = {"least": spread.min(), "quietest": spread.idxmin()}
+            yield {"quantity": quantity, "most": spread.max(), "noisiest": spread.idxmax(), "p": p, **least}
 
 
-@GENERAL.check("minor", "tables")
-def rows_that_stand_twice(impacts: Impacts) -> Iterator[Finding]:
+@GENERAL.check
+def rows_that_stand_twice(impacts: Impacts) -> Iterator[Numbers]:
     """Two people with the same K and the same C in one trial.
 
     Minor: one impact less changes the averages of its trial, not the conclusions.
@@ -165,21 +150,20 @@ def rows_that_stand_twice(impacts: Impacts) -> Iterator[Finding]:
     keys = ["trial", "K", "C"]
     again = impacts.rows[impacts.rows.duplicated(keys, keep=False)]
     for (trial, stiffness, damping), rows in again.groupby(keys):
-        people = _subject_names(rows)
-        chance = _chance_of_a_pair(impacts, "K", trial) * _chance_of_a_pair(impacts, "C", trial)
-        likely = comb(int((impacts.rows["trial"] == trial).sum()), 2) * chance
-        yield impacts.finding(
-            f"trial {trial}, subjects {people}",
-            f"K = {stiffness:g}, C = {damping:g} for each",
-            f"chance of such a pair {likely:.1g}" if likely else "no chance",
-            f"Subjects {people} of trial {trial} have the same K and the same C to the last digit. Among the "
-            f"people of that trial such a pair would come about by chance "
-            f"{_frequency_words(likely)}; one row is probably a copy of the other.",
-        )
+        pairs = comb(int((impacts.rows["trial"] == trial).sum()), 2)
+        likely = pairs * _chance_of_a_pair(impacts, "K", trial) * _chance_of_a_pair(impacts, "C", trial)
+        yield {
+            "trial": trial,
+            "people": _subject_names(rows),
+            "K": stiffness,
+            "C": damping,
+            "chance": f"chance of such a pair {likely:.1g}" if likely else "no chance",
+            "frequency": _frequency_words(likely),
+        }
 
 
-@GENERAL.check("note", "tables")
-def stiffness_that_stands_twice(impacts: Impacts) -> Iterator[Finding]:
+@GENERAL.check
+def stiffness_that_stands_twice(impacts: Impacts) -> Iterator[Numbers]:
     """The same K with another C, where the printed digits make that unlikely.
 
     Note: it may be chance; the C beside it differs.
@@ -191,19 +175,18 @@ def stiffness_that_stands_twice(impacts: Impacts) -> Iterator[Finding]:
         likely = comb(int(sizes[trial]), 2) * _chance_of_a_pair(impacts, "K", trial)
         if likely > 0.1 or rows["C"].duplicated(keep=False).all():
             continue
-        people = _subject_names(rows)
-        values = " and ".join(f"{value:g}" for value in rows["C"])
-        yield impacts.finding(
-            f"trial {trial}, subjects {people}",
-            f"K = {stiffness:g} for each",
-            f"chance of such a pair {likely:.1g}",
-            f"Subjects {people} of trial {trial} share K = {stiffness:g} to the last digit while their "
-            f"C is {values}; in this trial two equal K's come about {_frequency_words(likely)}.",
-        )
+        yield {
+            "trial": trial,
+            "people": _subject_names(rows),
+            "K": stiffness,
+            "C": " and ".join(f"{value:g}" for value in rows["C"]),
+            "likely": likely,
+            "frequency": _frequency_words(likely),
+        }
 
 
-@GENERAL.check("minor", "tables")
-def estimates_in_two_trials(impacts: Impacts) -> Iterator[Finding]:
+@GENERAL.check
+def estimates_in_two_trials(impacts: Impacts) -> Iterator[Numbers]:
     """The same K and the same C in trials of different mass.
 
     Minor: a row copied from another trial belongs to another mass.
@@ -211,13 +194,7 @@ def estimates_in_two_trials(impacts: Impacts) -> Iterator[Finding]:
     again = impacts.rows[impacts.rows.duplicated(["K", "C"], keep=False)]
     across = again.groupby(["K", "C"]).filter(lambda rows: len(rows["trial"].unique()) > 1)
     if not across.empty:
-        yield impacts.finding(
-            "equal estimates in different trials",
-            f"{len(across)} rows",
-            "no two expected",
-            f"{len(across)} rows share K and C to the last digit with a row of another trial (trials "
-            f"{', '.join(str(trial) for trial in across['trial'].unique())}), where the mass differs.",
-        )
+        yield {"rows": len(across), "trials": ", ".join(str(trial) for trial in across["trial"].unique())}
 
 
 def _chance_of_a_pair(impacts: Impacts, quantity: str, trial: object) -> float:

@@ -10,9 +10,8 @@ import pandas as pd
 from bayestissue.thesis.audit.findings import (
     PUBLISHED,
     SEVERITIES,
-    Finding,
+    Numbers,
     Publication,
-    Severity,
     named_rows,
 )
 from bayestissue.thesis.reproduction.agreement import agrees, decimals, difference, half_unit, ratio
@@ -23,15 +22,14 @@ from bayestissue.thesis.reproduction.relations import straight_line
 _SMALL = 0.01
 
 
-@PUBLISHED.check("minor", "wording")
-def claims_that_contradict(publication: Publication) -> Iterator[Finding]:
+@PUBLISHED.check
+def claims_that_contradict(publication: Publication) -> Iterator[Numbers]:
     """One figure stated in several places with different values.
 
     Minor: one of the figures must be wrong; a difference in the last digit is only a note.
     """
-    for (quantity, statistic), claims in publication.tables.claims.groupby(
-        ["quantity", "statistic"], sort=False
-    ):
+    by_figure = publication.tables.claims.groupby(["quantity", "statistic"], sort=False)
+    for (quantity, statistic), claims in by_figure:
         values = claims.drop_duplicates("value")
         if len(values) < 2:
             continue
@@ -43,25 +41,23 @@ def claims_that_contradict(publication: Publication) -> Iterator[Finding]:
             f"{text} (section {_sections(claims, text)})" for text in values["value_text"].drop_duplicates()
         )
         implied = _recomputed(publication, claims)
-        if high - low <= 2 * finest.max() + 1e-9:
-            severity: Severity = "note"
-            verdict = "They differ in the last digit only."
-        else:
-            severity = "minor"
-            verdict = f"They differ by {_difference(low, high)}; at most one can be right."
-        yield Finding(
-            ", ".join(f"section {section}" for section in claims["section"].unique()),
-            f"{quantity}: {statistic}",
-            " and ".join(values["value_text"]),
-            implied or "one value",
-            f"For {quantity} the {statistic} is given as {said}. {verdict}"
-            + (f" Recomputed from the tables it is {implied}." if implied else ""),
-            severity,
-        )
+        last_digit = high - low <= 2 * finest.max() + 1e-9
+        verdict = f"They differ by {_difference(low, high)}; at most one can be right."
+        yield {
+            "sections": ", ".join(f"section {section}" for section in claims["section"].unique()),
+            "quantity": quantity,
+            "statistic": statistic,
+            "texts": " and ".join(values["value_text"]),
+            "one_value": implied or "one value",
+            "said": said,
+            "verdict": "They differ in the last digit only." if last_digit else verdict,
+            "recomputed": f" Recomputed from the tables it is {implied}." if implied else "",
+            "severity": "note" if last_digit else "minor",
+        }
 
 
-@PUBLISHED.check("minor", "wording")
-def arithmetic_of_claims(publication: Publication) -> Iterator[Finding]:
+@PUBLISHED.check
+def arithmetic_of_claims(publication: Publication) -> Iterator[Numbers]:
     """Range and ratio beside the smallest and largest value stated in the same section.
 
     A figure that the text gives with several values is left to `claims_that_contradict`, unless all of them
@@ -82,17 +78,18 @@ def arithmetic_of_claims(publication: Publication) -> Iterator[Finding]:
             several = len(publication.claims(str(quantity), name)["value"].unique()) > len(stated)
             if wrong.empty or several:
                 continue
+            least = high["value"] / wrong["value"].iloc[0]
+            needed = f" That ratio needs a smallest value of {least:.3g}." if rule is ratio else ""
             figures = " and ".join(wrong["value_text"])
-            needed = f"{high['value'] / wrong['value'].iloc[0]:.3g}" if rule is ratio else ""
-            yield Finding(
-                f"section {section}",
-                f"{name} of {quantity} against its ends",
-                figures,
-                f"{implied:.4g}",
-                f"Section {section} lets {quantity} run from {low['value_text']} to "
-                f"{high['value_text']}, which makes the {name} {implied:.4g}, and calls it {figures}."
-                + (f" That ratio needs a smallest value of {needed}." if needed else ""),
-            )
+            location = {"section": section, "quantity": quantity, "name": name}
+            yield {
+                **location,
+                "low": low,
+                "high": high,
+                "implied": implied,
+                "figures": figures,
+                "needed": needed,
+            }
 
 
 # Of a statistic: the two ends that it follows from, and how.
@@ -104,8 +101,8 @@ _DERIVED = {
 }
 
 
-@PUBLISHED.check("minor", "conclusions")
-def statements_that_contradict(publication: Publication) -> Iterator[Finding]:
+@PUBLISHED.check
+def statements_that_contradict(publication: Publication) -> Iterator[Numbers]:
     """Two positions on one topic.
 
     Minor: a conclusion that another chapter denies can't be quoted.
@@ -114,20 +111,19 @@ def statements_that_contradict(publication: Publication) -> Iterator[Finding]:
         positions = said.groupby("position", sort=False)["place"].agg(list)
         if len(positions) < 2:
             continue
-        words = "; ".join(
-            f"{' and '.join(_location(one) for one in places)}: {position}"
-            for position, places in positions.items()
-        )
         first, last = said.iloc[0], said[said["position"] != said["position"].iloc[0]].iloc[0]
-        yield Finding(
-            ", ".join(_location(location) for location in said["place"].unique()),
-            str(topic),
-            " / ".join(map(str, positions.index)),
-            "one of them",
-            f"There are different positions on {topic} ({words}). "
-            f"“{first['sentence']}” and “{last['sentence']}” can't both hold.",
-            first["weight"] if first["weight"] in SEVERITIES else None,
-        )
+        yield {
+            "places": ", ".join(_location(location) for location in said["place"].unique()),
+            "topic": topic,
+            "positions": " / ".join(map(str, positions.index)),
+            "words": "; ".join(
+                f"{' and '.join(_location(one) for one in places)}: {position}"
+                for position, places in positions.items()
+            ),
+            "first": first,
+            "last": last,
+            "severity": first["weight"] if first["weight"] in SEVERITIES else None,
+        }
 
 
 def _recomputed(publication: Publication, claims: pd.DataFrame) -> str:
@@ -154,8 +150,8 @@ def _difference(low: float, high: float) -> str:
     return f"a factor of {high / low:.2g}" if high > 1.5 * low else f"{high / low - 1:.1%}"
 
 
-@PUBLISHED.check("minor", "tables")
-def figures_that_do_not_follow(publication: Publication) -> Iterator[Finding]:
+@PUBLISHED.check
+def figures_that_do_not_follow(publication: Publication) -> Iterator[Numbers]:
     """Figures that differ from the recomputed ones by more than one unit of the last digit.
 
     Those of the running text are left to `claims_that_contradict` where it gives several values, and counts
@@ -172,21 +168,18 @@ def figures_that_do_not_follow(publication: Publication) -> Iterator[Finding]:
         ~disagreements["last_digit"] & ~(disagreements["of_text"] & disagreements["row"].isin(elsewhere))
     ]
     for row in named_rows(disagreements):
-        implied = f"{row.value:.{decimals(row.published) + 1}f}"
-        yield Finding(
-            table_words(row.table),
-            row.quantity,
-            row.published,
-            implied,
-            f"The figure for {row.quantity} in {table_words(row.table)} is {row.published}; recomputed from "
-            f"the rows and averages it is {implied}, so the print is "
-            f"{_difference_words(row.printed, row.value)}{_hint(row.note)}.",
-            "note" if abs(row.printed - row.value) < _SMALL * abs(row.value) else None,
-        )
+        yield {
+            "place": table_words(row.table),
+            "row": row,
+            "implied": f"{row.value:.{decimals(row.published) + 1}f}",
+            "difference": _difference_words(row.printed, row.value),
+            "hint": _hint(row.note),
+            "severity": "note" if abs(row.printed - row.value) < _SMALL * abs(row.value) else None,
+        }
 
 
-@PUBLISHED.check("note", "tables")
-def last_digits(publication: Publication) -> Iterator[Finding]:
+@PUBLISHED.check
+def last_digits(publication: Publication) -> Iterator[Numbers]:
     """Figures of tables and equations one unit off in the last digit.
 
     Note: nothing depends on the last digit, but a reader who recomputes it should know.
@@ -196,23 +189,19 @@ def last_digits(publication: Publication) -> Iterator[Finding]:
     disagreements = disagreements[disagreements["last_digit"] & ~disagreements["of_text"]]
     if disagreements.empty:
         return
-    compared = int((reproduction["agrees"].notna() & ~reproduction["table"].str.startswith("section")).sum())
-    towards_zero = int((disagreements["printed"].abs() < disagreements["value"].abs()).sum())
     tables = {table_words(str(name)): len(rows) for name, rows in disagreements.groupby("table", sort=False)}
-    yield Finding(
-        ", ".join(tables),
-        "last digits",
-        f"{len(disagreements)} of {compared} figures",
-        f"{towards_zero} too near to zero",
-        f"{len(disagreements)} of the {compared} figures in tables and equations that can be recomputed are "
-        "one unit off in the last digit "
-        f"({', '.join(f'{count} in {name}' for name, count in tables.items())}), {towards_zero} of them "
-        "towards zero: digits were cut off where they should have been rounded.",
-    )
+    of_tables = ~reproduction["table"].str.startswith("section")
+    yield {
+        "places": ", ".join(tables),
+        "off": len(disagreements),
+        "compared": int((reproduction["agrees"].notna() & of_tables).sum()),
+        "towards_zero": int((disagreements["printed"].abs() < disagreements["value"].abs()).sum()),
+        "counts": ", ".join(f"{count} in {name}" for name, count in tables.items()),
+    }
 
 
-@PUBLISHED.check("minor", "inputs")
-def masses_behind_the_regression(publication: Publication) -> Iterator[Finding]:
+@PUBLISHED.check
+def masses_behind_the_regression(publication: Publication) -> Iterator[Numbers]:
     """An equation that follows from E = ½MV² at higher velocities, not from the printed masses.
 
     Minor: it shows which masses the calculations were made with.
@@ -225,25 +214,17 @@ def masses_behind_the_regression(publication: Publication) -> Iterator[Finding]:
         printed, unrounded = (
             straight_line(table, mass).params["const"] for mass in (table["mass_kg"], exact)
         )
-        constant = terms[terms["term"] == "constant"].iloc[0]
-        text = constant["coefficient_text"]
+        text = terms[terms["term"] == "constant"].iloc[0]["coefficient_text"]
         if agrees(text, printed) or not agrees(text, unrounded):
             continue
         velocity = np.unique(np.sqrt(2 * table["energy_J"] / exact).round(6))
-        yield Finding(
-            "section 5.4, Table 5.10",
-            f"masses in the equation of {quantity}",
-            f"constant {text}",
-            f"{unrounded:.4f}, or {printed:.4f} with the printed masses",
-            f"The constant of the equation of {quantity}, {text}, follows from masses 2E/V² with V = "
-            f"{', '.join(f'{value:g}' for value in velocity)} m/s ({unrounded:.4f}), not from the printed "
-            f"masses, which are those cut off after three decimals ({printed:.4f}), and not from the "
-            "velocities printed beside them.",
-        )
+        words = ", ".join(f"{value:g}" for value in velocity)
+        constant = {"text": text, "printed": printed, "unrounded": unrounded}
+        yield {"quantity": quantity, "velocities": words, **constant}
 
 
-@PUBLISHED.check("minor", "tables")
-def impossible_spread(publication: Publication) -> Iterator[Finding]:
+@PUBLISHED.check
+def impossible_spread(publication: Publication) -> Iterator[Numbers]:
     """A standard deviation that does not fit the range beside it, where the rows are lost.
 
     For n numbers of range R the standard deviation (with n − 1) lies between R/√(2(n − 1)) and
@@ -257,20 +238,13 @@ def impossible_spread(publication: Publication) -> Iterator[Finding]:
             n = row["impacts"]
             slack = half_unit(row["sd_text"]) + half_unit(row["range_text"])
             low, high = row["range"] / (2 * (n - 1)) ** 0.5, row["range"] / 2 * (n / (n - 1)) ** 0.5
-            if low - slack <= row["sd"] <= high + slack:
-                continue
-            yield Finding(
-                table_words(row["table"]),
-                f"spread of {quantity}, trial {trial}",
-                f"sd {row['sd_text']}, range {row['range_text']}",
-                f"sd from {low:.3f} to {high:.3f}",
-                f"{n:.0f} numbers with a range of {row['range_text']} have a standard deviation between "
-                f"{low:.3f} and {high:.3f}; for {quantity} in trial {trial} {row['sd_text']} is printed.",
-            )
+            if not low - slack <= row["sd"] <= high + slack:
+                location = {"place": table_words(row["table"]), "quantity": quantity, "trial": trial}
+                yield {**location, "row": row, "low": low, "high": high}
 
 
-@PUBLISHED.check("note", "tables")
-def uneven_digits(publication: Publication) -> Iterator[Finding]:
+@PUBLISHED.check
+def uneven_digits(publication: Publication) -> Iterator[Numbers]:
     """Columns whose figures are printed with different numbers of decimals.
 
     Note: it hides how exactly the figures were known, no more.
@@ -281,16 +255,9 @@ def uneven_digits(publication: Publication) -> Iterator[Finding]:
             for column in columns:
                 digits = rows[f"{column}_text"].map(decimals)
                 usual = int(digits.mode().iloc[0])
-                odd = rows.loc[digits != usual, f"{column}_text"]
-                if odd.empty:
-                    continue
-                yield Finding(
-                    table_words(str(table)),
-                    f"digits of the column {column}",
-                    ", ".join(odd),
-                    f"{usual} decimals",
-                    f"The column {column} has {usual} decimals, except for {', '.join(odd)}.",
-                )
+                odd = ", ".join(rows.loc[digits != usual, f"{column}_text"])
+                if odd:
+                    yield {"place": table_words(str(table)), "column": column, "odd": odd, "usual": usual}
 
 
 def _disagreements(publication: Publication) -> pd.DataFrame:

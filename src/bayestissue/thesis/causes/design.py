@@ -5,8 +5,10 @@ What is compared is a dozen numbers of a table of estimates, the same for one ob
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib.resources import files
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -127,47 +129,13 @@ def published_design(tables: PublishedTables) -> tuple[Design, Observed]:
     return design, observed
 
 
-# What each statistic is called, and what it means.
-WORDS: Mapping[str, str] = {
-    "mass_exponent_K": "mass exponent of K",
-    "mass_exponent_C": "mass exponent of C",
-    "velocity_exponent_K": "velocity exponent of K",
-    "velocity_exponent_C": "velocity exponent of C",
-    "K_over_M_scatter": "scatter of K/M",
-    "zeta_median": "median ζ",
-    "omega_zeta_correlation": "correlation of ωₙ and ζ",
-    "omega_zeta_residual": "scatter about a curve ωₙ(ζ)",
-    "sd_subject_K": "spread of K between people",
-    "sd_subject_C": "spread of C between people",
-    "sd_rest_K": "scatter of K within conditions",
-    "sd_rest_C": "scatter of C within conditions",
-    "K_over_M_mean": "size of K/M",
-    "without_estimate": "share of impacts without estimate",
-}
-MEANING: Mapping[str, str] = {
-    "mass_exponent_K": "slope of log K on log M over the conditions’ averages; 0 for a fixed K, 1 for a "
-    "fixed ωₙ",
-    "mass_exponent_C": "the same for C",
-    "velocity_exponent_K": "slope of log K on log V beside log M over the conditions’ averages",
-    "velocity_exponent_C": "the same for C",
-    "K_over_M_scatter": "standard deviation of log(K/M) over all impacts",
-    "zeta_median": "median damping ratio C/(2√(KM)) of all impacts",
-    "omega_zeta_correlation": "of log ωₙ and ζ over all impacts",
-    "omega_zeta_residual": "what a robust parabola in ζ leaves of the scatter of log ωₙ: median absolute "
-    "residual over median absolute deviation",
-    "sd_subject_K": "standard deviation of log K between people, beside conditions; a minus sign where "
-    "people differ less than chance would make them",
-    "sd_subject_C": "the same for C",
-    "sd_rest_K": "standard deviation of log K beside people and conditions",
-    "sd_rest_C": "the same for C",
-    "K_over_M_mean": "geometric mean of K/M over all impacts, s⁻²",
-    "without_estimate": "impacts to which no oscillator could be fitted",
-}
+_STATISTICS = tomllib.loads(files(__package__).joinpath("statistics.toml").read_text(encoding="utf-8"))
+WORDS: Mapping[str, str] = {name: entry["title"] for name, entry in _STATISTICS.items()}
+MEANING: Mapping[str, str] = {name: entry["meaning"] for name, entry in _STATISTICS.items()}
 # Told, but no part of the joint comparison: the size of K/M where its unit isn't known.
 APART = ("without_estimate",)
 LEVEL = "K_over_M_mean"
-# Positive sizes, whose ratios count and not their differences.
-SIZES = (LEVEL, "K_over_M_scatter", "zeta_median", "omega_zeta_residual", "sd_rest_K", "sd_rest_C")
+SIZES = tuple(name for name, entry in _STATISTICS.items() if entry.get("size"))
 _TUKEY = 4.685
 _STEPS = 15
 

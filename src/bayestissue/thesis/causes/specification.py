@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -12,7 +11,6 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from bayestissue.errors import InputError, Problem
 from bayestissue.settings import checked, parse_toml, read_text
 
-_problem = partial(Problem, column="causes", code="option-value")
 Name = Annotated[str, Field(pattern="^[A-Za-z0-9_]+$")]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
@@ -176,7 +174,8 @@ def chosen(specification: CausesSpecification, names: tuple[str, ...], file: str
     if unknown:
         known = ", ".join(specification.causes)
         raise InputError(
-            _problem(file, f"one of {known}", "Name causes of the file.", value=name) for name in unknown
+            Problem.stated("option-value.cause", file, column="causes", value=name, known=known)
+            for name in unknown
         )
     causes = {name: specification.causes[name] for name in names}
     return specification.model_copy(update={"causes": causes})
@@ -186,4 +185,4 @@ def require_several(specification: CausesSpecification, file: str) -> None:
     """Raise an `InputError` where fewer than two causes are left to compare."""
     if len(specification.causes) < 2:
         named = ", ".join(specification.causes) or "none"
-        raise InputError(_problem(file, "at least two causes to compare", "Name one more.", value=named))
+        raise InputError.stated("option-value.causes", file, column="causes", value=named)

@@ -12,7 +12,7 @@ import pandas as pd
 from jaxtyping import Bool
 
 from bayestissue import runtime
-from bayestissue.errors import refusal
+from bayestissue.errors import InputError
 from bayestissue.inference.points.fit import Method
 from bayestissue.thesis.causes.design import (
     Design,
@@ -192,30 +192,12 @@ def _log_range(value: float, factor: float = 2.0) -> Range:
 
 def _require_masses(dataset: Dataset, source: str) -> None:
     if dataset.quantity == "displacement":
-        raise refusal(
-            source,
-            "recorded decelerations or accelerations",
-            "The causes are simulated as decelerations; a dataset of displacements can't be compared.",
-            column="signal.quantity",
-            value=dataset.quantity,
-            code="wrong-quantity",
+        raise InputError.stated(
+            "wrong-quantity.causes", source, column="signal.quantity", value=dataset.quantity
         )
     if dataset.gravity:
-        raise refusal(
-            source,
-            "impacts across gravity, as the thesis's pendulum made them",
-            "The causes are simulated without gravity; a dataset of drops can't be compared.",
-            column="signal.gravity",
-            value=f"{dataset.gravity:g} m/s²",
-            code="wrong-quantity",
-        )
+        gravity = f"{dataset.gravity:g} m/s²"
+        raise InputError.stated("wrong-quantity.drops", source, column="signal.gravity", value=gravity)
     masses = dataset.impacts.groupby("trial")["mass_kg"].mean().round(9).nunique()
     if masses < FEWEST_MASSES:
-        raise refusal(
-            source,
-            f"conditions of at least {FEWEST_MASSES} masses",
-            "Where the mass does not vary there is no dependence on it to explain.",
-            column="mass_kg",
-            value=masses,
-            code="one-mass",
-        )
+        raise InputError.stated("one-mass", source, column="mass_kg", value=masses, fewest=FEWEST_MASSES)

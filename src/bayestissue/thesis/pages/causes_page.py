@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,6 @@ from bayestissue.report.style import (
     log_ticks,
     new_figure,
     shown,
-    style,
 )
 from bayestissue.report.tables import Field, Row, Table, columns, settings_table, table_of
 from bayestissue.report.wording import number, significant
@@ -48,48 +48,46 @@ def predictive_figure(run: CausesRun, statistic: str) -> Markup:
     rows = rows.loc[names]
     height = np.arange(len(names))[::-1]
     observed = run.value(statistic)
-    with style():
-        fig, axes = new_figure((4.8, 1.0 + 0.22 * len(names)))
-        axes.hlines(height, rows["q05"], rows["q95"], color=POSTERIOR, lw=1.4)
-        axes.hlines(height, rows["q25"], rows["q75"], color=POSTERIOR, lw=4.5)
-        axes.plot(rows["q50"], height, "|", color="white", ms=6, mew=1.5)
-        axes.axvline(observed, color=PUBLISHED, lw=1.6)
-        axes.set(yticks=height, yticklabels=[short(name) for name in names], xlabel=WORDS[statistic])
-        if statistic == LEVEL:
-            axes.set_xscale("log")
-            # Decades: there are too many of them for anything between.
-            axes.xaxis.set_major_locator(LogLocator(numticks=6))
-            axes.xaxis.set_minor_locator(NullLocator())
-            label_in_powers(axes.xaxis)
-        axes.grid(visible=False, axis="y")
-        return figure(
-            fig,
-            f"{WORDS[statistic]}: for each cause the range of nine tenths and of one half of its campaigns; "
-            f"a vertical line at the observed value, {observed:.3g}.",
-        )
+    fig, axes = new_figure((4.8, 1.0 + 0.22 * len(names)))
+    axes.hlines(height, rows["q05"], rows["q95"], color=POSTERIOR, lw=1.4)
+    axes.hlines(height, rows["q25"], rows["q75"], color=POSTERIOR, lw=4.5)
+    axes.plot(rows["q50"], height, "|", color="white", ms=6, mew=1.5)
+    axes.axvline(observed, color=PUBLISHED, lw=1.6)
+    axes.set(yticks=height, yticklabels=[short(name) for name in names], xlabel=WORDS[statistic])
+    if statistic == LEVEL:
+        axes.set_xscale("log")
+        # Decades: there are too many of them for anything between.
+        axes.xaxis.set_major_locator(LogLocator(numticks=6))
+        axes.xaxis.set_minor_locator(NullLocator())
+        label_in_powers(axes.xaxis)
+    axes.grid(visible=False, axis="y")
+    return figure(
+        fig,
+        f"{WORDS[statistic]}: for each cause the range of nine tenths and of one half of its campaigns; "
+        f"a vertical line at the observed value, {observed:.3g}.",
+    )
 
 
 def probability_figure(run: CausesRun) -> Markup:
     """Posterior probability and joint p-value of every cause, side by side."""
     table = run.causes
     height = np.arange(len(table))[::-1]
-    with style():
-        fig, (left, right) = new_figure((9.2, 1.0 + 0.24 * len(table)), columns=2, sharey=True)
-        left.barh(height, table["probability"], xerr=table["probability_error"], color=POSTERIOR, height=0.6)
-        left.set(xlim=(0, 1), xlabel="posterior probability among these causes", yticks=height)
-        left.set_yticklabels([short(name) for name in table["cause"]])
-        right.plot(table["p_joint"], height, "o", color=POSTERIOR, ms=5)
-        right.axvline(0.01, color=REFERENCE, ls="--", lw=1)
-        right.set_xscale("log")
-        right.set(xlim=(min(table["smallest_p"].min() * 0.6, 0.005), 1.3), xlabel="joint predictive p-value")
-        log_ticks(right.xaxis, [0.001, 1.0])
-        for axes in (left, right):
-            axes.grid(visible=False, axis="y")
-        return figure(
-            fig,
-            "For every cause its posterior probability with its Monte Carlo error, and its joint predictive "
-            "p-value on a logarithmic scale with a dashed line at 0.01.",
-        )
+    fig, (left, right) = new_figure((9.2, 1.0 + 0.24 * len(table)), columns=2, sharey=True)
+    left.barh(height, table["probability"], xerr=table["probability_error"], color=POSTERIOR, height=0.6)
+    left.set(xlim=(0, 1), xlabel="posterior probability among these causes", yticks=height)
+    left.set_yticklabels([short(name) for name in table["cause"]])
+    right.plot(table["p_joint"], height, "o", color=POSTERIOR, ms=5)
+    right.axvline(0.01, color=REFERENCE, ls="--", lw=1)
+    right.set_xscale("log")
+    right.set(xlim=(min(table["smallest_p"].min() * 0.6, 0.005), 1.3), xlabel="joint predictive p-value")
+    log_ticks(right.xaxis, [0.001, 1.0])
+    for axes in (left, right):
+        axes.grid(visible=False, axis="y")
+    return figure(
+        fig,
+        "For every cause its posterior probability with its Monte Carlo error, and its joint predictive "
+        "p-value on a logarithmic scale with a dashed line at 0.01.",
+    )
 
 
 _VERDICTS = {"refuted": "ruled out", "doubtful": "hardly", "possible": "possible"}
@@ -191,6 +189,13 @@ _CONTENTS = (
 )
 
 
+# What the template calls by the functions' names.
+_PARTS: tuple[Callable[[CausesRun], Any], ...] = (
+    *(answer, ruled_out, cannot_tell, confusion_words),
+    *(causes_table, statistics_table, p_table, confusion_table, calibration_table, reliability_table),
+)
+
+
 def causes_page(folder: Path, record: dict[str, Any]) -> str:
     """The HTML of the run in ``folder``, whose ``run.json`` holds ``record``.
 
@@ -209,24 +214,15 @@ def causes_page(folder: Path, record: dict[str, Any]) -> str:
         record=record,
         versions=record.get("versions", {}),
         subject=subject,
-        answer=answer(run),
         standing=[
             {"title": row["title"], "p": p_words(row), "probability": number(row["probability"], 2)}
             for row in standing(run)
         ],
-        ruled_out=ruled_out(run),
-        cannot_tell=cannot_tell(run),
-        confusion_words=confusion_words(run),
-        causes_table=causes_table(run),
-        probability_plot=probability_figure(run),
-        predictive_plots=[predictive_figure(run, name) for name in run.statistics],
-        statistics_table=statistics_table(run),
-        p_table=p_table(run),
-        confusion_table=confusion_table(run),
-        calibration_table=calibration_table(run),
-        reliability_table=reliability_table(run),
+        **{part.__name__: part(run) for part in _PARTS},
         score=number(score, 2),
         guess=number(guess, 2),
         published=subject["name"] == "published",
         settings_table=settings_table(record["model"]),
+        probability_plot=probability_figure(run),
+        predictive_plots=[predictive_figure(run, name) for name in run.statistics],
     )

@@ -3,52 +3,30 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
-from bayestissue.dataset.published import PublishedTables, read_published
+from bayestissue.dataset.published import read_published
 from bayestissue.inference.samplers.diagnostics import warned_codes
 from bayestissue.remedies import Code, codes_in
-from bayestissue.report import posterior
-from bayestissue.report import tables as shared_tables
+from bayestissue.report import posterior, tables
 from bayestissue.report.comparison import comparison_figure
 from bayestissue.report.page import render_page
 from bayestissue.report.posterior import (
     CONSTANT,
     FIXED,
+    QUANTITIES,
     SURE,
-    effects_figure,
     exponent,
-    exponent_figure,
     hypothesis_probability,
 )
-from bayestissue.report.tables import settings_table
 from bayestissue.report.wording import listed, percent, relative, significant
-from bayestissue.thesis.pages.published_figures import (
-    correlations_plot,
-    inside_share,
-    kept_share,
-    mass_plot,
-    posterior_mass_figure,
-    predictive_figure,
-    shrinkage_figure,
-)
-from bayestissue.thesis.pages.published_run import (
-    PublishedRun,
-    agreement,
-    checks_table,
-    comparison_table,
-    estimates_table,
-    findings,
-    findings_by_severity,
-    lines_table,
-    read_published_run,
-    reproduction_table,
-    severities,
-)
-from bayestissue.thesis.reproduction.conditions import Quantity
+from bayestissue.thesis.pages import published_figures, published_run
+from bayestissue.thesis.pages.published_run import PublishedRun, read_published_run
 from bayestissue.thesis.reproduction.relations import printed_line
 
 
@@ -118,8 +96,6 @@ def frequency_sentence(run: PublishedRun) -> str:
     )
 
 
-ThesisLines = dict[Quantity, tuple[float, float] | None]
-
 _CONTENTS = (
     ("estimates", "Estimates and posteriors"),
     ("mass", "Mass"),
@@ -135,16 +111,15 @@ _CONTENTS = (
     ("model", "Model"),
     ("provenance", "Provenance"),
 )
-_LEVELS = {"subject": "people", "trial": "conditions"}
-_POPULATION = tuple(
-    f"{stem}_{quantity}"
-    for stem in ("intercept", "mass_exponent", "sd_subject", "sd_trial", "sd_impact")
-    for quantity in posterior.QUANTITIES
+_POPULATION = (
+    *(f"{stem}_{q}" for stem in ("intercept", "mass_exponent") for q in QUANTITIES),
+    *(f"sd_{level}_{q}" for level in ("subject", "trial", "impact") for q in QUANTITIES),
+    "residual_correlation",
 )
 
 
 def published_page(folder: Path, record: dict[str, Any]) -> str:
-    """The HTML of the report of the `reproduce` run in ``folder``.
+    """The HTML of the report of the `reproduce` run in ``folder``: its template has each section made.
 
     Raises:
         InputError: a file of the run lacks or isn't what a run writes.
@@ -153,7 +128,13 @@ def published_page(folder: Path, record: dict[str, Any]) -> str:
     # A run of other tables than the thesis's own carries them along.
     own_tables = folder / "published"
     published = read_published(own_tables if own_tables.is_dir() else None)
-    lines = {quantity: printed_line(published, quantity) for quantity in posterior.QUANTITIES}
+    lines = {quantity: printed_line(published, quantity) for quantity in QUANTITIES}
+
+    def of_quantities(figure: Callable[..., Markup], *arguments: Any, **options: Any) -> list[Markup]:
+        """A figure of K, and the same of C."""
+        return [figure(*arguments, quantity, **options) for quantity in QUANTITIES]
+
+    finding = constant_frequency_finding(run)
     return render_page(
         "published.html",
         title="Published K and C, re-analysed",
@@ -162,17 +143,42 @@ def published_page(folder: Path, record: dict[str, Any]) -> str:
         first_codes=warned_codes(run.diagnostics),
         codes=[*warned_codes(run.diagnostics), *_further_codes(run)],
         record=record,
-        **_first_screen(run),
-        **_posterior(run, lines),
-        **_model_checks(run),
-        **_published(run, published, lines),
-        **_provenance(run),
+        model=record.get("model", {}),
+        versions=record.get("versions", {}),
+        run=run,
+        published=published,
+        lines=lines,
+        population=_POPULATION,
+        of_quantities=of_quantities,
+        figures=published_figures,
+        run_tables=published_run,
+        posterior=posterior,
+        tables=tables,
+        exponent_plots=[
+            posterior.exponent_figure(run, q) for q in QUANTITIES if exponent(run, q) is not None
+        ],
+        effects_plots={
+            level: [
+                posterior.effects_figure(run, q, level) for q in QUANTITIES if run.has(f"{level}_effect_{q}")
+            ]
+            for level in ("subject", "trial")
+        },
+        comparison_plots=[
+            comparison_figure(run.comparison, name) for name in run.comparison["scheme"].unique()
+        ],
+        mass_plots=[published_figures.posterior_mass_figure(run, q, lines[q]) for q in QUANTITIES],
+        conclusion=mass_conclusion(run),
+        frequency=frequency_sentence(run),
+        constant_frequency="" if finding is None else f"finding-{finding + 1}",
+        doubt=doubt_words(run),
+        kept=listed([f"{percent(published_figures.kept_share(run, q))} for {q}" for q in QUANTITIES]),
+        prior_remark=posterior.prior_remark(run.sensitivity),
     )
 
 
 def _further_codes(run: PublishedRun) -> list[Code]:
     """The codes of the warnings in sections below the first screen."""
-    failed = any(row.mark for row in checks_table(run).rows)
+    failed = any(row.mark for row in published_run.checks_table(run).rows)
     said = "; ".join([posterior.prior_remark(run.sensitivity), *run.comparison["warning"]])
     return [*(("predictive-check",) if failed else ()), *codes_in(said)]
 
@@ -180,89 +186,3 @@ def _further_codes(run: PublishedRun) -> list[Code]:
 def _subtitle(run: PublishedRun) -> str:
     impacts, people, conditions = (len(run.labels(name)) for name in ("impact", "subject", "trial"))
     return f"Stiffness K, damping C: {impacts} impacts, {people} people, {conditions} conditions"
-
-
-def _first_screen(run: PublishedRun) -> dict[str, Any]:
-    finding = constant_frequency_finding(run)
-    return {
-        "reference_mass": f"{run.reference_mass:.3g}",
-        "levels": posterior.levels(run),
-        "sureness": posterior.sureness(run),
-        "exponents": posterior.exponent_rows(run),
-        "conclusion": mass_conclusion(run),
-        "frequency": frequency_sentence(run),
-        "constant_frequency": None if finding is None else f"finding-{finding + 1}",
-        "worst": findings(run)[:3],
-        "severities": severities(run),
-        "doubt": doubt_words(run),
-        "agreement": agreement(run),
-    }
-
-
-def _posterior(run: PublishedRun, lines: ThesisLines) -> dict[str, Any]:
-    shares = [f"{percent(kept_share(run, quantity))} for {quantity}" for quantity in posterior.QUANTITIES]
-    return {
-        "shrinkage_plots": [shrinkage_figure(run, quantity) for quantity in posterior.QUANTITIES],
-        "kept": listed(shares),
-        "estimates_table": estimates_table(run),
-        "mass_plots": [
-            posterior_mass_figure(run, quantity, lines[quantity]) for quantity in posterior.QUANTITIES
-        ],
-        "lines_table": lines_table(run, lines),
-        "exponent_plots": [
-            exponent_figure(run, quantity)
-            for quantity in posterior.QUANTITIES
-            if run.has(f"mass_exponent_{quantity}")
-        ],
-        "hypotheses_table": shared_tables.hypotheses_table(run.hypotheses),
-        "effects_plots": {
-            words: [
-                effects_figure(run, quantity, level)
-                for quantity in posterior.QUANTITIES
-                if run.has(f"{level}_effect_{quantity}")
-            ]
-            for level, words in _LEVELS.items()
-        },
-        "differs": {words: posterior.who_differs(run, level) for level, words in _LEVELS.items()},
-        "population_table": shared_tables.summary_table(run.summary, (*_POPULATION, "residual_correlation")),
-    }
-
-
-def _model_checks(run: PublishedRun) -> dict[str, Any]:
-    schemes = list(dict.fromkeys(run.comparison["scheme"]))
-    return {
-        "comparison_plots": [comparison_figure(run.comparison, scheme) for scheme in schemes],
-        "comparison_table": comparison_table(run),
-        "best": posterior.best_explanations(run.comparison),
-        "prior_remark": posterior.prior_remark(run.sensitivity),
-        "sensitivity_table": shared_tables.sensitivity_table(run.sensitivity),
-        "predictive_plots": [predictive_figure(run, quantity) for quantity in posterior.QUANTITIES],
-        "inside": {quantity: inside_share(run, quantity) for quantity in posterior.QUANTITIES},
-        "checks_table": checks_table(run),
-        "diagnostics_table": shared_tables.diagnostics_table(run.diagnostics),
-    }
-
-
-def _published(run: PublishedRun, published: PublishedTables, lines: ThesisLines) -> dict[str, Any]:
-    return {
-        "correlation_plots": [
-            correlations_plot(published, quantity, averages=averages)
-            for averages in (False, True)
-            for quantity in posterior.QUANTITIES
-        ],
-        "mass_plots_thesis": [
-            mass_plot(published, quantity, lines[quantity]) for quantity in posterior.QUANTITIES
-        ],
-        "reproduction_table": reproduction_table(run),
-        "findings": findings_by_severity(run),
-    }
-
-
-def _provenance(run: PublishedRun) -> dict[str, Any]:
-    described = run.record.get("model", {})
-    return {
-        "formulas": shared_tables.formulas(described),
-        "priors_table": shared_tables.priors_table(described),
-        "settings_table": settings_table(described, shared_tables.SHOWN_ELSEWHERE),
-        "versions": run.record.get("versions", {}),
-    }

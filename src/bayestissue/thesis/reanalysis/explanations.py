@@ -60,7 +60,8 @@ def compare_explanations(
         posterior = sample_posterior(model, data, settings, seed)
         left_out = leave_one_out_densities(model, posterior)[..., len(data.roots) :]
         trees[name] = _scored(posterior, left_out)
-        fitted[name] = _log_mean(posterior.rows[..., len(data.roots) :]).sum()
+        densities = posterior.rows[..., len(data.roots) :]
+        fitted[name] = (logsumexp(densities, axis=(0, 1)) - np.log(densities[..., 0].size)).sum()
         score = partial(log_predictive_density, model, posterior, settings=settings, seed=seed)
         scores[name] = np.array([score(rows) for rows in held_out])
     progress(len(explanations), len(explanations))
@@ -105,10 +106,6 @@ def _log_evidence_ratios(
     z = rng.standard_normal((len(chains.raw), model.locations.size))
     drawn = draw_all(model, data, chains.raw, z)
     return np.asarray(drawn.log_density + drawn.log_ratio - chains.drawn.log_density)
-
-
-def _log_mean(log_density: Float[np.ndarray, "chain draw row"]) -> Float[np.ndarray, " row"]:
-    return logsumexp(log_density, axis=(0, 1)) - np.log(log_density[..., 0].size)
 
 
 def _scored(sampled: EstimatesPosterior, left_out: Float[np.ndarray, "chain draw impact"]) -> xr.DataTree:

@@ -216,14 +216,12 @@ def published_observations(published: PublishedTables) -> PublishedObservations:
 
 def _require_positive(published: PublishedTables) -> None:
     problems = [
-        Problem(
+        Problem.stated(
+            "published-table.positive",
             f"{name}.csv",
-            "a number above 0",
-            "Correct the value, or take the row out.",
-            row=int(position) + 2,
-            column=column,
-            value=float(frame[column].iloc[position]),
-            code="published-table",
+            int(position) + 2,
+            column,
+            float(frame[column].iloc[position]),
         )
         for name, frame, columns in (
             ("estimates", published.estimates, ("mass_kg", "K", "C")),

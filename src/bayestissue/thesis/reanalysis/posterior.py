@@ -42,10 +42,8 @@ from bayestissue.thesis.reanalysis.model import (
 
 # Of the coordinates, for slopes from differences of values.
 _STEP = 1e-4
-# The sites follow the mode, which then moves a little; and then, if need be, corrected draws, while less of
-# the draws' worth is left.
-_ABOUT_MODE, _MOST_AGAIN, _WELL_PLACED = 3, 2, 0.7
-_OTHER_SEED = 1_000_003
+# The sites follow the mode, which then moves a little.
+_ABOUT_MODE = 3
 
 
 class Chains(NamedTuple):
@@ -98,21 +96,13 @@ def sample_posterior(
         progress: told how many of the chains' transitions are done, where it takes long.
     """
     data, coordinates = approximated(model, data, seed)
-    attempts: list[tuple[tuple[int, float], EstimatesPosterior]] = []
-    for again in range(0 if settings.path == "exact" else 1 + _MOST_AGAIN):
-        chains = sample_chains(model, data, coordinates, settings, seed + again * _OTHER_SEED, progress)
+    if settings.path != "exact":
+        chains = sample_chains(model, data, coordinates, settings, seed, progress)
         ratios = chains.drawn.log_ratio.reshape(settings.chains, settings.transitions)
         correction = Correction.from_log_weights(ratios, settings.chains * settings.draws)
-        chosen = systematic(correction.weight, settings.draws, np.random.default_rng([seed, 22]))
-        posterior = _labelled(model, data, coordinates, chains, chosen, correction)
-        attempts.append((correction.rank, posterior))
-        if correction.relative > _WELL_PLACED:
-            break
-        data = data._replace(scatter=chains.drawn.scatter.mean(0))
-    if attempts:
-        (failed, _), best = min(attempts, key=lambda attempt: attempt[0])
-        if settings.path == "summary" or not failed:
-            return best
+        if settings.path == "summary" or correction.trusted:
+            chosen = systematic(correction.weight, settings.draws, np.random.default_rng([seed, 22]))
+            return _labelled(model, data, coordinates, chains, chosen, correction)
     chains = _exact(model, data, coordinates, settings, seed, progress)
     all_draws = np.tile(np.arange(settings.draws), (settings.chains, 1))
     return _labelled(model, data, coordinates, chains, all_draws, None)

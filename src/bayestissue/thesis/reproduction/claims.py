@@ -178,10 +178,6 @@ def _average(condition: pd.Series) -> Recomputed:
     return Recomputed(float(condition["average"]), float(condition["average_rounding"]), note)
 
 
-def _mean(evidence: Evidence) -> Recomputed:
-    return Recomputed(grand_mean(evidence.table), evidence.rounding)
-
-
 def _variance(evidence: Evidence) -> Recomputed:
     """Sums of squares within and between conditions over n - 1; ‖y + e‖² moves by 2‖y‖‖e‖ + ‖e‖²."""
     table = evidence.table
@@ -225,7 +221,7 @@ def _in_final_model(evidence: Evidence) -> Recomputed:
 
 _EXTREMES = {"minimum": smallest, "maximum": largest}
 _STATISTICS: dict[str, Callable[[Evidence], Recomputed]] = {
-    "mean": _mean,
+    "mean": lambda evidence: Recomputed(grand_mean(evidence.table), evidence.rounding),
     "variance": _variance,
     "minimum": lambda evidence: evidence.end_of_impacts("minimum"),
     "maximum": lambda evidence: evidence.end_of_impacts("maximum"),
