@@ -29,6 +29,7 @@ from bayestissue.inference.answers.reliability import coefficients, variances
 from bayestissue.planning.information import Information, TypicalTissue, information
 from bayestissue.planning.population import DesignPrior, Streams, Truths
 from bayestissue.planning.posterior import PlannedSites, Posteriors, posteriors
+from bayestissue.planning.running import Running
 from bayestissue.planning.studies import Arrangement, Studies, arrangements, draw_studies
 from bayestissue.runtime import cores
 from bayestissue.simulation.specification import Simulation
@@ -349,6 +350,7 @@ def planner(
     simulation: Simulation,
     *,
     seed: int = 0,
+    running: Running | None = None,
 ) -> Planner:
     """Make designs ready to be assessed.
 
@@ -358,11 +360,15 @@ def planner(
         prior: of the tissue.
         simulation: whose recording, recorder and gravity are those of the study.
         seed: of all studies.
+        running: a study that has begun: each design is then what is still to come, and ``prior`` a
+            `RunningPrior`.
 
     Raises:
         InputError: a formula asks for what a design can't identify, or the recorder's traces are no data
             for this analysis.
     """
+    if running is not None:
+        designs = [pd.concat([running.rows, design], ignore_index=True)[list(design)] for design in designs]
     rows = pd.concat([*designs], ignore_index=True)
     reference = specification.reference_mass_kg or float(np.exp(np.log(rows["mass_kg"]).mean()))
     relative_mass_sd = simulation.recording.relative_mass_sd
@@ -374,6 +380,7 @@ def planner(
             known,
             reference_mass_kg=reference,
             relative_mass_sd=relative_mass_sd,
+            running=running,
         )
 
     # The truths ask for a model, and the model for the formulas over the rows, not for what traces tell.
