@@ -1,4 +1,4 @@
-"""A plan that goes on from a running study: it agrees with the fit of what is there, and tells what more adds."""
+"""A plan that goes on from a running study agrees with the fit of what is there, and tells what more adds."""
 
 from __future__ import annotations
 
