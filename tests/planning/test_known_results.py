@@ -226,7 +226,7 @@ def test_slopes_of_each_person_in_two_groups() -> None:
     difference = 1.5 * np.sqrt(207.31 / 10)
     spreads = {"intercept": 1e3, "slope": np.sqrt(24), "impact": np.sqrt(10)}
     planner = two_slopes(np.arange(7) / 4, spreads, difference)
-    assert within(power_of_slopes(planner, 4000, 0.975), 0.8, 4000)
+    assert within(power_of_slopes(planner, 1000, 0.975), 0.8, 1000)
 
 
 @pytest.mark.parametrize(
