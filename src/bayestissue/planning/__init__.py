@@ -1,0 +1,1 @@
+"""Planning a study: what it will tell, before anyone is hit."""

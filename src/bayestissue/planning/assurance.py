@@ -1,0 +1,423 @@
+"""Assurance: how probable it is that a study answers its questions, over all that is believed of the tissue.
+
+Of each study that is drawn the posterior is asked. A claim is answered where its posterior probability is
+above ``probability``, yes, or below one less that, no; the answer misleads where the truth that the study was
+drawn from is another. An expression is answered where its interval is as narrow as is wanted. Assurance
+is the share of studies that are answered (O'Hagan and Stevens 2001, doi:10.1177/0272989X0102100307).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from jaxtyping import Bool, Float
+
+from bayestissue.hierarchy import derived
+from bayestissue.hierarchy.effects import RESPONSES
+from bayestissue.hierarchy.formulas.formula import group_terms
+from bayestissue.hierarchy.levels import Recorded
+from bayestissue.hierarchy.specification import ModelSpecification
+from bayestissue.inference.answers.grammar import Node, Operation, Quantity, claims, parse
+from bayestissue.inference.answers.meaning import draws_of
+from bayestissue.inference.answers.reliability import coefficients, variances
+from bayestissue.planning.information import Information, TypicalTissue, information
+from bayestissue.planning.population import DesignPrior, Streams, Truths
+from bayestissue.planning.posterior import PlannedSites, Posteriors, posteriors
+from bayestissue.planning.running import Running
+from bayestissue.planning.studies import Arrangement, Studies, arrangements, draw_studies
+from bayestissue.runtime import cores
+from bayestissue.simulation.specification import Simulation
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Goal:
+    """What a study shall find out.
+
+    Attributes:
+        name: what tables call it.
+        text: a claim, or an expression, as questions of a finished fit are written.
+        width: of an expression, the half width of its interval that is wanted.
+        relative: whether that is of a ratio: (high / low)^1/2 - 1.
+        level: of the interval.
+    """
+
+    name: str
+    text: str
+    width: float | None = None
+    relative: bool = False
+    level: float = 0.9
+
+
+@dataclass(frozen=True, eq=False)
+class Assessment:
+    """What studies of one design say of one goal.
+
+    Attributes:
+        goal: the goal.
+        probability: a claim is answered above it, or below one less it.
+        p: of each study, the posterior probability of the claim; NaN of an expression.
+        true: whether the claim is true of the study's truth.
+        width: half width of the interval; NaN of a claim.
+        estimate: posterior mean of the expression, or of what a claim compares.
+        value: the same of the study's truth.
+        effective: of the points that each posterior was integrated by, how many count.
+    """
+
+    goal: Goal
+    probability: float
+    p: Float[np.ndarray, " study"]
+    true: Bool[np.ndarray, " study"]
+    width: Float[np.ndarray, " study"]
+    estimate: Float[np.ndarray, " study"]
+    value: Float[np.ndarray, " study"]
+    effective: Float[np.ndarray, " study"]
+
+    @property
+    def studies(self) -> int:
+        """How many there were."""
+        return len(self.p)
+
+    @property
+    def yes(self) -> Bool[np.ndarray, " study"]:
+        """Of each study, whether the claim is answered by yes, or the width reached."""
+        return self.p > self.probability if self.goal.width is None else self.width <= self.goal.width
+
+    @property
+    def no(self) -> Bool[np.ndarray, " study"]:
+        """Of each study, whether the claim is answered by no."""
+        return self.p < 1 - self.probability
+
+    @property
+    def answered(self) -> float:
+        """The assurance: share of studies that answer."""
+        return float((self.yes | self.no).mean())
+
+    @property
+    def misleads(self) -> float:
+        """Share of studies with an answer that is not true; 0 of an expression."""
+        if self.goal.width is not None:
+            return 0.0
+        return float(((self.yes & ~self.true) | (self.no & self.true)).mean())
+
+    @property
+    def undecided_bits(self) -> float:
+        """Expected entropy of the claim after the study, in bits; the less, the more the study tells."""
+        p = np.clip(self.p, 1e-12, 1 - 1e-12)
+        return float(-(p * np.log2(p) + (1 - p) * np.log2(1 - p)).mean())
+
+    def se(self, share: float) -> float:
+        """Monte Carlo standard error of a share of the studies."""
+        return float(np.sqrt(share * (1 - share) / self.studies))
+
+    def with_more(self, more: Assessment) -> Assessment:
+        """Together with further studies of the same design and goal."""
+        names = ("p", "true", "width", "estimate", "value", "effective")
+        arrays = (np.concatenate([getattr(self, name), getattr(more, name)]) for name in names)
+        return Assessment(self.goal, self.probability, *arrays)
+
+
+@dataclass(frozen=True, eq=False)
+class Planner:
+    """Designs that are ready to be assessed.
+
+    Attributes:
+        arranged: the designs, those of the same conditions together.
+        information: what a trace tells in each condition.
+        prior: where each study's truth comes from.
+        seed: of all studies.
+    """
+
+    arranged: Sequence[Arrangement]
+    information: Information
+    prior: DesignPrior
+    seed: int
+
+    def assess(
+        self,
+        goals: Sequence[Goal],
+        blocks: range,
+        *,
+        probability: float = 0.95,
+        progress: Progress = lambda *_: None,
+    ) -> list[list[Assessment]]:
+        """Assess every design by every goal.
+
+        Args:
+            goals: what the study shall find out.
+            blocks: which blocks of `BLOCK` studies; further ones add studies to those that there are.
+            probability: a claim is answered above it, or below one less it.
+            progress: told how many of all designs and blocks are done.
+
+        Returns:
+            By design, in the order in which they were given, and goal.
+        """
+        nodes = [parse(goal.text) for goal in goals]
+        work = [(arrangement, block) for arrangement in self.arranged for block in blocks]
+        designs = sum(len(arrangement.numbers) for arrangement in self.arranged)
+        done, total = 0, designs * len(blocks)
+        results: dict[int, list[Assessment]] = {}
+        progress("assessing designs", 0, total)
+        # What is compiled leaves Python's lock to others.
+        with ThreadPoolExecutor(cores()) as pool:
+            futures = (pool.submit(self._block, *item, goals, nodes, probability) for item in work)
+            for (arrangement, _), future in zip(work, list(futures), strict=True):
+                for number, assessed in zip(arrangement.numbers, future.result(), strict=True):
+                    previous = results.get(number)
+                    pairs = zip(previous, assessed, strict=True) if previous else ()
+                    results[number] = [a.with_more(b) for a, b in pairs] or assessed
+                    done += 1
+                progress("assessing designs", done, total)
+        return [results[number] for number in sorted(results)]
+
+    def _block(
+        self,
+        arrangement: Arrangement,
+        block: int,
+        goals: Sequence[Goal],
+        nodes: Sequence[Node],
+        probability: float,
+    ) -> list[list[Assessment]]:
+        """One block of studies of each design of an arrangement."""
+        streams = Streams(self.seed, block)
+        truths = self.prior.truths(arrangement.model, arrangement.design, streams)
+        studies = draw_studies(arrangement, truths, streams)
+        start, assessed = arrangement.model.unconstrained(truths.hyperparameters), []
+        for position in range(len(arrangement.numbers)):
+            # The same people with more or fewer impacts have their mode near.
+            of_goals, start = self._of_design(
+                arrangement, position, studies, start, goals, nodes, probability
+            )
+            assessed.append(of_goals)
+        return assessed
+
+    def _of_design(
+        self,
+        arrangement: Arrangement,
+        position: int,
+        studies: Studies,
+        start: Float[np.ndarray, "study coordinate"],
+        goals: Sequence[Goal],
+        nodes: Sequence[Node],
+        probability: float,
+    ) -> tuple[list[Assessment], Float[np.ndarray, "study coordinate"]]:
+        model = arrangement.model
+        present = np.broadcast_to(arrangement.present[position], studies.centre.shape[:2])
+        sites = PlannedSites(model, arrangement.columns, arrangement.precision, studies.centre, present)
+        drawn = posteriors(sites, start)
+        asked = _Asked(arrangement, position, self.information)
+        posterior = asked.dataset(drawn.hyperparameters, drawn.b, nodes)
+        truth = asked.dataset(
+            {name: values[:, None] for name, values in studies.truths.hyperparameters.items()},
+            studies.b[:, None],
+            nodes,
+        )
+        assessed = [
+            _assessment(
+                goal, probability, drawn, *(asked.values(node, draws) for draws in (posterior, truth))
+            )
+            for goal, node in zip(goals, nodes, strict=True)
+        ]
+        return assessed, drawn.mode
+
+
+def _assessment(
+    goal: Goal,
+    probability: float,
+    posterior: Posteriors,
+    drawn: tuple[np.ndarray, np.ndarray],
+    truth: tuple[np.ndarray, np.ndarray],
+) -> Assessment:
+    """Of the values of a goal and of what it compares, each [study, draw], by the posterior and in truth."""
+    values, compared = drawn
+    none = np.full(len(values), np.nan)
+    if goal.width is None:
+        p, width = (values * posterior.weight).sum(axis=1), none
+    else:
+        ends = [(1 - goal.level) / 2, (1 + goal.level) / 2]
+        low, high = weighted_quantiles(values, posterior.weight, ends)
+        p, width = none, np.sqrt(high / low) - 1 if goal.relative else (high - low) / 2
+    estimate = (compared * posterior.weight).sum(axis=1)
+    return Assessment(
+        goal, probability, p, truth[0][:, 0] > 0.5, width, estimate, truth[1][:, 0], posterior.effective
+    )
+
+
+def weighted_quantiles(
+    values: Float[np.ndarray, "study draw"],
+    weights: Float[np.ndarray, "study draw"],
+    probabilities: Sequence[float],
+) -> list[Float[np.ndarray, " study"]]:
+    """Quantiles of each study's weighted draws."""
+    order = np.argsort(values, axis=1)
+    ordered = np.take_along_axis(values, order, axis=1)
+    weight = np.take_along_axis(weights, order, axis=1)
+    below = np.cumsum(weight, axis=1) - weight / 2
+    return [
+        np.array([np.interp(p, x, y) for x, y in zip(below, ordered, strict=True)]) for p in probabilities
+    ]
+
+
+@dataclass(frozen=True, eq=False)
+class _Asked:
+    """One design's draws as questions read them, a study in the place of a chain."""
+
+    arrangement: Arrangement
+    position: int
+    information: Information
+
+    @property
+    def _recorded(self) -> Recorded:
+        """The rows of this design."""
+        rows = self.arrangement.rows[self.arrangement.present[self.position]].reset_index(drop=True)
+        return replace(self.arrangement.design.recorded, rows=rows)
+
+    def dataset(
+        self,
+        values: dict[str, np.ndarray],
+        b: Float[np.ndarray, "study draw location"],
+        nodes: Sequence[Node],
+    ) -> xr.Dataset:
+        """What the questions are of, from draws of the hyperparameters and effects."""
+        design, model = self.arrangement.design, self.arrangement.model
+        design = replace(
+            design, responses={q: part for q, part in design.responses.items() if q in RESPONSES}
+        )
+        sites = derived.named_sites(model.locations, design, dict(values), b)
+        reported = derived.reported_sites(design, sites)
+        levels = derived.effect_dimensions(design)
+        coords: dict[str, Any] = {name: list(design.groupings[name].levels) for name in set(levels.values())}
+        coords |= {"chain": np.arange(b.shape[0]), "draw": np.arange(b.shape[1])}
+        draws = xr.Dataset(
+            {
+                name: (("chain", "draw", *([levels[name]] if name in levels else [])), array)
+                for name, array in reported.items()
+            },
+            coords,
+        )
+        names = {quantity.name for node in nodes for quantity in _quantities(node)}
+        for q in RESPONSES:
+            if f"{q}_typical_person" in names:
+                typical = draws_of(Quantity(q, (), 0), draws, design.recorded)
+                draws[f"{q}_typical_person"] = typical
+        lacking = names - set(map(str, draws.data_vars)) - set(design.responses)
+        return draws.merge(self._reliability(draws, lacking)) if lacking else draws
+
+    def _reliability(self, draws: xr.Dataset, names: set[str]) -> xr.Dataset:
+        """Those of the coefficients of reliability that are named."""
+        sd, recorded = self.information.measurement_sd, self._recorded
+        of_responses = {q: variances(draws, recorded, q, measurement_sd=sd[q]) for q in RESPONSES}
+        of_names = {f"{c.name}_{c.quantity}": c.drawn for c in coefficients(of_responses, draws)}
+        return xr.Dataset({name: (("chain", "draw"), of_names[name]) for name in names & set(of_names)})
+
+    def values(
+        self, node: Node, draws: xr.Dataset
+    ) -> tuple[Float[np.ndarray, "study draw"], Float[np.ndarray, "study draw"]]:
+        """The values of a question in each draw, 1 or 0 of a claim, and of the expression it compares."""
+        over_levels = any(level.value is None for quantity in _quantities(node) for level in quantity.levels)
+        recorded = self._recorded if over_levels else self.arrangement.design.recorded
+
+        def of(part: Node) -> np.ndarray:
+            return draws_of(part, draws, recorded).transpose("chain", "draw").to_numpy().astype(float)
+
+        values = of(node)
+        if not claims(node):
+            return values, values
+        one = isinstance(node, Operation) and node.symbol in ("<", "<=", ">", ">=", "between")
+        return values, of(node.operands[0]) if one else np.full(values.shape, np.nan)  # type: ignore[union-attr]
+
+
+def _quantities(node: Node) -> Iterator[Quantity]:
+    match node:
+        case Quantity():
+            yield node
+        case Operation(operands=operands):
+            for operand in operands:
+                yield from _quantities(operand)
+
+
+def planner(
+    designs: Sequence[pd.DataFrame],
+    specification: ModelSpecification,
+    prior: DesignPrior,
+    simulation: Simulation,
+    *,
+    seed: int = 0,
+    running: Running | None = None,
+) -> Planner:
+    """Make designs ready to be assessed.
+
+    Args:
+        designs: each one's impacts: ``subject``, ``trial``, ``mass_kg``, ``velocity_m_s`` and factors.
+        specification: the analysis.
+        prior: of the tissue.
+        simulation: whose recording, recorder and gravity are those of the study.
+        seed: of all studies.
+        running: a study that has begun: each design is then what is still to come, and ``prior`` a
+            `RunningPrior`.
+
+    Raises:
+        InputError: a formula asks for what a design can't identify, or the recorder's traces are no data
+            for this analysis.
+    """
+    if running is not None:
+        designs = [pd.concat([running.rows, design], ignore_index=True)[list(design)] for design in designs]
+    rows = pd.concat([*designs], ignore_index=True)
+    reference = specification.reference_mass_kg or float(np.exp(np.log(rows["mass_kg"]).mean()))
+    relative_mass_sd = simulation.recording.relative_mass_sd
+
+    def arranged(known: Information) -> list[Arrangement]:
+        return arrangements(
+            designs,
+            specification,
+            known,
+            reference_mass_kg=reference,
+            relative_mass_sd=relative_mass_sd,
+            running=running,
+        )
+
+    # The truths ask for a model, and the model for the formulas over the rows, not for what traces tell.
+    first = arranged(_unknown(rows))[0]
+    truths = prior.truths(first.model, first.design, Streams(seed, 0))
+    tissue = typical_tissue(truths, first, reference)
+    known = information(rows, specification, tissue, simulation, seed)
+    return Planner(arranged(known), known, prior, seed)
+
+
+def _unknown(rows: pd.DataFrame) -> Information:
+    conditions = rows[["mass_kg", "velocity_m_s"]].drop_duplicates(ignore_index=True)
+    return Information(conditions, np.broadcast_to(np.eye(2), (len(conditions), 1, 2, 2)), 1.0)
+
+
+def typical_tissue(truths: Truths, arrangement: Arrangement, reference_mass_kg: float) -> TypicalTissue:
+    """Mean and spread of log K and log C over all people of all truths, at the reference mass."""
+    terms = {
+        q: [term for term in group_terms(arrangement.design.recorded.formulas[q]) if not term.slope]
+        for q in RESPONSES
+    }
+
+    def spread(q: str) -> float:
+        groups = [
+            truths.hyperparameters[term.sd(q)] for term in terms[q] if term.sd(q) in truths.hyperparameters
+        ]
+        within = np.mean(
+            [values**2 for values in (*groups, truths.hyperparameters[f"sd_impact_{q}"])], axis=1
+        ).sum()
+        return float(np.sqrt(truths.fixed[f"intercept_{q}"].var() + within))
+
+    def exponent(q: str) -> float:
+        values = truths.fixed.get(f"mass_exponent_{q}")
+        return 0.0 if values is None else float(np.median(values))
+
+    K, C = RESPONSES
+    mean = tuple(float(np.median(truths.fixed[f"intercept_{q}"])) for q in RESPONSES)
+    return TypicalTissue(
+        (mean[0], mean[1]), (spread(K), spread(C)), (exponent(K), exponent(C)), reference_mass_kg
+    )

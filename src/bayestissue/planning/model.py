@@ -1,0 +1,128 @@
+"""The hierarchy of a planned study: log K and log C of each impact, measured with a known precision.
+
+Of an impact there are log K and log C alone. What else a trace tells, such as its noise, is integrated out
+of its precision beforehand (`bayestissue.planning.information`), and everything that follows is the
+hierarchy of a fit: u ~ N(X b, D^-1), with a Gaussian factor of u in the place of each trace.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Float
+from numpyro.distributions import HalfNormal, biject_to
+
+from bayestissue.hierarchy.design import Design
+from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign
+from bayestissue.hierarchy.gaussian.covariances import Covariances
+from bayestissue.hierarchy.population import Effects, MassError, covariances_of, population_design
+from bayestissue.hierarchy.priors import Priors
+from bayestissue.hierarchy.specification import ModelSpecification
+from bayestissue.hierarchy.traces import Hyperparameters
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedModel(Hyperparameters):
+    """What the analysis of a planned study assumes.
+
+    Attributes:
+        locations: what the elements of b are.
+        priors: of the analysis.
+        correlated: whether the deviations of log K and log C of one impact are.
+        log_mass_sd: standard deviation of the error of the recorded log mass.
+        mass_error: whether each impact has an error of its own or all of a person's the same.
+        known: the hyperparameters that the analysis knows, by name; empty of a real one.
+    """
+
+    locations: Effects
+    priors: Priors
+    correlated: bool
+    log_mass_sd: float = 0.0
+    mass_error: MassError = "impact"
+    known: Mapping[str, float] | None = None
+
+    @cached_property
+    def unknown(self) -> tuple[str, ...]:
+        """The hyperparameters that the analysis estimates."""
+        return tuple(name for name in self.hyperparameters if name not in (self.known or {}))
+
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """All that what is compiled for this model depends on."""
+        known = tuple(sorted((self.known or {}).items()))
+        return self.locations, self.priors, self.correlated, self.log_mass_sd, self.mass_error, known
+
+    def __hash__(self) -> int:
+        return hash(self.key)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, PlannedModel) and self.key == other.key
+
+    @cached_property
+    def _scales(self) -> Float[np.ndarray, " coordinate"]:
+        """Of half-normal priors, which are nearly all; NaN of any other."""
+        priors = [self.prior_of(name) for name in self.unknown]
+        return np.array([prior.scale if isinstance(prior, HalfNormal) else np.nan for prior in priors], float)
+
+    def constrained(self, y: Float[Array, " coordinate"]) -> dict[str, Array]:
+        """The hyperparameters from unconstrained coordinates, in the order of `unknown`."""
+        half_normal = np.nan_to_num(self._scales) * jax.nn.softplus(y)
+        values = {
+            name: half_normal[number]
+            if np.isfinite(self._scales[number])
+            else biject_to(self.prior_of(name).support)(y[number])
+            for number, name in enumerate(self.unknown)
+        }
+        return values | {name: jnp.asarray(value) for name, value in (self.known or {}).items()}
+
+    def unconstrained(self, values: Mapping[str, Any]) -> Float[np.ndarray, "study coordinate"]:
+        """The inverse of `constrained`, of any number of studies."""
+        coordinates = [
+            biject_to(self.prior_of(name).support).inv(jnp.asarray(values[name])) for name in self.unknown
+        ]
+        if not coordinates:
+            return np.zeros((len(next(iter(values.values()))), 0))
+        return np.stack([np.asarray(coordinate) for coordinate in coordinates], axis=-1)
+
+    def log_prior(self, y: Float[Array, " coordinate"]) -> Float[Array, ""]:
+        """Log density of the coordinates."""
+        usual = np.isfinite(self._scales)
+        # Of s = scale log(1 + e^y): -(s / scale)^2 / 2 and the map's own slope, all at once.
+        of_spreads = jax.nn.log_sigmoid(y) - jax.nn.softplus(y) ** 2 / 2
+        total = jnp.where(usual, of_spreads, 0.0).sum()
+        for number in np.flatnonzero(~usual):
+            prior = self.prior_of(self.unknown[number])
+            transform = biject_to(prior.support)
+            constrained = transform(y[number])
+            total += prior.log_prob(constrained) + transform.log_abs_det_jacobian(y[number], constrained)
+        return total
+
+    def covariances(self, values: dict[str, Array]) -> Covariances:
+        """Those of an impact and of b that the hyperparameters imply."""
+        return covariances_of(self.locations, values, self.log_mass_sd, (), self.mass_error)
+
+
+def planned_model(
+    specification: ModelSpecification, design: Design, relative_mass_sd: float = 0.0
+) -> tuple[PlannedModel, PopulationDesign]:
+    """The analysis of a study with this design, and its X arranged.
+
+    Args:
+        specification: the model file.
+        design: its formulas over the rows of the study.
+        relative_mass_sd: of the recorded mass.
+    """
+    priors = specification.complete_priors()
+    # The parameters of an element besides K and C are part of a trace's precision.
+    responses = {name: part for name, part in design.responses.items() if name in ("K", "C")}
+    effects, columns = population_design(replace(design, responses=responses), priors, ())
+    mass_error = specification.mass_error if relative_mass_sd > 0 else "impact"
+    model = PlannedModel(effects, priors, specification.residual_correlation, relative_mass_sd, mass_error)
+    return model, columns

@@ -1,0 +1,277 @@
+"""What is believed of the tissue before the study: where each planned study's truth is drawn from.
+
+This design prior is not the analysis prior. The analysis is meant to convince whoever reads it, with the wide
+priors of its model file; the design prior holds all that is known while planning (O'Hagan and Stevens 2001,
+doi:10.1177/0272989X0102100307). A number in the place of a distribution is taken as known, and with numbers
+alone assurance is power.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Literal, Protocol, Self
+from zlib import crc32
+
+import numpy as np
+from jaxtyping import Float, Int
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from scipy import stats
+
+from bayestissue.hierarchy.design import Design
+from bayestissue.hierarchy.effects import intercept
+from bayestissue.hierarchy.priors import (
+    Correlation,
+    HalfNormal,
+    HalfStudentT,
+    Normal,
+    Pair,
+    Responses,
+    term_of_group,
+    term_of_slope,
+)
+from bayestissue.planning.model import PlannedModel
+
+# Studies of one block have random numbers of their own, so that more studies leave the first as they are.
+BLOCK = 100
+
+
+class Known(BaseModel):
+    """A number that is taken as known."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    distribution: Literal["known"] = "known"
+    value: Annotated[float, Field(allow_inf_nan=False)]
+
+
+def _number(value: Any) -> Any:
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return {"distribution": "known", "value": value} if is_number else value
+
+
+Belief = Annotated[
+    Known | Normal | HalfNormal | HalfStudentT | Correlation,
+    Field(discriminator="distribution"),
+    BeforeValidator(_number),
+]
+
+
+def _normal(mean: float, sd: float) -> Normal:
+    return Normal(distribution="normal", mean=mean, sd=sd)
+
+
+def _half_normal(scale: float) -> HalfNormal:
+    return HalfNormal(distribution="half-normal", scale=scale)
+
+
+def _alike(belief: Any) -> Any:
+    return Responses[Belief](K=belief, C=belief)
+
+
+class Population(BaseModel):
+    """The table ``[population]``: the keys of a model file's ``[priors]``, each a distribution or a number.
+
+    All are on the log scale of K (N/m) and C (N s/m), at the reference mass of the analysis.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    intercept: Pair[Belief] = Field(
+        default=Pair[Belief](K=_normal(math.log(3000), 0.4), C=_normal(math.log(25), 0.4)),
+        description="log K and log C of a typical person.",
+    )
+    mass_exponent: Responses[Belief] = Field(
+        default=_alike(_normal(0.5, 0.5)), description="slopes of log K and log C on log mass."
+    )
+    covariate: Responses[Belief] = Field(
+        default=_alike(_normal(0.0, 0.15)),
+        description="change of log K and log C for one standard deviation of any other covariate, but for "
+        "those in effects.",
+    )
+    effects: dict[str, dict[str, Belief]] = Field(
+        default={},
+        description="the same of single covariates, in the covariate's own unit, by response and name: "
+        '[population.effects.K] with "side[right]" = 0.1.',
+    )
+    sd_subject: Responses[Belief] = Field(
+        default=_alike(_half_normal(0.3)), description="standard deviation between people."
+    )
+    sd_trial: Responses[Belief] = Field(
+        default=_alike(_half_normal(0.05)),
+        description="standard deviation between conditions beyond what the covariates explain.",
+    )
+    sd_group: dict[str, Responses[Belief]] = Field(
+        default={}, description='of another group term, by its name, such as "subject:side".'
+    )
+    sd_slope: dict[str, Responses[Belief]] = Field(
+        default={}, description='of a slope between levels, such as "log(mass_kg)|subject".'
+    )
+    sd_impact: Responses[Belief] = Field(
+        default=_alike(_half_normal(0.1)),
+        description="standard deviation between the impacts of one person in one condition.",
+    )
+    residual_correlation: Belief = Field(
+        default=Known(value=0.0), description="correlation of the deviations of one impact."
+    )
+
+    def by_name(self) -> dict[str, Any]:
+        """Of every top-level parameter, by its name: ``intercept_K``, ``sd_subject_side_C``."""
+        pairs: dict[str, Any] = {
+            name: getattr(self, name) for name in type(self).model_fields if name.startswith("sd_")
+        }
+        groups, slopes = pairs.pop("sd_group"), pairs.pop("sd_slope")
+        pairs |= {name: getattr(self, name) for name in ("intercept", "mass_exponent", "covariate")}
+        pairs |= {f"sd_{term_of_group(key).stem}": pair for key, pair in groups.items()}
+        pairs |= {f"sd_{term_of_slope(key).stem}": pair for key, pair in slopes.items()}
+        beliefs = {f"{stem}_{q}": belief for stem, pair in pairs.items() for q, belief in pair}
+        return beliefs | {"residual_correlation": self.residual_correlation}
+
+    def at_median(self) -> Self:
+        """Every belief replaced by its median: one assumed truth."""
+
+        def known(value: Any) -> Any:
+            match value:
+                case dict():
+                    return {key: known(part) for key, part in value.items()}
+                case Pair():
+                    return value.model_copy(
+                        update={name: Known(value=float(quantile(part, 0.5))) for name, part in value}
+                    )
+                case _:
+                    return Known(value=float(quantile(value, 0.5)))
+
+        return self.model_copy(update={name: known(getattr(self, name)) for name in type(self).model_fields})
+
+
+def quantile(belief: Any, probability: Any) -> Any:
+    """The quantiles of a belief."""
+    match belief:
+        case Known(value=value):
+            return np.full(np.shape(probability), value)
+        case Normal(mean=mean, sd=sd):
+            return stats.norm.ppf(probability, mean, sd)
+        case HalfNormal(scale=scale):
+            return stats.halfnorm.ppf(probability, scale=scale)
+        case HalfStudentT(df=df, scale=scale):
+            return stats.t.ppf((1 + probability) / 2, df, scale=scale)
+        case Correlation(concentration=concentration):
+            return 2 * stats.beta.ppf(probability, concentration, concentration) - 1
+    raise TypeError(type(belief))
+
+
+@dataclass(frozen=True, eq=False)
+class Truths:
+    """The truth of each of some studies.
+
+    Attributes:
+        hyperparameters: by name.
+        fixed: the fixed effects by the names of the parts of b, in the units of the design's columns.
+        effects: the group effects that are known of some levels, NaN of others, by the same names.
+    """
+
+    hyperparameters: dict[str, Float[np.ndarray, " study"]]
+    fixed: dict[str, Float[np.ndarray, "study width"]]
+    effects: Mapping[str, Float[np.ndarray, "study level"]] = field(default_factory=dict)
+
+
+class DesignPrior(Protocol):
+    """Where truths come from: `Population`'s beliefs, or a pilot study's posterior."""
+
+    def truths(self, model: PlannedModel, design: Design, streams: Streams) -> Truths:
+        """The truth of each study of a block."""
+
+
+class Streams:
+    """Random numbers of one block of studies: of each name its own, the same whatever the design is."""
+
+    def __init__(self, seed: int, block: int) -> None:
+        self._seed = seed, block
+
+    def _generator(self, name: str) -> np.random.Generator:
+        return np.random.default_rng([*self._seed, crc32(name.encode())])
+
+    def uniform(self, name: str) -> Float[np.ndarray, " study"]:
+        """A number of each study."""
+        return self._generator(name).uniform(size=BLOCK)
+
+    def normal(self, name: str, number: int) -> Float[np.ndarray, "study number"]:
+        """Some of each study; of a greater ``number`` the first are the same."""
+        return self._generator(name).standard_normal((number, BLOCK)).T
+
+
+@dataclass(frozen=True)
+class Beliefs:
+    """Truths from a `Population`."""
+
+    population: Population
+
+    def truths(self, model: PlannedModel, design: Design, streams: Streams) -> Truths:
+        """Draw every parameter that the model has."""
+        known = self.population.by_name()
+        default = _half_normal(0.1)
+
+        def drawn(name: str, belief: Any) -> np.ndarray:
+            return np.asarray(quantile(belief, streams.uniform(name)), float)
+
+        values = {name: drawn(name, known.get(name, default)) for name in model.hyperparameters}
+        fixed = {}
+        for part in design.responses.values():
+            q = part.response
+            name = intercept(part.parameter)
+            fixed[name] = drawn(name, known[name])[:, None]
+            if part.log_mass is not None:
+                name = f"mass_exponent_{q}"
+                fixed[name] = drawn(name, known[name])[:, None]
+            effects = []
+            for column, scale in zip(part.names, part.scale, strict=True):
+                single = self.population.effects.get(q, {}).get(column)
+                label = f"effect_of_{column}_{q}"
+                if single is None:
+                    effects.append(drawn(label, known[f"covariate_{q}"]))
+                else:
+                    effects.append(drawn(label, single) * scale)
+            if effects:
+                fixed[f"covariate_effect_{q}"] = np.stack(effects, axis=1)
+        return Truths(values, fixed)
+
+
+@dataclass(frozen=True, eq=False)
+class Pilot:
+    """Truths from the posterior of a finished fit: every study's is one draw of it.
+
+    What the pilot has no parameter for, such as a side that it did not have, is from ``otherwise``.
+
+    Attributes:
+        draws: of the pilot's reported parameters, [draw], by name.
+        reference_mass_kg: the mass that its intercepts are at.
+        otherwise: beliefs about the rest.
+    """
+
+    draws: Mapping[str, Float[np.ndarray, " draw"]]
+    reference_mass_kg: float
+    otherwise: Beliefs
+
+    def rows(self, streams: Streams) -> Int[np.ndarray, " study"]:
+        """Which draw each study of a block has."""
+        return (streams.uniform("pilot") * len(next(iter(self.draws.values())))).astype(int)
+
+    def truths(self, model: PlannedModel, design: Design, streams: Streams) -> Truths:
+        """One draw of the pilot's posterior a study, all of its parameters together."""
+        truths = self.otherwise.truths(model, design, streams)
+        row = self.rows(streams)
+        drawn = {name: np.asarray(values)[row] for name, values in self.draws.items()}
+        values = {name: drawn.get(name, value) for name, value in truths.hyperparameters.items()}
+        moved = math.log(design.reference_mass_kg / self.reference_mass_kg)
+        fixed = dict(truths.fixed)
+        for part in design.responses.values():
+            q, name = part.response, intercept(part.parameter)
+            exponent = drawn.get(f"mass_exponent_{q}", np.zeros(len(row)))
+            if name in drawn:
+                fixed[name] = (drawn[name] + moved * exponent)[:, None]
+            if part.log_mass is not None and f"mass_exponent_{q}" in drawn:
+                fixed[f"mass_exponent_{q}"] = exponent[:, None]
+            for number, (column, scale) in enumerate(zip(part.names, part.scale, strict=True)):
+                if f"effect_of_{column}_{q}" in drawn:
+                    fixed[f"covariate_effect_{q}"][:, number] = drawn[f"effect_of_{column}_{q}"] * scale
+        return Truths(values, fixed)
