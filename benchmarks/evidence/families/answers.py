@@ -73,8 +73,8 @@ def plan_assurance() -> Named:
     answered = rows[rows["share"] != "misleads"]
     differ = answered["differ_by_se"].abs()
     text = (
-        f"in {len(order)} designs of {int(rows['studies'].min())} simulated studies each, {int((differ <= 2).sum())} "
-        f"of {len(differ)} shares of answers agree with a plan's within two standard errors, all within "
-        f"{differ.max():.1f}"
+        f"in {len(order)} designs of {int(rows['studies'].min())} simulated studies each, "
+        f"{int((differ <= 2).sum())} of {len(differ)} shares of answers agree with a plan's within two "
+        f"standard errors, all within {differ.max():.1f}"
     )
     yield "sentence", Figure(text, names("plan_assurance"))
