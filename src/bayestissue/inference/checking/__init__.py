@@ -11,7 +11,7 @@ from importlib.resources import files
 from typing import Any
 
 
-def said(key: str, **numbers: object) -> str:
+def sentence(key: str, **numbers: object) -> str:
     """A sentence of ``verdicts.toml`` by its table and key, such as "chain.undecided", with its numbers."""
     table, _, name = key.partition(".")
     return str(_sentences()[table][name]).format(**numbers)

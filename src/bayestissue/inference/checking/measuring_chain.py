@@ -31,7 +31,7 @@ from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.specification import SIDE_BY_SIDE
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, trace_likelihood, with_normal_errors
-from bayestissue.inference.checking import incredible, said
+from bayestissue.inference.checking import incredible, sentence
 from bayestissue.inference.checking.incredible import Groups, Pattern
 from bayestissue.inference.checking.model_form import LIMIT, judged_at
 from bayestissue.inference.execution.compiling import by_row
@@ -290,29 +290,29 @@ def in_words(account: dict[str, Any]) -> str:
     """Sentences on what `bayestissue.inference.checking.measuring_chain.judge` found."""
     error = account["error"]
     if account["passed"] is None:
-        return said("chain.undecided", error=error)
+        return sentence("chain.undecided", error=error)
     first = error == AMPLITUDE and account["kind"] in _GROUPS
-    check = said(f"check.{error}") + (said(f"first.{account['kind']}") if first else "")
-    others = [said(f"error.{name}", share=_percent(size)) for name, size in account["alike"].items()]
-    return said(
+    check = sentence(f"check.{error}") + (sentence(f"first.{account['kind']}") if first else "")
+    others = [sentence(f"error.{name}", share=_percent(size)) for name, size in account["alike"].items()]
+    return sentence(
         "chain.contradicted",
         where=_where(account),
         what=_what(account),
         sds=_sds(account),
         K=_change(account["change_K"]),
         C=_change(account["change_C"]),
-        equivalents=said("chain.equivalents", others=" or ".join(others)) if others else "",
-        checks=". ".join([check, *(said(f"check.{name}") for name in account["alike"])]),
+        equivalents=sentence("chain.equivalents", others=" or ".join(others)) if others else "",
+        checks=". ".join([check, *(sentence(f"check.{name}") for name in account["alike"])]),
     )
 
 
 def _where(account: dict[str, Any]) -> str:
     count, total, kind = len(account["impacts"]), account["of"], account["kind"]
     if kind == incredible.ALL:
-        return said("chain.all" if total > 1 else "chain.only", of=total)
+        return sentence("chain.all" if total > 1 else "chain.only", of=total)
     named = first_of(account["groups" if kind in _GROUPS else "impacts"], _MOST_NAMED)
     key = "chain.groups" if kind in _GROUPS else "chain.impacts"
-    return said(key, kind=kind, named=named, count=count, of=total)
+    return sentence(key, kind=kind, named=named, count=count, of=total)
 
 
 def _what(account: dict[str, Any]) -> str:
@@ -320,19 +320,19 @@ def _what(account: dict[str, Any]) -> str:
     common = account["common"] or single
     share = _percent(size) if common else f"up to {_percent(account['greatest'])}"
     if account["error"] != AMPLITUDE:
-        return said("chain.asked", error=said(f"error.{account['error']}", share=share))
+        return sentence("chain.asked", error=sentence(f"error.{account['error']}", share=share))
     if not common:
-        return said("chain.velocities", share=share)
+        return sentence("chain.velocities", share=share)
     way, reads = ("higher", "much") if size > 0 else ("lower", "little")
-    factor = "" if single else said("chain.one_factor")
-    return said("chain.velocity", share=share, way=way, reads=reads) + factor
+    factor = "" if single else sentence("chain.one_factor")
+    return sentence("chain.velocity", share=share, way=way, reads=reads) + factor
 
 
 def _sds(account: dict[str, Any]) -> str:
     if account["declared_sds"] is None:
-        return said("chain.undeclared")
-    median = said("chain.median") if len(account["impacts"]) > 1 else ""
-    return said("chain.declared", sds=account["declared_sds"]) + median
+        return sentence("chain.undeclared")
+    median = sentence("chain.median") if len(account["impacts"]) > 1 else ""
+    return sentence("chain.declared", sds=account["declared_sds"]) + median
 
 
 def _change(ratio: float) -> str:

@@ -20,7 +20,7 @@ from scipy.stats import binom
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData
-from bayestissue.inference.checking import said
+from bayestissue.inference.checking import sentence
 from bayestissue.inference.points.whiteness import autocorrelation
 from bayestissue.inference.results.predictions import PREDICTIVE_DRAWS, replicates
 from bayestissue.outline import first_of
@@ -101,12 +101,12 @@ def with_impacts(
         "structured": structured,
         "names": below if structured else [],
     }
-    counted = said("form.counted", below=len(below), tested=tested, small=SMALL_P)
+    counted = sentence("form.counted", below=len(below), tested=tested, small=SMALL_P)
     words = form["words"]
     if structured and not form["structured"]:
-        words = said("form.impacts", counted=counted, named=first_of(below, _NAMED))
+        words = sentence("form.impacts", counted=counted, named=first_of(below, _NAMED))
     elif not form["structured"]:
-        words = said("form.nothing", counted=counted, words=words)
+        words = sentence("form.nothing", counted=counted, words=words)
     return form | {"impacts": impacts, "words": words}
 
 
@@ -130,7 +130,7 @@ def with_discrepancy(first: dict[str, Any], tree: xr.DataTree) -> dict[str, Any]
     left = model_form(tree, "deceleration")["score"]
     discrepancy = described(tree)
     if discrepancy["undescribed"]:
-        words = f"{said('form.score', score=first['score'])}. {discrepancy['words']}"
+        words = f"{sentence('form.score', score=first['score'])}. {discrepancy['words']}"
     return first | discrepancy | {"left": left, "words": words}
 
 
@@ -152,7 +152,7 @@ def described(tree: xr.DataTree) -> dict[str, Any]:
         "discrepancy": size,
         "undescribed": size > MOST_DISCREPANCY,
         "undescribed_impacts": names,
-        "words": said("form.undescribed", size=100 * size),
+        "words": sentence("form.undescribed", size=100 * size),
     }
 
 
@@ -165,15 +165,15 @@ def with_chain(form: dict[str, Any], chain: dict[str, Any]) -> dict[str, Any]:
     """
     if not form.get("structured") or chain.get("passed") is not False:
         return form
-    explained = said("form.explained", error=chain["error"], left=chain["structure_left"])
-    words = form["words"].replace(said("form.another_law"), explained)
-    return form | {"words": words.replace(said("form.remedy"), said("form.mend"))}
+    explained = sentence("form.explained", error=chain["error"], left=chain["structure_left"])
+    words = form["words"].replace(sentence("form.another_law"), explained)
+    return form | {"words": words.replace(sentence("form.remedy"), sentence("form.mend"))}
 
 
 def _words(key: str, score: float, **numbers: float) -> str:
     """A sentence that begins with the score."""
-    law, remedy = said("form.another_law"), said("form.remedy")
-    return said(key, score=said("form.score", score=score), law=law, remedy=remedy, **numbers)
+    law, remedy = sentence("form.another_law"), sentence("form.remedy")
+    return sentence(key, score=sentence("form.score", score=score), law=law, remedy=remedy, **numbers)
 
 
 def pooled_score(

@@ -12,7 +12,7 @@ from scipy.linalg import solve_triangular
 from scipy.stats import chi2
 
 from bayestissue.hierarchy.design import Design, ResponseDesign
-from bayestissue.inference.checking import said
+from bayestissue.inference.checking import sentence
 from bayestissue.inference.execution.kept import some_impacts
 
 # Of a fit of straight lines one in a thousand is noted.
@@ -121,5 +121,5 @@ def _words(line: dict[str, Any]) -> str:
     name, q = line["covariate"], line["of"]
     off = ", ".join(f"{by:+.0%} at {at}".replace("-", "−", 1) for at, by in line["off_the_line"].items())
     whole = name.isidentifier() and len(line["off_the_line"]) < _MOST_LEVELS
-    remedy = said("line.categories" if whole else "line.transform", name=name)
-    return said("line.off", q=q, name=name, off=off, remedy=remedy)
+    remedy = sentence("line.categories" if whole else "line.transform", name=name)
+    return sentence("line.off", q=q, name=name, off=off, remedy=remedy)

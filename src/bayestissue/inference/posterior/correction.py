@@ -128,12 +128,12 @@ class Correction:
         """As some of a run's diagnostics."""
         limit, of_points = k_threshold(self.weight.size), self.relative_of_points
         checks = (
-            Check.stated("correction", self.pareto_k, limit, of="tail"),
-            Check.stated("correction", self.effective, self.needed, of="draws", relative=self.relative),
+            Check.stated("correction", self.pareto_k, limit, part="tail"),
+            Check.stated("correction", self.effective, self.needed, part="draws", relative=self.relative),
         )
         if self.varies is None:
             return checks
-        return (*checks, Check.stated("correction", of_points, _LEAST_OF_POINTS, of="points"))
+        return (*checks, Check.stated("correction", of_points, _LEAST_OF_POINTS, part="points"))
 
 
 @dataclass(frozen=True)

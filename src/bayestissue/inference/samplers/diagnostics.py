@@ -37,17 +37,19 @@ class Check:
     code: Code
 
     @classmethod
-    def stated(cls, code: Code, value: float, limit: float = 0.0, *, of: str = "", **numbers: object) -> Self:
+    def stated(
+        cls, code: Code, value: float, limit: float = 0.0, *, part: str = "", **numbers: object
+    ) -> Self:
         """The check of this code in ``checks.toml``, passed where the value is on the side that it names.
 
         Args:
             code: of the warning where it fails.
             value: of the diagnostic.
             limit: which it is to be below or above; of a count that is to be none there is none.
-            of: which check it is, where several have the code.
+            part: which check it is, where several have the code.
             numbers: by their names in the sentences.
         """
-        declared = _DECLARED[code][of] if of else _DECLARED[code]
+        declared = _DECLARED[code][part] if part else _DECLARED[code]
         words = {name: sentence.format(limit=limit, **numbers) for name, sentence in declared.items()}
         passed = {"below": value < limit, "above": value > limit, "none": value == 0}
         side = words["limit"].partition(" ")[0]
@@ -72,8 +74,8 @@ def diagnose(summary: pd.DataFrame, statistics: xr.Dataset, further: Sequence[Ch
     saturated = int((statistics["tree_depth"] >= statistics.attrs["max_tree_depth"]).sum())
     checks = [
         Check.stated("r-hat", limit=R_HAT_LIMIT, **worst["r_hat"]),
-        Check.stated("effective-sample-size", limit=ESS_LIMIT, of="bulk", **worst["ess_bulk"]),
-        Check.stated("effective-sample-size", limit=ESS_LIMIT, of="tail", **worst["ess_tail"]),
+        Check.stated("effective-sample-size", limit=ESS_LIMIT, part="bulk", **worst["ess_bulk"]),
+        Check.stated("effective-sample-size", limit=ESS_LIMIT, part="tail", **worst["ess_tail"]),
         Check.stated("divergences", int(statistics["diverging"].sum())),
         Check.stated("energy-fraction", bfmi, BFMI_LIMIT),
         Check.stated("tree-depth", saturated),
