@@ -33,7 +33,10 @@ pytestmark = pytest.mark.usefixtures("undrawn")
 
 @pytest.fixture(scope="module")
 def dataset():
-    return bt.read_dataset(shared("data", "example"))
+    """A dozen impacts of the example, in every condition."""
+    whole, some = bt.read_dataset(shared("data", "example")), slice(None, None, 8)
+    impacts = whole.impacts.iloc[some].reset_index(drop=True)
+    return replace(whole, impacts=impacts, traces=whole.traces[some])
 
 
 @pytest.fixture(scope="module")

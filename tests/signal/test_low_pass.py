@@ -58,7 +58,9 @@ def test_the_corner_is_the_filters(behind_500_hz: Dataset):
     assert np.nanmedian(found.corner_hz) == pytest.approx(500.0, rel=0.25)
 
 
-@pytest.mark.parametrize("tissue", ["kelvin_voigt", "maxwell", "hunt_crossley"])
+@pytest.mark.parametrize(
+    "tissue", ["kelvin_voigt", pytest.param("maxwell", marks=pytest.mark.long), "hunt_crossley"]
+)
 @pytest.mark.parametrize("noise", [0.001, 0.01])
 def test_tissues_are_left_alone(tissue: str, noise: float):
     further = {

@@ -93,7 +93,10 @@ def test_a_velocity_a_tenth_too_low_in_all_impacts_is_named(prepared: Prepare, g
         assert part in found["words"], part
 
 
-@pytest.mark.parametrize("factor", [1.1, 1.06, 1 / 1.1])
+# One of three by default; all in the long suite.
+@pytest.mark.parametrize(
+    "factor", [1.1, *(pytest.param(factor, marks=pytest.mark.long) for factor in (1.06, 1 / 1.1))]
+)
 def test_a_velocity_is_named_before_a_zero_that_explains_the_traces_as_well(
     impact: Prepare, factor: float
 ) -> None:

@@ -265,7 +265,8 @@ def test_no_impacts_and_no_motion_are_no_reason_to_fail() -> None:
 
 
 @pytest.mark.parametrize(
-    ("length", "columns"), [(30, 5), (80, 12), pytest.param(200, 6, marks=pytest.mark.long)]
+    ("length", "columns"),
+    [(30, 5), *(pytest.param(*sizes, marks=pytest.mark.long) for sizes in ((80, 12), (200, 6)))],
 )
 def test_noise_with_smooth_columns_taken_off_is_white_noise_as_often_as_stated(length, columns) -> None:
     """What a fit takes off makes the rest bend to and fro; Ljung and Box's test calls that structure."""

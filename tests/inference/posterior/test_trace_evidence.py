@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from tomllib import loads
 from typing import NamedTuple
 
 import jax
@@ -30,7 +31,9 @@ from bayestissue.inference.posterior.recipe import Problem, population_attempt, 
 from bayestissue.inference.posterior.scores import LikelihoodApproximation, of_draws
 from bayestissue.simulation import simulate
 from bayestissue.simulation.specification import Simulation
+from campaigns import FOUR_BY_FOUR
 
+OTHERS = ("impact", "arma", "standard_linear")
 MODELS = Path(__file__).parents[3] / "models"
 # Few draws of a small campaign, and one population to look at.
 SETTINGS, SEED = Sampler(chains=2, warmup=100, draws=100), 2
@@ -76,18 +79,20 @@ def small_campaign() -> Simulation:
 
 @pytest.fixture(
     scope="module",
-    params=["impact", *(pytest.param(name, marks=pytest.mark.long) for name in ("arma", "standard_linear"))],
+    # By default of the campaign that other tests fit too, so that little is compiled; all in the long suite.
+    params=["a2", *(pytest.param(name, marks=pytest.mark.long) for name in OTHERS)],
 )
 def fit(request: pytest.FixtureRequest) -> Fit:
     """With every parameter in the summary, and with a last one that has a profile."""
     specification = read_specification(MODELS / f"{request.param}.toml")
-    prepared = prepare(simulate(small_campaign()).dataset("small"), specification, source="model")
+    campaign = small_campaign() if request.param in OTHERS else Simulation.model_validate(loads(FOUR_BY_FOUR))
+    prepared = prepare(simulate(campaign).dataset("small"), specification, source="model")
     # The first kind of sites alone: the scores are those of any, and other kinds might be the better ones.
     approximation = approximate(prepared)
     problem = Problem(prepared, SETTINGS, SEED, np.random.default_rng(SEED))
     made = population_attempt(problem, approximation)
     draws, expected = with_impacts(problem, made), made.draws
-    assert (approximation.grid is None) == (request.param == "impact")
+    assert (approximation.grid is None) == (request.param in ("a2", "impact"))
     likelihood = LikelihoodApproximation(approximation)
     design = prepared.data.design
     priors = of_cells(expected.priors(design), np.asarray(design.cell))

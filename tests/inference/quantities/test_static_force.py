@@ -119,7 +119,11 @@ def test_a_faster_impactor_goes_deeper() -> None:
 
 @pytest.mark.parametrize(
     ("name", "values", "viscous"),
-    [("stiffening", STIFF, 20.0), ("wall", WALL, 25.0), ("hunt_crossley", BALL, 30.0 * 1.2**1.5)],
+    [
+        ("stiffening", STIFF, 20.0),
+        pytest.param("wall", WALL, 25.0, marks=pytest.mark.long),
+        ("hunt_crossley", BALL, 30.0 * 1.2**1.5),
+    ],
 )
 def test_an_element_s_stiffness_at_one_depth_is_its_simulated_force_there(
     name: str, values: dict[str, float], viscous: float
@@ -141,7 +145,9 @@ def test_an_element_s_stiffness_at_one_depth_is_its_simulated_force_there(
         np.testing.assert_allclose(force, stiffness * DEPTH[row] + viscous * speed, rtol=3e-6)
 
 
-@pytest.mark.parametrize(("name", "values"), [("stiffening", STIFF), ("wall", WALL)])
+@pytest.mark.parametrize(
+    ("name", "values"), [("stiffening", STIFF), pytest.param("wall", WALL, marks=pytest.mark.long)]
+)
 def test_beside_a_discrepancy_the_law_at_one_depth_is_found_whatever_the_mass(
     name: str, values: dict[str, float]
 ) -> None:
