@@ -20,7 +20,7 @@ import pandas as pd
 from bayestissue import runtime
 from bayestissue.dataset.chain import STANDARD_GRAVITY
 from bayestissue.inference.single.estimates import estimate
-from bayestissue.signal.quality.inspection import FALLS, FALLS_NOT
+from bayestissue.signal.quality.inspection import KINDS
 from bayestissue.simulation import Simulation, simulate
 
 TABLE = Path(__file__).with_suffix(".csv")
@@ -54,7 +54,8 @@ def line(name: str, made: Simulation, declared: float) -> dict[str, object]:
         row[f"{letter}_held"] = round(float(((low <= true) & (true <= high)).mean()), 4)
         row[f"{letter}_bias"] = float(f"{np.nanmedian(table[f'{letter}_{unit}'] / true - 1):.3g}")
     flags = table["flags"].str
-    named = flags.contains(FALLS.flag, regex=False) | flags.contains(FALLS_NOT.flag, regex=False)
+    undeclared, declared = (KINDS[name].flag for name in ("gravity-undeclared", "gravity-declared"))
+    named = flags.contains(undeclared, regex=False) | flags.contains(declared, regex=False)
     return row | {"gravity_named": int(named.sum())}
 
 
