@@ -2,7 +2,7 @@
 
 Of each study that is drawn the posterior is asked. A claim is answered where its posterior probability is
 above ``probability``, yes, or below one less that, no; the answer misleads where the truth that the study was
-drawn from is another. An expression is answered where its 90 % interval is as narrow as is wanted. Assurance
+drawn from is another. An expression is answered where its interval is as narrow as is wanted. Assurance
 is the share of studies that are answered (O'Hagan and Stevens 2001, doi:10.1177/0272989X0102100307).
 """
 
@@ -25,7 +25,7 @@ from bayestissue.hierarchy.levels import Recorded
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.inference.answers.grammar import Node, Operation, Quantity, parse
 from bayestissue.inference.answers.meaning import draws_of
-from bayestissue.inference.answers.reliability import as_variables, coefficients, variances
+from bayestissue.inference.answers.reliability import coefficients, variances
 from bayestissue.planning.information import Information, TypicalTissue, information
 from bayestissue.planning.population import DesignPrior, Streams, Truths
 from bayestissue.planning.posterior import PlannedSites, Posteriors, posteriors
@@ -34,7 +34,6 @@ from bayestissue.runtime import cores
 from bayestissue.simulation.specification import Simulation
 
 Progress = Callable[[str, int, int], None]
-_ENDS = 0.05, 0.95
 
 
 @dataclass(frozen=True)
@@ -44,14 +43,16 @@ class Goal:
     Attributes:
         name: what tables call it.
         text: a claim, or an expression, as questions of a finished fit are written.
-        width: of an expression, the half width of its 90 % interval that is wanted.
+        width: of an expression, the half width of its interval that is wanted.
         relative: whether that is of a ratio: (high / low)^1/2 - 1.
+        level: of the interval.
     """
 
     name: str
     text: str
     width: float | None = None
     relative: bool = False
+    level: float = 0.9
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ class Assessment:
         goal: the goal.
         yes, no: of each study, whether its answer is that; of a width, whether it is reached.
         true: whether the claim is true of the study's truth.
-        width: half width of the 90 % interval; NaN of a claim.
+        width: half width of the interval; NaN of a claim.
         effective: of the points that each posterior was integrated by, how many count.
     """
 
@@ -216,7 +217,7 @@ def _assessment(
         return Assessment(
             goal, p > probability, p < 1 - probability, truth[:, 0] > 0.5, none, posterior.effective
         )
-    low, high = weighted_quantiles(drawn, posterior.weight, _ENDS)
+    low, high = weighted_quantiles(drawn, posterior.weight, [(1 - goal.level) / 2, (1 + goal.level) / 2])
     width = np.sqrt(high / low) - 1 if goal.relative else (high - low) / 2
     reached = width <= goal.width
     return Assessment(
@@ -281,15 +282,15 @@ class _Asked:
             if f"{q}_typical_person" in names:
                 typical = draws_of(Quantity(q, (), 0), draws, design.recorded)
                 draws[f"{q}_typical_person"] = typical
-        if names - set(map(str, draws.data_vars)) - set(design.responses):
-            draws = draws.merge(self._reliability(draws))
-        return draws
+        lacking = names - set(map(str, draws.data_vars)) - set(design.responses)
+        return draws.merge(self._reliability(draws, lacking)) if lacking else draws
 
-    def _reliability(self, draws: xr.Dataset) -> xr.Dataset:
-        measurement = self.information.measurement_sd
-        recorded = self._recorded
-        of_responses = {q: variances(draws, recorded, q, measurement_sd=measurement[q]) for q in RESPONSES}
-        return as_variables(coefficients(of_responses, draws))
+    def _reliability(self, draws: xr.Dataset, names: set[str]) -> xr.Dataset:
+        """Those of the coefficients of reliability that are named."""
+        sd, recorded = self.information.measurement_sd, self._recorded
+        of_responses = {q: variances(draws, recorded, q, measurement_sd=sd[q]) for q in RESPONSES}
+        of_names = {f"{c.name}_{c.quantity}": c.drawn for c in coefficients(of_responses, draws)}
+        return xr.Dataset({name: (("chain", "draw"), of_names[name]) for name in names & set(of_names)})
 
     def value(self, node: Node, draws: xr.Dataset) -> Float[np.ndarray, "study draw"]:
         """The value of a question in each draw, 1 or 0 where it is a claim."""

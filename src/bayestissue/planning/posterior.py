@@ -27,7 +27,7 @@ from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.planning.model import PlannedModel
 
 # Points of the hyperparameters, and draws of the effects at each.
-POINTS, EFFECTS = 64, 8
+POINTS, EFFECTS = 256, 2
 # Degrees of freedom of the proposal.
 _TAILS = 7.0
 # Of differences of slopes; rounds of the search, and what a step must promise for another one.
@@ -37,8 +37,8 @@ _FARTHEST, _LONGEST = 4.0, 2.0
 _LEAST_CURVED = 0.3
 # In standard deviations, where the density's sides are looked at; and how far each may be from a normal's.
 _LOOKED_AT, _MOST_SPLIT = (1.0, 2.2), 3.0
-# Studies that are worked on at once: what is made of them stays in the processor's cache.
-_TOGETHER = 10
+# Studies and their points that are worked on at once: what is made of them stays in a processor's cache.
+_TOGETHER, _INNER = 5, 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +93,12 @@ def posteriors(sites: PlannedSites, start: Float[np.ndarray, "study coordinate"]
     outcome = _integrated(
         sites.model,
         (columns, sites.model.locations.mean, sites.precision),
-        (sites.centre, sites.present, np.clip(start, -_FARTHEST, _FARTHEST)),
+        # Without coordinates there is a number that nothing asks for: no batch is of nothing.
+        (
+            sites.centre,
+            sites.present,
+            np.clip(start, -_FARTHEST, _FARTHEST) if size else np.zeros(len(start)),
+        ),
         _proposal_points(size, points),
         standard.reshape(points, repeats, -1),
     )
@@ -104,7 +109,7 @@ def posteriors(sites: PlannedSites, start: Float[np.ndarray, "study coordinate"]
         b.reshape(len(start), points * repeats, -1),
         np.repeat(weight / repeats, repeats, axis=1),
         1 / (weight**2).sum(axis=1),
-        mode,
+        mode if size else start,
     )
 
 
@@ -133,7 +138,7 @@ def _integrated(
     standard: Float[Array, "point effect location"],
 ) -> tuple[Array, dict[str, Array], Array, Array]:
     """Of each study: log weights of the points, the hyperparameters, draws of b, and the mode."""
-    columns, mean, precision = population
+    (columns, mean, precision), size = population, points.shape[1]
 
     def of_study(study: tuple[Array, Array, Array]) -> tuple[Array, dict[str, Array], Array, Array]:
         centre, present, start = study
@@ -151,14 +156,14 @@ def _integrated(
             b = jax.vmap(partial(effects_from_standard, columns, effects, mean))(standard)
             return density + model.log_prior(y), values, b
 
-        if not len(start):
+        if not size:
             return jnp.zeros(1), *jax.vmap(at)(points, standard)[1:], start
         mode, value, root = _mode(potential, start)
         scale = _split(potential, mode, value, root)
         # A point's own side of each axis has a scale of its own.
         scales = jnp.where(points > 0, scale[0], scale[1])
-        log_density, values, b = jax.vmap(at)(mode + (points * scales) @ root.T, standard)
-        size = len(start)
+        of_points = mode + (points * scales) @ root.T, standard
+        log_density, values, b = jax.lax.map(lambda point: at(*point), of_points, batch_size=_INNER)
         log_proposal = -(_TAILS + size) / 2 * jnp.log1p((points**2).sum(-1) / _TAILS)
         return log_density - log_proposal + jnp.log(scales).sum(-1), values, b, mode
 
