@@ -91,8 +91,8 @@ def run(
         int | None,
         typer.Option(
             "--studies",
-            help="Studies that are drawn of each design, a multiple of 50; 500 unless the plan says.",
-            min=50,
+            help="Studies that are drawn of each design, a multiple of 100; 500 unless the plan says.",
+            min=100,
         ),
     ] = None,
     seed: Annotated[
@@ -219,28 +219,16 @@ def _print(plan: Plan) -> None:
     from bayestissue.planning.words import duration
     from bayestissue.report.wording import number
 
-    headings = [
-        "design",
-        "people",
-        "masses, kg",
-        "repeats",
-        "impacts",
-        "takes",
-        "goal",
-        "answers",
-        "±",
-        "misleads",
-    ]
+    designs = plan.content["designs"]
+    goals = [name.replace("_", " ") for name in designs[0]["goals"]]
+    headings = ["people", "kg", "m/s", "repeats", "takes", *goals]
     rows = [
         [
-            *(str(row[name]) for name in ("design", "people", "masses_kg", "repeats", "impacts")),
-            duration(row["minutes"]),
-            row["goal"].replace("_", " "),
-            number(row["answered"], 2),
-            number(row["se"], 2),
-            number(row["misleads"], 2) if row["misleads"] is not None else "",
+            *(str(each[name]) for name in ("people", "masses_kg", "velocities_m_s", "repeats")),
+            duration(each["minutes"]),
+            *(f"{number(goal['answered'], 2)} ± {number(goal['se'], 2)}" for goal in each["goals"].values()),
         ]
-        for row in plan.designs.astype(object).where(plan.designs.notna(), None).to_dict("records")
+        for each in designs
     ]
-    show(table(f"{plan.content['plan']['name']}: does the study answer?", headings, rows, words=("goal",)))
+    show(table(f"{plan.content['plan']['name']}: the probability of an answer", headings, rows))
     line(plan.answer)

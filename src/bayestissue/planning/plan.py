@@ -23,7 +23,7 @@ from bayestissue.planning.population import BLOCK, Beliefs, DesignPrior, Pilot
 from bayestissue.planning.specification import PlanSpecification, plan_of, read_plan
 from bayestissue.planning.words import answer, paragraph
 from bayestissue.report.run_folder import draw_page
-from bayestissue.results.tables import table_of_rows
+from bayestissue.results.tables import table_of_rows, typed
 from bayestissue.simulation.specification import Recording, Simulation
 
 PLAN, DESIGNS, STUDIES = "plan.json", "designs", "studies.parquet"
@@ -144,7 +144,7 @@ def plan(
         model: the analysis, as `fit` takes it; "impact" unless given.
         K: what log K depends on; as the model has it unless given.
         C: the same of log C; that of ``K`` unless given.
-        studies: of each design; a multiple of 50.
+        studies: of each design; a multiple of 100.
         seed: same seed, same machine: same numbers.
         say: told the stage, how much of it is done, and its total.
 
@@ -439,10 +439,12 @@ def _of_goal(assessment: Assessment) -> dict[str, Any]:
     yes, no = float(assessment.yes.mean()), float(assessment.no.mean())
     answered = assessment.answered
     is_width = assessment.goal.width is not None
+    # Where all studies agree, the error is that of one more which does not.
+    least = 1 / (assessment.studies + 2)
     return {
         "studies": assessment.studies,
         "answered": answered,
-        "se": assessment.se(answered),
+        "se": assessment.se(float(np.clip(answered, least, 1 - least))),
         "yes": yes,
         "no": None if is_width else no,
         "undecided": 1 - answered,
@@ -462,7 +464,7 @@ def _designs(content: Mapping[str, Any]) -> pd.DataFrame:
         of_design = {name: value for name, value in design.items() if name != "goals"}
         for name, numbers in design["goals"].items():
             rows.append({**of_design, "goal": name, "question": texts[name], **numbers})
-    return table_of_rows(DESIGNS, rows)
+    return typed(DESIGNS, table_of_rows(DESIGNS, rows))
 
 
 def _hash(content: Any) -> str:

@@ -30,12 +30,12 @@ def answer(content: Content) -> str:
     )
     many = content["variants"]["many people"]
     enough = all(each["answered"] >= content["plan"]["goal"]["assurance"] for each in many["goals"].values())
-    plateau = f"{counted(many['people'], 'person', 'people')} would, {_shares(many)}."
-    if not enough:
-        plateau = (
-            f"Even {counted(many['people'], 'person', 'people')} would reach {_shares(many)} alone: other "
-            "masses, repeats or a better recorder are needed, or another question."
-        )
+    people = counted(many["people"], "person", "people")
+    plateau = (
+        f"{people} would: {_shares(many)}."
+        if enough
+        else f"{people} would not either, {_shares(many)}: their number is not what limits the answer."
+    )
     return f"{which}{design_words(design, content)}, {_answers(design)}. {plateau}"
 
 
@@ -48,11 +48,12 @@ def paragraph(content: Content) -> str:
     plan, design = content["plan"], content["designs"][content["chosen"] - 1]
     aim, first = plan["goal"], next(iter(design["goals"].values()))
     sure = f"above {aim['probability']:g} or below {1 - aim['probability']:.2g}"
-    numbers = " ".join(_of_goal(name, goal) for name, goal in design["goals"].items())
+    several = len(design["goals"]) > 1
+    numbers = "; ".join(_of_goal(name if several else "", goal) for name, goal in design["goals"].items())
     truth = content["variants"]["one truth"]["goals"]
     powers = listed([number(goal["answered"], 2) for goal in truth.values()])
     more = content["variants"]["more people"]
-    formula = content["analyses"][0]["model"]["formula"]["K"]
+    model = next(each["model"] for each in content["analyses"] if content["chosen"] in each["designs"])
     lost = [
         f"{percent(plan['candidates'][key])} of the {what}"
         for key, what in (("lost", "impacts"), ("lost_people", "people"))
@@ -65,12 +66,12 @@ def paragraph(content: Content) -> str:
         "The design was chosen by its assurance, the probability that the study answers its question given "
         "all that is believed of people and tissue beforehand (O'Hagan and Stevens, 2001).",
         f"A claim counts as answered if its posterior probability is {sure}." if plan["questions"] else "",
-        f"In {first['studies']} simulated studies of this design, {numbers}",
+        f"In {first['studies']} simulated studies of this design {numbers}.",
         f"At one assumed truth, the medians of these beliefs, the power is {powers}.",
         f"With {more['people']} people the assurance is {listed(_goal_shares(more))}.",
         "Each simulated study is analysed as the study itself will be, by a Bayesian hierarchical model of "
         f"stiffness K and damping C of every impact (bayestissue {content['version']}, model "
-        f"{content['analyses'][0]['model']['name']}, log K by {formula}).",
+        f"{model['name']}, log K by {model['formula']['K']}).",
         f"The plan with all of its assumptions has a SHA-256 that begins with {content['sha256'][:12]}.",
     ]
     return " ".join(filter(None, sentences))
@@ -87,7 +88,7 @@ def design_words(design: Content, content: Content) -> str:
         )
     factors = content["plan"]["candidates"].get("factors", [])
     levels = "".join(
-        f", at each {factor['name']} ({listed(list(factor['levels']))})"
+        f", {factor['name']} {listed(list(factor['levels']))}"
         for factor in factors
         if not factor.get("of_people") and factor.get("every", True)
     )
@@ -130,11 +131,9 @@ def _width_words(precision: Content) -> str:
 
 
 def _of_goal(name: str, goal: Content) -> str:
-    said = f"this probability is {number(goal['answered'], 2)} (standard error {number(goal['se'], 2)})"
-    of = f"of {name.replace('_', ' ')} "
+    of = f" of {name.replace('_', ' ')}" if name else ""
+    said = f"the assurance{of} is {number(goal['answered'], 2)} (standard error {number(goal['se'], 2)})"
     if goal["misleads"] is None:
-        return f"{of}{said}, and the half width is {goal['width']:.2g} on average."
-    return (
-        f"{of}{said}: it ends undecided with {number(goal['undecided'], 2)} and misleads with "
-        f"{number(goal['misleads'], 2)}."
-    )
+        return f"{said}, with a half width of {goal['width']:.2g} on average"
+    undecided, misleads = number(goal["undecided"], 2), number(goal["misleads"], 2)
+    return f"{said}, with {undecided} of them undecided and {misleads} answered wrongly"

@@ -1,0 +1,64 @@
+"""A stand-in for the kernel: assurance that grows with the impacts, by a rule that tests can work out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from bayestissue.planning import plan as module
+from bayestissue.planning.assurance import Assessment, Goal, Progress
+from bayestissue.planning.population import BLOCK
+
+
+def share(rows: pd.DataFrame, most: float = 1.0) -> float:
+    """The assurance of a design: the impacts over 200, no more than ``most``."""
+    return min(len(rows) / 200, most)
+
+
+@dataclass
+class Kernel:
+    """What was asked of it: the number of designs and the blocks of each call."""
+
+    most: float = 1.0
+    calls: list[tuple[int, range]] = field(default_factory=list)
+
+    def __call__(self, designs: Sequence[pd.DataFrame], *_: Any, seed: int) -> Ready:
+        return Ready(self, designs)
+
+
+@dataclass
+class Ready:
+    kernel: Kernel
+    designs: Sequence[pd.DataFrame]
+
+    def assess(
+        self, goals: Sequence[Goal], blocks: range, *, probability: float, progress: Progress
+    ) -> list[list[Assessment]]:
+        self.kernel.calls.append((len(self.designs), blocks))
+        progress("assessing designs", len(self.designs) * len(blocks), len(self.designs) * len(blocks))
+        study = (np.arange(blocks.start * BLOCK, blocks.stop * BLOCK) % 100 + 0.5) / 100
+        return [[self._of(rows, goal, study) for goal in goals] for rows in self.designs]
+
+    def _of(self, rows: pd.DataFrame, goal: Goal, study: np.ndarray) -> Assessment:
+        answered = study < share(rows, self.kernel.most)
+        if goal.width is not None:
+            width = goal.width * np.where(answered, 0.9, 1.2)
+            return Assessment(goal, answered, study < 0, study > 0, width, study * 0 + 64)
+        yes = answered & (study * 100 % 4 > 1)
+        truth = yes ^ (study < 0.03)
+        return Assessment(goal, yes, answered & ~yes, truth, study * np.nan, study * 0 + 64)
+
+
+@contextmanager
+def kernel(most: float = 1.0) -> Iterator[Kernel]:
+    """Plans within the block are assessed by the stand-in."""
+    stand_in = Kernel(most)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "planner", stand_in)
+        yield stand_in
