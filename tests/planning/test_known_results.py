@@ -75,7 +75,7 @@ def study(
     precision = np.broadcast_to(1e10 * np.eye(2), (len(rows), 2, 2))
     conditions = rows[["mass_kg", "velocity_m_s"]].drop_duplicates(ignore_index=True)
     present = np.ones((1, len(rows)), bool)
-    arrangement = Arrangement((0,), rows, present, design, model, columns, precision)
+    arrangement = Arrangement((0,), rows, present, design, model, columns, precision, np.zeros((0, 2)))
     information = Information(conditions, precision[:1, None], 1.0)
     return Planner([arrangement], information, Stated(spreads, effects), 3)
 

@@ -23,12 +23,13 @@ from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.formulas.formula import group_terms
 from bayestissue.hierarchy.levels import Recorded
 from bayestissue.hierarchy.specification import ModelSpecification
-from bayestissue.inference.answers.grammar import Node, Operation, Quantity, parse
+from bayestissue.inference.answers.grammar import Node, Operation, Quantity, claims, parse
 from bayestissue.inference.answers.meaning import draws_of
 from bayestissue.inference.answers.reliability import coefficients, variances
 from bayestissue.planning.information import Information, TypicalTissue, information
 from bayestissue.planning.population import DesignPrior, Streams, Truths
 from bayestissue.planning.posterior import PlannedSites, Posteriors, posteriors
+from bayestissue.planning.running import Running
 from bayestissue.planning.studies import Arrangement, Studies, arrangements, draw_studies
 from bayestissue.runtime import cores
 from bayestissue.simulation.specification import Simulation
@@ -55,29 +56,44 @@ class Goal:
     level: float = 0.9
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Assessment:
     """What studies of one design say of one goal.
 
     Attributes:
         goal: the goal.
-        yes, no: of each study, whether its answer is that; of a width, whether it is reached.
+        probability: a claim is answered above it, or below one less it.
+        p: of each study, the posterior probability of the claim; NaN of an expression.
         true: whether the claim is true of the study's truth.
         width: half width of the interval; NaN of a claim.
+        estimate: posterior mean of the expression, or of what a claim compares.
+        value: the same of the study's truth.
         effective: of the points that each posterior was integrated by, how many count.
     """
 
     goal: Goal
-    yes: Bool[np.ndarray, " study"]
-    no: Bool[np.ndarray, " study"]
+    probability: float
+    p: Float[np.ndarray, " study"]
     true: Bool[np.ndarray, " study"]
     width: Float[np.ndarray, " study"]
+    estimate: Float[np.ndarray, " study"]
+    value: Float[np.ndarray, " study"]
     effective: Float[np.ndarray, " study"]
 
     @property
     def studies(self) -> int:
         """How many there were."""
-        return len(self.yes)
+        return len(self.p)
+
+    @property
+    def yes(self) -> Bool[np.ndarray, " study"]:
+        """Of each study, whether the claim is answered by yes, or the width reached."""
+        return self.p > self.probability if self.goal.width is None else self.width <= self.goal.width
+
+    @property
+    def no(self) -> Bool[np.ndarray, " study"]:
+        """Of each study, whether the claim is answered by no."""
+        return self.p < 1 - self.probability
 
     @property
     def answered(self) -> float:
@@ -86,10 +102,16 @@ class Assessment:
 
     @property
     def misleads(self) -> float:
-        """Share of studies with an answer that is not true."""
+        """Share of studies with an answer that is not true; 0 of an expression."""
         if self.goal.width is not None:
             return 0.0
         return float(((self.yes & ~self.true) | (self.no & self.true)).mean())
+
+    @property
+    def undecided_bits(self) -> float:
+        """Expected entropy of the claim after the study, in bits; the less, the more the study tells."""
+        p = np.clip(self.p, 1e-12, 1 - 1e-12)
+        return float(-(p * np.log2(p) + (1 - p) * np.log2(1 - p)).mean())
 
     def se(self, share: float) -> float:
         """Monte Carlo standard error of a share of the studies."""
@@ -97,9 +119,9 @@ class Assessment:
 
     def with_more(self, more: Assessment) -> Assessment:
         """Together with further studies of the same design and goal."""
-        names = ("yes", "no", "true", "width", "effective")
+        names = ("p", "true", "width", "estimate", "value", "effective")
         arrays = (np.concatenate([getattr(self, name), getattr(more, name)]) for name in names)
-        return Assessment(self.goal, *arrays)
+        return Assessment(self.goal, self.probability, *arrays)
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,7 +220,9 @@ class Planner:
             nodes,
         )
         assessed = [
-            _assessment(goal, asked.value(node, posterior), asked.value(node, truth), drawn, probability)
+            _assessment(
+                goal, probability, drawn, *(asked.values(node, draws) for draws in (posterior, truth))
+            )
             for goal, node in zip(goals, nodes, strict=True)
         ]
         return assessed, drawn.mode
@@ -206,22 +230,23 @@ class Planner:
 
 def _assessment(
     goal: Goal,
-    drawn: Float[np.ndarray, "study draw"],
-    truth: Float[np.ndarray, "study 1"],
-    posterior: Posteriors,
     probability: float,
+    posterior: Posteriors,
+    drawn: tuple[np.ndarray, np.ndarray],
+    truth: tuple[np.ndarray, np.ndarray],
 ) -> Assessment:
+    """Of the values of a goal and of what it compares, each [study, draw], by the posterior and in truth."""
+    values, compared = drawn
+    none = np.full(len(values), np.nan)
     if goal.width is None:
-        p = (drawn * posterior.weight).sum(axis=1)
-        none = np.full(len(p), np.nan)
-        return Assessment(
-            goal, p > probability, p < 1 - probability, truth[:, 0] > 0.5, none, posterior.effective
-        )
-    low, high = weighted_quantiles(drawn, posterior.weight, [(1 - goal.level) / 2, (1 + goal.level) / 2])
-    width = np.sqrt(high / low) - 1 if goal.relative else (high - low) / 2
-    reached = width <= goal.width
+        p, width = (values * posterior.weight).sum(axis=1), none
+    else:
+        ends = [(1 - goal.level) / 2, (1 + goal.level) / 2]
+        low, high = weighted_quantiles(values, posterior.weight, ends)
+        p, width = none, np.sqrt(high / low) - 1 if goal.relative else (high - low) / 2
+    estimate = (compared * posterior.weight).sum(axis=1)
     return Assessment(
-        goal, reached, np.zeros_like(reached), np.ones_like(reached), width, posterior.effective
+        goal, probability, p, truth[0][:, 0] > 0.5, width, estimate, truth[1][:, 0], posterior.effective
     )
 
 
@@ -292,11 +317,21 @@ class _Asked:
         of_names = {f"{c.name}_{c.quantity}": c.drawn for c in coefficients(of_responses, draws)}
         return xr.Dataset({name: (("chain", "draw"), of_names[name]) for name in names & set(of_names)})
 
-    def value(self, node: Node, draws: xr.Dataset) -> Float[np.ndarray, "study draw"]:
-        """The value of a question in each draw, 1 or 0 where it is a claim."""
+    def values(
+        self, node: Node, draws: xr.Dataset
+    ) -> tuple[Float[np.ndarray, "study draw"], Float[np.ndarray, "study draw"]]:
+        """The values of a question in each draw, 1 or 0 of a claim, and of the expression it compares."""
         over_levels = any(level.value is None for quantity in _quantities(node) for level in quantity.levels)
         recorded = self._recorded if over_levels else self.arrangement.design.recorded
-        return draws_of(node, draws, recorded).transpose("chain", "draw").to_numpy().astype(float)
+
+        def of(part: Node) -> np.ndarray:
+            return draws_of(part, draws, recorded).transpose("chain", "draw").to_numpy().astype(float)
+
+        values = of(node)
+        if not claims(node):
+            return values, values
+        one = isinstance(node, Operation) and node.symbol in ("<", "<=", ">", ">=", "between")
+        return values, of(node.operands[0]) if one else np.full(values.shape, np.nan)  # type: ignore[union-attr]
 
 
 def _quantities(node: Node) -> Iterator[Quantity]:
@@ -315,6 +350,7 @@ def planner(
     simulation: Simulation,
     *,
     seed: int = 0,
+    running: Running | None = None,
 ) -> Planner:
     """Make designs ready to be assessed.
 
@@ -324,11 +360,15 @@ def planner(
         prior: of the tissue.
         simulation: whose recording, recorder and gravity are those of the study.
         seed: of all studies.
+        running: a study that has begun: each design is then what is still to come, and ``prior`` a
+            `RunningPrior`.
 
     Raises:
         InputError: a formula asks for what a design can't identify, or the recorder's traces are no data
             for this analysis.
     """
+    if running is not None:
+        designs = [pd.concat([running.rows, design], ignore_index=True)[list(design)] for design in designs]
     rows = pd.concat([*designs], ignore_index=True)
     reference = specification.reference_mass_kg or float(np.exp(np.log(rows["mass_kg"]).mean()))
     relative_mass_sd = simulation.recording.relative_mass_sd
@@ -340,6 +380,7 @@ def planner(
             known,
             reference_mass_kg=reference,
             relative_mass_sd=relative_mass_sd,
+            running=running,
         )
 
     # The truths ask for a model, and the model for the formulas over the rows, not for what traces tell.

@@ -12,6 +12,7 @@ how far the sites' centres are from the truth: the mean of (m - u)' P (m - u) / 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -21,6 +22,7 @@ import pandas as pd
 from jaxtyping import Float
 
 from bayestissue.elements import element
+from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
 from bayestissue.hierarchy.trace_data import prepare
 from bayestissue.hierarchy.traces import with_normal_errors
@@ -146,28 +148,42 @@ def information(
     start = first_guess(prepared)
     start[:, :2] = truth
     nuisance = start[:, 2:]
-    spread = np.array([_spread(specification, name) for name in prepared.model.nuisance])
+    spread = spreads_of_nuisance(specification, prepared.model.nuisance)
     sd = np.concatenate([np.maximum(tissue.sd, 1e-3), spread])
     log_mass = np.log(prepared.signal.mass / tissue.reference_mass_kg)
     mean = np.concatenate([np.array(tissue.mean) + np.outer(log_mass, tissue.exponent), nuisance], axis=1)
     prior = ConditionalPrior(mean, np.diag(sd**-2.0)).of_each()
     smooth = with_normal_errors(prepared.data)
     sites = map_impacts(partial(laplace_sites, prepared.model), smooth, start, prior)
-    P = np.asarray(sites.precision)
-    of_nuisance = P[:, 2:, 2:] + np.diag(spread**-2.0)
-    precision = P[:, :2, :2] - P[:, :2, 2:] @ np.linalg.solve(of_nuisance, P[:, 2:, :2])
-    # By which a site's centre is off where it is written about another point than its maximum.
-    shift = np.asarray(sites.shift)
-    gained = shift[:, :2] - (P[:, :2, 2:] @ np.linalg.solve(of_nuisance, shift[:, 2:, None]))[..., 0]
-    deviation = (
-        np.asarray(sites.centre)[:, :2] - truth + np.linalg.solve(precision, gained[..., None])[..., 0]
-    )
+    centre, precision = without_nuisance(sites, spread)
+    deviation = centre - truth
     calibration = float(np.einsum("ia,iab,ib->i", deviation, precision, deviation).mean() / 2)
     return Information(conditions, precision.reshape(len(conditions), PEOPLE, 2, 2), calibration)
 
 
+def without_nuisance(
+    sites: GaussianFactor, spread: Float[np.ndarray, " nuisance"]
+) -> tuple[Float[np.ndarray, "impact 2"], Float[np.ndarray, "impact 2 2"]]:
+    """Centre and precision of log K and log C, the other parameters integrated out.
+
+    Args:
+        sites: of all parameters of each impact.
+        spread: prior standard deviation of each of the others, about the site's centre.
+    """
+    P, shift, centre = (np.asarray(part) for part in (sites.precision, sites.shift, sites.centre))
+    across = np.linalg.solve(P[:, 2:, 2:] + np.diag(spread**-2.0), P[:, 2:, :2])
+    precision = P[:, :2, :2] - P[:, :2, 2:] @ across
+    # A site may be written about another point than its maximum.
+    gained = shift[:, :2] - np.einsum("ina,in->ia", across, shift[:, 2:])
+    return centre[:, :2] + np.linalg.solve(precision, gained[..., None])[..., 0], precision
+
+
+def spreads_of_nuisance(specification: ModelSpecification, nuisance: Sequence[str]) -> np.ndarray:
+    """How much each further parameter may differ from what is known of it: between impacts, by its prior."""
+    return np.array([_spread(specification, name) for name in nuisance])
+
+
 def _spread(specification: ModelSpecification, nuisance: str) -> float:
-    """How much a further parameter may differ from what is known of it: between impacts, by its prior."""
     prior: Any = specification.complete_priors().by_name()[f"sd_{nuisance}"]
     return float(prior.scale)
 

@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal, Protocol, Self
 from zlib import crc32
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 from scipy import stats
 
@@ -167,10 +167,12 @@ class Truths:
     Attributes:
         hyperparameters: by name.
         fixed: the fixed effects by the names of the parts of b, in the units of the design's columns.
+        effects: the group effects that are known of some levels, NaN of others, by the same names.
     """
 
     hyperparameters: dict[str, Float[np.ndarray, " study"]]
     fixed: dict[str, Float[np.ndarray, "study width"]]
+    effects: Mapping[str, Float[np.ndarray, "study level"]] = field(default_factory=dict)
 
 
 class DesignPrior(Protocol):
@@ -250,11 +252,14 @@ class Pilot:
     reference_mass_kg: float
     otherwise: Beliefs
 
+    def rows(self, streams: Streams) -> Int[np.ndarray, " study"]:
+        """Which draw each study of a block has."""
+        return (streams.uniform("pilot") * len(next(iter(self.draws.values())))).astype(int)
+
     def truths(self, model: PlannedModel, design: Design, streams: Streams) -> Truths:
         """One draw of the pilot's posterior a study, all of its parameters together."""
         truths = self.otherwise.truths(model, design, streams)
-        number = len(next(iter(self.draws.values())))
-        row = (streams.uniform("pilot") * number).astype(int)
+        row = self.rows(streams)
         drawn = {name: np.asarray(values)[row] for name, values in self.draws.items()}
         values = {name: drawn.get(name, value) for name, value in truths.hyperparameters.items()}
         moved = math.log(design.reference_mass_kg / self.reference_mass_kg)

@@ -22,6 +22,7 @@ from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.planning.information import Information
 from bayestissue.planning.model import PlannedModel, planned_model
 from bayestissue.planning.population import BLOCK, Streams, Truths
+from bayestissue.planning.running import Running
 
 _REPEAT = "_repeat"
 
@@ -38,6 +39,7 @@ class Arrangement:
         model: the analysis.
         columns: X, arranged.
         precision: of log K and log C of each impact, from its trace.
+        recorded: of the impacts that a running study has, the first ones, the centres of their sites.
     """
 
     numbers: tuple[int, ...]
@@ -47,6 +49,7 @@ class Arrangement:
     model: PlannedModel
     columns: PopulationDesign
     precision: Float[np.ndarray, "impact 2 2"]
+    recorded: Float[np.ndarray, "recorded 2"]
 
 
 def arrangements(
@@ -56,6 +59,7 @@ def arrangements(
     *,
     reference_mass_kg: float,
     relative_mass_sd: float,
+    running: Running | None = None,
 ) -> list[Arrangement]:
     """The designs, those over the same conditions together.
 
@@ -65,6 +69,7 @@ def arrangements(
         information: what traces tell, by condition.
         reference_mass_kg: the mass that K and C are stated at, of all designs.
         relative_mass_sd: of the recorded mass.
+        running: the study that all of them go on from; its impacts are the first rows of each.
 
     Raises:
         InputError: a formula asks for what a design can't identify.
@@ -85,8 +90,13 @@ def arrangements(
             specification.formula, rows, reference_mass_kg=reference_mass_kg, source=specification.name
         )
         model, columns = planned_model(specification, design, relative_mass_sd)
-        precision = information.of_rows(rows)
-        arranged.append(Arrangement(tuple(numbers), rows, present, design, model, columns, precision))
+        precision, recorded = information.of_rows(rows), np.zeros((0, 2))
+        if running is not None:
+            recorded = running.centre
+            precision[: len(recorded)] = running.precision
+        arranged.append(
+            Arrangement(tuple(numbers), rows, present, design, model, columns, precision, recorded)
+        )
     return arranged
 
 
@@ -123,7 +133,11 @@ def draw_studies(arrangement: Arrangement, truths: Truths, streams: Streams) -> 
         where = model.locations.parts[part.name]
         if part.spread:
             standard = streams.normal(part.name, part.width)
-            b[:, where] = truths.hyperparameters[part.spread][:, None] * standard
+            effects = truths.hyperparameters[part.spread][:, None] * standard
+            known = truths.effects.get(part.name, np.full((BLOCK, 0), np.nan))
+            levels = known.shape[1]
+            effects[:, :levels] = np.where(np.isnan(known), effects[:, :levels], known)
+            b[:, where] = effects
         else:
             b[:, where] = truths.fixed[part.name]
     means = np.moveaxis(np.asarray(expected(arrangement.columns, jnp.asarray(b))), 0, -1)
@@ -141,4 +155,6 @@ def draw_studies(arrangement: Arrangement, truths: Truths, streams: Streams) -> 
     root = np.linalg.cholesky(arrangement.precision)
     errors = streams.normal("errors", 2 * impacts).reshape(BLOCK, impacts, 2)
     measured = np.linalg.solve(np.swapaxes(root, -1, -2), errors[..., None])[..., 0]
-    return Studies(truths, b, means + scatter - of_mass[..., None] + measured)
+    centre = means + scatter - of_mass[..., None] + measured
+    centre[:, : len(arrangement.recorded)] = arrangement.recorded
+    return Studies(truths, b, centre)

@@ -1,0 +1,281 @@
+"""Assurance by a plan, in seconds, against studies that are simulated sample by sample, fitted and asked.
+
+    .venv/bin/python benchmarks/plan_assurance.py
+    .venv/bin/python benchmarks/plan_assurance.py small slopes
+
+Eight designs, a question each. A plan gives the shares of studies that answer yes, that answer no, and that
+mislead. By brute force as many truths are drawn from the same beliefs, each one's campaign is simulated
+through its recorder, fitted by `bt.fit` as a lab would, and asked. Both are Monte Carlo, so that they are
+compared by two standard errors of their difference.
+
+A fit that refuses to answer, as where no draws can be trusted without a long run, is undecided; how many did
+is counted. A study's probability goes to plan_assurance_studies.csv as soon as it is there, and those already
+there are not made again; the comparison goes to plan_assurance.csv.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from evidence import recorded
+
+import bayestissue as bt
+from bayestissue import runtime
+from bayestissue.errors import InputError
+from bayestissue.hierarchy.design import build_design
+from bayestissue.hierarchy.specification import ModelSpecification, specification_of
+from bayestissue.planning.assurance import Goal, planner
+from bayestissue.planning.information import simulation_of
+from bayestissue.planning.model import planned_model
+from bayestissue.planning.population import BLOCK, Beliefs, Population, Streams
+from bayestissue.simulation import Simulation, simulate
+from bayestissue.simulation.specification import Recording
+
+ROOT = Path(__file__).parents[1]
+TABLE = ROOT / "benchmarks" / "plan_assurance.csv"
+STUDIES = ROOT / "benchmarks" / "plan_assurance_studies.csv"
+NUMBER, PLANNED = 100, 2000
+PROBABILITY = 0.95
+GOOD = {
+    "sampling_rate_hz": 5000.0,
+    "noise_relative_to_peak": 0.005,
+    "offset_sd_m_s2": 0.2,
+    "relative_gain_sd": 0.005,
+    "velocity_sd_m_s": 0.005,
+    "relative_mass_sd": 0.002,
+}
+BAD = GOOD | {"sampling_rate_hz": 2500.0, "noise_relative_to_peak": 0.08, "velocity_sd_m_s": 0.03}
+KNOWN = {"distribution": "normal", "sd": 0.3}
+# What is believed of the tissue: narrow enough that the questions are open, neither settled nor hopeless.
+BELIEFS: dict[str, Any] = {
+    "intercept": {"K": {**KNOWN, "mean": 8.0}, "C": {**KNOWN, "mean": 3.2}},
+    "mass_exponent": {"K": {"distribution": "normal", "mean": 0.3, "sd": 0.3}, "C": 0.2},
+    "sd_subject": {"K": 0.2, "C": 0.2},
+    "sd_trial": {"K": 0.03, "C": 0.03},
+    "sd_impact": {"K": 0.1, "C": 0.1},
+}
+MASS = "log(mass_kg) + (1|subject)"
+# People, masses, repeats and sides of each, the formula, what else is believed, the recorder, the question.
+CASES: dict[str, dict[str, Any]] = {
+    "small": {"people": 3, "masses": [0.5, 1.0], "ask": "mass_exponent_K > 0.1"},
+    "masses": {"people": 6, "masses": [0.5, 0.7, 1.0], "ask": "mass_exponent_K > 0.1"},
+    "one or none": {
+        "people": 8,
+        "masses": [0.4, 1.2],
+        "beliefs": {"mass_exponent": {"K": {"distribution": "normal", "mean": 0.5, "sd": 0.3}, "C": 0.2}},
+        "ask": "mass_exponent_K > 0.5",
+    },
+    "bad recorder": {"people": 6, "masses": [0.5, 1.0], "recorder": BAD, "ask": "mass_exponent_K > 0.1"},
+    "conditions": {
+        "people": 4,
+        "masses": [0.4, 0.6, 0.9, 1.3],
+        "formula": "log(mass_kg) + (1|subject) + (1|trial)",
+        "ask": "mass_exponent_K > 0.2",
+    },
+    "slopes": {
+        "people": 8,
+        "masses": [0.5, 0.7, 1.0],
+        "formula": "log(mass_kg) + (log(mass_kg)|subject)",
+        "beliefs": {"sd_slope": {"log(mass_kg)|subject": {"K": 0.25, "C": 0.1}}},
+        "ask": "mass_exponent_K > 0.2",
+    },
+    "two sides": {
+        "people": 8,
+        "masses": [0.7],
+        "repeats": 2,
+        "sides": ["left", "right"],
+        "formula": "(1|subject) + (1|subject:side)",
+        "beliefs": {
+            "sd_group": {"subject:side": {"K": {"distribution": "half-normal", "scale": 0.15}, "C": 0.1}}
+        },
+        "ask": "sd_subject_side_K > 0.06",
+    },
+    "repeatability": {
+        "people": 10,
+        "masses": [0.7],
+        "repeats": 3,
+        "formula": "(1|subject)",
+        "beliefs": {"sd_subject": {"K": {"distribution": "half-normal", "scale": 0.3}, "C": 0.2}},
+        "ask": "ICC_C1_K > 0.75",
+    },
+}
+COLUMNS = ["case", "study", "posterior", "truth", "note"]
+
+
+def rows_of(case: dict[str, Any]) -> pd.DataFrame:
+    """The impacts of a design."""
+    rows = pd.MultiIndex.from_product(
+        [
+            [f"s{number + 1:02d}" for number in range(case["people"])],
+            case["masses"],
+            case.get("sides", ["left"]),
+            range(case.get("repeats", 1)),
+        ],
+        names=["subject", "mass_kg", "side", "repeat"],
+    ).to_frame(index=False)
+    rows = rows.assign(trial=[f"t{mass:g}" for mass in rows["mass_kg"]], velocity_m_s=1.5)
+    columns = ["subject", "trial", "mass_kg", "velocity_m_s", *(["side"] if "sides" in case else [])]
+    return rows[columns]
+
+
+def specification_of_case(case: dict[str, Any]) -> ModelSpecification:
+    """The analysis."""
+    formula = case.get("formula", MASS)
+    content = {"likelihood": "impact", "discrepancy": "none", "formula": {"K": formula, "C": formula}}
+    return specification_of(content, "plan")
+
+
+def population_of(case: dict[str, Any]) -> Population:
+    """What is believed of the tissue."""
+    return Population.model_validate(BELIEFS | case.get("beliefs", {}))
+
+
+def campaigns(case: dict[str, Any], number: int) -> list[Simulation]:
+    """So many campaigns, each with a truth of its own from what is believed."""
+    rows, specification = rows_of(case), specification_of_case(case)
+    reference = float(np.exp(np.log(rows["mass_kg"]).mean()))
+    design = build_design(specification.formula, rows, reference_mass_kg=reference, source="plan")
+    model, _ = planned_model(specification, design)
+    simulations = []
+    for study in range(number):
+        # Other streams than the plan's.
+        truths = Beliefs(population_of(case)).truths(model, design, Streams(77, study // BLOCK))
+        of_study = {name: float(v[study % BLOCK]) for name, v in truths.hyperparameters.items()}
+        fixed = {name: float(v[study % BLOCK, 0]) for name, v in truths.fixed.items()}
+        tissue: dict[str, Any] = {
+            "K_N_per_m": float(np.exp(fixed["intercept_K"])),
+            "C_N_s_per_m": float(np.exp(fixed["intercept_C"])),
+            "reference_mass_kg": reference,
+        }
+        for q in ("K", "C"):
+            tissue[f"mass_exponent_{q}"] = fixed.get(f"mass_exponent_{q}", 0.0)
+            tissue |= {
+                f"sd_{group}_{q}": of_study.get(f"sd_{group}_{q}", 0.0)
+                for group in ("subject", "trial", "impact")
+            }
+        for name, key in (
+            ("sd_subject_side", ("sd_group", "subject:side")),
+            ("sd_subject_mass_exponent", ("sd_slope", "log(mass_kg)|subject")),
+        ):
+            if f"{name}_K" in of_study:
+                tissue[key[0]] = {key[1]: {q: of_study[f"{name}_{q}"] for q in ("K", "C")}}
+        content: dict[str, Any] = {
+            "name": "study",
+            "seed": 1000 + study,
+            "design": {
+                "subjects": case["people"],
+                "repeats": case.get("repeats", 1),
+                "conditions": [
+                    {"trial": f"t{mass:g}", "mass_kg": mass, "velocity_m_s": 1.5} for mass in case["masses"]
+                ],
+            },
+            "tissue": tissue,
+            "recording": case.get("recorder", GOOD),
+        }
+        if "sides" in case:
+            content["design"]["factors"] = [{"name": "side", "levels": case["sides"]}]
+        simulations.append(Simulation.model_validate(content))
+    return simulations
+
+
+def truth_of(case: dict[str, Any], simulation: Simulation) -> bool:
+    """Whether the question's claim is true of what was simulated."""
+    name, _, least = case["ask"].partition(" > ")
+    tissue = simulation.tissue
+    if name == "sd_subject_side_K":
+        value = tissue.sd_group["subject:side"].K
+    elif name == "ICC_C1_K":
+        value = tissue.sd_subject_K**2 / (tissue.sd_subject_K**2 + tissue.sd_impact_K**2)
+    else:
+        value = tissue.mass_exponent_K
+    return value > float(least)
+
+
+def answer(case: dict[str, Any], simulation: Simulation) -> dict[str, Any]:
+    """One study, simulated, fitted and asked."""
+    formula = case.get("formula", MASS)
+    try:
+        fit = bt.fit(simulate(simulation).dataset("study"), "impact", K=formula, C=formula)
+    except InputError as error:
+        return {"posterior": np.nan, "note": error.problems[0].code}
+    return {"posterior": float(fit.ask(case["ask"])["posterior"].iloc[0]), "note": ""}
+
+
+def make_studies(name: str, number: int) -> None:
+    """Those of a case that are not there yet."""
+    case = CASES[name]
+    known = pd.read_csv(STUDIES) if STUDIES.exists() else pd.DataFrame(columns=COLUMNS)
+    there = set(known.loc[known["case"] == name, "study"])
+    for study, simulation in enumerate(campaigns(case, number)):
+        if study in there:
+            continue
+        row = {"case": name, "study": study, "truth": truth_of(case, simulation)} | answer(case, simulation)
+        table = pd.DataFrame([row])[COLUMNS]
+        table.to_csv(STUDIES, mode="a", header=not STUDIES.exists(), index=False)
+        print(name, study, row["posterior"], row["note"], flush=True)
+
+
+def shares(yes: np.ndarray, no: np.ndarray, true: np.ndarray) -> dict[str, tuple[float, float]]:
+    """Each share of studies, and its standard error."""
+    of = {"yes": yes, "no": no, "misleads": (yes & ~true) | (no & true)}
+    return {
+        key: (float(x.mean()), float(np.sqrt(max(x.mean() * (1 - x.mean()), 1 / len(x)) / len(x))))
+        for key, x in of.items()
+    }
+
+
+def compared(name: str) -> list[dict[str, Any]]:
+    """A row a share: the plan's, brute force's, and by how many standard errors they differ."""
+    case = CASES[name]
+    simulation = simulation_of(Recording.model_validate(case.get("recorder", GOOD)))
+    plan = planner(
+        [rows_of(case)], specification_of_case(case), Beliefs(population_of(case)), simulation, seed=5
+    )
+    ((assessed,),) = plan.assess([Goal(name, case["ask"])], range(PLANNED // BLOCK), probability=PROBABILITY)
+    studies = pd.read_csv(STUDIES).query("case == @name")
+    p, truth = studies["posterior"].to_numpy(), studies["truth"].to_numpy(bool)
+    planned = shares(assessed.yes, assessed.no, assessed.true)
+    forced = shares(p > PROBABILITY, p < 1 - PROBABILITY, truth)
+    rows = []
+    for key, (share, se) in planned.items():
+        other, other_se = forced[key]
+        rows.append(
+            {
+                "case": name,
+                "share": key,
+                "by_plan": share,
+                "by_plan_se": se,
+                "by_fits": other,
+                "by_fits_se": other_se,
+                "differ_by_se": (share - other) / np.hypot(se, other_se),
+                "studies": len(studies),
+                "refused": int(np.isnan(p).sum()),
+                "calibration": plan.information.calibration,
+            }
+        )
+    return rows
+
+
+def main() -> None:
+    """Make what is missing, and compare."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("cases", nargs="*", default=list(CASES))
+    parser.add_argument("--studies", type=int, default=NUMBER)
+    arguments = parser.parse_args()
+    runtime.configure()
+    runtime.keep_compiled()
+    with recorded("plan_assurance"):
+        for name in arguments.cases:
+            make_studies(name, arguments.studies)
+        there = set(pd.read_csv(STUDIES)["case"])
+        rows = [row for name in CASES if name in there for row in compared(name)]
+        pd.DataFrame(rows).to_csv(TABLE, index=False, float_format="%.4g")
+    print(pd.DataFrame(rows).to_string(index=False))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,89 @@
+"""A plan that goes on from a running study: it agrees with the fit of what is there, and tells what more adds."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import bayestissue as bt
+from bayestissue.planning.assurance import Goal, Planner, planner
+from bayestissue.planning.information import simulation_of
+from bayestissue.planning.population import Beliefs, Pilot, Population
+from bayestissue.planning.running import RunningPrior, running_study
+from bayestissue.simulation import Simulation, simulate
+from bayestissue.simulation.specification import Recording
+
+FORMULA = "log(mass_kg) + (1|subject)"
+RECORDING = {"noise_relative_to_peak": 0.005, "velocity_sd_m_s": 0.005, "relative_mass_sd": 0.002}
+
+
+class Begun(NamedTuple):
+    fit: bt.Fit
+    further: list[pd.DataFrame]
+    planner: Planner
+
+
+@pytest.fixture(scope="module")
+def begun() -> Begun:
+    conditions = [{"trial": f"m{mass}", "mass_kg": mass, "velocity_m_s": 1.5} for mass in (0.5, 1.0)]
+    tissue = {"K_N_per_m": 3000.0, "C_N_s_per_m": 25.0, "mass_exponent_K": 0.3}
+    spreads = {f"sd_{group}_{q}": sd for group, sd in (("subject", 0.2), ("impact", 0.1)) for q in "KC"}
+    simulation = Simulation.model_validate(
+        {
+            "name": "running",
+            "seed": 4,
+            "design": {"subjects": 5, "conditions": conditions},
+            "tissue": tissue | spreads,
+            "recording": RECORDING,
+        }
+    )
+    dataset = simulate(simulation).dataset("running")
+    fit = bt.fit(dataset, "impact", K=FORMULA, C=FORMULA)
+    assert fit.prepared is not None
+    specification = fit.specification
+    running = running_study(fit.prepared, specification)
+    posterior = fit.posterior["posterior"].to_dataset()
+    draws = {
+        str(name): array.to_numpy().ravel()
+        for name, array in posterior.data_vars.items()
+        if array.dims == ("chain", "draw")
+    }
+    pilot = Pilot(draws, float(fit.prepared.design.reference_mass_kg), Beliefs(Population()))
+    nobody = running.rows[:0]
+    more = pd.concat(
+        [running.rows[running.rows["subject"] == "s01"].assign(subject=f"new{n}") for n in range(10)]
+    )
+    further = [nobody, more]
+    ready = planner(
+        further,
+        specification,
+        RunningPrior.of_posterior(posterior, pilot),
+        simulation_of(Recording.model_validate(RECORDING)),
+        running=running,
+    )
+    return Begun(fit, further, ready)
+
+
+def test_without_further_impacts_a_plan_says_what_the_fit_says(begun: Begun) -> None:
+    goals = [Goal("claim", "mass_exponent_K > 0.2"), Goal("width", "mass_exponent_K", width=0.1)]
+    (now, _) = begun.planner.assess(goals, range(1))
+    fitted = begun.fit.posterior["posterior"]["mass_exponent_K"].to_numpy()
+    # All studies are the same one, and differ by where the search for their mode began.
+    assert np.std(now[0].p) < 0.01
+    low, high = np.quantile(fitted, [0.05, 0.95])
+    assert np.median(now[0].estimate) == pytest.approx(fitted.mean(), abs=0.1 * fitted.std())
+    assert np.median(now[1].width) == pytest.approx((high - low) / 2, rel=0.1)
+    assert np.median(now[0].p) == pytest.approx((fitted > 0.2).mean(), abs=0.05)
+
+
+def test_further_people_tell_more(begun: Begun) -> None:
+    goals = [Goal("claim", "mass_exponent_K > 0.2"), Goal("width", "mass_exponent_K", width=0.1)]
+    now, later = begun.planner.assess(goals, range(3))
+    assert later[1].width.mean() < 0.8 * now[1].width.mean()
+    assert later[0].undecided_bits < now[0].undecided_bits
+    # What is going to be said is, on average, what is said now: probabilities are a martingale.
+    error = later[0].p.std() / np.sqrt(later[0].studies)
+    assert abs(later[0].p.mean() - np.median(now[0].p)) < 3 * error + 0.02
