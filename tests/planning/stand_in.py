@@ -40,6 +40,7 @@ class Ready:
     def assess(
         self, goals: Sequence[Goal], blocks: range, *, probability: float, progress: Progress
     ) -> list[list[Assessment]]:
+        self.probability = probability
         self.kernel.calls.append((len(self.designs), blocks))
         progress("assessing designs", len(self.designs) * len(blocks), len(self.designs) * len(blocks))
         study = (np.arange(blocks.start * BLOCK, blocks.stop * BLOCK) % 100 + 0.5) / 100
@@ -48,11 +49,12 @@ class Ready:
     def _of(self, rows: pd.DataFrame, goal: Goal, study: np.ndarray) -> Assessment:
         answered = study < share(rows, self.kernel.most)
         if goal.width is not None:
-            width = goal.width * np.where(answered, 0.9, 1.2)
-            return Assessment(goal, answered, study < 0, study > 0, width, study * 0 + 64)
-        yes = answered & (study * 100 % 4 > 1)
-        truth = yes ^ (study < 0.03)
-        return Assessment(goal, yes, answered & ~yes, truth, study * np.nan, study * 0 + 64)
+            width, p, truth = goal.width * np.where(answered, 0.9, 1.2), study * np.nan, study > 0
+        else:
+            yes = study * 100 % 4 > 1
+            p, truth = np.where(answered, np.where(yes, 0.99, 0.01), 0.5), yes ^ (study < 0.03)
+            width = study * np.nan
+        return Assessment(goal, self.probability, p, truth, width, study, study, study * 0 + 64)
 
 
 @contextmanager

@@ -33,7 +33,7 @@ _MORE_PEOPLE, _MANY_TIMES = 10, 10
 # Of a recorder that is better by so much.
 _BETTER = 0.1
 _ERRORS = tuple(name for name in Recording.model_fields if "_sd" in name or name == "noise_relative_to_peak")
-_PER_STUDY = ("yes", "no", "true", "width", "effective")
+_PER_STUDY = {"p": float, "true": bool, "width": float, "estimate": float, "value": float, "effective": float}
 
 
 @dataclass(frozen=True, eq=False)
@@ -347,7 +347,7 @@ class Ledger:
         return lambda stage, done, _: self._say(stage, before + done, total)
 
     def _key(self, case: Case, goal: Goal) -> str:
-        what = [case.key, goal.text, goal.width, goal.relative, self._seed, self._probability]
+        what = [case.key, goal.text, goal.width is None, goal.relative, goal.level, self._seed]
         return _hash(what)[:32]
 
     def _everything(self) -> pd.DataFrame:
@@ -379,8 +379,8 @@ class Ledger:
         self._used.append(key)
         everything = self._everything()
         mine = everything[(everything["key"] == key) & (everything["study"] < studies)].sort_values("study")
-        kinds = {"yes": bool, "no": bool, "true": bool, "width": float, "effective": float}
-        return Assessment(goal, **{name: mine[name].to_numpy(kind) for name, kind in kinds.items()})
+        arrays = (mine[name].to_numpy(kind) for name, kind in _PER_STUDY.items())
+        return Assessment(goal, self._probability, *arrays)
 
 
 def _short_of(assessments: Sequence[Assessment], wanted: float) -> float:
