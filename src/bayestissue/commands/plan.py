@@ -216,6 +216,7 @@ def _say_factors(plan: PlanSpecification, echo: Callable[[str], None]) -> None:
 
 def _print(plan: Plan) -> None:
     from bayestissue.commands.console import line, show, table
+    from bayestissue.outline import numbers_in_short
     from bayestissue.planning.words import duration
     from bayestissue.report.wording import number
 
@@ -224,7 +225,9 @@ def _print(plan: Plan) -> None:
     headings = ["people", "kg", "m/s", "repeats", "takes", *goals]
     rows = [
         [
-            *(str(each[name]) for name in ("people", "masses_kg", "velocities_m_s", "repeats")),
+            str(each["people"]),
+            *(numbers_in_short(each[name].split()) for name in ("masses_kg", "velocities_m_s")),
+            str(each["repeats"]),
             duration(each["minutes"]),
             *(f"{number(goal['answered'], 2)} ± {number(goal['se'], 2)}" for goal in each["goals"].values()),
         ]

@@ -72,7 +72,7 @@ class Candidate:
         Lost impacts are spread over people and conditions as by chance, but always the same ones.
         """
         measured = max(self.people - round(self.lost_people * self.people), 1)
-        parts = {
+        parts: dict[str, list[tuple[Any, ...]]] = {
             "subject": [(f"s{number + 1:03d}",) for number in range(measured)],
             "condition": [(trial_name(*pair), *pair) for pair in self.conditions],
             **{factor.name: [(level,) for level in factor.levels] for factor in self._crossed},

@@ -186,7 +186,9 @@ def content_of(
     texts = [ask] if isinstance(ask, str) else ask
     if not isinstance(texts, Mapping):
         texts = {f"question_{number}": text for number, text in enumerate(texts, start=1)}
-    factors = [{"name": name, "levels": list(levels)} for name, levels in (within or {}).items()]
+    factors: list[dict[str, Any]] = [
+        {"name": name, "levels": list(levels)} for name, levels in (within or {}).items()
+    ]
     factors += [
         {"name": name, "levels": list(levels), "of_people": True} for name, levels in (groups or {}).items()
     ]

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
-from bayestissue.outline import counted
+from bayestissue.outline import counted, numbers_in_short
 from bayestissue.report.page import figure, render_page
 from bayestissue.report.run_folder import read_json, require_files
 from bayestissue.report.style import MUTED, PALETTE, POSTERIOR, new_figure, style
@@ -133,7 +133,8 @@ def _cost(design: Mapping[str, Any], cost: Mapping[str, float]) -> dict[str, str
     return {
         "time": size,
         "design": f"{counted(design['people'], 'person', 'people')}, {counted(design['impacts'], 'impact')}: "
-        f"{listed(design['masses_kg'].split())} kg at {listed(design['velocities_m_s'].split())} m/s, "
+        f"{numbers_in_short(design['masses_kg'].split())} kg at "
+        f"{numbers_in_short(design['velocities_m_s'].split())} m/s, "
         f"{counted(design['repeats'], 'repeat')}.",
         "of": f"{minutes}, {cost['mass_change_min']:g} a change of the mass.",
     }
@@ -190,7 +191,7 @@ def _label(design: Mapping[str, Any], varying: Sequence[str]) -> str:
         "repeats": "repeats: {}",
     }
     named = [name for name in varying if name != "conditions" or "masses_kg" not in varying]
-    return ", ".join(words[name].format(", ".join(str(design[name]).split())) for name in named)
+    return ", ".join(words[name].format(numbers_in_short(str(design[name]).split())) for name in named)
 
 
 def contours(designs: pd.DataFrame, goal: str, chosen: Mapping[str, Any], wanted: float) -> Markup | None:
@@ -230,8 +231,8 @@ def designs_table(designs: pd.DataFrame, chosen: int, wanted: float) -> Table:
     fields = [
         Field("design", lambda row: f"{row['design']:.0f}{' ◂' if row['design'] == chosen else ''}"),
         Field("people", lambda row: f"{row['people']:.0f}", "number"),
-        Field("kg", lambda row: ", ".join(row["masses_kg"].split())),
-        Field("m/s", lambda row: ", ".join(row["velocities_m_s"].split())),
+        Field("kg", lambda row: numbers_in_short(row["masses_kg"].split())),
+        Field("m/s", lambda row: numbers_in_short(row["velocities_m_s"].split())),
         Field("repeats", lambda row: f"{row['repeats']:.0f}", "number"),
         Field("impacts", lambda row: f"{row['impacts']:.0f}", "number"),
         Field("hours", lambda row: significant(row["minutes"] / 60, 2), "number"),
