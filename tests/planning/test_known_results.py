@@ -99,7 +99,12 @@ def of_intercepts(K: float) -> Callable[[Streams, Design], dict[str, np.ndarray]
     return lambda *_: {"intercept_K": np.full((BLOCK, 1), K), "intercept_C": np.zeros((BLOCK, 1))}
 
 
-@pytest.mark.parametrize(("probability", "expected"), [(0.975, 0.8730452), (0.95, 0.9273056)])
+LONG = pytest.mark.long
+
+
+@pytest.mark.parametrize(
+    ("probability", "expected"), [(0.975, 0.8730452), pytest.param(0.95, 0.9273056, marks=LONG)]
+)
 def test_of_a_normal_mean_assurance_is_power(probability: float, expected: float) -> None:
     # n = 100, variance 0.104, a design prior worth so many observations that it is a point.
     planner = study(impacts(100), "1", {"sd_impact_K": np.sqrt(0.104)}, of_intercepts(0.1))
@@ -107,7 +112,9 @@ def test_of_a_normal_mean_assurance_is_power(probability: float, expected: float
     assert within(float(assessment.yes.mean()), expected, 6000)
 
 
-@pytest.mark.parametrize(("probability", "expected"), [(0.975, 0.70026), (0.95, 0.72509)])
+@pytest.mark.parametrize(
+    ("probability", "expected"), [(0.975, 0.70026), pytest.param(0.95, 0.72509, marks=LONG)]
+)
 def test_two_arms_cost_effectiveness(probability: float, expected: float) -> None:
     # O'Hagan and Stevens (2001): effects are log K here, and costs log C.
     mean = np.array([5.0, 6000.0, 6.5, 7200.0])
@@ -141,7 +148,9 @@ def test_two_arms_cost_effectiveness(probability: float, expected: float) -> Non
 
 
 @pytest.mark.parametrize(
-    ("people", "expected"), [(20, 0.2346), (40, 0.5247), (60, 0.8205), (80, 0.9667), (100, 0.9974)]
+    ("people", "expected"),
+    [(20, 0.2346)]
+    + [pytest.param(*row, marks=LONG) for row in ((40, 0.5247), (60, 0.8205), (80, 0.9667), (100, 0.9974))],
 )
 def test_adcock_precision(people: int, expected: float) -> None:
     """The probability that the sample's mean is within 0.2 of the parameter, with 95 % of the posterior."""
@@ -217,13 +226,15 @@ def test_slopes_of_each_person_in_two_groups() -> None:
     difference = 1.5 * np.sqrt(207.31 / 10)
     spreads = {"intercept": 1e3, "slope": np.sqrt(24), "impact": np.sqrt(10)}
     planner = two_slopes(np.arange(7) / 4, spreads, difference)
-    assert within(power_of_slopes(planner, 4000, 0.975), 0.8, 4000)
+    assert within(power_of_slopes(planner, 1000, 0.975), 0.8, 1000)
 
 
 @pytest.mark.parametrize(
     ("correlation", "variance", "people"),
     [
-        pytest.param(correlation, variance, people, marks=[] if variance == 100 else pytest.mark.long)
+        pytest.param(
+            correlation, variance, people, marks=[] if (correlation, variance) == (0.5, 100) else LONG
+        )
         for correlation, row in ((0.2, (313, 625, 938)), (0.5, (196, 391, 586)), (0.8, (79, 157, 235)))
         for variance, people in zip((100, 200, 300), row, strict=True)
     ],
@@ -245,7 +256,9 @@ def test_slopes_of_correlated_measurements(correlation: float, variance: float, 
     assert within(power, exact(people), 2000)
 
 
-@pytest.mark.parametrize(("people", "repeats", "icc", "width"), [(19, 4, 0.85, 0.2), (35, 3, 0.8, 0.2)])
+@pytest.mark.parametrize(
+    ("people", "repeats", "icc", "width"), [(19, 4, 0.85, 0.2), pytest.param(35, 3, 0.8, 0.2, marks=LONG)]
+)
 def test_the_width_of_an_intraclass_correlation(people: int, repeats: int, icc: float, width: float) -> None:
     """Bonett (2002): 19.15 people, and Shoukri and others (2004): 35, for a 95 % interval of 0.2.
 

@@ -1,4 +1,4 @@
-"""A plan that goes on from a running study: it agrees with the fit of what is there, and tells what more adds."""
+"""A plan that goes on from a running study agrees with the fit of what is there, and tells what more adds."""
 
 from __future__ import annotations
 
@@ -71,12 +71,12 @@ def test_without_further_impacts_a_plan_says_what_the_fit_says(begun: Begun) -> 
     goals = [Goal("claim", "mass_exponent_K > 0.2"), Goal("width", "mass_exponent_K", width=0.1)]
     (now, _) = begun.planner.assess(goals, range(1))
     fitted = begun.fit.posterior["posterior"]["mass_exponent_K"].to_numpy()
-    # All studies are the same one, and differ by where the search for their mode began.
-    assert np.std(now[0].p) < 0.01
+    # All studies are the same one, each with points of its own: their scatter is what these are wrong by.
+    assert np.std(now[0].p) < 0.05
     low, high = np.quantile(fitted, [0.05, 0.95])
-    assert np.median(now[0].estimate) == pytest.approx(fitted.mean(), abs=0.1 * fitted.std())
-    assert np.median(now[1].width) == pytest.approx((high - low) / 2, rel=0.1)
-    assert np.median(now[0].p) == pytest.approx((fitted > 0.2).mean(), abs=0.05)
+    assert now[0].estimate.mean() == pytest.approx(fitted.mean(), abs=0.1 * fitted.std())
+    assert now[1].width.mean() == pytest.approx((high - low) / 2, rel=0.1)
+    assert now[0].p.mean() == pytest.approx((fitted > 0.2).mean(), abs=0.05)
 
 
 def test_further_people_tell_more(begun: Begun) -> None:
@@ -86,4 +86,4 @@ def test_further_people_tell_more(begun: Begun) -> None:
     assert later[0].undecided_bits < now[0].undecided_bits
     # What is going to be said is, on average, what is said now: probabilities are a martingale.
     error = later[0].p.std() / np.sqrt(later[0].studies)
-    assert abs(later[0].p.mean() - np.median(now[0].p)) < 3 * error + 0.02
+    assert abs(later[0].p.mean() - now[0].p.mean()) < 3 * error + 0.02

@@ -50,3 +50,31 @@ def calibration_answers() -> Named:
         f"probability of 80 to 95 % {claims['true'].iloc[-2]:.0f} % were true"
     )
     yield "sentence", Figure(text, names("calibration_answers"))
+
+
+@family
+def plan_assurance() -> Named:
+    rows = read("plan_assurance.csv")
+    shares = rows.assign(
+        plan=with_error(rows["by_plan"], rows["by_plan_se"]),
+        fits=with_error(rows["by_fits"], rows["by_fits_se"]),
+    )
+    wide = shares.pivot(index="case", columns="share", values=["plan", "fits"])
+    order = rows["case"].unique()
+    columns = {
+        f"{words}, by {way}": wide[source, share].reindex(order).to_numpy()
+        for share, words in (("yes", "answered yes"), ("no", "no"), ("misleads", "misled"))
+        for way, source in (("plan", "plan"), ("fits", "fits"))
+    }
+    studies = rows.groupby("case")["studies"].first().reindex(order).to_numpy()
+    refused = rows.groupby("case")["refused"].first().reindex(order).to_numpy()
+    table_of = pd.DataFrame({"design": order, "studies": studies, "without an answer": refused, **columns})
+    yield "table", block(table(table_of), "plan_assurance")
+    answered = rows[rows["share"] != "misleads"]
+    differ = answered["differ_by_se"].abs()
+    text = (
+        f"in {len(order)} designs of {int(rows['studies'].min())} simulated studies each, "
+        f"{int((differ <= 2).sum())} of {len(differ)} shares of answers agree with a plan's within two "
+        f"standard errors, all within {differ.max():.1f}"
+    )
+    yield "sentence", Figure(text, names("plan_assurance"))

@@ -10,15 +10,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jaxtyping import Bool, Float
-from scipy.special import softmax
-from scipy.stats import chi2, norm, qmc
+from scipy.special import chdtri, ndtri, softmax
+from scipy.stats import qmc
 
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign
 from bayestissue.hierarchy.gaussian.conditional import Data, log_marginal
@@ -37,6 +37,8 @@ _FARTHEST, _LONGEST = 4.0, 2.0
 _LEAST_CURVED = 0.3
 # In standard deviations, where the density's sides are looked at; and how far each may be from a normal's.
 _LOOKED_AT, _MOST_SPLIT = (1.0, 2.2), 3.0
+# Of a mixture every fourth point is of a t that is so much wider.
+_EVERY, _WIDE = 4, 2.0
 # Studies and their points that are worked on at once: what is made of them stays in a processor's cache.
 _TOGETHER, _INNER = 5, 16
 
@@ -86,20 +88,24 @@ def posteriors(sites: PlannedSites, start: Float[np.ndarray, "study coordinate"]
         sites: of the studies.
         start: where each mode is looked for, unconstrained coordinates in the order of the model's `unknown`.
     """
-    size = start.shape[1]
+    studies, size = start.shape
     points, repeats = (POINTS, EFFECTS) if size else (1, POINTS * EFFECTS)
-    columns = sites.columns._replace(cell=np.zeros(0, int))
-    standard = _normal_points(sites.model.locations.size, points * repeats)
+    columns, effects = sites.columns._replace(cell=np.zeros(0, int)), sites.model.locations.size
+    # Of each study points of its own, that what they are wrong by averages out.
+    random = np.random.default_rng(11)
+    shift, sign = random.uniform(size=(studies, size + 1)), random.choice([-1.0, 1.0], (studies, effects))
+    standard = ndtri(_sobol(effects, points * repeats))
     outcome = _integrated(
         sites.model,
         (columns, sites.model.locations.mean, sites.precision),
-        # Without coordinates there is a number that nothing asks for: no batch is of nothing.
         (
             sites.centre,
             sites.present,
-            np.clip(start, -_FARTHEST, _FARTHEST) if size else np.zeros(len(start)),
+            # Without coordinates there is a number that nothing asks for: no batch is of nothing.
+            np.clip(start, -_FARTHEST, _FARTHEST) if size else np.zeros(studies),
+            _proposal_points(size, points, shift),
+            sign,
         ),
-        _proposal_points(size, points),
         standard.reshape(points, repeats, -1),
     )
     log_weight, values, b, mode = jax.tree.map(np.asarray, outcome)
@@ -113,18 +119,16 @@ def posteriors(sites: PlannedSites, start: Float[np.ndarray, "study coordinate"]
     )
 
 
-@lru_cache
-def _proposal_points(size: int, number: int) -> Float[np.ndarray, "point coordinate"]:
-    """Points of a multivariate t about 0."""
-    points = _sobol(size + 1, number)
-    return norm.ppf(points[:, :size]) * np.sqrt(_TAILS / chi2.ppf(points[:, size], _TAILS))[:, None]
+def _proposal_points(
+    size: int, number: int, shift: Float[np.ndarray, "study coordinate+1"]
+) -> Float[np.ndarray, "study point coordinate"]:
+    """Points of a multivariate t about 0, of each study shifted otherwise."""
+    points = np.clip((_sobol(size + 1, number) + shift[:, None]) % 1, 1e-6, 1 - 1e-6)
+    radius = np.sqrt(_TAILS / chdtri(_TAILS, points[..., size]))
+    return ndtri(points[..., :size]) * radius[..., None]
 
 
 @lru_cache
-def _normal_points(size: int, number: int) -> Float[np.ndarray, "point coordinate"]:
-    return norm.ppf(_sobol(size, number))
-
-
 def _sobol(size: int, number: int) -> Float[np.ndarray, "point coordinate"]:
     return np.clip(qmc.Sobol(size, seed=5).random(number), 1e-6, 1 - 1e-6)
 
@@ -133,15 +137,14 @@ def _sobol(size: int, number: int) -> Float[np.ndarray, "point coordinate"]:
 def _integrated(
     model: PlannedModel,
     population: tuple[PopulationDesign, Array, Array],
-    studies: tuple[Array, Array, Array],
-    points: Float[Array, "point coordinate"],
+    studies: tuple[Array, Array, Array, Array, Array],
     standard: Float[Array, "point effect location"],
 ) -> tuple[Array, dict[str, Array], Array, Array]:
     """Of each study: log weights of the points, the hyperparameters, draws of b, and the mode."""
-    (columns, mean, precision), size = population, points.shape[1]
+    (columns, mean, precision), size = population, studies[3].shape[-1]
 
-    def of_study(study: tuple[Array, Array, Array]) -> tuple[Array, dict[str, Array], Array, Array]:
-        centre, present, start = study
+    def of_study(study: tuple[Array, ...]) -> tuple[Array, dict[str, Array], Array, Array]:
+        centre, present, start, points, sign = study
         there = present[:, None, None] * precision
         sites = GaussianFactor(centre, jnp.zeros_like(centre), there, jnp.zeros(len(centre)))
         data = Data(columns, mean, columns.blocked(sites))
@@ -157,17 +160,48 @@ def _integrated(
             return density + model.log_prior(y), values, b
 
         if not size:
-            return jnp.zeros(1), *jax.vmap(at)(points, standard)[1:], start
+            return jnp.zeros(1), *jax.vmap(at)(points, sign * standard)[1:], start
         mode, value, root = _mode(potential, start)
-        scale = _split(potential, mode, value, root)
-        # A point's own side of each axis has a scale of its own.
-        scales = jnp.where(points > 0, scale[0], scale[1])
-        of_points = mode + (points * scales) @ root.T, standard
+        proposal = _Proposal(root, _split(potential, mode, value, root))
+        whitened = proposal.from_standard(points)
+        of_points = mode + whitened @ root.T, sign * standard
         log_density, values, b = jax.lax.map(lambda point: at(*point), of_points, batch_size=_INNER)
-        log_proposal = -(_TAILS + size) / 2 * jnp.log1p((points**2).sum(-1) / _TAILS)
-        return log_density - log_proposal + jnp.log(scales).sum(-1), values, b, mode
+        return log_density - proposal.log_density(whitened), values, b, mode
 
     return jax.lax.map(of_study, studies, batch_size=_TOGETHER)
+
+
+class _Proposal(NamedTuple):
+    """A mixture of two multivariate t about the mode: one with sides as long as the density's, one wide.
+
+    The wide one bounds the weights where the density is longer than it looks from its mode.
+
+    Attributes:
+        root: of the covariance; what is whitened by it is standard.
+        scale: how much longer than a normal's the two sides are along each axis.
+    """
+
+    root: Float[Array, "coordinate coordinate"]
+    scale: Float[Array, "side coordinate"]
+
+    def from_standard(self, points: Float[Array, "point coordinate"]) -> Float[Array, "point coordinate"]:
+        """Whitened draws; every fourth point is one of the wide t."""
+        wide = jnp.arange(len(points)) % _EVERY == 0
+        return points * jnp.where(wide[:, None], _WIDE, self._of_sides(points))
+
+    def _of_sides(self, points: Float[Array, "point coordinate"]) -> Float[Array, "point coordinate"]:
+        return jnp.where(points > 0, self.scale[0], self.scale[1])
+
+    def log_density(self, whitened: Float[Array, "point coordinate"]) -> Float[Array, " point"]:
+        """Up to a constant, which is the same of all points."""
+        size = whitened.shape[1]
+
+        def t(scale: Array) -> Array:
+            squares = ((whitened / scale) ** 2).sum(-1)
+            return -(_TAILS + size) / 2 * jnp.log1p(squares / _TAILS) - jnp.log(scale).sum(-1)
+
+        split, wide = t(self._of_sides(whitened)), t(jnp.full(size, _WIDE))
+        return jnp.logaddexp(jnp.log1p(-1 / _EVERY) + split, wide - jnp.log(_EVERY))
 
 
 def _mode(
@@ -201,8 +235,8 @@ def _mode(
     infinite = jnp.array(jnp.inf)
     begin = (jnp.array(0), start, infinite, jnp.zeros(size), one, jnp.array(0.0), start, infinite)
     _, mode, value, _, curvature, *_ = jax.lax.while_loop(goes_on, round_of, begin)
-    curved, axes = jnp.linalg.eigh(curvature)
-    return mode, value, axes / jnp.sqrt(curved)
+    # Not of eigenvectors, whose signs and order jump between studies that are nearly alike.
+    return mode, value, jnp.linalg.cholesky(jnp.linalg.inv(curvature))
 
 
 def _positive(matrix: Float[Array, "coordinate coordinate"]) -> Float[Array, "coordinate coordinate"]:
