@@ -28,7 +28,7 @@ class Kernel:
     most: float = 1.0
     calls: list[tuple[int, range]] = field(default_factory=list)
 
-    def __call__(self, designs: Sequence[pd.DataFrame], *_: Any, seed: int) -> Ready:
+    def __call__(self, designs: Sequence[pd.DataFrame], *_: Any, seed: int, running: Any = None) -> Ready:
         return Ready(self, designs)
 
 

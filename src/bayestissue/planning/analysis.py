@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from bayestissue.errors import InputError, Problem, collected
-from bayestissue.finished import Fit, read_run
+from bayestissue.finished import read_run
 from bayestissue.fitting import resolve
 from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.design import Design, build_design
@@ -23,9 +23,11 @@ from bayestissue.inference.answers.meaning import quantities
 from bayestissue.inference.answers.questions import Question, problem_of, require_readable
 from bayestissue.inference.answers.reliability import as_variables, coefficients, variances
 from bayestissue.planning.assurance import Goal
+from bayestissue.planning.begun import begun_study, pilot_of
 from bayestissue.planning.candidates import Candidate, grid, largest_of_each
 from bayestissue.planning.model import planned_model
-from bayestissue.planning.population import Beliefs, DesignPrior, Pilot
+from bayestissue.planning.population import Beliefs, DesignPrior
+from bayestissue.planning.running import Running
 from bayestissue.planning.specification import PlanSpecification
 from bayestissue.simulation.specification import Simulation
 
@@ -54,6 +56,7 @@ class Study:
         goals: what the study shall find out.
         prior: what is believed of the tissue.
         simulation: whose measuring chain is the study's.
+        running: what a study that has begun has recorded.
     """
 
     plan: PlanSpecification
@@ -62,6 +65,7 @@ class Study:
     goals: tuple[Goal, ...]
     prior: DesignPrior
     simulation: Simulation
+    running: Running | None = None
 
     def model_of(self, number: int) -> ModelSpecification:
         """The model that analyses a design."""
@@ -79,8 +83,14 @@ def study_of(plan: PlanSpecification, source: str) -> Study:
         InputError: a question or a belief is about what a design can't tell, a formula asks for it, or the
             model or the pilot does not suit: all that is wrong at once.
     """
-    model, model_source = resolve(plan.model, formulas=plan.formula)
-    reference = plan.reference_mass_kg or model.reference_mass_kg or REFERENCE_MASS_KG
+    begun = None if plan.after is None else begun_study(plan.after, Beliefs(plan.population), source)
+    if begun is None or plan.after is None:
+        model, model_source = resolve(plan.model, formulas=plan.formula)
+    else:
+        model, model_source = begun.model, plan.after.run
+    reference = model.reference_mass_kg or REFERENCE_MASS_KG
+    if begun is None:
+        reference = plan.reference_mass_kg or reference
     problems = list(_unsuited(model, source))
     questions = []
     for question in _questions(plan, source):
@@ -88,24 +98,34 @@ def study_of(plan: PlanSpecification, source: str) -> Study:
         problems += unreadable
         questions += [] if unreadable else [question]
     designs = tuple(grid(plan.candidates))
+    if begun is not None:
+        designs = begun.named(designs)
     sets = {
-        conditions: _Set(largest, _adapted(model, largest, questions, plan, reference))
+        conditions: _Set(largest, {} if begun else _adapted(model, largest, questions, plan, reference))
         for conditions, largest in largest_of_each(designs).items()
     }
     judged: list[Design] = []
     for each in sets.values():
         formulas = model.formula.model_copy(update=each.formulas)
-        rows, named = each.largest.rows(), source if plan.formula else model_source
+        rows = begun.all_rows(each.largest) if begun else each.largest.rows()
+        named = source if plan.formula else model_source
         with collected(problems):
             design = build_design(formulas, rows, reference_mass_kg=reference, source=named)
             judged.append(design)
-            problems += _unanswerable(design, each.largest, questions, model, source)
+            problems += _unanswerable(design, sorted(set(rows["mass_kg"])), questions, model, source)
     problems += _unknown_beliefs(plan, judged, source)
-    with collected(problems):
-        prior = _prior(plan, model, source)
+    prior: DesignPrior = Beliefs(plan.population) if begun is None else begun.prior
+    if begun is None:
+        with collected(problems):
+            prior = _prior(plan, model, source)
     if problems:
         raise InputError({str(problem): problem for problem in problems}.values())
-    return Study(plan, designs, _analyses(plan, designs, sets, reference), _goals(plan), prior, _chain(plan))
+    if begun is None:
+        analyses = _analyses(plan, designs, sets, reference)
+    else:
+        analyses = (Analysis(begun.model, tuple(range(len(designs)))),)
+    running = None if begun is None else begun.running
+    return Study(plan, designs, analyses, _goals(plan), prior, _chain(plan), running)
 
 
 def factors_named(questions: Iterable[str]) -> list[dict[str, Any]]:
@@ -205,7 +225,7 @@ def _unreadable(plan: PlanSpecification, question: Question, source: str) -> Ite
 
 def _unanswerable(
     design: Design,
-    candidate: Candidate,
+    masses_kg: Sequence[float],
     questions: Sequence[Question],
     model: ModelSpecification,
     source: str,
@@ -215,8 +235,8 @@ def _unanswerable(
     draws = _example(design, model)
     for question in questions:
         exponents = [q.name for q in quantities(parse(question.text)) if q.name.startswith("mass_exponent_")]
-        if exponents and len(candidate.masses_kg) == 1:
-            value, key = candidate.masses_kg[0], "candidates.masses_kg"
+        if exponents and len(masses_kg) == 1:
+            value, key = masses_kg[0], "candidates.masses_kg"
             problems.append(
                 Problem.stated(
                     "impossible-plan.one-mass",
@@ -279,17 +299,6 @@ def _prior(plan: PlanSpecification, model: ModelSpecification, source: str) -> D
         value, wanted = pilot.specification.element, model.element
         raise InputError.stated("impossible-plan.pilot", source, None, "pilot", value, element=wanted)
     return pilot_of(pilot, beliefs)
-
-
-def pilot_of(pilot: Fit, otherwise: Beliefs) -> Pilot:
-    """A finished fit as what is believed of the next study."""
-    posterior = pilot.posterior["posterior"].dataset
-    single = {
-        str(name): array.to_numpy().reshape(-1)
-        for name, array in posterior.data_vars.items()
-        if array.dims == ("chain", "draw")
-    }
-    return Pilot(single, float(pilot.about["model"]["reference_mass_kg"]), otherwise)
 
 
 def _goals(plan: PlanSpecification) -> tuple[Goal, ...]:

@@ -26,6 +26,9 @@ class Candidate:
         factors: further columns, such as side.
         lost: the share of a measured person's impacts that give no recording.
         lost_people: the share of the people who are recruited and never measured.
+        people_named: of a running study, the people who are hit again; they come first.
+        trials_named: of the same, conditions as pairs of mass and velocity, each with its name.
+        prefix: what names of other people begin with.
     """
 
     people: int
@@ -34,6 +37,9 @@ class Candidate:
     factors: tuple[PlannedFactor, ...] = ()
     lost: float = 0.0
     lost_people: float = 0.0
+    people_named: tuple[str, ...] = ()
+    trials_named: tuple[tuple[float, float, str], ...] = ()
+    prefix: str = "s"
 
     @property
     def masses_kg(self) -> tuple[float, ...]:
@@ -71,16 +77,18 @@ class Candidate:
 
         Lost impacts are spread over people and conditions as by chance, but always the same ones.
         """
-        measured = max(self.people - round(self.lost_people * self.people), 1)
+        measured = max(self.people - round(self.lost_people * self.people), min(self.people, 1))
+        others = (f"{self.prefix}{number + 1:03d}" for number in range(measured))
+        names = {(mass, velocity): name for mass, velocity, name in self.trials_named}
         parts: dict[str, list[tuple[Any, ...]]] = {
-            "subject": [(f"s{number + 1:03d}",) for number in range(measured)],
-            "condition": [(trial_name(*pair), *pair) for pair in self.conditions],
+            "subject": [(name,) for name in (*self.people_named, *others)][:measured],
+            "condition": [(names.get(pair, trial_name(*pair)), *pair) for pair in self.conditions],
             **{factor.name: [(level,) for level in factor.levels] for factor in self._crossed},
             "repeat": [()] * self.repeats,
         }
         columns = ["subject", *_CONDITION, *(factor.name for factor in self._crossed)]
         impacts = [[cell for part in row for cell in part] for row in product(*parts.values())]
-        table = pd.DataFrame(impacts, columns=columns)
+        table = pd.DataFrame(impacts, columns=columns).astype({"mass_kg": float, "velocity_m_s": float})
         random = np.random.default_rng(0)
         for factor in self.factors:
             if factor.of_people:

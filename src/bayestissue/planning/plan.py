@@ -20,6 +20,7 @@ from bayestissue.planning.analysis import Study, factors_named, study_of
 from bayestissue.planning.assurance import Assessment, Goal, Progress, planner
 from bayestissue.planning.candidates import Candidate
 from bayestissue.planning.population import BLOCK, Beliefs, DesignPrior, Pilot
+from bayestissue.planning.running import Running, RunningPrior
 from bayestissue.planning.specification import PlanSpecification, plan_of, read_plan
 from bayestissue.planning.words import answer, paragraph
 from bayestissue.report.run_folder import draw_page
@@ -44,13 +45,16 @@ class Case:
     model: ModelSpecification
     prior: DesignPrior
     simulation: Simulation
+    running: Running | None = None
 
     @cached_property
     def key(self) -> str:
         """A hash of all that its studies depend on, but for the seed."""
         rows = self.design.rows().to_csv(index=False)
         chain = self.simulation.model_dump_json()
-        return _hash([rows, self.model.model_dump_json(), _words_of(self.prior), chain, runtime.versions()])
+        recorded = "" if self.running is None else _sum(self.running.centre)
+        model = self.model.model_dump_json()
+        return _hash([rows, model, _words_of(self.prior), chain, recorded, runtime.versions()])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -239,7 +243,7 @@ def carry_out(
     aim = study.plan.goal
     ledger = Ledger(aim.seed, aim.probability, say or _silent, known, parts)
     cases = [
-        Case(design, study.model_of(number), study.prior, study.simulation)
+        Case(design, study.model_of(number), study.prior, study.simulation, study.running)
         for number, design in enumerate(study.designs)
     ]
     found = ledger.assess(cases, study.goals, aim.studies)
@@ -265,6 +269,7 @@ def carry_out(
         ],
         "chosen": chosen + 1,
         "reaches": bool(reaching),
+        "looks": {} if study.running else _looks(cases, found, chosen),
         "variants": {
             name: _of_case(case, case.design.minutes(study.plan.cost), assessed)
             for (name, case), assessed in zip(variants.items(), of_variants, strict=True)
@@ -318,7 +323,7 @@ class Ledger:
     def assess(self, cases: Sequence[Case], goals: Sequence[Goal], studies: int) -> list[list[Assessment]]:
         """What so many studies say, by case and goal."""
         blocks = studies // BLOCK
-        groups: dict[tuple[int, int, int, int], list[Case]] = {}
+        groups: dict[tuple[int, ...], list[Case]] = {}
         for case in cases:
             done = min(self._done(self._key(case, goal)) for goal in goals) // BLOCK
             if done < blocks:
@@ -329,7 +334,7 @@ class Ledger:
         for (first, *_), group in groups.items():
             one = group[0]
             rows = [case.design.rows() for case in group]
-            ready = planner(rows, one.model, one.prior, one.simulation, seed=self._seed)
+            ready = planner(rows, one.model, one.prior, one.simulation, seed=self._seed, running=one.running)
             for begin in range(first, blocks, _BLOCKS):
                 end = min(begin + _BLOCKS, blocks)
                 progress = self._after(before, total)
@@ -399,11 +404,54 @@ def _variants(case: Case, *, reaches: bool) -> dict[str, Case]:
         "more people": replace(case, design=design.with_people(design.people + _MORE_PEOPLE)),
         "more repeats": replace(case, design=replace(design, repeats=2 * design.repeats)),
         "better recorder": replace(case, simulation=simulation.model_copy(update={"recording": better})),
-        "one truth": replace(case, prior=_at_one_truth(case.prior)),
     }
+    if case.running is None:
+        variants["one truth"] = replace(case, prior=_at_one_truth(case.prior))
+    else:
+        variants["as it stands"] = replace(case, design=design.with_people(0))
     if not reaches:
         variants["many people"] = replace(case, design=design.with_people(_MANY_TIMES * design.people))
     return variants
+
+
+def _looks(
+    cases: Sequence[Case], found: Sequence[Sequence[Assessment]], chosen: int
+) -> dict[str, list[dict[str, float]]]:
+    """Of each claim, what follows if the study stops at the first number of people that answers it.
+
+    The numbers are those of the candidates that are the chosen one but for their people: the share of studies
+    that have stopped by each, of those that have a wrong answer, and by how much what the claim compares is
+    estimated too large at the stop and, without stops, at that number.
+    """
+    alike = [
+        number
+        for number, case in enumerate(cases)
+        if replace(case.design, people=0) == replace(cases[chosen].design, people=0)
+    ]
+    alike.sort(key=lambda number: cases[number].design.people)
+    tables: dict[str, list[dict[str, float]]] = {}
+    for position, assessment in enumerate(found[chosen]):
+        if assessment.goal.width is not None or len(alike) < 2:
+            continue
+        stopped = np.zeros(assessment.studies, bool)
+        wrong, error, rows = stopped.copy(), np.full(assessment.studies, np.nan), []
+        for number in alike:
+            each = found[number][position]
+            now = (each.yes | each.no) & ~stopped
+            wrong |= now & (each.yes != each.true)
+            error[now] = (each.estimate - each.value)[now]
+            stopped |= now
+            rows.append(
+                {
+                    "people": cases[number].design.people,
+                    "stopped": float(stopped.mean()),
+                    "misled": float(wrong.mean()),
+                    "error": float(error[stopped].mean()) if stopped.any() else 0.0,
+                    "error_without": float((each.estimate - each.value).mean()),
+                }
+            )
+        tables[assessment.goal.name] = rows
+    return tables
 
 
 def _at_one_truth(prior: DesignPrior) -> DesignPrior:
@@ -423,12 +471,16 @@ def _words_of(prior: DesignPrior) -> str:
         case Beliefs(population=population):
             return population.model_dump_json()
         case Pilot(draws=draws, otherwise=otherwise):
-            sums = {
-                name: hashlib.sha256(np.ascontiguousarray(values)).hexdigest()
-                for name, values in draws.items()
-            }
-            return json.dumps([sums, prior.reference_mass_kg, otherwise.population.model_dump(mode="json")])
+            sums = {name: _sum(values) for name, values in draws.items()}
+            beliefs = otherwise.population.model_dump(mode="json")
+            return json.dumps([sums, prior.reference_mass_kg, beliefs])
+        case RunningPrior(pilot=pilot, effects=effects):
+            return json.dumps([_words_of(pilot), {name: _sum(each) for name, each in effects.items()}])
     raise TypeError(type(prior))
+
+
+def _sum(values: Any) -> str:
+    return hashlib.sha256(np.ascontiguousarray(values, float)).hexdigest()
 
 
 def _of_case(case: Case, minutes: float, assessed: Sequence[Assessment]) -> dict[str, Any]:
@@ -452,6 +504,7 @@ def _of_goal(assessment: Assessment) -> dict[str, Any]:
         "undecided": 1 - answered,
         "misleads": None if is_width else assessment.misleads,
         "true": None if is_width else float(assessment.true.mean()),
+        "undecided_bits": None if is_width else assessment.undecided_bits,
         "width": float(np.mean(assessment.width)) if is_width else None,
         "width_q80": float(np.quantile(assessment.width, 0.8)) if is_width else None,
     }

@@ -106,6 +106,17 @@ class Candidates(_Table):
         return self
 
 
+class After(_Table):
+    """A study that has begun; the candidates are then what is still to come."""
+
+    run: str = Field(description="the folder of its fit, whose model is that of the plan.")
+    dataset: str = Field(description="the folder of the recordings that were fitted.")
+    again: bool = Field(
+        default=False,
+        description="whether the people are first those that were recorded, hit again; else they are new.",
+    )
+
+
 class Precision(_Table):
     """A number that is to be known well enough: half the width of its 90 % interval."""
 
@@ -196,6 +207,10 @@ class PlanSpecification(_Table):
         default=None,
         description="the folder of a finished fit, whose posterior is what is believed; [population] then "
         "says what the fit has no parameter for.",
+    )
+    after: After | None = Field(
+        default=None,
+        description="a study that has begun; model, formula, pilot and population are then its own.",
     )
     questions: dict[str, str] = Field(
         default={}, description="claims to be decided, by a name each, as `bayestissue ask` asks them."

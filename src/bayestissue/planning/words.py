@@ -50,7 +50,7 @@ def paragraph(content: Content) -> str:
     sure = f"above {aim['probability']:g} or below {1 - aim['probability']:.2g}"
     several = len(design["goals"]) > 1
     numbers = "; ".join(_of_goal(name if several else "", goal) for name, goal in design["goals"].items())
-    truth = content["variants"]["one truth"]["goals"]
+    truth = content["variants"].get("one truth", {"goals": {}})["goals"]
     powers = listed([number(goal["answered"], 2) for goal in truth.values()])
     more = content["variants"]["more people"]
     model = next(each["model"] for each in content["analyses"] if content["chosen"] in each["designs"])
@@ -67,7 +67,7 @@ def paragraph(content: Content) -> str:
         "all that is believed of people and tissue beforehand (O'Hagan and Stevens, 2001).",
         f"A claim counts as answered if its posterior probability is {sure}." if plan["questions"] else "",
         f"In {first['studies']} simulated studies of this design {numbers}.",
-        f"At one assumed truth, the medians of these beliefs, the power is {powers}.",
+        f"At one assumed truth, the medians of these beliefs, the power is {powers}." if truth else "",
         f"With {more['people']} people the assurance is {listed(_goal_shares(more))}.",
         "Each simulated study is analysed as the study itself will be, by a Bayesian hierarchical model of "
         f"stiffness K and damping C of every impact (bayestissue {content['version']}, model "
@@ -93,7 +93,8 @@ def design_words(design: Content, content: Content) -> str:
         if not factor.get("of_people") and factor.get("every", True)
     )
     times = "once" if design["repeats"] == 1 else f"{design['repeats']} times"
-    people = counted(design["people"], "person", "people")
+    kind = ("further person", "further people") if "after" in content["plan"] else ("person", "people")
+    people = counted(design["people"], *kind)
     size = f"{counted(design['impacts'], 'impact')}, about {duration(design['minutes'])}"
     return f"{people}, each hit {times} {by}{levels} ({size})"
 
