@@ -87,6 +87,18 @@ def run(
         str | None,
         typer.Option("--C", metavar="FORMULA", help="The same of log C; that of --K unless given."),
     ] = None,
+    after: Annotated[
+        Path | None,
+        typer.Option(
+            "--after",
+            metavar="RUN",
+            help="The fit of a study that has begun: what is planned is still to come.",
+        ),
+    ] = None,
+    dataset: Annotated[
+        Path | None,
+        typer.Option("--dataset", metavar="DATASET", help="The recordings that were fitted, beside --after."),
+    ] = None,
     studies: Annotated[
         int | None,
         typer.Option(
@@ -114,11 +126,13 @@ def run(
     With --overwrite a plan goes on from the studies that --out holds: more --studies, or further designs in
     PLAN.toml, take the time of what is new. So does an interrupted one when the same command is given again.
     """
-    with results.claim(out, overwrite=overwrite, command="plan", inputs=(file, model)) as target:
+    with results.claim(
+        out, overwrite=overwrite, command="plan", inputs=(file, model, after, dataset)
+    ) as target:
         runtime.configure()
         from bayestissue.commands.console import Stages, echo, echo_tables
         from bayestissue.planning.analysis import study_of
-        from bayestissue.planning.plan import carry_out, known_studies, with_goal, write_plan
+        from bayestissue.planning.plan import carry_out, known_studies, with_after, with_goal, write_plan
         from bayestissue.report import draw_page
 
         options = {"--people": people, "--masses": masses, "--velocities": velocities, "--repeats": repeats}
@@ -131,6 +145,7 @@ def run(
             "--C": C,
         }
         plan, source = _specification(file, options)
+        plan = with_after(plan, source, after, dataset)
         plan = with_goal(plan, source, studies=studies, seed=seed)
         study = study_of(plan, source)
         if not quiet and not file:

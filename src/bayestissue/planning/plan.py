@@ -126,6 +126,8 @@ def plan(
     model: str | None = None,
     K: str | None = None,
     C: str | None = None,
+    after: str | Path | None = None,
+    dataset: str | Path | None = None,
     studies: int | None = None,
     seed: int | None = None,
     say: Progress | None = None,
@@ -136,7 +138,7 @@ def plan(
     analyse it, and its questions are asked. Assurance is the share of studies that answer them.
 
     Args:
-        file: a plan file; everything else but ``studies``, ``seed`` and ``say`` is then in it.
+        file: a plan file; everything but ``after``, ``dataset``, ``studies``, ``seed``, ``say`` is in it.
         people: how many are recruited; several are candidates.
         masses_kg: the masses that every person is hit by; several lists are candidates.
         ask: claims to be decided, such as "mass_exponent_K < 0.5"; a dict names them.
@@ -148,6 +150,8 @@ def plan(
         model: the analysis, as `fit` takes it; "impact" unless given.
         K: what log K depends on; as the model has it unless given.
         C: the same of log C; that of ``K`` unless given.
+        after: the folder of the fit of a study that has begun: what is planned is still to come.
+        dataset: the recordings that were fitted.
         studies: of each design; a multiple of 100.
         seed: same seed, same machine: same numbers.
         say: told the stage, how much of it is done, and its total.
@@ -172,6 +176,7 @@ def plan(
         content = content_of(lists, ask, within=within, groups=groups, model=model, K=K, C=C)
         source = "arguments"
         specification = plan_of(content, source)
+    specification = with_after(specification, source, after, dataset)
     changed = with_goal(specification, source, studies=studies, seed=seed)
     return carry_out(study_of(changed, source), say=say)
 
@@ -209,6 +214,21 @@ def _plain(value: Any) -> Any:
     if isinstance(value, Iterable) and not isinstance(value, str):
         return [_plain(inner) for inner in value]
     return value.item() if isinstance(value, np.generic) else value
+
+
+def with_after(
+    plan: PlanSpecification, source: str, run: str | Path | None, dataset: str | Path | None
+) -> PlanSpecification:
+    """The plan as one that goes on from a study, where that is given.
+
+    Raises:
+        InputError: of fit and dataset one is missing.
+    """
+    given = {name: str(path) for name, path in (("run", run), ("dataset", dataset)) if path is not None}
+    if not given:
+        return plan
+    content = plan.model_dump(mode="json", exclude_unset=True)
+    return plan_of({**content, "after": {**content.get("after", {}), **given}}, source)
 
 
 def with_goal(plan: PlanSpecification, source: str, **changed: Any) -> PlanSpecification:
@@ -416,7 +436,7 @@ def _variants(case: Case, *, reaches: bool) -> dict[str, Case]:
 
 def _looks(
     cases: Sequence[Case], found: Sequence[Sequence[Assessment]], chosen: int
-) -> dict[str, list[dict[str, float]]]:
+) -> dict[str, list[dict[str, float | None]]]:
     """Of each claim, what follows if the study stops at the first number of people that answers it.
 
     The numbers are those of the candidates that are the chosen one but for their people: the share of studies
@@ -429,12 +449,13 @@ def _looks(
         if replace(case.design, people=0) == replace(cases[chosen].design, people=0)
     ]
     alike.sort(key=lambda number: cases[number].design.people)
-    tables: dict[str, list[dict[str, float]]] = {}
+    tables: dict[str, list[dict[str, float | None]]] = {}
     for position, assessment in enumerate(found[chosen]):
         if assessment.goal.width is not None or len(alike) < 2:
             continue
         stopped = np.zeros(assessment.studies, bool)
-        wrong, error, rows = stopped.copy(), np.full(assessment.studies, np.nan), []
+        wrong, error = stopped.copy(), np.full(assessment.studies, np.nan)
+        rows: list[dict[str, float | None]] = []
         for number in alike:
             each = found[number][position]
             now = (each.yes | each.no) & ~stopped
@@ -446,12 +467,17 @@ def _looks(
                     "people": cases[number].design.people,
                     "stopped": float(stopped.mean()),
                     "misled": float(wrong.mean()),
-                    "error": float(error[stopped].mean()) if stopped.any() else 0.0,
-                    "error_without": float((each.estimate - each.value).mean()),
+                    "error": _mean(error[stopped]),
+                    "error_without": _mean(each.estimate - each.value),
                 }
             )
         tables[assessment.goal.name] = rows
     return tables
+
+
+def _mean(values: np.ndarray) -> float | None:
+    """The mean; None of what has none, as of a claim that compares nothing."""
+    return float(values.mean()) if len(values) and np.isfinite(values).all() else None
 
 
 def _at_one_truth(prior: DesignPrior) -> DesignPrior:

@@ -29,6 +29,7 @@ _VARIANTS = {
     "more repeats": "{repeats} repeats in the place of {before_repeats}",
     "better recorder": "a tenth of the recorder's noise and errors",
     "many people": "{people} people",
+    "as it stands": "nothing more: the study as it stands",
 }
 
 
@@ -56,7 +57,8 @@ def page_of(content: Mapping[str, Any], designs: pd.DataFrame, record: Mapping[s
             ("application", "For the application"),
             ("designs", "All designs"),
             ("more", "What more would add"),
-            ("power", "Power at one truth"),
+            *([("power", "Power at one truth")] if "one truth" in content["variants"] else []),
+            *([("looks", "Stopping early")] if content["looks"] else []),
             ("assumed", "What is assumed"),
             ("provenance", "Provenance"),
         ],
@@ -76,7 +78,8 @@ def page_of(content: Mapping[str, Any], designs: pd.DataFrame, record: Mapping[s
         designs_table=designs_table(designs, content["chosen"], wanted),
         gains=gains_table(content),
         gain_words=_gain_words(content),
-        power=power_table(content),
+        power=power_table(content) if "one truth" in content["variants"] else None,
+        looks=[(_name(name), looks_table(rows)) for name, rows in content["looks"].items()],
         formulas=_formulas(content),
         believed=settings_table({"population": plan["population"]}),
         chain=settings_table({key: plan[key] for key in ("recording", "recorder", "gravity") if key in plan}),
@@ -239,6 +242,7 @@ def designs_table(designs: pd.DataFrame, chosen: int, wanted: float) -> Table:
         Field("goal", lambda row: _name(row["goal"])),
         Field("assurance", share, "number"),
         *(known(name, name, hundredths) for name in ("yes", "no", "undecided", "misleads")),
+        known("bits left", "undecided_bits", hundredths),
         known("half width", "width", digits),
         known("80 % below", "width_q80", digits),
     ]
@@ -295,6 +299,22 @@ def power_table(content: Mapping[str, Any]) -> Table:
         Field("goal", _name),
         Field("assurance", lambda name: _share(chosen[name]), "number"),
         Field("power at one truth", lambda name: _share(truth[name]), "number"),
+    )
+
+
+def looks_table(rows: Sequence[Mapping[str, Any]]) -> Table:
+    """What stopping at the first answer does, by the number of people at each look."""
+
+    def known(row: Mapping[str, Any], name: str) -> str:
+        return "" if row[name] is None else significant(row[name], 2)
+
+    return table_of(
+        rows,
+        Field("people", lambda row: str(row["people"]), "number"),
+        Field("stopped by then", lambda row: number(row["stopped"], 2), "number"),
+        Field("of them wrongly", lambda row: number(row["misled"], 2), "number"),
+        Field("estimate too large by", lambda row: known(row, "error"), "number"),
+        Field("without stops", lambda row: known(row, "error_without"), "number"),
     )
 
 
