@@ -26,6 +26,7 @@ class Kernel:
     """What was asked of it: the number of designs and the blocks of each call."""
 
     most: float = 1.0
+    normal: bool = True
     calls: list[tuple[int, range]] = field(default_factory=list)
 
     def __call__(self, designs: Sequence[pd.DataFrame], *_: Any, seed: int, running: Any = None) -> Ready:
@@ -33,9 +34,18 @@ class Kernel:
 
 
 @dataclass
+class Traces:
+    is_gaussian: bool
+
+
+@dataclass
 class Ready:
     kernel: Kernel
     designs: Sequence[pd.DataFrame]
+
+    @property
+    def information(self) -> Traces:
+        return Traces(self.kernel.normal)
 
     def assess(
         self, goals: Sequence[Goal], blocks: range, *, probability: float, progress: Progress
@@ -58,9 +68,9 @@ class Ready:
 
 
 @contextmanager
-def kernel(most: float = 1.0) -> Iterator[Kernel]:
+def kernel(most: float = 1.0, *, normal: bool = True) -> Iterator[Kernel]:
     """Plans within the block are assessed by the stand-in."""
-    stand_in = Kernel(most)
+    stand_in = Kernel(most, normal)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "planner", stand_in)
         yield stand_in

@@ -230,9 +230,10 @@ def _say_factors(plan: PlanSpecification, echo: Callable[[str], None]) -> None:
 
 
 def _print(plan: Plan) -> None:
-    from bayestissue.commands.console import line, show, table
+    from bayestissue.commands.console import explained, line, show, table
     from bayestissue.outline import numbers_in_short
     from bayestissue.planning.words import duration
+    from bayestissue.remedies import codes_in
     from bayestissue.report.wording import number
 
     designs = plan.content["designs"]
@@ -250,3 +251,6 @@ def _print(plan: Plan) -> None:
     ]
     show(table(f"{plan.content['plan']['name']}: the probability of an answer", headings, rows))
     line(plan.answer)
+    if plan.content["warning"]:
+        line(plan.content["warning"])
+        explained(codes_in(plan.content["warning"]))

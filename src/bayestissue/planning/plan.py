@@ -22,7 +22,7 @@ from bayestissue.planning.candidates import Candidate
 from bayestissue.planning.population import BLOCK, Beliefs, DesignPrior, Pilot
 from bayestissue.planning.running import Running, RunningPrior
 from bayestissue.planning.specification import PlanSpecification, plan_of, read_plan
-from bayestissue.planning.words import answer, paragraph
+from bayestissue.planning.words import answer, paragraph, warning
 from bayestissue.report.run_folder import draw_page
 from bayestissue.results.tables import table_of_rows, typed
 from bayestissue.simulation.specification import Recording, Simulation
@@ -287,6 +287,7 @@ def carry_out(
             {"design": number + 1, **_of_case(case, minutes[number], found[number])}
             for number, case in enumerate(cases)
         ],
+        "normal_traces": bool(ledger.table()["normal"].all()),
         "chosen": chosen + 1,
         "reaches": bool(reaching),
         "looks": {} if study.running else _looks(cases, found, chosen),
@@ -297,7 +298,7 @@ def carry_out(
     }
     # Of all that was assumed and found; what follows is the same in words.
     content["sha256"] = _hash(content)
-    content |= {"answer": answer(content), "paragraph": paragraph(content)}
+    content |= {"answer": answer(content), "paragraph": paragraph(content), "warning": warning(content)}
     record = start.record(
         "plan", "plan", plan=study.plan.name, seed=aim.seed, studies=aim.studies, sha256=content["sha256"]
     )
@@ -361,7 +362,7 @@ class Ledger:
                 answers = ready.assess(
                     goals, range(begin, end), probability=self._probability, progress=progress
                 )
-                self._keep(group, goals, answers, begin * BLOCK)
+                self._keep(group, goals, answers, begin * BLOCK, normal=ready.information.is_gaussian)
                 before += (end - begin) * len(group)
         return [[self._read(self._key(case, goal), goal, studies) for goal in goals] for case in cases]
 
@@ -380,21 +381,30 @@ class Ledger:
     def _everything(self) -> pd.DataFrame:
         if len(self._tables) > 1:
             self._tables = [pd.concat(self._tables, ignore_index=True).drop_duplicates(["key", "study"])]
-        return self._tables[0] if self._tables else pd.DataFrame(columns=["key", "study", *_PER_STUDY])
+        return (
+            self._tables[0] if self._tables else pd.DataFrame(columns=["key", "study", "normal", *_PER_STUDY])
+        )
 
     def _done(self, key: str) -> int:
         everything = self._everything()
         return int((everything["key"] == key).sum())
 
     def _keep(
-        self, cases: Sequence[Case], goals: Sequence[Goal], answers: list[list[Assessment]], first: int
+        self,
+        cases: Sequence[Case],
+        goals: Sequence[Goal],
+        answers: list[list[Assessment]],
+        first: int,
+        *,
+        normal: bool,
     ) -> None:
         tables = []
         for case, of_case in zip(cases, answers, strict=True):
             for goal, one in zip(goals, of_case, strict=True):
                 columns = {name: getattr(one, name) for name in _PER_STUDY}
                 number = first + np.arange(one.studies)
-                tables.append(pd.DataFrame({"key": self._key(case, goal), "study": number, **columns}))
+                of_all = {"key": self._key(case, goal), "study": number, "normal": normal}
+                tables.append(pd.DataFrame({**of_all, **columns}))
         table = pd.concat(tables, ignore_index=True)
         self._tables.append(table)
         if self._parts is not None:

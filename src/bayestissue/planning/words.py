@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from bayestissue.errors import Coded
 from bayestissue.outline import counted
 from bayestissue.report.wording import listed, number, percent
 
@@ -61,7 +62,7 @@ def paragraph(content: Content) -> str:
     ]
     sentences = [
         f"The study asks {_asked(plan)}.",
-        f"{design_words(design, content)}.",
+        f"It has {design_words(design, content)}.",
         f"Losses of {listed(lost)} are allowed for." if lost else "",
         "The design was chosen by its assurance, the probability that the study answers its question given "
         "all that is believed of people and tissue beforehand (O'Hagan and Stevens, 2001).",
@@ -75,6 +76,14 @@ def paragraph(content: Content) -> str:
         f"The plan with all of its assumptions has a SHA-256 that begins with {content['sha256'][:12]}.",
     ]
     return " ".join(filter(None, sentences))
+
+
+def warning(content: Content) -> str:
+    """What speaks against the numbers of a plan; empty if nothing."""
+    if content["normal_traces"]:
+        return ""
+    words = "Traces are no normal densities of log K and log C here: shares and widths may be off"
+    return Coded(words, "traces-not-normal")
 
 
 def design_words(design: Content, content: Content) -> str:

@@ -12,6 +12,7 @@ import pandas as pd
 from markupsafe import Markup
 
 from bayestissue.outline import counted, numbers_in_short
+from bayestissue.remedies import codes_in
 from bayestissue.report.page import figure, render_page
 from bayestissue.report.run_folder import read_json, require_files
 from bayestissue.report.style import MUTED, PALETTE, POSTERIOR, new_figure, style
@@ -67,6 +68,8 @@ def page_of(content: Mapping[str, Any], designs: pd.DataFrame, record: Mapping[s
         plan=plan,
         reaches=content["reaches"],
         answer=content["answer"],
+        warning=content["warning"],
+        codes=codes_in(content["warning"]),
         paragraph=content["paragraph"],
         sha256=content["sha256"],
         questions=_questions(plan),
@@ -161,7 +164,7 @@ def curves(designs: pd.DataFrame, goal: str, wanted: float) -> Markup:
     rows = designs[designs["goal"] == goal]
     over = "people" if rows["people"].nunique() >= rows["repeats"].nunique() else "repeats"
     others = ["masses_kg", "velocities_m_s", "conditions", "repeats" if over == "people" else "people"]
-    lines = sorted(rows.groupby(others, sort=False), key=lambda group: -group[1]["answered"].max())
+    lines = sorted(rows.groupby(others, sort=False), key=lambda group: -group[1]["answered"].mean())
     varying = [name for name in others if len(set(rows[name])) > 1]
     fig, axes = new_figure((4.8, 3.5))
     for number_, (key, line) in enumerate(lines[:_MOST_LINES]):
@@ -215,7 +218,11 @@ def contours(designs: pd.DataFrame, goal: str, chosen: Mapping[str, Any], wanted
     axes.set(xlabel="people", ylabel="repeats", title=_name(goal))
     axes.set_xticks(list(grid.columns))
     axes.set_yticks(list(grid.index))
-    axes.margins(0.06)
+    for low, high, set_limits in (
+        (grid.columns[0], grid.columns[-1], axes.set_xlim),
+        (grid.index[0], grid.index[-1], axes.set_ylim),
+    ):
+        set_limits(low - 0.06 * (high - low), high + 0.06 * (high - low))
     alt = f"Lines of equal assurance of {_name(goal)} over people and repeats; the design above is marked."
     return figure(fig, alt)
 
@@ -247,7 +254,9 @@ def designs_table(designs: pd.DataFrame, chosen: int, wanted: float) -> Table:
         known("80 % below", "width_q80", digits),
     ]
     rows = designs.to_dict("records")
-    return table_of(rows, *(field for field in fields if any(field.cell(row) for row in rows)))
+    shown = [field for field in fields if any(field.cell(row) for row in rows)]
+    several = len(set(designs["goal"])) > 1
+    return table_of(rows, *(field for field in shown if several or field.title != "goal"))
 
 
 def gains_table(content: Mapping[str, Any]) -> Table:
@@ -282,7 +291,7 @@ def _gain_words(content: Mapping[str, Any]) -> list[str]:
     """For the first screen: what the next ten people would add."""
     chosen, more = content["designs"][content["chosen"] - 1], content["variants"]["more people"]
     return [
-        f"{more['people'] - chosen['people']} more people: {_gain(goal, chosen['goals'][name])}"
+        f"{more['people'] - chosen['people']} more people add {_gain(goal, chosen['goals'][name])}"
         + (f" ({_name(name)})" if len(more["goals"]) > 1 else "")
         for name, goal in more["goals"].items()
     ]
@@ -312,7 +321,7 @@ def looks_table(rows: Sequence[Mapping[str, Any]]) -> Table:
         rows,
         Field("people", lambda row: str(row["people"]), "number"),
         Field("stopped by then", lambda row: number(row["stopped"], 2), "number"),
-        Field("of them wrongly", lambda row: number(row["misled"], 2), "number"),
+        Field("answered wrongly", lambda row: number(row["misled"], 2), "number"),
         Field("estimate too large by", lambda row: known(row, "error"), "number"),
         Field("without stops", lambda row: known(row, "error_without"), "number"),
     )
