@@ -59,7 +59,7 @@ def plan_assurance() -> Named:
         plan=with_error(rows["by_plan"], rows["by_plan_se"]),
         fits=with_error(rows["by_fits"], rows["by_fits_se"]),
     )
-    wide = shares.pivot(index="case", columns="share", values=["plan", "fits"])
+    wide = shares.pivot_table(index="case", columns="share", values=["plan", "fits"], aggfunc="first")
     order = rows["case"].unique()
     columns = {
         f"{words}, by {way}": wide[source, share].reindex(order).to_numpy()

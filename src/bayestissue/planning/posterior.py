@@ -27,7 +27,7 @@ from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.planning.model import PlannedModel
 
 # Points of the hyperparameters, and draws of the effects at each.
-POINTS, EFFECTS = 256, 2
+POINTS, EFFECTS = 128, 4
 # Degrees of freedom of the proposal.
 _TAILS = 7.0
 # Of differences of slopes; rounds of the search, and what a step must promise for another one.
