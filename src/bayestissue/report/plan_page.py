@@ -207,22 +207,21 @@ def contours(designs: pd.DataFrame, goal: str, chosen: Mapping[str, Any], wanted
     grid = rows.pivot_table(index="repeats", columns="people", values="answered")
     if min(grid.shape) < 2 or grid.isna().any(axis=None):
         return None
+    people, repeats = (np.asarray(values, float) for values in (grid.columns, grid.index))
     fig, axes = new_figure((4.8, 3.2))
-    levels = sorted({*_LEVELS, wanted})
-    drawn = axes.contour(grid.columns, grid.index, grid, levels=levels, colors=MUTED, linewidths=1)
-    if np.ptp(grid.to_numpy()) > 0:
+    shares = grid.to_numpy(float)
+    crossed = [level for level in sorted({*_LEVELS, wanted}) if shares.min() < level < shares.max()]
+    if crossed:
+        drawn = axes.contour(people, repeats, shares, levels=crossed, colors=MUTED, linewidths=1)
         axes.clabel(drawn, fmt="%g", fontsize=8.5)
-        axes.contour(grid.columns, grid.index, grid, levels=[wanted], colors=POSTERIOR, linewidths=2)
-    axes.plot(*np.meshgrid(grid.columns, grid.index), "o", ms=3, color=MUTED)
+    if wanted in crossed:
+        axes.contour(people, repeats, shares, levels=[wanted], colors=POSTERIOR, linewidths=2)
+    axes.plot(*np.meshgrid(people, repeats), "o", ms=3, color=MUTED)
     axes.plot(chosen["people"], chosen["repeats"], "o", ms=8, color=POSTERIOR)
-    axes.set(xlabel="people", ylabel="repeats", title=_name(goal))
-    axes.set_xticks(list(grid.columns))
-    axes.set_yticks(list(grid.index))
-    for low, high, set_limits in (
-        (grid.columns[0], grid.columns[-1], axes.set_xlim),
-        (grid.index[0], grid.index[-1], axes.set_ylim),
-    ):
-        set_limits(low - 0.06 * (high - low), high + 0.06 * (high - low))
+    axes.set(xlabel="people", ylabel="repeats", title=_name(goal), xticks=people, yticks=repeats)
+    for values, set_limits in ((people, axes.set_xlim), (repeats, axes.set_ylim)):
+        margin = 0.06 * np.ptp(values)
+        set_limits(values[0] - margin, values[-1] + margin)
     alt = f"Lines of equal assurance of {_name(goal)} over people and repeats; the design above is marked."
     return figure(fig, alt)
 
