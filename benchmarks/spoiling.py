@@ -15,7 +15,7 @@ from bayestissue.dataset.model import Dataset, Trace
 from bayestissue.dataset.recordings import Recordings, Samples
 from bayestissue.inference.points.notes import FAILED, NO_ANSWER
 from bayestissue.inference.single.estimates import estimate
-from bayestissue.signal.quality.inspection import KINDS
+from bayestissue.signal.quality import inspection
 
 type Stage = Callable[[np.ndarray, np.ndarray], np.ndarray]
 type Spoiling = Callable[[Impact, Chain, np.random.Generator], Trace]
@@ -350,7 +350,7 @@ def judged(recorded: Recorded) -> pd.DataFrame:
     said = table["flags"] + "; " + table["notes"]
     no_answer = [bool({*FAILED, NO_ANSWER} & set(text.split("; "))) for text in said]
     greater = np.maximum(off["K_off"], off["C_off"])
-    noted = table["notes"].str.contains(KINDS["contact-earlier"].flag, regex=False)
+    noted = table["notes"].str.contains(inspection.KINDS["contact-earlier"].flag, regex=False)
     flags = _said(data, table)
     return pd.DataFrame({"flags": flags, **off, "off": greater, "no_answer": no_answer, "noted": noted})
 

@@ -22,6 +22,8 @@ from bayestissue.dataset.settings import Settings
 from bayestissue.hierarchy.priors import Pair, _Prior
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.inference.results.labels import ATTRIBUTES, GROUPS, element_attributes
+from bayestissue.planning.population import Known
+from bayestissue.planning.specification import PlanSpecification
 from bayestissue.results.tables import declared_files
 from bayestissue.settings import _table_in
 from bayestissue.simulation.specification import Simulation
@@ -102,6 +104,7 @@ def test_the_reference_has_every_command_and_option(manual):
     [
         ("model", ModelSpecification),
         ("dataset", Settings),
+        ("plan", PlanSpecification),
         ("simulate", Simulation),
         ("causes", CausesSpecification),
     ],
@@ -118,7 +121,7 @@ def fields(schema: type[BaseModel]) -> Iterator[tuple[str, FieldInfo]]:
     for name, field in schema.model_fields.items():
         yield name, field
         inner = _table_in(field.annotation)
-        if inner is not None and not issubclass(inner, _Prior | Pair | Range):
+        if inner is not None and not issubclass(inner, _Prior | Pair | Range | Known):
             yield from fields(inner)
 
 

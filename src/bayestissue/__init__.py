@@ -21,6 +21,7 @@ _PUBLIC: dict[str, str] = {
     "Fit": "bayestissue.finished",
     "Impact": "bayestissue.one_impact",
     "InputError": "bayestissue.errors",
+    "Plan": "bayestissue.planning.plan",
     "Problem": "bayestissue.errors",
     "Run": "bayestissue.finished",
     "read_run": "bayestissue.finished",
@@ -30,6 +31,7 @@ _COMPUTED: dict[str, str] = {
     "check": "bayestissue.checking",
     "fit": "bayestissue.fitting",
     "impact": "bayestissue.one_impact",
+    "plan": "bayestissue.planning.plan",
     "estimate": "bayestissue.inference.single.estimates",
 }
 # What does too, compiled, and takes arrays.

@@ -26,6 +26,7 @@ from bayestissue.commands import (
     fit,
     init,
     options,
+    plan,
     reproduce,
     simulate,
 )
@@ -56,7 +57,8 @@ app = typer.Typer(
 _FAILED = more(["machine-failed"])
 
 _COMMANDS: dict[str, Callable[..., None]] = {
-    **{"init": init.run, "check": check.run, "simulate": simulate.run, "estimate": estimate.run},
+    **{"plan": plan.run, "init": init.run, "check": check.run, "simulate": simulate.run},
+    "estimate": estimate.run,
     **{"fit": fit.run, "reproduce": reproduce.run, "report": finished_runs.report, "compare": compare.run},
     **{"ask": finished_runs.ask, "predict": finished_runs.predict, "causes": causes.run},
     "explain": explain.run,

@@ -56,6 +56,11 @@ def span(values: ArrayLike, unit: str) -> str:
     return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
 
 
+def numbers_in_short(values: Sequence[str], most: int = 4) -> str:
+    """Numbers with commas between them; of many the first and the last, and how many there are."""
+    return ", ".join(values) if len(values) <= most else f"{len(values)} from {values[0]} to {values[-1]}"
+
+
 def counted(count: int, one: str, several: str = "") -> str:
     """A count with its noun: ``1 person``, ``3 people``; with an s unless it is said."""
     return f"{count} {one if count == 1 else several or f'{one}s'}"

@@ -18,6 +18,7 @@ PARTS: dict[str, Callable[[], str]] = {
     "model keys": keys.model,
     "dataset.toml keys": keys.dataset,
     "impacts.csv columns": keys.impacts,
+    "plan keys": keys.plan,
     "simulate keys": keys.simulation,
     "causes keys": keys.causes,
     "result files": results.files,

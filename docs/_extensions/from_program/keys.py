@@ -18,13 +18,15 @@ from bayestissue.dataset.settings import Settings
 from bayestissue.elements import element, element_names
 from bayestissue.hierarchy import priors
 from bayestissue.hierarchy.specification import ModelSpecification
+from bayestissue.planning.population import Known
+from bayestissue.planning.specification import PlanSpecification
 from bayestissue.simulation.specification import Simulation
 from bayestissue.thesis.causes.specification import STRENGTHS, CausesSpecification, Range
 from from_program.markdown import code, escaped, table
 
 # Tables that are written on one line, and described once.
 _DISTRIBUTIONS = (priors.Normal, priors.HalfNormal, priors.HalfStudentT, priors.Correlation)
-_IN_ONE_LINE = (*_DISTRIBUTIONS, priors.Pair, Range)
+_IN_ONE_LINE = (*_DISTRIBUTIONS, priors.Pair, Range, Known)
 _UNITS = {
     "_N_s_per_m": "N s/m",
     "_N_per_m": "N/m",
@@ -91,6 +93,11 @@ def impacts() -> str:
 def simulation() -> str:
     """Keys of the specification of `bayestissue simulate`."""
     return sections(Simulation)
+
+
+def plan() -> str:
+    """Keys of the plan file of `bayestissue plan`."""
+    return sections(PlanSpecification)
 
 
 def causes() -> str:
@@ -179,14 +186,18 @@ def _shown(value: Any) -> str:
         return ""
     if isinstance(value, _DISTRIBUTIONS):
         return value.words()
+    if isinstance(value, Known):
+        return f"{value.value:g}"
     if isinstance(value, priors.Pair):
-        return "; ".join(f"{name}: {each.words()}" for name, each in value)
+        return "; ".join(f"{name}: {_shown(each)}" for name, each in value)
     if isinstance(value, BaseModel):
         return ""
     return code({True: "true", False: "false"}.get(value, value) if isinstance(value, bool) else _toml(value))
 
 
 def _toml(value: Any) -> str:
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_toml, value))}]"
     return f'"{value}"' if isinstance(value, str) else f"{value:g}"
 
 
@@ -233,8 +244,8 @@ def _several(annotation: Any) -> str:
 
 
 def _of_table(annotation: type[BaseModel]) -> str:
-    if issubclass(annotation, Range):
-        return "a range"
+    if issubclass(annotation, Range | Known):
+        return "a number" if issubclass(annotation, Known) else "a range"
     if issubclass(annotation, _DISTRIBUTIONS):
         return code(annotation.__doc__.split('"')[1])
     return "`K` and `C`, a distribution each" if issubclass(annotation, priors.Pair) else "a table"

@@ -89,7 +89,7 @@ def values_at_levels(design: Design, reported: Draws) -> dict[str, np.ndarray]:
     covariate with categories, and ``K_typical_person`` [chain, draw]. All are at the reference mass, but a
     condition's at its own mass and velocity; all are medians over the impact's own scatter.
     """
-    draws, recorded = _dataset(design, reported), design.recorded
+    draws, recorded = labelled_draws(design, reported), design.recorded
     values = {}
     for response in design.responses:
         conditions_of: dict[str, list[Condition]] = {
@@ -129,7 +129,7 @@ def effect_dimensions(design: Design) -> dict[str, str]:
     }
 
 
-def _dataset(design: Design, reported: Draws) -> xr.Dataset:
+def labelled_draws(design: Design, reported: Draws) -> xr.Dataset:
     """What `reported_sites` has, with the levels of each group term's effects."""
     levels = effect_dimensions(design)
     coords = {name: list(design.groupings[name].levels) for name in set(levels.values())}

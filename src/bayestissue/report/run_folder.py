@@ -248,6 +248,7 @@ _PAGES = {
     "fit": ("report.fit.page", "fit_page"),
     "comparison": ("report.comparison", "comparison_page"),
     "causes": ("thesis.pages.causes_page", "causes_page"),
+    "plan": ("report.plan_page", "plan_page"),
 }
 
 

@@ -226,6 +226,16 @@ class Recording(_Table):
         return self
 
 
+def require_samples_to_filter(recorder: RecorderSettings | None, recording: Recording) -> None:
+    """Raise a ValueError where a digital low-pass has its corner above half of the sampling rate."""
+    low_pass, most = recorder and recorder.values(), recording.sampling_rate_hz / 2
+    if low_pass and low_pass.digital and low_pass.low_pass_hz >= most:
+        raise ValueError(
+            f'a digital low-pass below {most:g} Hz, half of the sampling rate, or applied = "analog", '
+            f"beside its corner of {low_pass.low_pass_hz:g} Hz"
+        )
+
+
 class Output(_Table):
     """The trace file."""
 
@@ -267,12 +277,7 @@ class Simulation(_Table):
 
     @model_validator(mode="after")
     def _has_samples_to_filter(self) -> Self:
-        low_pass, most = self.recorder and self.recorder.values(), self.recording.sampling_rate_hz / 2
-        if low_pass and low_pass.digital and low_pass.low_pass_hz >= most:
-            raise ValueError(
-                f'a digital low-pass below {most:g} Hz, half of the sampling rate, or applied = "analog", '
-                f"beside its corner of {low_pass.low_pass_hz:g} Hz"
-            )
+        require_samples_to_filter(self.recorder, self.recording)
         return self
 
     @model_validator(mode="after")

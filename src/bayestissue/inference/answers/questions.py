@@ -92,19 +92,26 @@ def ask_what_can_be(finished: Finished, questions: Sequence[Question]) -> pd.Dat
     return table_of_rows("questions", rows)
 
 
-def require_readable(questions: Sequence[Question], recorded: Recorded) -> None:
-    """Raise an `InputError` of all that is wrong with questions, as far as it shows before a fit."""
-    all_of(lambda question: _read(question, recorded, None), questions)
+def require_readable(
+    questions: Sequence[Question], recorded: Recorded, posterior: xr.Dataset | None = None
+) -> None:
+    """Raise an `InputError` of all that is wrong with questions, as far as it shows without ``posterior``."""
+    all_of(lambda question: _read(question, recorded, posterior), questions)
 
 
 def _read(question: Question, recorded: Recorded, posterior: xr.Dataset | None) -> Node:
     try:
         node = parse(question.text)
     except QuestionError as slip:
-        raise InputError(_problem(slip, question, f"Allowed: {ALLOWED}.")) from None
+        raise InputError(problem_of(slip, question)) from None
     if errors := list(mistakes(node, recorded, posterior)):
         raise InputError(_problem(slip, question) for slip in errors)
     return node
+
+
+def problem_of(slip: QuestionError, question: Question) -> Problem:
+    """A slip of form: what is allowed stands beside it."""
+    return _problem(slip, question, f"Allowed: {ALLOWED}.")
 
 
 def _problem(slip: QuestionError, question: Question, otherwise: str = "") -> Problem:

@@ -1,0 +1,256 @@
+"""``plan``: how many people, masses and impacts a study needs, before anyone is hit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from bayestissue import results, runtime
+from bayestissue.commands.options import Excel, Json, Model, Out, Overwrite, Quiet
+from bayestissue.errors import InputError, all_of
+
+if TYPE_CHECKING:
+    from bayestissue.planning.plan import Plan
+    from bayestissue.planning.specification import PlanSpecification
+
+
+def run(
+    out: Out,
+    file: Annotated[
+        Path | None,
+        typer.Argument(help="The plan; without it the options say what is planned.", metavar="PLAN.toml"),
+    ] = None,
+    people: Annotated[
+        str | None,
+        typer.Option("--people", metavar="NUMBERS", help="How many are recruited; 10,20,30 compares three."),
+    ] = None,
+    masses: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--masses",
+            metavar="KG",
+            help="The masses that each person is hit by, such as 0.5,1; given again it is compared.",
+        ),
+    ] = None,
+    velocities: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--velocities", metavar="M_S", help="Velocities at contact, in the same way; 1.5 unless given."
+        ),
+    ] = None,
+    repeats: Annotated[
+        str | None,
+        typer.Option(
+            "--repeats",
+            metavar="NUMBERS",
+            help="Impacts of each person by each mass; 1,3 compares two; 1 unless given.",
+        ),
+    ] = None,
+    within: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--within",
+            metavar="NAME=LEVELS",
+            help="What each person is hit at every level of, such as side=left,right. Without this and "
+            "--groups it is what questions name.",
+        ),
+    ] = None,
+    groups: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--groups",
+            metavar="NAME=LEVELS",
+            help="Groups that people belong to, as many people each, such as sex=f,m.",
+        ),
+    ] = None,
+    ask: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--ask",
+            metavar="CLAIM",
+            help='What is to be decided, such as "K[side=left] / K[side=right] > 1.1"; may be given again.',
+        ),
+    ] = None,
+    model: Model = None,
+    K: Annotated[
+        str | None,
+        typer.Option(
+            "--K",
+            metavar="FORMULA",
+            help="What log K depends on, as `fit` takes it; as the model has it unless given.",
+        ),
+    ] = None,
+    C: Annotated[
+        str | None,
+        typer.Option("--C", metavar="FORMULA", help="The same of log C; that of --K unless given."),
+    ] = None,
+    after: Annotated[
+        Path | None,
+        typer.Option(
+            "--after",
+            metavar="RUN",
+            help="The fit of a study that has begun: what is planned is still to come.",
+        ),
+    ] = None,
+    dataset: Annotated[
+        Path | None,
+        typer.Option("--dataset", metavar="DATASET", help="The recordings that were fitted, beside --after."),
+    ] = None,
+    studies: Annotated[
+        int | None,
+        typer.Option(
+            "--studies",
+            help="Studies that are drawn of each design, a multiple of 100; 500 unless the plan says.",
+            min=100,
+        ),
+    ] = None,
+    seed: Annotated[
+        int | None,
+        typer.Option("--seed", help="Instead of the plan's.", min=0, max=runtime.MOST_SEED),
+    ] = None,
+    excel: Excel = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """How many people, masses and impacts it takes to answer a question, before anyone is hit.
+
+    Studies of each design are drawn from what is believed of people and tissue. Each is analysed as `fit`
+    will analyse the real one, and its questions are asked. The share of studies that answer is the design's
+    assurance. The cheapest design that reaches the wanted assurance is chosen. Beliefs, costs, losses, the
+    recorder, and how well a number is to be known are tables of a plan file; without one they are typical.
+
+    With --overwrite a plan goes on from the studies that --out holds: more --studies, or further designs in
+    PLAN.toml, take the time of what is new. So does an interrupted one when the same command is given again.
+    """
+    with results.claim(
+        out, overwrite=overwrite, command="plan", inputs=(file, model, after, dataset)
+    ) as target:
+        runtime.configure()
+        from bayestissue.commands.console import Stages, echo, echo_tables
+        from bayestissue.planning.analysis import study_of
+        from bayestissue.planning.plan import carry_out, known_studies, with_after, with_goal, write_plan
+        from bayestissue.report import draw_page
+
+        options = {"--people": people, "--masses": masses, "--velocities": velocities, "--repeats": repeats}
+        options |= {
+            "--within": within,
+            "--groups": groups,
+            "--ask": ask,
+            "--model": model,
+            "--K": K,
+            "--C": C,
+        }
+        plan, source = _specification(file, options)
+        plan = with_after(plan, source, after, dataset)
+        plan = with_goal(plan, source, studies=studies, seed=seed)
+        study = study_of(plan, source)
+        if not quiet and not file:
+            _say_factors(plan, echo)
+        known = known_studies(target.path)
+        # Studies are kept by what they depend on, so that those of another plan do no harm.
+        with Stages(quiet=quiet or as_json) as say, target.unfinished("plan") as parts:
+            done = carry_out(study, say=say, known=known, parts=parts)
+            with target.folder() as folder:
+                write_plan(done, folder, excel=excel)
+        draw_page(target.path)
+        if as_json:
+            echo_tables(designs=done.designs)
+        elif not quiet:
+            _print(done)
+            echo(f"wrote {target.path / 'designs.csv'} and {target.path / 'report.html'}")
+
+
+def _specification(file: Path | None, options: dict[str, Any]) -> tuple[PlanSpecification, str]:
+    """The plan of a file, or of options, and what messages call it."""
+    from bayestissue.planning.plan import content_of
+    from bayestissue.planning.specification import plan_of, read_plan
+
+    named = [option for option, value in options.items() if value]
+    if file is not None:
+        if named:
+            raise InputError.stated("impossible-plan.both", "command line", None, named[0], option=named[0])
+        return read_plan(file), str(file)
+    if missing := [option for option in ("--people", "--masses", "--ask") if not options[option]]:
+        raise InputError.stated("impossible-plan.none", "command line", None, missing[0])
+    read: list[Callable[[], Any]] = [
+        lambda: _numbers(options["--people"], "--people", int, "10,20,30"),
+        lambda: [_numbers(text, "--masses", float, "0.5,1") for text in options["--masses"]],
+        lambda: [_numbers(text, "--velocities", float, "1.5") for text in options["--velocities"] or ["1.5"]],
+        lambda: _numbers(options["--repeats"] or "1", "--repeats", int, "1,3"),
+        lambda: _levels(options["--within"], "--within", "side=left,right"),
+        lambda: _levels(options["--groups"], "--groups", "sex=f,m"),
+    ]
+    people, masses, velocities, repeats, within, groups = all_of(lambda part: part(), read)
+    lists = {"people": people, "masses_kg": masses, "velocities_m_s": velocities, "repeats": repeats}
+    settings = {"model": options["--model"], "K": options["--K"], "C": options["--C"]}
+    content = content_of(lists, options["--ask"], within=within, groups=groups, **settings)
+    return plan_of(content, "command line"), "command line"
+
+
+def _numbers(text: str, option: str, kind: type[int] | type[float], example: str) -> list[float]:
+    try:
+        return [kind(part) for part in text.split(",")]
+    except ValueError:
+        above = " that are whole" if kind is int else ""
+        raise InputError.stated(
+            "option-value.numbers",
+            "command line",
+            None,
+            option,
+            text,
+            option=option,
+            example=example,
+            above=above,
+        ) from None
+
+
+def _levels(texts: Sequence[str] | None, option: str, example: str) -> dict[str, list[str]] | None:
+    """Levels by the name of their factor; None where none are given."""
+    levels = {}
+    for text in texts or ():
+        name, _, values = text.partition("=")
+        levels[name.strip()] = [value.strip() for value in values.split(",") if value.strip()]
+        if not name.strip() or len(levels[name.strip()]) < 2:
+            raise InputError.stated(
+                "option-value.levels", "command line", None, option, text, option=option, example=example
+            )
+    return levels or None
+
+
+def _say_factors(plan: PlanSpecification, echo: Callable[[str], None]) -> None:
+    for factor in plan.candidates.factors:
+        if factor.within:
+            levels = " and ".join(factor.levels)
+            words = f"{factor.name}: each person is hit at {levels}"
+            echo(f"{words}; of groups of people write --groups {factor.name}={','.join(factor.levels)}")
+
+
+def _print(plan: Plan) -> None:
+    from bayestissue.commands.console import explained, line, show, table
+    from bayestissue.outline import numbers_in_short
+    from bayestissue.planning.words import duration
+    from bayestissue.remedies import codes_in
+    from bayestissue.report.wording import number
+
+    designs = plan.content["designs"]
+    goals = [name.replace("_", " ") for name in designs[0]["goals"]]
+    headings = ["people", "kg", "m/s", "repeats", "takes", *goals]
+    rows = [
+        [
+            str(each["people"]),
+            *(numbers_in_short(each[name].split()) for name in ("masses_kg", "velocities_m_s")),
+            str(each["repeats"]),
+            duration(each["minutes"]),
+            *(f"{number(goal['answered'], 2)} ± {number(goal['se'], 2)}" for goal in each["goals"].values()),
+        ]
+        for each in designs
+    ]
+    show(table(f"{plan.content['plan']['name']}: the probability of an answer", headings, rows))
+    line(plan.answer)
+    if plan.content["warning"]:
+        line(plan.content["warning"])
+        explained(codes_in(plan.content["warning"]))

@@ -1,0 +1,318 @@
+"""How each candidate design will be analysed, and what of a plan it can't tell: refused before any work."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from bayestissue.errors import InputError, Problem, collected
+from bayestissue.finished import read_run
+from bayestissue.fitting import resolve
+from bayestissue.hierarchy import derived
+from bayestissue.hierarchy.design import Design, build_design
+from bayestissue.hierarchy.effects import RESPONSES
+from bayestissue.hierarchy.formulas.formula import DEFAULT_FORMULA, judge
+from bayestissue.hierarchy.priors import term_of_group, term_of_slope
+from bayestissue.hierarchy.specification import ModelSpecification
+from bayestissue.inference.answers.grammar import Quantity, QuestionError, claims, parse
+from bayestissue.inference.answers.meaning import quantities
+from bayestissue.inference.answers.questions import Question, problem_of, require_readable
+from bayestissue.inference.answers.reliability import as_variables, coefficients, variances
+from bayestissue.planning.assurance import Goal
+from bayestissue.planning.begun import begun_study, pilot_of
+from bayestissue.planning.candidates import Candidate, grid, largest_of_each
+from bayestissue.planning.model import planned_model
+from bayestissue.planning.population import Beliefs, DesignPrior
+from bayestissue.planning.running import Running
+from bayestissue.planning.specification import PlanSpecification
+from bayestissue.simulation.specification import Simulation
+
+# The mass that K and C of the population are at, where neither plan nor model says.
+REFERENCE_MASS_KG = 0.7
+# Numbers that may be 0 or below, of which no relative width is.
+_SIGNED = ("mass_exponent_", "effect_of_", "intercept_", "residual_correlation")
+
+
+@dataclass(frozen=True, eq=False)
+class Analysis:
+    """A model, and the numbers of the designs that it will analyse."""
+
+    model: ModelSpecification
+    designs: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """A plan that can be carried out.
+
+    Attributes:
+        plan: its file.
+        designs: the candidates.
+        analyses: of all of them.
+        goals: what the study shall find out.
+        prior: what is believed of the tissue.
+        simulation: whose measuring chain is the study's.
+        running: what a study that has begun has recorded.
+    """
+
+    plan: PlanSpecification
+    designs: tuple[Candidate, ...]
+    analyses: tuple[Analysis, ...]
+    goals: tuple[Goal, ...]
+    prior: DesignPrior
+    simulation: Simulation
+    running: Running | None = None
+
+    def model_of(self, number: int) -> ModelSpecification:
+        """The model that analyses a design."""
+        return next(analysis.model for analysis in self.analyses if number in analysis.designs)
+
+
+def study_of(plan: PlanSpecification, source: str) -> Study:
+    """The plan with its designs and their analyses.
+
+    Args:
+        plan: its file.
+        source: what messages call that.
+
+    Raises:
+        InputError: a question or a belief is about what a design can't tell, a formula asks for it, or the
+            model or the pilot does not suit: all that is wrong at once.
+    """
+    begun = None if plan.after is None else begun_study(plan.after, Beliefs(plan.population), source)
+    if begun is None or plan.after is None:
+        model, model_source = resolve(plan.model, formulas=plan.formula)
+    else:
+        model, model_source = begun.model, plan.after.run
+    reference = model.reference_mass_kg or REFERENCE_MASS_KG
+    if begun is None:
+        reference = plan.reference_mass_kg or reference
+    problems = list(_unsuited(model, source))
+    questions = []
+    for question in _questions(plan, source):
+        unreadable = list(_unreadable(plan, question, source))
+        problems += unreadable
+        questions += [] if unreadable else [question]
+    designs = tuple(grid(plan.candidates))
+    if begun is not None:
+        designs = begun.named(designs)
+    sets = {
+        conditions: _Set(largest, {} if begun else _adapted(model, largest, questions, plan, reference))
+        for conditions, largest in largest_of_each(designs).items()
+    }
+    judged: list[Design] = []
+    for each in sets.values():
+        formulas = model.formula.model_copy(update=each.formulas)
+        rows = begun.all_rows(each.largest) if begun else each.largest.rows()
+        named = source if plan.formula else model_source
+        with collected(problems):
+            design = build_design(formulas, rows, reference_mass_kg=reference, source=named)
+            judged.append(design)
+            problems += _unanswerable(design, sorted(set(rows["mass_kg"])), questions, model, source)
+    problems += _unknown_beliefs(plan, judged, source)
+    prior: DesignPrior = Beliefs(plan.population) if begun is None else begun.prior
+    if begun is None:
+        with collected(problems):
+            prior = _prior(plan, model, source)
+    if problems:
+        raise InputError({str(problem): problem for problem in problems}.values())
+    if begun is None:
+        analyses = _analyses(plan, designs, sets, reference)
+    else:
+        analyses = (Analysis(begun.model, tuple(range(len(designs)))),)
+    running = None if begun is None else begun.running
+    return Study(plan, designs, analyses, _goals(plan), prior, _chain(plan), running)
+
+
+def factors_named(questions: Iterable[str]) -> list[dict[str, Any]]:
+    """The factors that questions name by two levels or more, as [[candidates.factors]] has them."""
+    levels: dict[str, dict[str, None]] = {}
+    for text in questions:
+        try:
+            named = [level for quantity in quantities(parse(text)) for level in quantity.levels]
+        except QuestionError:
+            continue
+        for level in named:
+            if level.value is not None and level.column not in _STANDARD:
+                levels.setdefault(level.column, {})[level.value] = None
+    return [{"name": name, "levels": list(values)} for name, values in levels.items() if len(values) > 1]
+
+
+_STANDARD = ("impact", "subject", "trial", "mass_kg", "velocity_m_s", "energy_J")
+
+
+@dataclass(frozen=True, eq=False)
+class _Set:
+    """The largest design of a set of conditions, and the formulas that it can tell, of responses without."""
+
+    largest: Candidate
+    formulas: dict[str, str]
+
+
+def _adapted(
+    model: ModelSpecification,
+    design: Candidate,
+    questions: Sequence[Question],
+    plan: PlanSpecification,
+    reference: float,
+) -> dict[str, str]:
+    """The default formula with the factors that are asked for, less what the design can't tell."""
+    asked = {
+        level.column
+        for question in questions
+        for quantity in quantities(parse(question.text))
+        for level in quantity.levels
+    }
+    wanted = DEFAULT_FORMULA
+    for factor in plan.candidates.factors:
+        if factor.name in asked:
+            wanted += f" + {factor.name}" + (f" + (1|subject:{factor.name})" if factor.within else "")
+    missing = [q for q in RESPONSES if getattr(model.formula, q) is None]
+    return dict.fromkeys(missing, str(judge(wanted, design.rows(), reference).terms)) if missing else {}
+
+
+def _analyses(
+    plan: PlanSpecification,
+    designs: Sequence[Candidate],
+    sets: Mapping[tuple[tuple[float, float], ...], _Set],
+    reference: float,
+) -> tuple[Analysis, ...]:
+    """The designs by the formulas that they have."""
+    together: dict[tuple[tuple[str, str], ...], list[int]] = {}
+    for number, design in enumerate(designs):
+        together.setdefault(tuple(sets[design.conditions].formulas.items()), []).append(number)
+    analyses = []
+    for adapted, numbers in together.items():
+        model, _ = resolve(plan.model, formulas={**plan.formula, **dict(adapted)})
+        model = model.model_copy(update={"reference_mass_kg": reference})
+        analyses.append(Analysis(model, tuple(numbers)))
+    return tuple(analyses)
+
+
+def _unsuited(model: ModelSpecification, source: str) -> Iterator[Problem]:
+    if model.likelihood != "impact":
+        yield Problem.stated("impossible-plan.likelihood", source, column="model", value=model.likelihood)
+
+
+def _questions(plan: PlanSpecification, source: str) -> list[Question]:
+    claimed = [Question(text, f"{source}, questions.{name}", name) for name, text in plan.questions.items()]
+    numbers = plan.precision.items()
+    return claimed + [Question(each.of, f"{source}, precision.{name}.of", name) for name, each in numbers]
+
+
+def _unreadable(plan: PlanSpecification, question: Question, source: str) -> Iterator[Problem]:
+    """A slip of form, a claim where a number belongs, or a number where a claim does."""
+    name, text = question.name, question.text
+    try:
+        node = parse(text)
+    except QuestionError as slip:
+        yield problem_of(slip, question)
+        return
+    if name in plan.questions:
+        if not claims(node):
+            yield Problem.stated("impossible-plan.claim", source, column=f"questions.{name}", value=text)
+    elif claims(node):
+        yield Problem.stated("impossible-plan.number", source, column=f"precision.{name}.of", value=text)
+    elif plan.precision[name].relative and isinstance(node, Quantity) and node.name.startswith(_SIGNED):
+        yield Problem.stated(
+            "impossible-plan.relative", source, column=f"precision.{name}.relative", value=text
+        )
+
+
+def _unanswerable(
+    design: Design,
+    masses_kg: Sequence[float],
+    questions: Sequence[Question],
+    model: ModelSpecification,
+    source: str,
+) -> list[Problem]:
+    """Questions about what this design does not have."""
+    problems: list[Problem] = []
+    draws = _example(design, model)
+    for question in questions:
+        exponents = [q.name for q in quantities(parse(question.text)) if q.name.startswith("mass_exponent_")]
+        if exponents and len(masses_kg) == 1:
+            value, key = masses_kg[0], "candidates.masses_kg"
+            problems.append(
+                Problem.stated(
+                    "impossible-plan.one-mass",
+                    source,
+                    None,
+                    key,
+                    value,
+                    exponent=exponents[0],
+                    name=question.name,
+                )
+            )
+            continue
+        with collected(problems):
+            require_readable([question], design.recorded, draws)
+    return problems
+
+
+def _example(design: Design, model: ModelSpecification) -> xr.Dataset:
+    """Two draws of everything that a question may name, of which no value counts."""
+    design = replace(design, responses={q: design.responses[q] for q in RESPONSES})
+    planned, _ = planned_model(model.model_copy(update={"formula": design.formulas}), design)
+    values = {name: np.array([[0.1, 0.2]]) for name in planned.hyperparameters}
+    b = np.broadcast_to(np.array([[[0.1], [0.2]]]), (1, 2, planned.locations.size))
+    reported = derived.reported_sites(design, derived.named_sites(planned.locations, design, values, b))
+    draws = derived.labelled_draws(design, reported).assign_coords(chain=[0], draw=[0, 1])
+    known = {q: variances(draws, design.recorded, q, measurement_sd=0.01) for q in RESPONSES}
+    for q in RESPONSES:
+        draws[f"{q}_typical_person"] = np.exp(draws[f"intercept_{q}"])
+    return draws.merge(as_variables(coefficients(known, draws)))
+
+
+def _unknown_beliefs(plan: PlanSpecification, designs: Sequence[Design], source: str) -> Iterator[Problem]:
+    """Beliefs about effects and groups that no design has."""
+    terms = {term for design in designs for term in design.terms}
+    for table, read in (("sd_group", term_of_group), ("sd_slope", term_of_slope)):
+        for key in getattr(plan.population, table):
+            if read(key) not in terms:
+                allowed = ", ".join(
+                    sorted(str(term) for term in terms if bool(term.slope) == (table == "sd_slope"))
+                )
+                column = f'population.{table}."{key}"'
+                yield Problem.stated(
+                    "impossible-plan.belief", source, None, column, None, allowed=allowed or "nothing"
+                )
+    for q, effects in plan.population.effects.items():
+        names = {n for design in designs if q in design.responses for n in design.responses[q].names}
+        for key in effects:
+            if key not in names:
+                column = f'population.effects.{q}."{key}"'
+                allowed = ", ".join(sorted(names)) or "nothing"
+                yield Problem.stated("impossible-plan.belief", source, None, column, None, allowed=allowed)
+
+
+def _prior(plan: PlanSpecification, model: ModelSpecification, source: str) -> DesignPrior:
+    beliefs = Beliefs(plan.population)
+    if plan.pilot is None:
+        return beliefs
+    pilot = read_run(plan.pilot)
+    if pilot.specification.element != model.element:
+        value, wanted = pilot.specification.element, model.element
+        raise InputError.stated("impossible-plan.pilot", source, None, "pilot", value, element=wanted)
+    return pilot_of(pilot, beliefs)
+
+
+def _goals(plan: PlanSpecification) -> tuple[Goal, ...]:
+    claimed = [Goal(name, text) for name, text in plan.questions.items()]
+    numbers = [
+        Goal(name, each.of, each.half_width or each.relative, each.relative is not None)
+        for name, each in plan.precision.items()
+    ]
+    return (*claimed, *numbers)
+
+
+def _chain(plan: PlanSpecification) -> Simulation:
+    """A specification of which the measuring chain alone counts."""
+    tissue = {"K_N_per_m": 3000.0, "C_N_s_per_m": 25.0}
+    recorder = plan.recorder and plan.recorder.model_dump(exclude_none=True)
+    chain = {"recording": plan.recording.model_dump(exclude_none=True), "gravity": plan.gravity}
+    return Simulation.model_validate({"name": "plan", "tissue": tissue, "recorder": recorder, **chain})

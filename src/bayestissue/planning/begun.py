@@ -1,0 +1,83 @@
+"""A study that has begun: its fit and its recordings, from which a plan of what is still to come goes on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import pandas as pd
+
+from bayestissue.dataset import read_dataset
+from bayestissue.errors import InputError
+from bayestissue.finished import Fit, read_run
+from bayestissue.hierarchy.specification import ModelSpecification
+from bayestissue.hierarchy.trace_data import prepare
+from bayestissue.planning.candidates import Candidate
+from bayestissue.planning.population import Beliefs, Pilot
+from bayestissue.planning.running import Running, RunningPrior, running_study
+from bayestissue.planning.specification import After
+
+
+@dataclass(frozen=True, eq=False)
+class Begun:
+    """A running study.
+
+    Attributes:
+        model: of its fit, the formulas as they were evaluated; also that of the analysis in the end.
+        running: what its recordings tell.
+        prior: what is believed now: draws of the fit's posterior.
+        again: whether the people of a design are first those that were recorded.
+    """
+
+    model: ModelSpecification
+    running: Running
+    prior: RunningPrior
+    again: bool
+
+    def named(self, designs: Sequence[Candidate]) -> tuple[Candidate, ...]:
+        """Designs of what is still to come, with the recorded names of people and conditions."""
+        rows = self.running.rows
+        people = tuple(rows["subject"].astype(str).unique()) if self.again else ()
+        conditions = rows[["mass_kg", "velocity_m_s", "trial"]].drop_duplicates()
+        trials = tuple(conditions.itertuples(index=False, name=None))
+        return tuple(
+            replace(design, people_named=people, trials_named=trials, prefix="new") for design in designs
+        )
+
+    def all_rows(self, design: Candidate) -> pd.DataFrame:
+        """What was recorded, and the impacts of a design."""
+        return pd.concat([self.running.rows, design.rows()], ignore_index=True)
+
+
+def begun_study(after: After, otherwise: Beliefs, source: str) -> Begun:
+    """The running study of a plan.
+
+    Args:
+        after: its fit and its dataset.
+        otherwise: beliefs about what the fit has no parameter for.
+        source: what messages call the plan.
+
+    Raises:
+        InputError: there is no such fit or dataset, or the fit is of other recordings.
+    """
+    fit, dataset = read_run(after.run), read_dataset(after.dataset)
+    if dataset.input_hash != fit.about["input_hash"]:
+        raise InputError.stated(
+            "impossible-plan.recordings", source, None, "after.dataset", after.dataset, run=after.run
+        )
+    model = fit.specification
+    running = running_study(prepare(dataset, model, source=after.run), model)
+    posterior = fit.posterior["posterior"].to_dataset()
+    prior = RunningPrior.of_posterior(posterior, pilot_of(fit, otherwise))
+    return Begun(model, running, prior, after.again)
+
+
+def pilot_of(pilot: Fit, otherwise: Beliefs) -> Pilot:
+    """A finished fit as what is believed of the next study."""
+    posterior = pilot.posterior["posterior"].dataset
+    single = {
+        str(name): array.to_numpy().reshape(-1)
+        for name, array in posterior.data_vars.items()
+        if array.dims == ("chain", "draw")
+    }
+    return Pilot(single, float(pilot.about["model"]["reference_mass_kg"]), otherwise)

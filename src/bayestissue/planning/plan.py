@@ -1,0 +1,566 @@
+"""A plan carried out: every design assessed, the cheapest that answers, and what more would add."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from bayestissue import results, runtime
+from bayestissue.hierarchy.specification import ModelSpecification
+from bayestissue.outline import Outlined, Rows, short
+from bayestissue.planning.analysis import Study, factors_named, study_of
+from bayestissue.planning.assurance import Assessment, Goal, Progress, planner
+from bayestissue.planning.candidates import Candidate
+from bayestissue.planning.population import BLOCK, Beliefs, DesignPrior, Pilot
+from bayestissue.planning.running import Running, RunningPrior
+from bayestissue.planning.specification import PlanSpecification, plan_of, read_plan
+from bayestissue.planning.words import answer, paragraph, warning
+from bayestissue.report.run_folder import draw_page
+from bayestissue.results.tables import table_of_rows, typed
+from bayestissue.simulation.specification import Recording, Simulation
+
+PLAN, DESIGNS, STUDIES = "plan.json", "designs", "studies.parquet"
+# So many blocks of studies are assessed before they are kept.
+_BLOCKS = 10
+_MORE_PEOPLE, _MANY_TIMES = 10, 10
+# Of a recorder that is better by so much.
+_BETTER = 0.1
+_ERRORS = tuple(name for name in Recording.model_fields if "_sd" in name or name == "noise_relative_to_peak")
+_PER_STUDY = {"p": float, "true": bool, "width": float, "estimate": float, "value": float, "effective": float}
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """One design with its analysis, what is believed of the tissue, and the measuring chain."""
+
+    design: Candidate
+    model: ModelSpecification
+    prior: DesignPrior
+    simulation: Simulation
+    running: Running | None = None
+
+    @cached_property
+    def key(self) -> str:
+        """A hash of all that its studies depend on, but for the seed."""
+        rows = self.design.rows().to_csv(index=False)
+        chain = self.simulation.model_dump_json()
+        recorded = "" if self.running is None else _sum(self.running.centre)
+        model = self.model.model_dump_json()
+        return _hash([rows, model, _words_of(self.prior), chain, recorded, runtime.versions()])
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Plan(Outlined):
+    """A plan carried out.
+
+    Attributes:
+        about: the content of ``run.json``.
+        content: that of ``plan.json``: the plan as it was resolved, what was found, and a SHA-256 of all.
+        designs: a row for each design and goal: ``designs.csv``.
+        studies: a row for each study: ``studies.parquet``, from which a longer plan goes on.
+    """
+
+    about: dict[str, Any]
+    content: dict[str, Any]
+    designs: pd.DataFrame
+    studies: pd.DataFrame
+
+    def _outline(self) -> tuple[str, Rows]:
+        rows = [
+            ("answer", short(self.answer, 300)),
+            (
+                "designs",
+                f"{len(self.content['designs'])}, of {self.content['plan']['goal']['studies']} studies",
+            ),
+            ("more in", ".answer, .paragraph, .designs, .content, .report(path)"),
+        ]
+        return f"Plan {short(self.content['plan']['name'])}", rows
+
+    @property
+    def answer(self) -> str:
+        """The cheapest design that answers, in a sentence."""
+        return str(self.content["answer"])
+
+    @property
+    def paragraph(self) -> str:
+        """The same for a grant application or a preregistration."""
+        return str(self.content["paragraph"])
+
+    def report(self, path: str | Path, *, overwrite: bool = False) -> Path:
+        """Write the folder that `bayestissue plan` writes, page and all.
+
+        Args:
+            path: a folder that is new or empty.
+            overwrite: replace what is there.
+
+        Returns:
+            The path of the page.
+
+        Raises:
+            InputError: ``path`` is taken and ``overwrite`` is false, or holds what no command wrote.
+        """
+        with results.claim(Path(path), overwrite=overwrite, command="plan") as target:
+            with target.folder() as folder:
+                write_plan(self, folder)
+            return draw_page(target.path)
+
+
+def plan(
+    file: str | Path | None = None,
+    *,
+    people: int | Sequence[int] = (),
+    masses_kg: Sequence[float] | Sequence[Sequence[float]] = (),
+    ask: str | Sequence[str] | Mapping[str, str] = (),
+    repeats: int | Sequence[int] = 1,
+    velocities_m_s: float | Sequence[float] | Sequence[Sequence[float]] = 1.5,
+    within: Mapping[str, Sequence[str]] | None = None,
+    groups: Mapping[str, Sequence[str]] | None = None,
+    model: str | None = None,
+    K: str | None = None,
+    C: str | None = None,
+    after: str | Path | None = None,
+    dataset: str | Path | None = None,
+    studies: int | None = None,
+    seed: int | None = None,
+    say: Progress | None = None,
+) -> Plan:
+    """How many people, masses and impacts a study needs to answer its questions, before anyone is hit.
+
+    Thousands of studies are drawn from what is believed of people and tissue, each is analysed as `fit` would
+    analyse it, and its questions are asked. Assurance is the share of studies that answer them.
+
+    Args:
+        file: a plan file; everything but ``after``, ``dataset``, ``studies``, ``seed``, ``say`` is in it.
+        people: how many are recruited; several are candidates.
+        masses_kg: the masses that every person is hit by; several lists are candidates.
+        ask: claims to be decided, such as "mass_exponent_K < 0.5"; a dict names them.
+        repeats: impacts of each person in each condition; several are candidates.
+        velocities_m_s: velocities at contact.
+        within: factors at whose every level each person is hit, such as {"side": ["left", "right"]}. Left
+            out with ``groups``, they are those that questions name.
+        groups: groups that each person belongs to, such as {"sex": ["f", "m"]}.
+        model: the analysis, as `fit` takes it; "impact" unless given.
+        K: what log K depends on; as the model has it unless given.
+        C: the same of log C; that of ``K`` unless given.
+        after: the folder of the fit of a study that has begun: what is planned is still to come.
+        dataset: the recordings that were fitted.
+        studies: of each design; a multiple of 100.
+        seed: same seed, same machine: same numbers.
+        say: told the stage, how much of it is done, and its total.
+
+    Returns:
+        The plan: ``.answer`` and ``.paragraph`` in words, ``.designs`` (a row a design and goal),
+        ``.content``, and the method ``.report(folder)``.
+
+    Raises:
+        InputError: the plan is wrong, or asks for what its designs can't tell.
+
+    Example:
+        >>> plan = bt.plan(people=[10, 20, 30], masses_kg=[0.5, 1.0, 1.5], ask="mass_exponent_K < 0.5")
+        >>> print(plan.answer)
+        >>> plan.report("plans/exponent")
+    """
+    if file is not None:
+        specification, source = read_plan(Path(file)), str(file)
+    else:
+        numbers = {"people": people, "masses_kg": masses_kg, "repeats": repeats}
+        lists = numbers | {"velocities_m_s": velocities_m_s}
+        content = content_of(lists, ask, within=within, groups=groups, model=model, K=K, C=C)
+        source = "arguments"
+        specification = plan_of(content, source)
+    specification = with_after(specification, source, after, dataset)
+    changed = with_goal(specification, source, studies=studies, seed=seed)
+    return carry_out(study_of(changed, source), say=say)
+
+
+def content_of(
+    candidates: Mapping[str, Any],
+    ask: str | Sequence[str] | Mapping[str, str],
+    *,
+    within: Mapping[str, Sequence[str]] | None = None,
+    groups: Mapping[str, Sequence[str]] | None = None,
+    model: str | None = None,
+    K: str | None = None,
+    C: str | None = None,
+) -> dict[str, Any]:
+    """What a plan file of the commonest kind would hold; arguments as of `plan`."""
+    texts = [ask] if isinstance(ask, str) else ask
+    if not isinstance(texts, Mapping):
+        texts = {f"question_{number}": text for number, text in enumerate(texts, start=1)}
+    factors: list[dict[str, Any]] = [
+        {"name": name, "levels": list(levels)} for name, levels in (within or {}).items()
+    ]
+    factors += [
+        {"name": name, "levels": list(levels), "of_people": True} for name, levels in (groups or {}).items()
+    ]
+    if within is None and groups is None:
+        factors = factors_named(texts.values())
+    formula = {q: text for q, text in (("K", K), ("C", C or K)) if text is not None}
+    lists = {name: _plain(value) for name, value in candidates.items()}
+    content = {"candidates": {**lists, "factors": factors}, "questions": dict(texts), "formula": formula}
+    return content if model is None else {**content, "model": model}
+
+
+def _plain(value: Any) -> Any:
+    """Numbers and lists as a file has them, also of arrays and ranges."""
+    if isinstance(value, Iterable) and not isinstance(value, str):
+        return [_plain(inner) for inner in value]
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def with_after(
+    plan: PlanSpecification, source: str, run: str | Path | None, dataset: str | Path | None
+) -> PlanSpecification:
+    """The plan as one that goes on from a study, where that is given.
+
+    Raises:
+        InputError: of fit and dataset one is missing.
+    """
+    given = {name: str(path) for name, path in (("run", run), ("dataset", dataset)) if path is not None}
+    if not given:
+        return plan
+    content = plan.model_dump(mode="json", exclude_unset=True)
+    return plan_of({**content, "after": {**content.get("after", {}), **given}}, source)
+
+
+def with_goal(plan: PlanSpecification, source: str, **changed: Any) -> PlanSpecification:
+    """The plan with other settings of its goal, where they are given.
+
+    Raises:
+        InputError: a setting has a wrong value.
+    """
+    given = {name: value for name, value in changed.items() if value is not None}
+    if not given:
+        return plan
+    content = plan.model_dump(mode="json", exclude_unset=True)
+    return plan_of({**content, "goal": {**content.get("goal", {}), **given}}, source)
+
+
+def carry_out(
+    study: Study,
+    *,
+    say: Progress | None = None,
+    known: pd.DataFrame | None = None,
+    parts: Path | None = None,
+) -> Plan:
+    """Assess every design, choose the cheapest that answers, and see what more of anything would add.
+
+    Args:
+        study: the plan, found possible.
+        say: told the stage, how much of it is done, and its total.
+        known: studies of an earlier plan, from which this goes on.
+        parts: a folder in which finished studies are kept meanwhile.
+    """
+    start = runtime.Start()
+    aim = study.plan.goal
+    ledger = Ledger(aim.seed, aim.probability, say or _silent, known, parts)
+    cases = [
+        Case(design, study.model_of(number), study.prior, study.simulation, study.running)
+        for number, design in enumerate(study.designs)
+    ]
+    found = ledger.assess(cases, study.goals, aim.studies)
+    minutes = [design.minutes(study.plan.cost) for design in study.designs]
+    reaching = [n for n, each in enumerate(found) if _short_of(each, aim.assurance) >= 1]
+    if reaching:
+        chosen = min(reaching, key=lambda number: minutes[number])
+    else:
+        chosen = max(range(len(found)), key=lambda n: (_short_of(found[n], aim.assurance), -minutes[n]))
+    variants = _variants(cases[chosen], reaches=bool(reaching))
+    of_variants = ledger.assess(list(variants.values()), study.goals, aim.studies)
+    content: dict[str, Any] = {
+        "program": "bayestissue",
+        "version": runtime.versions()["bayestissue"],
+        "plan": study.plan.model_dump(mode="json", exclude_none=True),
+        "analyses": [
+            {"designs": [number + 1 for number in each.designs], "model": each.model.model_dump(mode="json")}
+            for each in study.analyses
+        ],
+        "designs": [
+            {"design": number + 1, **_of_case(case, minutes[number], found[number])}
+            for number, case in enumerate(cases)
+        ],
+        "normal_traces": bool(ledger.table()["normal"].all()),
+        "chosen": chosen + 1,
+        "reaches": bool(reaching),
+        "looks": {} if study.running else _looks(cases, found, chosen),
+        "variants": {
+            name: _of_case(case, case.design.minutes(study.plan.cost), assessed)
+            for (name, case), assessed in zip(variants.items(), of_variants, strict=True)
+        },
+    }
+    # Of all that was assumed and found; what follows is the same in words.
+    content["sha256"] = _hash(content)
+    content |= {"answer": answer(content), "paragraph": paragraph(content), "warning": warning(content)}
+    record = start.record(
+        "plan", "plan", plan=study.plan.name, seed=aim.seed, studies=aim.studies, sha256=content["sha256"]
+    )
+    return Plan(record, content, _designs(content), ledger.table())
+
+
+def write_plan(plan: Plan, folder: Path, *, excel: results.Excel | None = None) -> None:
+    """Write every file of a plan, but for the page that is drawn of them."""
+    results.write_table(plan.designs, folder / f"{DESIGNS}.csv", excel)
+    plan.studies.to_parquet(folder / STUDIES, index=False)
+    results.write_json(plan.content, folder / PLAN)
+    results.write_json(plan.about, folder / "run.json")
+
+
+def known_studies(folder: Path) -> pd.DataFrame | None:
+    """The studies of an earlier plan in a folder; None where there are none that can be read."""
+    try:
+        return pd.read_parquet(folder / STUDIES)
+    except (OSError, ValueError):
+        return None
+
+
+class Ledger:
+    """Studies that were assessed, by what they depend on, so that more of them go on from there.
+
+    Each study's answers are kept by the hash of its case and goal; ``parts`` is a folder in which they are
+    safe while the others are made.
+    """
+
+    def __init__(
+        self,
+        seed: int,
+        probability: float,
+        say: Progress,
+        known: pd.DataFrame | None = None,
+        parts: Path | None = None,
+    ) -> None:
+        self._seed, self._probability, self._say, self._parts = seed, probability, say, parts
+        self._tables = [] if known is None else [known]
+        self._tables += [pd.read_parquet(path) for path in sorted(parts.glob("*.parquet"))] if parts else []
+        self._used: list[str] = []
+
+    def assess(self, cases: Sequence[Case], goals: Sequence[Goal], studies: int) -> list[list[Assessment]]:
+        """What so many studies say, by case and goal."""
+        blocks = studies // BLOCK
+        groups: dict[tuple[int, ...], list[Case]] = {}
+        for case in cases:
+            done = min(self._done(self._key(case, goal)) for goal in goals) // BLOCK
+            if done < blocks:
+                shared = id(case.model), id(case.prior), id(case.simulation)
+                groups.setdefault((done, *shared), []).append(case)
+        total = sum((blocks - first) * len(group) for (first, *_), group in groups.items())
+        before = 0
+        for (first, *_), group in groups.items():
+            one = group[0]
+            rows = [case.design.rows() for case in group]
+            ready = planner(rows, one.model, one.prior, one.simulation, seed=self._seed, running=one.running)
+            for begin in range(first, blocks, _BLOCKS):
+                end = min(begin + _BLOCKS, blocks)
+                progress = self._after(before, total)
+                answers = ready.assess(
+                    goals, range(begin, end), probability=self._probability, progress=progress
+                )
+                self._keep(group, goals, answers, begin * BLOCK, normal=ready.information.is_gaussian)
+                before += (end - begin) * len(group)
+        return [[self._read(self._key(case, goal), goal, studies) for goal in goals] for case in cases]
+
+    def table(self) -> pd.DataFrame:
+        """All studies that were asked for, a row each."""
+        everything = self._everything()
+        return everything[everything["key"].isin(self._used)].reset_index(drop=True)
+
+    def _after(self, before: int, total: int) -> Callable[[str, int, int], None]:
+        return lambda stage, done, _: self._say(stage, before + done, total)
+
+    def _key(self, case: Case, goal: Goal) -> str:
+        what = [case.key, goal.text, goal.width is None, goal.relative, goal.level, self._seed]
+        return _hash(what)[:32]
+
+    def _everything(self) -> pd.DataFrame:
+        if len(self._tables) > 1:
+            self._tables = [pd.concat(self._tables, ignore_index=True).drop_duplicates(["key", "study"])]
+        return (
+            self._tables[0] if self._tables else pd.DataFrame(columns=["key", "study", "normal", *_PER_STUDY])
+        )
+
+    def _done(self, key: str) -> int:
+        everything = self._everything()
+        return int((everything["key"] == key).sum())
+
+    def _keep(
+        self,
+        cases: Sequence[Case],
+        goals: Sequence[Goal],
+        answers: list[list[Assessment]],
+        first: int,
+        *,
+        normal: bool,
+    ) -> None:
+        tables = []
+        for case, of_case in zip(cases, answers, strict=True):
+            for goal, one in zip(goals, of_case, strict=True):
+                columns = {name: getattr(one, name) for name in _PER_STUDY}
+                number = first + np.arange(one.studies)
+                of_all = {"key": self._key(case, goal), "study": number, "normal": normal}
+                tables.append(pd.DataFrame({**of_all, **columns}))
+        table = pd.concat(tables, ignore_index=True)
+        self._tables.append(table)
+        if self._parts is not None:
+            name = _hash([case.key for case in cases])[:16]
+            with results.whole_file(self._parts / f"{name}-{first}.parquet") as path:
+                table.to_parquet(path, index=False)
+
+    def _read(self, key: str, goal: Goal, studies: int) -> Assessment:
+        self._used.append(key)
+        everything = self._everything()
+        mine = everything[(everything["key"] == key) & (everything["study"] < studies)].sort_values("study")
+        arrays = (mine[name].to_numpy(kind) for name, kind in _PER_STUDY.items())
+        return Assessment(goal, self._probability, *arrays)
+
+
+def _short_of(assessments: Sequence[Assessment], wanted: float) -> float:
+    """The least assurance of all goals as a fraction of what is wanted."""
+    return min(each.answered for each in assessments) / wanted
+
+
+def _variants(case: Case, *, reaches: bool) -> dict[str, Case]:
+    """The chosen design with more of one thing each, and at one assumed truth."""
+    design, simulation = case.design, case.simulation
+    chain = simulation.recording
+    better = chain.model_copy(update={name: _BETTER * getattr(chain, name) for name in _ERRORS})
+    variants = {
+        "more people": replace(case, design=design.with_people(design.people + _MORE_PEOPLE)),
+        "more repeats": replace(case, design=replace(design, repeats=2 * design.repeats)),
+        "better recorder": replace(case, simulation=simulation.model_copy(update={"recording": better})),
+    }
+    if case.running is None:
+        variants["one truth"] = replace(case, prior=_at_one_truth(case.prior))
+    else:
+        variants["as it stands"] = replace(case, design=design.with_people(0))
+    if not reaches:
+        variants["many people"] = replace(case, design=design.with_people(_MANY_TIMES * design.people))
+    return variants
+
+
+def _looks(
+    cases: Sequence[Case], found: Sequence[Sequence[Assessment]], chosen: int
+) -> dict[str, list[dict[str, float | None]]]:
+    """Of each claim, what follows if the study stops at the first number of people that answers it.
+
+    The numbers are those of the candidates that are the chosen one but for their people: the share of studies
+    that have stopped by each, of those that have a wrong answer, and by how much what the claim compares is
+    estimated too large at the stop and, without stops, at that number.
+    """
+    alike = [
+        number
+        for number, case in enumerate(cases)
+        if replace(case.design, people=0) == replace(cases[chosen].design, people=0)
+    ]
+    alike.sort(key=lambda number: cases[number].design.people)
+    tables: dict[str, list[dict[str, float | None]]] = {}
+    for position, assessment in enumerate(found[chosen]):
+        if assessment.goal.width is not None or len(alike) < 2:
+            continue
+        stopped = np.zeros(assessment.studies, bool)
+        wrong, error = stopped.copy(), np.full(assessment.studies, np.nan)
+        rows: list[dict[str, float | None]] = []
+        for number in alike:
+            each = found[number][position]
+            now = (each.yes | each.no) & ~stopped
+            wrong |= now & (each.yes != each.true)
+            error[now] = (each.estimate - each.value)[now]
+            stopped |= now
+            rows.append(
+                {
+                    "people": cases[number].design.people,
+                    "stopped": float(stopped.mean()),
+                    "misled": float(wrong.mean()),
+                    "error": _mean(error[stopped]),
+                    "error_without": _mean(each.estimate - each.value),
+                }
+            )
+        tables[assessment.goal.name] = rows
+    return tables
+
+
+def _mean(values: np.ndarray) -> float | None:
+    """The mean; None of what has none, as of a claim that compares nothing."""
+    return float(values.mean()) if len(values) and np.isfinite(values).all() else None
+
+
+def _at_one_truth(prior: DesignPrior) -> DesignPrior:
+    """Every belief at its median."""
+    match prior:
+        case Beliefs(population=population):
+            return Beliefs(population.at_median())
+        case Pilot(draws=draws, otherwise=otherwise):
+            medians = {name: np.median(values, keepdims=True) for name, values in draws.items()}
+            return Pilot(medians, prior.reference_mass_kg, Beliefs(otherwise.population.at_median()))
+    raise TypeError(type(prior))
+
+
+def _words_of(prior: DesignPrior) -> str:
+    """All that a prior depends on."""
+    match prior:
+        case Beliefs(population=population):
+            return population.model_dump_json()
+        case Pilot(draws=draws, otherwise=otherwise):
+            sums = {name: _sum(values) for name, values in draws.items()}
+            beliefs = otherwise.population.model_dump(mode="json")
+            return json.dumps([sums, prior.reference_mass_kg, beliefs])
+        case RunningPrior(pilot=pilot, effects=effects):
+            return json.dumps([_words_of(pilot), {name: _sum(each) for name, each in effects.items()}])
+    raise TypeError(type(prior))
+
+
+def _sum(values: Any) -> str:
+    return hashlib.sha256(np.ascontiguousarray(values, float)).hexdigest()
+
+
+def _of_case(case: Case, minutes: float, assessed: Sequence[Assessment]) -> dict[str, Any]:
+    goals = {each.goal.name: _of_goal(each) for each in assessed}
+    return {**case.design.columns(), "minutes": minutes, "goals": goals}
+
+
+def _of_goal(assessment: Assessment) -> dict[str, Any]:
+    """The numbers of one design and goal; None of what it has none of."""
+    yes, no = float(assessment.yes.mean()), float(assessment.no.mean())
+    answered = assessment.answered
+    is_width = assessment.goal.width is not None
+    # Where all studies agree, the error is that of one more which does not.
+    least = 1 / (assessment.studies + 2)
+    return {
+        "studies": assessment.studies,
+        "answered": answered,
+        "se": assessment.se(float(np.clip(answered, least, 1 - least))),
+        "yes": yes,
+        "no": None if is_width else no,
+        "undecided": 1 - answered,
+        "misleads": None if is_width else assessment.misleads,
+        "true": None if is_width else float(assessment.true.mean()),
+        "undecided_bits": None if is_width else assessment.undecided_bits,
+        "width": float(np.mean(assessment.width)) if is_width else None,
+        "width_q80": float(np.quantile(assessment.width, 0.8)) if is_width else None,
+    }
+
+
+def _designs(content: Mapping[str, Any]) -> pd.DataFrame:
+    """A row for each design and goal: ``designs.csv``."""
+    plan = content["plan"]
+    texts = plan["questions"] | {name: each["of"] for name, each in plan.get("precision", {}).items()}
+    rows = []
+    for design in content["designs"]:
+        of_design = {name: value for name, value in design.items() if name != "goals"}
+        for name, numbers in design["goals"].items():
+            rows.append({**of_design, "goal": name, "question": texts[name], **numbers})
+    return typed(DESIGNS, table_of_rows(DESIGNS, rows))
+
+
+def _hash(content: Any) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True, ensure_ascii=False).encode()).hexdigest()
+
+
+def _silent(stage: str, done: int, total: int) -> None:
+    """Say nothing."""

@@ -1,0 +1,263 @@
+"""The plan file: which designs are compared, for which questions, and what is believed beforehand."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_validator, model_validator
+
+from bayestissue import runtime
+from bayestissue.dataset.settings import Gravity, RecorderSettings
+from bayestissue.planning.population import BLOCK, Population
+from bayestissue.settings import checked, parse_toml, read_text
+from bayestissue.simulation.specification import Condition, Factor, Recording, require_samples_to_filter
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Minutes = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Count = Annotated[int, Field(ge=1)]
+# A recorder of a usual kind, where a plan says nothing of it.
+USUAL = Recording(
+    noise_relative_to_peak=0.005,
+    offset_sd_m_s2=0.2,
+    relative_gain_sd=0.005,
+    velocity_sd_m_s=0.01,
+    relative_mass_sd=0.002,
+)
+# More designs than a reader compares; a slip of the grid rather than a wish.
+MOST_DESIGNS = 500
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+def _listed(value: Any) -> Any:
+    return value if isinstance(value, list | tuple) else [value]
+
+
+def _sets(value: Any) -> Any:
+    """A list of sets of numbers; one set, or one number, is a list of one."""
+    values = _listed(value)
+    return values if any(isinstance(inner, list | tuple) for inner in values) else [values]
+
+
+Counts = Annotated[tuple[Count, ...], Field(min_length=1), BeforeValidator(_listed)]
+Set = Annotated[tuple[Positive, ...], Field(min_length=1)]
+Sets = Annotated[tuple[Set, ...], BeforeValidator(_sets)]
+Share = Annotated[float, Field(ge=0, lt=1)]
+
+
+class PlannedFactor(Factor):
+    """The same, or a group that each person belongs to, such as a sex."""
+
+    of_people: bool = Field(
+        default=False,
+        description="whether each person belongs to one level, as to a sex; the levels then have as many "
+        "people each. Else every person is hit at every level.",
+    )
+
+    @property
+    def within(self) -> bool:
+        """Whether a person has several of its levels."""
+        return not self.of_people
+
+
+class Candidates(_Table):
+    """The designs to compare: every combination of what is listed, every person in every condition."""
+
+    people: Counts = Field(description="how many are recruited; of a list each is a candidate.")
+    masses_kg: Sets = Field(
+        default=(),
+        description="the masses that every person is hit by: a list of numbers is one set, a list of lists "
+        "several candidates. Left out where conditions are listed.",
+    )
+    velocities_m_s: Sets = Field(
+        default=((1.5,),), description="the velocities at contact of every mass, in the same way."
+    )
+    conditions: tuple[Condition, ...] = Field(
+        default=(),
+        description="a list of [[candidates.conditions]]: one more set of conditions, beside those of masses "
+        "and velocities, for pairs that are no full grid.",
+    )
+    repeats: Counts = Field(
+        default=(1,),
+        description="impacts of each person in each condition (and at each level of a factor); of a list "
+        "each is a candidate.",
+    )
+    factors: tuple[PlannedFactor, ...] = Field(
+        default=(), description="a list of [[candidates.factors]]: further columns, such as side or session."
+    )
+    lost: Share = Field(default=0.0, description="share of impacts that will give no recording.")
+    lost_people: Share = Field(default=0.0, description="share of the recruited who are never measured.")
+
+    @model_validator(mode="after")
+    def _distinct(self) -> Self:
+        if not (self.masses_kg or self.conditions):
+            raise ValueError("masses_kg, or a list of [[candidates.conditions]]")
+        names = [factor.name for factor in self.factors]
+        if len(set(names)) < len(names):
+            raise ValueError("a different name of each factor")
+        sets = len(self.masses_kg) * len(self.velocities_m_s) + bool(self.conditions)
+        count = sets * len(self.people) * len(self.repeats)
+        if count > MOST_DESIGNS:
+            raise ValueError(f"at most {MOST_DESIGNS} designs, and not the {count} of these lists")
+        return self
+
+
+class After(_Table):
+    """A study that has begun; the candidates are then what is still to come."""
+
+    run: str = Field(description="the folder of its fit, whose model is that of the plan.")
+    dataset: str = Field(description="the folder of the recordings that were fitted.")
+    again: bool = Field(
+        default=False,
+        description="whether the people are first those that were recorded, hit again; else they are new.",
+    )
+
+
+class Precision(_Table):
+    """A number that is to be known well enough: half the width of its 90 % interval."""
+
+    of: Annotated[str, Field(min_length=1)] = Field(
+        description='what, as a question asks it: "K[subject=new]", "mass_exponent_K".'
+    )
+    half_width: Positive | None = Field(
+        default=None, description="the half width to reach, in the unit of the number."
+    )
+    relative: Positive | None = Field(
+        default=None,
+        description="the half width to reach as a fraction: the square root of high over low, less 1. One of "
+        "the two is given.",
+    )
+
+    @model_validator(mode="after")
+    def _one(self) -> Self:
+        if (self.half_width is None) == (self.relative is None):
+            raise ValueError("one of half_width and relative")
+        return self
+
+
+class Cost(_Table):
+    """Minutes of work, by which the cheapest design is chosen."""
+
+    person_min: Minutes = Field(default=20.0, description="of a person, however often the person is hit.")
+    impact_min: Minutes = Field(default=1.0, description="of an impact.")
+    mass_change_min: Minutes = Field(
+        default=2.0, description="of a change of the mass: a person has one fewer than there are masses."
+    )
+
+
+class Aim(_Table):
+    """When a study counts as having answered, and how sure it is to be of that."""
+
+    assurance: Annotated[float, Field(gt=0, lt=1)] = Field(
+        default=0.8, description="the probability that is wanted of a study that answers."
+    )
+    probability: Annotated[float, Field(gt=0.5, lt=1)] = Field(
+        default=0.95,
+        description="a claim is answered once its posterior probability is above this, or below 1 less this.",
+    )
+    studies: Annotated[int, Field(ge=BLOCK, le=1_000_000, multiple_of=BLOCK)] = Field(
+        default=500, description="studies that are drawn of each design."
+    )
+    seed: Annotated[int, Field(ge=0, le=runtime.MOST_SEED)] = Field(
+        default=0, description="same seed, same machine: same numbers."
+    )
+
+
+class PlanSpecification(_Table):
+    """A whole plan file."""
+
+    name: Annotated[str, Field(min_length=1)] = Field(description="what the page calls the plan.")
+    description: str = Field(default="", description="free text.")
+    model: str = Field(
+        default="impact",
+        description="the analysis: the name of a model that comes with the program, or a model file.",
+    )
+    formula: dict[str, str] = Field(
+        default={},
+        description="formulas in place of the model's, by K and C. Where neither has one it is log(mass_kg) "
+        "+ (1|subject) + (1|trial), with factor + (1|subject:factor) of each factor that a question names, "
+        "less what a design can't determine.",
+    )
+    reference_mass_kg: Positive | None = Field(
+        default=None,
+        description="the mass that K and C of [population] and of questions are at. Left out: the model's, "
+        "or 0.7.",
+    )
+    candidates: Candidates = Field(description="the designs to compare.")
+    recording: Recording = Field(
+        default=USUAL,
+        description="the measuring chain. Left out, a usual one: noise of 0.5 % of the peak, gain to 0.5 %, "
+        "zero to 0.2 m/s², velocity to 0.01 m/s, mass to 0.2 %, at 10 kHz. Where the table is written, what "
+        "it leaves out is 0.",
+    )
+    recorder: RecorderSettings | None = Field(
+        default=None, description="a table [recorder] as in dataset.toml: a low-pass."
+    )
+    gravity: Gravity = Field(
+        default="none", description="the part of gravity along the motion, as signal.gravity of dataset.toml."
+    )
+    population: Population = Field(
+        default=Population(), description="what is believed of people and tissue before the study."
+    )
+    pilot: str | None = Field(
+        default=None,
+        description="the folder of a finished fit, whose posterior is what is believed; [population] then "
+        "says what the fit has no parameter for.",
+    )
+    after: After | None = Field(
+        default=None,
+        description="a study that has begun; model, formula, pilot and population are then its own.",
+    )
+    questions: dict[str, str] = Field(
+        default={}, description="claims to be decided, by a name each, as `bayestissue ask` asks them."
+    )
+    precision: dict[str, Precision] = Field(
+        default={}, description="numbers to be known well enough, by a name each."
+    )
+    cost: Cost = Field(default=Cost(), description="minutes of work.")
+    goal: Aim = Field(
+        default=Aim(), description="what counts as answered, and how sure the study is to be of it."
+    )
+
+    @model_validator(mode="after")
+    def _asks(self) -> Self:
+        if not (self.questions or self.precision):
+            raise ValueError("a claim in [questions], or a number in [precision]")
+        if twice := sorted(set(self.questions) & set(self.precision)):
+            raise ValueError(f"a name for each goal; in [questions] and [precision]: {', '.join(twice)}")
+        return self
+
+    @field_validator("recording")
+    @classmethod
+    def _has_noise(cls, recording: Recording) -> Recording:
+        if not (recording.noise_sd_m_s2 or recording.noise_relative_to_peak):
+            raise ValueError("noise_sd_m_s2 or noise_relative_to_peak above 0, as every recorder has noise")
+        return recording
+
+    @model_validator(mode="after")
+    def _has_samples_to_filter(self) -> Self:
+        require_samples_to_filter(self.recorder, self.recording)
+        return self
+
+
+def read_plan(path: Path) -> PlanSpecification:
+    """Read and check a plan file; one without ``name`` has the file's.
+
+    Raises:
+        InputError: the file can't be read, or holds keys or values that are not allowed; all are named.
+    """
+    text = read_text(path, str(path))
+    return plan_of({"name": path.stem} | parse_toml(text, str(path)), str(path), text=text)
+
+
+def plan_of(content: Mapping[str, Any], file: str, *, text: str = "") -> PlanSpecification:
+    """A plan from the content of its file, which messages call ``file``, with the rows of its ``text``.
+
+    Raises:
+        InputError: as of `read_plan`.
+    """
+    return checked({"name": "plan"} | dict(content), PlanSpecification, file=file, text=text)

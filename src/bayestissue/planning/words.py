@@ -1,0 +1,149 @@
+"""A plan in words: the answer in a sentence, and the paragraph of a grant application or preregistration."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from bayestissue.errors import Coded
+from bayestissue.outline import counted
+from bayestissue.report.wording import listed, number, percent
+
+Content = Mapping[str, Any]
+
+
+def answer(content: Content) -> str:
+    """The cheapest design that answers; where none does, the best one, and whether many people would.
+
+    Args:
+        content: of ``plan.json``.
+    """
+    wanted = number(content["plan"]["goal"]["assurance"], 2)
+    design, count = content["designs"][content["chosen"] - 1], len(content["designs"])
+    if content["reaches"]:
+        head = design_words(design, content)
+        which = "" if count == 1 else f": the cheapest of {count} designs that reaches {wanted}"
+        return f"{head}, {_answers(design)}{which}."
+    which = (
+        f"This design does not answer with a probability of {wanted}: "
+        if count == 1
+        else f"None of the {count} designs answers with a probability of {wanted}. The best: "
+    )
+    many = content["variants"]["many people"]
+    enough = all(each["answered"] >= content["plan"]["goal"]["assurance"] for each in many["goals"].values())
+    people = counted(many["people"], "person", "people")
+    plateau = (
+        f"{people} would: {_shares(many)}."
+        if enough
+        else f"{people} would not either, {_shares(many)}: their number is not what limits the answer."
+    )
+    return f"{which}{design_words(design, content)}, {_answers(design)}. {plateau}"
+
+
+def paragraph(content: Content) -> str:
+    """The sample size and its reason, for those who judge the study.
+
+    Args:
+        content: of ``plan.json``.
+    """
+    plan, design = content["plan"], content["designs"][content["chosen"] - 1]
+    aim, first = plan["goal"], next(iter(design["goals"].values()))
+    sure = f"above {aim['probability']:g} or below {1 - aim['probability']:.2g}"
+    several = len(design["goals"]) > 1
+    numbers = "; ".join(_of_goal(name if several else "", goal) for name, goal in design["goals"].items())
+    truth = content["variants"].get("one truth", {"goals": {}})["goals"]
+    powers = listed([number(goal["answered"], 2) for goal in truth.values()])
+    more = content["variants"]["more people"]
+    model = next(each["model"] for each in content["analyses"] if content["chosen"] in each["designs"])
+    lost = [
+        f"{percent(plan['candidates'][key])} of the {what}"
+        for key, what in (("lost", "impacts"), ("lost_people", "people"))
+        if plan["candidates"].get(key)
+    ]
+    sentences = [
+        f"The study asks {_asked(plan)}.",
+        f"It has {design_words(design, content)}.",
+        f"Losses of {listed(lost)} are allowed for." if lost else "",
+        "The design was chosen by its assurance, the probability that the study answers its question given "
+        "all that is believed of people and tissue beforehand (O'Hagan and Stevens, 2001).",
+        f"A claim counts as answered if its posterior probability is {sure}." if plan["questions"] else "",
+        f"In {first['studies']} simulated studies of this design {numbers}.",
+        f"At one assumed truth, the medians of these beliefs, the power is {powers}." if truth else "",
+        f"With {more['people']} people the assurance is {listed(_goal_shares(more))}.",
+        "Each simulated study is analysed as the study itself will be, by a Bayesian hierarchical model of "
+        f"stiffness K and damping C of every impact (bayestissue {content['version']}, model "
+        f"{model['name']}, log K by {model['formula']['K']}).",
+        f"The plan with all of its assumptions has a SHA-256 that begins with {content['sha256'][:12]}.",
+    ]
+    return " ".join(filter(None, sentences))
+
+
+def warning(content: Content) -> str:
+    """What speaks against the numbers of a plan; empty if nothing."""
+    if content["normal_traces"]:
+        return ""
+    words = "Traces are no normal densities of log K and log C here: shares and widths may be off"
+    return Coded(words, "traces-not-normal")
+
+
+def design_words(design: Content, content: Content) -> str:
+    """A design: "20 people, each hit 3 times by 0.5 and 1 kg at 1.5 m/s (120 impacts, about 9 hours)"."""
+    masses, velocities = design["masses_kg"].split(), design["velocities_m_s"].split()
+    by = f"by {listed(masses)} kg at {listed(velocities)} m/s"
+    if len(masses) * len(velocities) != design["conditions"]:
+        by = (
+            f"in {design['conditions']} conditions ({masses[0]} to {masses[-1]} kg, {velocities[0]} to "
+            f"{velocities[-1]} m/s)"
+        )
+    factors = content["plan"]["candidates"].get("factors", [])
+    levels = "".join(
+        f", {factor['name']} {listed(list(factor['levels']))}"
+        for factor in factors
+        if not factor.get("of_people") and factor.get("every", True)
+    )
+    times = "once" if design["repeats"] == 1 else f"{design['repeats']} times"
+    kind = ("further person", "further people") if "after" in content["plan"] else ("person", "people")
+    people = counted(design["people"], *kind)
+    size = f"{counted(design['impacts'], 'impact')}, about {duration(design['minutes'])}"
+    return f"{people}, each hit {times} {by}{levels} ({size})"
+
+
+def duration(minutes: float) -> str:
+    """Minutes as people say them: "40 minutes", "9 hours"."""
+    if minutes < 90:
+        return counted(round(minutes), "minute")
+    return counted(round(minutes / 60), "hour")
+
+
+def _answers(design: Content) -> str:
+    return f"answers with a probability of {_shares(design)}"
+
+
+def _shares(design: Content) -> str:
+    return listed(_goal_shares(design))
+
+
+def _goal_shares(design: Content) -> list[str]:
+    goals = design["goals"]
+    of = {name: f" ({name.replace('_', ' ')})" if len(goals) > 1 else "" for name in goals}
+    return [f"{number(g['answered'], 2)} ± {number(g['se'], 2)}{of[name]}" for name, g in goals.items()]
+
+
+def _asked(plan: Content) -> str:
+    claims = [f"whether {text}" for text in plan["questions"].values()]
+    return listed(claims + [_width_words(each) for each in plan.get("precision", {}).values()])
+
+
+def _width_words(precision: Content) -> str:
+    relative = precision.get("relative")
+    width = percent(relative) if relative else f"{precision['half_width']:g}"
+    return f"for {precision['of']} to ± {width} (half of the 90 % interval)"
+
+
+def _of_goal(name: str, goal: Content) -> str:
+    of = f" of {name.replace('_', ' ')}" if name else ""
+    said = f"the assurance{of} is {number(goal['answered'], 2)} (standard error {number(goal['se'], 2)})"
+    if goal["misleads"] is None:
+        return f"{said}, with a half width of {goal['width']:.2g} on average"
+    undecided, misleads = number(goal["undecided"], 2), number(goal["misleads"], 2)
+    return f"{said}, with {undecided} of them undecided and {misleads} answered wrongly"

@@ -1,0 +1,345 @@
+"""The page of a plan: the cheapest design that answers, and what any other would do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from markupsafe import Markup
+
+from bayestissue.outline import counted, numbers_in_short
+from bayestissue.remedies import codes_in
+from bayestissue.report.page import figure, render_page
+from bayestissue.report.run_folder import read_json, require_files
+from bayestissue.report.style import MUTED, PALETTE, POSTERIOR, new_figure, style
+from bayestissue.report.tables import Field, Table, settings_table, table_of
+from bayestissue.report.wording import listed, number, percent, significant
+from bayestissue.results import read_table
+
+# A figure of more lines can't be read.
+_MOST_LINES = 6
+_MARKERS = "osD^vX"
+_LEVELS = (0.1, 0.3, 0.5, 0.7, 0.8, 0.9, 0.95)
+# What stands for more of one thing, by its key in plan.json.
+_VARIANTS = {
+    "more people": "{people} people in the place of {before}",
+    "more repeats": "{repeats} repeats in the place of {before_repeats}",
+    "better recorder": "a tenth of the recorder's noise and errors",
+    "many people": "{people} people",
+    "as it stands": "nothing more: the study as it stands",
+}
+
+
+def plan_page(folder: Path, record: dict[str, Any]) -> str:
+    """The HTML of the page of the plan in ``folder``, whose ``run.json`` holds ``record``.
+
+    Raises:
+        InputError: `plan.json` or `designs.csv` lacks or can't be read.
+    """
+    require_files(folder, ["plan.json"])
+    return page_of(read_json(folder / "plan.json"), read_table(folder, "designs"), record)
+
+
+@style()
+def page_of(content: Mapping[str, Any], designs: pd.DataFrame, record: Mapping[str, Any]) -> str:
+    """The HTML of a plan: content of ``plan.json``, ``designs.csv``, content of ``run.json``."""
+    plan, chosen = content["plan"], content["designs"][content["chosen"] - 1]
+    wanted = plan["goal"]["assurance"]
+    goals = list(chosen["goals"])
+    return render_page(
+        "plan.html",
+        title="How many people and impacts does the study need?",
+        subtitle=f"{plan['name']}: {counted(len(content['designs']), 'design')} compared",
+        contents=[
+            ("application", "For the application"),
+            ("designs", "All designs"),
+            ("more", "What more would add"),
+            *([("power", "Power at one truth")] if "one truth" in content["variants"] else []),
+            *([("looks", "Stopping early")] if content["looks"] else []),
+            ("assumed", "What is assumed"),
+            ("provenance", "Provenance"),
+        ],
+        record=record,
+        versions=record.get("versions", {}),
+        plan=plan,
+        reaches=content["reaches"],
+        answer=content["answer"],
+        warning=content["warning"],
+        codes=codes_in(content["warning"]),
+        paragraph=content["paragraph"],
+        sha256=content["sha256"],
+        questions=_questions(plan),
+        by_people=by_people(content),
+        cost=_cost(chosen, plan["cost"]),
+        misleads=_misleads(chosen),
+        curves=[curves(designs, name, wanted) for name in goals],
+        contours=[drawn for name in goals if (drawn := contours(designs, name, chosen, wanted)) is not None],
+        designs_table=designs_table(designs, content["chosen"], wanted),
+        gains=gains_table(content),
+        gain_words=_gain_words(content),
+        power=power_table(content) if "one truth" in content["variants"] else None,
+        looks=[(_name(name), looks_table(rows)) for name, rows in content["looks"].items()],
+        formulas=_formulas(content),
+        believed=settings_table({"population": plan["population"]}),
+        chain=settings_table({key: plan[key] for key in ("recording", "recorder", "gravity") if key in plan}),
+        settings=settings_table({key: plan[key] for key in ("candidates", "cost", "goal")}),
+        pilot=plan.get("pilot", ""),
+    )
+
+
+def _name(goal: str) -> str:
+    return goal.replace("_", " ")
+
+
+def _questions(plan: Mapping[str, Any]) -> list[dict[str, str]]:
+    claims = [{"name": _name(name), "text": text} for name, text in plan["questions"].items()]
+    for name, each in plan.get("precision", {}).items():
+        width = percent(each["relative"]) if "relative" in each else f"{each['half_width']:g}"
+        claims.append({"name": _name(name), "text": f"{each['of']} to ± {width}"})
+    return claims
+
+
+def _share(goal: Mapping[str, Any]) -> str:
+    return f"{number(goal['answered'], 2)} ± {number(goal['se'], 2)}"
+
+
+def _alike(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
+    return all(one[key] == other[key] for key in ("masses_kg", "velocities_m_s", "conditions", "repeats"))
+
+
+def by_people(content: Mapping[str, Any]) -> Table:
+    """The assurance of each goal by people, of designs that are the chosen one but for that."""
+    chosen = content["designs"][content["chosen"] - 1]
+    rows = {each["people"]: each["goals"] for each in content["designs"] if _alike(each, chosen)}
+    for name in ("more people", "many people"):
+        if variant := content["variants"].get(name):
+            rows.setdefault(variant["people"], variant["goals"])
+
+    def cell(people: int, goal: str) -> str:
+        share = _share(rows[people][goal])
+        return Markup("<strong>{}</strong>").format(share) if people == chosen["people"] else share
+
+    goals = list(chosen["goals"])
+    titles = {name: _name(name) if len(goals) > 1 else "answers" for name in goals}
+    return table_of(
+        sorted(rows),
+        Field("people", str, "number"),
+        *(Field(titles[name], partial(cell, goal=name), "number") for name in goals),
+    )
+
+
+def _cost(design: Mapping[str, Any], cost: Mapping[str, float]) -> dict[str, str]:
+    hours = design["minutes"] / 60
+    size = f"{significant(hours, 2)} hours" if hours >= 1.5 else f"{design['minutes']:.0f} minutes"
+    minutes = f"{cost['person_min']:g} minutes a person, {cost['impact_min']:g} an impact"
+    return {
+        "time": size,
+        "design": f"{counted(design['people'], 'person', 'people')}, {counted(design['impacts'], 'impact')}: "
+        f"{numbers_in_short(design['masses_kg'].split())} kg at "
+        f"{numbers_in_short(design['velocities_m_s'].split())} m/s, "
+        f"{counted(design['repeats'], 'repeat')}.",
+        "of": f"{minutes}, {cost['mass_change_min']:g} a change of the mass.",
+    }
+
+
+def _misleads(design: Mapping[str, Any]) -> list[str]:
+    """What happens else, in a sentence each."""
+    sentences = []
+    for name, goal in design["goals"].items():
+        if goal["misleads"] is None:
+            mean, most = significant(goal["width"], 2), significant(goal["width_q80"], 2)
+            sentences.append(f"{_name(name)}: ± {mean} on average; 80 % of the studies are below {most}.")
+        else:
+            undecided, misleads = number(goal["undecided"], 2), number(goal["misleads"], 2)
+            sentences.append(f"{_name(name)}: undecided {undecided}, answered wrongly {misleads}.")
+    return sentences
+
+
+def curves(designs: pd.DataFrame, goal: str, wanted: float) -> Markup:
+    """The assurance over people, or over repeats where people do not vary, a line for each other design."""
+    rows = designs[designs["goal"] == goal]
+    over = "people" if rows["people"].nunique() >= rows["repeats"].nunique() else "repeats"
+    others = ["masses_kg", "velocities_m_s", "conditions", "repeats" if over == "people" else "people"]
+    lines = sorted(rows.groupby(others, sort=False), key=lambda group: -group[1]["answered"].mean())
+    varying = [name for name in others if len(set(rows[name])) > 1]
+    fig, axes = new_figure((4.8, 3.5))
+    for number_, (key, line) in enumerate(lines[:_MOST_LINES]):
+        line = line.sort_values(over)
+        axes.errorbar(
+            line[over],
+            line["answered"],
+            yerr=line["se"],
+            fmt=f"-{_MARKERS[number_ % len(_MARKERS)]}",
+            ms=4.5,
+            color=PALETTE[number_ % len(PALETTE)],
+            label=_label(dict(zip(others, key, strict=True)), varying),
+        )
+    axes.axhline(wanted, ls="--", lw=1, color=MUTED)
+    axes.set(xlabel=over, ylabel="assurance", ylim=(-0.03, 1.03), title=_name(goal))
+    axes.set_xticks(sorted(rows[over].unique()))
+    if varying:
+        fig.legend(loc="outside lower center", ncols=2 if len(lines) > 1 else 1)
+    alt = f"Assurance of {_name(goal)} over {over}, with standard errors; the dashed line is what is wanted."
+    return figure(fig, alt)
+
+
+def _label(design: Mapping[str, Any], varying: Sequence[str]) -> str:
+    """What tells a line from the others."""
+    words = {
+        "masses_kg": "{} kg",
+        "velocities_m_s": "{} m/s",
+        "conditions": "{} conditions",
+        "people": "{} people",
+        "repeats": "repeats: {}",
+    }
+    named = [name for name in varying if name != "conditions" or "masses_kg" not in varying]
+    return ", ".join(words[name].format(numbers_in_short(str(design[name]).split())) for name in named)
+
+
+def contours(designs: pd.DataFrame, goal: str, chosen: Mapping[str, Any], wanted: float) -> Markup | None:
+    """The assurance over people and repeats, where both vary."""
+    alike = np.all([designs[k] == chosen[k] for k in ("masses_kg", "velocities_m_s", "conditions")], axis=0)
+    rows = designs[(designs["goal"] == goal) & alike]
+    grid = rows.pivot_table(index="repeats", columns="people", values="answered")
+    if min(grid.shape) < 2 or grid.isna().any(axis=None):
+        return None
+    people, repeats = (np.asarray(values, float) for values in (grid.columns, grid.index))
+    fig, axes = new_figure((4.8, 3.2))
+    shares = grid.to_numpy(float)
+    crossed = [level for level in sorted({*_LEVELS, wanted}) if shares.min() < level < shares.max()]
+    if crossed:
+        drawn = axes.contour(people, repeats, shares, levels=crossed, colors=MUTED, linewidths=1)
+        axes.clabel(drawn, fmt="%g", fontsize=8.5)
+    if wanted in crossed:
+        axes.contour(people, repeats, shares, levels=[wanted], colors=POSTERIOR, linewidths=2)
+    axes.plot(*np.meshgrid(people, repeats), "o", ms=3, color=MUTED)
+    axes.plot(chosen["people"], chosen["repeats"], "o", ms=8, color=POSTERIOR)
+    axes.set(xlabel="people", ylabel="repeats", title=_name(goal), xticks=people, yticks=repeats)
+    for values, set_limits in ((people, axes.set_xlim), (repeats, axes.set_ylim)):
+        margin = 0.06 * np.ptp(values)
+        set_limits(values[0] - margin, values[-1] + margin)
+    alt = f"Lines of equal assurance of {_name(goal)} over people and repeats; the design above is marked."
+    return figure(fig, alt)
+
+
+def designs_table(designs: pd.DataFrame, chosen: int, wanted: float) -> Table:
+    """A row for each design and goal; the chosen design is marked."""
+
+    def known(title: str, column: str, words: Callable[[float], str]) -> Field:
+        return Field(title, lambda row: words(row[column]) if pd.notna(row[column]) else "", "number")
+
+    def share(row: Mapping[str, Any]) -> str:
+        words = _share(row)
+        return Markup("<strong>{}</strong>").format(words) if row["answered"] >= wanted else words
+
+    hundredths, digits = partial(number, decimals=2), partial(significant, digits=2)
+    fields = [
+        Field("design", lambda row: f"{row['design']:.0f}{' ◂' if row['design'] == chosen else ''}"),
+        Field("people", lambda row: f"{row['people']:.0f}", "number"),
+        Field("kg", lambda row: numbers_in_short(row["masses_kg"].split())),
+        Field("m/s", lambda row: numbers_in_short(row["velocities_m_s"].split())),
+        Field("repeats", lambda row: f"{row['repeats']:.0f}", "number"),
+        Field("impacts", lambda row: f"{row['impacts']:.0f}", "number"),
+        Field("hours", lambda row: significant(row["minutes"] / 60, 2), "number"),
+        Field("goal", lambda row: _name(row["goal"])),
+        Field("assurance", share, "number"),
+        *(known(name, name, hundredths) for name in ("yes", "no", "undecided", "misleads")),
+        known("bits left", "undecided_bits", hundredths),
+        known("half width", "width", digits),
+        known("80 % below", "width_q80", digits),
+    ]
+    rows = designs.to_dict("records")
+    shown = [field for field in fields if any(field.cell(row) for row in rows)]
+    several = len(set(designs["goal"])) > 1
+    return table_of(rows, *(field for field in shown if several or field.title != "goal"))
+
+
+def gains_table(content: Mapping[str, Any]) -> Table:
+    """The chosen design with more of one thing, and what that adds to each goal's assurance."""
+    chosen = content["designs"][content["chosen"] - 1]
+    rows = [
+        (_variant_words(key, each, chosen), name, each["goals"][name], chosen["goals"][name])
+        for key, each in content["variants"].items()
+        if key in _VARIANTS
+        for name in each["goals"]
+    ]
+    return table_of(
+        rows,
+        Field("with", lambda row: row[0], "words"),
+        Field("goal", lambda row: _name(row[1])),
+        Field("assurance", lambda row: _share(row[2]), "number"),
+        Field("more by", lambda row: _gain(row[2], row[3]), "number"),
+    )
+
+
+def _variant_words(key: str, variant: Mapping[str, Any], chosen: Mapping[str, Any]) -> str:
+    before = {"before": chosen["people"], "before_repeats": chosen["repeats"]}
+    return _VARIANTS[key].format(people=variant["people"], repeats=variant["repeats"], **before)
+
+
+def _gain(more: Mapping[str, Any], before: Mapping[str, Any]) -> str:
+    error = float(np.hypot(more["se"], before["se"]))
+    return f"{number(more['answered'] - before['answered'], 2)} ± {number(error, 2)}"
+
+
+def _gain_words(content: Mapping[str, Any]) -> list[str]:
+    """For the first screen: what the next ten people would add."""
+    chosen, more = content["designs"][content["chosen"] - 1], content["variants"]["more people"]
+    return [
+        f"{more['people'] - chosen['people']} more people add {_gain(goal, chosen['goals'][name])}"
+        + (f" ({_name(name)})" if len(more["goals"]) > 1 else "")
+        for name, goal in more["goals"].items()
+    ]
+
+
+def power_table(content: Mapping[str, Any]) -> Table:
+    """The chosen design's assurance beside its power where every belief is its median."""
+    chosen, truth = (
+        content["designs"][content["chosen"] - 1]["goals"],
+        content["variants"]["one truth"]["goals"],
+    )
+    return table_of(
+        list(truth),
+        Field("goal", _name),
+        Field("assurance", lambda name: _share(chosen[name]), "number"),
+        Field("power at one truth", lambda name: _share(truth[name]), "number"),
+    )
+
+
+def looks_table(rows: Sequence[Mapping[str, Any]]) -> Table:
+    """What stopping at the first answer does, by the number of people at each look."""
+
+    def known(row: Mapping[str, Any], name: str) -> str:
+        return "" if row[name] is None else significant(row[name], 2)
+
+    return table_of(
+        rows,
+        Field("people", lambda row: str(row["people"]), "number"),
+        Field("stopped by then", lambda row: number(row["stopped"], 2), "number"),
+        Field("answered wrongly", lambda row: number(row["misled"], 2), "number"),
+        Field("estimate too large by", lambda row: known(row, "error"), "number"),
+        Field("without stops", lambda row: known(row, "error_without"), "number"),
+    )
+
+
+def _formulas(content: Mapping[str, Any]) -> list[str]:
+    """The analyses: which designs, and by which formulas."""
+    everything = len(content["designs"])
+    sentences = []
+    for each in content["analyses"]:
+        which = (
+            "All designs" if len(each["designs"]) == everything else f"Designs {_numbers(each['designs'])}"
+        )
+        formula = each["model"]["formula"]
+        sentences.append(
+            f"{which}: model {each['model']['name']}, log K by {formula['K']}, log C by {formula['C']}."
+        )
+    return sentences
+
+
+def _numbers(values: Sequence[int]) -> str:
+    return listed([str(value) for value in values])

@@ -1,0 +1,116 @@
+"""A plan that goes on from a study that has begun: its people, conditions and model are those of the fit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from stand_in import kernel
+
+import bayestissue as bt
+from bayestissue.errors import InputError
+from bayestissue.planning.analysis import study_of
+from bayestissue.planning.running import RunningPrior
+from bayestissue.planning.specification import plan_of
+from bayestissue.simulation import Simulation, simulate, write_campaign
+from command_line import bayestissue
+
+FORMULA = "log(mass_kg) + (1|subject)"
+CONTENT = {
+    "candidates": {"people": [3, 6], "masses_kg": [[0.5], [1.0], [2.0]]},
+    "questions": {"exponent": "mass_exponent_K < 0.5"},
+    "goal": {"studies": 100},
+}
+
+
+@pytest.fixture(scope="module")
+def begun(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("begun")
+    conditions = [{"trial": f"m{mass}", "mass_kg": mass, "velocity_m_s": 1.5} for mass in (0.5, 1.0)]
+    spreads = {f"sd_{group}_{q}": sd for group, sd in (("subject", 0.2), ("impact", 0.1)) for q in "KC"}
+    simulation = Simulation.model_validate(
+        {
+            "name": "running",
+            "seed": 4,
+            "design": {"subjects": 5, "conditions": conditions},
+            "tissue": {"K_N_per_m": 3000.0, "C_N_s_per_m": 25.0, "mass_exponent_K": 0.3} | spreads,
+            "recording": {"noise_relative_to_peak": 0.005, "velocity_sd_m_s": 0.005},
+        }
+    )
+    (folder / "drops").mkdir()
+    write_campaign(folder / "drops", simulate(simulation), simulation)
+    fit = bt.fit(folder / "drops", "impact", K=FORMULA, C=FORMULA)
+    fit.report(folder / "run")
+    return folder
+
+
+def after(begun: Path, **changed: object) -> dict[str, object]:
+    return {"run": str(begun / "run"), "dataset": str(begun / "drops")} | changed
+
+
+def test_people_and_conditions_go_on(begun: Path) -> None:
+    study = study_of(plan_of(CONTENT | {"after": after(begun)}, "plan.toml"), "plan.toml")
+    assert isinstance(study.prior, RunningPrior)
+    assert study.running is not None
+    assert len(study.running.rows) == 10
+    rows = study.designs[0].rows()
+    assert rows["subject"].tolist() == ["new001", "new002", "new003"]
+    # A mass that was recorded has its condition's name, and a new one a name of its own.
+    assert [set(design.rows()["trial"]) for design in study.designs[::2]] == [
+        {"m0.5"}, {"m1.0"}, {"2 kg at 1.5 m/s"}
+    ]  # fmt: skip
+    assert study.analyses[0].model.formula.K == FORMULA
+
+
+def test_the_same_people_may_be_hit_again(begun: Path) -> None:
+    study = study_of(plan_of(CONTENT | {"after": after(begun, again=True)}, "plan.toml"), "plan.toml")
+    assert study.designs[1].rows()["subject"].tolist() == ["s01", "s02", "s03", "s04", "s05", "new001"]
+
+
+def test_other_recordings_than_were_fitted_are_refused(begun: Path, tmp_path: Path) -> None:
+    spoilt = tmp_path / "drops"
+    spoilt.mkdir()
+    for path in (begun / "drops").iterdir():
+        if path.is_file():
+            text = path.read_bytes()
+            (spoilt / path.name).write_bytes(text.replace(b"running", b"another"))
+    with pytest.raises(InputError, match="the dataset that was fitted"):
+        study_of(plan_of(CONTENT | {"after": after(begun, dataset=str(spoilt))}, "plan.toml"), "plan.toml")
+
+
+def test_the_command_takes_a_running_study(begun: Path, tmp_path: Path, undrawn: None) -> None:
+    options = ["--people", "3,6", "--masses", "0.5", "--ask", "mass_exponent_K < 0.5", "--studies", "100"]
+    of_study = ["--after", begun / "run", "--dataset", begun / "drops"]
+    with kernel():
+        ended = bayestissue("plan", *options, *of_study, "--out", tmp_path / "out")
+        assert ended.status == 0, ended.err
+        plan = bt.plan(
+            people=[3, 6],
+            masses_kg=[0.5],
+            ask="mass_exponent_K < 0.5",
+            studies=100,
+            after=begun / "run",
+            dataset=begun / "drops",
+        )
+    assert "further people" in ended.out
+    assert "as it stands" in plan.content["variants"]
+    assert "one truth" not in plan.content["variants"]
+    assert "A study has begun" in (tmp_path / "out" / "report.html").read_text()
+    refused = bayestissue("plan", *options, *of_study[:2], "--out", tmp_path / "no")
+    assert (refused.status, "after.dataset" in refused.err) == (2, True)
+
+
+def test_a_running_study_is_assessed(begun: Path) -> None:
+    plan = bt.plan(
+        people=3,
+        masses_kg=[1.0],
+        ask="mass_exponent_K < 0.5",
+        studies=100,
+        after=begun / "run",
+        dataset=begun / "drops",
+    )
+    now = plan.content["variants"]["as it stands"]["goals"]["question_1"]
+    # What is still to come tells something.
+    assert plan.content["designs"][0]["goals"]["question_1"]["undecided_bits"] < now["undecided_bits"] + 0.02
+    # Without anything more all studies are the same one, but for where the search for its mode began.
+    assert min(now["answered"], 1 - now["answered"]) < 0.05

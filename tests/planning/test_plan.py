@@ -1,0 +1,277 @@
+"""A plan carried out, by a stand-in for the kernel: what is chosen, kept, said and shown."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from stand_in import kernel
+
+import bayestissue as bt
+from bayestissue.errors import InputError
+from bayestissue.planning.plan import Plan
+from bayestissue.report.plan_page import page_of
+from bayestissue.results import read_table
+from command_line import bayestissue
+from page_reader import Reader
+
+EXPONENT = "mass_exponent_K < 0.5"
+PLAN = """
+[candidates]
+people = [20, 40, 60, 90]
+masses_kg = [0.5, 1.0]
+repeats = [1, 2]
+[questions]
+exponent = "mass_exponent_K < 0.5"
+[precision]
+person = { of = "K[subject=new]", relative = 0.2 }
+[cost]
+person_min = 10
+[goal]
+studies = 100
+"""
+
+
+@pytest.fixture(scope="module")
+def two_goals(tmp_path_factory: pytest.TempPathFactory) -> Plan:
+    path = tmp_path_factory.mktemp("plan") / "plan.toml"
+    path.write_text(PLAN)
+    with kernel():
+        return bt.plan(path)
+
+
+def test_the_cheapest_design_that_answers_is_chosen(two_goals: Plan) -> None:
+    # 160 impacts answer with 0.8: 40 people twice for 40 * 10 + 160 + 40 * 2 minutes, or 80 people once.
+    content = two_goals.content
+    chosen = content["designs"][content["chosen"] - 1]
+    assert content["reaches"]
+    assert (chosen["people"], chosen["repeats"], chosen["minutes"]) == (40, 2, 640)
+    assert chosen["goals"]["exponent"]["answered"] == chosen["goals"]["person"]["answered"] == 0.8
+    assert two_goals.answer.startswith("40 people, each hit 2 times by 0.5 and 1 kg at 1.5 m/s (160 impacts")
+    assert "the cheapest of 8 designs that reaches 0.80" in two_goals.answer
+
+
+def test_every_share_has_its_error(two_goals: Plan) -> None:
+    rows = two_goals.designs.set_index(["people", "repeats", "goal"])
+    row = rows.loc[(20, 1, "exponent")]
+    assert row["se"] == pytest.approx((0.2 * 0.8 / 100) ** 0.5)
+    assert row["answered"] == pytest.approx(row["yes"] + row["no"])
+    assert row["undecided"] == pytest.approx(0.8)
+    # Three of a hundred truths are another than the answer.
+    assert row["misleads"] == pytest.approx(0.03)
+    # All answered, and still not sure of it.
+    assert rows.loc[(90, 2, "exponent"), "se"] == pytest.approx((101 / 102 / 102 / 100) ** 0.5)
+    assert np.isnan(rows.loc[(20, 1, "person"), "misleads"])
+    assert rows.loc[(20, 1, "person"), "width_q80"] == pytest.approx(0.24)
+
+
+def test_more_of_one_thing_and_one_truth_stand_beside_it(two_goals: Plan) -> None:
+    variants = two_goals.content["variants"]
+    assert set(variants) == {"more people", "more repeats", "better recorder", "one truth"}
+    assert variants["more people"]["people"] == 50
+    assert variants["more people"]["goals"]["exponent"]["answered"] == 1
+    assert variants["more repeats"]["repeats"] == 4
+
+
+def test_where_no_design_answers_many_people_are_tried() -> None:
+    with kernel(most=0.6):
+        plan = bt.plan(people=[20, 60], masses_kg=[0.5, 1.0], ask=EXPONENT, studies=100)
+    assert not plan.content["reaches"]
+    assert plan.content["variants"]["many people"]["people"] == 600
+    assert plan.answer.startswith(
+        "None of the 2 designs answers with a probability of 0.80. The best: 60 people"
+    )
+    assert "600 people would not either, 0.60 ± 0.05" in plan.answer
+
+
+def test_many_people_may_be_enough() -> None:
+    with kernel():
+        plan = bt.plan(people=20, masses_kg=[0.5, 1.0], ask=EXPONENT, studies=100)
+    assert "This design does not answer" in plan.answer
+    assert "200 people would: 1.00" in plan.answer
+
+
+def test_the_paragraph_says_what_an_application_needs(two_goals: Plan) -> None:
+    for part in (
+        "whether mass_exponent_K < 0.5",
+        "K[subject=new] to ± 20",
+        "above 0.95 or below 0.05",
+        "In 100 simulated studies",
+        "standard error 0.04",
+        "the power is 0.80 and 0.80",
+        "With 50 people",
+        two_goals.content["sha256"][:12],
+    ):
+        assert part in two_goals.paragraph
+
+
+def test_the_hash_is_of_all_but_the_words(two_goals: Plan) -> None:
+    with kernel():
+        same, other = (
+            bt.plan(people=20, masses_kg=[0.5, 1.0], ask=EXPONENT, studies=studies) for studies in (100, 200)
+        )
+        again = bt.plan(people=20, masses_kg=[0.5, 1.0], ask=EXPONENT, studies=100)
+    assert same.content == again.content
+    assert same.content["sha256"] != other.content["sha256"]
+
+
+def test_the_question_names_the_factor() -> None:
+    with kernel():
+        plan = bt.plan(people=20, masses_kg=0.7, ask="K[side=left] / K[side=right] > 1.1", studies=100)
+    assert plan.content["plan"]["candidates"]["factors"][0]["levels"] == ["left", "right"]
+    assert plan.designs["impacts"].tolist() == [40]
+
+
+def test_a_wrong_argument_is_refused_before_any_work() -> None:
+    with kernel() as stand_in, pytest.raises(InputError, match="two masses or more"):
+        bt.plan(people=20, masses_kg=[0.7], ask=EXPONENT)
+    assert stand_in.calls == []
+
+
+def test_a_plan_of_a_file_and_one_of_arguments_are_one(tmp_path: Path) -> None:
+    path = tmp_path / "plan.toml"
+    path.write_text(
+        "[candidates]\npeople = [20, 30]\nmasses_kg = [0.5, 1.0]\n"
+        f'[questions]\nquestion_1 = "{EXPONENT}"\n[goal]\nstudies = 100\n'
+    )
+    with kernel():
+        options = ["--people", "20,30", "--masses", "0.5,1", "--ask", EXPONENT, "--studies", "100"]
+        assert bayestissue("plan", *options, "--out", tmp_path / "options", "-q").status == 0
+        assert bayestissue("plan", path, "--out", tmp_path / "file", "-q").status == 0
+        arguments = bt.plan(people=[20, 30], masses_kg=[0.5, 1.0], ask=EXPONENT, studies=100)
+    tables = [read_table(tmp_path / name, "designs") for name in ("options", "file")]
+    for table in tables:
+        pd.testing.assert_frame_equal(table, arguments.designs, check_dtype=False)
+
+
+def test_the_command_writes_all_or_nothing(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    with kernel():
+        ended = bayestissue(
+            "plan",
+            "--people",
+            "20,60",
+            "--masses",
+            "0.5,1",
+            "--ask",
+            EXPONENT,
+            "--studies",
+            100,
+            "--out",
+            out,
+        )
+    assert ended.status == 0, ended.err
+    assert "60 people, each hit once" in ended.out
+    names = {path.name for path in out.iterdir()}
+    assert names == {
+        ".bayestissue.json",
+        *("designs.csv", "plan.json", "report.html", "run.json", "studies.parquet"),
+    }
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+    refused = bayestissue(
+        "plan", "--people", "2,x", "--masses", "0.5,", "--ask", EXPONENT, "--out", tmp_path / "no"
+    )
+    assert refused.status == 2
+    assert "2 problems; nothing was written" in refused.err
+    assert not (tmp_path / "no").exists()
+
+
+def test_a_file_and_options_are_not_mixed(tmp_path: Path) -> None:
+    path = tmp_path / "plan.toml"
+    path.write_text(PLAN)
+    refused = bayestissue("plan", path, "--people", "10", "--out", tmp_path / "out")
+    assert (refused.status, "PLAN.toml or --people" in refused.err) == (2, True)
+    refused = bayestissue("plan", "--people", "10", "--within", "side", "--out", tmp_path / "out")
+    assert (refused.status, "--masses" in refused.err) == (2, True)
+
+
+def test_more_studies_and_designs_go_on_from_what_is_there(tmp_path: Path) -> None:
+    out, options = tmp_path / "out", ["--masses", "0.5,1", "--ask", EXPONENT, "--overwrite", "-q"]
+    with kernel() as stand_in:
+        assert bayestissue("plan", "--people", "60", *options, "--studies", 200, "--out", out).status == 0
+        assert {blocks for _, blocks in stand_in.calls} == {range(2)}
+        stand_in.calls.clear()
+        assert bayestissue("plan", "--people", "60", *options, "--studies", 200, "--out", out).status == 0
+        assert stand_in.calls == []
+        assert bayestissue("plan", "--people", "60,80", *options, "--studies", 400, "--out", out).status == 0
+    # Of the first design further blocks, of the new one all.
+    assert (1, range(2, 4)) in stand_in.calls
+    assert (1, range(4)) in stand_in.calls
+    assert read_table(out, "designs")["studies"].tolist() == [400, 400]
+
+
+def test_an_interrupted_plan_goes_on(tmp_path: Path) -> None:
+    out, calls = tmp_path / "out", ["plan", "--people", "20,60", "--masses", "0.5,1", "--ask", EXPONENT]
+    calls += ["--studies", "1000", "-q", "--out", str(out)]
+    with kernel() as stand_in:
+        real = stand_in.__class__.__call__
+
+        def stopped(self: object, *args: object, **settings: object) -> object:
+            if len(stand_in.calls) >= 2:
+                raise KeyboardInterrupt
+            return real(stand_in, *args, **settings)
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(stand_in.__class__, "__call__", stopped)
+            ended = bayestissue(*calls)
+        assert ended.status != 0
+        assert not out.exists()
+        before = len(stand_in.calls)
+        assert bayestissue(*calls).status == 0
+    # Candidates and further people were kept; another recorder and one truth were left.
+    assert stand_in.calls[before:] == [(1, range(10)), (1, range(10))]
+    assert json.loads((out / "plan.json").read_text())["designs"][0]["goals"]["question_1"]["studies"] == 1000
+    assert not list(tmp_path.glob(".out*"))
+
+
+def test_the_page_answers_its_title_on_the_first_screen(two_goals: Plan) -> None:
+    page = page_of(two_goals.content, two_goals.designs, two_goals.about)
+    reader = Reader()
+    reader.feed(page)
+    assert reader.open == []
+    assert not reader.unnamed
+    assert not reader.sources
+    first = page[: page.index("<main>")]
+    for part in (
+        two_goals.answer,
+        "The cheapest design that answers",
+        "11 hours",
+        "0.80 ± 0.04",
+        "10 more people",
+    ):
+        assert part in first, part
+    assert "Lines of equal assurance of exponent" in page
+    assert two_goals.content["sha256"] in page
+    assert "log(mass_kg) + (1|subject) + (1|trial)" in page
+
+
+def test_what_stopping_early_does_is_said(two_goals: Plan) -> None:
+    looks = two_goals.content["looks"]["exponent"]
+    assert [look["people"] for look in looks] == [20, 40, 60, 90]
+    stopped = [look["stopped"] for look in looks]
+    assert stopped == sorted(stopped)
+    assert stopped[0] == pytest.approx(0.4)
+    assert looks[0]["misled"] == pytest.approx(0.03)
+    assert looks[0]["error"] == looks[0]["error_without"] == 0
+    assert "Stopping early" in page_of(two_goals.content, two_goals.designs, two_goals.about)
+
+
+def test_traces_that_no_normal_stands_for_are_warned_of(tmp_path: Path, undrawn: None) -> None:
+    options = ["--people", "60", "--masses", "0.5,1", "--ask", EXPONENT, "--studies", "100"]
+    with kernel(normal=False):
+        ended = bayestissue("plan", *options, "--out", tmp_path / "out")
+    assert "explain traces-not-normal" in ended.out
+    assert "Traces are no normal densities" in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_a_written_plan_is_drawn_anew_and_read_whole(two_goals: Plan, tmp_path: Path, undrawn: None) -> None:
+    path = two_goals.report(tmp_path / "plan")
+    page = path.read_text()
+    path.unlink()
+    assert bayestissue("report", tmp_path / "plan").status == 0
+    assert path.read_text() == page
+    assert json.loads((tmp_path / "plan" / "plan.json").read_text()) == two_goals.content
+    assert "40 people" in repr(two_goals)
