@@ -74,8 +74,10 @@ class Piece:
 
 
 def _own(table: pd.DataFrame, where: dict[str, str]) -> pd.DataFrame:
+    # A file of one piece alone has no column that says whose its rows are.
     for column, value in where.items():
-        table = table[table[column].astype(str) == value]
+        if column in table:
+            table = table[table[column].astype(str) == value]
     return table
 
 
