@@ -30,7 +30,9 @@ from bayestissue.simulation.specification import Recording, Simulation
 PLAN, DESIGNS, STUDIES = "plan.json", "designs", "studies.parquet"
 # So many blocks of studies are assessed before they are kept.
 _BLOCKS = 10
-_MORE_PEOPLE, _MANY_TIMES = 10, 10
+_MORE_PEOPLE, _MANY_TIMES = 10, 4
+# Of what stands beside the chosen design: so many studies at the most.
+_FEWER_STUDIES = 200
 # Of a recorder that is better by so much.
 _BETTER = 0.1
 _ERRORS = tuple(name for name in Recording.model_fields if "_sd" in name or name == "noise_relative_to_peak")
@@ -274,7 +276,13 @@ def carry_out(
     else:
         chosen = max(range(len(found)), key=lambda n: (_short_of(found[n], aim.assurance), -minutes[n]))
     variants = _variants(cases[chosen], reaches=bool(reaching))
-    of_variants = ledger.assess(list(variants.values()), study.goals, aim.studies)
+    fewer = min(aim.studies, _FEWER_STUDIES)
+    large = variants.pop("many people", None)
+    of_variants = ledger.assess(list(variants.values()), study.goals, fewer)
+    if large is not None:
+        # By itself: designs that are assessed together cost as much as the largest of them.
+        variants["many people"] = large
+        of_variants += ledger.assess([large], study.goals, fewer)
     content: dict[str, Any] = {
         "program": "bayestissue",
         "version": runtime.versions()["bayestissue"],
