@@ -166,7 +166,8 @@ def curves(designs: pd.DataFrame, goal: str, wanted: float) -> Markup:
     others = ["masses_kg", "velocities_m_s", "conditions", "repeats" if over == "people" else "people"]
     lines = sorted(rows.groupby(others, sort=False), key=lambda group: -group[1]["answered"].mean())
     varying = [name for name in others if len(set(rows[name])) > 1]
-    fig, axes = new_figure((4.8, 3.5))
+    # Lines are told apart by words too long to stand side by side.
+    fig, axes = new_figure((4.8, 3.2 + 0.18 * min(len(lines), _MOST_LINES)))
     for number_, (key, line) in enumerate(lines[:_MOST_LINES]):
         line = line.sort_values(over)
         axes.errorbar(
@@ -182,7 +183,7 @@ def curves(designs: pd.DataFrame, goal: str, wanted: float) -> Markup:
     axes.set(xlabel=over, ylabel="assurance", ylim=(-0.03, 1.03), title=_name(goal))
     axes.set_xticks(sorted(rows[over].unique()))
     if varying:
-        fig.legend(loc="outside lower center", ncols=2 if len(lines) > 1 else 1)
+        fig.legend(loc="outside lower left")
     alt = f"Assurance of {_name(goal)} over {over}, with standard errors; the dashed line is what is wanted."
     return figure(fig, alt)
 
@@ -201,19 +202,18 @@ def _label(design: Mapping[str, Any], varying: Sequence[str]) -> str:
 
 
 def contours(designs: pd.DataFrame, goal: str, chosen: Mapping[str, Any], wanted: float) -> Markup | None:
-    """The assurance over people and repeats, where both vary."""
+    """The assurance over people and repeats, where both vary and it is one that a line is drawn of."""
     alike = np.all([designs[k] == chosen[k] for k in ("masses_kg", "velocities_m_s", "conditions")], axis=0)
     rows = designs[(designs["goal"] == goal) & alike]
     grid = rows.pivot_table(index="repeats", columns="people", values="answered")
-    if min(grid.shape) < 2 or grid.isna().any(axis=None):
-        return None
     people, repeats = (np.asarray(values, float) for values in (grid.columns, grid.index))
-    fig, axes = new_figure((4.8, 3.2))
     shares = grid.to_numpy(float)
     crossed = [level for level in sorted({*_LEVELS, wanted}) if shares.min() < level < shares.max()]
-    if crossed:
-        drawn = axes.contour(people, repeats, shares, levels=crossed, colors=MUTED, linewidths=1)
-        axes.clabel(drawn, fmt="%g", fontsize=8.5)
+    if min(grid.shape) < 2 or grid.isna().any(axis=None) or not crossed:
+        return None
+    fig, axes = new_figure((4.8, 3.2))
+    drawn = axes.contour(people, repeats, shares, levels=crossed, colors=MUTED, linewidths=1)
+    axes.clabel(drawn, fmt="%g", fontsize=8.5)
     if wanted in crossed:
         axes.contour(people, repeats, shares, levels=[wanted], colors=POSTERIOR, linewidths=2)
     axes.plot(*np.meshgrid(people, repeats), "o", ms=3, color=MUTED)
