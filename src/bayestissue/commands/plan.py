@@ -241,13 +241,16 @@ def _print(plan: Plan) -> None:
     headings = ["people", "kg", "m/s", "repeats", "takes", *goals]
     rows = [
         [
-            str(each["people"]),
-            *(numbers_in_short(each[name].split()) for name in ("masses_kg", "velocities_m_s")),
-            str(each["repeats"]),
-            duration(each["minutes"]),
-            *(f"{number(goal['answered'], 2)} ± {number(goal['se'], 2)}" for goal in each["goals"].values()),
+            str(design["people"]),
+            *(numbers_in_short(design[name].split()) for name in ("masses_kg", "velocities_m_s")),
+            str(design["repeats"]),
+            duration(design["minutes"]),
+            *(
+                f"{number(goal['answered'], 2)} ± {number(goal['se'], 2)}"
+                for goal in design["goals"].values()
+            ),
         ]
-        for each in designs
+        for design in designs
     ]
     show(table(f"{plan.content['plan']['name']}: the probability of an answer", headings, rows))
     line(plan.answer)

@@ -105,9 +105,9 @@ def study_of(plan: PlanSpecification, source: str) -> Study:
         for conditions, largest in largest_of_each(designs).items()
     }
     judged: list[Design] = []
-    for each in sets.values():
-        formulas = model.formula.model_copy(update=each.formulas)
-        rows = begun.all_rows(each.largest) if begun else each.largest.rows()
+    for conditions in sets.values():
+        formulas = model.formula.model_copy(update=conditions.formulas)
+        rows = begun.all_rows(conditions.largest) if begun else conditions.largest.rows()
         named = source if plan.formula else model_source
         with collected(problems):
             design = build_design(formulas, rows, reference_mass_kg=reference, source=named)
@@ -201,7 +201,7 @@ def _unsuited(model: ModelSpecification, source: str) -> Iterator[Problem]:
 def _questions(plan: PlanSpecification, source: str) -> list[Question]:
     claimed = [Question(text, f"{source}, questions.{name}", name) for name, text in plan.questions.items()]
     numbers = plan.precision.items()
-    return claimed + [Question(each.of, f"{source}, precision.{name}.of", name) for name, each in numbers]
+    return claimed + [Question(number.of, f"{source}, precision.{name}.of", name) for name, number in numbers]
 
 
 def _unreadable(plan: PlanSpecification, question: Question, source: str) -> Iterator[Problem]:
@@ -304,8 +304,8 @@ def _prior(plan: PlanSpecification, model: ModelSpecification, source: str) -> D
 def _goals(plan: PlanSpecification) -> tuple[Goal, ...]:
     claimed = [Goal(name, text) for name, text in plan.questions.items()]
     numbers = [
-        Goal(name, each.of, each.half_width or each.relative, each.relative is not None)
-        for name, each in plan.precision.items()
+        Goal(name, number.of, number.half_width or number.relative, number.relative is not None)
+        for name, number in plan.precision.items()
     ]
     return (*claimed, *numbers)
 

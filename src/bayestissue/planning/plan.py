@@ -270,7 +270,7 @@ def carry_out(
     ]
     found = ledger.assess(cases, study.goals, aim.studies)
     minutes = [design.minutes(study.plan.cost) for design in study.designs]
-    reaching = [n for n, each in enumerate(found) if _short_of(each, aim.assurance) >= 1]
+    reaching = [n for n, assessed in enumerate(found) if _short_of(assessed, aim.assurance) >= 1]
     if reaching:
         chosen = min(reaching, key=lambda number: minutes[number])
     else:
@@ -288,8 +288,11 @@ def carry_out(
         "version": runtime.versions()["bayestissue"],
         "plan": study.plan.model_dump(mode="json", exclude_none=True),
         "analyses": [
-            {"designs": [number + 1 for number in each.designs], "model": each.model.model_dump(mode="json")}
-            for each in study.analyses
+            {
+                "designs": [number + 1 for number in analysis.designs],
+                "model": analysis.model.model_dump(mode="json"),
+            }
+            for analysis in study.analyses
         ],
         "designs": [
             {"design": number + 1, **_of_case(case, minutes[number], found[number])}
@@ -430,7 +433,7 @@ class Ledger:
 
 def _short_of(assessments: Sequence[Assessment], wanted: float) -> float:
     """The least assurance of all goals as a fraction of what is wanted."""
-    return min(each.answered for each in assessments) / wanted
+    return min(assessment.answered for assessment in assessments) / wanted
 
 
 def _variants(case: Case, *, reaches: bool) -> dict[str, Case]:
@@ -475,10 +478,10 @@ def _looks(
         wrong, error = stopped.copy(), np.full(assessment.studies, np.nan)
         rows: list[dict[str, float | None]] = []
         for number in alike:
-            each = found[number][position]
-            now = (each.yes | each.no) & ~stopped
-            wrong |= now & (each.yes != each.true)
-            error[now] = (each.estimate - each.value)[now]
+            look = found[number][position]
+            now = (look.yes | look.no) & ~stopped
+            wrong |= now & (look.yes != look.true)
+            error[now] = (look.estimate - look.value)[now]
             stopped |= now
             rows.append(
                 {
@@ -486,7 +489,7 @@ def _looks(
                     "stopped": float(stopped.mean()),
                     "misled": float(wrong.mean()),
                     "error": _mean(error[stopped]),
-                    "error_without": _mean(each.estimate - each.value),
+                    "error_without": _mean(look.estimate - look.value),
                 }
             )
         tables[assessment.goal.name] = rows
@@ -519,7 +522,7 @@ def _words_of(prior: DesignPrior) -> str:
             beliefs = otherwise.population.model_dump(mode="json")
             return json.dumps([sums, prior.reference_mass_kg, beliefs])
         case RunningPrior(pilot=pilot, effects=effects):
-            return json.dumps([_words_of(pilot), {name: _sum(each) for name, each in effects.items()}])
+            return json.dumps([_words_of(pilot), {name: _sum(drawn) for name, drawn in effects.items()}])
     raise TypeError(type(prior))
 
 
@@ -528,7 +531,7 @@ def _sum(values: Any) -> str:
 
 
 def _of_case(case: Case, minutes: float, assessed: Sequence[Assessment]) -> dict[str, Any]:
-    goals = {each.goal.name: _of_goal(each) for each in assessed}
+    goals = {assessment.goal.name: _of_goal(assessment) for assessment in assessed}
     return {**case.design.columns(), "minutes": minutes, "goals": goals}
 
 
@@ -557,7 +560,7 @@ def _of_goal(assessment: Assessment) -> dict[str, Any]:
 def _designs(content: Mapping[str, Any]) -> pd.DataFrame:
     """A row for each design and goal: ``designs.csv``."""
     plan = content["plan"]
-    texts = plan["questions"] | {name: each["of"] for name, each in plan.get("precision", {}).items()}
+    texts = plan["questions"] | {name: number["of"] for name, number in plan.get("precision", {}).items()}
     rows = []
     for design in content["designs"]:
         of_design = {name: value for name, value in design.items() if name != "goals"}

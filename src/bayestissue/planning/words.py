@@ -30,7 +30,7 @@ def answer(content: Content) -> str:
         else f"None of the {count} designs answers with a probability of {wanted}. The best: "
     )
     many = content["variants"]["many people"]
-    enough = all(each["answered"] >= content["plan"]["goal"]["assurance"] for each in many["goals"].values())
+    enough = all(goal["answered"] >= content["plan"]["goal"]["assurance"] for goal in many["goals"].values())
     people = counted(many["people"], "person", "people")
     plateau = (
         f"{people} would: {_shares(many)}."
@@ -54,7 +54,9 @@ def paragraph(content: Content) -> str:
     truth = content["variants"].get("one truth", {"goals": {}})["goals"]
     powers = listed([number(goal["answered"], 2) for goal in truth.values()])
     more = content["variants"]["more people"]
-    model = next(each["model"] for each in content["analyses"] if content["chosen"] in each["designs"])
+    model = next(
+        analysis["model"] for analysis in content["analyses"] if content["chosen"] in analysis["designs"]
+    )
     lost = [
         f"{percent(plan['candidates'][key])} of the {what}"
         for key, what in (("lost", "impacts"), ("lost_people", "people"))
@@ -131,7 +133,7 @@ def _goal_shares(design: Content) -> list[str]:
 
 def _asked(plan: Content) -> str:
     claims = [f"whether {text}" for text in plan["questions"].values()]
-    return listed(claims + [_width_words(each) for each in plan.get("precision", {}).values()])
+    return listed(claims + [_width_words(number) for number in plan.get("precision", {}).values()])
 
 
 def _width_words(precision: Content) -> str:

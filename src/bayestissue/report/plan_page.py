@@ -97,9 +97,9 @@ def _name(goal: str) -> str:
 
 def _questions(plan: Mapping[str, Any]) -> list[dict[str, str]]:
     claims = [{"name": _name(name), "text": text} for name, text in plan["questions"].items()]
-    for name, each in plan.get("precision", {}).items():
-        width = percent(each["relative"]) if "relative" in each else f"{each['half_width']:g}"
-        claims.append({"name": _name(name), "text": f"{each['of']} to ± {width}"})
+    for name, wanted in plan.get("precision", {}).items():
+        width = percent(wanted["relative"]) if "relative" in wanted else f"{wanted['half_width']:g}"
+        claims.append({"name": _name(name), "text": f"{wanted['of']} to ± {width}"})
     return claims
 
 
@@ -114,7 +114,7 @@ def _alike(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
 def by_people(content: Mapping[str, Any]) -> Table:
     """The assurance of each goal by people, of designs that are the chosen one but for that."""
     chosen = content["designs"][content["chosen"] - 1]
-    rows = {each["people"]: each["goals"] for each in content["designs"] if _alike(each, chosen)}
+    rows = {design["people"]: design["goals"] for design in content["designs"] if _alike(design, chosen)}
     for name in ("more people", "many people"):
         if variant := content["variants"].get(name):
             rows.setdefault(variant["people"], variant["goals"])
@@ -262,10 +262,10 @@ def gains_table(content: Mapping[str, Any]) -> Table:
     """The chosen design with more of one thing, and what that adds to each goal's assurance."""
     chosen = content["designs"][content["chosen"] - 1]
     rows = [
-        (_variant_words(key, each, chosen), name, each["goals"][name], chosen["goals"][name])
-        for key, each in content["variants"].items()
+        (_variant_words(key, variant, chosen), name, variant["goals"][name], chosen["goals"][name])
+        for key, variant in content["variants"].items()
         if key in _VARIANTS
-        for name in each["goals"]
+        for name in variant["goals"]
     ]
     return table_of(
         rows,
@@ -330,13 +330,15 @@ def _formulas(content: Mapping[str, Any]) -> list[str]:
     """The analyses: which designs, and by which formulas."""
     everything = len(content["designs"])
     sentences = []
-    for each in content["analyses"]:
+    for analysis in content["analyses"]:
         which = (
-            "All designs" if len(each["designs"]) == everything else f"Designs {_numbers(each['designs'])}"
+            "All designs"
+            if len(analysis["designs"]) == everything
+            else f"Designs {_numbers(analysis['designs'])}"
         )
-        formula = each["model"]["formula"]
+        formula = analysis["model"]["formula"]
         sentences.append(
-            f"{which}: model {each['model']['name']}, log K by {formula['K']}, log C by {formula['C']}."
+            f"{which}: model {analysis['model']['name']}, log K by {formula['K']}, log C by {formula['C']}."
         )
     return sentences
 
