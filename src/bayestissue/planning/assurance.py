@@ -8,10 +8,9 @@ is the share of studies that are answered (O'Hagan and Stevens 2001, doi:10.1177
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -24,7 +23,7 @@ from bayestissue.hierarchy.formulas.formula import group_terms
 from bayestissue.hierarchy.levels import Recorded
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.inference.answers.grammar import Node, Operation, Quantity, claims, parse
-from bayestissue.inference.answers.meaning import draws_of
+from bayestissue.inference.answers.meaning import draws_of, quantities
 from bayestissue.inference.answers.reliability import coefficients, variances
 from bayestissue.planning.information import Information, TypicalTissue, information
 from bayestissue.planning.population import DesignPrior, Streams, Truths
@@ -291,18 +290,9 @@ class _Asked:
             design, responses={q: part for q, part in design.responses.items() if q in RESPONSES}
         )
         sites = derived.named_sites(model.locations, design, dict(values), b)
-        reported = derived.reported_sites(design, sites)
-        levels = derived.effect_dimensions(design)
-        coords: dict[str, Any] = {name: list(design.groupings[name].levels) for name in set(levels.values())}
-        coords |= {"chain": np.arange(b.shape[0]), "draw": np.arange(b.shape[1])}
-        draws = xr.Dataset(
-            {
-                name: (("chain", "draw", *([levels[name]] if name in levels else [])), array)
-                for name, array in reported.items()
-            },
-            coords,
-        )
-        names = {quantity.name for node in nodes for quantity in _quantities(node)}
+        draws = derived.labelled_draws(design, derived.reported_sites(design, sites))
+        draws = draws.assign_coords(chain=np.arange(b.shape[0]), draw=np.arange(b.shape[1]))
+        names = {quantity.name for node in nodes for quantity in quantities(node)}
         for q in RESPONSES:
             if f"{q}_typical_person" in names:
                 typical = draws_of(Quantity(q, (), 0), draws, design.recorded)
@@ -321,7 +311,7 @@ class _Asked:
         self, node: Node, draws: xr.Dataset
     ) -> tuple[Float[np.ndarray, "study draw"], Float[np.ndarray, "study draw"]]:
         """The values of a question in each draw, 1 or 0 of a claim, and of the expression it compares."""
-        over_levels = any(level.value is None for quantity in _quantities(node) for level in quantity.levels)
+        over_levels = any(level.value is None for quantity in quantities(node) for level in quantity.levels)
         recorded = self._recorded if over_levels else self.arrangement.design.recorded
 
         def of(part: Node) -> np.ndarray:
@@ -332,15 +322,6 @@ class _Asked:
             return values, values
         one = isinstance(node, Operation) and node.symbol in ("<", "<=", ">", ">=", "between")
         return values, of(node.operands[0]) if one else np.full(values.shape, np.nan)  # type: ignore[union-attr]
-
-
-def _quantities(node: Node) -> Iterator[Quantity]:
-    match node:
-        case Quantity():
-            yield node
-        case Operation(operands=operands):
-            for operand in operands:
-                yield from _quantities(operand)
 
 
 def planner(
