@@ -140,10 +140,10 @@ def campaigns(case: dict[str, Any], number: int) -> list[Simulation]:
     reference = float(np.exp(np.log(rows["mass_kg"]).mean()))
     design = build_design(specification.formula, rows, reference_mass_kg=reference, source="plan")
     model, _ = planned_model(specification, design)
-    simulations = []
+    # Truths of each case's own, and others than the plan's: what is drawn by chance then differs between cases.
+    simulations, seed = [], 70 + list(CASES.values()).index(case)
     for study in range(number):
-        # Other streams than the plan's.
-        truths = Beliefs(population_of(case)).truths(model, design, Streams(77, study // BLOCK))
+        truths = Beliefs(population_of(case)).truths(model, design, Streams(seed, study // BLOCK))
         of_study = {name: float(v[study % BLOCK]) for name, v in truths.hyperparameters.items()}
         fixed = {name: float(v[study % BLOCK, 0]) for name, v in truths.fixed.items()}
         tissue: dict[str, Any] = {
@@ -165,7 +165,7 @@ def campaigns(case: dict[str, Any], number: int) -> list[Simulation]:
                 tissue[key[0]] = {key[1]: {q: of_study[f"{name}_{q}"] for q in ("K", "C")}}
         content: dict[str, Any] = {
             "name": "study",
-            "seed": 1000 + study,
+            "seed": 1000 * seed + study,
             "design": {
                 "subjects": case["people"],
                 "repeats": case.get("repeats", 1),
