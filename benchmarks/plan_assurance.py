@@ -140,7 +140,7 @@ def campaigns(case: dict[str, Any], number: int) -> list[Simulation]:
     reference = float(np.exp(np.log(rows["mass_kg"]).mean()))
     design = build_design(specification.formula, rows, reference_mass_kg=reference, source="plan")
     model, _ = planned_model(specification, design)
-    # Truths of each case's own, and others than the plan's: what is drawn by chance then differs between cases.
+    # Truths of each case's own, and others than the plan's: what chance does then differs between cases.
     simulations, seed = [], 70 + list(CASES.values()).index(case)
     for study in range(number):
         truths = Beliefs(population_of(case)).truths(model, design, Streams(seed, study // BLOCK))
