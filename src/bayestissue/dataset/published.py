@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from bayestissue.declarations import declared
 from bayestissue.errors import InputError, Problem
 from bayestissue.resources import shared
 
@@ -31,7 +30,7 @@ _PRINTED = ("positive", "number", "optional")
 
 
 # The columns of each file by what they hold, and the key that tells its rows apart.
-_LAYOUTS = tomllib.loads(files(__package__).joinpath("published.toml").read_text(encoding="utf-8"))
+_LAYOUTS = declared(__package__, "published.toml")
 
 
 @dataclass(frozen=True)

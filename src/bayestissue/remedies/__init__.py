@@ -5,12 +5,12 @@ The sentences that a problem is keyed in stand in ``messages.toml``, those of on
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass
 from functools import cache
-from importlib.resources import files
 from types import MappingProxyType
 from typing import NamedTuple
+
+from bayestissue.declarations import declared
 
 # What a warning or an error carries: the key of its entry. A test holds the sources to the entries.
 Code = str
@@ -67,7 +67,7 @@ class Message(NamedTuple):
 @cache
 def messages() -> MappingProxyType[str, Message]:
     """Every message by its key: a code, or a code, a point and which of its messages."""
-    by_code = tomllib.loads(files(__name__).joinpath("messages.toml").read_text(encoding="utf-8"))
+    by_code = declared(__name__, "messages.toml")
     keyed: dict[str, Message] = {}
     for code, content in by_code.items():
         several = {code: content} if "expected" in content else {f"{code}.{k}": m for k, m in content.items()}
@@ -78,7 +78,7 @@ def messages() -> MappingProxyType[str, Message]:
 @cache
 def entries() -> MappingProxyType[Code, Remedy]:
     """Every entry by its code, in the order of the file: groups as one meets them."""
-    content = tomllib.loads(files(__name__).joinpath("remedies.toml").read_text(encoding="utf-8"))
+    content = declared(__name__, "remedies.toml")
     remedies: dict[Code, Remedy] = {}
     for group in content["group"]:
         for code, entry in group["entry"].items():

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib.resources import files
 from typing import Any
 
 import pandas as pd
 from markupsafe import Markup
 
+from bayestissue.declarations import declared
 from bayestissue.inference.results.meanings import SECANTS
 from bayestissue.report.wording import decimals_of, interval, number, probability, significant
 
@@ -105,7 +104,7 @@ def plain(value: Any) -> str:
     return "not set" if value is None else str(value)
 
 
-_MEANINGS = tomllib.loads(files(__package__).joinpath("priors.toml").read_text(encoding="utf-8"))
+_MEANINGS = declared(__package__, "priors.toml")
 SHOWN_ELSEWHERE = ("name", "description", "formula", "priors")
 
 

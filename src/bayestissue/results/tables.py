@@ -6,13 +6,12 @@
 from __future__ import annotations
 
 import locale
-import tomllib
 from collections.abc import Iterable, Sequence
 from functools import cache
-from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
+from bayestissue.declarations import declared
 from bayestissue.errors import InputError, Problem, all_of
 
 if TYPE_CHECKING:
@@ -49,7 +48,7 @@ class File(NamedTuple):
 @cache
 def declared_files() -> dict[str, File]:
     """Every file of a result folder by its name."""
-    content = tomllib.loads(files(__package__).joinpath("tables.toml").read_text(encoding="utf-8"))
+    content = declared(__package__, "tables.toml")
     return {name: _file(name, content) for name in content["files"]}
 
 

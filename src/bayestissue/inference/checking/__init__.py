@@ -5,10 +5,10 @@ What the checks say is declared in ``verdicts.toml``.
 
 from __future__ import annotations
 
-import tomllib
 from functools import cache
-from importlib.resources import files
 from typing import Any
+
+from bayestissue.declarations import declared
 
 
 def sentence(key: str, **numbers: object) -> str:
@@ -19,4 +19,4 @@ def sentence(key: str, **numbers: object) -> str:
 
 @cache
 def _sentences() -> dict[str, Any]:
-    return tomllib.loads(files(__name__).joinpath("verdicts.toml").read_text(encoding="utf-8"))
+    return declared(__name__, "verdicts.toml")

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable, Collection, Mapping
 from functools import partial
-from importlib.resources import files
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from bayestissue.declarations import declared
 from bayestissue.elements import element, element_names
 from bayestissue.hierarchy.derived import effect_dimensions
 from bayestissue.hierarchy.design import Design
@@ -26,7 +25,7 @@ _NAMES = {"K": "stiffness K", "C": "damping C"}
 _OF = ("cell", "subject", "trial", "new", "typical_person")
 _ONE_COLUMN = ("subject", "trial")
 
-_DECLARED = tomllib.loads(files(__package__).joinpath("variables.toml").read_text(encoding="utf-8"))
+_DECLARED = declared(__package__, "variables.toml")
 # Of posterior.nc: what each group holds, and the variables that are in it alone; others are in the posterior.
 GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
     name: (group["holds"], tuple(group.get("alone", "").split()))

@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from importlib.resources import files
 from typing import Any, Self
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
+from bayestissue.declarations import declared
 from bayestissue.errors import Coded
 from bayestissue.remedies import Code, codes_in
 
 R_HAT_LIMIT = 1.01
 ESS_LIMIT = 400
 BFMI_LIMIT = 0.3
-_DECLARED = tomllib.loads(files(__package__).joinpath("checks.toml").read_text(encoding="utf-8"))
+_DECLARED = declared(__package__, "checks.toml")
 # Notes of a summary's rows.
 NO_INTERVAL = Coded("not an interval: no element describes these traces", "undescribed")
 CONTRADICTED = Coded("the traces contradict the measuring chain", "measuring-chain")
@@ -49,8 +48,8 @@ class Check:
             part: which check it is, where several have the code.
             numbers: by their names in the sentences.
         """
-        declared = _DECLARED[code][part] if part else _DECLARED[code]
-        words = {name: sentence.format(limit=limit, **numbers) for name, sentence in declared.items()}
+        texts = _DECLARED[code][part] if part else _DECLARED[code]
+        words = {name: sentence.format(limit=limit, **numbers) for name, sentence in texts.items()}
         passed = {"below": value < limit, "above": value > limit, "none": value == 0}
         side = words["limit"].partition(" ")[0]
         return cls(value=value, passed=bool(passed[side]), code=code, **words)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import tomllib
 from importlib.resources import files
 
 import numpy as np
 import pandas as pd
 
+from bayestissue.declarations import declared
 from bayestissue.elements.element import Element
 from bayestissue.elements.registry import element
 from bayestissue.hierarchy.specification import SIDE_BY_SIDE
@@ -18,7 +18,7 @@ from bayestissue.report.tables import Field, Table, lines, table_of
 from bayestissue.report.wording import percent
 
 _MEASURED = files("bayestissue.report.fit").joinpath("coverage.csv")
-_WORDS = tomllib.loads(files("bayestissue.report.fit").joinpath("words.toml").read_text(encoding="utf-8"))
+_WORDS = declared(__package__, "words.toml")
 # Of a normal's 5 % point from one draw, over the width from there to its 95 % point: the error of a quantile
 # is (p (1 - p))^1/2 over the density there.
 _ERROR_OF_END = 0.642

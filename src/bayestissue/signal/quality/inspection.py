@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from importlib.resources import files
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from bayestissue.dataset.chain import Recorder, Uncertainty
+from bayestissue.declarations import declared
 from bayestissue.errors import Coded
 from bayestissue.remedies import entries
 from bayestissue.signal.displacement import Displacements, RecordedImpacts, displacements
@@ -69,7 +68,7 @@ def _kind(code: str, flag: str, **attributes: Any) -> Kind:
     return Kind(Coded(flag, code), **attributes)
 
 
-_DECLARED = tomllib.loads(files(__package__).joinpath("kinds.toml").read_text(encoding="utf-8"))
+_DECLARED = declared(__package__, "kinds.toml")
 KINDS = {name: _kind(**{"code": name, **entry}) for name, entry in _DECLARED.items()}
 
 

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property
-from importlib.resources import files
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -14,6 +12,7 @@ import pandas as pd
 from jaxtyping import Float
 
 from bayestissue.dataset.published import PublishedTables
+from bayestissue.declarations import declared
 from bayestissue.errors import InputError, Problem
 from bayestissue.thesis.reproduction import reproduce_published
 from bayestissue.thesis.reproduction.conditions import Quantity, conditions
@@ -66,7 +65,7 @@ type Look[Subject] = Callable[[Subject], Iterable[Numbers]]
 
 @cache
 def _texts() -> dict[str, dict[str, Any]]:
-    return tomllib.loads(files(__package__).joinpath("findings.toml").read_text(encoding="utf-8"))
+    return declared(__package__, "findings.toml")
 
 
 @dataclass(frozen=True)
@@ -95,8 +94,9 @@ class Registry[Subject]:
 
     def check(self, look: Look[Subject]) -> Look[Subject]:
         """Register a function, whose docstring says why its findings are that serious."""
-        severity, bearing, *texts = _texts()[look.__name__].items()
-        self.checks[look.__name__] = Check(look, severity[1], bearing[1], dict(texts))
+        texts = dict(_texts()[look.__name__])
+        severity, bearing = texts.pop("severity"), texts.pop("bearing")
+        self.checks[look.__name__] = Check(look, severity, bearing, texts)
         return look
 
     def run(self, subject: Subject) -> Iterator[Finding]:

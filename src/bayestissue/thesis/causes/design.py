@@ -5,15 +5,15 @@ What is compared is a dozen numbers of a table of estimates, the same for one ob
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib.resources import files
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float, Int
+
+from bayestissue.declarations import declared
 
 if TYPE_CHECKING:
     from bayestissue.dataset.published import PublishedTables
@@ -129,7 +129,7 @@ def published_design(tables: PublishedTables) -> tuple[Design, Observed]:
     return design, observed
 
 
-_STATISTICS = tomllib.loads(files(__package__).joinpath("statistics.toml").read_text(encoding="utf-8"))
+_STATISTICS = declared(__package__, "statistics.toml")
 WORDS: Mapping[str, str] = {name: entry["title"] for name, entry in _STATISTICS.items()}
 MEANING: Mapping[str, str] = {name: entry["meaning"] for name, entry in _STATISTICS.items()}
 # Told, but no part of the joint comparison: the size of K/M where its unit isn't known.
