@@ -93,7 +93,7 @@ def fit(
     with _set_up():
         prepared = prepare(dataset, specification, source=source)
         require_answerable(prepared, specification, source)
-        return fit_prepared(dataset, specification, prepared, seed, say or _silent)
+        return fit_prepared(dataset, specification, prepared, seed, say or silent)
 
 
 def _checked_seed(seed: Any) -> int:
@@ -369,7 +369,7 @@ def _discrepancy(
     return {"discrepancy": discrepancy}
 
 
-def _silent(stage: str, done: int, total: int) -> None:
+def silent(stage: str, done: int, total: int) -> None:
     """Say nothing."""
 
 

@@ -132,7 +132,7 @@ def run(
         runtime.configure()
         from bayestissue.commands.console import Stages, echo, echo_tables
         from bayestissue.planning.analysis import study_of
-        from bayestissue.planning.plan import carry_out, known_studies, with_after, with_goal, write_plan
+        from bayestissue.planning.plan import carry_out, known_studies, with_changes, write_plan
         from bayestissue.report import draw_page
 
         options = {"--people": people, "--masses": masses, "--velocities": velocities, "--repeats": repeats}
@@ -145,8 +145,8 @@ def run(
             "--C": C,
         }
         plan, source = _specification(file, options)
-        plan = with_after(plan, source, after, dataset)
-        plan = with_goal(plan, source, studies=studies, seed=seed)
+        plan = with_changes(plan, source, "after", run=after, dataset=dataset)
+        plan = with_changes(plan, source, "goal", studies=studies, seed=seed)
         study = study_of(plan, source)
         if not quiet and not file:
             _say_factors(plan, echo)
@@ -234,7 +234,7 @@ def _print(plan: Plan) -> None:
     from bayestissue.outline import numbers_in_short
     from bayestissue.planning.words import duration
     from bayestissue.remedies import codes_in
-    from bayestissue.report.wording import number
+    from bayestissue.report.wording import with_error
 
     designs = plan.content["designs"]
     goals = [name.replace("_", " ") for name in designs[0]["goals"]]
@@ -245,10 +245,7 @@ def _print(plan: Plan) -> None:
             *(numbers_in_short(design[name].split()) for name in ("masses_kg", "velocities_m_s")),
             str(design["repeats"]),
             duration(design["minutes"]),
-            *(
-                f"{number(goal['answered'], 2)} ± {number(goal['se'], 2)}"
-                for goal in design["goals"].values()
-            ),
+            *(with_error(goal["answered"], goal["se"]) for goal in design["goals"].values()),
         ]
         for design in designs
     ]

@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 
 from bayestissue import results, runtime
+from bayestissue.fitting import silent
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.outline import Outlined, Rows, short
 from bayestissue.planning.analysis import Study, factors_named, study_of
@@ -178,8 +179,8 @@ def plan(
         content = content_of(lists, ask, within=within, groups=groups, model=model, K=K, C=C)
         source = "arguments"
         specification = plan_of(content, source)
-    specification = with_after(specification, source, after, dataset)
-    changed = with_goal(specification, source, studies=studies, seed=seed)
+    specification = with_changes(specification, source, "after", run=after, dataset=dataset)
+    changed = with_changes(specification, source, "goal", studies=studies, seed=seed)
     return carry_out(study_of(changed, source), say=say)
 
 
@@ -218,32 +219,17 @@ def _plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def with_after(
-    plan: PlanSpecification, source: str, run: str | Path | None, dataset: str | Path | None
-) -> PlanSpecification:
-    """The plan as one that goes on from a study, where that is given.
+def with_changes(plan: PlanSpecification, source: str, table: str, **changed: Any) -> PlanSpecification:
+    """The plan with other settings of one of its tables, such as "goal", where they are given.
 
     Raises:
-        InputError: of fit and dataset one is missing.
+        InputError: a setting has a wrong value, or another one that it needs is missing.
     """
-    given = {name: str(path) for name, path in (("run", run), ("dataset", dataset)) if path is not None}
+    given = {k: str(v) if isinstance(v, Path) else v for k, v in changed.items() if v is not None}
     if not given:
         return plan
     content = plan.model_dump(mode="json", exclude_unset=True)
-    return plan_of({**content, "after": {**content.get("after", {}), **given}}, source)
-
-
-def with_goal(plan: PlanSpecification, source: str, **changed: Any) -> PlanSpecification:
-    """The plan with other settings of its goal, where they are given.
-
-    Raises:
-        InputError: a setting has a wrong value.
-    """
-    given = {name: value for name, value in changed.items() if value is not None}
-    if not given:
-        return plan
-    content = plan.model_dump(mode="json", exclude_unset=True)
-    return plan_of({**content, "goal": {**content.get("goal", {}), **given}}, source)
+    return plan_of({**content, table: {**content.get(table, {}), **given}}, source)
 
 
 def carry_out(
@@ -263,7 +249,7 @@ def carry_out(
     """
     start = runtime.Start()
     aim = study.plan.goal
-    ledger = Ledger(aim.seed, aim.probability, say or _silent, known, parts)
+    ledger = Ledger(aim.seed, aim.probability, say or silent, known, parts)
     cases = [
         Case(design, study.model_of(number), study.prior, study.simulation, study.running)
         for number, design in enumerate(study.designs)
@@ -571,7 +557,3 @@ def _designs(content: Mapping[str, Any]) -> pd.DataFrame:
 
 def _hash(content: Any) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True, ensure_ascii=False).encode()).hexdigest()
-
-
-def _silent(stage: str, done: int, total: int) -> None:
-    """Say nothing."""

@@ -7,7 +7,7 @@ from typing import Any
 
 from bayestissue.errors import Coded
 from bayestissue.outline import counted
-from bayestissue.report.wording import listed, number, percent
+from bayestissue.report.wording import half_width, listed, number, percent, with_error
 
 Content = Mapping[str, Any]
 
@@ -128,7 +128,7 @@ def _shares(design: Content) -> str:
 def _goal_shares(design: Content) -> list[str]:
     goals = design["goals"]
     of = {name: f" ({name.replace('_', ' ')})" if len(goals) > 1 else "" for name in goals}
-    return [f"{number(g['answered'], 2)} ± {number(g['se'], 2)}{of[name]}" for name, g in goals.items()]
+    return [f"{with_error(g['answered'], g['se'])}{of[name]}" for name, g in goals.items()]
 
 
 def _asked(plan: Content) -> str:
@@ -137,9 +137,7 @@ def _asked(plan: Content) -> str:
 
 
 def _width_words(precision: Content) -> str:
-    relative = precision.get("relative")
-    width = percent(relative) if relative else f"{precision['half_width']:g}"
-    return f"for {precision['of']} to ± {width} (half of the 90 % interval)"
+    return f"for {precision['of']} to ± {half_width(precision)} (half of the 90 % interval)"
 
 
 def _of_goal(name: str, goal: Content) -> str:

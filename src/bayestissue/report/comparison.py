@@ -18,7 +18,7 @@ from bayestissue.report.page import figure, render_page
 from bayestissue.report.posterior import NAMES, best_explanations
 from bayestissue.report.style import MUTED, PALETTE, POSTERIOR, REFERENCE, log_ticks, new_figure, shown, style
 from bayestissue.report.tables import Field, Row, Table, columns, settings_table, table_of
-from bayestissue.report.wording import UNITS, interval, listed, number, significant
+from bayestissue.report.wording import UNITS, interval, listed, number, significant, with_error
 from bayestissue.results import read_tables
 from bayestissue.results.tables import typed, wrong_in
 
@@ -364,7 +364,7 @@ def comparison_table(comparison: pd.DataFrame) -> Table:
 
 
 def _with_error(value: float, error: float) -> str:
-    return "" if pd.isna(value) else f"{number(value, 1)} ± {number(error, 1)}"
+    return "" if pd.isna(value) else with_error(value, error, 1)
 
 
 def _number_or_empty(value: float, decimals: int) -> str:

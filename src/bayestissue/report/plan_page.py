@@ -17,7 +17,7 @@ from bayestissue.report.page import figure, render_page
 from bayestissue.report.run_folder import read_json, require_files
 from bayestissue.report.style import MUTED, PALETTE, POSTERIOR, new_figure, style
 from bayestissue.report.tables import Field, Table, settings_table, table_of
-from bayestissue.report.wording import listed, number, percent, significant
+from bayestissue.report.wording import half_width, listed, number, significant, with_error
 from bayestissue.results import read_table
 
 # A figure of more lines can't be read.
@@ -98,13 +98,12 @@ def _name(goal: str) -> str:
 def _questions(plan: Mapping[str, Any]) -> list[dict[str, str]]:
     claims = [{"name": _name(name), "text": text} for name, text in plan["questions"].items()]
     for name, wanted in plan.get("precision", {}).items():
-        width = percent(wanted["relative"]) if "relative" in wanted else f"{wanted['half_width']:g}"
-        claims.append({"name": _name(name), "text": f"{wanted['of']} to ± {width}"})
+        claims.append({"name": _name(name), "text": f"{wanted['of']} to ± {half_width(wanted)}"})
     return claims
 
 
 def _share(goal: Mapping[str, Any]) -> str:
-    return f"{number(goal['answered'], 2)} ± {number(goal['se'], 2)}"
+    return with_error(goal["answered"], goal["se"])
 
 
 def _alike(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
@@ -282,8 +281,7 @@ def _variant_words(key: str, variant: Mapping[str, Any], chosen: Mapping[str, An
 
 
 def _gain(more: Mapping[str, Any], before: Mapping[str, Any]) -> str:
-    error = float(np.hypot(more["se"], before["se"]))
-    return f"{number(more['answered'] - before['answered'], 2)} ± {number(error, 2)}"
+    return with_error(more["answered"] - before["answered"], float(np.hypot(more["se"], before["se"])))
 
 
 def _gain_words(content: Mapping[str, Any]) -> list[str]:

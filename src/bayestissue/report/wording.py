@@ -32,6 +32,16 @@ def number(value: float, decimals: int) -> str:
     return text.lstrip("-") if float(text) == 0 else text.replace("-", "−")
 
 
+def with_error(value: float, error: float, decimals: int = 2) -> str:
+    """``value ± error``, its standard error."""
+    return f"{number(value, decimals)} ± {number(error, decimals)}"
+
+
+def half_width(precision: Mapping[str, Any]) -> str:
+    """How near a number is to be known: "10 %" of a ``relative`` width, else the ``half_width``."""
+    return percent(precision["relative"]) if precision.get("relative") else f"{precision['half_width']:g}"
+
+
 def significant(value: float, digits: int = 3) -> str:
     """``value`` to ``digits`` significant digits, without an exponent where one can be avoided."""
     if not math.isfinite(value):

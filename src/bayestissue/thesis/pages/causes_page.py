@@ -21,7 +21,7 @@ from bayestissue.report.style import (
     shown,
 )
 from bayestissue.report.tables import Field, Row, Table, columns, settings_table, table_of
-from bayestissue.report.wording import number, significant
+from bayestissue.report.wording import number, significant, with_error
 from bayestissue.thesis.causes.design import LEVEL, MEANING, WORDS
 from bayestissue.thesis.pages.causes_answers import (
     CausesRun,
@@ -102,7 +102,7 @@ def causes_table(run: CausesRun) -> Table:
         Field("joint p", p_words, "number"),
         Field(
             "posterior",
-            lambda row: f"{number(row['probability'], 3)} ± {number(row['probability_error'], 3)}",
+            lambda row: with_error(row["probability"], row["probability_error"], 3),
             "number",
         ),
         Field("misses most", lambda row: failing(row) or "none by itself", "words"),
