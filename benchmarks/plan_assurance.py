@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from coverage_fit import MEASURING_CHAIN
 from evidence import recorded
 
 import bayestissue as bt
@@ -40,14 +41,7 @@ TABLE = ROOT / "benchmarks" / "plan_assurance.csv"
 STUDIES = ROOT / "benchmarks" / "plan_assurance_studies.csv"
 NUMBER, PLANNED = 100, 2000
 PROBABILITY = 0.95
-GOOD = {
-    "sampling_rate_hz": 5000.0,
-    "noise_relative_to_peak": 0.005,
-    "offset_sd_m_s2": 0.2,
-    "relative_gain_sd": 0.005,
-    "velocity_sd_m_s": 0.005,
-    "relative_mass_sd": 0.002,
-}
+GOOD = {"sampling_rate_hz": 5000.0, **MEASURING_CHAIN}
 BAD = GOOD | {"sampling_rate_hz": 2500.0, "noise_relative_to_peak": 0.08, "velocity_sd_m_s": 0.03}
 KNOWN = {"distribution": "normal", "sd": 0.3}
 # What is believed of the tissue: narrow enough that the questions are open, neither settled nor hopeless.

@@ -97,11 +97,13 @@ Locations = Responses[Normal]
 Scales = Responses[Scale]
 
 
-def _normal(mean: float, sd: float) -> Normal:
+def normal(mean: float, sd: float) -> Normal:
+    """The normal prior."""
     return Normal(distribution="normal", mean=mean, sd=sd)
 
 
-def _half_normal(scale: float) -> HalfNormal:
+def half_normal(scale: float) -> HalfNormal:
+    """The half-normal prior of this scale."""
     return HalfNormal(distribution="half-normal", scale=scale)
 
 
@@ -114,18 +116,18 @@ class ElementPrior(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
     log: Normal = Field(description="mean over impacts of the log of the parameter.")
     spread: Scale = Field(
-        default=_half_normal(0.2), description="standard deviation of that log between impacts."
+        default=half_normal(0.2), description="standard deviation of that log between impacts."
     )
 
 
 # Of a group term for which a model file says nothing.
-SD_OF_TERM = Scales(K=_half_normal(0.5), C=_half_normal(0.5))
+SD_OF_TERM = Scales(K=half_normal(0.5), C=half_normal(0.5))
 # Of further parameters' effects, for which a model file says nothing.
 _OF_FURTHER: dict[str, _Prior] = {
-    "mass_exponent": _normal(0.0, 1.0),
-    "covariate": _normal(0.0, 0.5),
-    "sd_subject": _half_normal(0.5),
-    "sd_trial": _half_normal(0.5),
+    "mass_exponent": normal(0.0, 1.0),
+    "covariate": normal(0.0, 0.5),
+    "sd_subject": half_normal(0.5),
+    "sd_trial": half_normal(0.5),
 }
 
 
@@ -153,23 +155,23 @@ class Priors(BaseModel):
         return hash(self.model_dump_json())
 
     intercept: PairOfLocations = Field(
-        default=PairOfLocations(K=_normal(5.0, 3.0), C=_normal(2.0, 3.0)),
+        default=PairOfLocations(K=normal(5.0, 3.0), C=normal(2.0, 3.0)),
         description="log K (K in N/m) and log C (C in N s/m) at the reference mass.",
     )
     mass_exponent: Locations = Field(
-        default=Locations(K=_normal(0.5, 1.0), C=_normal(0.5, 1.0)),
+        default=Locations(K=normal(0.5, 1.0), C=normal(0.5, 1.0)),
         description="slopes of log K and log C on log mass.",
     )
     covariate: Locations = Field(
-        default=Locations(K=_normal(0.0, 0.5), C=_normal(0.0, 0.5)),
+        default=Locations(K=normal(0.0, 0.5), C=normal(0.0, 0.5)),
         description="change of log K and log C for one standard deviation of any other covariate.",
     )
     sd_subject: Scales = Field(
-        default=Scales(K=_half_normal(0.5), C=_half_normal(0.5)),
+        default=Scales(K=half_normal(0.5), C=half_normal(0.5)),
         description="standard deviation between people.",
     )
     sd_trial: Scales = Field(
-        default=Scales(K=_half_normal(0.5), C=_half_normal(0.5)),
+        default=Scales(K=half_normal(0.5), C=half_normal(0.5)),
         description="standard deviation between conditions beyond what the covariates explain.",
     )
     sd_group: dict[str, Scales] = Field(
@@ -184,7 +186,7 @@ class Priors(BaseModel):
         "another covariate.",
     )
     sd_impact: PairOfScales = Field(
-        default=PairOfScales(K=_half_normal(0.5), C=_half_normal(1.0)),
+        default=PairOfScales(K=half_normal(0.5), C=half_normal(1.0)),
         description="standard deviation between the impacts of one person in one condition.",
     )
     residual_correlation: Correlation = Field(
@@ -192,36 +194,36 @@ class Priors(BaseModel):
         description="correlation of the deviations of log K and log C of one impact.",
     )
     noise: Normal = Field(
-        default=_normal(-10.0, 5.0),
+        default=normal(-10.0, 5.0),
         description="mean over impacts of the log of the noise's standard deviation as a fraction of the "
         "trace's peak.",
     )
     sd_noise: Scale = Field(
-        default=_half_normal(1.0), description="standard deviation between impacts of the log noise."
+        default=half_normal(1.0), description="standard deviation between impacts of the log noise."
     )
     atanh_theta1: Normal = Field(
-        default=_normal(0.0, 1.5),
+        default=normal(0.0, 1.5),
         description="mean over impacts of artanh theta1, the moving-average coefficient. Of the likelihood "
         "arma.",
     )
     sd_atanh_theta1: Scale = Field(
-        default=_half_normal(0.5), description="standard deviation between impacts of artanh theta1."
+        default=half_normal(0.5), description="standard deviation between impacts of artanh theta1."
     )
     atanh_noise_correlation: Normal = Field(
-        default=_normal(0.0, 1.0),
+        default=normal(0.0, 1.0),
         description="mean over impacts of artanh of the noise's correlation from sample to sample. Of "
         'noise = "autoregressive".',
     )
     sd_atanh_noise_correlation: Scale = Field(
-        default=_half_normal(0.3), description="standard deviation between impacts of that."
+        default=half_normal(0.3), description="standard deviation between impacts of that."
     )
     discrepancy: Normal = Field(
-        default=_normal(-4.0, 2.0),
+        default=normal(-4.0, 2.0),
         description="mean over impacts of the log of the rms of the force beside the element's, as a "
         "fraction of the trace's peak.",
     )
     sd_discrepancy: Scale = Field(
-        default=_half_normal(1.0), description="standard deviation between impacts of that."
+        default=half_normal(1.0), description="standard deviation between impacts of that."
     )
     element: dict[str, ElementPrior] = Field(
         default={},
@@ -259,7 +261,7 @@ class Priors(BaseModel):
         }
         for name in ("sd_group", "sd_slope"):
             pairs = getattr(self, name).items()
-            update[name] = {key: filled(pair, _half_normal(0.5)) for key, pair in pairs}
+            update[name] = {key: filled(pair, half_normal(0.5)) for key, pair in pairs}
         return self.model_copy(update=update)
 
     def of_terms(self) -> dict[GroupTerm, Scales]:

@@ -25,6 +25,7 @@ from bayestissue.inference.answers.reliability import as_variables, coefficients
 from bayestissue.planning.assurance import Goal
 from bayestissue.planning.begun import begun_study, pilot_of
 from bayestissue.planning.candidates import Candidate, grid, largest_of_each
+from bayestissue.planning.information import simulation_of
 from bayestissue.planning.model import planned_model
 from bayestissue.planning.population import Beliefs, DesignPrior
 from bayestissue.planning.running import Running
@@ -125,7 +126,8 @@ def study_of(plan: PlanSpecification, source: str) -> Study:
     else:
         analyses = (Analysis(begun.model, tuple(range(len(designs)))),)
     running = None if begun is None else begun.running
-    return Study(plan, designs, analyses, _goals(plan), prior, _chain(plan), running)
+    chain = simulation_of(plan.recording, recorder=plan.recorder, gravity=plan.gravity)
+    return Study(plan, designs, analyses, _goals(plan), prior, chain, running)
 
 
 def factors_named(questions: Iterable[str]) -> list[dict[str, Any]]:
@@ -308,11 +310,3 @@ def _goals(plan: PlanSpecification) -> tuple[Goal, ...]:
         for name, number in plan.precision.items()
     ]
     return (*claimed, *numbers)
-
-
-def _chain(plan: PlanSpecification) -> Simulation:
-    """A specification of which the measuring chain alone counts."""
-    tissue = {"K_N_per_m": 3000.0, "C_N_s_per_m": 25.0}
-    recorder = plan.recorder and plan.recorder.model_dump(exclude_none=True)
-    chain = {"recording": plan.recording.model_dump(exclude_none=True), "gravity": plan.gravity}
-    return Simulation.model_validate({"name": "plan", "tissue": tissue, "recorder": recorder, **chain})

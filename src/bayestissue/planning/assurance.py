@@ -352,29 +352,17 @@ def planner(
         designs = [pd.concat([running.rows, design], ignore_index=True)[list(design)] for design in designs]
     rows = pd.concat([*designs], ignore_index=True)
     reference = specification.reference_mass_kg or float(np.exp(np.log(rows["mass_kg"]).mean()))
-    relative_mass_sd = simulation.recording.relative_mass_sd
-
-    def arranged(known: Information) -> list[Arrangement]:
-        return arrangements(
-            designs,
-            specification,
-            known,
-            reference_mass_kg=reference,
-            relative_mass_sd=relative_mass_sd,
-            running=running,
-        )
-
-    # The truths ask for a model, and the model for the formulas over the rows, not for what traces tell.
-    first = arranged(_unknown(rows))[0]
-    truths = prior.truths(first.model, first.design, Streams(seed, 0))
-    tissue = typical_tissue(truths, first, reference)
+    arranged = arrangements(
+        designs,
+        specification,
+        reference_mass_kg=reference,
+        relative_mass_sd=simulation.recording.relative_mass_sd,
+    )
+    truths = prior.truths(arranged[0].model, arranged[0].design, Streams(seed, 0))
+    tissue = typical_tissue(truths, arranged[0], reference)
     known = information(rows, specification, tissue, simulation, seed)
-    return Planner(arranged(known), known, prior, seed)
-
-
-def _unknown(rows: pd.DataFrame) -> Information:
-    conditions = rows[["mass_kg", "velocity_m_s"]].drop_duplicates(ignore_index=True)
-    return Information(conditions, np.broadcast_to(np.eye(2), (len(conditions), 1, 2, 2)), 1.0)
+    with_traces = [arrangement.with_traces(known, running) for arrangement in arranged]
+    return Planner(with_traces, known, prior, seed)
 
 
 def typical_tissue(truths: Truths, arrangement: Arrangement, reference_mass_kg: float) -> TypicalTissue:

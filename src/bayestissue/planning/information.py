@@ -21,6 +21,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float
 
+from bayestissue.dataset.settings import Gravity, RecorderSettings
 from bayestissue.elements import element
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
@@ -180,21 +181,13 @@ def without_nuisance(
 
 def spreads_of_nuisance(specification: ModelSpecification, nuisance: Sequence[str]) -> np.ndarray:
     """How much each further parameter may differ from what is known of it: between impacts, by its prior."""
-    return np.array([_spread(specification, name) for name in nuisance])
+    priors: dict[str, Any] = specification.complete_priors().by_name()
+    return np.array([priors[f"sd_{name}"].scale for name in nuisance], float)
 
 
-def _spread(specification: ModelSpecification, nuisance: str) -> float:
-    prior: Any = specification.complete_priors().by_name()[f"sd_{nuisance}"]
-    return float(prior.scale)
-
-
-def simulation_of(recording: Recording, **settings: object) -> Simulation:
+def simulation_of(
+    recording: Recording, *, recorder: RecorderSettings | None = None, gravity: Gravity = "none"
+) -> Simulation:
     """A specification of which the measuring chain alone counts."""
-    return Simulation.model_validate(
-        {
-            "name": "plan",
-            "tissue": {"K_N_per_m": 1000.0, "C_N_s_per_m": 10.0},
-            "recording": recording.model_dump(exclude_none=True),
-            **settings,
-        }
-    )
+    tissue = Tissue(K_N_per_m=3000.0, C_N_s_per_m=25.0)
+    return Simulation(name="plan", tissue=tissue, recording=recording, recorder=recorder, gravity=gravity)

@@ -28,6 +28,8 @@ from bayestissue.hierarchy.priors import (
     Normal,
     Pair,
     Responses,
+    half_normal,
+    normal,
     term_of_group,
     term_of_slope,
 )
@@ -57,14 +59,6 @@ Belief = Annotated[
 ]
 
 
-def _normal(mean: float, sd: float) -> Normal:
-    return Normal(distribution="normal", mean=mean, sd=sd)
-
-
-def _half_normal(scale: float) -> HalfNormal:
-    return HalfNormal(distribution="half-normal", scale=scale)
-
-
 def _alike(belief: Any) -> Any:
     return Responses[Belief](K=belief, C=belief)
 
@@ -78,14 +72,14 @@ class Population(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     intercept: Pair[Belief] = Field(
-        default=Pair[Belief](K=_normal(math.log(3000), 0.4), C=_normal(math.log(25), 0.4)),
+        default=Pair[Belief](K=normal(math.log(3000), 0.4), C=normal(math.log(25), 0.4)),
         description="log K and log C of a typical person.",
     )
     mass_exponent: Responses[Belief] = Field(
-        default=_alike(_normal(0.5, 0.5)), description="slopes of log K and log C on log mass."
+        default=_alike(normal(0.5, 0.5)), description="slopes of log K and log C on log mass."
     )
     covariate: Responses[Belief] = Field(
-        default=_alike(_normal(0.0, 0.15)),
+        default=_alike(normal(0.0, 0.15)),
         description="change of log K and log C for one standard deviation of any other covariate, but for "
         "those in effects.",
     )
@@ -95,10 +89,10 @@ class Population(BaseModel):
         '[population.effects.K] with "side[right]" = 0.1.',
     )
     sd_subject: Responses[Belief] = Field(
-        default=_alike(_half_normal(0.3)), description="standard deviation between people."
+        default=_alike(half_normal(0.3)), description="standard deviation between people."
     )
     sd_trial: Responses[Belief] = Field(
-        default=_alike(_half_normal(0.05)),
+        default=_alike(half_normal(0.05)),
         description="standard deviation between conditions beyond what the covariates explain.",
     )
     sd_group: dict[str, Responses[Belief]] = Field(
@@ -108,7 +102,7 @@ class Population(BaseModel):
         default={}, description='of a slope between levels, such as "log(mass_kg)|subject".'
     )
     sd_impact: Responses[Belief] = Field(
-        default=_alike(_half_normal(0.1)),
+        default=_alike(half_normal(0.1)),
         description="standard deviation between the impacts of one person in one condition.",
     )
     residual_correlation: Belief = Field(
@@ -209,7 +203,7 @@ class Beliefs:
     def truths(self, model: PlannedModel, design: Design, streams: Streams) -> Truths:
         """Draw every parameter that the model has."""
         known = self.population.by_name()
-        default = _half_normal(0.1)
+        default = half_normal(0.1)
 
         def drawn(name: str, belief: Any) -> np.ndarray:
             return np.asarray(quantile(belief, streams.uniform(name)), float)

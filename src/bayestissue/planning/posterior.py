@@ -209,8 +209,7 @@ def _mode(
 ) -> tuple[Float[Array, " coordinate"], Float[Array, ""], Float[Array, "coordinate coordinate"]]:
     """Where a function is least, its value, and a root of the inverse of its curvature there.
 
-    Newton's method on differences of slopes, damped as Levenberg and Marquardt have it: the function can be
-    differentiated once.
+    Newton's method on differences of slopes, damped as Levenberg and Marquardt have it.
     """
     size, one = len(start), jnp.eye(len(start))
     steps = jnp.concatenate([jnp.zeros((1, size)), _STEP * one])

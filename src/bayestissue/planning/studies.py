@@ -9,7 +9,7 @@ simulated.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax.numpy as jnp
 import numpy as np
@@ -51,25 +51,34 @@ class Arrangement:
     precision: Float[np.ndarray, "impact 2 2"]
     recorded: Float[np.ndarray, "recorded 2"]
 
+    def with_traces(self, information: Information, running: Running | None = None) -> Arrangement:
+        """The same with what traces tell.
+
+        Args:
+            information: by condition.
+            running: the study that all designs go on from; its impacts are the first rows.
+        """
+        precision = information.of_rows(self.rows)
+        if running is None:
+            return replace(self, precision=precision)
+        precision[: len(running.centre)] = running.precision
+        return replace(self, precision=precision, recorded=running.centre)
+
 
 def arrangements(
     designs: Sequence[pd.DataFrame],
     specification: ModelSpecification,
-    information: Information,
     *,
     reference_mass_kg: float,
     relative_mass_sd: float,
-    running: Running | None = None,
 ) -> list[Arrangement]:
-    """The designs, those over the same conditions together.
+    """The designs, those over the same conditions together, before it is known what traces tell.
 
     Args:
         designs: each one's impacts: ``subject``, ``trial``, ``mass_kg``, ``velocity_m_s`` and factors.
         specification: the analysis.
-        information: what traces tell, by condition.
         reference_mass_kg: the mass that K and C are stated at, of all designs.
         relative_mass_sd: of the recorded mass.
-        running: the study that all of them go on from; its impacts are the first rows of each.
 
     Raises:
         InputError: a formula asks for what a design can't identify.
@@ -90,13 +99,8 @@ def arrangements(
             specification.formula, rows, reference_mass_kg=reference_mass_kg, source=specification.name
         )
         model, columns = planned_model(specification, design, relative_mass_sd)
-        precision, recorded = information.of_rows(rows), np.zeros((0, 2))
-        if running is not None:
-            recorded = running.centre
-            precision[: len(recorded)] = running.precision
-        arranged.append(
-            Arrangement(tuple(numbers), rows, present, design, model, columns, precision, recorded)
-        )
+        nothing = np.zeros((len(rows), 2, 2)), np.zeros((0, 2))
+        arranged.append(Arrangement(tuple(numbers), rows, present, design, model, columns, *nothing))
     return arranged
 
 
