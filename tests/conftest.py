@@ -55,6 +55,13 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
+@pytest.fixture(scope="module", autouse=True)
+def few_mappings() -> Iterator[None]:
+    """What a module has compiled is forgotten before the process holds as many mappings as the system allows."""
+    yield
+    runtime.release_compiled()
+
+
 def _empty_if_large(folder: Path) -> None:
     entries = list(folder.iterdir())
     if sum(entry.stat().st_size for entry in entries) > MOST_KEPT:

@@ -380,6 +380,7 @@ def _set_up() -> Iterator[None]:
     from threadpoolctl import threadpool_limits
 
     cores = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else None
+    runtime.release_compiled()
     runtime.keep_to_one_core()
     try:
         # Loaded before this process kept to one core, BLAS has a thread on each, and chains were measured to

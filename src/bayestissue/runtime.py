@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import os
 import platform
@@ -139,6 +140,27 @@ def keep_compiled() -> None:
     os.environ[_FOLDER] = str(folder)
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.2")
     os.environ.setdefault("JAX_COMPILATION_CACHE_MAX_SIZE", str(_MOST_KEPT))
+
+
+def release_compiled(most: int | None = None) -> None:
+    """Forget all compiled code where it holds more than ``most`` memory mappings, by default half the limit.
+
+    A compiled program holds some ten mappings and a fit some thousands. Past what Linux allows a process
+    (``vm.max_map_count``, 65,530 unless set) the compiler ends it by a segmentation fault: after a dozen fits
+    of different designs in one notebook. What is needed again is read from the folder of `keep_compiled`, or
+    compiled anew.
+    """
+    import jax
+
+    try:
+        limit = int(Path("/proc/sys/vm/max_map_count").read_text(encoding="ascii"))
+        mappings = Path("/proc/self/maps").read_bytes().count(b"\n")
+    except OSError:
+        # Another system, which has no such limit.
+        return
+    if mappings > (limit // 2 if most is None else most):
+        jax.clear_caches()
+        gc.collect()
 
 
 def _processor() -> str:

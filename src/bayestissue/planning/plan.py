@@ -181,6 +181,7 @@ def plan(
         specification = plan_of(content, source)
     specification = with_changes(specification, source, "after", run=after, dataset=dataset)
     changed = with_changes(specification, source, "goal", studies=studies, seed=seed)
+    runtime.release_compiled()
     return carry_out(study_of(changed, source), say=say)
 
 
