@@ -57,7 +57,7 @@ def pytest_collection_finish() -> None:
 
 @pytest.fixture(scope="module", autouse=True)
 def few_mappings() -> Iterator[None]:
-    """What a module has compiled is forgotten before the process holds as many mappings as the system allows."""
+    """What modules have compiled is forgotten before it holds more mappings than the system allows."""
     yield
     runtime.release_compiled()
 
