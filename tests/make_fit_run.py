@@ -320,7 +320,7 @@ def _about(passed: bool, likelihood: str, quantity: str, exponent: float | None)
         "dataset": "made up",
         "description": "Nothing was measured.",
         "quantity": quantity,
-        "versions": {"python": "3.12", "numpy": "2.3"},
+        "versions": {"python": "3.12", "bayestissue": "0.2.0", "numpy": "2.3", "numpyro": "0.19"},
         "model": {
             "name": likelihood,
             "description": "A made-up model.",

@@ -22,6 +22,7 @@ from bayestissue.commands import (
     compare,
     estimate,
     explain,
+    export,
     finished_runs,
     fit,
     init,
@@ -61,7 +62,7 @@ _COMMANDS: dict[str, Callable[..., None]] = {
     "estimate": estimate.run,
     **{"fit": fit.run, "reproduce": reproduce.run, "report": finished_runs.report, "compare": compare.run},
     **{"ask": finished_runs.ask, "predict": finished_runs.predict, "causes": causes.run},
-    "explain": explain.run,
+    **{"export": export.run, "explain": explain.run},
 }
 for name, command in _COMMANDS.items():
     app.command(name)(command)

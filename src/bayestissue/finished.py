@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from bayestissue.dataset import Dataset
     from bayestissue.hierarchy.trace_data import Prepared
     from bayestissue.inference.fit import Say, TraceAnalysis
+    from bayestissue.report.fit.run import FitRun
 
 TABLES = (
     *("summary", "hypotheses", "cross_validation", "sensitivity", "interval_sources"),
@@ -228,6 +229,33 @@ class Fit(Outlined):
                 write_run(self, folder)
             return draw_page(target.path, partial(page_html, self))
 
+    def export(self, path: str | Path, *, overwrite: bool = False) -> Path:
+        """Write what a paper takes, as `bayestissue export` does: text and tables.
+
+        Args:
+            path: a folder that is new or empty.
+            overwrite: replace what is there.
+
+        Returns:
+            The folder.
+
+        Raises:
+            InputError: ``path`` is taken and ``overwrite`` is false, or holds what no command wrote.
+        """
+        from bayestissue.paper.export import write_paper
+
+        inputs = (self.folder,)
+        with results.claim(Path(path), overwrite=overwrite, command="export", inputs=inputs) as target:
+            with target.folder() as folder:
+                write_paper(
+                    fit_run_of(self),
+                    folder,
+                    table=self.table,
+                    posterior=self.posterior["posterior"].dataset,
+                    rows=self.finished.recorded.rows,
+                )
+            return target.path
+
     def _page(self, path: Path, overwrite: bool) -> Path:
         if path.exists() and not overwrite:
             raise InputError.stated("out-taken.page", str(path))
@@ -276,11 +304,17 @@ def _stored(folder: Path, name: str) -> pd.DataFrame:
 
 def page_html(fit: Fit) -> str:
     """The page of a fit, drawn from what is in memory; of a run that was read back, from its folder."""
-    from bayestissue.report.fit.page import fit_page, page_of
-    from bayestissue.report.fit.run import FURTHER_TABLES, TABLES, fit_run
+    from bayestissue.report.fit.page import page_of
+
+    return page_of(fit_run_of(fit))
+
+
+def fit_run_of(fit: Fit) -> FitRun:
+    """A fit as pages and texts take it: from memory, or from its folder where it was read back."""
+    from bayestissue.report.fit.run import FURTHER_TABLES, TABLES, fit_run, read_fit_run
 
     if fit.dataset is None and fit.folder is not None:
-        return fit_page(fit.folder, fit.about)
+        return read_fit_run(fit.folder, fit.about | {"dataset": fit.about.get("dataset") or fit.folder.name})
     tables = {name: fit.table(name) for name in TABLES}
     for name in FURTHER_TABLES:
         # Few model files have questions, and the dataset alone has a truth.
@@ -288,7 +322,7 @@ def page_html(fit: Fit) -> str:
             tables[name] = fit.table(name)
     if fit.folder is not None and (fit.folder / "truth.csv").is_file():
         tables["truth"] = results.read_table(fit.folder, "truth")
-    return page_of(fit_run(fit.about, fit.diagnostics, fit.posterior, tables))
+    return fit_run(fit.about, fit.diagnostics, fit.posterior, tables)
 
 
 def write_run(fit: Fit, folder: Path, say: Say | None = None, *, excel: results.Excel | None = None) -> None:

@@ -1,0 +1,220 @@
+"""Methods and results of a fit as the paragraphs of a paper, of nothing but what the run's files hold."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from markupsafe import Markup
+
+from bayestissue.declarations import declared
+from bayestissue.outline import counted
+from bayestissue.report.answers_page import question_lines
+from bayestissue.report.fit import answers, study, words
+from bayestissue.report.fit.run import FitRun
+from bayestissue.report.posterior import QUANTITIES, Spread, exponent, levels
+from bayestissue.report.wording import listed
+
+_ERRORS = {
+    "relative_mass_sd": ("mass", 100.0, "%"),
+    "velocity_sd_m_s": ("velocity", 1.0, "m/s"),
+    "relative_gain_sd": ("gain of the sensor", 100.0, "%"),
+    "offset_sd": ("offset of the sensor", 1.0, ""),
+}
+
+
+@dataclass
+class Text:
+    """A text with headings, one table and numbered references.
+
+    Attributes:
+        title: of the whole.
+        sections: paragraphs by heading, in order.
+        table: the main numbers, as text.
+        references: in the order in which they are cited first.
+    """
+
+    title: str
+    sections: dict[str, list[str]] = field(default_factory=dict)
+    table: pd.DataFrame = field(default_factory=pd.DataFrame)
+    references: list[str] = field(default_factory=list)
+
+    def add(self, heading: str, *paragraphs: str) -> None:
+        """Add the paragraphs that are not empty; without any there is no heading."""
+        plain = [words.striptags() if isinstance(words, Markup) else words for words in paragraphs]
+        if kept := [words for words in plain if words.strip()]:
+            self.sections[heading] = kept
+
+    def cite(self, *names: str, **details: str) -> str:
+        """Numbers of references in brackets, such as "[1, 2]"."""
+        texts = [declared(__package__, "references.toml")[name].format(**details) for name in names]
+        self.references += [text for text in texts if text not in self.references]
+        return f"[{', '.join(str(self.references.index(text) + 1) for text in texts)}]"
+
+
+def text_of(run: FitRun) -> Text:
+    """Methods and results of a fit.
+
+    Where its diagnostics failed, or no element describes the recordings, that is the first sentence of the
+    results. Where the fit does not have something, such as repeats or a mass exponent, nothing is said of it.
+    """
+    text = Text(f"Methods and results: {run.record['dataset']}")
+    text.add("Measurements", _measurements(run), _uncertainty(run), _left_out(run))
+    text.add("Model", f"{words.likelihood_words(run)} {words.signal_words(run)}", _formulas(run))
+    text.add("Computation", _computation(run, text))
+    verdict = run.record.get("verdict", {})
+    sound = verdict.get("passed", True) and not verdict.get("warned") and not run.undescribed
+    doubt = "" if sound else f"These results are in doubt: {_verdict(verdict)}"
+    if run.undescribed:
+        text.add("Results", doubt, "No K or C is stated: no element of the program describes the recordings.")
+        return text
+    text.add(
+        "Results",
+        doubt,
+        "Numbers are posterior medians, with equal-tailed 90 % intervals in brackets.",
+        _levels(run),
+        answers.averaged_sentence(run),
+        *(_comparison(contrast) for contrast in study.first_contrasts(run)),
+        _mass(run),
+    )
+    text.add("Questions", *(_answer(line) for line in question_lines(run.questions, len(run.questions))))
+    repeatability = study.reliability_words(run)
+    cited = f"Coefficients are named as by McGraw and Wong {text.cite('icc')}." if repeatability else ""
+    text.add("Repeatability", *repeatability, cited, study.another_day(run))
+    text.add("What the model can't tell", words.chain_words(run), *words.limits(run))
+    text.table = _table(run)
+    return text
+
+
+def _measurements(run: FitRun) -> str:
+    trials = len(set(run.groups["constant_data"]["impact_trial"].to_numpy().tolist()))
+    time = run.constant("time")
+    rate = 1e-3 / (time[:, 1] - time[:, 0])
+    return (
+        f"{counted(len(run.impacts), 'impact')} on {counted(run.people_count, 'person', 'people')} in "
+        f"{counted(trials, 'condition')} were analysed. The impactor had a mass of "
+        f"{_range(run.constant('mass_kg'))} kg and met the tissue at {_range(run.constant('velocity_m_s'))} "
+        f"m/s; its {run.shown} was recorded at {_range(rate)} kHz."
+    )
+
+
+def _range(values: np.ndarray) -> str:
+    """The least and the greatest number, or the one that all are."""
+    low, high = (f"{value:.4g}" for value in (np.nanmin(values), np.nanmax(values)))
+    return low if low == high else f"{low} to {high}"
+
+
+def _uncertainty(run: FitRun) -> str:
+    stated = run.record.get("uncertainty", {})
+    parts = [
+        f"{name} {factor * stated[key]:.3g} {unit or _unit_of_signal(run)}".rstrip()
+        for key, (name, factor, unit) in _ERRORS.items()
+        if stated.get(key)
+    ]
+    if not parts:
+        return "No error of the measuring chain was stated: the intervals hold none."
+    return f"Stated standard deviations of the measuring chain, which the intervals carry: {listed(parts)}."
+
+
+def _unit_of_signal(run: FitRun) -> str:
+    return "m" if run.shown == "displacement" else "m/s²"
+
+
+def _left_out(run: FitRun) -> str:
+    left_out = [str(reason) for reason in run.record.get("left_out", [])]
+    return f"Left out: {'; '.join(left_out)}." if left_out else "No recording was left out."
+
+
+def _formulas(run: FitRun) -> str:
+    model = run.record["model"]
+    formulas = listed([f"log {name} ~ {formula}" for name, formula in model["formula"].items()])
+    return (
+        f"In R's notation {formulas}; a term such as (1|subject) stands for normally distributed differences "
+        f"of people. Numbers are stated at a mass of {run.reference_mass:.3g} kg. The model file is "
+        f"{model['name']}; its priors stand in tables.xlsx."
+    )
+
+
+def _computation(run: FitRun, text: Text) -> str:
+    versions = run.record["versions"]
+    program = text.cite("bayestissue", version=versions["bayestissue"])
+    chains = run.groups["posterior"].sizes
+    route = run.record.get("route", {})
+    method = f" {route['words']}" if route.get("words") else ""
+    cited = text.cite("numpyro", "psis" if route.get("path") == "summary" else "nuts")
+    checked = text.cite("r_hat")
+    return (
+        f"The posterior was computed by bayestissue {versions['bayestissue']} {program} with numpyro "
+        f"{versions['numpyro']} {cited}: {chains['chain']} chains of {chains['draw']} draws, seed "
+        f"{run.record['seed']}.{method} {_verdict(run.record.get('verdict', {}))} {checked}"
+    )
+
+
+def _verdict(verdict: Mapping[str, Any]) -> str:
+    return f"{verdict.get('headline', '')} {verdict.get('words', '')}".strip()
+
+
+def _levels(run: FitRun) -> str:
+    if len(run.impacts) == 1:
+        parts = [f"{q} {s.value} {unit} ({s.range})" for q, unit, s in answers.the_only_impact(run)]
+        return f"Of this impact: {listed(parts)}."
+    who = answers.person_words(run)
+    typical = [f"{x.quantity} was {x.typical.value} {x.unit} ({x.typical.range})" for x in levels(run)]
+    new = [f"{x.quantity} {x.new.value} {x.unit} ({x.new.range})" for x in levels(run)]
+    return f"Of a {who['typical']} {listed(typical)}. Of a {who['new']} it is predicted as {listed(new)}."
+
+
+def _comparison(contrast: Mapping[str, Any]) -> str:
+    ratios = [f"{quantity} {s.value} ({s.range})" for quantity, s in contrast["ratios"]]
+    return f"Ratio of {contrast['what']}: {listed(ratios)}. {contrast['words']}"
+
+
+def _mass(run: FitRun) -> str:
+    by = answers.answering(run)
+    slopes = {q: beta for q in QUANTITIES if (beta := exponent(run, by[q])) is not None}
+    if not slopes:
+        return ""
+    parts = [f"{q} changed as its power {beta.value} ({beta.range})" for q, beta in slopes.items()]
+    return f"With the mass of the impactor {listed(parts)}. {answers.mass_conclusion(run)}"
+
+
+def _answer(line: Mapping[str, str]) -> str:
+    beside = f" ({line['beside']})" if line["beside"] else ""
+    return f"{line['question']}: {line['answer']}{beside}."
+
+
+def _table(run: FitRun) -> pd.DataFrame:
+    """K and C of a typical and a new person, ratios, mass exponents and repeatability, as text."""
+    by, rows = answers.answering(run), []
+    if len(run.impacts) > 1:
+        who = answers.person_words(run)
+        for name in ("typical", "new"):
+            rows.append([who[name], *(_cell(getattr(level, name)) for level in levels(run))])
+    for (level, against), part in run.contrasts.groupby(["level", "against"], sort=False):
+        rows.append([f"{level} over {against}, ratio", *_cells(part, "ratio")])
+    rows.append(["mass exponent", *(_cell(exponent(run, by[q])) for q in QUANTITIES)])
+    forms = run.reliability.set_index(["measure", "form", "unit"]).sort_index()
+    for (measure, form, unit), title in _REPEATABILITY.items():
+        part = forms.loc[[(measure, form, unit)]] if (measure, form, unit) in forms.index else forms[:0]
+        rows.append([title, *_cells(part, "median")])
+    return pd.DataFrame([row for row in rows if any(row[1:])], columns=["", "K, N/m", "C, N s/m"])
+
+
+_REPEATABILITY = {
+    (study.ICC, "ICC(C,1)", "1"): "ICC(C,1)",
+    (study.ICC, "ICC(A,1)", "1"): "ICC(A,1)",
+    (study.MDC, "repeat", "%"): "minimal detectable change (95 %), %",
+}
+
+
+def _cells(part: pd.DataFrame, value: str) -> list[str]:
+    """A cell for K and for C of rows with ``value``, ``low`` and ``high``; empty where there is none."""
+    by = part.set_index("quantity")
+    return [_cell(Spread(*by.loc[q, [value, "low", "high"]]) if q in by.index else None) for q in QUANTITIES]
+
+
+def _cell(spread: Spread | None) -> str:
+    return "" if spread is None else f"{spread.value} ({spread.range})"

@@ -1,0 +1,148 @@
+"""All tables of a fit in one workbook, among them one with a row a person for statistics programs."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from bayestissue.report.wording import UNITS
+from bayestissue.results.tables import declared_files
+
+_WIDEST = 60
+# A sheet has no more rows.
+_MOST_ROWS = 1_048_575
+
+
+def write_workbook(
+    path: Path,
+    table: Callable[[str], pd.DataFrame],
+    posterior: xr.Dataset,
+    rows: pd.DataFrame,
+    model: Mapping[str, Any],
+) -> None:
+    """Write ``people_wide``, ``impacts``, every table of a fit, its priors, and what each column means.
+
+    Numbers are numbers and text is text, so that a spreadsheet in any language shows them by its own rules.
+
+    Args:
+        path: of the workbook.
+        table: a table of the fit by its name; a KeyError where there is none.
+        posterior: the draws, with the dimensions ``chain`` and ``draw``.
+        rows: what was recorded of each impact, in the order of ``posterior``.
+        model: the resolved model file.
+    """
+    wide, meanings = people_wide(posterior, rows)
+    sheets = {"people_wide": wide, "impacts": impacts(table("summary"), posterior, rows)}
+    codebook = [["people_wide", name, meaning] for name, meaning in meanings.items()]
+    for name, file in declared_files().items():
+        stem = name.removesuffix(".csv")
+        # A run has the tables of its command, and not all of these.
+        if stem == name or "fit" not in file.by:
+            continue
+        with suppress(KeyError):
+            sheets[stem] = table(stem)
+            codebook += [[stem, column, kind.meaning] for column, kind in file.columns.items()]
+    sheets["priors"] = priors(model)
+    sheets["columns"] = pd.DataFrame(codebook, columns=["sheet", "column", "meaning"])
+    write_sheets(sheets, path)
+
+
+def people_wide(posterior: xr.Dataset, rows: pd.DataFrame) -> tuple[pd.DataFrame, dict[str, str]]:
+    """A row a person, a column for K and for C by condition and by what else divides a person's impacts.
+
+    A cell is the posterior median of the geometric mean over the person's impacts there, so that it is drawn
+    towards those of others as the model has it; analysing cells as if they were measured ignores that, and
+    their intervals. What is the same in all of a person's impacts, such as sex, has a column of its own.
+
+    Returns:
+        The table, and what each column means.
+    """
+    subject = rows["subject"].astype(str)
+    values = rows.drop(columns="subject").groupby(subject).nunique().max()
+    varies = [name for name in values.index if len(set(rows[name])) > 1]
+    of_person = [name for name in varies if values[name] == 1]
+    within = [name for name in varies if values[name] > 1 and not pd.api.types.is_numeric_dtype(rows[name])]
+    cells = rows[within].astype(str).agg(" ".join, axis=1) if within else pd.Series("all", index=rows.index)
+    people = list(dict.fromkeys(subject))
+    columns: dict[str, Any] = {"subject": people}
+    meanings = {"subject": "the person"}
+    for name in of_person:
+        columns[name] = rows.groupby(subject)[name].first().reindex(people).to_numpy()
+        meanings[name] = f"{name} of the person"
+    for quantity, unit in UNITS.items():
+        draws = posterior[quantity].transpose("impact", ...).to_numpy()
+        draws = np.log(draws).reshape(len(rows), -1)
+        for cell in dict.fromkeys(cells):
+            of_people = [
+                draws[(subject == person).to_numpy() & (cells == cell).to_numpy()] for person in people
+            ]
+            medians = [np.median(np.exp(each.mean(axis=0))) if len(each) else np.nan for each in of_people]
+            name = _name(f"{quantity}_{cell}", columns)
+            columns[name] = medians
+            meanings[name] = (
+                f"{quantity}, {unit}: {', '.join(within)} {cell}" if within else f"{quantity}, {unit}"
+            )
+    return pd.DataFrame(columns), meanings
+
+
+def _name(words: str, taken: Mapping[str, Any]) -> str:
+    """A name that statistics programs take: letters, digits and _, at most 64, and no other's."""
+    name = re.sub(r"\W+", "_", words)[:60]
+    return name if name not in taken else f"{name}_{len(taken)}"
+
+
+def impacts(summary: pd.DataFrame, posterior: xr.Dataset, rows: pd.DataFrame) -> pd.DataFrame:
+    """A row an impact: what was recorded of it, and medians and 90 % intervals of what the model tells."""
+    names = posterior["impact"].to_numpy().astype(str)
+    parts = [rows.set_axis(names)]
+    of_impacts = [name for name in posterior if posterior[name].dims[2:] == ("impact",)]
+    for variable, part in summary[summary["variable"].isin(of_impacts)].groupby("variable", sort=False):
+        ends = part.set_index("label")[["median", "eti90_low", "eti90_high"]].reindex(names)
+        parts.append(ends.set_axis([str(variable), f"{variable}_low", f"{variable}_high"], axis=1))
+    return pd.concat(parts, axis=1).rename_axis("impact").reset_index()
+
+
+def priors(model: Mapping[str, Any]) -> pd.DataFrame:
+    """A row for each parameter of a prior, by the keys of the model file."""
+    numbers = pd.json_normalize(model["priors"], sep=".").iloc[0]
+    return pd.DataFrame({"key": [f"priors.{key}" for key in numbers.index], "value": numbers.to_numpy()})
+
+
+def write_sheets(sheets: Mapping[str, pd.DataFrame], path: Path) -> None:
+    """Write a workbook of tables by the names of their sheets."""
+    from xlsxwriter import Workbook
+
+    # Text that begins with = is text, whoever called an impact so.
+    options = {"strings_to_formulas": False, "strings_to_urls": False, "strings_to_numbers": False}
+    with Workbook(str(path), options) as workbook:
+        heading = workbook.add_format({"bold": True, "bottom": 1})
+        for name, table in sheets.items():
+            sheet = workbook.add_worksheet(name[:31])
+            for column, title in enumerate(table):
+                sheet.write_string(0, column, str(title), heading)
+                cells = table[title].iloc[:_MOST_ROWS].tolist()
+                for row, cell in enumerate(cells, start=1):
+                    _write_cell(sheet, row, column, cell)
+                longest = max((len(str(cell)) for cell in cells if isinstance(cell, str)), default=10)
+                sheet.set_column(column, column, min(max(longest, len(str(title))) + 2, _WIDEST))
+            sheet.freeze_panes(1, 1)
+
+
+def _write_cell(sheet: Any, row: int, column: int, cell: Any) -> None:
+    """A number as such, text as such; what is no number stays empty, and an infinite one is text."""
+    if isinstance(cell, bool | np.bool_):
+        sheet.write_boolean(row, column, bool(cell))
+    elif isinstance(cell, int | float | np.number):
+        if np.isfinite(cell):
+            sheet.write_number(row, column, cell)
+        elif not np.isnan(cell):
+            sheet.write_string(row, column, "∞" if cell > 0 else "−∞")
+    elif isinstance(cell, str) and cell:
+        sheet.write_string(row, column, cell)

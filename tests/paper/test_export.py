@@ -1,0 +1,141 @@
+"""What a paper takes from a finished fit: text of nothing but its numbers, and typed tables."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import docx
+import numpy as np
+import pandas as pd
+import pytest
+
+import bayestissue as bt
+from bayestissue.finished import fit_run_of
+from bayestissue.paper.documents import write_markdown
+from bayestissue.paper.text import Text, text_of
+from bayestissue.paper.workbook import people_wide, write_sheets
+from bayestissue.report.fit.run import FitRun
+from command_line import bayestissue
+from make_fit_run import make_fit_run
+
+pytestmark = pytest.mark.usefixtures("read_once")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return make_fit_run(tmp_path_factory.mktemp("exported") / "run", two_sides=True)
+
+
+@pytest.fixture(scope="module")
+def run(folder: Path) -> FitRun:
+    return fit_run_of(bt.read_run(folder))
+
+
+@pytest.fixture(scope="module")
+def exported(folder: Path) -> Path:
+    out = folder.with_name("paper")
+    told = bayestissue("export", folder, "--out", out)
+    assert told.status == 0, told.err
+    return out
+
+
+def test_word_and_markdown_say_the_same(exported: Path) -> None:
+    markdown = (exported / "methods.md").read_text(encoding="utf-8")
+    document = docx.Document(str(exported / "methods.docx"))
+    for paragraph in document.paragraphs:
+        assert paragraph.text in markdown
+    cells = [cell.text for row in document.tables[0].rows for cell in row.cells]
+    assert all(cell in markdown for cell in cells)
+    cited = {int(number) for group in re.findall(r"\[([\d, ]+)\]", markdown) for number in group.split(", ")}
+    references = re.findall(r"^(\d+)\. ", markdown.partition("## References")[2], flags=re.MULTILINE)
+    assert cited == {int(number) for number in references}
+
+
+def test_numbers_of_the_text_are_those_of_the_tables(folder: Path, exported: Path) -> None:
+    markdown = (exported / "methods.md").read_text(encoding="utf-8")
+    summary = pd.read_csv(folder / "summary.csv").set_index("variable")
+    assert f"K was {np.exp(summary.loc['intercept_K', 'median']):.0f} N/m" in markdown
+    record = json.loads((folder / "run.json").read_text(encoding="utf-8"))
+    assert f"seed {record['seed']}" in markdown
+    assert record["verdict"]["words"] in markdown
+    ratio = pd.read_csv(folder / "contrasts.csv").query("quantity == 'K' and factor == 'side'").iloc[0]
+    assert f"{ratio['level']} over {ratio['against']}, ratio | {ratio['ratio']:.3f}"[:-2] in markdown
+
+
+def test_nothing_is_claimed_where_no_element_describes_the_recordings(run: FitRun) -> None:
+    verdict = {"passed": True, "warned": True, "headline": "Diagnostics passed.", "words": "No element does."}
+    form = {"model_form": {"undescribed": True}}
+    text = text_of(replace(run, diagnostics=run.diagnostics | form, record=run.record | {"verdict": verdict}))
+    assert text.sections["Results"][0] == "These results are in doubt: Diagnostics passed. No element does."
+    assert "Questions" not in text.sections
+    assert text.table.empty
+
+
+def test_failed_diagnostics_come_first(run: FitRun) -> None:
+    verdict = {"passed": False, "warned": False, "headline": "Diagnostics failed.", "words": "R-hat 1.2."}
+    text = text_of(replace(run, record=run.record | {"verdict": verdict}))
+    assert text.sections["Results"][0] == "These results are in doubt: Diagnostics failed. R-hat 1.2."
+
+
+def test_a_bar_in_a_cell_does_not_end_it(tmp_path: Path) -> None:
+    text = Text("t", table=pd.DataFrame([["a|b", "1"]], columns=["", "K"]))
+    write_markdown(text, tmp_path / "text.md")
+    assert "| a\\|b | 1 |" in (tmp_path / "text.md").read_text(encoding="utf-8")
+
+
+def test_cells_of_the_workbook_are_typed(folder: Path, exported: Path) -> None:
+    sheets = pd.read_excel(exported / "tables.xlsx", sheet_name=None, engine="calamine")
+    summary = pd.read_csv(folder / "summary.csv")
+    # A workbook holds 16 digits.
+    np.testing.assert_allclose(sheets["summary"]["median"], summary["median"], rtol=1e-15)
+    assert sheets["summary"]["variable"].tolist() == summary["variable"].tolist()
+    described = set(zip(sheets["columns"]["sheet"], sheets["columns"]["column"], strict=True))
+    assert {("people_wide", name) for name in sheets["people_wide"]} <= described
+    assert {("summary", name) for name in summary} <= described
+    impacts = sheets["impacts"].set_index("impact")
+    K = summary[summary["variable"] == "K"].set_index("label")["median"]
+    np.testing.assert_allclose(impacts["K"], K.reindex(impacts.index), rtol=1e-15)
+    assert sheets["priors"].set_index("key").loc["priors.intercept.K.mean", "value"] == 7.0
+
+
+def test_a_row_a_person_has_the_median_of_each_condition(folder: Path) -> None:
+    fit = bt.read_run(folder)
+    posterior, rows = fit.posterior["posterior"].dataset, fit.finished.recorded.rows
+    wide, meanings = people_wide(posterior, rows)
+    assert list(meanings) == list(wide)
+    assert all(re.fullmatch(r"\w{1,64}", name) for name in wide)
+    first = rows.iloc[0]
+    alike = np.flatnonzero(
+        (rows["subject"] == first["subject"])
+        & (rows["trial"] == first["trial"])
+        & (rows["side"] == first["side"] if "side" in rows else True)
+    )
+    expected = np.exp(np.log(posterior["K"].isel(impact=alike)).mean("impact")).median()
+    cells = wide.filter(regex="^K_").iloc[0]
+    assert np.isclose(cells, float(expected), rtol=1e-12).sum() == 1
+
+
+def test_a_cell_is_what_it_is_whatever_it_looks_like(tmp_path: Path) -> None:
+    table = pd.DataFrame({"text": ["=1+1", "https://x", "7", ""], "number": [1.5, -np.inf, np.nan, 3]})
+    write_sheets({"one": table}, tmp_path / "cells.xlsx")
+    read = pd.read_excel(tmp_path / "cells.xlsx", engine="calamine", keep_default_na=False)
+    assert read["text"].tolist() == ["=1+1", "https://x", "7", ""]
+    assert read["number"].tolist() == [1.5, "−∞", "", 3]
+
+
+def test_in_python_it_is_a_method(folder: Path, tmp_path: Path) -> None:
+    out = bt.read_run(folder).export(tmp_path / "paper")
+    assert sorted(path.name for path in out.iterdir() if path.suffix != ".json") == [
+        "methods.docx",
+        "methods.md",
+        "tables.xlsx",
+    ]
+
+
+def test_what_is_there_is_not_replaced(folder: Path, exported: Path) -> None:
+    assert bayestissue("export", folder, "--out", exported).status == 2
+    assert bayestissue("export", folder, "--out", folder, "--overwrite").status == 2
+    assert bayestissue("export", exported, "--out", exported.with_name("new")).status == 2
