@@ -14,7 +14,7 @@ HOW := the commands: $(BIN)/bayestissue --help, or make shell and then bayestiss
 REPORTS := reports
 
 .DEFAULT_GOAL := help
-.PHONY: help setup shell report report-example report-arma report-published test run-tests check-code docs docs-outputs test-long evidence evidence-status evidence-pages evidence-peers lock clean
+.PHONY: help setup shell report report-example report-arma report-published test run-tests check-code docs docs-outputs test-long evidence evidence-check evidence-status evidence-pages evidence-peers lock clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-16s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -94,6 +94,9 @@ EVIDENCE = PYTHONPATH=benchmarks $(BIN)/python -m evidence
 
 evidence: $(READY_FOR_TESTS)  ## measure what is stale: a day of computing, or NAME=coverage_fit for some
 	@$(EVIDENCE) run $(if $(findstring command,$(origin NAME)),$(NAME))
+
+evidence-check: $(READY)  ## whether the program's numbers are those on which the evidence rests, in two minutes
+	@$(EVIDENCE) check
 
 evidence-status: $(READY)  ## which evidence is of this version, and what has changed since
 	@$(EVIDENCE) status

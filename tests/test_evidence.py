@@ -9,13 +9,15 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import pytest
 
 from bayestissue.inference.comparing import DECISIVE_NATS, DECISIVE_SE
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.append(str(ROOT / "benchmarks"))
-from evidence import fingerprint, pages, provenance, registry, running, status  # noqa: E402
+from evidence import fingerprint, pages, provenance, references, registry, running, status  # noqa: E402
 from evidence.families import elements  # noqa: E402
 from evidence.registry import Piece  # noqa: E402
 from evidence.summary import figure  # noqa: E402
@@ -30,12 +32,14 @@ OTHERS = "run `make evidence-pages`, and commit what it writes"
 def test_a_piece_names_what_there_is(piece):
     for part in piece.parts():
         assert (ROOT / part.removesuffix("/*")).exists(), part
+    assert set(piece.references) <= set(references.SETS)
     assert figure(f"{piece.family}.provenance").text
 
 
 @pytest.mark.parametrize("piece", PIECES, ids=lambda piece: piece.name)
 def test_a_piece_speaks_of_what_its_scripts_import(piece):
-    missing = [name for name in imported(piece) if not covered(name, piece)]
+    # The numbers of references.csv stand for the program where a piece names any.
+    missing = [] if piece.references else [name for name in imported(piece) if not covered(name, piece)]
     assert not missing, f"{piece.name} of evidence.toml lacks {missing}"
 
 
@@ -133,6 +137,7 @@ def piece(tmp_path, monkeypatch) -> Piece:
         result="table.csv",
         where={"kind": "a"},
         resumes="table.csv",
+        references=(),
         speaks_of=("part.py",),
         minutes=1,
     )
@@ -188,6 +193,73 @@ def test_a_program_that_changes_while_it_is_measured_is_told(piece, tmp_path):
         add(piece, 1)
         (tmp_path / "part.py").write_text("A = 2\n")
     assert "while it ran: part.py" in state(piece).why
+
+
+@pytest.fixture
+def set_of_results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> pd.DataFrame:
+    """A set of results, accepted: medians of forty quantities, and a number without an error."""
+    rng = np.random.default_rng(1)
+    scale = rng.uniform(1, 2, 41)
+    table = pd.DataFrame(
+        {
+            "quantity": [f"K {number} median" for number in range(40)] + ["flags"],
+            "value": rng.normal(2000, 200, 41),
+            "scale": scale,
+            "mcse": np.where(np.arange(41) < 40, 0.02 * scale, np.nan),
+        }
+    )
+    monkeypatch.setattr(references, "TABLE", tmp_path / "references.csv")
+    table.assign(set="fit")[["set", *table]].to_csv(references.TABLE, index=False)
+    references.accepted.cache_clear()
+    yield table
+    references.accepted.cache_clear()
+
+
+def moved(table: pd.DataFrame, by: np.ndarray | float) -> pd.DataFrame:
+    return table.assign(value=table["value"] + by)
+
+
+def test_results_are_equal_to_rounding_or_within_monte_carlo_error(set_of_results):
+    assert not references.differing("fit", moved(set_of_results, 5e-5))
+    other_draws = np.random.default_rng(2).normal(0, 0.02 * np.sqrt(2), 41) * set_of_results["scale"]
+    other_draws[40] = 0
+    assert not references.differing("fit", moved(set_of_results, other_draws))
+
+
+@pytest.mark.parametrize(
+    ("fault", "said"),
+    [
+        (lambda table: table["value"] * 0.01, "41 of 41 results differ"),
+        # Each within what two runs may differ by, but all together not.
+        (lambda table: 2.5 * 0.02 * np.sqrt(2) * table["scale"], "41 of 41 results differ"),
+        (
+            lambda table: np.where(table["quantity"] == "flags", 1.0, 0.0),
+            "1 of 41 results differ, such as flags",
+        ),
+    ],
+)
+def test_results_that_differ_are_told(set_of_results, fault, said):
+    assert said in references.differing("fit", moved(set_of_results, fault(set_of_results)))
+
+
+def test_results_that_come_go_or_lose_their_number_are_told(set_of_results):
+    assert "1 results came or went, such as flags" in references.differing("fit", set_of_results[:40])
+    lost = set_of_results.assign(value=set_of_results["value"].where(set_of_results["quantity"] != "flags"))
+    assert "1 of 41 results differ, such as flags" in references.differing("fit", lost)
+
+
+def test_only_a_change_in_numbers_makes_evidence_stale_that_rests_on_them(piece, set_of_results, monkeypatch):
+    piece = replace(piece, references=("fit",), speaks_of=())
+    monkeypatch.setattr(provenance, "pieces", lambda: {"piece": piece})
+    measure(piece)
+    assert state(piece).kind == "fresh"
+    moved(set_of_results, 1).assign(set="fit").to_csv(references.TABLE, index=False)
+    references.accepted.cache_clear()
+    assert state(piece) == status.State("stale", "numbers changed since: fit")
+
+
+def test_the_program_s_numbers_are_those_that_were_accepted():
+    assert not references.differing("points", references.SETS["points"]())
 
 
 def interrupted(piece: Piece) -> None:

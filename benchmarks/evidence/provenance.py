@@ -20,6 +20,7 @@ from typing import Any
 import pandas as pd
 
 from evidence.fingerprint import changed, of_parts
+from evidence.references import digest_of
 from evidence.registry import BENCHMARKS, ROOT, Piece, pieces
 
 RESULTS = BENCHMARKS / "results"
@@ -60,16 +61,17 @@ def recorded(name: str, command: str = "") -> Iterator[Record]:
         "machine": machine(),
         "versions": _versions(),
     }
+    rests_on = {"references": references_of(piece), "parts": parts}
 
     def write() -> None:
         seconds = {"seconds": round(spent + time.monotonic() - begun), "left": record.left}
-        found = {"changed_meanwhile": changed(parts, of_parts(ROOT, piece.parts()))} | {"parts": parts}
-        content = about | seconds | {"rows": digest(piece.rows())} | found
+        moved = {"changed_meanwhile": changed(parts, of_parts(ROOT, piece.parts()))}
+        content = about | seconds | {"rows": digest(piece.rows())} | moved | rests_on
         RESULTS.mkdir(exist_ok=True)
         _path(piece).write_text(f"{json.dumps(content, indent=1, ensure_ascii=False)}\n", encoding="utf-8")
 
     if piece.resumes:
-        if before is not None and before["parts"] == parts:
+        if before is not None and all(before.get(key) == value for key, value in rests_on.items()):
             spent = before["seconds"] or 0.0
         elif dropped := piece.forget():
             print(f"{name}: {dropped} rows of another version, or of an unknown one, are dropped", flush=True)
@@ -85,6 +87,11 @@ def recorded(name: str, command: str = "") -> Iterator[Record]:
         raise
     write()
     fill_pages()
+
+
+def references_of(piece: Piece) -> dict[str, str]:
+    """The digest of each set of reference results that a piece rests on."""
+    return {name: digest_of(name) for name in piece.references}
 
 
 def fill_pages() -> None:

@@ -31,7 +31,9 @@ class Piece:
     where: dict[str, str]
     # The table whose rows a stopped run goes on from; empty where it begins anew.
     resumes: str
-    # Files and folders of the program, from the root of the project, without the scripts.
+    # The sets of references.csv whose numbers it rests on.
+    references: tuple[str, ...]
+    # What else it rests on: files and folders, from the root of the project, without the scripts.
     speaks_of: tuple[str, ...]
     minutes: float
     # Packages, and variables of the environment that name a folder, without which it can't be run.
@@ -48,7 +50,7 @@ class Piece:
         return _with_imported(BENCHMARKS / Path(self.command[0]).name)
 
     def parts(self) -> tuple[str, ...]:
-        """All that it speaks of: of the program, and the scripts."""
+        """The files whose content it rests on: the scripts, and what no reference stands for."""
         return (*self.speaks_of, *self.scripts())
 
     def rows(self, table: str = "") -> pd.DataFrame:
@@ -103,7 +105,7 @@ def _pieces(family: str, table: dict[str, Any]) -> list[Piece]:
     made, parts = [], content()["parts"]
     for each in table.get("each", [""]):
         with_each = {name: value.replace("{each}", each) for name, value in table.get("where", {}).items()}
-        named = [part for name in table["parts"] for part in parts.get(name, [name])]
+        named = [part for name in table.get("parts", ()) for part in parts.get(name, [name])]
         made.append(
             Piece(
                 name=f"{family}-{each}" if each else family,
@@ -114,6 +116,7 @@ def _pieces(family: str, table: dict[str, Any]) -> list[Piece]:
                 result=table["result"].replace("{each}", each),
                 where=with_each,
                 resumes=table.get("resumes", "").replace("{each}", each),
+                references=tuple(name.replace("{each}", each) for name in table.get("references", ())),
                 speaks_of=tuple(dict.fromkeys(part.replace("{each}", each) for part in named)),
                 minutes=table["minutes"],
                 packages=tuple(table.get("packages", ())),

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cache
 
 from evidence.fingerprint import changed, of_parts
-from evidence.provenance import digest, read, without
+from evidence.provenance import digest, read, references_of, without
 from evidence.registry import ROOT, Piece
 
 EARLIER = "measured on an earlier version"
@@ -39,6 +39,8 @@ def state_of(piece: Piece) -> State:
         return State("stale", f"measured by another command: {about['command']}")
     if moved := about["changed_meanwhile"]:
         return State("stale", f"the program changed while it ran: {', '.join(moved)}")
+    if moved := changed(about.get("references", {}), references_of(piece)):
+        return State("stale", f"numbers changed since: {', '.join(moved)}")
     if moved := changed(about["parts"], of_parts(ROOT, piece.parts())):
         return State("stale", f"changed since: {', '.join(moved)}")
     return State("fresh", "of this version")
