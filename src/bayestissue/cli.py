@@ -29,6 +29,7 @@ from bayestissue.commands import (
     plan,
     reproduce,
     simulate,
+    watch,
 )
 from bayestissue.errors import InputError, PartialResultError, Problem, by_cause, more, printable
 
@@ -61,7 +62,7 @@ _COMMANDS: dict[str, Callable[..., None]] = {
     "estimate": estimate.run,
     **{"fit": fit.run, "reproduce": reproduce.run, "report": finished_runs.report, "compare": compare.run},
     **{"ask": finished_runs.ask, "predict": finished_runs.predict, "causes": causes.run},
-    "explain": explain.run,
+    **{"watch": watch.run, "explain": explain.run},
 }
 for name, command in _COMMANDS.items():
     app.command(name)(command)
