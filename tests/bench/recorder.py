@@ -1,4 +1,4 @@
-"""A recorder: drops on simulated people, written into a folder as files that are whole, spoilt or unfinished."""
+"""A recorder: drops on simulated people, as files that are whole, spoilt or unfinished."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Beside the recorder: its folder followed, each drop judged, the dataset and the study so far as they grow."""
+"""Beside the recorder: its folder is followed, each drop judged, the dataset and the study grow."""

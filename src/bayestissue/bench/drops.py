@@ -16,6 +16,7 @@ import pandas as pd
 
 from bayestissue.bench.campaign import Campaign
 from bayestissue.bench.following import Stamp
+from bayestissue.bench.verdict import Kind
 from bayestissue.dataset import Dataset
 from bayestissue.dataset.arrays import plain_text
 from bayestissue.dataset.cells import FILE as IMPACTS
@@ -56,7 +57,7 @@ class Drop:
     stamp: Stamp
     sha256: str
     cells: Cells
-    kind: str
+    kind: Kind
     reason: str = ""
     code: str = ""
     left_out: str = ""

@@ -44,8 +44,8 @@ from bayestissue.planning.posterior import PlannedSites, posteriors
 _FORMULA = "log(mass_kg) + (1|subject)"
 # Of people, masses and repeats of each: the table has room for so many, and doubles where they are more.
 _ROOM = (32, 4, 4)
-# A sound drop is called unlike its person's others once in a thousand; from so many others on.
-_ALARM, _FEWEST = 1e-3, 2
+# A sound drop is called unlike its person's others once in a hundred; from so many others on.
+_ALARM, _FEWEST = 0.01, 2
 _ENDS = (0.05, 0.5, 0.95)
 
 

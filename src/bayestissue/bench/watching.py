@@ -20,10 +20,10 @@ from bayestissue.bench.drops import Drop, Drops, dataset_of, several
 from bayestissue.bench.following import Follower, listing
 from bayestissue.bench.order import Order
 from bayestissue.bench.study import Study
-from bayestissue.bench.verdict import verdict
+from bayestissue.bench.verdict import Verdict, verdict
 from bayestissue.dataset import read_dataset
 from bayestissue.dataset.recorders import suffix_of
-from bayestissue.errors import InputError, by_cause
+from bayestissue.errors import InputError, Problem, printable
 from bayestissue.intake.build import RECORDINGS
 from bayestissue.intake.facts import Cells
 from bayestissue.intake.names import columns
@@ -51,6 +51,7 @@ class Watch:
         study: what the drops together tell.
         chosen: facts of the next drops, as they were set on the page.
         lines: the last ones that were said.
+        last: the drop or file that was judged last, and how.
     """
 
     def __init__(
@@ -60,7 +61,8 @@ class Watch:
         self.study = Study(campaign)
         self.chosen: dict[str, str] = {}
         self.lines: deque[Line] = deque(maxlen=_LINES)
-        self._say, self._lock, self.changed = say, threading.RLock(), threading.Condition()
+        self.last = ("", Verdict("look", "no drop yet"))
+        self._say, self._lock = say, threading.RLock()
         self._follower = Follower({drop.file: drop.stamp for drop in drops})
         self._impacts: OrderedDict[tuple[str, str], Impact] = OrderedDict()
         self._away = False
@@ -124,8 +126,9 @@ class Watch:
             del self._follower.settled[name]
             self.say(f"{name}: can't be read: {error.strerror}; trying again")
         except InputError as error:
-            problems = [replace(p, file=name, row=None, impact=None) for p in error.problems]
-            self.say(f"{name}: again: can't be used: {'; '.join(map(str, by_cause(problems)))}")
+            said = Verdict("again", " ".join(dict.fromkeys(map(_in_short, error.problems))))
+            self.last = name, said
+            self.say(f"{name}: {said.words}")
         finally:
             incoming.unlink(missing_ok=True)
 
@@ -147,6 +150,7 @@ class Watch:
         place.parent.mkdir(parents=True, exist_ok=True)
         incoming.replace(place)
         self.drops.taken(replace(drop, stamp=stamp, sha256=sha256))
+        self.last = drop.impact, Verdict(drop.kind, drop.reason, drop.code)
         self._impacts[drop.impact, sha256] = impact
         while len(self._impacts) > _TRACES:
             self._impacts.popitem(last=False)
@@ -210,7 +214,6 @@ class Watch:
         with self._lock:
             self.chosen = chosen
             self.drops.version += 1
-        self._ring()
 
     def impact(self, name: str) -> Impact:
         """One drop with its trace and its fit.
@@ -225,7 +228,7 @@ class Watch:
 
     def line(self, drop: Drop) -> str:
         """A drop in one line: its verdict, K and C by themselves and in the study so far, what is left."""
-        words = [f"{drop.impact}: {drop.kind}{f': {drop.reason}' if drop.reason else ''}"]
+        words = [f"{drop.impact}: {Verdict(drop.kind, drop.reason).words}"]
         words += [f"{q} {_interval(getattr(drop, q))} {unit}" for q, unit in _UNITS.items()]
         words += self.study.words(drop)
         if self.order.rows:
@@ -238,11 +241,6 @@ class Watch:
         self.drops.version += 1
         self.lines.append(Line(self.drops.version, text))
         self._say(text)
-        self._ring()
-
-    def _ring(self) -> None:
-        with self.changed:
-            self.changed.notify_all()
 
 
 _COLUMNS = {
@@ -255,6 +253,11 @@ _UNITS = {"K": "N/m", "C": "N s/m"}
 def facts_words(cells: Cells) -> str:
     """The facts of a drop in words."""
     return ", ".join(f"{name} {v:g}" if isinstance(v, float) else f"{name} {v}" for name, v in cells.items())
+
+
+def _in_short(problem: Problem) -> str:
+    """What is wrong with a file that can't be used, whose name is said anyway."""
+    return printable(f"found {problem.value}; expected {problem.expected}. {problem.remedy}")
 
 
 def _number(value: Any) -> float | None:

@@ -53,7 +53,7 @@ def run(
     ] = 0.4,
     quiet: Quiet = False,
 ) -> None:
-    """Judge each drop while it is measured: good, or again and why; K and C by itself and in the study so far.
+    """Judge each drop while it is measured: good, or again and why, with its K and C.
 
     The recordings are copied into a dataset that `check`, `estimate` and `fit` read at any time. Stop it by
     Ctrl-C; the same command goes on from there. Which drops were left out, and why, stands in left_out.csv.
@@ -93,5 +93,10 @@ def run(
                 time.sleep(poll_s)
         else:
             from bayestissue.bench.server import serve
+            from bayestissue.bench.views import WatchView
 
-            serve(watch, port, poll_s, say)
+            def work() -> None:
+                watch.look()
+                time.sleep(poll_s)
+
+            serve(WatchView(watch), port, echo, work)
