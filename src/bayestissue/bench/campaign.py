@@ -132,7 +132,8 @@ class Campaign:
         facts = dict(self.facts)
         for source in (*further, self.pattern.read(file, suffix) if self.pattern else {}):
             filled = set(map(fills, source))
-            facts = {name: text for name, text in facts.items() if fills(name) not in filled} | source
+            facts = {name: text for name, text in facts.items() if fills(name) not in filled}
+            facts |= source
         return columns(facts, file)
 
 

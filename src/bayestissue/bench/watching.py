@@ -146,10 +146,10 @@ class Watch:
         impact = impact_of(
             dataset_of(self.drops.folder, self.campaign, {**row, "trace": f"{_INCOMING}/{name}"})
         )
-        drop = self._judged(name, row, impact)
+        drop = self._judged(name, row, impact, sha256)
         place.parent.mkdir(parents=True, exist_ok=True)
         incoming.replace(place)
-        self.drops.taken(replace(drop, stamp=stamp, sha256=sha256))
+        self.drops.taken(drop)
         self.last = drop.impact, Verdict(drop.kind, drop.reason, drop.code)
         self._impacts[drop.impact, sha256] = impact
         while len(self._impacts) > _TRACES:
@@ -159,7 +159,7 @@ class Watch:
             f"{'overwritten, taken anew: ' if earlier else ''}{self.line(self.drops.named(drop.impact))}"
         )
 
-    def _judged(self, name: str, row: Cells, impact: Impact) -> Drop:
+    def _judged(self, name: str, row: Cells, impact: Impact, sha256: str) -> Drop:
         numbers = {q: [_number(impact.row[c]) for c in names] for q, names in _COLUMNS.items()}
         flags = [*impact.flags, *(w.code for w in impact.dataset.warnings if w.impact)]
         if (count := several(impact.dataset)) > 1:
@@ -169,11 +169,21 @@ class Watch:
         velocity = float(row.get("velocity_m_s", np.nan)), wanted.velocity_m_s, wanted.velocity_within
         others = [drop for drop in self.drops.used if drop.file != name]
         said = verdict(flags, velocity=velocity, unlike=self.study.unlike(row, site, others))
-        now = f"{datetime.now().astimezone():%Y-%m-%d %H:%M:%S}"
         return Drop(
-            name, None, "", row, said.kind, said.reason, said.code,  # type: ignore[arg-type]
-            said.reason if said.spoilt else "", **numbers, **site, taken=now,
-        )  # fmt: skip
+            file=name,
+            stamp=self._follower.settled[name],
+            sha256=sha256,
+            cells=row,
+            kind=said.kind,
+            reason=said.reason,
+            code=said.code,
+            left_out=said.reason if said.spoilt else "",
+            K=numbers["K"],
+            C=numbers["C"],
+            centre=site["centre"],
+            precision=site["precision"],
+            taken=f"{datetime.now().astimezone():%Y-%m-%d %H:%M:%S}",
+        )
 
     def cells(self, name: str) -> Cells:
         """The cells of a file's row that are known: by its name, the page, the order, the campaign."""
