@@ -25,6 +25,7 @@ from bayestissue.commands import (
     finished_runs,
     fit,
     init,
+    open_dataset,
     options,
     plan,
     reproduce,
@@ -62,7 +63,7 @@ _COMMANDS: dict[str, Callable[..., None]] = {
     "estimate": estimate.run,
     **{"fit": fit.run, "reproduce": reproduce.run, "report": finished_runs.report, "compare": compare.run},
     **{"ask": finished_runs.ask, "predict": finished_runs.predict, "causes": causes.run},
-    **{"watch": watch.run, "explain": explain.run},
+    **{"watch": watch.run, "open": open_dataset.run, "explain": explain.run},
 }
 for name, command in _COMMANDS.items():
     app.command(name)(command)

@@ -99,6 +99,8 @@ def application(view: View, port: int, token: str) -> Starlette:
             await asyncio.to_thread(view.act, request.path_params["action"], content)
         except InputError as error:
             return PlainTextResponse(str(error), 422)
+        except OSError as error:
+            return PlainTextResponse(f"can't be written: {error.strerror}", 500)
         except (KeyError, ValueError, TypeError, AttributeError):
             return PlainTextResponse("nothing to be done", 400)
         return Response(status_code=204)

@@ -1,15 +1,22 @@
-"""What the page of a watch shows, as JSON."""
+"""What the pages of a watch and of a dataset show, as JSON."""
 
 from __future__ import annotations
 
+import threading
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from bayestissue.bench.study import level
-from bayestissue.bench.watching import Watch
+from bayestissue.bench.verdict import verdict
+from bayestissue.bench.watching import Watch, numbers_of
+from bayestissue.dataset import read_dataset
 from bayestissue.dataset.impacts import wanted
-from bayestissue.one_impact import Impact
+from bayestissue.dataset.left_out import reasons, write_left_out
+from bayestissue.inference.single.estimates import estimate
+from bayestissue.one_impact import Impact, impact_of
 
 # Of a trace: more points than a page has pixels.
 _POINTS = 600
@@ -41,6 +48,7 @@ class WatchView:
             people.append(person | ({"K": told.person["K"], "width": told.width} if told else {}))
         return {
             "version": version,
+            "back": "Take the last drop back",
             "name": watch.campaign.settings.name,
             "watching": str(watch.recordings),
             "dataset": str(watch.drops.folder),
@@ -85,6 +93,75 @@ class WatchView:
                 self.watch.choose({name: one_line(content.get(name, "")) for name in _EDITABLE})
             case _:
                 raise KeyError(action)
+
+
+class DatasetView:
+    """A dataset as a page has it: its impacts, each of which is left out or used again."""
+
+    def __init__(self, folder: Path) -> None:
+        """Estimate every impact by itself, those that are left out too.
+
+        Raises:
+            InputError: it is no dataset that can be used.
+        """
+        self.folder, self.version, self.data = folder, 1, read_dataset(folder, skip_bad=True, whole=True)
+        self._rows = estimate(self.data).set_index("impact", drop=False)
+        self._changed, self._lock = dict.fromkeys(self._rows.index, 1), threading.Lock()
+        # Of each decision of this page, the impact and the reason before it.
+        self._before: list[tuple[str, str]] = []
+
+    def state(self, since: int) -> dict[str, Any]:
+        """All that is general, and the impacts that changed after a version."""
+        version, out = self.version, reasons(self.folder)
+        wrong = [f"{problem}" for problem in self.data.left_out]
+        return {
+            "version": version,
+            "back": "Undo the last decision",
+            "name": self.data.name,
+            "dataset": str(self.folder),
+            "used": len(set(self._rows.index) - set(out)),
+            "people": [],
+            "drops": [
+                self._drop(impact, out.get(impact, ""))
+                for impact in reversed(self._rows.index)
+                if self._changed[impact] > since
+            ],
+            "lines": wrong if not since else [],
+        }
+
+    def _drop(self, impact: str, left_out: str) -> dict[str, Any]:
+        row = self._rows.loc[impact]
+        said = verdict(flag for flag in row["flags"].split("; ") if flag)
+        shown = {"impact": impact, "kind": said.kind, "reason": said.reason, "left_out": left_out}
+        return shown | numbers_of(row)
+
+    def drop(self, impact: str) -> dict[str, Any]:
+        """One impact with its trace and its fit."""
+        number = list(self._rows.index).index(impact) if impact in self._rows.index else None
+        if number is None:
+            raise KeyError(impact)
+        part = slice(number, number + 1)
+        one = replace(self.data, impacts=self.data.impacts.iloc[part], traces=self.data.traces[part])
+        return {"impact": impact, "study": {}, "trace": trace(impact_of(one))}
+
+    def act(self, action: str, content: dict[str, Any]) -> None:
+        """Leave an impact out, use it again, or undo the last of these decisions."""
+        with self._lock:
+            out = reasons(self.folder)
+            if action == "take-back":
+                impact, reason = self._before.pop() if self._before else ("", "")
+            elif action == "decide":
+                impact, reason = str(content["impact"]), one_line(content["reason"])
+                self._before.append((impact, out.get(impact, "")))
+            else:
+                raise KeyError(action)
+            if impact not in self._changed:
+                if action == "decide":
+                    self._before.pop()
+                raise KeyError(impact)
+            write_left_out(self.folder, {k: v for k, v in (out | {impact: reason}).items() if v})
+            self.version += 1
+            self._changed[impact] = self.version
 
 
 def one_line(text: Any) -> str:

@@ -14,6 +14,7 @@ from time import sleep
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from bayestissue.bench.campaign import Campaign
 from bayestissue.bench.drops import Drop, Drops, dataset_of, several
@@ -160,7 +161,7 @@ class Watch:
         )
 
     def _judged(self, name: str, row: Cells, impact: Impact, sha256: str) -> Drop:
-        numbers = {q: [_number(impact.row[c]) for c in names] for q, names in _COLUMNS.items()}
+        numbers = numbers_of(impact.row)
         flags = [*impact.flags, *(w.code for w in impact.dataset.warnings if w.impact)]
         if (count := several(impact.dataset)) > 1:
             flags.insert(0, f"the recording seems to hold several impacts ({count})")
@@ -253,11 +254,18 @@ class Watch:
         self._say(text)
 
 
+_UNITS = {"K": "N/m", "C": "N s/m"}
+
+
 _COLUMNS = {
     "K": ("K_N_per_m", "K_low_N_per_m", "K_high_N_per_m"),
     "C": ("C_N_s_per_m", "C_low_N_s_per_m", "C_high_N_s_per_m"),
 }
-_UNITS = {"K": "N/m", "C": "N s/m"}
+
+
+def numbers_of(row: pd.Series) -> dict[str, list[float | None]]:
+    """K and C of a row of `estimates.csv`: medians and ends of intervals, None where there is no number."""
+    return {q: [_number(row[name]) for name in names] for q, names in _COLUMNS.items()}
 
 
 def facts_words(cells: Cells) -> str:

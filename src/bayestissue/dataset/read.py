@@ -25,7 +25,7 @@ from bayestissue.runtime import content_hash
 WORKBOOK = "impacts.xlsx"
 
 
-def read_dataset(path: str | Path, *, skip_bad: bool = False) -> Dataset:
+def read_dataset(path: str | Path, *, skip_bad: bool = False, whole: bool = False) -> Dataset:
     """Read a dataset folder: ``dataset.toml``, ``impacts.csv`` (or ``.xlsx``) and the recordings.
 
     Impacts that ``left_out.csv`` names are in ``left_out``, whatever is wrong with them.
@@ -34,6 +34,7 @@ def read_dataset(path: str | Path, *, skip_bad: bool = False) -> Dataset:
         path: the folder; ``docs/reference/dataset.md`` describes its layout.
         skip_bad: leave out impacts with something wrong, and say so in ``left_out``, instead of refusing
             the whole. What concerns the dataset as a whole is refused either way.
+        whole: use what ``left_out.csv`` names as well.
 
     Raises:
         InputError: everything that is wrong, each with its file, row, column, value, what was expected and
@@ -46,7 +47,7 @@ def read_dataset(path: str | Path, *, skip_bad: bool = False) -> Dataset:
         )
     impacts = _impacts_file(folder)
     try:
-        data = _read(folder, impacts, skip_bad=skip_bad)
+        data = _read(folder, impacts, skip_bad=skip_bad, whole=whole)
     except InputError as error:
         raise InputError(_named(error.problems, impacts)) from None
     return replace(data, warnings=_named(data.warnings, impacts), left_out=_named(data.left_out, impacts))
@@ -57,11 +58,11 @@ def _named(problems: Iterable[Problem], impacts: Path) -> tuple[Problem, ...]:
     return tuple(replace(p, file=impacts.name) if p.file == IMPACTS else p for p in problems)
 
 
-def _read(folder: Path, impacts: Path, *, skip_bad: bool) -> Dataset:
+def _read(folder: Path, impacts: Path, *, skip_bad: bool, whole: bool) -> Dataset:
     settings, table = _tables(folder, impacts)
     with along_with(table.problems):
         reading = _reading(folder, table, settings.signal)
-        by_hand = read_left_out(folder, table.table["impact"])
+        by_hand = LeftOut({}) if whole else read_left_out(folder, table.table["impact"])
     chosen = [folder / LEFT_OUT] if (folder / LEFT_OUT).exists() else []
     hashed = content_hash([folder / SETTINGS, impacts, *chosen, *reading.files])
     reading = replace(reading, problems=[*table.problems, *reading.problems])

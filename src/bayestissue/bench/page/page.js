@@ -56,10 +56,11 @@ function show(state) {
   for (const line of state.lines) $("log").prepend(element("li", line));
   while ($("log").children.length > MOST_LINES) $("log").lastChild.remove();
   $("now").hidden = !state.watching;
+  $("back-words").textContent = state.back;
   $("progress").textContent = state.planned ? `${state.left} drops left${state.left ? `; next: ${facts(state.next)}` : ""}` : "";
   fields(state.chosen);
   people(state.people);
-  const fresh = state.drops.filter((drop) => !drops.has(drop.impact) || drops.get(drop.impact).taken !== drop.taken);
+  const fresh = !state.watching ? [] : state.drops.filter((drop) => !drops.has(drop.impact) || drops.get(drop.impact).taken !== drop.taken);
   for (const drop of state.drops) { drops.set(drop.impact, drop); row(drop); }
   if (state.last && state.last.name) {
     const words = `${state.last.name}: ${state.last.words}`;
@@ -69,6 +70,7 @@ function show(state) {
     $("advice").textContent = state.last.advice;
   }
   if (fresh.length && following) choose(fresh.at(-1).impact, true);
+  else if (!chosen && drops.size) choose([...drops.keys()].at(-1), false);
   else if (chosen && state.drops.some((drop) => drop.impact === chosen)) choose(chosen, following);
 }
 
@@ -192,7 +194,7 @@ $("decide").addEventListener("submit", (event) => {
 $("use").addEventListener("click", () => chosen && act("decide", { impact: chosen, reason: "" }, $("decide-said")));
 document.addEventListener("keydown", (event) => {
   if (event.target.matches("input") || event.ctrlKey || event.metaKey || event.altKey) return;
-  if (event.key === "u" && !$("now").hidden) { event.preventDefault(); act("take-back", {}); }
+  if (event.key === "u") { event.preventDefault(); act("take-back", {}); }
   if (!["ArrowDown", "ArrowUp"].includes(event.key) || !chosen) return;
   const line = document.getElementById(`drop-${chosen}`);
   const next = event.key === "ArrowDown" ? line.nextElementSibling : line.previousElementSibling;
