@@ -16,6 +16,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 import bayestissue as bt
+from bayestissue.bench.campaign import CampaignSpecification
 from bayestissue.cli import app
 from bayestissue.dataset.impacts import COLUMNS, RESERVED
 from bayestissue.dataset.settings import Settings
@@ -105,6 +106,7 @@ def test_the_reference_has_every_command_and_option(manual):
         ("model", ModelSpecification),
         ("dataset", Settings),
         ("plan", PlanSpecification),
+        ("campaign", CampaignSpecification),
         ("simulate", Simulation),
         ("causes", CausesSpecification),
     ],

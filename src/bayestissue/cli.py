@@ -26,10 +26,12 @@ from bayestissue.commands import (
     finished_runs,
     fit,
     init,
+    open_dataset,
     options,
     plan,
     reproduce,
     simulate,
+    watch,
 )
 from bayestissue.errors import InputError, PartialResultError, Problem, by_cause, more, printable
 
@@ -62,7 +64,7 @@ _COMMANDS: dict[str, Callable[..., None]] = {
     "estimate": estimate.run,
     **{"fit": fit.run, "reproduce": reproduce.run, "report": finished_runs.report, "compare": compare.run},
     **{"ask": finished_runs.ask, "predict": finished_runs.predict, "causes": causes.run},
-    **{"export": export.run, "explain": explain.run},
+    **{"export": export.run, "watch": watch.run, "open": open_dataset.run, "explain": explain.run},
 }
 for name, command in _COMMANDS.items():
     app.command(name)(command)

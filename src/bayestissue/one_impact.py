@@ -154,6 +154,15 @@ def impact(
         recorder=recorder,
         name="one impact",
     )
+    return impact_of(data)
+
+
+def impact_of(data: Dataset) -> Impact:
+    """The same of a dataset of one impact.
+
+    Raises:
+        InputError: as of `bayestissue.estimate`.
+    """
     options = default_options("exact")
     signal = displacements(data, options)
     table, posteriors = by_impact(data, signal, options, inspect(data, options))

@@ -83,6 +83,19 @@ def sides(folder: Path) -> None:
     bt.dataset(pd.DataFrame(rows), recordings, name="drops", **given).write(folder / "drops")
 
 
+def recorder_at_work(folder: Path) -> None:
+    """What a recorder has written so far: a pilot, and six drops of two people, one of them cut off."""
+    for name, people, repeats in (("pilot-recorded", ("p1",), 2), ("recorded", ("s01", "s02"), 3)):
+        (folder / name).mkdir()
+        for person, number in product(people, range(1, repeats + 1)):
+            time, value = deceleration(0.5 + 0.001 * number + 0.01 * (person == "s02"), SPEED)
+            value = np.minimum(value, 60.0) if (person, number) == ("s02", 2) else value
+            table = pd.DataFrame(
+                {"Time (ms)": (1e3 * time).round(4), "Impact (g)": (value / 9.80665).round(5)}
+            )
+            table.to_csv(folder / name / f"{person}_left_0.5kg_{number}.csv", index=False)
+
+
 def two_runs(folder: Path) -> None:
     """Finished fits by two models, with invented numbers where they were not made before."""
     for name, worse in (("impact", 0.0), ("stiffening", 2.0)):

@@ -19,6 +19,7 @@ PARTS: dict[str, Callable[[], str]] = {
     "dataset.toml keys": keys.dataset,
     "impacts.csv columns": keys.impacts,
     "plan keys": keys.plan,
+    "campaign keys": keys.campaign,
     "simulate keys": keys.simulation,
     "causes keys": keys.causes,
     "result files": results.files,

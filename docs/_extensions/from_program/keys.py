@@ -13,6 +13,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
+from bayestissue.bench.campaign import CampaignSpecification
 from bayestissue.dataset.impacts import COLUMNS, wanted
 from bayestissue.dataset.settings import Settings
 from bayestissue.elements import element, element_names
@@ -98,6 +99,11 @@ def simulation() -> str:
 def plan() -> str:
     """Keys of the plan file of `bayestissue plan`."""
     return sections(PlanSpecification)
+
+
+def campaign() -> str:
+    """Keys of the campaign file of `bayestissue watch`."""
+    return sections(CampaignSpecification)
 
 
 def causes() -> str:

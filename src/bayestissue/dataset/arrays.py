@@ -168,12 +168,12 @@ def _texts(impacts: Any) -> tuple[list[str], list[list[str]]]:
         table = pd.DataFrame(impacts).drop(columns="trace", errors="ignore")
     except (TypeError, ValueError) as error:
         raise InputError.stated("array-shape.impacts", IMPACTS, value=str(error)) from None
-    columns = [[_text(value) for value in table.iloc[:, column]] for column in range(table.shape[1])]
+    columns = [[plain_text(value) for value in table.iloc[:, column]] for column in range(table.shape[1])]
     body = [list(record) for record in zip(*columns, strict=True)]
     return [str(name).strip() for name in table.columns], body
 
 
-def _text(value: Any) -> str:
+def plain_text(value: Any) -> str:
     """A cell as a file has it: every digit of a number, nothing where one is missing."""
     value = value.item() if isinstance(value, np.generic) else value
     # Only what is no number differs from itself.
@@ -191,13 +191,13 @@ def _columns(traces: Any, impacts: list[str], signal: SignalSettings) -> tuple[s
         if problems := column_problems(_LONG, [str(name) for name in traces], ["impact", *columns]):
             raise InputError(problems)
         codes, names = pd.factorize(traces["impact"], use_na_sentinel=False)
-        labels = Labels.distinct(codes, map(_text, names))
+        labels = Labels.distinct(codes, map(plain_text, names))
         numbers = {name: _numbers(traces[name], _LONG, name, None) for name in columns}
         if not len(codes):
             raise InputError.stated("no-rows.samples", _LONG, value="no rows")
         return _LONG, Columns(numbers, {"impact": labels}), np.arange(len(codes)) + _FIRST_ROW
     if isinstance(traces, Mapping):
-        named = [(_text(name), trace) for name, trace in traces.items()]
+        named = [(plain_text(name), trace) for name, trace in traces.items()]
     elif isinstance(traces, Sequence) and not isinstance(traces, str) and len(traces) == len(impacts):
         named = list(zip(impacts, traces, strict=True))
     else:

@@ -12,6 +12,8 @@ import numpy as np
 from bayestissue.dataset.checks import check_recordings, stated_problems
 from bayestissue.dataset.impacts import FILE as IMPACTS
 from bayestissue.dataset.impacts import ImpactTable, read_impacts
+from bayestissue.dataset.left_out import FILE as LEFT_OUT
+from bayestissue.dataset.left_out import LeftOut, read_left_out
 from bayestissue.dataset.model import Dataset, Trace
 from bayestissue.dataset.recordings import Reading, Recordings, Samples, Windows, crop
 from bayestissue.dataset.settings import FILE as SETTINGS
@@ -23,13 +25,16 @@ from bayestissue.runtime import content_hash
 WORKBOOK = "impacts.xlsx"
 
 
-def read_dataset(path: str | Path, *, skip_bad: bool = False) -> Dataset:
+def read_dataset(path: str | Path, *, skip_bad: bool = False, whole: bool = False) -> Dataset:
     """Read a dataset folder: ``dataset.toml``, ``impacts.csv`` (or ``.xlsx``) and the recordings.
+
+    Impacts that ``left_out.csv`` names are in ``left_out``, whatever is wrong with them.
 
     Args:
         path: the folder; ``docs/reference/dataset.md`` describes its layout.
         skip_bad: leave out impacts with something wrong, and say so in ``left_out``, instead of refusing
             the whole. What concerns the dataset as a whole is refused either way.
+        whole: use what ``left_out.csv`` names as well.
 
     Raises:
         InputError: everything that is wrong, each with its file, row, column, value, what was expected and
@@ -42,7 +47,7 @@ def read_dataset(path: str | Path, *, skip_bad: bool = False) -> Dataset:
         )
     impacts = _impacts_file(folder)
     try:
-        data = _read(folder, impacts, skip_bad=skip_bad)
+        data = _read(folder, impacts, skip_bad=skip_bad, whole=whole)
     except InputError as error:
         raise InputError(_named(error.problems, impacts)) from None
     return replace(data, warnings=_named(data.warnings, impacts), left_out=_named(data.left_out, impacts))
@@ -53,13 +58,17 @@ def _named(problems: Iterable[Problem], impacts: Path) -> tuple[Problem, ...]:
     return tuple(replace(p, file=impacts.name) if p.file == IMPACTS else p for p in problems)
 
 
-def _read(folder: Path, impacts: Path, *, skip_bad: bool) -> Dataset:
+def _read(folder: Path, impacts: Path, *, skip_bad: bool, whole: bool) -> Dataset:
     settings, table = _tables(folder, impacts)
     with along_with(table.problems):
         reading = _reading(folder, table, settings.signal)
-    hashed = content_hash([folder / SETTINGS, impacts, *reading.files])
+        by_hand = LeftOut({}) if whole else read_left_out(folder, table.table["impact"])
+    chosen = [folder / LEFT_OUT] if (folder / LEFT_OUT).exists() else []
+    hashed = content_hash([folder / SETTINGS, impacts, *chosen, *reading.files])
     reading = replace(reading, problems=[*table.problems, *reading.problems])
-    return checked_dataset(settings, table, reading, skip_bad=skip_bad, folder=folder, input_hash=hashed)
+    return checked_dataset(
+        settings, table, reading, skip_bad=skip_bad, folder=folder, input_hash=hashed, by_hand=by_hand
+    )
 
 
 def _reading(folder: Path, table: ImpactTable, signal: SignalSettings) -> Reading:
@@ -93,6 +102,7 @@ def checked_dataset(
     skip_bad: bool,
     folder: Path | None,
     input_hash: str,
+    by_hand: LeftOut | None = None,
 ) -> Dataset:
     """The dataset of what was read, by every check of recordings.
 
@@ -103,10 +113,14 @@ def checked_dataset(
         skip_bad: see `read_dataset`.
         folder: where it was read from, if from one.
         input_hash: of what was read.
+        by_hand: the impacts that somebody left out.
 
     Raises:
         InputError: as of `read_dataset`.
     """
+    by_hand = by_hand or LeftOut({})
+    chosen = list(by_hand.by_impact.values())
+    _refuse_none_left(chosen, table)
     signal, impacts = settings.signal, table.table
     # Recorder files are cropped as they are read, for memory's sake: nothing more comes off here.
     samples, outside = crop(reading.samples, Windows.stated(impacts, signal), impacts["impact"].tolist())
@@ -116,13 +130,18 @@ def checked_dataset(
         "gravity": signal.gravity_m_s2,
         "recorder": settings.recorder.values() if settings.recorder else None,
     }
-    recordings = Recordings.with_impacts(samples, impacts, **chain)
+    recordings = Recordings.with_impacts(samples, impacts, **chain).without(chosen)
     findings = check_recordings(recordings)
-    problems = [*reading.problems, *outside, *findings.problems]
+    problems = [p for p in (*reading.problems, *outside) if p.impact not in by_hand.by_impact]
+    problems += findings.problems
     problems += stated_problems(recordings.without(problems))
-    _refuse(problems, skip_bad, table)
+    if problems and (not skip_bad or any(problem.impact is None for problem in problems)):
+        raise InputError(problems)
+    problems = [*chosen, *problems]
+    _refuse_none_left(problems, table)
     bad = {problem.impact for problem in problems}
-    warnings = [*_falls_unsaid(signal, impacts.columns), *table.warnings, *findings.warnings]
+    warnings = [*_falls_unsaid(signal, impacts.columns), *by_hand.warnings]
+    warnings += [*table.warnings, *findings.warnings]
     keep = ~impacts["impact"].isin(list(bad)).to_numpy()
     return Dataset(
         name=settings.name,
@@ -174,11 +193,8 @@ def _tables(folder: Path, impacts: Path) -> tuple[Settings, ImpactTable]:
     return settings, table
 
 
-def _refuse(problems: list[Problem], skip_bad: bool, table: ImpactTable) -> None:
-    bad = {problem.impact for problem in problems}
-    if problems and (not skip_bad or None in bad):
-        raise InputError(problems)
-    if problems and set(table.table["impact"]) <= bad:
+def _refuse_none_left(problems: list[Problem], table: ImpactTable) -> None:
+    if problems and set(table.table["impact"]) <= {problem.impact for problem in problems}:
         raise InputError([*problems, Problem.stated("none-left", IMPACTS, value="none left")])
 
 

@@ -45,7 +45,7 @@ def write_dataset(
     first = [name for name in ("impact", "subject", "trial", "mass_kg") if name != "trial" or name in impacts]
     impacts = impacts[list(dict.fromkeys([*first, *impacts.columns]))]
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "dataset.toml").write_text(_toml(settings), encoding="utf-8")
+    (folder / "dataset.toml").write_text(settings_text(settings), encoding="utf-8")
     impacts.to_csv(folder / "impacts.csv", index=False, lineterminator="\n")
     if traces is not None:
         table = pa.Table.from_pandas(
@@ -72,7 +72,8 @@ def _decoded(column: pa.ChunkedArray) -> pa.ChunkedArray:
     return column.cast(column.type.value_type) if pa.types.is_dictionary(column.type) else column
 
 
-def _toml(settings: dict[str, Any]) -> str:
+def settings_text(settings: dict[str, Any]) -> str:
+    """``dataset.toml`` of these keys, tables as nested dictionaries."""
     plain = {key: value for key, value in settings.items() if not isinstance(value, dict)}
     lines = [_entry(key, plain[key]) for key in Settings.model_fields if key in plain]
     for table in ("signal", "uncertainty", "recorder"):

@@ -36,7 +36,7 @@ _BEFORE, _AFTER = 0.1, 0.5
 _FEWEST = 8
 # Nanoseconds: no recorder's clock is read finer.
 _DIGITS = 9
-_FIRST = ("impact", "subject", "trial", "mass_kg", "velocity_m_s")
+FIRST = ("impact", "subject", "trial", "mass_kg", "velocity_m_s")
 _CHAIN = (
     "Before a fit, state how well mass, velocity, gain and zero are known, by --uncertainty velocity=0.01 or "
     "in dataset.toml, where a table for it waits: else they count as exact, and intervals of K and C come "
@@ -170,7 +170,7 @@ def _write(
     folder: Path, settings: dict[str, Any], rows: list[dict[str, Any]], recordings: RecorderFolder
 ) -> None:
     table = pd.DataFrame(rows)
-    order = dict.fromkeys([*(name for name in _FIRST if name in table), *table.columns])
+    order = dict.fromkeys([*(name for name in FIRST if name in table), *table.columns])
     write_dataset(folder, settings=settings, impacts=table[list(order)])
     if "uncertainty" not in settings:
         with (folder / SETTINGS).open("a", encoding="utf-8") as settings_file:

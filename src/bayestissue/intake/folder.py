@@ -100,7 +100,7 @@ def look(
         what = "a file" if root.exists() else "no such folder"
         raise InputError.stated("no-recordings.folder", str(folder), value=what)
     skipped = {path.resolve() for path in ignore}
-    paths = [path for path in _files(root) if path.resolve() not in skipped]
+    paths = [path for path in files_within(root) if path.resolve() not in skipped]
     # Where there is nothing else, texts are recordings; beside recordings they are notes.
     kinds = [(suffix,)] if suffix else [SUFFIXES, TEXT_SUFFIXES]
     sorted_out = ([path for path in paths if suffix_of(path) in kind] for kind in kinds)
@@ -140,10 +140,11 @@ def look(
     return RecorderFolder(root, tuple(files), tuple(problems))
 
 
-def _files(folder: Path) -> list[Path]:
+def files_within(folder: Path) -> list[Path]:
+    """The files in a folder and in folders within it, by name; not hidden ones, nor those of datasets."""
     here = [path for path in folder.iterdir() if not path.name.startswith(".")]
     inner = [path for path in here if path.is_dir() and not path.is_symlink()]
-    within = [path for part in inner if not (part / "dataset.toml").exists() for path in _files(part)]
+    within = [path for part in inner if not (part / "dataset.toml").exists() for path in files_within(part)]
     return sorted([*(path for path in here if path.is_file()), *within], key=_natural)
 
 

@@ -25,7 +25,7 @@ from bayestissue.settings import checked
 
 PAGE = "init.html"
 # Facts that tell recordings of one combination apart, and how many values of a fact a line shows.
-_COUNTS, _SHOWN = ("n", "impact"), 8
+COUNTS, _SHOWN = ("n", "impact"), 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +63,7 @@ class Intake:
             return []
         how = ", a guess; --pattern takes another" if self.guess else ""
         lines = [f"Names read as {self.choices.pattern}{how}:"]
-        repeats = Counter(tuple(v for k, v in row.items() if k not in _COUNTS) for row in rows)
+        repeats = Counter(tuple(v for k, v in row.items() if k not in COUNTS) for row in rows)
         for name in sorted(rows[0], key=lambda name: name != "subject"):
             count = Counter(f"{row[name]:.4g}" if isinstance(row[name], float) else row[name] for row in rows)
             values = first_of([f"{value} ({number})" for value, number in count.items()], _SHOWN)

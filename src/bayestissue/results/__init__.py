@@ -2,7 +2,7 @@
 
 from bayestissue.results.files import scratch, whole_file, write_json, write_tree
 from bayestissue.results.mark import damaged, require_free, require_place
-from bayestissue.results.place import Place, claim, claim_if
+from bayestissue.results.place import Place, claim, claim_if, locked_folder
 from bayestissue.results.tables import Excel, read_table, read_tables, write_table
 
 __all__ = [
@@ -11,6 +11,7 @@ __all__ = [
     "claim",
     "claim_if",
     "damaged",
+    "locked_folder",
     "read_table",
     "read_tables",
     "require_free",

@@ -283,6 +283,18 @@ def _kept_words(folder: Path) -> str:
     return GO_ON if parts else ""
 
 
+@contextmanager
+def locked_folder(out: Path, inputs: Sequence[str | Path | None]) -> Iterator[None]:
+    """A folder that one process at a time changes in place, refused to all others until the block ends.
+
+    Raises:
+        InputError: it can't be made, or another command is writing it.
+    """
+    place = require_place(out, inputs)
+    with making_parents(place), locked(_hidden(place, "lock"), place):
+        yield
+
+
 def _hidden(out: Path, kind: str) -> Path:
     return out.parent / f".{out.name}.{kind}"
 

@@ -1,0 +1,215 @@
+"use strict";
+// The page of `bayestissue watch` and `open`: state comes as JSON, a bell tells when there is more.
+
+const $ = (id) => document.getElementById(id);
+const drops = new Map();
+const MOST_LINES = 200;
+let version = 0, chosen = null, following = true, wanted = null, busy = false, again = false;
+
+const element = (name, text, attributes = {}) => {
+  const made = document.createElement(name);
+  if (text !== undefined) made.textContent = text;
+  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+  return made;
+};
+const short = (value) => (value === null || value === undefined ? "–" : Number(value.toPrecision(4)).toString());
+const interval = (n) => (n && n.length ? `${short(n[0])} (${short(n[1])} to ${short(n[2])})` : "–");
+const percent = (share) => `${(100 * share).toFixed(1)} %`;
+const facts = (cells) => Object.entries(cells).map(([name, value]) => `${name} ${value}`).join(", ");
+
+async function get(path) {
+  const answer = await fetch(path, { credentials: "same-origin" });
+  if (!answer.ok) throw new Error(await answer.text());
+  return answer.json();
+}
+
+async function act(action, content, said) {
+  const answer = await fetch(`act/${action}`, { method: "POST", credentials: "same-origin", body: JSON.stringify(content) });
+  if (said) said.textContent = answer.ok ? "done" : await answer.text();
+  await refresh();
+}
+
+// One request at a time; what comes meanwhile is one more behind it.
+async function refresh() {
+  if (busy) { again = true; return; }
+  busy = true;
+  try {
+    do {
+      again = false;
+      const state = await get(`state?since=${version}`);
+      show(state);
+      version = state.version;
+    } while (again);
+    $("connection").textContent = "";
+  } catch (error) {
+    $("connection").textContent = `not connected: ${error.message}`;
+  } finally {
+    busy = false;
+  }
+}
+
+function show(state) {
+  wanted = state.wanted;
+  document.title = state.name;
+  $("name").textContent = state.name;
+  $("where").textContent = state.watching ? `${state.watching} → ${state.dataset}, ${state.used} drops in use` : `${state.dataset}, ${state.used} drops in use`;
+  for (const line of state.lines) $("log").prepend(element("li", line));
+  while ($("log").children.length > MOST_LINES) $("log").lastChild.remove();
+  $("now").hidden = !state.watching;
+  $("back-words").textContent = state.back;
+  $("progress").textContent = state.planned ? `${state.left} drops left${state.left ? `; next: ${facts(state.next)}` : ""}` : "";
+  fields(state.chosen);
+  people(state.people);
+  const fresh = !state.watching ? [] : state.drops.filter((drop) => !drops.has(drop.impact) || drops.get(drop.impact).taken !== drop.taken);
+  for (const drop of state.drops) { drops.set(drop.impact, drop); row(drop); }
+  if (state.last && state.last.name) {
+    const words = `${state.last.name}: ${state.last.words}`;
+    // Said again only where it is another: a screen reader reads it out.
+    if ($("verdict").textContent !== words) $("verdict").textContent = words;
+    $("verdict").className = state.last.kind;
+    $("advice").textContent = state.last.advice;
+  }
+  if (fresh.length && following) choose(fresh.at(-1).impact, true);
+  else if (!chosen && drops.size) choose([...drops.keys()].at(-1), false);
+  else if (chosen && state.drops.some((drop) => drop.impact === chosen)) choose(chosen, following);
+}
+
+function fields(values) {
+  $("choose").hidden = !values;
+  if (!values || $("fields").children.length) return;
+  for (const [name, value] of Object.entries(values)) {
+    const label = element("label", name);
+    label.append(element("input", undefined, { name, value, autocomplete: "off" }));
+    $("fields").append(label);
+  }
+}
+
+function people(rows) {
+  $("who").hidden = !rows.length;
+  const head = element("tr");
+  for (const words of ["person", "drops", "K (N/m), by its last mass", wanted ? `known to (wanted ${percent(wanted)})` : "known to"])
+    head.append(element("th", words, { scope: "col" }));
+  const body = rows.map((each) => {
+    const line = element("tr");
+    line.append(element("th", each.person, { scope: "row" }), element("td", each.drops), element("td", interval(each.K)));
+    const enough = wanted && each.width <= wanted;
+    line.append(element("td", each.width === undefined ? "–" : `${percent(each.width)}${enough ? ", enough" : ""}`, enough ? { class: "good" } : {}));
+    return line;
+  });
+  $("people").replaceChildren(head, ...body);
+}
+
+const COLUMNS = ["drop", "verdict", "K (N/m)", "C (N s/m)"];
+
+function row(drop) {
+  const head = $("drops").tHead, body = $("drops").tBodies[0];
+  if (!head.children.length) {
+    const line = element("tr");
+    for (const words of COLUMNS) line.append(element("th", words, { scope: "col" }));
+    head.append(line);
+  }
+  const id = `drop-${drop.impact}`;
+  const line = element("tr", undefined, { id, tabindex: "-1", "aria-selected": "false" });
+  const said = drop.left_out ? `left out: ${drop.left_out}` : `${drop.kind}${drop.reason ? `: ${drop.reason}` : ""}`;
+  line.append(element("td", drop.impact), element("td", said, { class: `said ${drop.left_out ? "" : drop.kind}` }), element("td", interval(drop.K)), element("td", interval(drop.C)));
+  if (drop.left_out) line.className = "out";
+  line.addEventListener("click", () => choose(drop.impact, false));
+  line.addEventListener("focus", () => { if (chosen !== drop.impact) choose(drop.impact, false); });
+  const earlier = document.getElementById(id);
+  if (earlier) earlier.replaceWith(line); else body.prepend(line);
+}
+
+async function choose(impact, follow) {
+  following = follow;
+  const before = chosen && document.getElementById(`drop-${chosen}`);
+  if (before) { before.setAttribute("aria-selected", "false"); before.tabIndex = -1; }
+  chosen = impact;
+  const line = document.getElementById(`drop-${impact}`);
+  line.setAttribute("aria-selected", "true");
+  line.tabIndex = 0;
+  if (!follow) history.replaceState(null, "", `#${encodeURIComponent(impact)}`);
+  const drop = drops.get(impact);
+  $("one-title").textContent = `Trace of ${impact}`;
+  $("leave-out").hidden = Boolean(drop.left_out);
+  $("use").hidden = !drop.left_out;
+  $("reason").value = drop.left_out || "";
+  let one;
+  try { one = await get(`drop?impact=${encodeURIComponent(impact)}`); } catch { return; }
+  if (chosen !== impact) return;
+  draw(one.trace);
+  numbers(drop, one.study);
+}
+
+function numbers(drop, study) {
+  const head = element("tr");
+  for (const words of ["", "K (N/m)", "C (N s/m)"]) head.append(element("th", words, { scope: "col" }));
+  const lines = [["by itself", drop.K, drop.C]];
+  if (study && study.impact) lines.push(["in the study so far", study.impact.K, study.impact.C], ["its person so far", study.person.K, study.person.C]);
+  const body = lines.map(([words, K, C]) => {
+    const line = element("tr");
+    line.append(element("th", words, { scope: "row" }), element("td", interval(K)), element("td", interval(C)));
+    return line;
+  });
+  $("numbers").replaceChildren($("numbers").caption, head, ...body);
+}
+
+function draw(trace) {
+  const svg = $("trace"), space = "http://www.w3.org/2000/svg";
+  const box = { left: 52, right: 590, top: 12, bottom: 222 };
+  const shown = [...trace.recorded, ...trace.fitted].filter((value) => value !== null);
+  const [t0, t1] = [trace.time_ms[0], trace.time_ms.at(-1)], low = Math.min(0, ...shown), high = Math.max(...shown);
+  const x = (t) => (box.left + ((t - t0) / (t1 - t0 || 1)) * (box.right - box.left)).toFixed(1);
+  const y = (a) => (box.bottom - ((a - low) / (high - low || 1)) * (box.bottom - box.top)).toFixed(1);
+  const add = (name, attributes, text) => {
+    const made = document.createElementNS(space, name);
+    for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+    if (text !== undefined) made.textContent = text;
+    parts.push(made);
+  };
+  const parts = [];
+  add("line", { class: "axis", x1: box.left, x2: box.right, y1: y(0), y2: y(0) });
+  add("line", { class: "axis", x1: box.left, x2: box.left, y1: box.top, y2: box.bottom });
+  for (const a of [low, (low + high) / 2, high]) add("text", { x: box.left - 6, y: Number(y(a)) + 4, "text-anchor": "end" }, a.toFixed(0));
+  for (const t of [t0, (t0 + t1) / 2, t1]) add("text", { x: x(t), y: box.bottom + 16, "text-anchor": t === t1 ? "end" : "middle" }, t.toFixed(1));
+  add("text", { x: (box.left + box.right) / 2, y: 256, "text-anchor": "middle" }, "time since contact (ms)");
+  add("text", { x: 14, y: 120, transform: "rotate(-90 14 120)", "text-anchor": "middle" }, "deceleration (m/s²)");
+  trace.time_ms.forEach((t, k) => { if (trace.recorded[k] !== null) add("circle", { class: "recorded", cx: x(t), cy: y(trace.recorded[k]), r: 1.6 }); });
+  const line = trace.time_ms.map((t, k) => (trace.fitted[k] === null ? "" : `${x(t)},${y(trace.fitted[k])}`)).filter(Boolean);
+  if (line.length) add("polyline", { class: "fitted", points: line.join(" ") });
+  svg.replaceChildren(...parts);
+  $("trace-words").textContent = `Recorded (dots) and fitted (line) up to the greatest depth, ${t1.toFixed(1)} ms after contact; peak ${short(high)} m/s².`;
+}
+
+$("back").addEventListener("click", () => act("take-back", {}));
+$("choose").addEventListener("submit", (event) => {
+  event.preventDefault();
+  act("choose", Object.fromEntries(new FormData(event.target)), $("choose-said"));
+});
+$("decide").addEventListener("submit", (event) => {
+  event.preventDefault();
+  const reason = $("reason").value.trim();
+  if (chosen && reason) act("decide", { impact: chosen, reason }, $("decide-said"));
+  else { $("decide-said").textContent = "give the reason first"; $("reason").focus(); }
+});
+$("use").addEventListener("click", () => chosen && act("decide", { impact: chosen, reason: "" }, $("decide-said")));
+document.addEventListener("keydown", (event) => {
+  if (event.target.matches("input") || event.ctrlKey || event.metaKey || event.altKey) return;
+  if (event.key === "u") { event.preventDefault(); act("take-back", {}); }
+  if (!["ArrowDown", "ArrowUp"].includes(event.key) || !chosen) return;
+  const line = document.getElementById(`drop-${chosen}`);
+  const next = event.key === "ArrowDown" ? line.nextElementSibling : line.previousElementSibling;
+  if (next) { event.preventDefault(); next.focus(); }
+});
+
+(async () => {
+  const named = decodeURIComponent(location.hash.slice(1));
+  // The token is in the cookie now, and no address that is kept should have it.
+  history.replaceState(null, "", location.pathname + location.hash);
+  await refresh();
+  if (drops.has(named)) choose(named, false);
+  const bell = new EventSource("events");
+  let rang = Date.now();
+  bell.onmessage = () => { rang = Date.now(); refresh(); };
+  // Where a proxy holds events back, or the connection broke.
+  setInterval(() => { if (Date.now() - rang > 20000 || bell.readyState !== 1) refresh(); }, 2000);
+})();

@@ -1,0 +1,216 @@
+"""The server of a page: this machine alone, a token, JSON down, decisions up; no file but the page itself."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import secrets
+import socket
+import threading
+import time
+from collections.abc import AsyncIterator, Callable
+from importlib.resources import files
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any, Protocol
+
+from bayestissue import stopping
+from bayestissue.errors import InputError
+
+if TYPE_CHECKING:
+    from starlette.applications import Starlette
+    from starlette.requests import Request
+    from starlette.responses import Response
+    from starlette.types import ASGIApp, Receive, Scope, Send
+
+HOST = "127.0.0.1"
+_TYPES = {"index.html": "text/html", "page.js": "text/javascript", "page.css": "text/css"}
+_HEADERS = {
+    "content-security-policy": "default-src 'self'; base-uri 'none'; frame-ancestors 'none'",
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "no-referrer",
+    "cache-control": "no-store",
+}
+_LARGEST_BODY, _MOST_CONNECTIONS = 10_000, 64
+# Between looks at whether there is something new, and between signs of life while there is not.
+_LOOK_S, _SIGN_S = 0.2, 15.0
+
+
+class View(Protocol):
+    """What a page shows; called from several threads."""
+
+    @property
+    def version(self) -> int:
+        """Another number after every change."""
+        ...
+
+    def state(self, since: int) -> dict[str, Any]:
+        """All that is general, and the drops and lines that changed after a version."""
+        ...
+
+    def drop(self, impact: str) -> dict[str, Any]:
+        """One drop with its trace. Raises KeyError where there is none."""
+        ...
+
+    def act(self, action: str, content: dict[str, Any]) -> None:
+        """Carry out what a button asks for. Raises KeyError, ValueError where that is nothing."""
+        ...
+
+
+def require_server() -> None:
+    """Refuse to begin where the packages of the server are not installed.
+
+    Raises:
+        InputError: how to install them.
+    """
+    missing = [name for name in ("starlette", "uvicorn") if find_spec(name) is None]
+    if missing:
+        raise InputError.stated("no-campaign.server", "bench", value=f"no {' and no '.join(missing)}")
+
+
+def application(view: View, port: int, token: str) -> Starlette:
+    """The page of a view for those who know the token, by this machine's name and port alone."""
+    from starlette.applications import Starlette
+    from starlette.middleware import Middleware
+    from starlette.responses import JSONResponse, PlainTextResponse, Response, StreamingResponse
+    from starlette.routing import Route
+
+    def asset(name: str) -> Callable[[Request], Response]:
+        content = files(__package__).joinpath("page", name).read_bytes()
+        return lambda _: Response(content, media_type=_TYPES[name])
+
+    def state(request: Request) -> Response:
+        since = request.query_params.get("since", "0")
+        return JSONResponse(view.state(int(since) if since.isascii() and since.isdecimal() else 0))
+
+    def drop(request: Request) -> Response:
+        try:
+            return JSONResponse(view.drop(request.query_params.get("impact", "")))
+        except KeyError:
+            return PlainTextResponse("no such drop", 404)
+
+    async def act(request: Request) -> Response:
+        body = b""
+        async for part in request.stream():
+            body += part
+            if len(body) > _LARGEST_BODY:
+                return PlainTextResponse("too long", 413)
+        try:
+            content = json.loads(body)
+            await asyncio.to_thread(view.act, request.path_params["action"], content)
+        except InputError as error:
+            return PlainTextResponse(str(error), 422)
+        except OSError as error:
+            return PlainTextResponse(f"can't be written: {error.strerror}", 500)
+        except (KeyError, ValueError, TypeError, AttributeError):
+            return PlainTextResponse("nothing to be done", 400)
+        return Response(status_code=204)
+
+    async def events(_: Request) -> Response:
+        async def bell() -> AsyncIterator[str]:
+            last, spoke = -1, time.monotonic()
+            while True:
+                if view.version != last or time.monotonic() - spoke > _SIGN_S:
+                    last, spoke = view.version, time.monotonic()
+                    yield f"data: {last}\n\n"
+                await asyncio.sleep(_LOOK_S)
+
+        return StreamingResponse(bell(), media_type="text/event-stream")
+
+    routes = [
+        Route("/", asset("index.html")),
+        *(Route(f"/{name}", asset(name)) for name in ("page.js", "page.css")),
+        Route("/state", state),
+        Route("/drop", drop),
+        Route("/events", events),
+        Route("/act/{action}", act, methods=["POST"]),
+    ]
+    return Starlette(routes=routes, middleware=[Middleware(_Guard, port=port, token=token)])
+
+
+class _Guard:
+    """Lets through who knows the token and comes from this page, and adds headers that keep others out."""
+
+    def __init__(self, app: ASGIApp, port: int, token: str) -> None:
+        self.app, self.token = app, token
+        self.hosts = {f"{HOST}:{port}", f"localhost:{port}"}
+        # Cookies are of all ports of a host: two watches have two.
+        self.cookie = f"bayestissue-{port}"
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        from starlette.requests import HTTPConnection
+        from starlette.responses import PlainTextResponse
+
+        if scope["type"] == "lifespan":
+            await self.app(scope, receive, send)
+            return
+        asked = HTTPConnection(scope)
+        given = asked.query_params.get("token", "") if scope["path"] == "/" else ""
+        knows = self._is_token(given)
+        host, origin = asked.headers.get("host", ""), asked.headers.get("origin")
+        same = origin in {f"http://{name}" for name in self.hosts}
+        writes = scope["type"] != "http" or scope["method"] not in ("GET", "HEAD")
+
+        async def with_headers(message: Any) -> None:
+            if message["type"] == "http.response.start":
+                headers = dict(_HEADERS)
+                if knows:
+                    headers["set-cookie"] = f"{self.cookie}={self.token}; Path=/; HttpOnly; SameSite=Strict"
+                message["headers"] += [(k.encode(), v.encode()) for k, v in headers.items()]
+            await send(message)
+
+        if host not in self.hosts or (origin is not None and not same) or (writes and not same):
+            refusal = PlainTextResponse("not from this page", 403)
+        elif not knows and not self._is_token(asked.cookies.get(self.cookie, "")):
+            refusal = PlainTextResponse("open the whole address that the terminal shows", 403)
+        else:
+            await self.app(scope, receive, with_headers)
+            return
+        await refusal(scope, receive, with_headers)
+
+    def _is_token(self, text: str) -> bool:
+        return secrets.compare_digest(text.encode(), self.token.encode())
+
+
+def serve(view: View, port: int, say: Callable[[str], None], work: Callable[[], None] | None = None) -> None:
+    """Serve a view until the command is stopped, ``work`` being done over and over meanwhile.
+
+    Args:
+        view: what the page shows.
+        port: on this machine; a free one if 0.
+        say: told the address.
+        work: of a thread of its own; what it raises ends the server and is raised.
+
+    Raises:
+        InputError: another program has the port.
+    """
+    import uvicorn
+
+    token, raised = secrets.token_urlsafe(24), list[BaseException]()
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as listener:
+        try:
+            listener.bind((HOST, port))
+            listener.listen()
+        except OSError as error:
+            raise InputError.stated("no-campaign.port", "--port", value=error.strerror, port=port) from None
+        port = listener.getsockname()[1]
+        app = application(view, port, token)
+        config = uvicorn.Config(
+            app, log_level="error", access_log=False, lifespan="off", server_header=False,
+            limit_concurrency=_MOST_CONNECTIONS, timeout_graceful_shutdown=1,
+        )  # fmt: skip
+        server = uvicorn.Server(config)
+
+        def go_on() -> None:
+            try:
+                while work is not None and not server.should_exit:
+                    work()
+            except BaseException as error:
+                raised.append(error)
+                server.should_exit = True
+
+        say(f"open http://{HOST}:{port}/?token={token}")
+        with stopping.explained(lambda: "what was decided is written"):
+            threading.Thread(target=go_on, daemon=True).start()
+            server.run(sockets=[listener])
+    if raised:
+        raise raised[0]

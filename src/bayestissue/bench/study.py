@@ -1,0 +1,259 @@
+"""The study so far: the posterior of every person's K and C given all drops, anew with each drop.
+
+A drop is its Gaussian site of log K and log C, as a fit begins with; the population is that of a planned
+study, log K = intercept + exponent x log mass + deviation of the person (and side, or whatever text tells
+drops of a person apart) + deviation of the impact, and so of log C. It is integrated as a plan integrates it
+(`bayestissue.planning.posterior`), over a table of people, masses and repeats that is larger than the study,
+so that a drop more compiles nothing anew. It is no fit: sites stand for the traces.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+from jaxtyping import Float
+from scipy.special import chdtrc
+
+from bayestissue.bench.campaign import Campaign
+from bayestissue.bench.drops import Drop
+from bayestissue.dataset.impacts import RESERVED
+from bayestissue.errors import InputError
+from bayestissue.fitting import resolve
+from bayestissue.hierarchy.design import build_design
+from bayestissue.hierarchy.effects import RESPONSES
+from bayestissue.hierarchy.gaussian.arrangement import expected
+from bayestissue.hierarchy.specification import Formulas
+from bayestissue.hierarchy.trace_data import prepare
+from bayestissue.inference.posterior.approximate import expanded
+from bayestissue.intake.facts import Cells
+from bayestissue.intake.init import COUNTS
+from bayestissue.one_impact import Impact
+from bayestissue.planning.assurance import weighted_quantiles
+from bayestissue.planning.information import spreads_of_nuisance, without_nuisance
+from bayestissue.planning.model import planned_model
+from bayestissue.planning.posterior import PlannedSites, posteriors
+
+_FORMULA = "log(mass_kg) + (1|subject)"
+# Of people, masses and repeats of each: the table has room for so many, and doubles where they are more.
+_ROOM = (32, 4, 4)
+# A sound drop is called unlike its person's others once in a hundred; from so many others on.
+_ALARM, _FEWEST = 0.01, 2
+_ENDS = (0.05, 0.5, 0.95)
+
+
+class Told(NamedTuple):
+    """What the study so far says of a drop and of its person, medians and ends of 90 % intervals.
+
+    Attributes:
+        impact: K and C of the drop.
+        person: K and C of its person (and side) by this mass.
+        width: of the person's K: (high / low)^1/2 - 1.
+    """
+
+    impact: dict[str, list[float]]
+    person: dict[str, list[float]]
+    width: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Posterior:
+    """Draws of X b of every level and mass, and of the covariance of an impact about it.
+
+    Attributes:
+        people, masses: which slot of the table each has.
+        repeats: slots of each pair.
+        mean: of log K and log C [draw, level x mass, 2].
+        covariance: of an impact about it.
+        weight: of each draw.
+    """
+
+    people: dict[tuple[str, ...], int]
+    masses: dict[float, int]
+    room: tuple[int, int]
+    mean: Float[np.ndarray, "draw cell 2"]
+    covariance: Float[np.ndarray, "draw 2 2"]
+    weight: Float[np.ndarray, " draw"]
+
+    def of(self, cells: Cells) -> Float[np.ndarray, "draw 2"] | None:
+        """X b of a drop's person and mass; None of those that the study did not have."""
+        person, mass = self.people.get(level(cells)), self.masses.get(float(cells["mass_kg"]))
+        if person is None or mass is None:
+            return None
+        return self.mean[:, person * self.room[1] + mass]
+
+
+def level(cells: Cells) -> tuple[str, ...]:
+    """The person of a drop, with the side and whatever other text tells drops of a person apart."""
+    others = (str(v) for k, v in cells.items() if k not in (*RESERVED, *COUNTS) and isinstance(v, str))
+    return str(cells["subject"]), *others
+
+
+class Study:
+    """The study so far.
+
+    Attributes:
+        drops: how many drops it is of.
+    """
+
+    def __init__(self, campaign: Campaign) -> None:
+        self.drops = 0
+        self._wanted = campaign.wanted.relative_width
+        self._mass_sd = campaign.settings.uncertainty.relative_mass_sd
+        model, _ = resolve("impact", formulas={"K": _FORMULA, "C": _FORMULA})
+        self._model = model
+        alone = {"formula": Formulas(K="1", C="1"), "discrepancy": "none", "mass_error": "impact"}
+        self._alone = model.model_copy(update=alone)
+        self._posterior: _Posterior | None = None
+        self._compiled: set[tuple[int, ...]] = set()
+        self._lock = threading.Lock()
+
+    def site(self, impact: Impact) -> dict[str, Any]:
+        """Centre and precision of log K and log C of a drop; None where its recording tells neither."""
+        try:
+            prepared = prepare(impact.dataset, self._alone, source="watch")
+        except InputError:
+            return {"centre": None, "precision": None}
+        spread = spreads_of_nuisance(self._alone, prepared.model.nuisance)
+        centre, precision = without_nuisance(expanded(prepared), spread)
+        if not (np.isfinite(centre).all() and np.isfinite(precision).all()):
+            return {"centre": None, "precision": None}
+        return {"centre": centre[0].tolist(), "precision": precision[0].tolist()}
+
+    def update(self, drops: Sequence[Drop], *, wait: bool = False) -> None:
+        """Take these drops for the study.
+
+        Where the table has no room for them, a larger one is compiled meanwhile, for some ten seconds, and
+        the study stays as it was; or that is waited for.
+        """
+        usable = [drop for drop in drops if drop.precision is not None]
+        people = {key: n for n, key in enumerate(dict.fromkeys(level(drop.cells) for drop in usable))}
+        masses = {m: n for n, m in enumerate(dict.fromkeys(float(drop.cells["mass_kg"]) for drop in usable))}
+        count: dict[tuple[int, int], int] = {}
+        rows = []
+        for drop in usable:
+            pair = people[level(drop.cells)], masses[float(drop.cells["mass_kg"])]
+            count[pair] = count.get(pair, -1) + 1
+            rows.append((*pair, count[pair]))
+        needed = len(people), len(masses), max(count.values(), default=0) + 1
+        room = tuple(_doubled(least, number) for least, number in zip(_ROOM, needed, strict=True))
+        sites = [(drop.centre, drop.precision) for drop in usable]
+
+        def work() -> None:
+            with self._lock:
+                self._posterior = self._integrated(people, masses, room, rows, sites)
+                self.drops = len(drops)
+                self._compiled.add(room)
+
+        if wait or room in self._compiled:
+            work()
+        else:
+            threading.Thread(target=work, daemon=True).start()
+
+    def _integrated(
+        self,
+        people: dict[tuple[str, ...], int],
+        masses: dict[float, int],
+        room: tuple[int, ...],
+        rows: list[tuple[int, int, int]],
+        sites: Sequence[tuple[Any, Any]],
+    ) -> _Posterior:
+        reference = float(np.exp(np.mean(np.log(list(masses) or [1.0]))))
+        # Masses that nobody was hit by have rows without a drop.
+        spare = reference * (2.0 + np.arange(room[1]))
+        of_slot = [*masses, *[m for m in spare if m not in masses][: room[1] - len(masses)]]
+        table = pd.DataFrame(
+            [(f"p{p}", f"t{m}", of_slot[m]) for p, m, _ in product(*map(range, room))],
+            columns=["subject", "trial", "mass_kg"],
+        ).assign(velocity_m_s=1.0)
+        design = build_design(self._model.formula, table, reference_mass_kg=reference, source="watch")
+        model, columns = planned_model(self._model, design, self._mass_sd)
+        at = np.ravel_multi_index(np.array(rows, int).reshape(-1, 3).T, room)
+        centre, precision = np.zeros((1, len(table), 2)), np.tile(np.eye(2), (len(table), 1, 1))
+        present = np.zeros((1, len(table)), bool)
+        if len(at):
+            centre[0, at], precision[at] = (np.array(part) for part in zip(*sites, strict=True))
+        present[0, at] = True
+        start = {name: np.array([0.0 if "correlation" in name else 0.1]) for name in model.unknown}
+        drawn = posteriors(
+            PlannedSites(model, columns, precision, centre, present), model.unconstrained(start)
+        )
+        values = {name: array[0] for name, array in drawn.hyperparameters.items()}
+        pairs = jax.vmap(lambda one: jnp.stack(model.covariances(one).pair))(values)
+        KK, KC, CC = np.asarray(pairs).T
+        covariance = np.moveaxis(np.array([[KK, KC], [KC, CC]]), -1, 0)
+        mean = np.moveaxis(np.asarray(expected(columns, drawn.b[0])), 0, -1)[:, :: room[2]]
+        return _Posterior(people, masses, (room[0], room[1]), mean, covariance, drawn.weight[0])
+
+    def told(self, drop: Drop) -> Told | None:
+        """What the study so far says of a drop; None where it has none of its person by its mass."""
+        posterior = self._posterior
+        mean = None if posterior is None else posterior.of(drop.cells)
+        if posterior is None or mean is None or drop.precision is None:
+            return None
+        P, D = np.array(drop.precision), np.linalg.inv(posterior.covariance)
+        V = np.linalg.inv(P + D)
+        at = np.array(drop.centre)
+        # u given X b is N(m + V D (X b - m), V): see `bayestissue.hierarchy.gaussian.factor`.
+        middle = at + np.matvec(V @ D, mean - at)
+        standard = np.random.default_rng(3).standard_normal(mean.shape)
+        u = middle + np.matvec(np.linalg.cholesky(V), standard)
+        impact, person = (
+            {q: _quantiles(values[:, k], posterior.weight) for k, q in enumerate(RESPONSES)}
+            for values in (u, mean)
+        )
+        _, low, high = person["K"]
+        return Told(impact, person, float(np.sqrt(high / low) - 1))
+
+    def unlike(self, cells: Cells, site: dict[str, Any], others: Sequence[Drop]) -> str:
+        """In which way a drop is unlike what its person's others let expect, in words; empty if it is not.
+
+        The test is of log K and log C together, m ~ N(X b, D^-1 + P^-1), over all draws of the study without
+        the drop.
+        """
+        posterior = self._posterior
+        alike = [drop for drop in others if level(drop.cells) == level(cells)]
+        mean = None if posterior is None else posterior.of(cells)
+        if posterior is None or mean is None or site["precision"] is None or len(alike) < _FEWEST:
+            return ""
+        spread = posterior.covariance + np.linalg.inv(np.array(site["precision"]))
+        away = np.array(site["centre"]) - mean
+        distance = np.vecdot(away, np.linalg.solve(spread, away[..., None])[..., 0])
+        if (posterior.weight * chdtrc(2, distance)).sum() >= _ALARM:
+            return ""
+        sd = np.sqrt(np.diagonal(spread, axis1=1, axis2=2))
+        k = int(np.abs((posterior.weight[:, None] * away / sd).sum(0)).argmax())
+        share = float(np.expm1((posterior.weight * away[:, k]).sum()))
+        direction = "higher" if share > 0 else "lower"
+        return f"{RESPONSES[k]} is {abs(share):.0%} {direction} than this person's other drops let expect"
+
+    def words(self, drop: Drop) -> list[str]:
+        """What the study so far says of a drop, in words."""
+        told = self.told(drop)
+        if told is None:
+            return []
+        middle, low, high = told.impact["K"]
+        words = [f"in the study so far K {middle:.4g} ({low:.4g} to {high:.4g}) N/m"]
+        wanted = f", wanted {self._wanted:.1%}" if self._wanted else ""
+        return [*words, f"its person's K known to {told.width:.1%}{wanted}"]
+
+
+def _quantiles(log_values: np.ndarray, weight: np.ndarray) -> list[float]:
+    """Median and ends of the interval."""
+    low, middle, high = (
+        float(e[0]) for e in weighted_quantiles(np.exp(log_values)[None], weight[None], _ENDS)
+    )
+    return [middle, low, high]
+
+
+def _doubled(size: int, number: int) -> int:
+    while size < number:
+        size *= 2
+    return size

@@ -1,0 +1,179 @@
+"""What the pages of a watch and of a dataset show, as JSON."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayestissue.bench.study import level
+from bayestissue.bench.verdict import verdict
+from bayestissue.bench.watching import Watch, numbers_of
+from bayestissue.dataset import read_dataset
+from bayestissue.dataset.impacts import wanted
+from bayestissue.dataset.left_out import reasons, write_left_out
+from bayestissue.inference.single.estimates import estimate
+from bayestissue.one_impact import Impact, impact_of
+
+# Of a trace: more points than a page has pixels.
+_POINTS = 600
+_EDITABLE = (*wanted(needs_velocity=True)[1:], "side")
+
+
+class WatchView:
+    """A watch as a page has it; see `bayestissue.bench.server.View`."""
+
+    def __init__(self, watch: Watch) -> None:
+        self.watch = watch
+
+    @property
+    def version(self) -> int:
+        """Of the drops and all that is said."""
+        return self.watch.drops.version
+
+    def state(self, since: int) -> dict[str, Any]:
+        """All that is general, and the drops and lines that changed after a version."""
+        watch = self.watch
+        name, said = watch.last
+        version, used, left = self.version, watch.drops.used, watch.left()
+        last = {level(drop.cells): drop for drop in used}
+        count = {key: sum(level(drop.cells) == key for drop in used) for key in last}
+        people = []
+        for key, drop in last.items():
+            told = watch.study.told(drop)
+            person = {"person": " ".join(key), "drops": count[key], "mass_kg": drop.cells["mass_kg"]}
+            people.append(person | ({"K": told.person["K"], "width": told.width} if told else {}))
+        return {
+            "version": version,
+            "back": "Take the last drop back",
+            "name": watch.campaign.settings.name,
+            "watching": str(watch.recordings),
+            "dataset": str(watch.drops.folder),
+            "used": len(used),
+            "wanted": watch.campaign.wanted.relative_width,
+            "people": people,
+            "last": {"name": name, "kind": said.kind, "words": said.words, "advice": said.advice},
+            "study": watch.study.drops,
+            "planned": bool(watch.order.rows),
+            "left": len(left),
+            "next": left[0] if left else {},
+            "chosen": {name: watch.chosen.get(name, "") for name in _EDITABLE},
+            "drops": [
+                {
+                    **{
+                        name: getattr(drop, name)
+                        for name in ("impact", "kind", "reason", "left_out", "K", "C")
+                    },
+                    **{"taken": drop.taken, "cells": drop.cells},
+                }
+                for drop in watch.drops
+                if drop.changed > since or not since
+            ],
+            "lines": [line.text for line in list(watch.lines) if line.version > since],
+        }
+
+    def drop(self, impact: str) -> dict[str, Any]:
+        """One drop with its trace, its fit and what the study so far says of it."""
+        drop = self.watch.drops.named(impact)
+        told = self.watch.study.told(drop)
+        study = {} if told is None else told._asdict()
+        return {"impact": impact, "study": study, "trace": trace(self.watch.impact(impact))}
+
+    def act(self, action: str, content: dict[str, Any]) -> None:
+        """Take the last drop back, leave one out or use it again, or set facts of the next ones."""
+        match action:
+            case "take-back":
+                self.watch.take_back()
+            case "decide":
+                self.watch.decide(str(content["impact"]), one_line(content["reason"]))
+            case "choose":
+                self.watch.choose({name: one_line(content.get(name, "")) for name in _EDITABLE})
+            case _:
+                raise KeyError(action)
+
+
+class DatasetView:
+    """A dataset as a page has it: its impacts, each of which is left out or used again."""
+
+    def __init__(self, folder: Path) -> None:
+        """Estimate every impact by itself, those that are left out too.
+
+        Raises:
+            InputError: it is no dataset that can be used.
+        """
+        self.folder, self.version, self.data = folder, 1, read_dataset(folder, skip_bad=True, whole=True)
+        self._rows = estimate(self.data).set_index("impact", drop=False)
+        self._changed, self._lock = dict.fromkeys(self._rows.index, 1), threading.Lock()
+        # Of each decision of this page, the impact and the reason before it.
+        self._before: list[tuple[str, str]] = []
+
+    def state(self, since: int) -> dict[str, Any]:
+        """All that is general, and the impacts that changed after a version."""
+        version, out = self.version, reasons(self.folder)
+        wrong = [f"{problem}" for problem in self.data.left_out]
+        return {
+            "version": version,
+            "back": "Undo the last decision",
+            "name": self.data.name,
+            "dataset": str(self.folder),
+            "used": len(set(self._rows.index) - set(out)),
+            "people": [],
+            "drops": [
+                self._drop(impact, out.get(impact, ""))
+                for impact in reversed(self._rows.index)
+                if self._changed[impact] > since
+            ],
+            "lines": wrong if not since else [],
+        }
+
+    def _drop(self, impact: str, left_out: str) -> dict[str, Any]:
+        row = self._rows.loc[impact]
+        said = verdict(flag for flag in row["flags"].split("; ") if flag)
+        shown = {"impact": impact, "kind": said.kind, "reason": said.reason, "left_out": left_out}
+        return shown | numbers_of(row)
+
+    def drop(self, impact: str) -> dict[str, Any]:
+        """One impact with its trace and its fit."""
+        number = list(self._rows.index).index(impact) if impact in self._rows.index else None
+        if number is None:
+            raise KeyError(impact)
+        part = slice(number, number + 1)
+        one = replace(self.data, impacts=self.data.impacts.iloc[part], traces=self.data.traces[part])
+        return {"impact": impact, "study": {}, "trace": trace(impact_of(one))}
+
+    def act(self, action: str, content: dict[str, Any]) -> None:
+        """Leave an impact out, use it again, or undo the last of these decisions."""
+        with self._lock:
+            out = reasons(self.folder)
+            if action == "take-back":
+                impact, reason = self._before.pop() if self._before else ("", "")
+            elif action == "decide":
+                impact, reason = str(content["impact"]), one_line(content["reason"])
+                self._before.append((impact, out.get(impact, "")))
+            else:
+                raise KeyError(action)
+            if impact not in self._changed:
+                if action == "decide":
+                    self._before.pop()
+                raise KeyError(impact)
+            write_left_out(self.folder, {k: v for k, v in (out | {impact: reason}).items() if v})
+            self.version += 1
+            self._changed[impact] = self.version
+
+
+def one_line(text: Any) -> str:
+    """A text of a page as a cell of a table can have it."""
+    return " ".join("".join(c if c.isprintable() else " " for c in str(text)[:200]).split())
+
+
+def trace(impact: Impact) -> dict[str, list[float | None]]:
+    """Times in ms, the recorded and the fitted deceleration."""
+    every = -(-len(impact.time_s) // _POINTS)
+    columns = {"time_ms": impact.time_s * 1e3, "recorded": impact.deceleration, "fitted": impact.fitted}
+    return {
+        name: [float(f"{v:.5g}") if np.isfinite(v) else None for v in values[::every]]
+        for name, values in columns.items()
+    }

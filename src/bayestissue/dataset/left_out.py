@@ -1,0 +1,76 @@
+"""`left_out.csv`: the impacts that somebody left out of a dataset, and why; recordings stay as they are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+
+from bayestissue.dataset.cells import read_cells
+from bayestissue.errors import InputError, Problem, has_control_characters
+from bayestissue.results import whole_file
+
+FILE = "left_out.csv"
+COLUMNS = {
+    "impact": "an impact of impacts.csv that is left out",
+    "reason": "why, in words; not empty",
+}
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """What a dataset's `left_out.csv` says.
+
+    Attributes:
+        by_impact: the problem that stands for each reason, by the impact.
+        warnings: names that `impacts.csv` does not have.
+    """
+
+    by_impact: dict[str, Problem]
+    warnings: tuple[Problem, ...] = ()
+
+
+def reasons(folder: Path) -> dict[str, str]:
+    """The reason of every impact that is left out, by its name; none where there is no such file.
+
+    Raises:
+        InputError: it is no table with these columns, or a name or reason is empty or stands there twice.
+    """
+    if not (folder / FILE).exists():
+        return {}
+    cells, rows = read_cells(folder / FILE, list(COLUMNS), label=FILE)
+    problems, by_impact = [], dict[str, str]()
+    for row, impact, reason in zip(rows, cells["impact"], cells["reason"], strict=True):
+        if not impact or not reason or impact in by_impact or has_control_characters(reason):
+            value = f"{impact}: {reason}"
+            problems.append(Problem.stated("left-out.row", FILE, row, value=value, impact=impact))
+        by_impact[impact] = reason
+    if problems:
+        raise InputError(problems)
+    return by_impact
+
+
+def read_left_out(folder: Path, impacts: pd.Series) -> LeftOut:
+    """`left_out.csv` beside a table that has these ``impacts``.
+
+    Raises:
+        InputError: as of `reasons`.
+    """
+    known, stated = set(impacts), {}
+    for impact, reason in reasons(folder).items():
+        key = "left-out.stated" if impact in known else "left-out.unknown"
+        stated[impact] = Problem.stated(key, FILE, None, "reason", reason, impact=impact)
+    strange = tuple(problem for impact, problem in stated.items() if impact not in known)
+    return LeftOut({impact: p for impact, p in stated.items() if impact in known}, strange)
+
+
+def write_left_out(folder: Path, by_impact: Mapping[str, str]) -> None:
+    """Write `left_out.csv`, whole or not at all; without any impact there is no such file."""
+    if not by_impact:
+        (folder / FILE).unlink(missing_ok=True)
+        return
+    table = pd.DataFrame(by_impact.items(), columns=list(COLUMNS))
+    with whole_file(folder / FILE) as staging:
+        table.to_csv(staging, index=False, lineterminator="\n")

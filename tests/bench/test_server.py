@@ -1,0 +1,213 @@
+"""The page's server over the loopback: who is let in, what is answered, and to how many."""
+
+from __future__ import annotations
+
+import json
+import re
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing
+from http.client import HTTPConnection, HTTPResponse
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import pytest
+import uvicorn
+from recorder import drop, plan_of_drops, write
+
+from bayestissue.bench.server import HOST, application
+from bayestissue.bench.views import WatchView, one_line
+from bayestissue.bench.watching import Watch
+from bayestissue.errors import InputError
+
+TOKEN = "a-token-of-this-test"  # noqa: S105 - of nothing
+
+
+class Pretended:
+    """A view of nothing that remembers what it was asked."""
+
+    def __init__(self) -> None:
+        self.version, self.acted = 3, list[tuple[str, dict[str, Any]]]()
+
+    def state(self, since: int) -> dict[str, Any]:
+        return {"version": self.version, "since": since}
+
+    def drop(self, impact: str) -> dict[str, Any]:
+        if impact != "a/b ü":
+            raise KeyError(impact)
+        return {"impact": impact}
+
+    def act(self, action: str, content: dict[str, Any]) -> None:
+        if action == "choose":
+            raise InputError.stated("none-left", "page")
+        self.acted.append((action, {"reason": content["reason"]}))
+        self.version += 1
+
+
+class Client:
+    """A browser's part of a connection."""
+
+    def __init__(self, port: int) -> None:
+        self.port = port
+        self.cookie = f"bayestissue-{port}={TOKEN}"
+        self.begun = ExitStack()
+
+    def ask(
+        self, path: str, method: str = "GET", body: str | None = None, **headers: str | None
+    ) -> HTTPResponse:
+        sent = {"Host": f"{HOST}:{self.port}", "Cookie": self.cookie} | headers
+        connection = self.begun.enter_context(closing(HTTPConnection(HOST, self.port, timeout=20)))
+        connection.putrequest(method, path, skip_host=True)
+        if body is not None:
+            connection.putheader("Content-Length", str(len(body.encode())))
+        for name, value in sent.items():
+            if value is not None:
+                connection.putheader(name, value)
+        connection.endheaders(body.encode() if body is not None else None)
+        return self.begun.enter_context(closing(connection.getresponse()))
+
+    def post(self, action: str, body: str, **headers: str | None) -> HTTPResponse:
+        return self.ask(f"/act/{action}", "POST", body, **{"Origin": f"http://{HOST}:{self.port}", **headers})
+
+
+def running(view: Any) -> Iterator[Client]:
+    with socket.socket() as listener:
+        listener.bind((HOST, 0))
+        listener.listen()
+        port = listener.getsockname()[1]
+        config = uvicorn.Config(application(view, port, TOKEN), log_level="error", lifespan="off")
+        server = uvicorn.Server(config)
+        thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
+        thread.start()
+        with (client := Client(port)).begun:
+            yield client
+        server.force_exit = server.should_exit = True
+        thread.join()
+
+
+@pytest.fixture
+def view() -> Pretended:
+    return Pretended()
+
+
+@pytest.fixture
+def client(view: Pretended) -> Iterator[Client]:
+    yield from running(view)
+
+
+def test_the_first_address_has_the_token_and_the_cookie_then_does(client: Client) -> None:
+    page = client.ask(f"/?token={TOKEN}", Cookie=None)
+    assert page.status == 200
+    cookie = page.headers["set-cookie"]
+    assert cookie == f"{client.cookie}; Path=/; HttpOnly; SameSite=Strict"
+    assert page.headers["content-security-policy"].startswith("default-src 'self'")
+    named = re.findall(r'(?:src|href)="([^"]+)"', page.read().decode())
+    assert sorted(named) == ["page.css", "page.js"]
+    for name in named:
+        asset = client.ask(f"/{name}")
+        assert asset.status == 200
+        # Nothing from anywhere else, and nothing that is made of text.
+        assert not re.search(r"https?://(?!www\.w3\.org/2000/svg)|innerHTML|eval\(", asset.read().decode())
+    assert json.loads(client.ask("/state?since=2").read()) == {"version": 3, "since": 2}
+    assert json.loads(client.ask(f"/drop?impact={quote('a/b ü')}").read()) == {"impact": "a/b ü"}
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Cookie": None},
+        {"Cookie": "bayestissue-1=" + TOKEN},
+        {"Cookie": "bayestissue-{port}=another"},
+        {"Host": "evil.example"},
+        {"Host": "127.0.0.1:1"},
+        {"Host": None},
+        {"Origin": "http://evil.example"},
+        {"Origin": "null"},
+    ],
+)
+@pytest.mark.parametrize("path", ["/state", "/", "/page.js", "/events", "/drop?impact=a"])
+def test_others_are_refused(client: Client, path: str, headers: dict[str, str | None]) -> None:
+    headers = {k: v and v.replace("{port}", str(client.port)) for k, v in headers.items()}
+    answer = client.ask(path, **headers)
+    assert answer.status in (400, 403)
+    assert b"version" not in answer.read()
+
+
+def test_a_decision_comes_from_this_page_alone(client: Client, view: Pretended) -> None:
+    body = json.dumps({"reason": "x"})
+    for headers in ({"Origin": None}, {"Origin": "http://evil.example"}, {"Cookie": None}, {"Host": "evil"}):
+        assert client.post("decide", body, **headers).status == 403
+    assert client.ask("/act/decide?token=" + TOKEN, "POST", body, Cookie=None).status == 403
+    assert view.acted == []
+    assert client.post("decide", body).status == 204
+    assert view.acted == [("decide", {"reason": "x"})]
+    for wrong, status in (("not JSON", 400), ("[]", 400), ("{}", 400), (f'"{"x" * 20_000}"', 413)):
+        assert client.post("decide", wrong).status == status
+    refused = client.post("choose", body)
+    assert (refused.status, b"expected" in refused.read()) == (422, True)
+    assert client.ask("/act/decide", "DELETE", Origin=f"http://{HOST}:{client.port}").status == 405
+
+
+@pytest.mark.parametrize(
+    "path",
+    ["/../dataset.toml", "/page/../../server.py", "/%2e%2e/%2e%2e/etc/passwd", "/watch.json", "//etc/passwd"],
+)
+def test_there_is_no_file_but_the_page(client: Client, path: str) -> None:
+    assert client.ask(path).status == 404
+
+
+def test_two_pages_hear_the_bell_at_once(client: Client, view: Pretended) -> None:
+    bells = [client.ask("/events") for _ in range(2)]
+    assert [bell.readline() for bell in bells] == [b"data: 3\n"] * 2
+    client.post("decide", json.dumps({"reason": "x"}))
+    for bell in bells:
+        assert bell.readline() == b"\n"
+        assert bell.readline() == b"data: 4\n"
+        bell.close()
+
+
+def test_a_page_shows_what_a_watch_took(begin: Callable[[], Watch], recorded: Path) -> None:
+    names = plan_of_drops(3)
+    for name in names:
+        write(recorded, name, drop(name))
+    watch = begin()
+    watch.catch_up(0)
+    stem = names[0].removesuffix(".csv")
+    with_server = running(WatchView(watch))
+    client = next(with_server)
+    first, second = (json.loads(client.ask("/state?since=0").read()) for _ in range(2))
+    assert first == second, "two pages see the same"
+    assert sorted(each["impact"] for each in first["drops"]) == sorted(n.removesuffix(".csv") for n in names)
+    one = json.loads(client.ask(f"/drop?impact={stem}").read())
+    assert set(one["study"]) == {"impact", "person", "width"}
+    assert len(one["trace"]["time_ms"]) == len(one["trace"]["fitted"]) > 50
+    assert client.post("decide", json.dumps({"impact": stem, "reason": "hit\n the frame"})).status == 204
+    assert client.post("choose", json.dumps({"subject": "s07", "mass_kg": "heavy"})).status == 422
+    assert client.post("choose", json.dumps({"subject": "s07"})).status == 204
+    assert client.post("take-back", "{}").status == 204
+    changed = json.loads(client.ask(f"/state?since={first['version']}").read())
+    assert {d["impact"]: d["left_out"] for d in changed["drops"]}[stem] == "hit the frame"
+    assert changed["used"] == 1
+    assert changed["chosen"]["subject"] == "s07"
+    assert client.post("decide", json.dumps({"impact": "nobody", "reason": "x"})).status == 400
+    next(with_server, None)
+
+
+def test_a_page_of_a_thousand_changes_holds_no_more_than_one_of_a_few(
+    client: Client, view: Pretended
+) -> None:
+    before = threading.active_count()
+    bell = client.ask("/events")
+    for _ in range(1000):
+        view.version += 1
+    time.sleep(0.5)
+    bell.close()
+    assert threading.active_count() <= before + 1
+
+
+def test_what_is_typed_becomes_one_line() -> None:
+    assert one_line(" a\r\nb\x1b[31m\u202ec ") == "a b [31m c"
+    assert len(one_line("x" * 1000)) == 200

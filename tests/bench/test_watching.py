@@ -1,0 +1,168 @@
+"""A recorder's folder becomes a dataset: whatever happens, no drop is lost and none is doubled."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from recorder import PATTERN, VELOCITY, drop, plan_of_drops, write
+
+import bayestissue as bt
+from bayestissue.bench import drops as module
+from bayestissue.bench.drops import Drops
+from bayestissue.bench.watching import TAKEN_BACK, Watch
+from bayestissue.checking import check
+from bayestissue.intake import init_dataset
+
+NAMES = plan_of_drops(12)
+
+
+def stems(names: list[str]) -> list[str]:
+    return [name.removesuffix(".csv") for name in names]
+
+
+def lines(watch: Watch) -> list[str]:
+    return [line.text for line in watch.lines]
+
+
+def test_drops_are_judged_and_the_dataset_grows(begin: Callable[[], Watch], recorded: Path) -> None:
+    watch = begin()
+    whole = drop(NAMES[0])
+    write(recorded, NAMES[0], whole[:900])
+    write(recorded, NAMES[1], b"")
+    watch.look()
+    write(recorded, NAMES[0], whole)
+    watch.look()
+    assert not watch.drops.all, "the one grew, the other is empty"
+    for name in NAMES[2:4]:
+        write(recorded, name, drop(name))
+    watch.catch_up(0)
+    data = bt.read_dataset(watch.drops.folder)
+    assert set(data.impacts["impact"]) == set(stems([NAMES[0], *NAMES[2:4]]))
+    assert f"{NAMES[1]}: empty so far" in lines(watch)
+    for name, spoilt in ((NAMES[1], {"limit": 70.0}), (NAMES[4], {"late_s": 0.013}), (NAMES[5], {})):
+        write(recorded, name, drop(name, **spoilt))
+    watch.catch_up(0)
+    assert watch.last[1].kind == "good"
+    # What a recorder cut off is no recording of an impact; a late one is, and is left out with the reason.
+    assert watch.drops.of_file(NAMES[1]) is None
+    assert any(line.startswith(f"{NAMES[1]}: again: found") for line in lines(watch))
+    late = watch.drops.of_file(NAMES[4])
+    assert late is not None
+    assert (late.kind, late.code) == ("again", "starts-above-zero")
+    data = bt.read_dataset(watch.drops.folder)
+    assert [(p.impact, p.value) for p in data.left_out] == [(late.impact, late.reason)]
+    assert check(data).verdict.startswith("fine")
+    (recorded / NAMES[2]).unlink()
+    write(recorded, NAMES[1], drop(NAMES[1]))
+    write(recorded, NAMES[3], drop(NAMES[3], stiffer=1.01))
+    write(recorded, f"copies/{NAMES[0]}", whole)
+    watch.catch_up(0)
+    assert f"{NAMES[2]}: deleted from the recorder's folder; the dataset keeps it" in lines(watch)
+    assert any(line.startswith("overwritten, taken anew: ") for line in lines(watch))
+    assert f"copies/{NAMES[0]}: the same recording as {NAMES[0]}; not taken twice" in lines(watch)
+    assert set(bt.read_dataset(watch.drops.folder).impacts["impact"]) == set(stems([*NAMES[:4], NAMES[5]]))
+    assert watch.study.drops == 5
+
+
+def test_the_last_drop_is_taken_back_and_decisions_are_kept(
+    begin: Callable[[], Watch], recorded: Path
+) -> None:
+    for name in NAMES[:3]:
+        write(recorded, name, drop(name))
+    watch = begin()
+    watch.catch_up(0)
+    last = watch.take_back()
+    assert last is not None
+    watch.decide(stems(NAMES)[0] if last.impact != stems(NAMES)[0] else stems(NAMES)[1], "hit the frame")
+    after = begin()
+    assert sorted(d.left_out for d in after.drops) == ["", "hit the frame", TAKEN_BACK]
+    after.catch_up(0)
+    assert len(after.drops.all) == 3, "what was taken back is not taken again"
+    after.decide(last.impact, "")
+    assert len(bt.read_dataset(after.drops.folder).impacts) == 2
+    with pytest.raises(KeyError):
+        after.decide("nobody", "")
+
+
+@pytest.mark.parametrize("late", [False, True])
+def test_a_watch_that_is_killed_loses_and_doubles_nothing(
+    begin: Callable[[], Watch], recorded: Path, monkeypatch: pytest.MonkeyPatch, late: bool
+) -> None:
+    class KilledError(BaseException):
+        pass
+
+    def killed(*_: object) -> None:
+        raise KilledError
+
+    watch = begin()
+    for name in NAMES[:2]:
+        write(recorded, name, drop(name, late_s=0.013 if late else 0.0))
+    write(recorded, NAMES[2], drop(NAMES[2]))
+    # A recording lies in the folder and is not listed; or it is listed and the tables lack its row.
+    for owner, step in ((Drops, "taken"), (module, "write_left_out")):
+        with monkeypatch.context() as patch:
+            patch.setattr(owner, step, killed)
+            watch.look()
+            with pytest.raises(KilledError):
+                watch.look()
+        watch = begin()
+    watch.catch_up(0)
+    data = bt.read_dataset(watch.drops.folder)
+    assert sorted([*data.impacts["impact"], *(p.impact for p in data.left_out)]) == sorted(stems(NAMES[:3]))
+    assert len(data.left_out) == (2 if late else 0)
+
+
+def test_the_same_files_by_init_give_the_same_numbers(
+    begin: Callable[[], Watch], recorded: Path, tmp_path: Path
+) -> None:
+    for name in NAMES:
+        write(recorded, name, drop(name))
+    watch = begin()
+    watch.catch_up(0)
+    ours = bt.estimate(watch.drops.folder).set_index("impact").sort_index()
+    by_init = init_dataset(
+        recorded,
+        tmp_path / "by-init",
+        pattern=PATTERN,
+        quantity="deceleration",
+        unit="m/s^2",
+        given={"velocity_m_s": VELOCITY},
+        uncertainty={"velocity_sd_m_s": 0.01},
+    )
+    theirs = bt.estimate(by_init).set_index("impact").sort_index()
+    pd.testing.assert_frame_equal(ours, theirs)
+    said = pd.DataFrame(
+        {d.impact: d.K for d in watch.drops}, ["K_N_per_m", "K_low_N_per_m", "K_high_N_per_m"]
+    ).T
+    # A search for a mode ends where 1e-6 of log likelihood is left, one drop at a time or many.
+    pd.testing.assert_frame_equal(said.sort_index(), ours[list(said)], check_names=False, rtol=1e-6)
+
+
+def test_the_study_so_far_shrinks_towards_the_person_and_finds_who_is_unlike(
+    begin: Callable[[], Watch], recorded: Path
+) -> None:
+    watch = begin()
+    for name in NAMES:
+        write(recorded, name, drop(name))
+    watch.catch_up(0)
+    told = watch.study.told(watch.drops.all[-1])
+    assert told is not None
+    low, high = told.person["K"][1:]
+    assert np.sqrt(high / low) - 1 == pytest.approx(told.width)
+    of_person = [d.K[0] for d in watch.drops if d.cells["side"] == watch.drops.all[-1].cells["side"]]
+    # A person's interval holds the mean of its drops, whose error is far smaller than its width.
+    assert low < np.exp(np.mean(np.log(np.array(of_person, float)))) < high
+    odd = "s01_right_1.2kg_9.csv"
+    write(recorded, odd, drop(odd, stiffer=1.8))
+    os.utime(recorded / odd)
+    watch.catch_up(0)
+    taken = watch.drops.of_file(odd)
+    assert taken is not None
+    assert taken.kind == "again"
+    assert "higher than this person's other drops" in taken.reason
+    assert not taken.left_out, "a number is no reason to leave a drop out"

@@ -1,0 +1,52 @@
+"""Impacts that somebody left out of a dataset, with a reason."""
+
+from __future__ import annotations
+
+import pytest
+
+from bayestissue.checking import check
+from bayestissue.dataset import read_dataset
+from bayestissue.dataset.left_out import FILE, reasons, write_left_out
+from bayestissue.errors import InputError
+from dataset_bench import Lab
+
+
+def test_an_impact_that_is_left_out_is_told_with_its_reason(lab: Lab) -> None:
+    whole = read_dataset(lab.folder)
+    name = whole.impacts["impact"].iloc[1]
+    write_left_out(lab.folder, {name: 'hit the frame, "twice"'})
+    rest = read_dataset(lab.folder)
+    assert list(rest.impacts["impact"]) == [n for n in whole.impacts["impact"] if n != name]
+    assert [(p.impact, p.value, p.code) for p in rest.left_out] == [
+        (name, 'hit the frame, "twice"', "left-out")
+    ]
+    assert rest.input_hash != whole.input_hash
+    assert "1 impacts left out" in check(rest).verdict
+    write_left_out(lab.folder, {})
+    assert not (lab.folder / FILE).exists()
+    assert read_dataset(lab.folder).input_hash == whole.input_hash
+
+
+def test_what_is_wrong_with_it_does_not_matter(lab: Lab) -> None:
+    name = read_dataset(lab.folder).impacts["impact"].iloc[0]
+    lab.row("impacts.csv", 2, lambda line: line.replace(line.split(",")[3], "-1"))
+    with pytest.raises(InputError):
+        read_dataset(lab.folder)
+    write_left_out(lab.folder, {name: "no mass was written down"})
+    assert name not in set(read_dataset(lab.folder).impacts["impact"])
+
+
+def test_a_name_that_nobody_has_is_a_warning_and_a_row_without_a_reason_an_error(lab: Lab) -> None:
+    write_left_out(lab.folder, {"nobody": "a reason"})
+    assert [p.impact for p in read_dataset(lab.folder).warnings] == ["nobody"]
+    lab.path(FILE).write_text("impact,reason\nb,x\nb,y\nc,\n")
+    with pytest.raises(InputError) as error:
+        reasons(lab.folder)
+    assert [problem.row for problem in error.value.problems] == [3, 4]
+
+
+def test_all_of_them_are_too_many(lab: Lab) -> None:
+    names = read_dataset(lab.folder).impacts["impact"]
+    write_left_out(lab.folder, dict.fromkeys(names, "no reason"))
+    with pytest.raises(InputError, match="none left"):
+        read_dataset(lab.folder)
