@@ -54,7 +54,7 @@ from bayestissue.simulation import Simulation, simulate
 ROOT = Path(__file__).parents[1]
 TABLE = ROOT / "benchmarks" / "plan_after.csv"
 STUDIES = ROOT / "benchmarks" / "plan_after_studies.csv"
-NUMBER, FITTED = 100, 10
+NUMBER, FITTED = 50, 6
 PEOPLE, BEGUN, TWICE = 5, 2, 2
 FORMULA = "log(mass_kg) + (1|subject) + (1|trial)"
 PLAN = read_plan(ROOT / "models" / "plan-thesis.toml")
@@ -62,8 +62,9 @@ PLAN = read_plan(ROOT / "models" / "plan-thesis.toml")
 CONDITIONS = PLAN.candidates.conditions
 SURE = PLAN.goal.probability
 BELIEFS = PLAN.population.model_copy(update={"mass_exponent": Population().mass_exponent})
-# The same posterior so many times, each by points of its own, and so many draws of it.
-ALIKE, DRAWS = 16, 4000
+# Draws of a posterior that is computed as often as planned ones, each time by points of its own: so that what
+# is compiled for these serves it.
+DRAWS = 4000
 WAYS = ("thesis", "plan")
 COLUMNS = ["study", "way", "drops", "answer", "posterior", "by_fit", "exponent", "order"]
 
@@ -139,14 +140,14 @@ def posterior_of(running: Running, model: ModelSpecification) -> tuple[xr.Datase
         reference_mass_kg=reference,
         relative_mass_sd=PLAN.recording.relative_mass_sd,
     )
-    centre = np.broadcast_to(running.centre, (ALIKE, *running.centre.shape))
+    centre = np.broadcast_to(running.centre, (BLOCK, *running.centre.shape))
     present = np.ones(centre.shape[:2], bool)
     planned = arranged.model
     typical = Beliefs(BELIEFS.at_median()).truths(planned, arranged.design, Streams(0, 0)).hyperparameters
-    start = planned.unconstrained({name: values[:ALIKE] for name, values in typical.items()})
+    start = planned.unconstrained(typical)
     precision = np.broadcast_to(running.precision, (*centre.shape, 2))
     drawn = posteriors(PlannedSites(planned, arranged.columns, precision, centre, present), start)
-    weight = drawn.weight.ravel() / ALIKE
+    weight = drawn.weight.ravel() / BLOCK
     chosen = np.random.default_rng(0).choice(len(weight), DRAWS, p=weight)
     values = {name: v.reshape(1, -1)[:, chosen] for name, v in drawn.hyperparameters.items()}
     b = drawn.b.reshape(1, len(weight), -1)[:, chosen]
