@@ -70,10 +70,26 @@ def test_every_share_has_its_error(two_goals: Plan) -> None:
 
 def test_more_of_one_thing_and_one_truth_stand_beside_it(two_goals: Plan) -> None:
     variants = two_goals.content["variants"]
-    assert set(variants) == {"more people", "more repeats", "better recorder", "one truth"}
+    assert set(variants) == {"more people", "one truth"}
     assert variants["more people"]["people"] == 50
     assert variants["more people"]["goals"]["exponent"]["answered"] == 1
-    assert variants["more repeats"]["repeats"] == 4
+
+
+def test_what_limits_the_answer_is_said(two_goals: Plan) -> None:
+    limits = two_goals.content["limits"]
+    assert list(limits) == ["people", "impacts", "trial", "noise", "chain"]
+    assert (limits["people"]["people"], limits["impacts"]["repeats"]) == (80, 4)
+    # The stand-in knows impacts alone: all studies answer with twice as many, 0.8 with any recorder.
+    gains = [limit["goals"]["exponent"]["gain"] for limit in limits.values()]
+    assert gains == pytest.approx([0.2, 0.2, 0, 0, 0])
+    first, second = two_goals.content["limiting"]
+    assert first.startswith(
+        "Exponent: most would be gained by twice the people (answers 0.20 ± 0.04 more often), then by twice"
+    )
+    assert "nothing that shows by conditions that differ in mass and velocity alone, a recorder" in first
+    assert second.startswith("Person: most")
+    page = page_of(two_goals.content, two_goals.designs, two_goals.about)
+    assert first in page
 
 
 def test_where_no_design_answers_many_people_are_tried() -> None:
@@ -123,6 +139,32 @@ def test_the_question_names_the_factor() -> None:
         plan = bt.plan(people=20, masses_kg=0.7, ask="K[side=left] / K[side=right] > 1.1", studies=100)
     assert plan.content["plan"]["candidates"]["factors"][0]["levels"] == ["left", "right"]
     assert plan.designs["impacts"].tolist() == [40]
+
+
+RECORDERS = """
+[[candidates.recorders]]
+name = "phone"
+sampling_rate_hz = 2000
+noise_relative_to_peak = 0.05
+[[candidates.recorders]]
+name = "lab"
+noise_relative_to_peak = 0.001
+"""
+
+
+def test_recorders_are_candidates(tmp_path: Path) -> None:
+    path = tmp_path / "plan.toml"
+    path.write_text(PLAN.replace("[questions]", RECORDERS + "[questions]"))
+    with kernel() as stand_in:
+        plan = bt.plan(path)
+    # Each recorder's designs have a measuring chain, and so a planner, of their own.
+    assert stand_in.calls[:2] == 2 * [(8, range(1))]
+    assert plan.designs.groupby("recorder", sort=False).size().to_dict() == {"phone": 16, "lab": 16}
+    # Of equals the first listed.
+    assert ", recorded by phone (160 impacts" in plan.answer
+    page = page_of(plan.content, plan.designs, plan.about)
+    assert "Which recorder?" in page
+    assert plan.answer in page
 
 
 def test_a_wrong_argument_is_refused_before_any_work() -> None:
@@ -221,8 +263,8 @@ def test_an_interrupted_plan_goes_on(tmp_path: Path) -> None:
         assert not out.exists()
         before = len(stand_in.calls)
         assert bayestissue(*calls).status == 0
-    # Candidates and further people were kept; another recorder, one truth and many people were left.
-    assert stand_in.calls[before:] == 3 * [(1, range(2))]
+    # Candidates and further people were kept; one truth, three other limits, and many people were left.
+    assert stand_in.calls[before:] == 5 * [(1, range(2))]
     assert json.loads((out / "plan.json").read_text())["designs"][0]["goals"]["question_1"]["studies"] == 1000
     assert not list(tmp_path.glob(".out*"))
 

@@ -68,6 +68,18 @@ def test_a_plan_that_asks_nothing_or_hits_nobody_is_refused() -> None:
     assert "at most 500 designs" in refused(candidates=many)["candidates"].expected
 
 
+def test_wrong_recorders_are_named() -> None:
+    good, silent = {"name": "phone", "noise_sd_m_s2": 1.0}, {"name": "lab", "bit": 3}
+    problems = refused(candidates={**MASS, "recorders": [good, silent]})
+    assert "bits" in problems["candidates.recorders.1.bit"].expected
+    problems = refused(candidates={**MASS, "recorders": [good, {"name": "lab"}]})
+    assert "noise_sd_m_s2" in problems["candidates.recorders.1"].expected
+    twice = refused(candidates={**MASS, "recorders": [good, good]})["candidates"]
+    assert "a different name of each recorder" in twice.expected
+    both = refused(candidates={**MASS, "recorders": [good]}, recording={"noise_sd_m_s2": 1.0})[None]
+    assert "either [recording] or [[candidates.recorders]]" in both.expected
+
+
 def test_the_default_formula_has_the_factors_that_are_asked_for() -> None:
     study = study_of(plan_of(PLAN, "plan.toml"), "plan.toml")
     formula = study.analyses[0].model.formula

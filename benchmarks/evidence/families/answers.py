@@ -78,3 +78,33 @@ def plan_assurance() -> Named:
         f"standard errors, all within {differ.max():.1f}"
     )
     yield "sentence", Figure(text, names("plan_assurance"))
+
+
+@family
+def plan_after() -> Named:
+    rows = read("plan_after.csv").set_index("way")
+    thesis, plan = rows.loc["thesis"], rows.loc["plan"]
+
+    def with_se(row: pd.Series, name: str) -> str:
+        return f"{row[name]:.1f} ± {row[f'{name}_se']:.1f}"
+
+    table_of = pd.DataFrame(
+        {
+            "goes on": ["in the thesis's order of masses", "by the plan"],
+            "drops": [with_se(row, "drops") for row in (thesis, plan)],
+            "answered": [f"{row['answered']:.0f} of {row['studies']:.0f}" for row in (thesis, plan)],
+            "of these wrongly": [f"{row['wrong']:.0f}" for row in (thesis, plan)],
+        }
+    )
+    yield "table", block(table(table_of), "plan_after")
+    text = (
+        f"in {plan['studies']:.0f} simulated running studies the plan's choice of the next mass saves "
+        f"{with_se(plan, 'saving')} of the {thesis['drops']:.1f} drops that the thesis's order of masses "
+        f"takes ({with_se(plan, 'saving_of_those')} where both ways end with an answer)"
+    )
+    yield "sentence", Figure(text, names("plan_after"))
+    check = (
+        f"of {plan['fits']:.0f} of the studies, where they ended, fits of the traces gave the question "
+        f"probabilities within {max(thesis['largest_difference'], plan['largest_difference']):.3f} of these"
+    )
+    yield "check", Figure(check, names("plan_after"))

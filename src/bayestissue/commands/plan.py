@@ -238,12 +238,14 @@ def _print(plan: Plan) -> None:
 
     designs = plan.content["designs"]
     goals = [name.replace("_", " ") for name in designs[0]["goals"]]
-    headings = ["people", "kg", "m/s", "repeats", "takes", *goals]
+    recorders = ["recorder"] if designs[0]["recorder"] else []
+    headings = ["people", "kg", "m/s", "repeats", *recorders, "takes", *goals]
     rows = [
         [
             str(design["people"]),
             *(numbers_in_short(design[name].split()) for name in ("masses_kg", "velocities_m_s")),
             str(design["repeats"]),
+            *(design[name] for name in recorders),
             duration(design["minutes"]),
             *(with_error(goal["answered"], goal["se"]) for goal in design["goals"].values()),
         ]

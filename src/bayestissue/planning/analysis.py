@@ -56,7 +56,7 @@ class Study:
         analyses: of all of them.
         goals: what the study shall find out.
         prior: what is believed of the tissue.
-        simulation: whose measuring chain is the study's.
+        simulations: whose measuring chains are those of the recorders, by name.
         running: what a study that has begun has recorded.
     """
 
@@ -65,7 +65,7 @@ class Study:
     analyses: tuple[Analysis, ...]
     goals: tuple[Goal, ...]
     prior: DesignPrior
-    simulation: Simulation
+    simulations: Mapping[str, Simulation]
     running: Running | None = None
 
     def model_of(self, number: int) -> ModelSpecification:
@@ -126,8 +126,11 @@ def study_of(plan: PlanSpecification, source: str) -> Study:
     else:
         analyses = (Analysis(begun.model, tuple(range(len(designs)))),)
     running = None if begun is None else begun.running
-    chain = simulation_of(plan.recording, recorder=plan.recorder, gravity=plan.gravity)
-    return Study(plan, designs, analyses, _goals(plan), prior, chain, running)
+    simulations = {
+        name: simulation_of(recording, recorder=plan.recorder, gravity=plan.gravity)
+        for name, recording in plan.recordings.items()
+    }
+    return Study(plan, designs, analyses, _goals(plan), prior, simulations, running)
 
 
 def factors_named(questions: Iterable[str]) -> list[dict[str, Any]]:

@@ -29,6 +29,7 @@ class Candidate:
         people_named: of a running study, the people who are hit again; they come first.
         trials_named: of the same, conditions as pairs of mass and velocity, each with its name.
         prefix: what names of other people begin with.
+        recorder: name of the recorder; empty where one alone is considered.
     """
 
     people: int
@@ -40,6 +41,7 @@ class Candidate:
     people_named: tuple[str, ...] = ()
     trials_named: tuple[tuple[float, float, str], ...] = ()
     prefix: str = "s"
+    recorder: str = ""
 
     @property
     def masses_kg(self) -> tuple[float, ...]:
@@ -107,6 +109,7 @@ class Candidate:
             "velocities_m_s": " ".join(f"{velocity:g}" for velocity in self.velocities_m_s),
             "conditions": len(self.conditions),
             "repeats": self.repeats,
+            "recorder": self.recorder,
             "impacts": self.planned_impacts,
         }
 
@@ -130,9 +133,20 @@ def sets_of_conditions(candidates: Candidates) -> list[tuple[tuple[float, float]
 def grid(candidates: Candidates) -> list[Candidate]:
     """Every combination of what the plan lists, people varying fastest."""
     return [
-        Candidate(people, conditions, repeats, candidates.factors, candidates.lost, candidates.lost_people)
-        for conditions, repeats, people in product(
-            sets_of_conditions(candidates), candidates.repeats, candidates.people
+        Candidate(
+            people,
+            conditions,
+            repeats,
+            candidates.factors,
+            candidates.lost,
+            candidates.lost_people,
+            recorder=recorder,
+        )
+        for recorder, conditions, repeats, people in product(
+            [recorder.name for recorder in candidates.recorders] or [""],
+            sets_of_conditions(candidates),
+            candidates.repeats,
+            candidates.people,
         )
     ]
 

@@ -15,15 +15,18 @@ import pandas as pd
 
 from bayestissue import results, runtime
 from bayestissue.fitting import silent
+from bayestissue.hierarchy.effects import RESPONSES
+from bayestissue.hierarchy.formulas.formula import group_terms
+from bayestissue.hierarchy.formulas.group_terms import SUBJECT
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.outline import Outlined, Rows, short
 from bayestissue.planning.analysis import Study, factors_named, study_of
 from bayestissue.planning.assurance import Assessment, Goal, Progress, planner
 from bayestissue.planning.candidates import Candidate
-from bayestissue.planning.population import BLOCK, Beliefs, DesignPrior, Pilot
+from bayestissue.planning.population import BLOCK, Beliefs, DesignPrior, Pilot, WithoutSpread
 from bayestissue.planning.running import Running, RunningPrior
 from bayestissue.planning.specification import PlanSpecification, plan_of, read_plan
-from bayestissue.planning.words import answer, paragraph, warning
+from bayestissue.planning.words import answer, limit_words, paragraph, warning, what_limits
 from bayestissue.report.run_folder import draw_page
 from bayestissue.results.tables import table_of_rows, typed
 from bayestissue.simulation.specification import Recording, Simulation
@@ -34,9 +37,10 @@ _BLOCKS = 10
 _MORE_PEOPLE, _MANY_TIMES = 10, 4
 # Of what stands beside the chosen design: so many studies at the most.
 _FEWER_STUDIES = 200
-# Of a recorder that is better by so much.
+# Of a recorder whose noise is so much less: without any a trace would tell all.
 _BETTER = 0.1
-_ERRORS = tuple(name for name in Recording.model_fields if "_sd" in name or name == "noise_relative_to_peak")
+_NOISE = ("noise_sd_m_s2", "noise_relative_to_peak")
+_CHAIN = tuple(name for name in Recording.model_fields if "_sd" in name and name not in _NOISE)
 _PER_STUDY = {"p": float, "true": bool, "width": float, "estimate": float, "value": float, "effective": float}
 
 
@@ -252,7 +256,7 @@ def carry_out(
     aim = study.plan.goal
     ledger = Ledger(aim.seed, aim.probability, say or silent, known, parts)
     cases = [
-        Case(design, study.model_of(number), study.prior, study.simulation, study.running)
+        Case(design, study.model_of(number), study.prior, study.simulations[design.recorder], study.running)
         for number, design in enumerate(study.designs)
     ]
     found = ledger.assess(cases, study.goals, aim.studies)
@@ -262,14 +266,26 @@ def carry_out(
         chosen = min(reaching, key=lambda number: minutes[number])
     else:
         chosen = max(range(len(found)), key=lambda n: (_short_of(found[n], aim.assurance), -minutes[n]))
-    variants = _variants(cases[chosen], reaches=bool(reaching))
+    variants, limits = _variants(cases[chosen], reaches=bool(reaching)), _limits(cases[chosen])
     fewer = min(aim.studies, _FEWER_STUDIES)
-    large = variants.pop("many people", None)
-    of_variants = ledger.assess(list(variants.values()), study.goals, fewer)
-    if large is not None:
-        # By itself: designs that are assessed together cost as much as the largest of them.
-        variants["many people"] = large
-        of_variants += ledger.assess([large], study.goals, fewer)
+    beside = [*variants.values(), *limits.values()]
+    large = [case for case in beside if case is variants.get("many people")]
+    # By itself: designs that are assessed together cost as much as the largest of them.
+    for together in ([case for case in beside if case not in large], large):
+        ledger.assess(together, study.goals, fewer)
+    (base,) = ledger.assess([cases[chosen]], study.goals, fewer)
+
+    def numbers(named: Mapping[str, Case]) -> dict[str, Any]:
+        return {
+            name: _of_case(
+                case,
+                case.design.minutes(study.plan.cost),
+                *ledger.assess([case], study.goals, fewer),
+                base,
+            )
+            for name, case in named.items()
+        }
+
     content: dict[str, Any] = {
         "program": "bayestissue",
         "version": runtime.versions()["bayestissue"],
@@ -289,14 +305,13 @@ def carry_out(
         "chosen": chosen + 1,
         "reaches": bool(reaching),
         "looks": {} if study.running else _looks(cases, found, chosen),
-        "variants": {
-            name: _of_case(case, case.design.minutes(study.plan.cost), assessed)
-            for (name, case), assessed in zip(variants.items(), of_variants, strict=True)
-        },
+        "variants": numbers(variants),
+        "limits": {key: {"words": limit_words(key), **limit} for key, limit in numbers(limits).items()},
     }
     # Of all that was assumed and found; what follows is the same in words.
     content["sha256"] = _hash(content)
     content |= {"answer": answer(content), "paragraph": paragraph(content), "warning": warning(content)}
+    content["limiting"] = what_limits(content)
     record = start.record(
         "plan", "plan", plan=study.plan.name, seed=aim.seed, studies=aim.studies, sha256=content["sha256"]
     )
@@ -424,15 +439,9 @@ def _short_of(assessments: Sequence[Assessment], wanted: float) -> float:
 
 
 def _variants(case: Case, *, reaches: bool) -> dict[str, Case]:
-    """The chosen design with more of one thing each, and at one assumed truth."""
-    design, simulation = case.design, case.simulation
-    chain = simulation.recording
-    better = chain.model_copy(update={name: _BETTER * getattr(chain, name) for name in _ERRORS})
-    variants = {
-        "more people": replace(case, design=design.with_people(design.people + _MORE_PEOPLE)),
-        "more repeats": replace(case, design=replace(design, repeats=2 * design.repeats)),
-        "better recorder": replace(case, simulation=simulation.model_copy(update={"recording": better})),
-    }
+    """The chosen design with more people, and at one assumed truth or as it stands."""
+    design = case.design
+    variants = {"more people": replace(case, design=design.with_people(design.people + _MORE_PEOPLE))}
     if case.running is None:
         variants["one truth"] = replace(case, prior=_at_one_truth(case.prior))
     else:
@@ -440,6 +449,25 @@ def _variants(case: Case, *, reaches: bool) -> dict[str, Case]:
     if not reaches:
         variants["many people"] = replace(case, design=design.with_people(_MANY_TIMES * design.people))
     return variants
+
+
+def _limits(case: Case) -> dict[str, Case]:
+    """The chosen design, each time less limited in one respect; see `words.LIMITS`."""
+    design, simulation = case.design, case.simulation
+    chain, formula = simulation.recording, case.model.formula
+    limits = {
+        "people": replace(case, design=design.with_people(2 * design.people)),
+        "impacts": replace(case, design=replace(design, repeats=2 * design.repeats)),
+    }
+    terms = dict.fromkeys(term for q in RESPONSES for term in group_terms(getattr(formula, q)))
+    for stem in (term.stem for term in terms if term != SUBJECT):
+        limits[stem] = replace(case, prior=WithoutSpread(case.prior, f"sd_{stem}"))
+    noise = {name: _BETTER * getattr(chain, name) for name in _NOISE}
+    for name, changed in (("noise", noise), ("chain", dict.fromkeys(_CHAIN, 0.0))):
+        if any(getattr(chain, error) for error in changed):
+            better = simulation.model_copy(update={"recording": chain.model_copy(update=changed)})
+            limits[name] = replace(case, simulation=better)
+    return limits
 
 
 def _looks(
@@ -508,6 +536,8 @@ def _words_of(prior: DesignPrior) -> str:
             sums = {name: _sum(values) for name, values in draws.items()}
             beliefs = otherwise.population.model_dump(mode="json")
             return json.dumps([sums, prior.reference_mass_kg, beliefs])
+        case WithoutSpread(prior=whole, spread=spread):
+            return json.dumps([_words_of(whole), spread])
         case RunningPrior(pilot=pilot, effects=effects):
             return json.dumps([_words_of(pilot), {name: _sum(drawn) for name, drawn in effects.items()}])
     raise TypeError(type(prior))
@@ -517,9 +547,22 @@ def _sum(values: Any) -> str:
     return hashlib.sha256(np.ascontiguousarray(values, float)).hexdigest()
 
 
-def _of_case(case: Case, minutes: float, assessed: Sequence[Assessment]) -> dict[str, Any]:
+def _of_case(
+    case: Case, minutes: float, assessed: Sequence[Assessment], base: Sequence[Assessment] = ()
+) -> dict[str, Any]:
+    """The numbers of a design by goal, and what they gained over those of the same studies in ``base``."""
     goals = {assessment.goal.name: _of_goal(assessment) for assessment in assessed}
+    for before, more in zip(base, assessed, strict=False):
+        goals[more.goal.name] |= _gain(before, more)
     return {**case.design.columns(), "minutes": minutes, "goals": goals}
+
+
+def _gain(before: Assessment, more: Assessment) -> dict[str, float]:
+    """How many more of the studies answer, which have the same truths and people."""
+    gained = (more.yes | more.no).astype(float) - (before.yes | before.no)
+    # Where no study changes, the error is that of one more which does.
+    error = np.sqrt(max(gained.var(), 1 / (len(gained) + 2)) / len(gained))
+    return {"gain": float(gained.mean()), "gain_se": float(error)}
 
 
 def _of_goal(assessment: Assessment) -> dict[str, Any]:

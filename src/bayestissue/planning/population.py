@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, Literal, Protocol, Self
 from zlib import crc32
 
@@ -228,6 +228,26 @@ class Beliefs:
             if effects:
                 fixed[f"covariate_effect_{q}"] = np.stack(effects, axis=1)
         return Truths(values, fixed)
+
+
+@dataclass(frozen=True, eq=False)
+class WithoutSpread:
+    """Truths of another prior in which the levels of a group do not differ, as if chance spared the study.
+
+    Attributes:
+        prior: the other.
+        spread: name of the standard deviation that is 0, less its response: ``sd_trial``.
+    """
+
+    prior: DesignPrior
+    spread: str
+
+    def truths(self, model: PlannedModel, design: Design, streams: Streams) -> Truths:
+        """Those of the other prior, but for that."""
+        truths = self.prior.truths(model, design, streams)
+        none = {f"{self.spread}_{q}": np.zeros(BLOCK) for q in design.responses}
+        values = {name: none.get(name, drawn) for name, drawn in truths.hyperparameters.items()}
+        return replace(truths, hyperparameters=values)
 
 
 @dataclass(frozen=True, eq=False)

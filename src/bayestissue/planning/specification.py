@@ -64,6 +64,20 @@ class PlannedFactor(Factor):
         return not self.of_people
 
 
+def _with_noise(recording: Recording) -> Recording:
+    if not (recording.noise_sd_m_s2 or recording.noise_relative_to_peak):
+        raise ValueError("noise_sd_m_s2 or noise_relative_to_peak above 0, as every recorder has noise")
+    return recording
+
+
+class PlannedRecorder(Recording):
+    """A recorder to compare, with the keys of [recording]; what it leaves out is 0."""
+
+    name: Annotated[str, Field(min_length=1)] = Field(description="what tables call it.")
+
+    _noise = model_validator(mode="after")(_with_noise)
+
+
 class Candidates(_Table):
     """The designs to compare: every combination of what is listed, every person in every condition."""
 
@@ -89,6 +103,11 @@ class Candidates(_Table):
     factors: tuple[PlannedFactor, ...] = Field(
         default=(), description="a list of [[candidates.factors]]: further columns, such as side or session."
     )
+    recorders: tuple[PlannedRecorder, ...] = Field(
+        default=(),
+        description="a list of [[candidates.recorders]], each a candidate, in the place of [recording]. Of "
+        "designs that take the same minutes that of the first recorder is chosen: the cheapest stands first.",
+    )
     lost: Share = Field(default=0.0, description="share of impacts that will give no recording.")
     lost_people: Share = Field(default=0.0, description="share of the recruited who are never measured.")
 
@@ -96,11 +115,11 @@ class Candidates(_Table):
     def _distinct(self) -> Self:
         if not (self.masses_kg or self.conditions):
             raise ValueError("masses_kg, or a list of [[candidates.conditions]]")
-        names = [factor.name for factor in self.factors]
-        if len(set(names)) < len(names):
-            raise ValueError("a different name of each factor")
+        for what, named in (("factor", self.factors), ("recorder", self.recorders)):
+            if len({each.name for each in named}) < len(named):
+                raise ValueError(f"a different name of each {what}")
         sets = len(self.masses_kg) * len(self.velocities_m_s) + bool(self.conditions)
-        count = sets * len(self.people) * len(self.repeats)
+        count = sets * len(self.people) * len(self.repeats) * max(len(self.recorders), 1)
         if count > MOST_DESIGNS:
             raise ValueError(f"at most {MOST_DESIGNS} designs, and not the {count} of these lists")
         return self
@@ -231,17 +250,20 @@ class PlanSpecification(_Table):
             raise ValueError(f"a name for each goal; in [questions] and [precision]: {', '.join(twice)}")
         return self
 
-    @field_validator("recording")
-    @classmethod
-    def _has_noise(cls, recording: Recording) -> Recording:
-        if not (recording.noise_sd_m_s2 or recording.noise_relative_to_peak):
-            raise ValueError("noise_sd_m_s2 or noise_relative_to_peak above 0, as every recorder has noise")
-        return recording
+    _noise = field_validator("recording")(_with_noise)
 
     @model_validator(mode="after")
     def _has_samples_to_filter(self) -> Self:
-        require_samples_to_filter(self.recorder, self.recording)
+        if self.candidates.recorders and "recording" in self.model_fields_set:
+            raise ValueError("either [recording] or [[candidates.recorders]]")
+        for recording in self.recordings.values():
+            require_samples_to_filter(self.recorder, recording)
         return self
+
+    @property
+    def recordings(self) -> dict[str, Recording]:
+        """The measuring chain of each recorder, by its name; "" where there is one alone."""
+        return {each.name: each for each in self.candidates.recorders} or {"": self.recording}
 
 
 def read_plan(path: Path) -> PlanSpecification:

@@ -10,6 +10,17 @@ from bayestissue.outline import counted
 from bayestissue.report.wording import half_width, listed, number, percent, with_error
 
 Content = Mapping[str, Any]
+# What may limit the answer, by its key in plan.json: the chosen design with that much more or less of it. Any
+# other key is of a group of levels, such as subject_side.
+LIMITS = {
+    "people": "twice the people",
+    "impacts": "twice the impacts of each person",
+    "trial": "conditions that differ in mass and velocity alone",
+    "noise": "a recorder with a tenth of the noise",
+    "chain": "a chain whose mass, velocity, gain and zero are known exactly",
+}
+# Standard errors of what is more than chance.
+_SHOWS = 2.0
 
 
 def answer(content: Content) -> str:
@@ -80,11 +91,37 @@ def paragraph(content: Content) -> str:
     return " ".join(filter(None, sentences))
 
 
+def limit_words(key: str) -> str:
+    """What is changed to see whether it limits the answer."""
+    return LIMITS.get(key, f"no differences of {key.replace('_', ' ')}")
+
+
+def what_limits(content: Content) -> list[str]:
+    """Of each goal, what would make more studies answer and what would not, in a sentence."""
+    sentences = []
+    goals = list(content["designs"][content["chosen"] - 1]["goals"])
+    for name in goals:
+        gained, others = [], []
+        by_gain = sorted(content["limits"].values(), key=lambda limit: -limit["goals"][name]["gain"])
+        for limit in by_gain:
+            goal = limit["goals"][name]
+            if goal["gain"] > _SHOWS * goal["gain_se"]:
+                more = with_error(goal["gain"], goal["gain_se"])
+                gained.append(f"{limit['words']} (answers {more} more often)")
+            else:
+                others.append(limit["words"])
+        which = f"{name.replace('_', ' ')}: " if len(goals) > 1 else ""
+        parts = [f"most would be gained by {', then by '.join(gained)}"] if gained else []
+        parts += [f"nothing that shows by {listed(others)}"] if others else []
+        sentences.append(f"{which}{'; '.join(parts)}.")
+    return [sentence[0].upper() + sentence[1:] for sentence in sentences]
+
+
 def warning(content: Content) -> str:
     """What speaks against the numbers of a plan; empty if nothing."""
     if content["normal_traces"]:
         return ""
-    words = "Traces are no normal densities of log K and log C here: shares and widths may be off"
+    words = "Traces are no normal densities of log K and log C here: planned impacts have simulated ones"
     return Coded(words, "traces-not-normal")
 
 
@@ -107,7 +144,8 @@ def design_words(design: Content, content: Content) -> str:
     kind = ("further person", "further people") if "after" in content["plan"] else ("person", "people")
     people = counted(design["people"], *kind)
     size = f"{counted(design['impacts'], 'impact')}, about {duration(design['minutes'])}"
-    return f"{people}, each hit {times} {by}{levels} ({size})"
+    recorder = f", recorded by {design['recorder']}" if design["recorder"] else ""
+    return f"{people}, each hit {times} {by}{levels}{recorder} ({size})"
 
 
 def duration(minutes: float) -> str:

@@ -24,11 +24,11 @@ from bayestissue.results import read_table
 _MOST_LINES = 6
 _MARKERS = "osD^vX"
 _LEVELS = (0.1, 0.3, 0.5, 0.7, 0.8, 0.9, 0.95)
-# What stands for more of one thing, by its key in plan.json.
+# In what designs differ.
+_AXES = ("people", "masses_kg", "velocities_m_s", "conditions", "repeats", "recorder")
+# What stands for more people, by its key in plan.json.
 _VARIANTS = {
     "more people": "{people} people in the place of {before}",
-    "more repeats": "{repeats} repeats in the place of {before_repeats}",
-    "better recorder": "a tenth of the recorder's noise and errors",
     "many people": "{people} people",
     "as it stands": "nothing more: the study as it stands",
 }
@@ -57,7 +57,7 @@ def page_of(content: Mapping[str, Any], designs: pd.DataFrame, record: Mapping[s
         contents=[
             ("application", "For the application"),
             ("designs", "All designs"),
-            ("more", "What more would add"),
+            ("more", "What limits the answer"),
             *([("power", "Power at one truth")] if "one truth" in content["variants"] else []),
             *([("looks", "Stopping early")] if content["looks"] else []),
             ("assumed", "What is assumed"),
@@ -73,7 +73,8 @@ def page_of(content: Mapping[str, Any], designs: pd.DataFrame, record: Mapping[s
         paragraph=content["paragraph"],
         sha256=content["sha256"],
         questions=_questions(plan),
-        by_people=by_people(content),
+        by_people=along(content, "people"),
+        by_recorder=along(content, "recorder") if chosen["recorder"] else None,
         cost=_cost(chosen, plan["cost"]),
         misleads=_misleads(chosen),
         curves=[curves(designs, name, wanted) for name in goals],
@@ -81,11 +82,14 @@ def page_of(content: Mapping[str, Any], designs: pd.DataFrame, record: Mapping[s
         designs_table=designs_table(designs, content["chosen"], wanted),
         gains=gains_table(content),
         gain_words=_gain_words(content),
+        limits=content["limiting"],
+        limit_studies=next(iter(content["limits"]["people"]["goals"].values()))["studies"],
+        normal_traces=content["normal_traces"],
         power=power_table(content) if "one truth" in content["variants"] else None,
         looks=[(_name(name), looks_table(rows)) for name, rows in content["looks"].items()],
         formulas=_formulas(content),
         believed=settings_table({"population": plan["population"]}),
-        chain=settings_table({key: plan[key] for key in ("recording", "recorder", "gravity") if key in plan}),
+        chain=settings_table({key: plan[key] for key in _chain(plan) if key in plan}),
         settings=settings_table({key: plan[key] for key in ("candidates", "cost", "goal")}),
         pilot=plan.get("pilot", ""),
     )
@@ -106,27 +110,35 @@ def _share(goal: Mapping[str, Any]) -> str:
     return with_error(goal["answered"], goal["se"])
 
 
-def _alike(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
-    return all(one[key] == other[key] for key in ("masses_kg", "velocities_m_s", "conditions", "repeats"))
+def _chain(plan: Mapping[str, Any]) -> list[str]:
+    """The tables of the measuring chain: recorders that are compared stand among the candidates."""
+    recorders = plan["candidates"].get("recorders")
+    return [*([] if recorders else ["recording"]), "recorder", "gravity"]
 
 
-def by_people(content: Mapping[str, Any]) -> Table:
-    """The assurance of each goal by people, of designs that are the chosen one but for that."""
+def along(content: Mapping[str, Any], axis: str) -> Table:
+    """The assurance of each goal by people or recorder, of designs that are the chosen one but for that."""
     chosen = content["designs"][content["chosen"] - 1]
-    rows = {design["people"]: design["goals"] for design in content["designs"] if _alike(design, chosen)}
-    for name in ("more people", "many people"):
-        if variant := content["variants"].get(name):
-            rows.setdefault(variant["people"], variant["goals"])
+    others = [name for name in _AXES if name != axis]
+    rows = {
+        design[axis]: design["goals"]
+        for design in content["designs"]
+        if all(design[name] == chosen[name] for name in others)
+    }
+    if axis == "people":
+        for name in ("more people", "many people"):
+            if variant := content["variants"].get(name):
+                rows.setdefault(variant["people"], variant["goals"])
 
-    def cell(people: int, goal: str) -> str:
-        share = _share(rows[people][goal])
-        return Markup("<strong>{}</strong>").format(share) if people == chosen["people"] else share
+    def cell(value: Any, goal: str) -> str:
+        share = _share(rows[value][goal])
+        return Markup("<strong>{}</strong>").format(share) if value == chosen[axis] else share
 
     goals = list(chosen["goals"])
     titles = {name: _name(name) if len(goals) > 1 else "answers" for name in goals}
     return table_of(
-        sorted(rows),
-        Field("people", str, "number"),
+        sorted(rows) if axis == "people" else list(rows),
+        Field(axis, str, "number" if axis == "people" else ""),
         *(Field(titles[name], partial(cell, goal=name), "number") for name in goals),
     )
 
@@ -140,7 +152,7 @@ def _cost(design: Mapping[str, Any], cost: Mapping[str, float]) -> dict[str, str
         "design": f"{counted(design['people'], 'person', 'people')}, {counted(design['impacts'], 'impact')}: "
         f"{numbers_in_short(design['masses_kg'].split())} kg at "
         f"{numbers_in_short(design['velocities_m_s'].split())} m/s, "
-        f"{counted(design['repeats'], 'repeat')}.",
+        f"{counted(design['repeats'], 'repeat')}{', ' if design['recorder'] else ''}{design['recorder']}.",
         "of": f"{minutes}, {cost['mass_change_min']:g} a change of the mass.",
     }
 
@@ -162,7 +174,7 @@ def curves(designs: pd.DataFrame, goal: str, wanted: float) -> Markup:
     """The assurance over people, or over repeats where people do not vary, a line for each other design."""
     rows = designs[designs["goal"] == goal]
     over = "people" if rows["people"].nunique() >= rows["repeats"].nunique() else "repeats"
-    others = ["masses_kg", "velocities_m_s", "conditions", "repeats" if over == "people" else "people"]
+    others = [name for name in _AXES if name != over]
     lines = sorted(rows.groupby(others, sort=False), key=lambda group: -group[1]["answered"].mean())
     varying = [name for name in others if len(set(rows[name])) > 1]
     # Lines are told apart by words too long to stand side by side.
@@ -195,14 +207,20 @@ def _label(design: Mapping[str, Any], varying: Sequence[str]) -> str:
         "conditions": "{} conditions",
         "people": "{} people",
         "repeats": "repeats: {}",
+        "recorder": "{}",
     }
     named = [name for name in varying if name != "conditions" or "masses_kg" not in varying]
-    return ", ".join(words[name].format(numbers_in_short(str(design[name]).split())) for name in named)
+    several = ("masses_kg", "velocities_m_s")
+    return ", ".join(
+        words[name].format(numbers_in_short(design[name].split()) if name in several else design[name])
+        for name in named
+    )
 
 
 def contours(designs: pd.DataFrame, goal: str, chosen: Mapping[str, Any], wanted: float) -> Markup | None:
     """The assurance over people and repeats, where both vary and it is one that a line is drawn of."""
-    alike = np.all([designs[k] == chosen[k] for k in ("masses_kg", "velocities_m_s", "conditions")], axis=0)
+    others = [name for name in _AXES if name not in ("people", "repeats")]
+    alike = np.all([designs[name] == chosen[name] for name in others], axis=0)
     rows = designs[(designs["goal"] == goal) & alike]
     grid = rows.pivot_table(index="repeats", columns="people", values="answered")
     people, repeats = (np.asarray(values, float) for values in (grid.columns, grid.index))
@@ -242,6 +260,7 @@ def designs_table(designs: pd.DataFrame, chosen: int, wanted: float) -> Table:
         Field("kg", lambda row: numbers_in_short(row["masses_kg"].split())),
         Field("m/s", lambda row: numbers_in_short(row["velocities_m_s"].split())),
         Field("repeats", lambda row: f"{row['repeats']:.0f}", "number"),
+        Field("recorder", lambda row: row["recorder"]),
         Field("impacts", lambda row: f"{row['impacts']:.0f}", "number"),
         Field("hours", lambda row: significant(row["minutes"] / 60, 2), "number"),
         Field("goal", lambda row: _name(row["goal"])),
@@ -258,37 +277,40 @@ def designs_table(designs: pd.DataFrame, chosen: int, wanted: float) -> Table:
 
 
 def gains_table(content: Mapping[str, Any]) -> Table:
-    """The chosen design with more of one thing, and what that adds to each goal's assurance."""
+    """The chosen design with more or less of one thing, and what that adds to each goal's assurance."""
     chosen = content["designs"][content["chosen"] - 1]
-    rows = [
-        (_variant_words(key, variant, chosen), name, variant["goals"][name], chosen["goals"][name])
+    named = [
+        (_VARIANTS[key].format(people=variant["people"], before=chosen["people"]), variant)
         for key, variant in content["variants"].items()
         if key in _VARIANTS
-        for name in variant["goals"]
     ]
-    return table_of(
-        rows,
+    named += [(limit["words"], limit) for limit in content["limits"].values()]
+    rows = [(words, name, variant["goals"][name]) for words, variant in named for name in variant["goals"]]
+    several, digits = len(chosen["goals"]) > 1, partial(significant, digits=2)
+
+    def known(title: str, key: str, words: Callable[[float], str]) -> Field:
+        return Field(title, lambda row: "" if row[2][key] is None else words(row[2][key]), "number")
+
+    fields = [
         Field("with", lambda row: row[0], "words"),
-        Field("goal", lambda row: _name(row[1])),
+        *([Field("goal", lambda row: _name(row[1]))] if several else []),
         Field("assurance", lambda row: _share(row[2]), "number"),
-        Field("more by", lambda row: _gain(row[2], row[3]), "number"),
-    )
+        Field("more by", lambda row: _gain(row[2]), "number"),
+        known("bits left", "undecided_bits", partial(number, decimals=2)),
+        known("half width", "width", digits),
+    ]
+    return table_of(rows, *(field for field in fields if any(field.cell(row) for row in rows)))
 
 
-def _variant_words(key: str, variant: Mapping[str, Any], chosen: Mapping[str, Any]) -> str:
-    before = {"before": chosen["people"], "before_repeats": chosen["repeats"]}
-    return _VARIANTS[key].format(people=variant["people"], repeats=variant["repeats"], **before)
-
-
-def _gain(more: Mapping[str, Any], before: Mapping[str, Any]) -> str:
-    return with_error(more["answered"] - before["answered"], float(np.hypot(more["se"], before["se"])))
+def _gain(goal: Mapping[str, Any]) -> str:
+    return with_error(goal["gain"], goal["gain_se"])
 
 
 def _gain_words(content: Mapping[str, Any]) -> list[str]:
     """For the first screen: what the next ten people would add."""
     chosen, more = content["designs"][content["chosen"] - 1], content["variants"]["more people"]
     return [
-        f"{more['people'] - chosen['people']} more people add {_gain(goal, chosen['goals'][name])}"
+        f"{more['people'] - chosen['people']} more people add {_gain(goal)}"
         + (f" ({_name(name)})" if len(more["goals"]) > 1 else "")
         for name, goal in more["goals"].items()
     ]
