@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import base64
+import gzip
+import re
 from html.parser import HTMLParser
 
 VOID = {"meta", "link", "br", "img", "hr", "input"}
@@ -34,3 +37,9 @@ class Reader(HTMLParser):
 
     def handle_endtag(self, tag):
         assert self.open.pop() == tag
+
+
+def figures(html: str) -> list[str]:
+    """The specifications of a page's figures, unpacked."""
+    packed = re.findall(r'<script type="text/plain" class="packed">([^<]*)</script>', html)
+    return [gzip.decompress(base64.b64decode(text)).decode() for text in packed]

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from bayestissue.dataset import Dataset
     from bayestissue.hierarchy.trace_data import Prepared
     from bayestissue.inference.fit import Say, TraceAnalysis
+    from bayestissue.report.fit.figures import Plots
     from bayestissue.report.fit.run import FitRun
 
 TABLES = (
@@ -76,7 +77,10 @@ class Fit(Outlined):
             *medians,
             ("draws", f"{chains} chains of {draws}, seed {self.seed}, {self.wall_time_s:.0f} s"),
             ("diagnostics", short(self.verdict, 160)),
-            ("more in", ".summary, .posterior, .diagnostics, .ask(question), .predict(table), .report(path)"),
+            (
+                "more in",
+                ".summary, .posterior, .diagnostics, .ask(question), .predict(table), .plot, .report(path)",
+            ),
         ]
         return f"Fit by the model {short(str(self.about['model'].get('name', '')))}", rows
 
@@ -205,6 +209,17 @@ class Fit(Outlined):
 
         return runtime.in_float64(predict)(self.finished, read_conditions(table, self.finished.recorded))
 
+    @cached_property
+    def plot(self) -> Plots:
+        """Figures for a notebook, such as ``fit.plot.people("K")`` or ``fit.plot.mass()``.
+
+        Each is a `bayestissue.figures.theme.Figure`: drawn by the notebook, with the rows behind it as
+        ``.data`` and Vega-Lite's specification by ``.specification()``.
+        """
+        from bayestissue.report.fit.figures import Plots
+
+        return Plots(fit_run_of(self))
+
     def report(self, path: str | Path, *, overwrite: bool = False) -> Path:
         """Write the run's folder as `bayestissue fit` does, report and all; or only the page.
 
@@ -248,7 +263,7 @@ class Fit(Outlined):
         with results.claim(Path(path), overwrite=overwrite, command="export", inputs=inputs) as target:
             with target.folder() as folder:
                 write_paper(
-                    fit_run_of(self),
+                    fitfit_run_of(self),
                     folder,
                     table=self.table,
                     posterior=self.posterior["posterior"].dataset,

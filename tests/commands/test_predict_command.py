@@ -22,7 +22,7 @@ def test_predictions_are_printed_and_written(tmp_path: Path) -> None:
     assert (table["peak_force_N_low"] < table["peak_force_N"]).all()
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "2 new impacts by a fit of made up" in page
-    assert page.count(' class="plot" ') == 5
+    assert page.count('class="chart"') == 5
     assert 'subject nobody, mass_kg 0.7, velocity_m_s 1.5<br><span class="muted">new subject, trial' in page
     shown = json.loads(bayestissue("predict", run, "--at", at, "--json").out)["predictions"]
     assert shown[1]["K_N_per_m"] == pytest.approx(table["K_N_per_m"][1], rel=1e-9)

@@ -4,14 +4,18 @@ import json
 import re
 import shutil
 
+import numpy as np
 import pandas as pd
 import pytest
 
 from bayestissue.commands import compare
 from bayestissue.errors import InputError
+from bayestissue.inference.comparing import same_questions
 from bayestissue.report import write_report
+from bayestissue.report.comparison import answers_figure, answers_table
+from make_fit_run import make_fit_run
 from make_scored_run import make_scored_run
-from page_reader import Reader
+from page_reader import Reader, figures
 
 pytestmark = pytest.mark.usefixtures("read_once")
 
@@ -89,10 +93,11 @@ def test_runs_of_different_elements_are_compared_by_what_means_the_same(folder, 
     # With its mark the run would be refused as changed.
     (out / ".bayestissue.json").unlink()
     (out / "run.json").write_text(json.dumps(about), encoding="utf-8")
-    text = plain(write_report(out).read_text(encoding="utf-8"))
+    html = write_report(out).read_text(encoding="utf-8")
+    text = plain(html)
     assert "whose K and C are different things" in text
     assert "interval of a new impact on a new person" not in text
-    assert "secant K of these impacts together (geometric mean) (N/m)" in text
+    assert "secant K of these impacts together (geometric mean) (N/m)" in " ".join(figures(html))
 
 
 def test_an_interval_stands_beside_what_it_is_of(html):
@@ -110,13 +115,13 @@ def test_where_stiffness_depends_on_depth_exponents_are_those_at_the_common_dept
     html = (out / "report.html").read_text(encoding="utf-8")
     card = plain(html[html.index('id="answer-3"') : html.index("Where K depends on depth")])
     assert re.search(r"K ∝ M0\.\d+ [^(]*\(straight\) K ∝ M−?0\.0\d [^(]*\(stiffening\)", card)
-    assert "mass exponent of K at the common depth (no unit)" in html
+    assert "mass exponent of K at the common depth (no unit)" in " ".join(figures(html))
     assert "mass exponent of K at each impact's greatest depth" in plain(html).replace("&#39;", "'")
 
 
 def test_it_shows_both_figures_and_where_the_models_differ(html):
-    # Three schemes of the two comparable runs, and K and C.
-    assert html.count('role="img"') == 5
+    # Three schemes of the two comparable runs; of K and of C exponent, typical and new person, each person.
+    assert html.count('role="img"') == 3 + 2 * 4
     text = plain(html)
     differ = text[text.index("Where the models differ") : text.index("SHA-256")]
     assert "likelihoodarmaa2impact" in differ
@@ -126,12 +131,42 @@ def test_it_shows_both_figures_and_where_the_models_differ(html):
 @pytest.mark.usefixtures("drawn")
 def test_long_names_leave_room_for_the_figure(tmp_path):
     out = made(tmp_path, **{"a" * 70: {}, "b" * 70: {"worse": 1.0}})
-    assert "…" in (out / "report.html").read_text(encoding="utf-8")
+    html = (out / "report.html").read_text(encoding="utf-8")
+    # A label loses its middle; the legend and the tooltip have it whole.
+    assert any("…" in one and "a" * 70 in one for one in figures(html))
 
 
 @pytest.mark.usefixtures("drawn")
 def test_the_page_can_be_written_anew(folder, html):
     assert write_report(folder).read_text(encoding="utf-8") == html
+
+
+def test_runs_answer_the_same_questions_side_by_side(tmp_path) -> None:
+    paths = [
+        make_fit_run(tmp_path / name, two_sides=True, seed=seed) for name, seed in (("one", 1), ("two", 2))
+    ]
+    tables = {path.name: {"contrasts": pd.read_csv(path / "contrasts.csv")} for path in paths}
+    asked = pd.DataFrame(
+        {
+            "question": ["K > 1"],
+            "posterior": [0.9],
+            "median": [np.nan],
+            "low": [np.nan],
+            "high": [np.nan],
+            "unit": [""],
+        }
+    )
+    tables["two"]["questions"] = asked
+    answers = same_questions(tables)
+    table = answers_table(answers, ["one", "two"])
+    cells = {row.cells[0]: row.cells[1:] for row in table.rows}
+    ratio = pd.read_csv(paths[0] / "contrasts.csv").iloc[0]
+    (first,) = (row for question, row in cells.items() if question.startswith("K, side left over right"))
+    assert first[0].startswith(f"{ratio['ratio']:.2f} (")
+    assert cells["K > 1"] == ("not in this run", "probability 0.90")
+    drawn = answers_figure(answers)
+    assert set(drawn.data["series"]) == {"one", "two"}
+    assert answers_figure(answers[answers["run"] == "two"]) is None
 
 
 def test_what_lacks_is_named(folder, tmp_path):

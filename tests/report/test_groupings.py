@@ -82,7 +82,7 @@ def test_the_first_screen_says_whether_people_differ_in_the_dependence_on_mass(m
         assert told.startswith("People are not seen to differ in it: in K no person is told apart")
         return
     html = fit_page(folder, about)
-    first = html[html.index("Is the dependence on mass real?") : html.index("Every impact: posterior")]
+    first = html[html.index("Is the dependence on mass real?") : html.index('<section id="estimates"')]
     assert told in first
     text = re.sub(r"<[^>]+>", " ", html)
     assert "mass exponent of K of each person itself" in text

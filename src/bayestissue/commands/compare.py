@@ -52,7 +52,7 @@ def run(
     with results.claim_if(out, overwrite=overwrite, command="compare", inputs=runs) as target:
         runtime.configure()
         from bayestissue.commands.console import echo, echo_tables
-        from bayestissue.inference.comparing import compare_runs, implied, side_by_side
+        from bayestissue.inference.comparing import compare_runs, implied, same_questions, side_by_side
         from bayestissue.report import draw_page
         from bayestissue.report.comparison import page_of
 
@@ -60,7 +60,14 @@ def run(
         finished = _finished(runs, abouts)
         comparison, posteriors = compare_runs(finished), side_by_side(finished)
         of_weights = implied(finished, comparison)
-        tables = {"comparison": comparison, "posteriors": posteriors, "implied": of_weights}
+        answered = {
+            run.name: results.read_tables(path, (), ("contrasts", "questions"))
+            for run, path in zip(finished, runs, strict=True)
+        }
+        tables = {
+            **{"comparison": comparison, "posteriors": posteriors, "implied": of_weights},
+            "answers": same_questions(answered),
+        }
         if target is not None:
             with target.folder() as folder:
                 for name, table in tables.items():

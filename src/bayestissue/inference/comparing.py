@@ -398,3 +398,33 @@ def _quantiles(run: FinishedRun) -> list[pd.DataFrame]:
         )
         tables.append(table.assign(of=person, unit=unit, run=run.name))
     return tables
+
+
+def same_questions(tables: Mapping[str, Mapping[str, pd.DataFrame]]) -> pd.DataFrame:
+    """What every run answers to the same: its ratios between levels of K and C, and its questions.
+
+    Args:
+        tables: by run, those of ``contrasts`` and ``questions`` that it has.
+
+    Returns:
+        ``answers.csv``, the rows of one question together.
+    """
+    parts = []
+    for run, of_run in tables.items():
+        for name, frame in of_run.items():
+            if name == "contrasts":
+                factors = frame["factor"] + " " + frame["level"] + " over " + frame["against"]
+                rows = frame.assign(
+                    question=frame["quantity"] + ", " + factors, kind="ratio", value=frame["ratio"]
+                )
+            else:
+                claim = frame["posterior"].notna()
+                value = frame["posterior"].where(claim, frame["median"])
+                kind = frame["unit"].fillna("").where(~claim, "probability")
+                rows = frame.assign(kind=kind, value=value)[value.notna()]
+            parts.append(rows.assign(run=run)[columns_of("answers")])
+    table = joined("answers", parts)
+    order = {question: at for at, question in enumerate(dict.fromkeys(table["question"]))}
+    return table.sort_values(
+        "question", key=lambda column: column.map(order), kind="stable", ignore_index=True
+    )

@@ -9,9 +9,10 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
+from bayestissue.figures.intervals import intervals
+from bayestissue.figures.theme import Figure
 from bayestissue.outline import counted
-from bayestissue.report.page import figure, render_page
-from bayestissue.report.style import POSTERIOR, log_ticks, new_figure, style
+from bayestissue.report.page import render_page
 from bayestissue.report.tables import Field, Table, table_of
 from bayestissue.report.wording import PREDICTED, covariate_words, interval, number, probability, significant
 
@@ -76,11 +77,9 @@ def _rows(answers: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 MOST_DRAWN = 60
-_MANY_FOLD = 3.0
 _ENDS = ("", "_low", "_high")
 
 
-@style()
 def questions_page(answers: pd.DataFrame, record: Mapping[str, Any]) -> str:
     """Every question with its answer, and all that is known of it in a table.
 
@@ -99,7 +98,6 @@ def questions_page(answers: pd.DataFrame, record: Mapping[str, Any]) -> str:
     )
 
 
-@style()
 def predictions_page(predictions: pd.DataFrame, record: Mapping[str, Any]) -> str:
     """Every new impact with its predictions, drawn and in a table.
 
@@ -125,23 +123,20 @@ def _model_words(record: Mapping[str, Any]) -> str:
     return f"by the model {record['model']['name']}, sampled {record['started'][:10]}"
 
 
-def _intervals(predictions: pd.DataFrame, name: str) -> Markup | None:
+def _intervals(predictions: pd.DataFrame, name: str) -> Figure | None:
     """Median and 90 % interval of one quantity, a line a row; None where no row has it."""
     word, unit, factor = PREDICTED[name]
     median, low, high = (factor * predictions[f"{name}{end}"].to_numpy(float) for end in _ENDS)
     if not np.isfinite(median).any():
         return None
-    row = np.arange(1, len(predictions) + 1)
-    fig, axes = new_figure((4.8, 0.9 + 0.24 * max(len(predictions), 3)))
-    axes.errorbar(median, row, xerr=[median - low, high - median], fmt="o", ms=4, color=POSTERIOR)
-    axes.set(xlabel=f"{word} ({unit})", ylabel="row", ylim=(len(predictions) + 0.6, 0.4))
-    axes.yaxis.get_major_locator().set_params(integer=True)
-    axes.grid(axis="y", visible=False)
-    ends = [*low[np.isfinite(low)], *high[np.isfinite(high)]]
-    if min(ends) > 0 and max(ends) > _MANY_FOLD * min(ends):
-        axes.set_xscale("log")
-        log_ticks(axes.xaxis, ends)
-    return figure(fig, f"{word} of each new impact in {unit}: median and 90 % interval.")
+    labels = [
+        f"{at}: {covariate_words(row) or 'the reference'}"
+        for at, row in enumerate(predictions.to_dict("records"), start=1)
+    ]
+    rows = pd.DataFrame({"label": labels, "median": median, "eti90_low": low, "eti90_high": high})
+    return intervals(
+        rows, f"{word} ({unit})", f"{word} of each new impact in {unit}: median and 90 % interval."
+    )
 
 
 def _table(predictions: pd.DataFrame) -> Table:

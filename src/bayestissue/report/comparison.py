@@ -6,23 +6,22 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
-from markupsafe import Markup
-from matplotlib.axes import Axes
 
 from bayestissue.errors import InputError
+from bayestissue.figures.impacts import NAMES
+from bayestissue.figures.intervals import intervals
+from bayestissue.figures.study import off_best
+from bayestissue.figures.theme import Figure
 from bayestissue.inference.results.meanings import heading_words, meaning
 from bayestissue.remedies import codes_in
-from bayestissue.report.page import figure, render_page
-from bayestissue.report.posterior import NAMES, best_explanations
-from bayestissue.report.style import MUTED, PALETTE, POSTERIOR, REFERENCE, log_ticks, new_figure, shown, style
+from bayestissue.report.page import render_page
+from bayestissue.report.posterior import best_explanations
 from bayestissue.report.tables import Field, Row, Table, columns, settings_table, table_of
-from bayestissue.report.wording import UNITS, interval, listed, number, significant, with_error
+from bayestissue.report.wording import UNITS, interval, listed, number, probability, significant, with_error
 from bayestissue.results import read_tables
-from bayestissue.results.tables import typed, wrong_in
+from bayestissue.results.tables import table_of_rows, typed, wrong_in
 
-_MARKS = "osD^vP*"
 MOST_PEOPLE = 30
 _COMPARABLE = {
     "K": ("K_secant_of_impacts", "K_secant_of_subject"),
@@ -30,64 +29,42 @@ _COMPARABLE = {
 }
 
 
-def comparison_figure(table: pd.DataFrame, scheme: str) -> Markup:
+def comparison_figure(table: pd.DataFrame, scheme: str) -> Figure:
     """Differences of expected log predictive density from the best model, with one standard error."""
-    rows = table[table["scheme"] == scheme].sort_values("elpd", ascending=False)
-    height = np.arange(len(rows))[::-1]
-    fig, axes = new_figure((4.8, 0.9 + 0.28 * len(rows)))
-    axes.errorbar(
-        rows["elpd_difference"],
-        height,
-        xerr=rows["se_difference"],
-        fmt="o",
-        ms=5,
-        lw=1.4,
-        color=POSTERIOR,
-    )
-    axes.axvline(0, color=REFERENCE, ls="--", lw=1)
-    axes.set(
-        title=scheme,
-        xlabel="expected log predictive density off the best (nats)",
-        yticks=height,
-        yticklabels=[shown(name) for name in rows["model"]],
-    )
-    axes.grid(visible=False, axis="y")
-    return figure(
-        fig,
+    rows = table[table["scheme"] == scheme].sort_values("elpd", ascending=False, ignore_index=True)
+    named = {"model": "label", "elpd_difference": "value", "se_difference": "error"}
+    return off_best(
+        rows.rename(columns=named)[list(named.values())],
+        f"elpd off the best, {scheme} (nats)",
         f"Difference in expected log predictive density from the best model, {scheme}, "
         "one point with its standard error per model; further left predicts worse.",
     )
 
 
-def side_by_side_figure(
-    posteriors: pd.DataFrame, runs: Sequence[str], quantity: str, *, same_element: bool = True
-) -> Markup:
+def side_by_side_figures(
+    posteriors: pd.DataFrame, quantity: str, *, same_element: bool = True
+) -> list[Figure]:
     """The mass exponent, K (or C) of a typical, a new and each person: a colour and a mark a run.
 
     Unless the runs are of the ``same_element``, what means the same in all stands for K (or C): the
     secant stiffness (the equivalent damping) of the recorded impacts, and of each person's own.
     """
-    parts = _parts(posteriors, quantity, same_element)
-    heights = [1.1 + 0.16 * len(runs) * rows["label"].nunique() for _, rows in parts]
-    fig, panels = new_figure((4.8, sum(heights)), rows=len(parts), squeeze=False, height_ratios=heights)
-    for axes, (variable, rows) in zip(panels[:, 0], parts, strict=True):
-        _draw(axes, rows, runs)
+    figures = []
+    for variable, rows in _parts(posteriors, quantity, same_element):
         exponent = variable.startswith("mass_exponent")
-        for value in (0, 1) if exponent else ():
-            axes.axvline(value, color=MUTED, ls="--", lw=1)
-        if not exponent:
-            axes.set_xscale("log")
-            log_ticks(axes.xaxis, rows[["eti90_low", "eti90_high"]].to_numpy().ravel())
-        unit = "no unit" if exponent else UNITS[quantity]
-        axes.set_xlabel(f"{heading_words(variable, rows['of'].iloc[0])} ({unit})")
-    handles, labels = panels[-1, 0].get_legend_handles_labels()
-    fig.legend(handles, labels, loc="outside upper left", ncols=3)
-    return figure(
-        fig,
-        f"{NAMES[quantity]} by run: "
-        f"{'; '.join(heading_words(variable, rows['of'].iloc[0]) for variable, rows in parts)}; "
-        "posterior median and 90 % interval, a colour and a mark for each run.",
-    )
+        what, unit = heading_words(variable, rows["of"].iloc[0]), "no unit" if exponent else UNITS[quantity]
+        named = rows.rename(columns={"run": "series"}).replace({"label": {"": "all"}})
+        figures.append(
+            intervals(
+                named[["label", "series", "median", "eti90_low", "eti90_high"]],
+                f"{what} ({unit})",
+                f"{NAMES[quantity]} by run: {what}; posterior median and 90 % interval, a colour and a "
+                "mark for each run.",
+                lines=(0, 1) if exponent else (),
+                straight=exponent,
+            )
+        )
+    return figures
 
 
 def _parts(posteriors: pd.DataFrame, quantity: str, same_element: bool) -> list[tuple[str, pd.DataFrame]]:
@@ -102,22 +79,41 @@ def _parts(posteriors: pd.DataFrame, quantity: str, same_element: bool) -> list[
     return parts
 
 
-def _draw(axes: Axes, rows: pd.DataFrame, runs: Sequence[str]) -> None:
-    labels = list(rows["label"].drop_duplicates())
-    for k, run in enumerate(runs):
-        chosen = rows[rows["run"] == run]
-        height = -np.array([labels.index(label) for label in chosen["label"]]) - k * 0.7 / len(runs)
-        colour = PALETTE[k % len(PALETTE)]
-        axes.hlines(height, chosen["eti90_low"], chosen["eti90_high"], color=colour, lw=1.4)
-        mark = _MARKS[k % len(_MARKS)]
-        axes.plot(chosen["median"], height, mark, ms=4, mfc="white", color=colour, label=shown(run))
-    middle = -np.arange(len(labels)) - 0.35 * (len(runs) - 1) / len(runs)
-    names = [shown(label) or "all" if len(labels) > 1 else "" for label in labels]
-    axes.set(yticks=middle, yticklabels=names)
-    axes.set_ylim(-len(labels) + 0.1, 0.4)
-    axes.grid(visible=False, axis="y")
-    if labels == [""]:
-        axes.set(yticks=[])
+def answers_table(answers: pd.DataFrame, runs: Sequence[str]) -> Table:
+    """A row a ratio or question, a column a run: "1.24 (1.19 to 1.29)", a probability, or what lacks."""
+    rows = []
+    for question, part in answers.groupby("question", sort=False):
+        cells = {row["run"]: _answer(row) for row in part.to_dict("records")}
+        rows.append(Row((str(question), *(cells.get(run, "not in this run") for run in runs))))
+    return Table(columns("question", *runs, number=runs, words=("question",)), rows)
+
+
+def _answer(row: Mapping[Any, Any]) -> str:
+    if row["kind"] == "probability":
+        return f"probability {probability(row['value'])}"
+    unit = "" if row["kind"] in ("ratio", "1") else f" {row['kind']}"
+    return f"{significant(row['value'])}{unit} ({interval(row['low'], row['high'])})"
+
+
+def answers_figure(answers: pd.DataFrame) -> Figure | None:
+    """The ratios that several runs have, a colour and a mark a run; None where there are none."""
+    ratios = answers[answers["kind"] == "ratio"]
+    ratios = ratios[ratios.groupby("question")["run"].transform("nunique") > 1]
+    questions = list(ratios["question"].drop_duplicates()[:MOST_PEOPLE])
+    if not questions:
+        return None
+    named = {
+        "question": "label",
+        "run": "series",
+        "value": "median",
+        "low": "eti90_low",
+        "high": "eti90_high",
+    }
+    rows = ratios[ratios["question"].isin(questions)].rename(columns=named)[list(named.values())]
+    words = (
+        "Ratios between levels by run: posterior median and 90 % interval, a colour and a mark for each run."
+    )
+    return intervals(rows.reset_index(drop=True), "ratio", words, lines=(1,))
 
 
 OF_IMPACTS = {"K": "K_secant_of_impacts", "C": "C_equivalent_of_impacts"}
@@ -183,6 +179,7 @@ _AGAIN = "Compare the runs anew with `bayestissue compare`."
 _CONTENTS = (
     ("accuracy", "Accuracy"),
     ("weights", "Weights"),
+    ("answers", "Answers"),
     ("posteriors", "Posteriors"),
     ("models", "Models"),
     ("provenance", "Provenance"),
@@ -200,13 +197,13 @@ def comparison_page(folder: Path, record: dict[str, Any]) -> str:
         isinstance(r, dict) and {"name", "model"} <= set(r) for r in runs
     ):
         raise InputError(wrong_in(folder / "run.json", "the runs compared", _AGAIN, column="runs"))
-    return page_of(read_tables(folder, TABLES), record)
+    return page_of(read_tables(folder, TABLES, ("answers",)), record)
 
 
-@style()
 def page_of(tables: Mapping[str, pd.DataFrame], record: dict[str, Any]) -> str:
     """The HTML of a comparison: its `TABLES` by name, and the content of ``run.json``."""
     comparison, posteriors, implied = (typed(name, tables[name]) for name in TABLES)
+    answers = tables.get("answers", table_of_rows("answers"))
     runs = record["runs"]
     names = [str(run["name"]) for run in runs]
     same = same_element(runs)
@@ -240,10 +237,10 @@ def page_of(tables: Mapping[str, pd.DataFrame], record: dict[str, Any]) -> str:
         masses=reference_masses(runs),
         accuracy_plots=accuracy_figures(comparison),
         comparison_table=comparison_table(comparison),
+        answers_table=answers_table(answers, names),
+        answers_plot=answers_figure(answers),
         posterior_plots=[
-            side_by_side_figure(posteriors, names, q, same_element=same)
-            for q in ("K", "C")
-            if posteriors["variable"].str.contains(q).any()
+            figure for q in ("K", "C") for figure in side_by_side_figures(posteriors, q, same_element=same)
         ],
         people=int(posteriors["label"].nunique()) - int((posteriors["label"] == "").any()),
         most_people=MOST_PEOPLE,

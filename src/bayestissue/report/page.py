@@ -14,8 +14,11 @@ import jinja2
 from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
+from bayestissue.figures.browser import library, packed_json
+from bayestissue.figures.theme import Figure as Drawn
 from bayestissue.remedies import Code, entries
 from bayestissue.report.style import style
+from bayestissue.report.tables import frame_table
 
 _PIXELS_PER_INCH = 96
 
@@ -28,7 +31,33 @@ def render_page(template: str, *, codes: Iterable[Code] = (), **context: Any) ->
     ``contents``, a sequence of pairs (anchor, words) for the table of contents. ``codes`` are of the warnings
     that the page holds: their entries stand at its foot, where links of the macro ``explained`` lead.
     """
-    return _environment().get_template(template).render(codes=list(dict.fromkeys(codes)), **context)
+    html = _environment().get_template(template).render(codes=list(dict.fromkeys(codes)), **context)
+    if 'class="packed"' not in html:
+        return html
+    carried = f'<script type="text/plain" id="library">{library()}</script>'
+    return html.replace("<script>", f"{carried}\n<script>", 1)
+
+
+# As many rows stand in the page behind a figure; its download has all.
+MOST_NUMBERS = 100
+
+
+def drawn(one: Drawn | Markup, name: str = "") -> Markup:
+    """A figure that the browser draws, with its numbers as a table; ``name`` is what a script calls it by.
+
+    Without a script the table stands alone. What is drawn already stays as it is.
+    """
+    if isinstance(one, Markup):
+        return one
+    packed = packed_json(one.specification())
+    numbers = frame_table(one.data[:MOST_NUMBERS])
+    template: Any = _environment().get_template("figure.html").module
+    chart: Markup = template.chart(_chart_id(packed), one.words, packed, name, numbers, len(one.data))
+    return chart
+
+
+def _chart_id(packed: str) -> str:
+    return f"chart-{hashlib.sha256(packed.encode()).hexdigest()[:8]}"
 
 
 def figure(fig: Figure, alt: str, *, raster: bool = False) -> Markup:
@@ -79,8 +108,11 @@ def _svg(fig: Figure, alt: str, width: int) -> Markup:
     )
 
 
-def again(shown: Markup) -> Markup:
-    """A figure of `figure` once more on the same page, which draws the first one and holds it once."""
+def again(shown: Drawn | Markup) -> Markup:
+    """A figure once more on the same page, which holds it once and draws it first."""
+    if not isinstance(shown, Markup):
+        of = _chart_id(packed_json(shown.specification()))
+        return Markup('<div class="again" data-of="{}"></div>').format(of)
     svg = re.match(r'<svg id="([^"]+)" class="plot" style="([^"]*)" .*?viewBox="([^"]*)"', shown)
     if svg is None:
         return shown
@@ -96,6 +128,11 @@ def prose(text: str) -> Markup:
     return Markup(re.sub("`([^`]*)`", r"<code>\1</code>", str(escape(text))))  # noqa: S704 - escaped before
 
 
+def script(name: str) -> Markup:
+    """A script of `report/templates`, as it stands in a page."""
+    return Markup(_environment().loader.get_source(_environment(), name)[0])  # type: ignore[union-attr] # noqa: S704
+
+
 @cache
 def _environment() -> jinja2.Environment:
     environment = jinja2.Environment(
@@ -107,5 +144,7 @@ def _environment() -> jinja2.Environment:
     )
     environment.filters["prose"] = prose
     environment.filters["again"] = again
+    environment.filters["drawn"] = drawn
+    environment.globals["script"] = script
     environment.globals["remedies"] = entries()
     return environment

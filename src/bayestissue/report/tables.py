@@ -70,6 +70,19 @@ def lines(frame: pd.DataFrame) -> list[Any]:
     return list(frame.itertuples())
 
 
+def frame_table(frame: pd.DataFrame) -> Table:
+    """Every column of ``frame`` under its own name, numbers to the right with four digits."""
+    numbers = [str(name) for name in frame if pd.api.types.is_numeric_dtype(frame[name])]
+    rows = [Row([_shown(value) for value in row]) for row in frame.itertuples(index=False, name=None)]
+    return Table(columns(*map(str, frame), number=numbers), rows)
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, float):
+        return "" if math.isnan(value) else significant(value, 4)
+    return str(value)
+
+
 def tag(kind: str, words: str) -> Markup:
     """``words`` as a small coloured label; ``kind`` is a class of the style sheet, such as ``"major"``."""
     return Markup('<span class="tag {}">{}</span>').format(kind, words)

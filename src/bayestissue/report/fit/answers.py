@@ -140,13 +140,13 @@ def averaged_over(run: FitRun, variable: str) -> str:
     return str(run.groups["posterior"][variable].attrs.get("averaged_over", ""))
 
 
-def averaged_sentence(run: FitRun) -> str:
-    """A sentence on what a typical or new person is averaged over, with K and C by category."""
+def averaged_sentence(run: FitRun, *, by_level: bool = True) -> str:
+    """A sentence on what a typical or new person is averaged over, ``by_level`` with K and C by category."""
     over = averaged_over(run, "K_new")
     if not over:
         return ""
     sentences = [f"Averaged over {over}, each level with equal weight."]
-    for name in over.split(" and "):
+    for name in over.split(" and ") if by_level else ():
         variables = {q: f"{q}_{stem_of(name)}" for q in QUANTITIES if run.has(f"{q}_{stem_of(name)}")}
         if not variables or len(run.labels(name)) > _MOST_CATEGORIES:
             continue

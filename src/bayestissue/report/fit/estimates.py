@@ -3,30 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import combinations
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from markupsafe import Markup
 from scipy.special import stdtrit
 
 from bayestissue.hierarchy.specification import SIDE_BY_SIDE
-from bayestissue.inference.answers.agreement import METHODS, agreement, log_ratios
+from bayestissue.inference.answers.agreement import METHODS, agreement
 from bayestissue.report.fit.run import COLUMN, COMPARABLE, FitRun
-from bayestissue.report.page import figure
 from bayestissue.report.posterior import (
-    NAMES,
     QUANTITIES,
     Spread,
-)
-from bayestissue.report.style import (
-    MUTED,
-    PALETTE,
-    POSTERIOR,
-    REFERENCE,
-    log_ticks,
-    new_figure,
 )
 from bayestissue.report.tables import Field, Row, Table, columns, lines, table_of
 from bayestissue.report.wording import (
@@ -186,66 +174,6 @@ def estimates_table(run: FitRun) -> Table:
     return Table(columns(*titles, number=titles[3:]), [Row(row) for row in zip(*cells, strict=True)])
 
 
-# In percent off the posterior: nothing positive lies lower than -100.
-_BELOW_ZERO = -105.0
-
-
-_EXACT, _DDS = PALETTE[1], PALETTE[3]
-
-
-def estimates_figure(run: FitRun, quantity: str) -> Markup:
-    """Impacts in the order of their posterior median: the values, and how far each is off the posterior.
-
-    Above, on a log scale, both methods' estimates; below, in percent of the posterior median, its 50 % and
-    90 % intervals with what lies near them.
-    """
-    estimates = side_by_side(run, quantity)
-    table = shown_rows(estimates.sort_values("median", kind="stable"))
-    position = np.arange(len(table))
-    fig, (above, below) = new_figure((9.6, 5.6), 2, 1, sharex=True)
-    above.semilogy(position, table["median"], "o", ms=3, color=POSTERIOR, zorder=4, label="posterior median")
-    above.semilogy(position, table["exact"], "^", ms=3.6, color=_EXACT, zorder=3, label="exact estimate")
-    above.semilogy(position, table["dds"], "D", ms=3.2, mfc="none", color=_DDS, label="thesis's method (dds)")
-    above.set(ylabel=f"{quantity} ({UNITS[quantity]})")
-    log_ticks(above.yaxis, table[["median", "exact", "dds"]].to_numpy().ravel())
-    off_scale = _deviations(below, table, position)
-    below.set(
-        xlabel=f"impacts, in the order of their posterior {quantity}",
-        ylabel=f"off the posterior\nmedian of {quantity} (%)",
-        xlim=(-1, len(table)),
-    )
-    marks = [pair for axes in (above, below) for pair in zip(*axes.get_legend_handles_labels(), strict=True)]
-    fig.legend(*zip(*marks, strict=True), loc="outside upper left", ncols=len(marks))
-    note = f" {off_scale} estimates lie off the lower scale." if off_scale else ""
-    whose = "every impact" if len(table) == len(estimates) else f"{len(table)} of {len(estimates)} impacts"
-    return figure(
-        fig,
-        f"{NAMES[quantity]} of {whose} by posterior, by both point estimates and, where known, the "
-        f"truth: values above, deviations from the posterior median below.{note}",
-        raster=True,
-    )
-
-
-def _deviations(axes: Any, table: pd.DataFrame, position: np.ndarray) -> int:
-    """Draw the lower panel; how many point estimates lie off its scale."""
-    off = 100 * (table.div(table["median"], axis=0) - 1)
-    axes.vlines(position, off["eti90_low"], off["eti90_high"], color=POSTERIOR, lw=1, label="90 %")
-    axes.vlines(position, off["eti50_low"], off["eti50_high"], color=POSTERIOR, lw=2.6, label="50 %")
-    axes.plot(position, off["exact"], "^", ms=3.6, color=_EXACT)
-    axes.plot(position, off["dds"], "D", ms=3.2, mfc="none", color=_DDS)
-    if off["truth"].notna().any():
-        axes.plot(position, off["truth"], "x", ms=4, mew=1.2, color=REFERENCE, label="truth")
-    near = np.nanpercentile(off[["eti90_low", "eti90_high", "truth"]].abs(), 99)
-    limit = 1.6 * max(near, 1e-3)
-    axes.axhline(0, color=POSTERIOR, lw=0.6)
-    lowest = max(-limit, _BELOW_ZERO)
-    axes.set_ylim(lowest, limit)
-    return int(((off[["exact", "dds"]] > limit) | (off[["exact", "dds"]] < lowest)).sum().sum())
-
-
-_MANY_FOLD = 3.0
-
-
 def method_values(run: FitRun, quantity: str) -> pd.DataFrame:
     """The value of every impact by every method, [impact, method]."""
     return side_by_side(run, quantity).rename(columns={"median": "posterior"})[list(METHODS)]
@@ -267,40 +195,3 @@ def agreement_table(run: FitRun) -> Table:
 
 def _limits(line: Any) -> str:
     return interval(line.low, line.high) if np.isfinite(line.low) else "not known"
-
-
-def agreement_figure(run: FitRun, quantity: str) -> Markup:
-    """Each pair of methods: their ratio over their geometric mean, both on log scales."""
-    table = method_values(run, quantity)
-    limits = {(row.method, row.against): row for row in lines(agreement({quantity: table}))}
-    fig, panels = new_figure((10.4, 3.3), 1, 3)
-    for axes, (method, against) in zip(panels, combinations(METHODS, 2), strict=True):
-        d = log_ratios(table, method, against)
-        shown = shown_rows(d.to_frame("d"))["d"]
-        ratio = np.exp(shown.to_numpy())
-        values_shown = table.loc[shown.index]
-        mean = np.sqrt((values_shown[method] * values_shown[against]).to_numpy())
-        axes.plot(mean, ratio, "o", ms=3.5, mfc="none", color=POSTERIOR)
-        line = limits[(method, against)]
-        axes.axhline(1, color=REFERENCE, lw=0.8)
-        ends = np.array([line.ratio, line.low, line.high])
-        for at, dashes in zip(ends[np.isfinite(ends)], ("-", "--", "--"), strict=False):
-            axes.axhline(at, color=MUTED, ls=dashes, lw=1.2)
-        axes.set(
-            title=f"{METHODS[method]} over\n{METHODS[against]}",
-            xlabel=f"geometric mean {quantity} ({UNITS[quantity]})",
-            ylabel="ratio",
-        )
-        for scale, axis, values in (
-            (axes.set_xscale, axes.xaxis, [*mean]),
-            (axes.set_yscale, axes.yaxis, [*ratio, *ends[np.isfinite(ends)], 1.0]),
-        ):
-            # Over less a log scale is as good as straight, and its ticks too few.
-            if values and max(values) > _MANY_FOLD * min(values):
-                scale("log")
-                log_ticks(axis, values)
-    return figure(
-        fig,
-        f"{quantity} of each impact by two methods: their ratio over their geometric mean, for each pair "
-        "of methods, with the mean ratio and its 95 % limits of agreement.",
-    )

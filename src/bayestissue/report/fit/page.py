@@ -5,9 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from bayestissue.errors import codes_of
+from bayestissue.figures.impacts import factors
 from bayestissue.hierarchy.formulas.formula import left_out_words
 from bayestissue.hierarchy.formulas.group_terms import stem_of
 from bayestissue.inference.results.meanings import ONE_IMPACT, not_used_words
@@ -16,31 +15,28 @@ from bayestissue.outline import counted
 from bayestissue.remedies import Code
 from bayestissue.report import posterior, tables
 from bayestissue.report.answers_page import question_lines, questions_table
-from bayestissue.report.fit import answers, checks, estimates, population, study, traces, words
+from bayestissue.report.fit import (
+    answers,
+    checks,
+    estimates,
+    explorer,
+    figures,
+    population,
+    study,
+    traces,
+    words,
+)
 from bayestissue.report.fit.run import FitRun, read_fit_run
 from bayestissue.report.page import render_page
-from bayestissue.report.posterior import exponent_figure
-from bayestissue.report.style import style
 from bayestissue.report.wording import listed
 
 _CONTENTS = (
     ("estimates", "Impacts"),
-    ("predictions", "Predictions"),
-    ("residuals", "Residuals"),
-    ("people", "People and conditions"),
-    ("comparisons", "Comparisons"),
-    ("reliability", "Reliability"),
+    ("people", "People, sides and conditions"),
+    ("reliability", "Repeatability"),
     ("mass", "Mass"),
-    ("population", "Population"),
-    ("sources", "What makes the intervals"),
-    ("agreement", "Agreement of methods"),
-    ("chain", "Measuring chain"),
-    ("left-out", "Leaving out"),
-    ("priors", "Priors"),
-    ("limits", "Limits"),
-    ("diagnostics", "Diagnostics"),
-    ("model", "Model"),
-    ("provenance", "Provenance"),
+    ("residuals", "Does the model fit?"),
+    ("more", "More"),
 )
 _FIRST = ("subject", "trial")
 # What the template calls for the words, tables and figures of a section.
@@ -63,11 +59,9 @@ def fit_page(folder: Path, record: dict[str, Any]) -> str:
     Raises:
         InputError: a file of the run lacks or isn't what a run writes.
     """
-    named = record | {"dataset": record.get("dataset") or folder.name}
-    return page_of(read_fit_run(folder, named))
+    return page_of(read_fit_run(folder, record))
 
 
-@style()
 def page_of(run: FitRun) -> str:
     """The HTML of the report of a `fit`: its template has each section's words, tables and figures made."""
     prior_remark = posterior.prior_remark(run.sensitivity)
@@ -117,6 +111,8 @@ def _subtitle(run: FitRun) -> str:
 
 def _first_screen(run: FitRun) -> dict[str, Any]:
     """What the first screen says, and sections below it again."""
+    # The thesis's estimates stand first where the model file asks for a comparison, and folded elsewhere.
+    thesis = bool(run.record.get("model", {}).get("comparison", {}).get("formulas"))
     return {
         "reference_mass": f"{run.reference_mass:.3g}",
         "levels": posterior.levels(run),
@@ -135,24 +131,27 @@ def _first_screen(run: FitRun) -> dict[str, Any]:
         "conclusion": answers.mass_conclusion(run),
         "contrast": answers.contrast_sentence(run),
         "first_contrasts": study.first_contrasts(run),
-        "estimate_plots": [estimates.estimates_figure(run, quantity) for quantity in posterior.QUANTITIES],
-        "agreement_plots": [estimates.agreement_figure(run, quantity) for quantity in posterior.QUANTITIES],
-        "mass_plots": [population.mass_figure(run, quantity) for quantity in posterior.QUANTITIES]
+        "repeatability": study.repeatability(run),
+        "thesis": thesis,
+        "mass_plots": [figures.mass(run, quantity, thesis=thesis) for quantity in posterior.QUANTITIES]
         if estimates.mass_varies(run)
         else [],
     }
 
 
 def _traces(run: FitRun) -> dict[str, Any]:
-    chosen, left = traces.chosen_impacts(run), traces.residuals(run)
-    one_step, tested = traces.one_step_p(run), np.array(list(run.tested.values()))
+    left, one_step, table = traces.residuals(run), traces.one_step_p(run), figures.impacts_table(run)
     return {
-        "chosen": len(chosen),
-        "traces_plot": traces.traces_figure(run, chosen),
+        "choices": [(name, sorted(table[name].unique())) for name in factors(table)],
+        "scatter": figures.impacts(run),
+        "recording": figures.recording(run),
+        "packed_impacts": explorer.packed_impacts(run, table),
+        "carried_words": explorer.carried_words(run),
+        "estimate_plots": [figures.impacts(run, "order", quantity) for quantity in posterior.QUANTITIES],
         "other_noise": traces.other_noise(run, left),
         "residual_words": traces.residual_words(run, left, one_step),
-        "residual_plots": [traces.whiteness_figure(tested, one_step), traces.lag_one_figure(left)],
-        "tested": tested.size or len(left.which),
+        "residual_plots": [figures.residual_p(run, one_step), figures.lag_one(run, left)],
+        "tested": len(run.tested) or len(left.which),
         "total": len(run.impacts),
     }
 
@@ -168,16 +167,27 @@ def _population(run: FitRun) -> dict[str, Any]:
     }
     return {
         "ranked_plots": {
-            name: [population.ranked_figure(run, quantity, level) for quantity in ranked[level]]
+            name: [figures.people(run, quantity, level) for quantity in ranked[level]]
             for level, name in levels.items()
         },
         "responses": {name: listed(ranked[level]) for level, name in levels.items()},
         "differs": {name: posterior.who_differs(run, level, run.responses) for level, name in levels.items()},
+        "paired_plots": {
+            factor: [figures.paired(run, quantity, factor) for quantity in posterior.QUANTITIES]
+            for factor in figures.sides(run)
+        },
+        "repeat_plots": [
+            plot
+            for quantity in posterior.QUANTITIES
+            if len((plot := figures.repeatability(run, quantity)).data) > 1
+        ],
+        "spreads": figures.spreads(run),
+        "agreement_plots": figures.method_figures(run),
         "slope_words": [population.slope_words(run, slope) for slope in slopes],
-        "slope_plots": [population.slope_figure(run, slope) for slope in slopes],
+        "slope_plots": [figures.slope(run, slope) for slope in slopes],
         "slopes_table": tables.summary_table(run.summary, [slope.name for slope in slopes]),
         "exponent_plots": [
-            exponent_figure(run, quantity)
+            figures.exponent(run, quantity)
             for quantity in dict.fromkeys((*answers.answering(run).values(), posterior.OWN_DEPTH))
             if run.has(f"mass_exponent_{quantity}")
         ],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -63,7 +64,7 @@ class FitRun(PosteriorRun):
         chosen = self.summary[self.summary["variable"] == variable].set_index("label")
         return chosen if chosen.empty else chosen.reindex(self.impacts)
 
-    @property
+    @cached_property
     def impacts(self) -> list[str]:
         """The names of the impacts."""
         return [str(label) for label in self.groups["constant_data"]["impact"].to_numpy()]
@@ -73,7 +74,7 @@ class FitRun(PosteriorRun):
         """How many people there are: of one, nothing is said of a typical or a new person."""
         return len(self.labels("subject"))
 
-    @property
+    @cached_property
     def predicted(self) -> np.ndarray:
         """The rows of `impacts` that have predicted traces: all, or some where impacts are many."""
         names = self.groups["posterior_predictive"]["impact"].to_numpy().astype(str)
@@ -146,6 +147,7 @@ def read_fit_run(folder: Path, record: dict[str, Any]) -> FitRun:
         InputError: a file lacks or isn't what a run writes; all such files are named at once.
     """
     require_files(folder, [*(f"{name}.csv" for name in TABLES), "diagnostics.json", "posterior.nc"])
+    record = record | {"dataset": record.get("dataset") or folder.name}
     readers: tuple[Callable[[], Any], ...] = (
         lambda: read_tables(folder, TABLES, FURTHER_TABLES),
         lambda: read_groups(folder / "posterior.nc", _NEEDED, _AGAIN, of_impacts=()),

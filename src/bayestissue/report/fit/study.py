@@ -8,13 +8,15 @@ import numpy as np
 import pandas as pd
 
 from bayestissue.errors import Coded
+from bayestissue.hierarchy.formulas.group_terms import stem_of
 from bayestissue.inference.answers.reliability import ICC, MDC, REPEATS, SEM
 from bayestissue.inference.results.summary import MOSTLY
 from bayestissue.report.fit.population import groupings
 from bayestissue.report.fit.run import FitRun
-from bayestissue.report.posterior import QUANTITIES, Spread
+from bayestissue.report.posterior import QUANTITIES, Spread, spread
 from bayestissue.report.tables import Field, Row, Table, columns, lines, table_of
 from bayestissue.report.wording import (
+    UNITS,
     likelihood_words,
     listed,
     number,
@@ -44,11 +46,24 @@ def first_contrasts(run: FitRun) -> list[dict[str, Any]]:
                 if _is_number(level)
                 else f"{level} over {against}",
                 "factor": factor,
+                "levels": _level_values(run, str(factor), (str(level), str(against))),
                 "ratios": [(line.quantity, _ratio(line)) for line in shown],
                 "words": " ".join(_contrast_words(line, str(level), equivalence(run)) for line in shown),
             }
         )
     return contrasts[:_ON_FIRST_SCREEN]
+
+
+def _level_values(run: FitRun, factor: str, levels: tuple[str, str]) -> list[tuple[str, str, str, Spread]]:
+    """K and C of a typical person at the two levels, each with its unit; of none where the run has none."""
+    values = []
+    for level in levels:
+        for q in QUANTITIES:
+            name = f"{q}_{stem_of(factor)}"
+            if run.has(name) and level in (labels := run.labels(factor)):
+                drawn = run.draws(name)[:, labels.index(level)]
+                values.append((level, str(q), UNITS[q], spread(drawn)))
+    return values
 
 
 def _is_number(level: Any) -> bool:
@@ -122,6 +137,27 @@ def _matrix_cell(value: float) -> dict[str, str]:
     text = ">99" if value >= 0.995 else "<1" if value <= 0.005 else f"{100 * value:.0f}"
     depth = significant(0.65 * abs(2 * value - 1), 2)
     return {"text": text, "tint": depth, "word": "greater" if value >= 0.5 else "less"}
+
+
+def repeatability(run: FitRun) -> list[dict[str, Any]]:
+    """Of K and C the ICC(A,1) and the least change that shows; empty where people were hit once each."""
+    cells = _by_place(run.reliability)
+    again = len(run.impacts) > run.people_count > 1
+    return [
+        {
+            "quantity": q,
+            "icc": _spread(cells[q, ICC, "ICC(A,1)", "1"]),
+            "change": f"{_spread(change).value}\N{NO-BREAK SPACE}%",
+        }
+        for q in QUANTITIES
+        if again
+        and (q, ICC, "ICC(A,1)", "1") in cells
+        and (
+            change := next(
+                (row for key, row in cells.items() if (key[0], key[1], key[3]) == (q, MDC, _PERCENT)), None
+            )
+        )
+    ]
 
 
 _PERCENT = "%"

@@ -122,12 +122,7 @@ def coverage_table(run: FitRun) -> Table | None:
     with _MEASURED.open(encoding="utf-8") as stream:
         coverage = pd.read_csv(stream)
     measured = lines(coverage[coverage["likelihood"] == run.likelihood])
-    table = table_of(
-        measured,
-        *COVERAGE,
-        Field("measured by", lambda line: str(line.command), "words"),
-        Field("state", lambda line: str(line.measured), "words"),
-    )
+    table = table_of(measured, *COVERAGE)
     return table if measured else None
 
 

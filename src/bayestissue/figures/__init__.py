@@ -1,0 +1,1 @@
+"""Figures as specifications of Vega-Lite, from tables: for pages, notebooks and files alike."""

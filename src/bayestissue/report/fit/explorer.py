@@ -1,0 +1,86 @@
+"""What the page of a fit carries of single impacts, so that a reader can look at any of them."""
+
+from __future__ import annotations
+
+import json
+import struct
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from bayestissue.figures.browser import packed
+from bayestissue.figures.impacts import factors
+from bayestissue.figures.traces import BANDS
+from bayestissue.report.fit.run import FitRun
+from bayestissue.report.fit.traces import SCALES
+
+# Numbers of recordings and of their bands in one page: some 6 MB of it.
+MOST_VALUES = 2_500_000
+_STEPS = 32_000
+
+
+def carried(run: FitRun) -> np.ndarray:
+    """The impacts whose recordings the page holds, as numbers among those that have predictions.
+
+    All of them, or as many as `MOST_VALUES` allows, evenly spaced.
+    """
+    samples = np.isfinite(run.constant("time")[run.predicted]).sum(axis=1)
+    size = int(samples.sum()) * (1 + len(BANDS))
+    count = len(run.predicted)
+    most = count if size <= MOST_VALUES else max(int(count * MOST_VALUES / size), 1)
+    return np.unique(np.linspace(0, count - 1, most).round().astype(int))
+
+
+def carried_words(run: FitRun) -> str:
+    """Of which impacts the page has recordings; empty where of all."""
+    shown, total = len(carried(run)), len(run.impacts)
+    return (
+        ""
+        if shown == total
+        else f"Recordings of {shown} of {total} impacts, evenly spaced, are in this page."
+    )
+
+
+def packed_impacts(run: FitRun, table: pd.DataFrame) -> str:
+    """The impacts' ``table`` and their recordings, `packed` for the script of the page.
+
+    Four bytes with the length of a JSON text; the text; then whole numbers of two bytes: of each carried
+    impact the predicted median, the recording less it, and the other `BANDS` less it, each as many as its
+    samples. An impact's numbers times its ``step`` are in the unit that the page shows.
+    """
+    scale = SCALES[run.shown][1]
+    which = carried(run)
+    replicates = run.draws(run.shown, "posterior_predictive")
+    observed, time = run.groups["observed_data"][run.shown].to_numpy(), run.constant("time")[run.predicted]
+    traces, values = [], []
+    for place in which:
+        bands = np.percentile(replicates[:, place].astype(float), list(BANDS.values()), axis=0)
+        known = np.isfinite(time[place]) & np.isfinite(bands[0]) & np.isfinite(observed[place])
+        middle = list(BANDS).index("median")
+        others = [row - bands[middle] for name, row in zip(BANDS, bands, strict=True) if name != "median"]
+        numbers = scale * np.array([bands[middle], observed[place] - bands[middle], *others])[:, known]
+        step = float(np.abs(numbers).max(initial=0) / _STEPS) or 1.0
+        at = 1e3 * time[place][known]
+        traces.append(
+            {
+                "impact": int(run.predicted[place]),
+                "samples": int(at.size),
+                "first": float(at[0]) if at.size else 0.0,
+                "interval": float((at[-1] - at[0]) / max(at.size - 1, 1)) if at.size else 1.0,
+                "step": step,
+            }
+        )
+        values.append(np.round(numbers / step).astype("<i2").ravel())
+    header: dict[str, Any] = {
+        "impacts": json.loads(table.to_json(orient="records", double_precision=6)),
+        "factors": factors(table),
+        "bands": [name for name in BANDS if name != "median"],
+        "tested": run.tested,
+        "traces": traces,
+    }
+    text = json.dumps(header, ensure_ascii=False, separators=(",", ":")).encode()
+    text += b" " * (len(text) % 2)
+    return packed(
+        struct.pack("<I", len(text)) + text + np.concatenate(values or [np.array([], "<i2")]).tobytes()
+    )

@@ -1,0 +1,343 @@
+"""The figures of a fit, by name: those of its page, of notebooks (`bayestissue.Fit.plot`) and of files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from itertools import combinations
+
+import numpy as np
+import pandas as pd
+
+from bayestissue.declarations import declared
+from bayestissue.figures import impacts as of_impacts
+from bayestissue.figures import study
+from bayestissue.figures import traces as of_traces
+from bayestissue.figures.impacts import COLUMNS, NAMES, UNITS, axis_title, end
+from bayestissue.figures.intervals import intervals, quantiles, with_ranks
+from bayestissue.figures.theme import Figure
+from bayestissue.hierarchy.formulas.group_terms import stem_of
+from bayestissue.inference.answers.agreement import METHODS
+from bayestissue.report.fit import traces
+from bayestissue.report.fit.estimates import mass_varies, method_values, shown_rows, side_by_side
+from bayestissue.report.fit.population import OwnSlope, groupings, own_slopes
+from bayestissue.report.fit.run import FitRun
+from bayestissue.report.posterior import QUANTITIES, exponent_figure, group_words, typical_draws
+
+_WORDS = declared(__package__, "figures.toml")
+_GRID = 60
+# Levels of a factor that a figure of pairs has room for.
+_MOST_SIDES = 6
+
+
+def _said(figure: str, **words: str) -> str:
+    return str(_WORDS[figure]).format(**words)
+
+
+def impacts_table(run: FitRun) -> pd.DataFrame:
+    """A row an impact: who and how, K and C with their 90 % intervals, the truth of simulated data.
+
+    ``unlike`` says how far K or C lies from what its person and condition let one expect, in robust standard
+    deviations of all impacts.
+    """
+    constants = run.groups["constant_data"]
+    table = pd.DataFrame(
+        {
+            "impact": run.impacts,
+            "person": run.constant("impact_subject").astype(str),
+            "condition": run.constant("impact_trial").astype(str),
+            **{
+                str(array.attrs.get("column", str(name).removeprefix("column_"))): array.to_numpy().astype(
+                    str
+                )
+                for name, array in constants.data_vars.items()
+                if str(name).startswith("column_") and array.dtype.kind in "UOS"
+            },
+            "mass_kg": run.constant("mass_kg"),
+            "velocity_m_s": run.constant("velocity_m_s"),
+        }
+    )
+    unlike = np.zeros(len(table))
+    for q in QUANTITIES:
+        values = side_by_side(run, q)
+        table[COLUMNS[q]] = values["median"].to_numpy()
+        table[end(q, "low")], table[end(q, "high")] = (
+            values["eti90_low"].to_numpy(),
+            values["eti90_high"].to_numpy(),
+        )
+        if values["truth"].notna().any():
+            table[f"true_{q}"] = values["truth"].to_numpy()
+        left = np.log(table[COLUMNS[q]])
+        for level in ("person", "condition"):
+            left = left - left.groupby(table[level]).transform("median")
+        scatter = 1.4826 * float(left.abs().median())
+        unlike = np.maximum(unlike, (left.abs() / scatter).to_numpy() if scatter > 0 else 0.0)
+    return table.assign(unlike=np.round(unlike, 2))
+
+
+def impacts(run: FitRun, x: str = "C", y: str = "K") -> Figure:
+    """A point for each impact: K over C, over the mass, or in order; ``x`` is "C", "mass" or "order"."""
+    where = {"order": "in their order", "mass": "over the mass of the impactor"}.get(
+        x, f"over {NAMES.get(x, x)}"
+    )
+    true = "; crosses are the truth of simulated data" if not run.truth.empty and x == "order" else ""
+    return of_impacts.scatter(
+        impacts_table(run), x, y, _said("impacts", name=NAMES[y], where=where, true=true)
+    )
+
+
+def people(run: FitRun, quantity: str = "K", level: str = "subject") -> Figure:
+    """K (or C, or another) of every person, or level of another grouping, the greatest first."""
+    variable, (one, _) = f"{quantity}_{stem_of(level)}", group_words(level)
+    name = NAMES.get(quantity, quantity)
+    unit = UNITS.get(quantity) or run.groups["posterior"][variable].attrs["unit"]
+    return intervals(
+        with_ranks(run.draws(variable), run.labels(level)),
+        f"{name} ({unit})",
+        _said("people", name=name, one=one),
+    )
+
+
+def sides(run: FitRun) -> list[str]:
+    """The columns, such as ``side``, in whose levels the same people were hit, the condition last."""
+    table = impacts_table(run)
+    several = [
+        name
+        for name in dict.fromkeys((*of_impacts.factors(table), "condition"))
+        if name != "person"
+        and 2 <= table[name].nunique() <= _MOST_SIDES
+        and table[["person", name]].drop_duplicates()["person"].duplicated().any()
+    ]
+    # Conditions that stand for masses are in the figure of the mass.
+    return [name for name in several if name != "condition" or not run.has("mass_exponent_K")]
+
+
+def paired(run: FitRun, quantity: str = "K", factor: str = "side") -> Figure:
+    """K (or C) of each person from level to level of ``factor``, and the levels' means.
+
+    Where the model has an effect of person and level together, values are that effect's posterior; else the
+    geometric means of the person's impacts.
+    """
+    table = impacts_table(run)
+    column = "trial" if factor == "condition" else factor
+    own = f"{quantity}_subject_{stem_of(column)}"
+    if run.has(own):
+        rows = quantiles(run.draws(own), run.labels(f"subject:{column}"))
+        rows[["person", "level"]] = [str(label).rsplit(":", 1) for label in rows["label"]]
+    else:
+        logs = np.log(table[COLUMNS[quantity]]).groupby([table["person"], table[factor]]).mean()
+        rows = np.exp(logs).rename("median").rename_axis(["person", "level"]).reset_index()
+        rows[["eti90_low", "eti90_high"]] = np.nan
+    mean = f"{quantity}_{stem_of(column)}"
+    if run.has(mean):
+        means = quantiles(run.draws(mean), run.labels(column)).rename(columns={"label": "level"})
+    else:
+        values = np.exp(np.log(rows["median"]).groupby(rows["level"]).mean())
+        means = values.rename_axis("level").reset_index().assign(eti90_low=np.nan, eti90_high=np.nan)
+    return study.paired(
+        rows[["person", "level", "median", "eti90_low", "eti90_high"]],
+        means[["level", "median", "eti90_low", "eti90_high"]],
+        factor,
+        axis_title(quantity),
+        _said("paired", name=NAMES[quantity], factor=factor),
+    )
+
+
+def repeats(run: FitRun, quantity: str) -> pd.DataFrame:
+    """Two successive measurements of one person, by each trace alone: their ``ratio`` over their ``mean``.
+
+    In the same condition where people were hit again in it, else from condition to condition.
+    """
+    values = run.estimates_exact.set_index("impact")[COLUMNS[quantity]].reindex(run.impacts)
+    table = impacts_table(run).assign(value=values.to_numpy())
+    table = table[table["value"] > 0]
+    levels = of_impacts.factors(table)
+    if not table.duplicated(levels).any():
+        levels = ["person"]
+    before = table.groupby(levels, sort=False)[["impact", "value"]].shift()
+    pairs = pd.DataFrame(
+        {
+            "person": table["person"],
+            "pair": before["impact"] + ", " + table["impact"],
+            "mean": np.sqrt(before["value"] * table["value"]),
+            "ratio": table["value"] / before["value"],
+        }
+    )
+    return pairs.dropna(ignore_index=True)
+
+
+def repeatability(run: FitRun, quantity: str = "K") -> Figure:
+    """Successive measurements of one person: their ratio over their mean, with 95 % limits of agreement."""
+    return study.agreement(
+        repeats(run, quantity),
+        f"geometric mean {quantity} of the two ({UNITS[quantity]})",
+        "second over first",
+        _said("repeatability", q=quantity),
+    )
+
+
+def methods(run: FitRun, quantity: str, method: str, against: str) -> Figure:
+    """K (or C) of each impact by two methods, as Bland and Altman plot them."""
+    table = method_values(run, quantity)
+    table = table[(table[[method, against]] > 0).all(axis=1)]
+    rows = pd.DataFrame(
+        {
+            "impact": table.index,
+            "mean": np.sqrt((table[method] * table[against]).to_numpy()),
+            "ratio": (table[method] / table[against]).to_numpy(),
+        }
+    )
+    title = f"{METHODS[method]} over {METHODS[against]}"
+    words = _said("methods", q=quantity, title=title)
+    return study.agreement(shown_rows(rows), f"geometric mean {quantity} ({UNITS[quantity]})", title, words)
+
+
+def mass(run: FitRun, quantity: str = "K", *, thesis: bool = False) -> Figure:
+    """K (or C) over mass on log scales: impacts, conditions, the posterior line, exponents 0 and 1."""
+    masses = run.constant("mass_kg")
+    grid = np.geomspace(0.93 * masses.min(), 1.07 * masses.max(), _GRID)
+    typical, ratio = typical_draws(run, quantity), np.log(grid / run.reference_mass)
+    level = float(np.median(typical))
+    curve = pd.DataFrame(
+        {"mass_kg": grid, "exponent 0": level, "exponent 1": level * grid / run.reference_mass}
+    )
+    if run.has(f"mass_exponent_{quantity}"):
+        drawn = typical[:, None] * np.exp(run.draws(f"mass_exponent_{quantity}")[:, None] * ratio)
+        low, median, high = np.percentile(drawn, [5, 50, 95], axis=0)
+        curve = curve.assign(eti90_low=low, median=median, eti90_high=high)
+    log_mass = np.log(masses)
+    trial = run.constant("impact_trial").astype(str)
+    at = np.exp(pd.Series(log_mass).groupby(trial).mean()).reindex(run.labels("trial"))
+    conditions = quantiles(run.draws(f"{quantity}_trial"), run.labels("trial")).assign(mass_kg=at.to_numpy())
+    dds = run.estimates_dds[["impact", "mass_kg", COLUMNS[quantity]]].rename(
+        columns={COLUMNS[quantity]: "value"}
+    )
+    return of_impacts.over_mass(
+        shown_rows(impacts_table(run)),
+        conditions,
+        curve,
+        quantity,
+        _said("mass", name=NAMES[quantity]),
+        who="this person" if run.people_count == 1 else "typical person",
+        others=[shown_rows(dds[dds["value"] > 0].assign(kind="thesis's method (dds)"))] if thesis else [],
+    )
+
+
+def exponent(run: FitRun, quantity: str = "K") -> Figure:
+    """The posterior of a mass exponent, with the regions that count as 0 and as 1 in practice."""
+    return exponent_figure(run, quantity)
+
+
+def slope(run: FitRun, chosen: OwnSlope) -> Figure:
+    """Each level's own coefficient, the greatest first."""
+    one = group_words(chosen.grouping)[0]
+    band = np.percentile(run.draws(chosen.shared), [5, 95]) if run.has(chosen.shared) else None
+    return intervals(
+        with_ranks(run.draws(chosen.name), run.labels(chosen.grouping)),
+        chosen.words if chosen.covariate else f"{chosen.words} (no unit)",
+        _said("slope", what=chosen.words, one=one),
+        lines=(0,) if chosen.covariate else (0, 1),
+        band=None if band is None else (float(band[0]), float(band[1])),
+        straight=True,
+    )
+
+
+def spreads(run: FitRun) -> Figure:
+    """The population's standard deviations of log K and log C, in percent."""
+    rows = [
+        quantiles(100 * np.expm1(run.draws(name))[:, None], [_of(level)]).assign(series=NAMES[q])
+        for level in dict.fromkeys(("subject", "trial", *groupings(run), "impact"))
+        for q in QUANTITIES
+        if run.has(name := f"sd_{stem_of(level)}_{q}")
+    ]
+    return intervals(
+        pd.concat(rows, ignore_index=True),
+        "standard deviation (% of K or C)",
+        _said("spreads"),
+        straight=True,
+    )
+
+
+def _of(level: str) -> str:
+    return "impacts" if level == "impact" else group_words(level)[1]
+
+
+def recording(run: FitRun, impact: str | None = None) -> Figure:
+    """What was recorded of one impact over what is predicted of it; the median one by K unless given."""
+    names = [run.impacts[place] for place in run.predicted]
+    place = traces.middle_impact(run) if impact is None else names.index(impact)
+    rows = traces.trace_rows(run, place)
+    return of_traces.recording(
+        rows,
+        run.shown,
+        traces.SCALES[run.shown][0],
+        _said("recording", shown=run.shown),
+    )
+
+
+def residual_p(run: FitRun, one_step: np.ndarray) -> Figure:
+    """Sorted p-values of the residuals of every impact being the model's noise."""
+    sets = {
+        "what the fit leaves": np.array(list(run.tested.values())),
+        "one step ahead, exact ARMA(2,1)": one_step,
+    }
+    return of_traces.sorted_p(
+        {name: values for name, values in sets.items() if np.isfinite(values).any()},
+        traces.STRUCTURED,
+        _said("residual_p"),
+    )
+
+
+def lag_one(run: FitRun, left: traces.Residuals) -> Figure:
+    """Autocorrelation at lag 1 of each impact's residuals, and of data made by the model."""
+    names = np.array(run.impacts)[left.which]
+    rows = left.lag_one.drop(columns="inside").rename(columns={"measured": "recorded"}).assign(impact=names)
+    return of_traces.lag_one(
+        rows,
+        _said("lag_one"),
+    )
+
+
+def published(run: FitRun) -> Iterator[tuple[str, Callable[[], Figure]]]:
+    """The figures of a fit that serve a paper: a name fit for a file, and what makes each."""
+    for q in QUANTITIES:
+        for level in groupings(run):
+            if run.has(f"{q}_{stem_of(level)}"):
+                yield f"{q}-by-{stem_of(level)}", partial(people, run, q, level)
+        for factor in sides(run):
+            yield f"{q}-paired-by-{factor}", partial(paired, run, q, factor)
+        if mass_varies(run):
+            yield f"{q}-over-mass", partial(mass, run, q)
+        if len(repeats(run, q)) > 1:
+            yield f"{q}-repeatability", partial(repeatability, run, q)
+        yield f"{q}-of-impacts", partial(impacts, run, "order", q)
+    yield "K-over-C", partial(impacts, run)
+    yield "recording", partial(recording, run)
+    for each in own_slopes(run):
+        yield each.name, partial(slope, run, each)
+
+
+def method_figures(run: FitRun) -> list[Figure]:
+    """Every pair of methods, of K and of C."""
+    return [methods(run, q, *pair) for q in QUANTITIES for pair in combinations(METHODS, 2)]
+
+
+def _bound(figure: Callable[..., Figure]) -> property:
+    return property(lambda self: partial(figure, self.run), doc=figure.__doc__)
+
+
+@dataclass(frozen=True)
+class Plots:
+    """Figures of a fit for notebooks, `bayestissue.Fit.plot`: a cell that ends with one draws it."""
+
+    run: FitRun
+
+    impacts = _bound(impacts)
+    people = _bound(people)
+    paired = _bound(paired)
+    repeatability = _bound(repeatability)
+    mass = _bound(mass)
+    exponent = _bound(exponent)
+    spreads = _bound(spreads)
+    recording = _bound(recording)

@@ -1,0 +1,124 @@
+"""A page in headless Chromium, by its own protocol: no driver, no network."""
+
+from __future__ import annotations
+
+import base64
+import json
+import shutil
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+from urllib.request import urlopen
+
+from websocket import create_connection
+
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+_SECONDS = 30
+
+
+class Browser:
+    """One tab; with the block it ends."""
+
+    def __enter__(self) -> Browser:
+        self._folder = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
+        options = (
+            *(
+                "--headless",
+                "--no-sandbox",
+                "--disable-gpu",
+                "--hide-scrollbars",
+                "--remote-debugging-port=0",
+            ),
+            *("--remote-allow-origins=*", f"--user-data-dir={self._folder.name}", "about:blank"),
+        )
+        self._process = subprocess.Popen(  # noqa: S603 - the browser of this machine
+            [str(CHROMIUM), *options], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+        port = Path(self._folder.name) / "DevToolsActivePort"
+        self._wait(lambda: port.is_file() and port.read_text().count("\n") > 0)
+        address = f"http://127.0.0.1:{port.read_text().splitlines()[0]}/json"
+        with urlopen(address) as answer:
+            tab = next(tab for tab in json.load(answer) if tab["type"] == "page")
+        self._socket = create_connection(tab["webSocketDebuggerUrl"], timeout=_SECONDS)
+        self._count = 0
+        self.errors: list[str] = []
+        self.requests: list[str] = []
+        for domain in ("Page", "Runtime", "Network"):
+            self.call(f"{domain}.enable")
+        # Whatever a page asks for beside itself is refused, and told.
+        self.call("Network.setBlockedURLs", urls=["http://*", "https://*"])
+        return self
+
+    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self._socket.close()
+        self._process.terminate()
+        self._process.wait()
+        self._folder.cleanup()
+
+    def call(self, method: str, **parameters: Any) -> dict[str, Any]:
+        """The result of one command of the protocol."""
+        self._count += 1
+        self._socket.send(json.dumps({"id": self._count, "method": method, "params": parameters}))
+        while True:
+            answer = json.loads(self._socket.recv())
+            if answer.get("id") == self._count:
+                assert "error" not in answer, answer["error"]
+                return answer["result"]
+            self._note(answer)
+
+    def _note(self, event: dict[str, Any]) -> None:
+        if event["method"] == "Runtime.exceptionThrown":
+            self.errors.append(json.dumps(event["params"]["exceptionDetails"]))
+        if event["method"] == "Network.requestWillBeSent":
+            self.requests.append(event["params"]["request"]["url"])
+
+    def open(self, page: Path, width: int = 1280, *, scripts: bool = True, hash: str = "") -> None:  # noqa: A002
+        self.errors.clear()
+        self.requests.clear()
+        self.call("Emulation.setScriptExecutionDisabled", value=not scripts)
+        metrics = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+        self.call("Emulation.setDeviceMetricsOverride", **metrics)
+        self.call("Page.navigate", url="about:blank")
+        self.call("Page.navigate", url=page.as_uri() + hash)
+        self._wait(
+            lambda: self.js("location.protocol") == "file:" and self.js("document.readyState") == "complete"
+        )
+
+    def js(self, expression: str) -> Any:
+        """The value of an expression in the page."""
+        result = self.call("Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True)
+        assert "exceptionDetails" not in result, result["exceptionDetails"]
+        return result["result"].get("value")
+
+    def until(self, expression: str) -> None:
+        """Wait until an expression is true."""
+        self._wait(lambda: self.js(expression), expression)
+
+    def key(self, key: str) -> None:
+        for kind in ("keyDown", "keyUp"):
+            text = {"text": "\r"} if key == "Enter" and kind == "keyDown" else {}
+            code = {"Tab": 9, "Enter": 13, "ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40}[
+                key
+            ]
+            self.call(
+                "Input.dispatchKeyEvent", type=kind, key=key, code=key, windowsVirtualKeyCode=code, **text
+            )
+
+    def click(self, x: float, y: float) -> None:
+        for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
+            pressed = {} if kind == "mouseMoved" else {"button": "left", "clickCount": 1}
+            self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, **pressed)
+
+    def pdf(self) -> bytes:
+        """The page as it is printed."""
+        return base64.b64decode(self.call("Page.printToPDF")["data"])
+
+    @staticmethod
+    def _wait(met: Any, what: str = "the browser") -> None:
+        end = time.monotonic() + _SECONDS
+        while not met():
+            assert time.monotonic() < end, f"waited too long for {what}"
+            time.sleep(0.05)

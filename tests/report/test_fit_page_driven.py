@@ -1,0 +1,171 @@
+"""The page of a fit in a browser: impacts, sides and keys, without a script, on a narrow screen, in print."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import json
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bayestissue.report import write_report
+from bayestissue.report.fit import explorer, figures, traces
+from bayestissue.report.fit.run import read_fit_run
+from bayestissue.report.run_folder import read_about
+from make_fit_run import make_fit_run
+
+browser = pytest.importorskip(
+    "browser", reason="drives a browser by websocket-client, which is not installed"
+)
+needs_browser = pytest.mark.skipif(browser.CHROMIUM is None, reason="no Chromium is installed")
+
+pytestmark = pytest.mark.usefixtures("drawn")
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory) -> Path:
+    return write_report(make_fit_run(tmp_path_factory.mktemp("driven") / "run", two_sides=True))
+
+
+@pytest.fixture(scope="module")
+def run(page):
+    return read_fit_run(page.parent, read_about(page.parent))
+
+
+@pytest.fixture(scope="module")
+def tab():
+    with browser.Browser() as opened:
+        yield opened
+
+
+CHOSEN = "document.querySelector('#impact').value"
+DRAWN = (
+    "document.querySelectorAll('#explorer .drawing svg.marks').length === 2 "
+    "&& !document.querySelector('#impact').disabled"
+)
+CHARTS = "[...document.querySelectorAll('.chart')]"
+EACH_IS_DRAWN = ".every(chart => chart.querySelector('svg.marks, canvas'))"
+
+
+def test_what_is_carried_of_a_recording_is_it_to_half_a_step(run) -> None:
+    table = figures.impacts_table(run)
+    data = gzip.decompress(base64.b64decode(explorer.packed_impacts(run, table)))
+    (length,) = struct.unpack("<I", data[:4])
+    header = json.loads(data[4 : 4 + length])
+    numbers = np.frombuffer(data[4 + length :], "<i2")
+    assert [row["impact"] for row in header["impacts"]] == run.impacts
+    assert header["factors"] == ["side", "person", "condition"]
+    at = 0
+    for place, trace in enumerate(header["traces"]):
+        count = trace["samples"]
+        part = numbers[at : at + count * 6].reshape(6, count) * trace["step"]
+        at += count * 6
+        rows = traces.trace_rows(run, place)
+        # The median and what is added to it are each rounded.
+        np.testing.assert_allclose(part[0], rows["median"], rtol=0, atol=0.5001 * trace["step"])
+        np.testing.assert_allclose(part[0] + part[1], rows["recorded"], rtol=0, atol=1.0001 * trace["step"])
+        time = trace["first"] + trace["interval"] * np.arange(count)
+        np.testing.assert_allclose(time, rows["time_ms"], rtol=1e-9, atol=1e-9)
+    assert at == numbers.size
+
+
+def test_where_recordings_are_too_many_some_are_carried_and_the_page_says_so(run, monkeypatch) -> None:
+    assert explorer.carried_words(run) == ""
+    monkeypatch.setattr(explorer, "MOST_VALUES", 3 * 60 * 6)
+    assert len(explorer.carried(run)) == 3
+    assert "Recordings of 3 of 12 impacts" in explorer.carried_words(run)
+
+
+@needs_browser
+def test_a_click_on_a_point_shows_that_impact_and_its_address_is_kept(tab, page) -> None:
+    tab.open(page)
+    tab.until(DRAWN)
+    tab.js("document.querySelector('#explorer').scrollIntoView({ behavior: 'instant' })")
+    # A point that no other lies on, and its impact.
+    x, y, impact = tab.js(
+        """[...document.querySelectorAll('[data-name=K-over-C] .mark-symbol path')].map(path => {
+          const box = path.getBoundingClientRect(), at = [box.x + box.width / 2, box.y + box.height / 2];
+          return document.elementFromPoint(...at) === path ? [...at, path.__data__.datum.impact] : null;
+        }).find(one => one && one[2] !== document.querySelector('#impact').value)"""
+    )
+    before = tab.js("document.querySelector('#facts').textContent")
+    tab.click(x, y)
+    tab.until(f"{CHOSEN} === {impact!r}")
+    assert tab.js("document.querySelector('#facts').textContent") != before
+    assert "stiffness K" in tab.js("document.querySelector('#facts').textContent")
+    address = tab.js("location.hash")
+    assert impact in address
+    # The address opens the same impact.
+    tab.open(page, hash=address)
+    tab.until(f"!document.querySelector('#impact').disabled && {CHOSEN} === {impact!r}")
+    assert tab.errors == []
+    assert all(url.startswith(("file:", "blob:", "data:")) for url in tab.requests)
+
+
+@needs_browser
+def test_a_side_leaves_its_impacts_to_choose_from(tab, page) -> None:
+    tab.open(page)
+    tab.until(DRAWN)
+    side = "document.querySelector('select[data-factor=side]')"
+    tab.js(f"{side}.value = 'left'; {side}.dispatchEvent(new Event('change'))")
+    assert tab.js("document.querySelectorAll('#impact option').length") == 6
+    assert tab.js("document.querySelector('#facts').textContent").count("left") == 1
+    assert "6 of 12" in tab.js("document.querySelector('#count').textContent")
+
+
+@needs_browser
+def test_keys_alone_go_from_impact_to_impact(tab, page) -> None:
+    tab.open(page)
+    tab.until(DRAWN)
+    first = tab.js(CHOSEN)
+    for _ in range(60):
+        tab.key("Tab")
+        if tab.js("document.activeElement.matches('[data-name=K-over-C] .drawing')"):
+            break
+    else:
+        pytest.fail("the figure can't be reached by Tab")
+    tab.key("ArrowRight")
+    tab.until(f"{CHOSEN} !== {first!r}")
+    tab.key("ArrowLeft")
+    tab.until(f"{CHOSEN} === {first!r}")
+    assert tab.js("document.activeElement.getAttribute('aria-label')").startswith(
+        "stiffness K of each impact"
+    )
+
+
+@needs_browser
+def test_without_a_script_words_cards_and_tables_stand(tab, page) -> None:
+    tab.open(page, scripts=False)
+    assert tab.js("document.querySelectorAll('.drawing svg').length") == 0
+    text = tab.js("document.body.innerText")
+    assert "What differs?" in text
+    assert "need JavaScript" in text
+    assert tab.js("document.querySelectorAll('.chart .numbers table').length") == tab.js(
+        "document.querySelectorAll('.chart').length"
+    )
+
+
+@needs_browser
+def test_nothing_is_wider_than_a_narrow_screen_and_every_figure_is_drawn(tab, page) -> None:
+    tab.open(page, width=500)
+    tab.until("document.querySelectorAll('main > section:not(:has(> details)) .drawing').length > 5")
+    tab.until(f"{CHARTS}.filter(chart => chart.offsetParent){EACH_IS_DRAWN}")
+    assert tab.js("document.documentElement.scrollWidth") <= 500
+    assert tab.errors == []
+
+
+@needs_browser
+def test_in_print_every_part_is_open_and_every_figure_drawn(tab, page) -> None:
+    tab.open(page)
+    # Those in closed parts too: nothing can be drawn while a page is being printed.
+    tab.until(f"{CHARTS}{EACH_IS_DRAWN}")
+    copies = "document.querySelectorAll('.again svg').length"
+    seen = f"[document.querySelector('#diagnostics details').open, {copies}]"
+    tab.js(f"addEventListener('beforeprint', () => {{ window.seen = {seen}; }})")
+    assert tab.pdf().startswith(b"%PDF")
+    assert tab.js("window.seen") == [True, 2]
+    # Afterwards the page is as it was.
+    assert tab.js("document.querySelector('#diagnostics details').open") is False
