@@ -244,11 +244,20 @@ class Fit(Outlined):
                 write_run(self, folder)
             return draw_page(target.path, partial(page_html, self))
 
-    def export(self, path: str | Path, *, overwrite: bool = False) -> Path:
-        """Write what a paper takes, as `bayestissue export` does: text and tables.
+    def export(
+        self,
+        path: str | Path,
+        *,
+        width_mm: float = 85.0,
+        excel: results.Excel | None = None,
+        overwrite: bool = False,
+    ) -> Path:
+        """Write what a paper takes, as `bayestissue export` does: text, tables, figures.
 
         Args:
             path: a folder that is new or empty.
+            width_mm: of a figure in print; a journal's column is about 85 mm wide, its page 170.
+            excel: the decimal mark of the spreadsheet that opens the figures' rows; None for programs.
             overwrite: replace what is there.
 
         Returns:
@@ -263,11 +272,13 @@ class Fit(Outlined):
         with results.claim(Path(path), overwrite=overwrite, command="export", inputs=inputs) as target:
             with target.folder() as folder:
                 write_paper(
-                    fitfit_run_of(self),
+                    fit_run_of(self),
                     folder,
                     table=self.table,
                     posterior=self.posterior["posterior"].dataset,
                     rows=self.finished.recorded.rows,
+                    width_mm=width_mm,
+                    excel=excel,
                 )
             return target.path
 

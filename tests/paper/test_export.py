@@ -11,6 +11,7 @@ import docx
 import numpy as np
 import pandas as pd
 import pytest
+from PIL import Image
 
 import bayestissue as bt
 from bayestissue.finished import fit_run_of
@@ -126,13 +127,29 @@ def test_a_cell_is_what_it_is_whatever_it_looks_like(tmp_path: Path) -> None:
     assert read["number"].tolist() == [1.5, "−∞", "", 3]
 
 
-def test_in_python_it_is_a_method(folder: Path, tmp_path: Path) -> None:
-    out = bt.read_run(folder).export(tmp_path / "paper")
-    assert sorted(path.name for path in out.iterdir() if path.suffix != ".json") == [
-        "methods.docx",
-        "methods.md",
-        "tables.xlsx",
-    ]
+def test_figures_are_as_wide_as_a_column_and_have_their_rows(exported: Path) -> None:
+    figures = exported / "figures"
+    names = {path.stem for path in figures.iterdir()}
+    assert {"K-by-subject", "K-over-mass", "K-of-impacts", "recording"} <= names
+    for name in names:
+        svg = (figures / f"{name}.svg").read_text(encoding="utf-8")
+        width = float(re.search(r'width="([\d.]+)"', svg)[1])
+        # An inch has 96 pixels, and 300 dots.
+        assert width == pytest.approx(85 / 25.4 * 96, abs=0.01)
+        with Image.open(figures / f"{name}.png") as image:
+            assert image.width == pytest.approx(85 / 25.4 * 300, abs=1)
+        box = re.search(rb"/MediaBox ?\[0 0 ([\d.]+)", (figures / f"{name}.pdf").read_bytes())
+        assert float(box[1]) == pytest.approx(85 / 25.4 * 72, abs=0.1)
+        assert len(pd.read_csv(figures / f"{name}.csv"))
+        assert "NaN" not in svg
+
+
+def test_in_python_it_is_a_method_and_rows_suit_the_spreadsheet(folder: Path, tmp_path: Path) -> None:
+    out = bt.read_run(folder).export(tmp_path / "paper", width_mm=170, excel="comma")
+    assert {path.name for path in out.iterdir()} >= {"methods.docx", "methods.md", "tables.xlsx", "figures"}
+    rows = (out / "figures" / "K-over-mass.csv").read_text(encoding="utf-8-sig").splitlines()
+    assert ";" in rows[0]
+    assert "," in rows[1]
 
 
 def test_what_is_there_is_not_replaced(folder: Path, exported: Path) -> None:

@@ -2,27 +2,43 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
+import typer
+
 from bayestissue import runtime
-from bayestissue.commands.options import FinishedFit, Out, Overwrite, Quiet
+from bayestissue.commands.options import Excel, FinishedFit, Out, Overwrite, Quiet
 
 
 def run(
     run: FinishedFit,
     out: Out,
+    width: Annotated[
+        float,
+        typer.Option(
+            "--width",
+            metavar="MM",
+            min=40,
+            max=400,
+            help="Of a figure in print; a journal's column is about 85 mm wide, its page 170.",
+        ),
+    ] = 85.0,
+    excel: Excel = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
-    """A finished fit for a paper: methods and results as text, all tables in one workbook.
+    """A finished fit for a paper: methods and results as text, all tables in one workbook, figures.
 
     methods.md and methods.docx hold paragraphs with this run's numbers, settings, versions and references;
     read them before you use them, and say what the program can't know: who was measured, where and why.
     tables.xlsx has every table of the run, an impact a row, and people_wide, a row a person and a column a
-    side and condition, as SPSS, JASP and Excel want it; its sheet columns says what each means.
+    side and condition, as SPSS, JASP and Excel want it; its sheet columns says what each means. figures/ has
+    each figure as SVG, PDF and PNG, and the rows that it is drawn from as CSV.
     """
     runtime.configure()
     from bayestissue.commands.console import echo
     from bayestissue.finished import read_run
 
-    folder = read_run(run).export(out, overwrite=overwrite)
+    folder = read_run(run).export(out, width_mm=width, excel=excel, overwrite=overwrite)
     if not quiet:
-        echo(f"wrote methods.md, methods.docx and tables.xlsx to {folder}")
+        echo(f"wrote methods.md, methods.docx, tables.xlsx and figures/ to {folder}")

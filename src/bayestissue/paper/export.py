@@ -9,9 +9,12 @@ import pandas as pd
 import xarray as xr
 
 from bayestissue.paper.documents import write_markdown, write_word
+from bayestissue.paper.drawings import WIDTH_MM, write_figures
 from bayestissue.paper.text import text_of
 from bayestissue.paper.workbook import write_workbook
+from bayestissue.report.fit.figures import published
 from bayestissue.report.fit.run import FitRun
+from bayestissue.results import Excel
 
 
 def write_paper(
@@ -21,8 +24,10 @@ def write_paper(
     table: Callable[[str], pd.DataFrame],
     posterior: xr.Dataset,
     rows: pd.DataFrame,
+    width_mm: float = WIDTH_MM,
+    excel: Excel | None = None,
 ) -> None:
-    """Write ``methods.md``, ``methods.docx`` and ``tables.xlsx`` into ``folder``.
+    """Write ``methods.md``, ``methods.docx``, ``tables.xlsx`` and ``figures/`` into ``folder``.
 
     Args:
         run: a finished fit, whatever its diagnostics say: the text says it too.
@@ -30,8 +35,12 @@ def write_paper(
         table: a table of the fit by its name; a KeyError where there is none.
         posterior: the draws, with the dimensions ``chain`` and ``draw``.
         rows: what was recorded of each impact, in the order of ``posterior``.
+        width_mm: of a figure in print.
+        excel: how the figures' rows are written, as of `bayestissue.results.write_table`.
     """
     text = text_of(run)
     write_markdown(text, folder / "methods.md")
     write_word(text, folder / "methods.docx")
     write_workbook(folder / "tables.xlsx", table, posterior, rows, run.record["model"])
+    (folder / "figures").mkdir()
+    write_figures(published(run), folder / "figures", width_mm=width_mm, excel=excel)

@@ -1,0 +1,67 @@
+"""Figures as files for print, each with the rows that it is drawn from."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+from bayestissue.figures.theme import Figure
+from bayestissue.results import Excel, write_table
+
+# Of a journal's column.
+WIDTH_MM = 85.0
+_PIXELS_PER_INCH, _POINTS_PER_INCH, _DOTS_PER_INCH = 96, 72, 300
+# What labels and titles take of the width where panels stand one above the other.
+_BESIDE = 75
+_SIZE = re.compile(r'width="([\d.]+)" height="([\d.]+)"')
+
+
+def write_figures(
+    figures: Iterable[tuple[str, Callable[[], Figure]]],
+    folder: Path,
+    *,
+    width_mm: float = WIDTH_MM,
+    excel: Excel | None = None,
+) -> None:
+    """Write ``NAME.svg``, ``NAME.pdf``, ``NAME.png`` (300 dots an inch) and ``NAME.csv`` of each figure.
+
+    Args:
+        figures: a name fit for a file, and what makes the figure.
+        folder: that exists.
+        width_mm: of each figure, in print.
+        excel: how the rows are written, as of `bayestissue.results.write_table`.
+    """
+    import vl_convert
+
+    in_print = _POINTS_PER_INCH / _PIXELS_PER_INCH
+    for name, make in figures:
+        figure = make()
+        svg = _drawn(figure, width_mm / 25.4 * _PIXELS_PER_INCH)
+        (folder / f"{name}.svg").write_text(svg, encoding="utf-8")
+        # A unit of the drawing is a point of the page there, and not a pixel.
+        points = _SIZE.sub(lambda size: _size(size, in_print), svg, count=1)
+        (folder / f"{name}.pdf").write_bytes(vl_convert.svg_to_pdf(points))
+        (folder / f"{name}.png").write_bytes(vl_convert.svg_to_png(svg, scale=in_print, ppi=_DOTS_PER_INCH))
+        write_table(figure.data, folder / f"{name}.csv", excel)
+
+
+def _drawn(figure: Figure, pixels: float) -> str:
+    """The figure as SVG, so wide with titles and labels."""
+    import vl_convert
+
+    chart = figure.specification()
+    # A legend of three columns is wider than a journal's.
+    chart["config"] = chart["config"] | {"legend": chart["config"]["legend"] | {"columns": 2}}
+    if "vconcat" in chart:
+        chart["vconcat"] = [panel | {"width": pixels - _BESIDE} for panel in chart["vconcat"]]
+    else:
+        chart |= {"width": pixels, "autosize": {"type": "fit-x", "contains": "padding"}}
+    svg = vl_convert.vegalite_to_svg(chart)
+    # Where a legend makes it wider all the same, it is drawn so much smaller.
+    return _SIZE.sub(lambda size: _size(size, pixels / float(size.group(1))), svg, count=1)
+
+
+def _size(size: re.Match[str], factor: float) -> str:
+    width, height = (factor * float(length) for length in size.groups())
+    return f'width="{width:.2f}" height="{height:.2f}"'
