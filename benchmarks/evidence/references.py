@@ -124,6 +124,18 @@ def _points() -> pd.DataFrame:
     return _table(rows)
 
 
+def _plan() -> pd.DataFrame:
+    """Shares of a hundred studies of two small designs that answer, and that mislead."""
+    import bayestissue as bt
+
+    plan = bt.plan(people=[4, 12], masses_kg=[[0.4, 0.7, 1.2]], ask="mass_exponent_K < 0.5", studies=100)
+    return _table(
+        (f"{row['people']} people {name}", row[name], 1.0, np.nan)
+        for row in plan.designs.to_dict("records")
+        for name in ("answered", "misleads", "undecided_bits")
+    )
+
+
 def _table(rows: Iterable[tuple[str, float, float, float]]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["quantity", "value", "scale", "mcse"])
 
@@ -132,6 +144,7 @@ SETS: dict[str, Callable[[], pd.DataFrame]] = {
     "points": _points,
     "impact": lambda: _fits("impact"),
     "arma": lambda: _fits("arma"),
+    "plan": _plan,
     "a2": lambda: _fits("a2", campaigns=1),
     **{
         name: lambda name=name: _fits(name, name, campaigns=1)  # type: ignore[misc]
