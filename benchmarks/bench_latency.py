@@ -3,8 +3,8 @@
     .venv/bin/python benchmarks/bench_latency.py
 
 Simulated drops are written into a folder one after the other, each once the one before has its verdict; a
-watch follows it as the command does, looking every 0.4 s. The seconds are those from the end of writing to the
-line that is said, medians over the 21 drops about the number. They include waiting for a look and for the
+watch follows it as the command does, looking every 0.4 s. The seconds are those from the end of writing to
+the line that is said, medians over the 21 drops about the number. They include waiting for a look and for the
 next, which shows that the file stands still; `work_s` is what the verdict takes by itself.
 """
 
@@ -17,11 +17,9 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from evidence import recorded
 
 from bayestissue import runtime
 
-TABLE = Path(__file__).with_suffix(".csv")
 AT, ABOUT, POLL_S = (10, 500), 10, 0.4
 PEOPLE, MASSES = 25, (0.5, 0.8, 1.1, 1.4)
 CAMPAIGN = """
@@ -119,24 +117,22 @@ def measured() -> pd.DataFrame:
 
 
 def main() -> None:
-    """Measure, and write what is about each number."""
+    """Measure, and print what is about each number."""
     runtime.keep_compiled()
     runtime.configure()
-    with recorded("bench_latency"):
-        rows = measured()
-        table = pd.DataFrame(
-            {
-                "at": at,
-                "drops": len(about),
-                "median_s": round(about["s"].median(), 2),
-                "longest_s": round(about["s"].max(), 2),
-                "median_work_s": round(about["work_s"].median(), 2),
-            }
-            for at in AT
-            if len(about := rows[(rows["impact"] - at).abs() <= ABOUT])
-        )
-        print(table.to_string(index=False))
-        table.to_csv(TABLE, index=False)
+    rows = measured()
+    table = pd.DataFrame(
+        {
+            "at": at,
+            "drops": len(about),
+            "median_s": round(about["s"].median(), 2),
+            "longest_s": round(about["s"].max(), 2),
+            "median_work_s": round(about["work_s"].median(), 2),
+        }
+        for at in AT
+        if len(about := rows[(rows["impact"] - at).abs() <= ABOUT])
+    )
+    print(table.to_string(index=False))
 
 
 if __name__ == "__main__":

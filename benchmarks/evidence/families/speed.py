@@ -71,14 +71,6 @@ def fit_time() -> Named:
 
 
 @family
-def bench_latency() -> Named:
-    rows = read("bench_latency.csv").set_index("at")
-    for at, row in rows.iterrows():
-        yield f"at_{at}", Figure(f"{row['median_s']:.1f} s", names("bench_latency"))
-        yield f"work_{at}", Figure(f"{row['median_work_s']:.1f} s", names("bench_latency"))
-
-
-@family
 def reproduce_time() -> Named:
     rows = read("reproduce_time.csv").set_index("run")
     for run in ("first", "again"):

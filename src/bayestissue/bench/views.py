@@ -109,6 +109,8 @@ class DatasetView:
         self._changed, self._lock = dict.fromkeys(self._rows.index, 1), threading.Lock()
         # Of each decision of this page, the impact and the reason before it.
         self._before: list[tuple[str, str]] = []
+        # What one impact needs is compiled before a page asks for it.
+        self.drop(self._rows.index[0])
 
     def state(self, since: int) -> dict[str, Any]:
         """All that is general, and the impacts that changed after a version."""

@@ -52,11 +52,12 @@ function show(state) {
   wanted = state.wanted;
   document.title = state.name;
   $("name").textContent = state.name;
-  $("where").textContent = state.watching ? `${state.watching} → ${state.dataset}, ${state.used} drops in use` : `${state.dataset}, ${state.used} drops in use`;
+  $("where").textContent = state.watching ? `${state.watching} → ${state.dataset}, ${state.used} drops in use` : `${state.dataset}, ${state.used} impacts in use`;
   for (const line of state.lines) $("log").prepend(element("li", line));
   while ($("log").children.length > MOST_LINES) $("log").lastChild.remove();
   $("now").hidden = !state.watching;
   $("back-words").textContent = state.back;
+  $("order").textContent = state.watching ? "Newest first." : "";
   $("progress").textContent = state.planned ? `${state.left} drops left${state.left ? `; next: ${facts(state.next)}` : ""}` : "";
   fields(state.chosen);
   people(state.people);
@@ -133,6 +134,9 @@ async function choose(impact, follow) {
   $("leave-out").hidden = Boolean(drop.left_out);
   $("use").hidden = !drop.left_out;
   $("reason").value = drop.left_out || "";
+  numbers(drop, {});
+  $("trace").replaceChildren();
+  $("trace-words").textContent = "…";
   let one;
   try { one = await get(`drop?impact=${encodeURIComponent(impact)}`); } catch { return; }
   if (chosen !== impact) return;
