@@ -16,7 +16,7 @@ from urllib.request import urlopen
 from websocket import create_connection
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-_SECONDS = 30
+_SECONDS = 120
 
 
 class Browser:

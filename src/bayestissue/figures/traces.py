@@ -50,7 +50,7 @@ def recording(rows: pd.DataFrame, what: str, unit: str, words: str) -> Figure:
             shape: str, kind: str, low: str, high: str | None = None, **properties: Any
         ) -> Specification:
             ends = {"y": low} | ({"y2": high} if high else {})
-            encoding = {
+            encoding: Specification = {
                 "x": x,
                 "y": number("y", axis, scale={"zero": False}),
                 "y2": {"field": "y2"} if high else None,
@@ -105,7 +105,7 @@ def sorted_p(sets: Mapping[str, np.ndarray], structured: float, words: str) -> F
     y = number("p", title, scale={"type": "log", "nice": False}, axis={"tickCount": 6, "format": "~g"})
     ends = pd.DataFrame({"expected": [1e-3, 1.0], "p": [1e-3, 1.0]})
     shape = name("kind", scale={"domain": list(sets), "range": ["circle", "triangle-up"]})
-    points = {"x": x, "y": y, "color": colours(sets), "shape": shape}
+    points: Specification = {"x": x, "y": y, "color": colours(sets), "shape": shape}
     points["tooltip"] = tooltips(rows, kind="test", p="p", expected="expected")
     layers = [
         mark("line", ends, {"x": x, "y": y}, strokeDash=DASHED, color=INK),

@@ -280,7 +280,7 @@ def carry_out(
             name: _of_case(
                 case,
                 case.design.minutes(study.plan.cost),
-                *ledger.assess([case], study.goals, fewer),
+                ledger.assess([case], study.goals, fewer)[0],
                 base,
             )
             for name, case in named.items()

@@ -208,8 +208,8 @@ def mass(run: FitRun, quantity: str = "K", *, thesis: bool = False) -> Figure:
         curve = curve.assign(eti90_low=low, median=median, eti90_high=high)
     log_mass = np.log(masses)
     trial = run.constant("impact_trial").astype(str)
-    at = np.exp(pd.Series(log_mass).groupby(trial).mean()).reindex(run.labels("trial"))
-    conditions = quantiles(run.draws(f"{quantity}_trial"), run.labels("trial")).assign(mass_kg=at.to_numpy())
+    at = np.exp(pd.Series(log_mass).groupby(trial).mean().reindex(run.labels("trial")))
+    conditions = quantiles(run.draws(f"{quantity}_trial"), run.labels("trial")).assign(mass_kg=np.asarray(at))
     dds = run.estimates_dds[["impact", "mass_kg", COLUMNS[quantity]]].rename(
         columns={COLUMNS[quantity]: "value"}
     )
