@@ -180,7 +180,7 @@ def test_adcock_precision(people: int, expected: float) -> None:
         sites = PlannedSites(
             arrangement.model,
             arrangement.columns,
-            drawn.precision,
+            arrangement.precision,
             drawn.centre,
             np.ones(drawn.centre.shape[:2], bool),
         )

@@ -132,7 +132,7 @@ class DatasetView:
         }
 
     def _drop(self, impact: str, left_out: str) -> dict[str, Any]:
-        row = self._rows.iloc[self._rows.index.get_loc(impact)]
+        row = self._rows.loc[[impact]].iloc[0]
         said = verdict(flag for flag in row["flags"].split("; ") if flag)
         shown = {"impact": impact, "kind": said.kind, "reason": said.reason, "left_out": left_out}
         return shown | numbers_of(row)

@@ -209,7 +209,7 @@ class Planner:
     ) -> tuple[list[Assessment], Float[np.ndarray, "study coordinate"]]:
         model = arrangement.model
         present = np.broadcast_to(arrangement.present[position], studies.centre.shape[:2])
-        sites = PlannedSites(model, arrangement.columns, studies.precision, studies.centre, present)
+        sites = PlannedSites(model, arrangement.columns, arrangement.precision, studies.centre, present)
         drawn = posteriors(sites, start)
         asked = _Asked(arrangement, position, self.information)
         posterior = asked.dataset(drawn.hyperparameters, drawn.b, nodes)

@@ -7,9 +7,7 @@ as the noise or an element's further parameters, is integrated out under its own
     P = P_uu - P_un (P_nn + D_n)^-1 P_nu,
 
 and planned impacts take these precisions in turn. Whether a Gaussian can stand for the traces at all shows in
-how far the sites' centres are from the truth: the mean of (m - u)' P (m - u) / 2 is 1 if it can. Where it
-can't, more impacts are simulated, each one's site is the parabola nearest to its likelihood over the
-population, as in a fit, and a planned impact takes precision and error of one of them, together.
+how far the sites' centres are from the truth: the mean of (m - u)' P (m - u) / 2 is 1 if it can.
 """
 
 from __future__ import annotations
@@ -17,11 +15,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from bayestissue.dataset.settings import Gravity, RecorderSettings
 from bayestissue.elements import element
@@ -31,17 +29,13 @@ from bayestissue.hierarchy.trace_data import prepare
 from bayestissue.hierarchy.traces import with_normal_errors
 from bayestissue.inference.execution.chunks import map_impacts
 from bayestissue.inference.factors.conditional import ConditionalPrior
-from bayestissue.inference.factors.sites import laplace_sites, regression_sites
+from bayestissue.inference.factors.sites import laplace_sites
 from bayestissue.inference.posterior.approximate import first_guess
 from bayestissue.simulation.campaign import simulate
 from bayestissue.simulation.specification import Condition, Design, Recording, Simulation, Tissue
 
-# So many people are simulated in each condition, and so many where no Gaussian stands for their traces; these
-# have their sites by points of so many draws, twice.
-PEOPLE, MORE_PEOPLE = 12, 60
-_DRAWS, _PASSES = 64, 2
-# By so much the log noise of impacts differs at most, once a fit has seen many of one recorder.
-_LEARNT = 0.1
+# So many people are simulated in each condition.
+PEOPLE = 12
 # Sites' centres that are so much farther from the truth than they say, or nearer.
 _CALIBRATED = 0.4, 1.7
 _CONDITION = ("mass_kg", "velocity_m_s", "diameter_m")
@@ -64,18 +58,6 @@ class TypicalTissue:
     reference_mass_kg: float
 
 
-class SimulatedTraces(NamedTuple):
-    """Sites of simulated traces, any of which a planned impact may have.
-
-    Attributes:
-        precision: of each site.
-        error: of the same, its centre less the truth.
-    """
-
-    precision: Float[np.ndarray, "impact trace 2 2"]
-    error: Float[np.ndarray, "impact trace 2"]
-
-
 @dataclass(frozen=True, eq=False)
 class Information:
     """Precisions of log K and log C from one trace.
@@ -84,13 +66,11 @@ class Information:
         conditions: ``mass_kg``, ``velocity_m_s`` and, where it counts, ``diameter_m``.
         precision: of some people in each condition.
         calibration: mean of (m - u)' P (m - u) / 2 over all of them.
-        error: where no Gaussian stands for the traces, how far each site is from the truth.
     """
 
     conditions: pd.DataFrame
     precision: Float[np.ndarray, "condition person 2 2"]
     calibration: float
-    error: Float[np.ndarray, "condition person 2"] | None = None
 
     @property
     def is_gaussian(self) -> bool:
@@ -106,20 +86,11 @@ class Information:
 
     def of_rows(self, rows: pd.DataFrame) -> Float[np.ndarray, "impact 2 2"]:
         """The precision of each planned impact."""
-        person = pd.factorize(rows["subject"])[0] + rows.groupby("subject").cumcount().to_numpy()
-        return self.precision[self._conditions_of(rows), person % self.precision.shape[1]]
-
-    def traces_of(self, rows: pd.DataFrame) -> SimulatedTraces | None:
-        """The traces that each planned impact may have; None where each has a Gaussian error."""
-        if self.error is None:
-            return None
-        condition = self._conditions_of(rows)
-        return SimulatedTraces(self.precision[condition], self.error[condition])
-
-    def _conditions_of(self, rows: pd.DataFrame) -> Int[np.ndarray, " impact"]:
         columns = list(self.conditions)
         numbered = self.conditions.assign(_condition=np.arange(len(self.conditions)))
-        return rows[columns].merge(numbered, on=columns, how="left")["_condition"].to_numpy()
+        condition = rows[columns].merge(numbered, on=columns, how="left")["_condition"].to_numpy()
+        person = pd.factorize(rows["subject"])[0] + rows.groupby("subject").cumcount().to_numpy()
+        return self.precision[condition, person % self.precision.shape[1]]
 
 
 def information(
@@ -144,39 +115,15 @@ def information(
     """
     columns = [name for name in _CONDITION if name in rows]
     conditions = rows[columns].drop_duplicates(ignore_index=True)
-
-    def of_people(people: int, *, regressed: bool = False) -> tuple[np.ndarray, np.ndarray]:
-        planned = _simulation_of(conditions, specification, tissue, simulation, people)
-        error, precision = _sites(planned, specification, tissue, seed, regressed=regressed)
-        shape = len(conditions), people
-        return error.reshape(*shape, 2), precision.reshape(*shape, 2, 2)
-
-    error, precision = of_people(PEOPLE)
-    calibration = float(np.einsum("cpa,cpab,cpb->cp", error, precision, error).mean() / 2)
-    known = Information(conditions, precision, calibration)
-    if known.is_gaussian:
-        return known
-    error, precision = of_people(MORE_PEOPLE, regressed=True)
-    return Information(conditions, precision, calibration, error)
-
-
-def _simulation_of(
-    conditions: pd.DataFrame,
-    specification: ModelSpecification,
-    tissue: TypicalTissue,
-    simulation: Simulation,
-    people: int,
-) -> Simulation:
-    """So many people, each in every condition."""
     further = element(specification.element).extra
-    return simulation.model_copy(
+    planned = simulation.model_copy(
         update={
             "design": Design(
                 conditions=tuple(
                     Condition(trial=f"t{number}", **{str(name): value for name, value in row.items()})
                     for number, row in enumerate(conditions.to_dict("records"))
                 ),
-                subjects=people,
+                subjects=PEOPLE,
             ),
             "tissue": Tissue(
                 K_N_per_m=float(np.exp(tissue.mean[0])),
@@ -193,26 +140,6 @@ def _simulation_of(
             "recording": simulation.recording.model_copy(update={"relative_mass_sd": 0.0}),
         }
     )
-
-
-def _sites(
-    planned: Simulation,
-    specification: ModelSpecification,
-    tissue: TypicalTissue,
-    seed: int,
-    *,
-    regressed: bool,
-) -> tuple[Float[np.ndarray, "impact 2"], Float[np.ndarray, "impact 2 2"]]:
-    """Of simulated traces, how far their sites are from the truth, and the sites' precision.
-
-    Args:
-        planned: what is simulated.
-        specification: the analysis.
-        tissue: of the people that are simulated.
-        seed: of the simulation.
-        regressed: whether sites are parabolas nearest to the likelihood over all the population, and not its
-            expansion about its maximum.
-    """
     campaign = simulate(planned, seed)
     alone = specification.model_copy(
         update={"formula": Formulas(K="1", C="1"), "discrepancy": "none", "mass_error": "impact"}
@@ -221,25 +148,18 @@ def _sites(
     truth = np.log(campaign.truth[["K_N_per_m", "C_N_s_per_m"]].to_numpy())
     start = first_guess(prepared)
     start[:, :2] = truth
-    spread = spreads_of_nuisance(specification, prepared.model.nuisance)
-    if regressed:
-        # A few samples may be met so well that noise vanishes: not in a fit, which knows it of the others.
-        start[:, 2:] = np.median(start[:, 2:], axis=0)
-        spread[0] = min(spread[0], _LEARNT)
     nuisance = start[:, 2:]
+    spread = spreads_of_nuisance(specification, prepared.model.nuisance)
     sd = np.concatenate([np.maximum(tissue.sd, 1e-3), spread])
     log_mass = np.log(prepared.signal.mass / tissue.reference_mass_kg)
     mean = np.concatenate([np.array(tissue.mean) + np.outer(log_mass, tissue.exponent), nuisance], axis=1)
     prior = ConditionalPrior(mean, np.diag(sd**-2.0)).of_each()
     smooth = with_normal_errors(prepared.data)
     sites = map_impacts(partial(laplace_sites, prepared.model), smooth, start, prior)
-    if regressed:
-        priors = ConditionalPrior(*(np.broadcast_to(part, (_DRAWS, *part.shape)) for part in prior))
-        random = np.random.default_rng(seed)
-        for _ in range(_PASSES):
-            sites = regression_sites(prepared.model, prepared.data, sites, priors, random)
     centre, precision = without_nuisance(sites, spread)
-    return centre - truth, precision
+    deviation = centre - truth
+    calibration = float(np.einsum("ia,iab,ib->i", deviation, precision, deviation).mean() / 2)
+    return Information(conditions, precision.reshape(len(conditions), PEOPLE, 2, 2), calibration)
 
 
 def without_nuisance(

@@ -268,23 +268,15 @@ def carry_out(
         chosen = max(range(len(found)), key=lambda n: (_short_of(found[n], aim.assurance), -minutes[n]))
     variants, limits = _variants(cases[chosen], reaches=bool(reaching)), _limits(cases[chosen])
     fewer = min(aim.studies, _FEWER_STUDIES)
-    beside = [*variants.values(), *limits.values()]
-    large = [case for case in beside if case is variants.get("many people")]
-    # By itself: designs that are assessed together cost as much as the largest of them.
-    for together in ([case for case in beside if case not in large], large):
-        ledger.assess(together, study.goals, fewer)
+    normal = bool(ledger.table()["normal"].all())
+    # Not many people too: designs that are assessed together cost as much as the largest of them.
+    together = [case for name, case in variants.items() if name != "many people"]
+    ledger.assess([*together, *limits.values()], study.goals, fewer)
     (base,) = ledger.assess([cases[chosen]], study.goals, fewer)
 
-    def numbers(named: Mapping[str, Case]) -> dict[str, Any]:
-        return {
-            name: _of_case(
-                case,
-                case.design.minutes(study.plan.cost),
-                ledger.assess([case], study.goals, fewer)[0],
-                base,
-            )
-            for name, case in named.items()
-        }
+    def numbers(case: Case) -> dict[str, Any]:
+        (assessed,) = ledger.assess([case], study.goals, fewer)
+        return _of_case(case, case.design.minutes(study.plan.cost), assessed, base)
 
     content: dict[str, Any] = {
         "program": "bayestissue",
@@ -301,12 +293,12 @@ def carry_out(
             {"design": number + 1, **_of_case(case, minutes[number], found[number])}
             for number, case in enumerate(cases)
         ],
-        "normal_traces": bool(ledger.table()["normal"].all()),
+        "normal_traces": normal,
         "chosen": chosen + 1,
         "reaches": bool(reaching),
         "looks": {} if study.running else _looks(cases, found, chosen),
-        "variants": numbers(variants),
-        "limits": {key: {"words": limit_words(key), **limit} for key, limit in numbers(limits).items()},
+        "variants": {name: numbers(case) for name, case in variants.items()},
+        "limits": {key: {"words": limit_words(key), **numbers(case)} for key, case in limits.items()},
     }
     # Of all that was assumed and found; what follows is the same in words.
     content["sha256"] = _hash(content)

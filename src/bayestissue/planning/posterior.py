@@ -76,7 +76,7 @@ class PlannedSites:
 
     model: PlannedModel
     columns: PopulationDesign
-    precision: Float[np.ndarray, "study impact 2 2"]
+    precision: Float[np.ndarray, "impact 2 2"]
     centre: Float[np.ndarray, "study impact 2"]
     present: Bool[np.ndarray, "study impact"]
 
@@ -97,10 +97,9 @@ def posteriors(sites: PlannedSites, start: Float[np.ndarray, "study coordinate"]
     standard = ndtri(_sobol(effects, points * repeats))
     outcome = _integrated(
         sites.model,
-        (columns, sites.model.locations.mean),
+        (columns, sites.model.locations.mean, sites.precision),
         (
             sites.centre,
-            sites.precision,
             sites.present,
             # Without coordinates there is a number that nothing asks for: no batch is of nothing.
             np.clip(start, -_FARTHEST, _FARTHEST) if size else np.zeros(studies),
@@ -137,15 +136,15 @@ def _sobol(size: int, number: int) -> Float[np.ndarray, "point coordinate"]:
 @partial(jax.jit, static_argnums=0)
 def _integrated(
     model: PlannedModel,
-    population: tuple[PopulationDesign, Array],
-    studies: tuple[Array, Array, Array, Array, Array, Array],
+    population: tuple[PopulationDesign, Array, Array],
+    studies: tuple[Array, Array, Array, Array, Array],
     standard: Float[Array, "point effect location"],
 ) -> tuple[Array, dict[str, Array], Array, Array]:
     """Of each study: log weights of the points, the hyperparameters, draws of b, and the mode."""
-    (columns, mean), size = population, studies[4].shape[-1]
+    (columns, mean, precision), size = population, studies[3].shape[-1]
 
     def of_study(study: tuple[Array, ...]) -> tuple[Array, dict[str, Array], Array, Array]:
-        centre, precision, present, start, points, sign = study
+        centre, present, start, points, sign = study
         there = present[:, None, None] * precision
         sites = GaussianFactor(centre, jnp.zeros_like(centre), there, jnp.zeros(len(centre)))
         data = Data(columns, mean, columns.blocked(sites))

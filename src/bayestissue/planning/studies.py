@@ -2,8 +2,8 @@
 
 Designs that share their conditions are rows of one arrangement, the largest: a smaller one lacks some of its
 impacts. Study number s has then the same people, the same truth and the same errors in all of them, and what
-is compiled for one serves all. An impact's site has its centre at u plus an error N(0, P^-1), or, where no
-Gaussian serves, that of a trace which was simulated beforehand: none is simulated for a study.
+is compiled for one serves all. An impact's site has its centre at u plus an error N(0, P^-1): no trace is
+simulated.
 """
 
 from __future__ import annotations
@@ -15,12 +15,11 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float
-from scipy.special import ndtr
 
 from bayestissue.hierarchy.design import Design, build_design
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expected
 from bayestissue.hierarchy.specification import ModelSpecification
-from bayestissue.planning.information import Information, SimulatedTraces
+from bayestissue.planning.information import Information
 from bayestissue.planning.model import PlannedModel, planned_model
 from bayestissue.planning.population import BLOCK, Streams, Truths
 from bayestissue.planning.running import Running
@@ -41,7 +40,6 @@ class Arrangement:
         columns: X, arranged.
         precision: of log K and log C of each impact, from its trace.
         recorded: of the impacts that a running study has, the first ones, the centres of their sites.
-        traces: simulated ones that impacts have, where these have no Gaussian errors.
     """
 
     numbers: tuple[int, ...]
@@ -52,7 +50,6 @@ class Arrangement:
     columns: PopulationDesign
     precision: Float[np.ndarray, "impact 2 2"]
     recorded: Float[np.ndarray, "recorded 2"]
-    traces: SimulatedTraces | None = None
 
     def with_traces(self, information: Information, running: Running | None = None) -> Arrangement:
         """The same with what traces tell.
@@ -61,11 +58,11 @@ class Arrangement:
             information: by condition.
             running: the study that all designs go on from; its impacts are the first rows.
         """
-        precision, traces = information.of_rows(self.rows), information.traces_of(self.rows)
+        precision = information.of_rows(self.rows)
         if running is None:
-            return replace(self, precision=precision, traces=traces)
+            return replace(self, precision=precision)
         precision[: len(running.centre)] = running.precision
-        return replace(self, precision=precision, recorded=running.centre, traces=traces)
+        return replace(self, precision=precision, recorded=running.centre)
 
 
 def arrangements(
@@ -119,13 +116,11 @@ class Studies:
         truths: hyperparameters and fixed effects of each.
         b: all fixed and group effects.
         centre: of each impact's site.
-        precision: of the same.
     """
 
     truths: Truths
     b: Float[np.ndarray, "study location"]
     centre: Float[np.ndarray, "study impact 2"]
-    precision: Float[np.ndarray, "study impact 2 2"]
 
 
 def draw_studies(arrangement: Arrangement, truths: Truths, streams: Streams) -> Studies:
@@ -160,23 +155,10 @@ def draw_studies(arrangement: Arrangement, truths: Truths, streams: Streams) -> 
     # A mass that is recorded too high makes K and C look smaller alike: of each impact, or of a person.
     code = np.arange(impacts) if model.mass_error == "impact" else arrangement.design.subject
     of_mass = model.log_mass_sd * streams.normal("mass", impacts)[:, code]
-    measured, precision = _measured(arrangement, streams)
+    # Of P = L L' an error L'^-1 z has the covariance P^-1.
+    root = np.linalg.cholesky(arrangement.precision)
+    errors = streams.normal("errors", 2 * impacts).reshape(BLOCK, impacts, 2)
+    measured = np.linalg.solve(np.swapaxes(root, -1, -2), errors[..., None])[..., 0]
     centre = means + scatter - of_mass[..., None] + measured
     centre[:, : len(arrangement.recorded)] = arrangement.recorded
-    return Studies(truths, b, centre, precision)
-
-
-def _measured(
-    arrangement: Arrangement, streams: Streams
-) -> tuple[Float[np.ndarray, "study impact 2"], Float[np.ndarray, "study impact 2 2"]]:
-    """How far each site is from the impact's truth, and its precision."""
-    impacts, traces = len(arrangement.rows), arrangement.traces
-    precision = np.broadcast_to(arrangement.precision, (BLOCK, impacts, 2, 2))
-    if traces is None:
-        # Of P = L L' an error L'^-1 z has the covariance P^-1.
-        root = np.linalg.cholesky(arrangement.precision)
-        errors = streams.normal("errors", 2 * impacts).reshape(BLOCK, impacts, 2)
-        return np.linalg.solve(np.swapaxes(root, -1, -2), errors[..., None])[..., 0], precision
-    every = np.arange(impacts), (ndtr(streams.normal("traces", impacts)) * traces.error.shape[1]).astype(int)
-    recorded = np.arange(impacts)[:, None, None] < len(arrangement.recorded)
-    return traces.error[every], np.where(recorded, precision, traces.precision[every])
+    return Studies(truths, b, centre)

@@ -121,7 +121,7 @@ def warning(content: Content) -> str:
     """What speaks against the numbers of a plan; empty if nothing."""
     if content["normal_traces"]:
         return ""
-    words = "Traces are no normal densities of log K and log C here: planned impacts have simulated ones"
+    words = "Traces are no normal densities of log K and log C here: shares and widths may be off"
     return Coded(words, "traces-not-normal")
 
 

@@ -84,7 +84,6 @@ def page_of(content: Mapping[str, Any], designs: pd.DataFrame, record: Mapping[s
         gain_words=_gain_words(content),
         limits=content["limiting"],
         limit_studies=next(iter(content["limits"]["people"]["goals"].values()))["studies"],
-        normal_traces=content["normal_traces"],
         power=power_table(content) if "one truth" in content["variants"] else None,
         looks=[(_name(name), looks_table(rows)) for name, rows in content["looks"].items()],
         formulas=_formulas(content),
