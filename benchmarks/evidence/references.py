@@ -116,7 +116,7 @@ def _points() -> pd.DataFrame:
     rows: list[tuple[str, float, float, float]] = []
     for element in TISSUES:
         table = bt.estimate(_campaign(element, 1))
-        numbers = [name for name in table if name.startswith(("K_", "C_", "omega_n", "zeta"))]
+        numbers = [name for name in table if name.startswith(("K_", "C_"))]
         for row in table.to_dict("records"):
             name = f"{element} {row['impact']}"
             rows.append((f"{name} flags", float(len(str(row["flags"]))), 1.0, np.nan))

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from recorder import CAMPAIGN
+from written_drops import CAMPAIGN
 
 from bayestissue.bench.campaign import read_campaign
 from bayestissue.bench.drops import Drops

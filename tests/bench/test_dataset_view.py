@@ -6,7 +6,7 @@ import hashlib
 from pathlib import Path
 
 import pytest
-from recorder import PATTERN, VELOCITY, drop, plan_of_drops, write
+from written_drops import PATTERN, VELOCITY, drop, plan_of_drops, write
 
 import bayestissue as bt
 from bayestissue.bench.views import DatasetView

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from recorder import PATTERN, VELOCITY, drop, plan_of_drops, write
+from written_drops import PATTERN, VELOCITY, drop, plan_of_drops, write
 
 import bayestissue as bt
 from bayestissue.checking import check

@@ -16,7 +16,7 @@ from urllib.parse import quote
 
 import pytest
 import uvicorn
-from recorder import drop, plan_of_drops, write
+from written_drops import drop, plan_of_drops, write
 
 from bayestissue.bench.server import HOST, application
 from bayestissue.bench.views import WatchView, one_line
