@@ -39,6 +39,8 @@ def state_of(piece: Piece) -> State:
         return State("stale", f"measured by another command: {about['command']}")
     if moved := about["changed_meanwhile"]:
         return State("stale", f"the program changed while it ran: {', '.join(moved)}")
+    if piece.references and "references" not in about:
+        return State("stale", "measured before reference results were kept")
     if moved := changed(about.get("references", {}), references_of(piece)):
         return State("stale", f"numbers changed since: {', '.join(moved)}")
     if moved := changed(about["parts"], of_parts(ROOT, piece.parts())):
