@@ -33,9 +33,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from coverage_elements import TISSUE
 from coverage_fit import MEASURING_CHAIN, Fits
 from evidence import recorded
+from evidence.references import TISSUES
 
 from bayestissue import runtime
 from bayestissue.elements import element
@@ -75,7 +75,7 @@ def campaign(case: str, number: int) -> Simulation:
             "name": "common depth",
             "seed": 1000 * list(CASES).index(case) + number,
             "design": {"subjects": 2, "conditions": conditions},
-            "tissue": typical | effects | TISSUE[tissue],
+            "tissue": typical | effects | TISSUES[tissue],
             "recording": {
                 "sampling_rate_hz": 2500.0,
                 "before_contact_s": 0.005,

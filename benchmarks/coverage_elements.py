@@ -21,6 +21,7 @@ import numpy as np
 import pandas as pd
 from coverage_fit import LEVELS, Fits, campaign, kept_with, summarised
 from evidence import recorded
+from evidence.references import TISSUES
 
 from bayestissue import runtime
 from bayestissue.elements import element, element_names
@@ -32,14 +33,6 @@ CAMPAIGNS = 50
 ROOT = Path(__file__).parents[1]
 TABLE = ROOT / "benchmarks" / "coverage_elements.csv"
 FILES = {"kelvin_voigt": "impact"}
-TISSUE: dict[str, dict[str, Any]] = {
-    "kelvin_voigt": {},
-    "maxwell": {"C_N_s_per_m": 120.0},
-    "standard_linear": {"K_N_per_m": 2000.0, "C_N_s_per_m": 30.0, "parameters": {"arm_ratio": 2.0}},
-    "stiffening": {"K_N_per_m": 2000.0, "parameters": {"stiffening_depth_m": 0.02}},
-    "hunt_crossley": {"C_N_s_per_m": 60.0},
-    "wall": {"K_N_per_m": 2000.0, "parameters": {"thickness_m": 0.04}},
-}
 
 
 def campaign_of(name: str, seed: int) -> Simulation:
@@ -47,7 +40,7 @@ def campaign_of(name: str, seed: int) -> Simulation:
     made = campaign(seed).model_dump(mode="json")
     exponents = np.random.default_rng([seed, 8]).normal(0.5, 0.3, 2)
     made["tissue"] |= {"mass_exponent_K": exponents[0], "mass_exponent_C": exponents[1]}
-    made["tissue"] |= {"sd_trial_K": 0.05, "sd_trial_C": 0.05, "element": name, **TISSUE[name]}
+    made["tissue"] |= {"sd_trial_K": 0.05, "sd_trial_C": 0.05, "element": name, **TISSUES[name]}
     if element(name).extra:
         made["tissue"]["sd_impact_parameters"] = 0.05
     return Simulation.model_validate(made)

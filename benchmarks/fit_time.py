@@ -28,9 +28,10 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-from coverage_elements import FILES, ROOT, TISSUE
+from coverage_elements import FILES, ROOT
 from coverage_fit import kept_with
 from evidence import recorded
+from evidence.references import TISSUES as OF_ELEMENTS
 
 from bayestissue.elements import element, element_names
 from bayestissue.simulation import Simulation, simulate, write_campaign
@@ -46,7 +47,7 @@ def campaign_of(name: str | None, **changed: Any) -> Simulation:
     """The example campaign on a tissue of this element, its own unless given."""
     made = tomllib.loads((EXAMPLE / "spec.toml").read_text(encoding="utf-8")) | changed
     if name is not None:
-        made["tissue"] |= {"element": name, **TISSUE[name]}
+        made["tissue"] |= {"element": name, **OF_ELEMENTS[name]}
         if element(name).extra:
             made["tissue"]["sd_impact_parameters"] = 0.05
     return Simulation.model_validate(made)

@@ -20,6 +20,7 @@ from bayestissue.hierarchy.specification import ModelSpecification, specificatio
 from bayestissue.inference.answers.finished import GROUPS, Finished
 from bayestissue.inference.samplers.diagnostics import verdict_in_words
 from bayestissue.outline import Outlined, Rows, short, span
+from bayestissue.paper import WIDTH_MM
 from bayestissue.report.run_folder import not_a_fit, open_tree, read_about, read_json, require_files
 from bayestissue.results.tables import table_of_rows
 
@@ -248,7 +249,7 @@ class Fit(Outlined):
         self,
         path: str | Path,
         *,
-        width_mm: float = 85.0,
+        width_mm: float = WIDTH_MM,
         excel: results.Excel | None = None,
         overwrite: bool = False,
     ) -> Path:

@@ -8,6 +8,7 @@ import typer
 
 from bayestissue import runtime
 from bayestissue.commands.options import Excel, FinishedFit, Out, Overwrite, Quiet
+from bayestissue.paper import WIDTH_MM
 
 
 def run(
@@ -22,7 +23,7 @@ def run(
             max=400,
             help="Of a figure in print; a journal's column is about 85 mm wide, its page 170.",
         ),
-    ] = 85.0,
+    ] = WIDTH_MM,
     excel: Excel = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,

@@ -7,10 +7,9 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from bayestissue.figures.theme import Figure
+from bayestissue.paper import WIDTH_MM
 from bayestissue.results import Excel, write_table
 
-# Of a journal's column.
-WIDTH_MM = 85.0
 _PIXELS_PER_INCH, _POINTS_PER_INCH, _DOTS_PER_INCH = 96, 72, 300
 # What labels and titles take of the width where panels stand one above the other.
 _BESIDE = 75

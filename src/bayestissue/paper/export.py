@@ -8,8 +8,9 @@ from pathlib import Path
 import pandas as pd
 import xarray as xr
 
+from bayestissue.paper import WIDTH_MM
 from bayestissue.paper.documents import write_markdown, write_word
-from bayestissue.paper.drawings import WIDTH_MM, write_figures
+from bayestissue.paper.drawings import write_figures
 from bayestissue.paper.text import text_of
 from bayestissue.paper.workbook import write_workbook
 from bayestissue.report.fit.figures import published
