@@ -85,16 +85,16 @@ def scatter(rows: pd.DataFrame, x: str, y: str, words: str) -> Figure:
     """
     rows = rows.sort_values(COLUMNS[y], kind="stable", ignore_index=True)
     rows.insert(1, "order", range(1, len(rows) + 1))
-    place, title = {
+    column, title = {
         "order": ("order", f"impacts in the order of {y}"),
         "mass": ("mass_kg", MASS),
         **{q: (COLUMNS[q], axis_title(q)) for q in COLUMNS},
     }[x]
     parameters, shown = _choice(rows)
     X = number(
-        place,
+        column,
         title,
-        scale={"zero": False, "nice": False, "padding": 8} if x == "order" else scale_over(rows[place]),
+        scale={"zero": False, "nice": False, "padding": 8} if x == "order" else scale_over(rows[column]),
     )
     Y = number(
         COLUMNS[y], axis_title(y), scale=scale_over(rows[[end(y, "low"), end(y, "high")]].to_numpy().ravel())
@@ -179,10 +179,10 @@ def over_mass(
         marks = {"x": X, "y": y("value"), "color": colour}
         layers.append(mark("point", rows, marks, shape="diamond", filled=False, clip=True))
     conditions = conditions.assign(kind=condition)
-    about = tooltips(conditions, label="condition", median="median", eti90_low="90 % from", eti90_high="to")
+    details = tooltips(conditions, label="condition", median="median", eti90_low="90 % from", eti90_high="to")
     reach = {"x": X, "y": y("eti90_low"), "y2": {"field": "eti90_high"}, "color": colour}
     layers.append(mark("rule", conditions, reach, strokeWidth=1.4, clip=True))
-    middle = {"x": X, "y": y("median"), "color": colour, "tooltip": about}
+    middle = {"x": X, "y": y("median"), "color": colour, "tooltip": details}
     layers.append(mark("point", conditions, middle, shape="square", size=50, clip=True))
     layers[0]["params"] = [ZOOM]
     return Figure(layered(layers, 340, params=parameters), words, impacts)

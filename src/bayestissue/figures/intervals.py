@@ -72,11 +72,11 @@ def intervals(
     series = list(dict.fromkeys(rows["series"])) if "series" in rows else []
     ends = rows[[end for end in ENDS if end in rows]].to_numpy().ravel()
     scale = {"zero": False} if straight else scale_over([*ends, *lines])
-    about = tooltips(
+    details = tooltips(
         rows, label="of", series="by", median="median", eti50_low="50 % from", eti50_high="to",
         eti90_low="90 % from", eti90_high="to", rank="rank, 90 %",
     )  # fmt: skip
-    line: Specification = {"y": names("label", labels), "tooltip": about}
+    line: Specification = {"y": names("label", labels), "tooltip": details}
     colour: Specification = {"value": POSTERIOR}
     shape = None
     if series:

@@ -39,13 +39,13 @@ def paired(rows: pd.DataFrame, means: pd.DataFrame, factor: str, axis: str, word
         words: what the figure shows.
     """
     levels = list(dict.fromkeys(means["level"]))
-    every = [*rows["median"], *means[["median", "eti90_low", "eti90_high"]].to_numpy().ravel()]
+    values = [*rows["median"], *means[["median", "eti90_low", "eti90_high"]].to_numpy().ravel()]
     x = name(
         "level", sort=levels, axis={"labelAngle": 0, "grid": False}, scale={"type": "point", "padding": 0.6}
     )
     x["title"] = factor
-    y = number("median", axis, scale=scale_over(every))
-    about = tooltips(
+    y = number("median", axis, scale=scale_over(values))
+    details = tooltips(
         rows, person="person", level=factor, median="median", eti90_low="90 % from", eti90_high="to"
     )
     hovered: Specification = {
@@ -53,9 +53,9 @@ def paired(rows: pd.DataFrame, means: pd.DataFrame, factor: str, axis: str, word
         "select": {"type": "point", "fields": ["person"], "on": "pointerover", "clear": "pointerout"},
     }
     strong: Specification = {"condition": {"param": "hovered", "value": 1}, "value": 0.15}
-    line = {"x": x, "y": y, "detail": {"field": "person"}, "opacity": strong, "tooltip": about}
+    line = {"x": x, "y": y, "detail": {"field": "person"}, "opacity": strong, "tooltip": details}
     mean = {"x": x, "xOffset": {"value": 22}}
-    told = tooltips(means, level=factor, median="mean", eti90_low="90 % from", eti90_high="to")
+    mean_details = tooltips(means, level=factor, median="mean", eti90_low="90 % from", eti90_high="to")
     reach = {**mean, "y": number("eti90_low", axis), "y2": {"field": "eti90_high"}}
     layers = [
         mark("line", rows, line, color=MUTED, strokeWidth=1.6) | {"params": [hovered]},
@@ -64,7 +64,7 @@ def paired(rows: pd.DataFrame, means: pd.DataFrame, factor: str, axis: str, word
         mark(
             "point",
             means,
-            {**mean, "y": y, "tooltip": told},
+            {**mean, "y": y, "tooltip": mean_details},
             color=POSTERIOR,
             shape="diamond",
             size=150,
@@ -143,8 +143,8 @@ def histogram(
 def off_best(rows: pd.DataFrame, axis: str, words: str) -> Figure:
     """How far each ``label``'s ``value`` is off the best, which is 0, with its standard ``error``."""
     ends = rows.assign(low=rows["value"] - rows["error"], high=rows["value"] + rows["error"])
-    about = tooltips(ends, label="run", value="value", error="standard error")
-    line = {"y": names("label", list(rows["label"])), "tooltip": about}
+    details = tooltips(ends, label="run", value="value", error="standard error")
+    line = {"y": names("label", list(rows["label"])), "tooltip": details}
     layers = [
         level([0.0], axis, "x"),
         mark("rule", ends, {**line, "x": number("low", axis), "x2": {"field": "high"}}, color=POSTERIOR),

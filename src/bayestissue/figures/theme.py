@@ -117,8 +117,8 @@ def names(field: str, order: Sequence[str]) -> Specification:
 
 def where(test: str, then: Any, otherwise: Any) -> Specification:
     """A channel of one of two values, or of a value and another channel, by an expression."""
-    other = otherwise if isinstance(otherwise, dict) else {"value": otherwise}
-    return {"condition": {"test": test, "value": then}, **other}
+    channel = otherwise if isinstance(otherwise, dict) else {"value": otherwise}
+    return {"condition": {"test": test, "value": then}, **channel}
 
 
 def scale_over(values: Iterable[float]) -> Specification:
@@ -142,9 +142,9 @@ def tooltips(rows: pd.DataFrame, **titles: str) -> list[Specification]:
 
 def colours(kinds: Iterable[str], field: str = "kind", **chosen: str) -> Specification:
     """Colours of kinds of marks, named in a legend; those of ``chosen`` by name."""
-    every = list(kinds)
-    shown = [chosen.get(kind, PALETTE[at % len(PALETTE)]) for at, kind in enumerate(every)]
-    return name(field, scale={"domain": every, "range": shown})
+    domain = list(kinds)
+    shown = [chosen.get(kind, PALETTE[at % len(PALETTE)]) for at, kind in enumerate(domain)]
+    return name(field, scale={"domain": domain, "range": shown})
 
 
 def level(at: Iterable[float], axis: str, channel: str = "y", **properties: Any) -> Specification:

@@ -43,7 +43,7 @@ def recording(rows: pd.DataFrame, what: str, unit: str, words: str) -> Figure:
     """
     legend = {"columns": 4, "symbolType": "square"}
     colour = name("kind", scale={"domain": list(_COLOURS), "range": list(_COLOURS.values())}, legend=legend)
-    about = tooltips(rows, time_ms="time (ms)", recorded=f"recorded ({unit})", median=f"predicted ({unit})")
+    details = tooltips(rows, time_ms="time (ms)", recorded=f"recorded ({unit})", median=f"predicted ({unit})")
 
     def panel(less: str, axis: str, x: Specification, height: int) -> Specification:
         def layer(
@@ -57,7 +57,7 @@ def recording(rows: pd.DataFrame, what: str, unit: str, words: str) -> Figure:
                 "color": colour,
             }
             if shape == "point":
-                encoding["tooltip"] = about
+                encoding["tooltip"] = details
             return mark(shape, {"name": TRACE}, encoding, **properties) | {
                 "transform": [
                     *({"calculate": f"datum.{column}{less}", "as": to} for to, column in ends.items()),
@@ -127,16 +127,16 @@ def lag_one(rows: pd.DataFrame, words: str) -> Figure:
     title = "autocorrelation of residuals at lag 1"
     x = number("order", "impacts in order", scale={"nice": False, "padding": 6})
     colour = colours(("predicted, 90 %", "recorded"))
-    about = tooltips(rows, impact="impact", recorded="recorded", low="predicted from", high="to")
+    details = tooltips(rows, impact="impact", recorded="recorded", low="predicted from", high="to")
 
-    def of(kind: str) -> list[Specification]:
+    def kind_is(kind: str) -> list[Specification]:
         return [{"calculate": repr(kind), "as": "kind"}]
 
     bar = {"x": x, "y": number("low", title), "y2": {"field": "high"}, "color": colour}
-    point = {"x": x, "y": number("recorded", title), "color": colour, "tooltip": about}
+    point = {"x": x, "y": number("recorded", title), "color": colour, "tooltip": details}
     layers = [
-        mark("rule", rows, bar, strokeWidth=3, opacity=0.35) | {"transform": of("predicted, 90 %")},
-        mark("point", rows, point, size=22) | {"transform": of("recorded")},
+        mark("rule", rows, bar, strokeWidth=3, opacity=0.35) | {"transform": kind_is("predicted, 90 %")},
+        mark("point", rows, point, size=22) | {"transform": kind_is("recorded")},
         level([0.0], title),
     ]
     return Figure(layered(layers, 260), words, rows)

@@ -111,8 +111,8 @@ def _svg(fig: Figure, alt: str, width: int) -> Markup:
 def again(shown: Drawn | Markup) -> Markup:
     """A figure once more on the same page, which holds it once and draws it first."""
     if not isinstance(shown, Markup):
-        of = _chart_id(packed_json(shown.specification()))
-        return Markup('<div class="again" data-of="{}"></div>').format(of)
+        chart = _chart_id(packed_json(shown.specification()))
+        return Markup('<div class="again" data-of="{}"></div>').format(chart)
     svg = re.match(r'<svg id="([^"]+)" class="plot" style="([^"]*)" .*?viewBox="([^"]*)"', shown)
     if svg is None:
         return shown

@@ -219,8 +219,8 @@ def _label(design: Mapping[str, Any], varying: Sequence[str]) -> str:
 def contours(designs: pd.DataFrame, goal: str, chosen: Mapping[str, Any], wanted: float) -> Markup | None:
     """The assurance over people and repeats, where both vary and it is one that a line is drawn of."""
     others = [name for name in _AXES if name not in ("people", "repeats")]
-    alike = np.all([designs[name] == chosen[name] for name in others], axis=0)
-    rows = designs[(designs["goal"] == goal) & alike]
+    comparable = np.all([designs[name] == chosen[name] for name in others], axis=0)
+    rows = designs[(designs["goal"] == goal) & comparable]
     grid = rows.pivot_table(index="repeats", columns="people", values="answered")
     people, repeats = (np.asarray(values, float) for values in (grid.columns, grid.index))
     shares = grid.to_numpy(float)

@@ -121,9 +121,9 @@ def paired(run: FitRun, quantity: str = "K", factor: str = "side") -> Figure:
     """
     table = impacts_table(run)
     column = "trial" if factor == "condition" else factor
-    own = f"{quantity}_subject_{stem_of(column)}"
-    if run.has(own):
-        rows = quantiles(run.draws(own), run.labels(f"subject:{column}"))
+    variable = f"{quantity}_subject_{stem_of(column)}"
+    if run.has(variable):
+        rows = quantiles(run.draws(variable), run.labels(f"subject:{column}"))
         rows[["person", "level"]] = [str(label).rsplit(":", 1) for label in rows["label"]]
     else:
         logs = np.log(table[COLUMNS[quantity]]).groupby([table["person"], table[factor]]).mean()
@@ -265,9 +265,9 @@ def _of(level: str) -> str:
 
 def recording(run: FitRun, impact: str | None = None) -> Figure:
     """What was recorded of one impact over what is predicted of it; the median one by K unless given."""
-    names = [run.impacts[place] for place in run.predicted]
-    place = traces.middle_impact(run) if impact is None else names.index(impact)
-    rows = traces.trace_rows(run, place)
+    names = [run.impacts[row] for row in run.predicted]
+    index = traces.middle_impact(run) if impact is None else names.index(impact)
+    rows = traces.trace_rows(run, index)
     return of_traces.recording(
         rows,
         run.shown,
@@ -314,8 +314,8 @@ def published(run: FitRun) -> Iterator[tuple[str, Callable[[], Figure]]]:
         yield f"{q}-of-impacts", partial(impacts, run, "order", q)
     yield "K-over-C", partial(impacts, run)
     yield "recording", partial(recording, run)
-    for each in own_slopes(run):
-        yield each.name, partial(slope, run, each)
+    for coefficient in own_slopes(run):
+        yield coefficient.name, partial(slope, run, coefficient)
 
 
 def method_figures(run: FitRun) -> list[Figure]:
