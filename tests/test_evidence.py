@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayestissue.inference.comparing import DECISIVE_NATS, DECISIVE_SE
+from bayestissue.report.posterior import DECISIVE_NATS, DECISIVE_SE
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.append(str(ROOT / "benchmarks"))

@@ -24,10 +24,8 @@ from bayestissue.figures.theme import (
     tooltips,
     where,
 )
+from bayestissue.inference.results.meanings import COLUMNS, NAMES, UNITS
 
-NAMES = {"K": "stiffness K", "C": "damping C"}
-UNITS = {"K": "N/m", "C": "N s/m"}
-COLUMNS = {"K": "K_N_per_m", "C": "C_N_s_per_m"}
 MASS = "mass of the impactor, M (kg)"
 _TITLES = {
     **{"impact": "impact", "person": "person", "condition": "condition"},

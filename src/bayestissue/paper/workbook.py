@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayestissue.report.wording import UNITS
+from bayestissue.inference.results.meanings import UNITS
 from bayestissue.results.tables import declared_files
 
 _WIDEST = 60

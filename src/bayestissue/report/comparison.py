@@ -9,16 +9,16 @@ from typing import Any
 import pandas as pd
 
 from bayestissue.errors import InputError
-from bayestissue.figures.impacts import NAMES
 from bayestissue.figures.intervals import intervals
 from bayestissue.figures.study import off_best
 from bayestissue.figures.theme import Figure
-from bayestissue.inference.results.meanings import heading_words, meaning
+from bayestissue.hierarchy import SIDE_BY_SIDE
+from bayestissue.inference.results.meanings import NAMES, UNITS, heading_words, meaning
 from bayestissue.remedies import codes_in
 from bayestissue.report.page import render_page
 from bayestissue.report.posterior import best_explanations
 from bayestissue.report.tables import Field, Row, Table, columns, settings_table, table_of
-from bayestissue.report.wording import UNITS, interval, listed, number, probability, significant, with_error
+from bayestissue.report.wording import interval, listed, number, probability, significant, with_error
 from bayestissue.results import read_tables
 from bayestissue.results.tables import table_of_rows, typed, wrong_in
 
@@ -125,7 +125,7 @@ _INTERVAL = (
 
 def same_element(runs: list[dict[str, Any]]) -> bool:
     """Whether K and C are the same things in all runs: those of one mechanical element."""
-    return len({run["model"].get("element", "kelvin_voigt") for run in runs}) == 1
+    return len({run["model"].get("element", SIDE_BY_SIDE) for run in runs}) == 1
 
 
 def quantity(row: Mapping[Any, Any]) -> str:

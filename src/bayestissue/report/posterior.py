@@ -10,16 +10,13 @@ import numpy as np
 import pandas as pd
 
 from bayestissue.errors import Coded
-from bayestissue.figures.impacts import NAMES
 from bayestissue.figures.intervals import intervals, quantiles
 from bayestissue.figures.study import histogram
 from bayestissue.figures.theme import Figure
 from bayestissue.hierarchy.formulas.group_terms import stem_of
-from bayestissue.inference.comparing import decides
-from bayestissue.inference.results.meanings import SECANTS
+from bayestissue.inference.results.meanings import NAMES, SECANTS, UNITS
 from bayestissue.report.run_folder import PosteriorRun
 from bayestissue.report.wording import (
-    UNITS,
     decimals_of,
     interval,
     likelihood_words,
@@ -37,6 +34,9 @@ COMMON_DEPTH, OWN_DEPTH = "K_common_depth", "K_secant"
 FIXED, CONSTANT = "fixed stiffness", "constant natural frequency"
 # Above this a hypothesis is spoken of as what the data say; below one minus this, as what they rule out.
 SURE = 0.9
+# A difference tells two models apart above both: below four nats it is small, and its standard error is no
+# guide (Sivula, Magnusson, Matamoros and Vehtari 2020).
+DECISIVE_SE, DECISIVE_NATS = 2.0, 4.0
 
 
 @dataclass(frozen=True)
@@ -218,6 +218,11 @@ def who_differs(run: PosteriorRun, level: str, quantities: Iterable[str] = QUANT
 def best_explanations(comparison: pd.DataFrame) -> list[str]:
     """For each scheme: the model that predicts best, those about as good, and the warnings."""
     return [_best(str(scheme), rows) for scheme, rows in comparison.groupby("scheme", sort=False)]
+
+
+def decides(difference: pd.Series, se: pd.Series) -> pd.Series:
+    """Whether differences of expected log predictive density tell two models apart."""
+    return (difference.abs() > DECISIVE_SE * se) & (difference.abs() > DECISIVE_NATS)
 
 
 def _best(scheme: str, rows: pd.DataFrame) -> str:

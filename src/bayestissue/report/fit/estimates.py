@@ -7,18 +7,17 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy.special import stdtrit
 
-from bayestissue.hierarchy.specification import SIDE_BY_SIDE
+from bayestissue.hierarchy import SIDE_BY_SIDE
 from bayestissue.inference.answers.agreement import METHODS, agreement
-from bayestissue.report.fit.run import COLUMN, COMPARABLE, FitRun
+from bayestissue.inference.results.meanings import COLUMNS, UNITS
+from bayestissue.report.fit.run import COMPARABLE, FitRun
 from bayestissue.report.posterior import (
     QUANTITIES,
     Spread,
 )
 from bayestissue.report.tables import Field, Row, Table, columns, lines, table_of
 from bayestissue.report.wording import (
-    UNITS,
     interval,
     percent,
     significant,
@@ -39,7 +38,7 @@ def side_by_side(run: FitRun, quantity: str) -> pd.DataFrame:
     names = ["median", "eti50_low", "eti50_high", "eti90_low", "eti90_high"]
     table = run.of_impacts(quantity)[names].copy()
     for method, source in _POINT_ESTIMATES.items():
-        estimates = getattr(run, source).set_index("impact")[COLUMN[quantity]]
+        estimates = getattr(run, source).set_index("impact")[COLUMNS[quantity]]
         table[method] = estimates.reindex(table.index)
     known = run.truth.set_index("impact")[_true_column(run, quantity)]
     table["truth"] = known.reindex(table.index)
@@ -50,7 +49,7 @@ def _true_column(run: FitRun, quantity: str) -> str:
     """The column of the truth; of another element's tissue the secant stiffness or equivalent damping."""
     same = run.record.get("model", {}).get("element", SIDE_BY_SIDE) == SIDE_BY_SIDE
     comparable = COMPARABLE[quantity]
-    return comparable if same and comparable in run.truth else COLUMN[quantity]
+    return comparable if same and comparable in run.truth else COLUMNS[quantity]
 
 
 def shown_rows(table: pd.DataFrame) -> pd.DataFrame:
@@ -124,12 +123,14 @@ def apparent_exponent(run: FitRun, quantity: str) -> ApparentExponent | None:
 
     The interval takes impacts for independent, which those of one person are not: it is too narrow.
     """
-    table = run.estimates_dds[["mass_kg", COLUMN[quantity]]].dropna()
+    from scipy.special import stdtrit
+
+    table = run.estimates_dds[["mass_kg", COLUMNS[quantity]]].dropna()
     table = table[(table > 0).all(axis=1)]
     mass = table["mass_kg"].to_numpy()
     if len(table) < 3 or mass.max() <= _MASS_MUST_VARY * mass.min():
         return None
-    x, y = np.log(mass / run.reference_mass), np.log(table[COLUMN[quantity]].to_numpy())
+    x, y = np.log(mass / run.reference_mass), np.log(table[COLUMNS[quantity]].to_numpy())
     centred, degrees = x - x.mean(), len(x) - 2
     slope = float(centred @ y / (centred @ centred))
     intercept = float(y.mean() - slope * x.mean())

@@ -14,11 +14,12 @@ from bayestissue.declarations import declared
 from bayestissue.figures import impacts as of_impacts
 from bayestissue.figures import study
 from bayestissue.figures import traces as of_traces
-from bayestissue.figures.impacts import COLUMNS, NAMES, UNITS, axis_title, end
+from bayestissue.figures.impacts import axis_title, end
 from bayestissue.figures.intervals import intervals, quantiles, with_ranks
 from bayestissue.figures.theme import Figure
 from bayestissue.hierarchy.formulas.group_terms import stem_of
 from bayestissue.inference.answers.agreement import METHODS
+from bayestissue.inference.results.meanings import COLUMNS, NAMES, UNITS
 from bayestissue.report.fit import traces
 from bayestissue.report.fit.estimates import mass_varies, method_values, shown_rows, side_by_side
 from bayestissue.report.fit.population import OwnSlope, groupings, own_slopes

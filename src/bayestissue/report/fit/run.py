@@ -24,7 +24,6 @@ from bayestissue.report.run_folder import (
 from bayestissue.results import read_tables
 from bayestissue.results.tables import table_of_rows, typed, wrong_in
 
-COLUMN = {"K": "K_N_per_m", "C": "C_N_s_per_m"}
 # What means the same for every element, where the truth is another element's.
 COMPARABLE = {"K": "K_secant_N_per_m", "C": "C_equivalent_N_s_per_m"}
 TABLES = (*POSTERIOR_TABLES, "cross_validation", "estimates_exact", "estimates_dds")

@@ -8,7 +8,6 @@ from functools import cached_property
 import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float
-from scipy.special import chdtrc
 
 from bayestissue.figures.traces import BANDS
 from bayestissue.inference.points.whiteness import autocorrelation
@@ -72,6 +71,8 @@ class Residuals:
         come from draws that have seen the measured trace, which draws the ranks to the middle: chance raises
         the alarm no more often than stated.
         """
+        from scipy.special import chdtrc
+
         replicated, measured = self._lag_one
         draws = len(replicated)
         above = (replicated > measured).sum(axis=0)

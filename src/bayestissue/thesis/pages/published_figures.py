@@ -8,10 +8,9 @@ import numpy as np
 from markupsafe import Markup
 
 from bayestissue.dataset.published import PublishedTables
+from bayestissue.inference.results.meanings import NAMES, UNITS
 from bayestissue.report.page import figure
-from bayestissue.report.posterior import NAMES
 from bayestissue.report.style import MUTED, POSTERIOR, PUBLISHED, REFERENCE, new_figure, shown
-from bayestissue.report.wording import UNITS
 from bayestissue.thesis.pages.published_run import PublishedRun
 from bayestissue.thesis.reproduction.conditions import Quantity, conditions
 from bayestissue.thesis.reproduction.relations import correlation_figure, printed_line, straight_line
