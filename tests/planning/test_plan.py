@@ -301,7 +301,7 @@ def test_what_stopping_early_does_is_said(two_goals: Plan) -> None:
     assert "Stopping early" in page_of(two_goals.content, two_goals.designs, two_goals.about)
 
 
-def test_traces_that_no_normal_stands_for_are_warned_of(tmp_path: Path, undrawn: None) -> None:
+def test_traces_that_no_normal_stands_for_are_warned_of(tmp_path: Path) -> None:
     options = ["--people", "60", "--masses", "0.5,1", "--ask", EXPONENT, "--studies", "100"]
     with kernel(normal=False):
         ended = bayestissue("plan", *options, "--out", tmp_path / "out")
@@ -309,7 +309,7 @@ def test_traces_that_no_normal_stands_for_are_warned_of(tmp_path: Path, undrawn:
     assert "Traces are no normal densities" in (tmp_path / "out" / "report.html").read_text()
 
 
-def test_a_written_plan_is_drawn_anew_and_read_whole(two_goals: Plan, tmp_path: Path, undrawn: None) -> None:
+def test_a_written_plan_is_drawn_anew_and_read_whole(two_goals: Plan, tmp_path: Path) -> None:
     path = two_goals.report(tmp_path / "plan")
     page = path.read_text()
     path.unlink()

@@ -9,8 +9,7 @@ from typing import Any
 import pandas as pd
 
 from bayestissue.errors import InputError
-from bayestissue.figures.intervals import intervals
-from bayestissue.figures.study import off_best
+from bayestissue.figures.intervals import intervals, with_error_of
 from bayestissue.figures.theme import Figure
 from bayestissue.hierarchy import SIDE_BY_SIDE
 from bayestissue.inference.results.meanings import NAMES, UNITS, heading_words, meaning
@@ -32,12 +31,12 @@ _COMPARABLE = {
 def comparison_figure(table: pd.DataFrame, scheme: str) -> Figure:
     """Differences of expected log predictive density from the best model, with one standard error."""
     rows = table[table["scheme"] == scheme].sort_values("elpd", ascending=False, ignore_index=True)
-    named = {"model": "label", "elpd_difference": "value", "se_difference": "error"}
-    return off_best(
-        rows.rename(columns=named)[list(named.values())],
+    return intervals(
+        with_error_of(rows["model"], rows["elpd_difference"], rows["se_difference"]),
         f"elpd off the best, {scheme} (nats)",
         f"Difference in expected log predictive density from the best model, {scheme}, "
         "one point with its standard error per model; further left predicts worse.",
+        lines=(0,),
     )
 
 

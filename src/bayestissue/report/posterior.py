@@ -131,6 +131,25 @@ def exponent_words(quantity: str, beta: Spread) -> str:
     return f"excludes {fixed} and {constant}: it lies {where}"
 
 
+_GRID = 60
+
+
+def mass_curve(run: PosteriorRun, quantity: str, masses: np.ndarray, reference: float) -> pd.DataFrame:
+    """K (or C) of a typical person over the range of ``masses`` [kg], as `over_mass` draws it.
+
+    ``reference`` is the mass at which people are reported.
+    """
+    grid = np.geomspace(0.93 * masses.min(), 1.07 * masses.max(), _GRID)
+    drawn, ratio = typical_draws(run, quantity), grid / reference
+    level = float(np.median(drawn))
+    curve = pd.DataFrame({"mass_kg": grid, "exponent 0": level, "exponent 1": level * ratio})
+    if not run.has(f"mass_exponent_{quantity}"):
+        return curve
+    drawn = drawn[:, None] * np.exp(run.draws(f"mass_exponent_{quantity}")[:, None] * np.log(ratio))
+    low, median, high = np.percentile(drawn, [5, 50, 95], axis=0)
+    return curve.assign(eti90_low=low, median=median, eti90_high=high)
+
+
 class Levels(NamedTuple):
     """K or C of a typical person, and of a new one."""
 
