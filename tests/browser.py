@@ -97,6 +97,16 @@ class Browser:
         """Wait until an expression is true."""
         self._wait(lambda: self.js(expression), expression)
 
+    def read(self, page: Path) -> None:
+        """Open a page wide and narrow: figures are drawn, none is wider than the screen, nothing fails."""
+        charts = "[...document.querySelectorAll('.chart')]"
+        for width in (1280, 500):
+            self.open(page, width)
+            self.until(f"{charts}.every(chart => chart.querySelector('svg.marks, canvas'))")
+            assert self.js("document.documentElement.scrollWidth") <= width
+            assert self.errors == []
+            assert not [url for url in self.requests if url.startswith("http")]
+
     def key(self, key: str) -> None:
         for kind in ("keyDown", "keyUp"):
             text = {"text": "\r"} if key == "Enter" and kind == "keyDown" else {}
