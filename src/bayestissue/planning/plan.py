@@ -186,7 +186,8 @@ def plan(
     specification = with_changes(specification, source, "after", run=after, dataset=dataset)
     changed = with_changes(specification, source, "goal", studies=studies, seed=seed)
     runtime.release_compiled()
-    return carry_out(study_of(changed, source), say=say)
+    with runtime.compiled_kept():
+        return carry_out(study_of(changed, source), say=say)
 
 
 def content_of(
