@@ -286,7 +286,7 @@ def apart_words(comparison: pd.DataFrame) -> str:
     )
 
 
-def accuracy_figures(comparison: pd.DataFrame) -> list[Any]:
+def accuracy_figures(comparison: pd.DataFrame) -> list[Figure]:
     """One plot for each scheme and each kind of data that several runs share."""
     return [
         comparison_figure(rows, scheme)
