@@ -38,8 +38,8 @@ QUANTITIES = {
     ),
     *("ICC_C1_K", "SEM_chain_K", "K_new", "C_new", "K_side", "residual_correlation"),
 }
-# The error of a normal's 5 % or 95 % point over that of its mean, and of its median.
-_OF_END, _OF_MEDIAN = 2.11, 1.25
+# The error of a normal's 5 % or 95 % point over that of its mean, of its median, and of its deviation.
+OF_END, OF_MEDIAN, OF_SD = 2.11, 1.25, 0.71
 TISSUES: dict[str, dict[str, Any]] = {
     "kelvin_voigt": {},
     "maxwell": {"C_N_s_per_m": 120.0},
@@ -50,7 +50,7 @@ TISSUES: dict[str, dict[str, Any]] = {
 }
 
 
-def _campaign(element: str, seed: int) -> Any:
+def campaign(element: str, seed: int) -> Any:
     """Three people, both sides, three masses: 18 impacts at 5 kHz."""
     from bayestissue.simulation import Simulation, simulate
 
@@ -89,14 +89,14 @@ def _fits(model: str, element: str = "kelvin_voigt", campaigns: int = CAMPAIGNS)
 
     rows: list[tuple[str, float, float, float]] = []
     for seed in range(1, campaigns + 1):
-        fit = bt.fit(_campaign(element, seed), model, K="log(mass_kg) + side + (1|subject)")
+        fit = bt.fit(campaign(element, seed), model, K="log(mass_kg) + side + (1|subject)")
         for row in fit.summary[fit.summary["variable"].isin(QUANTITIES)].to_dict("records"):
             name = f"{seed} {row['variable']} {row['label']}".rstrip()
             sd, mcse = row["sd"], row["mcse_mean"]
             rows += [
-                (f"{name} median", row["median"], sd, _OF_MEDIAN * mcse),
-                (f"{name} low", row["eti90_low"], sd, _OF_END * mcse),
-                (f"{name} high", row["eti90_high"], sd, _OF_END * mcse),
+                (f"{name} median", row["median"], sd, OF_MEDIAN * mcse),
+                (f"{name} low", row["eti90_low"], sd, OF_END * mcse),
+                (f"{name} high", row["eti90_high"], sd, OF_END * mcse),
             ]
         for number, attempt in enumerate(fit.about["route"].get("attempts", [])):
             rows.append((f"{seed} attempt {number} effective draws", attempt["effective_draws"], 1.0, np.nan))
@@ -115,7 +115,7 @@ def _points() -> pd.DataFrame:
 
     rows: list[tuple[str, float, float, float]] = []
     for element in TISSUES:
-        table = bt.estimate(_campaign(element, 1))
+        table = bt.estimate(campaign(element, 1))
         numbers = [name for name in table if name.startswith(("K_", "C_"))]
         for row in table.to_dict("records"):
             name = f"{element} {row['impact']}"

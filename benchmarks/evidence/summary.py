@@ -9,7 +9,7 @@ import pandas as pd
 from evidence.figures import figures
 from evidence.provenance import read
 from evidence.registry import Piece, content, of_family
-from evidence.status import BEFORE, EARLIER, State, state_of
+from evidence.status import EARLIER, State, state_of
 from evidence.texts import Figure, table
 
 NOT_MEASURED = "not measured yet"
@@ -40,8 +40,6 @@ def figure(name: str) -> Figure:
 
 def in_words(state: State) -> str:
     """As pages say it, without what has changed."""
-    if state.why == BEFORE:
-        return f"{EARLIER}, before provenance was kept"
     return _IN_SHORT.get(state.kind, state.why)
 
 

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import pandas as pd
 
-from evidence.registry import of_family
-from evidence.texts import Figure, Named, block, family, in_order, names, read, table
+from evidence.texts import Figure, Named, block, family, names, raw, table
 
 
 @family
 def likelihood() -> Named:
-    rows = read("likelihood.csv")
+    rows = raw("likelihood").rename(columns={"unit": "samples"})
     ours = rows[rows["contender"] == "bayestissue"].set_index("samples")["ms"]
     times = rows["ms"] / rows["samples"].map(ours)
     cells = [f"{ms:.3g} ({ratio:.2g})" for ms, ratio in zip(rows["ms"], times, strict=True)]
@@ -27,7 +26,7 @@ def likelihood() -> Named:
 
 @family
 def fit_efficiency() -> Named:
-    rows = read("fit_efficiency_arma.csv")
+    rows = raw("fit_efficiency").rename(columns={"unit": "contender"})
     shown = pd.DataFrame(
         {
             "contender": rows["contender"],
@@ -51,15 +50,13 @@ def fit_efficiency() -> Named:
 
 @family
 def trace_likelihood() -> Named:
-    shown = read("trace_likelihood.csv")
-    milliseconds = {name: f"{name} [ms]" for name in shown.columns.drop("likelihood")}
-    yield "table", block(table(shown.rename(columns=milliseconds)), "trace_likelihood")
+    shown = raw("trace_likelihood").drop(columns="each").set_index("likelihood").map("{:.3g}".format)
+    yield "table", block(table(shown.rename(columns="{} [ms]".format).reset_index()), "trace_likelihood")
 
 
 @family
 def fit_time() -> Named:
-    elements = [piece.where["element"] for piece in of_family("fit_time")]
-    rows = in_order(read("fit_time.csv"), "element", elements)
+    rows = raw("fit_time")
     columns = {"first_s": "first [s]", "again_s": "again [s]", "other_s": "other dataset [s]"}
     shown = rows[["element", "tissue", *columns, "path", "r_hat", "ess"]].rename(columns=columns)
     shown = shown.rename(columns={"r_hat": "R-hat", "ess": "least ESS"})
@@ -72,6 +69,18 @@ def fit_time() -> Named:
 
 @family
 def reproduce_time() -> Named:
-    rows = read("reproduce_time.csv").set_index("run")
+    rows = raw("reproduce_time").set_index("run")
     for run in ("first", "again"):
         yield run, Figure(f"{rows.loc[run, 's']:.0f} s", names("reproduce_time"))
+
+
+@family
+def bench_latency() -> Named:
+    rows = raw("bench_latency").groupby("at")[["s", "work_s"]].median()
+    early, late = (f"{seconds:.1f} s" for seconds in rows["s"].iloc[[0, -1]])
+    text = (
+        f"`watch` judges the {rows.index[0]}th drop {early} after its file is whole, and the "
+        f"{rows.index[-1]}th {late}; of that the verdict takes {rows['work_s'].iloc[-1]:.1f} s, and the rest "
+        "is waiting until the file stands still"
+    )
+    yield "sentence", Figure(text, names("bench_latency"))
