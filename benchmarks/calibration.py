@@ -46,7 +46,7 @@ from bayestissue.likelihood.element.record import DecelerationRecord
 from bayestissue.simulation import simulate
 
 # The spread of their ranks, over all quantities together, is known to about a percent.
-SAMPLES, RANKS, DATA_SETS = 110, 100, 200
+SAMPLES, RANKS, DATA_SETS = 110, 100, 150
 SEEDS = {"arma": 2026, "a2": 2026, "impact": 2026, "designs": 2027}
 FACTORS: dict[str, tuple[dict[str, Any], ...]] = {
     "designs": (

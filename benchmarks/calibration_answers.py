@@ -66,8 +66,8 @@ from bayestissue.inference.results.labels import design_dimensions, labelled
 from bayestissue.inference.results.predictions import prior_draws
 from bayestissue.inference.samplers.coordinates import unwarped
 
-# A share of 90 % of one answer's intervals is known to 2.5 %, that of a kind of answer to 1 %.
-STUDIES, SEED, KIND = 150, 2028, "answers"
+# A share of 90 % of one answer's intervals is known to 3 %, that of a kind of answer to 1 %.
+STUDIES, SEED, KIND = 100, 2028, "answers"
 DESIGN: dict[str, Any] = {
     "subjects": 8,
     "conditions": [

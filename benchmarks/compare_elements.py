@@ -37,8 +37,8 @@ from bayestissue.inference.results.cross_validation import scheme_words
 from bayestissue.inference.samplers.sampling import ConstrainedDraws
 from bayestissue.simulation import simulate
 
-# Thirty of all elements together: a share of 90 % is known to 5 %.
-CAMPAIGNS = 5
+# Twenty-four of all elements together: a share of 90 % is known to 6 %.
+CAMPAIGNS = 4
 BY_IMPACT, BY_PERSON = scheme_words("impact"), scheme_words("subject")
 
 

@@ -27,8 +27,8 @@ from bayestissue.inference.checking.incredible import RATE, alarms
 from bayestissue.inference.checking.measuring_chain import AMPLITUDE, JUDGED, freed
 from bayestissue.simulation import Simulation, simulate
 
-# One right set in 200 may alarm; of 600 at most seven then do, with a probability of 99 %.
-SETS, RIGHT_SETS, PEOPLE = 40, 600, 4
+# One right set in 200 may alarm: of 300 by each likelihood at most eight then do, with a probability of 99 %.
+SETS, RIGHT_SETS, PEOPLE = 40, 300, 4
 CONDITIONS = [(0.4, 1.2), (0.7, 1.2), (1.0, 1.0), (1.3, 0.9), (0.7, 0.8)]
 SIZE = PEOPLE * len(CONDITIONS)
 

@@ -33,7 +33,7 @@ def test_a_piece_names_what_there_is(piece):
     for part in piece.parts():
         assert (ROOT / part.removesuffix("/*")).exists(), part
     assert set(piece.references) <= set(references.SETS)
-    assert figure(f"{piece.family}.provenance").text
+    assert f"`{piece.name}`" in figure("evidence.provenance").text
 
 
 @pytest.mark.parametrize("piece", PIECES, ids=lambda piece: piece.name)
@@ -127,7 +127,6 @@ def piece(tmp_path, monkeypatch) -> Piece:
     made = Piece(
         name="piece",
         family="piece",
-        promise="",
         asks="",
         command=("benchmarks/script.py", "a"),
         result="table.csv",
@@ -379,7 +378,7 @@ def test_a_page_prints_what_the_files_say(path):
 
 
 def test_figures_are_filled_in_containers_and_left_alone_in_examples():
-    name = "evidence.summary"
+    name = "evidence.provenance"
     marked = f"<!-- evidence: {name} -->\n\nof long ago\n\n<!-- end -->"
     assert "of long ago" not in pages.filled(f":::{{container}} stacked\n\n{marked}\n\n:::\n")
     shown = f"```markdown\n{marked}\n```\n"

@@ -14,8 +14,6 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
-import pandas as pd
-
 from evidence.families.intervals import coverage_of_fits
 from evidence.figures import figures
 from evidence.registry import ROOT, content, of_family
@@ -118,10 +116,11 @@ def _paragraph(made: Figure) -> str:
 
 
 def coverage_shown() -> str:
-    """The table of coverage that comes with the program, for the page of a fit."""
+    """The table of coverage that comes with the program, for the page of a fit; as it is until measured."""
     columns = ["likelihood", "quantity", "level", "held", "impacts"]
-    measured = any(not piece.rows().empty for piece in of_family("coverage_fit"))
-    lines = coverage_of_fits() if measured else pd.DataFrame(columns=columns)
+    if any(piece.rows().empty for piece in of_family("coverage_fit")):
+        return SHOWN.read_text(encoding="utf-8")
+    lines = coverage_of_fits()
     return lines.rename(columns={"each": "likelihood"})[columns].to_csv(index=False)
 
 

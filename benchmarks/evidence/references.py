@@ -9,8 +9,12 @@ equal.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable
+import re
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
+from html import unescape
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -83,7 +87,7 @@ def campaign(element: str, seed: int) -> Any:
     return simulate(Simulation.model_validate(content)).dataset("reference")
 
 
-def _fits(model: str, element: str = "kelvin_voigt", campaigns: int = CAMPAIGNS) -> pd.DataFrame:
+def fits(model: str, element: str = "kelvin_voigt", campaigns: int = CAMPAIGNS) -> pd.DataFrame:
     """Posteriors, the quality of their correction, and what the fit says against its model."""
     import bayestissue as bt
 
@@ -104,9 +108,42 @@ def _fits(model: str, element: str = "kelvin_voigt", campaigns: int = CAMPAIGNS)
             rows.append((f"{seed} residuals {key} p", value, 1.0, np.nan))
         passed = fit.diagnostics.get("measuring_chain", {}).get("passed", True)
         rows.append((f"{seed} chain passed", float(passed), 1.0, np.nan))
+        if seed == 1:
+            rows += _shown(fit)
         for row in fit.ask("K[side=left] / K[side=right] > 1", "mass_exponent_K > 0.3").to_dict("records"):
             rows.append((f"{seed} {row['question']}", row["posterior"], 1.0, row["mcse"]))
     return _table(rows)
+
+
+def _shown(fit: Any) -> Iterator[tuple[str, float, float, float]]:
+    """What the page of a fit shows over what its summary has, 1 but for rounding; by quantity and unit."""
+    with TemporaryDirectory() as folder:
+        page = fit.report(Path(folder) / "page.html").read_text(encoding="utf-8")
+    summary = fit.summary.fillna({"label": "", "unit": ""}).astype({"label": str})
+    medians = summary.set_index(["variable", "label"])["median"].to_dict()
+    ratios: dict[str, list[float]] = {}
+    for heads, *lines in _tables(page):
+        for line in (dict(zip(heads, cells, strict=False)) for cells in lines):
+            if {"variable", "label", "unit", "median"} <= line.keys():
+                shown = {f"{line['variable']} in {line['unit']}": (line["variable"], line["label"], "median")}
+            else:
+                shown = {head: (head[0], line.get("impact"), head) for head in line if head[1:2] == " "}
+            for what, (variable, label, column) in shown.items():
+                value = line[column].replace("\N{MINUS SIGN}", "-")
+                if (variable, label) in medians and _NUMBER.fullmatch(value):
+                    ratios.setdefault(what, []).append(float(value) / medians[variable, label])
+    # A median of three digits or more is rounded by at most a thousandth, but where it is almost 0.
+    return ((f"page: {what}", float(np.median(r)), 50.0, np.nan) for what, r in ratios.items())
+
+
+_NUMBER = re.compile(r"-?\d+(\.\d+)?")
+
+
+def _tables(page: str) -> Iterator[list[list[str]]]:
+    """Of each table of a page its rows of cells, the heads first."""
+    for table in re.findall(r"<table.*?</table>", page, re.S):
+        rows = (re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row, re.S) for row in table.split("<tr")[1:])
+        yield [[" ".join(unescape(re.sub(r"<[^>]+>", " ", cell)).split()) for cell in row] for row in rows]
 
 
 def _points() -> pd.DataFrame:
@@ -142,12 +179,12 @@ def _table(rows: Iterable[tuple[str, float, float, float]]) -> pd.DataFrame:
 
 SETS: dict[str, Callable[[], pd.DataFrame]] = {
     "points": _points,
-    "impact": lambda: _fits("impact"),
-    "arma": lambda: _fits("arma"),
+    "impact": lambda: fits("impact"),
+    "arma": lambda: fits("arma"),
     "plan": _plan,
-    "a2": lambda: _fits("a2", campaigns=1),
+    "a2": lambda: fits("a2", campaigns=1),
     **{
-        name: lambda name=name: _fits(name, name, campaigns=1)  # type: ignore[misc]
+        name: lambda name=name: fits(name, name, campaigns=1)  # type: ignore[misc]
         for name in TISSUES
         if name != "kelvin_voigt"
     },

@@ -22,7 +22,6 @@ class Piece:
 
     name: str
     family: str
-    promise: str
     asks: str
     # The script and its arguments, from the root of the project.
     command: tuple[str, ...]
@@ -103,7 +102,6 @@ def _pieces(family: str, table: dict[str, Any]) -> list[Piece]:
             Piece(
                 name=name,
                 family=family,
-                promise=table["promise"],
                 asks=table["asks"],
                 command=tuple(table["command"].replace("{each}", each).split()),
                 each=each,

@@ -68,8 +68,8 @@ def coverage_fit() -> Named:
         )
         yield f"{kind}_sentence", Figure(text, (f"coverage_fit-{kind}",))
     K = own[(own["level"] == 90) & (own["each"] == "impact") & (own["quantity"] == "K")].iloc[0]
-    text = f"90 % intervals of K held the truth in {percent(K['share'])} of simulated impacts"
-    yield "promise", Figure(text, ("coverage_fit-impact",))
+    text = f"90 % intervals of K held the truth in {percent(K['share'])} of simulated impacts."
+    yield "readme", Figure(text, ("coverage_fit-impact",))
 
 
 @family
@@ -205,9 +205,9 @@ def posteriors() -> Named:
     yield "table", block(table(shown.reset_index().rename(columns={"unit": "case"})), "posteriors")
     number = len(z) // rows["statistic"].nunique()
     text = (
-        f"means, standard deviations and quantiles of {number} quantities by a fit are "
-        f"{np.sqrt((z**2).mean()):.2f} Monte Carlo errors from those of 10,000 draws by another sampler (root "
-        f"mean square, where 1 is expected), and at most {z.abs().max():.1f}"
+        f"means, standard deviations and quantiles of {number} quantities by a fit's sampler are "
+        f"{np.sqrt((z**2).mean()):.2f} Monte Carlo errors from those of 10,000 draws by another one (root "
+        f"mean square; 1 is expected), and at most {z.abs().max():.1f}"
     )
     yield "sentence", Figure(text, names("posteriors"))
 
@@ -260,3 +260,22 @@ def recorder() -> Named:
         "without one"
     )
     yield "sentence", Figure(text, names("recorder"))
+
+
+@family
+def recordings() -> Named:
+    rows = raw("recordings")
+    p = rows["below"].astype(str) + " of " + rows["tested"].astype(str)
+    shown = pd.DataFrame(
+        {
+            "recordings": rows["unit"],
+            "recorded": rows["recorded"],
+            "impacts": rows["impacts"],
+            "left out": rows["left_out"],
+            "flagged": rows["flagged"],
+            "p below 0.01": p.where(rows["tested"] > 0, ""),
+            "K, N/m": rows["K_N_per_m"].map("{:.0f}".format),
+            "C, N s/m": rows["C_N_s_per_m"].map("{:.0f}".format),
+        }
+    )
+    yield "table", block(table(shown), "recordings")
