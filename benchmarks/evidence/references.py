@@ -116,34 +116,24 @@ def fits(model: str, element: str = "kelvin_voigt", campaigns: int = CAMPAIGNS) 
 
 
 def _shown(fit: Any) -> Iterator[tuple[str, float, float, float]]:
-    """What the page of a fit shows over what its summary has, 1 but for rounding; by quantity and unit."""
+    """K and C of impacts as the page of a fit has them over those of its summary, by heading with unit: 1."""
     with TemporaryDirectory() as folder:
         page = fit.report(Path(folder) / "page.html").read_text(encoding="utf-8")
-    summary = fit.summary.fillna({"label": "", "unit": ""}).astype({"label": str})
-    medians = summary.set_index(["variable", "label"])["median"].to_dict()
+    medians = fit.summary.set_index(["variable", "label"])["median"].to_dict()
     ratios: dict[str, list[float]] = {}
-    for heads, *lines in _tables(page):
-        for line in (dict(zip(heads, cells, strict=False)) for cells in lines):
-            if {"variable", "label", "unit", "median"} <= line.keys():
-                shown = {f"{line['variable']} in {line['unit']}": (line["variable"], line["label"], "median")}
-            else:
-                shown = {head: (head[0], line.get("impact"), head) for head in line if head[1:2] == " "}
-            for what, (variable, label, column) in shown.items():
-                value = line[column].replace("\N{MINUS SIGN}", "-")
-                if (variable, label) in medians and _NUMBER.fullmatch(value):
-                    ratios.setdefault(what, []).append(float(value) / medians[variable, label])
-    # A median of three digits or more is rounded by at most a thousandth, but where it is almost 0.
-    return ((f"page: {what}", float(np.median(r)), 50.0, np.nan) for what, r in ratios.items())
-
-
-_NUMBER = re.compile(r"-?\d+(\.\d+)?")
-
-
-def _tables(page: str) -> Iterator[list[list[str]]]:
-    """Of each table of a page its rows of cells, the heads first."""
     for table in re.findall(r"<table.*?</table>", page, re.S):
         rows = (re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row, re.S) for row in table.split("<tr")[1:])
-        yield [[" ".join(unescape(re.sub(r"<[^>]+>", " ", cell)).split()) for cell in row] for row in rows]
+        heads, *lines = ([unescape(re.sub(r"<[^>]+>", "", cell)).strip() for cell in row] for row in rows)
+        for line in (dict(zip(heads, cells, strict=False)) for cells in lines):
+            for head in filter(_WITH_UNIT.fullmatch, line):
+                if median := medians.get((head[0], line.get("impact"))):
+                    ratios.setdefault(head, []).append(float(line[head]) / median)
+    # Rounded to three digits or more, and the median over impacts: 5e-3 is beyond rounding.
+    return ((f"page: {head}", float(np.median(r)), 50.0, np.nan) for head, r in ratios.items())
+
+
+# Of a column of K or C.
+_WITH_UNIT = re.compile(r"[KC] \(.+\)")
 
 
 def _points() -> pd.DataFrame:

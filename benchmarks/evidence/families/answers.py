@@ -110,8 +110,8 @@ def _true(p: np.ndarray, true: np.ndarray) -> dict[str, float]:
 def plan_assurance() -> Named:
     rows = raw("plan_assurance")
     by_plan, studies = rows[rows["share"].notna()], rows[rows["study"].notna()]
-    p, true, asked = studies["posterior"], studies["truth"].astype(bool), by_plan["probability"].iloc[0]
-    yes, no = p > asked, p < 1 - asked
+    p, true, level = studies["posterior"], studies["truth"].astype(bool), by_plan["probability"].iloc[0]
+    yes, no = p > level, p < 1 - level
     by_fits = pd.DataFrame(
         {"yes": yes, "no": no, "misleads": (yes & ~true) | (no & true), "answers": yes | no}
     )
