@@ -16,7 +16,7 @@ from pathlib import Path
 
 from evidence.families.intervals import coverage_of_fits
 from evidence.figures import figures
-from evidence.registry import ROOT, content, of_family
+from evidence.registry import ROOT, content
 from evidence.status import state_of
 from evidence.summary import figure
 from evidence.texts import Figure
@@ -118,7 +118,7 @@ def _paragraph(made: Figure) -> str:
 def coverage_shown() -> str:
     """The table of coverage that comes with the program, for the page of a fit; as it is until measured."""
     columns = ["likelihood", "quantity", "level", "held", "impacts"]
-    if any(piece.rows().empty for piece in of_family("coverage_fit")):
+    if "coverage_fit.table" not in figures():
         return SHOWN.read_text(encoding="utf-8")
     lines = coverage_of_fits()
     return lines.rename(columns={"each": "likelihood"})[columns].to_csv(index=False)

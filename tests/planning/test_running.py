@@ -75,12 +75,16 @@ def begun() -> Begun:
 
 
 def test_a_fit_works_as_little_as_it_did(begun: Begun) -> None:
-    # As many as a new process compiles; what another test has compiled is not compiled again.
+    """Counts of a small fit, the same on any machine but for what is stated."""
     first, again = begun.compiled
-    assert (first, again) <= (0, 0)
-    steps = begun.fit.posterior["sample_stats"]["n_steps"].to_numpy()
-    assert steps.mean() < 0
-    assert sum(part.to_dataset().nbytes for part in begun.fit.posterior.subtree) < 0
+    # Programs of a new process: what another test has compiled is not compiled again. Two more are let pass.
+    assert first <= 70
+    # Traces of other lengths have a few programs of their own.
+    assert again <= 20
+    # Of independent proposals each takes one value of the density, and no gradient.
+    assert begun.fit.posterior["sample_stats"]["n_steps"].to_numpy().mean() == 1
+    # Bytes of 4,000 draws of 10 impacts, exactly.
+    assert sum(part.to_dataset().nbytes for part in begun.fit.posterior.subtree) <= 9_933_284
 
 
 def test_without_further_impacts_a_plan_says_what_the_fit_says(begun: Begun) -> None:

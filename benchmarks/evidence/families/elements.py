@@ -13,7 +13,6 @@ from evidence.texts import (
     block,
     coverage,
     coverage_table,
-    each_held,
     family,
     names,
     percent,
@@ -29,7 +28,6 @@ def coverage_elements() -> Named:
 
     rows = raw("coverage_elements")
     lines = coverage(rows, ["each", "quantity"])
-    yield from each_held(lines, "coverage_elements")
     exponent = lines["quantity"].str.startswith("mass_exponent")
     impacts = lines[~exponent]
     shown = coverage_table(impacts, ["each", "quantity"]).rename(columns={"each": "element"})

@@ -36,9 +36,15 @@ def exactness() -> Named:
     shown = lines.assign(largest_difference=difference.map(power_of_ten) + " " + lines["relative_to"])
     titles = {"largest_difference": "largest difference"}
     yield "table", block(table(shown.drop(columns="relative_to").rename(columns=titles)), "exactness")
-    for name, words in (("arma", "ARMA"), ("motion", "motion"), ("decelerations", "recorded decelerations")):
-        largest = difference[lines["what"].str.contains(words, regex=False)].max()
-        yield name, Figure(power_of_ten(largest), names("exactness"))
+    arma, motion, decelerations = (
+        power_of_ten(difference[lines["what"].str.contains(words, regex=False)].max())
+        for words in ("ARMA", "motion", "recorded decelerations")
+    )
+    text = (
+        f"the largest differences from the oracles are {arma} of the log density of ARMA(2,1), {motion} of "
+        f"the peak of a motion, and {decelerations} nats of a deceleration's"
+    )
+    yield "sentence", Figure(text, names("exactness"))
 
 
 def coverage_of_fits() -> pd.DataFrame:
@@ -128,7 +134,6 @@ def many_impacts() -> Named:
         f"{percent(row['C_held_90'] / row['impacts'])} of them"
     )
     yield "sentence", Figure(text, names("many_impacts"))
-    yield "minutes", Figure(f"{row['minutes']:.1f} minutes", names("many_impacts"))
 
 
 def _envelope(number: int, simulations: int = 4000) -> np.ndarray:
@@ -231,7 +236,8 @@ def heelstrike() -> Named:
     )
     yield "table", block(table(shown), "heelstrike")
     width = (rows["K_high"] / rows["K_low"]).median()
-    yield "factor", Figure(f"{width:.1f}", names("heelstrike"))
+    text = f"90 % intervals of people's K span a factor of {width:.1f}"
+    yield "sentence", Figure(text, names("heelstrike"))
 
 
 @family
