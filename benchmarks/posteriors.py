@@ -88,7 +88,8 @@ def nuts_draws(prepared: Prepared) -> tuple[dict[str, np.ndarray], int]:
     sites = {name: np.asarray(v) for name, v in mcmc.get_samples(group_by_chain=True).items()}
     draws = Draws(straightened(prepared.model, whitening, sites), {}, 10)
     constrained = constrained_draws(prepared, whitening, draws, key)
-    quantities = {name: v for name, v in constrained.sites.items() if v.ndim == 2}
+    # A standard deviation of what the design has not is 0.
+    quantities = {name: v for name, v in constrained.sites.items() if v.ndim == 2 and np.ptp(v)}
     quantities |= {name: constrained.impacts[name] for name in ("K", "C")}
     return quantities, int(mcmc.get_extra_fields()["diverging"].sum())
 

@@ -38,7 +38,7 @@ def hindered(piece: Piece) -> str:
     packages = [name for name in piece.packages if importlib.util.find_spec(name) is None]
     folders = [name for name in piece.folders if not Path(os.environ.get(name, " ")).is_dir()]
     reasons = [f"needs {', '.join(packages)}: `make evidence-peers`"] if packages else []
-    reasons += [f"needs recordings: {name}=FOLDER, the folder of their dataset" for name in folders]
+    reasons += [f"needs recordings: {name}=FOLDER, in which their datasets lie" for name in folders]
     return "; ".join(reasons)
 
 
