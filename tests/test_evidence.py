@@ -5,7 +5,9 @@ from __future__ import annotations
 import ast
 import importlib
 import json
+import os
 import sys
+import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -324,6 +326,22 @@ def test_a_failure_keeps_no_other_from_being_run_and_timed_ones_come_last(piece,
     assert "piece: failed with status 3" in said
     assert "timed, 3 of 3" in said
     assert "All: 9 min left." in said
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="this system binds no process to a core")
+def test_two_pieces_run_side_by_side_each_on_a_core_of_its_own(piece, run):
+    both, cores = threading.Barrier(2, timeout=20), []
+
+    def meet():
+        both.wait()
+        cores.append(os.sched_getaffinity(0))
+
+    before = os.sched_getaffinity(0)
+    assert run(piece, replace(piece, name="b"), piece=meet, b=meet)[0] == 0
+    assert os.sched_getaffinity(0) == before
+    if len(before) > 1:
+        assert [len(each) for each in cores] == [1, 1]
+        assert cores[0] != cores[1]
 
 
 def test_an_interruption_says_what_is_left(piece, run, capsys):
