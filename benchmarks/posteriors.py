@@ -137,16 +137,16 @@ def compared(case: str) -> pd.DataFrame:
     summary = bt.fit(dataset, specification).summary
     keys = ["variable", "label"]
     reference = pd.read_csv(TABLE, dtype={"label": str}).fillna({"label": ""}).query("case == @case")
-    both = reference.merge(
+    merged = reference.merge(
         summary.fillna({"label": ""}).astype({"label": str}), on=keys, suffixes=("", "_fit")
     )
     named = {"mean": "mean_fit", "sd": "sd_fit", "q05": "eti90_low", "q50": "median", "q95": "eti90_high"}
     parts = [
-        both[keys].assign(
+        merged[keys].assign(
             statistic=key,
-            sd=both["sd"],
-            difference=both[column] - both[key],
-            mcse=np.hypot(both[f"{key}_mcse"], OF_MEAN[key] * both["mcse_mean"]),
+            sd=merged["sd"],
+            difference=merged[column] - merged[key],
+            mcse=np.hypot(merged[f"{key}_mcse"], OF_MEAN[key] * merged["mcse_mean"]),
         )
         for key, column in named.items()
     ]

@@ -37,8 +37,8 @@ def row_of(folder: Path) -> dict[str, Any]:
 
 def main() -> None:
     runtime.configure(one_core=True)
-    every = sorted(path.parent for path in Path(os.environ["EVIDENCE_RECORDINGS"]).glob("*/dataset.toml"))
-    folders = {folder.name: folder for folder in every}
+    paths = sorted(path.parent for path in Path(os.environ["EVIDENCE_RECORDINGS"]).glob("*/dataset.toml"))
+    folders = {folder.name: folder for folder in paths}
     with recorded("recordings") as record:
         for name in record.missing(folders):
             record.add(name, [row_of(folders[name])])

@@ -330,10 +330,10 @@ def test_a_failure_keeps_no_other_from_being_run_and_timed_ones_come_last(piece,
 
 @pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="this system binds no process to a core")
 def test_two_pieces_run_side_by_side_each_on_a_core_of_its_own(piece, run):
-    both, cores = threading.Barrier(2, timeout=20), []
+    meeting, cores = threading.Barrier(2, timeout=20), []
 
     def meet():
-        both.wait()
+        meeting.wait()
         cores.append(os.sched_getaffinity(0))
 
     before = os.sched_getaffinity(0)
