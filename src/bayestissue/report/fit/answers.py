@@ -7,12 +7,7 @@ from markupsafe import Markup
 
 from bayestissue.hierarchy.formulas.group_terms import stem_of
 from bayestissue.inference.results.meanings import UNITS
-from bayestissue.report.fit.estimates import (
-    apparent_exponent,
-    dds_ratio,
-    held_by_intervals,
-    mass_varies,
-)
+from bayestissue.report.fit.estimates import apparent_exponent, dds_ratio, held_by_intervals, mass_varies
 from bayestissue.report.fit.population import differing_words
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.posterior import (

@@ -11,16 +11,9 @@ import pandas as pd
 from bayestissue.inference.answers.agreement import METHODS, agreement
 from bayestissue.inference.results.meanings import COLUMNS, UNITS
 from bayestissue.report.fit.run import FitRun
-from bayestissue.report.posterior import (
-    QUANTITIES,
-    Spread,
-)
+from bayestissue.report.posterior import QUANTITIES, Spread
 from bayestissue.report.tables import Field, Row, Table, columns, lines, table_of
-from bayestissue.report.wording import (
-    interval,
-    percent,
-    significant,
-)
+from bayestissue.report.wording import interval, percent, significant
 
 MOST_ROWS = 300
 _MOST_DRAWN = 1000

@@ -8,11 +8,7 @@ import numpy as np
 
 from bayestissue.hierarchy.formulas.group_terms import stem_of
 from bayestissue.report.fit.run import FitRun
-from bayestissue.report.posterior import (
-    Spread,
-    group_words,
-    spread,
-)
+from bayestissue.report.posterior import Spread, group_words, spread
 from bayestissue.report.wording import listed
 
 _FIRST = ("subject", "trial")

@@ -14,14 +14,7 @@ from bayestissue.report.fit.population import groupings
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.posterior import QUANTITIES, Spread, spread
 from bayestissue.report.tables import Field, Row, Table, columns, lines, table_of
-from bayestissue.report.wording import (
-    likelihood_words,
-    listed,
-    number,
-    percent,
-    probability,
-    significant,
-)
+from bayestissue.report.wording import likelihood_words, listed, number, percent, probability, significant
 
 _ON_FIRST_SCREEN = 2
 MOST_ROWS = 300

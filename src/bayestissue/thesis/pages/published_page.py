@@ -16,14 +16,7 @@ from bayestissue.remedies import Code, codes_in
 from bayestissue.report import posterior, tables
 from bayestissue.report.comparison import comparison_figure
 from bayestissue.report.page import render_page
-from bayestissue.report.posterior import (
-    CONSTANT,
-    FIXED,
-    QUANTITIES,
-    SURE,
-    exponent,
-    hypothesis_probability,
-)
+from bayestissue.report.posterior import CONSTANT, FIXED, QUANTITIES, SURE, exponent, hypothesis_probability
 from bayestissue.report.wording import listed, percent, relative, significant
 from bayestissue.thesis.pages import published_figures, published_run
 from bayestissue.thesis.pages.published_run import PublishedRun, read_published_run

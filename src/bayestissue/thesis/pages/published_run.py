@@ -20,13 +20,7 @@ from bayestissue.report.run_folder import (
     require_files,
 )
 from bayestissue.report.tables import Field, Row, Table, columns, lines, table_of, tag
-from bayestissue.report.wording import (
-    interval,
-    listed,
-    number,
-    probability,
-    significant,
-)
+from bayestissue.report.wording import interval, listed, number, probability, significant
 from bayestissue.results import read_tables
 from bayestissue.thesis.reproduction.conditions import Quantity
 
