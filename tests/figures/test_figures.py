@@ -7,22 +7,18 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
-import vl_convert
 
 from bayestissue import read_run
 from bayestissue.figures.browser import packed_json
-from bayestissue.figures.intervals import MOST_LEVELS, intervals, with_ranks
-from bayestissue.figures.study import agreement, limits_of_agreement
-from bayestissue.figures.theme import Figure, scale_over
+from bayestissue.figures.intervals import MOST_LEVELS, intervals, with_error_of, with_ranks
+from bayestissue.figures.study import agreement, limits_of_agreement, points, shares
+from bayestissue.figures.theme import number, scale_over
+from bayestissue.figures.traces import CONTACT, panels, thinned
 from bayestissue.report.fit import figures
 from bayestissue.report.fit.run import read_fit_run
 from bayestissue.report.run_folder import read_about
 from make_fit_run import make_fit_run
 from page_reader import figures as specifications
-
-
-def svg(figure: Figure) -> str:
-    return vl_convert.vegalite_to_svg(figure.specification())
 
 
 def words_in(drawn: str) -> list[str]:
@@ -48,7 +44,7 @@ def test_every_figure_of_a_paper_is_drawn_with_names_and_units(run) -> None:
     for name in ("K-by-subject", "K-paired-by-side", "C-over-mass", "K-repeatability", "recording"):
         assert name in made
     for name, figure in made.items():
-        drawn = svg(figure)
+        drawn = figure.svg()
         unit = "m/s²" if name == "recording" else "N/m" if name.startswith("K") else "N s/m"
         assert any(unit in words for words in words_in(drawn)), name
         assert "NaN" not in drawn, name
@@ -62,7 +58,7 @@ def test_a_persons_line_goes_from_side_to_side(run) -> None:
     expected = np.exp(np.log(person["K_N_per_m"]).groupby(person["side"]).mean())
     rows = figure.data[figure.data["person"] == "s1"].set_index("level")["median"]
     pd.testing.assert_series_equal(rows, expected, check_names=False)
-    assert {"left", "right"} <= set(words_in(svg(figure)))
+    assert {"left", "right"} <= set(words_in(figure.svg()))
 
 
 def test_repeats_are_pairs_of_one_person(run) -> None:
@@ -82,9 +78,8 @@ def test_limits_of_agreement_are_those_of_logs() -> None:
     expected = np.exp([logs.mean(), logs.mean() - 1.96 * logs.std(), logs.mean() + 1.96 * logs.std()])
     np.testing.assert_allclose(limits_of_agreement(ratio), expected)
     assert np.isnan(limits_of_agreement(ratio[:1])[1])
-    drawn = svg(
-        agreement(pd.DataFrame({"mean": [1.0, 2.0, 3.0], "ratio": ratio[:3]}), "K (N/m)", "a over b", "w")
-    )
+    rows = pd.DataFrame({"mean": [1.0, 2.0, 3.0], "ratio": ratio[:3]})
+    drawn = agreement(rows, "K (N/m)", "a over b", "w").svg()
     assert f"{expected[0]:.3g}" in words_in(drawn)
 
 
@@ -100,7 +95,7 @@ def test_ranks_are_those_of_the_draws_and_the_middle_of_very_many_is_left_out() 
 def test_names_from_the_data_are_text() -> None:
     names = ["a.b[0]", "'quoted' \\ <b>", "long " * 20, "_x"]
     rows = with_ranks(np.arange(4.0) + np.ones((2, 1)), names)
-    shown = words_in(svg(intervals(rows, "K (N/m)", "words")))
+    shown = words_in(intervals(rows, "K (N/m)", "words").svg())
     assert {"a.b[0]", "_x"} <= set(shown)
     assert any("…" in words for words in shown)
 
@@ -126,3 +121,58 @@ def test_a_fit_draws_its_figures_for_a_notebook(folder) -> None:
     assert plot.mass().data["impact"].nunique() == 12
     recorded = plot.recording(read_run(folder).posterior["posterior"]["impact"].to_numpy()[3])
     assert "Measured deceleration" in recorded.words
+
+
+def test_of_a_long_trace_every_peak_stays() -> None:
+    values = np.sin(np.arange(10_000) / 50)
+    values[[137, 5000]] = 9.0, -9.0
+    kept = thinned(values, 100)
+    assert len(kept) <= 100
+    assert {137, 5000} <= set(kept)
+    assert (np.diff(kept) > 0).all()
+    np.testing.assert_array_equal(thinned(values[:99], 100), np.arange(99))
+
+
+def test_a_panel_stands_for_each_impact() -> None:
+    parts = [
+        pd.DataFrame({"time_ms": [0.0, 1.0, 2.0], "value": [0.0, scale, 0.0], "kind": "recorded"}).assign(
+            impact=name
+        )
+        for name, scale in (("a", 1.0), ("b", 2.0))
+    ]
+    contacts = pd.DataFrame({"time_ms": 0.5, "value": 0.0, "kind": CONTACT, "impact": ["a", "b"]})
+    drawn = panels(pd.concat([*parts, contacts]), "time (ms)", "force (N)", "two impacts").svg()
+    words = words_in(drawn)
+    assert {"a", "b", "recorded", CONTACT} <= set(words)
+    assert words.count("time (ms)") == words.count("force (N)") == 2
+
+
+def test_points_have_intervals_and_named_lines() -> None:
+    rows = pd.DataFrame({"x": [1.0, 2.0], "y": [1.0, 3.0], "low": 0.5, "high": 3.5, "kind": ["one", "two"]})
+    lines = pd.DataFrame({"x": [1.0, 2.0], "y": 2.0, "line": "wanted"})
+    figure = points(rows, number("x", "x (m)"), number("y", "y (N)"), "points", lines=lines, joined=True)
+    assert {"one", "two", "wanted", "x (m)", "y (N)"} <= set(words_in(figure.svg()))
+    marks = [layer["mark"]["type"] for layer in figure.chart["layer"]]
+    assert marks == ["line", "rule", "line", "point"]
+
+
+def test_shares_are_in_the_cells_and_the_chosen_one_is_framed() -> None:
+    rows = pd.DataFrame({"people": [5, 10, 5, 10], "repeats": [1, 1, 2, 2], "share": [0.25, 0.5, 0.75, 0.9]})
+    figure = shares(rows, "people", "repeats", "shares", wanted=0.7, chosen=(5, 2))
+    assert {"0.25", "0.50", "0.75", "0.90", "people", "repeats"} <= set(words_in(figure.svg()))
+    bold, framed = (figure.chart["layer"][layer]["data"] for layer in (2, 3))
+    assert list(bold["share"]) == [0.75, 0.9]
+    assert framed[["people", "repeats"]].to_numpy().tolist() == [[5, 2]]
+
+
+def test_values_with_standard_errors_and_further_points_share_their_line() -> None:
+    labels, values = pd.Series(["a", "b"]), pd.Series([0.2, 0.4])
+    rows = with_error_of(labels, values, pd.Series([0.1, 0.1]))
+    assert rows[["se_low", "se_high"]].to_numpy().tolist() == pytest.approx(
+        np.array([[0.1, 0.3], [0.3, 0.5]])
+    )
+    further = pd.DataFrame({"label": ["a"], "value": [0.9]})
+    figure = intervals(rows, "share", "two", points=further, domain=(0, 1), straight=True)
+    assert {"a", "b", "share"} <= set(words_in(figure.svg()))
+    titles = [one["title"] for one in figure.chart["layer"][-1]["encoding"]["tooltip"]]
+    assert titles == ["of", "value"]
