@@ -150,10 +150,10 @@ def test_the_study_so_far_shrinks_towards_the_person_and_finds_who_is_unlike(
     for name in NAMES:
         write(recorded, name, drop(name))
     watch.catch_up(0)
-    told = watch.study.told(watch.drops.all[-1])
-    assert told is not None
-    low, high = told.person["K"][1:]
-    assert np.sqrt(high / low) - 1 == pytest.approx(told.width)
+    estimates = watch.study.estimates(watch.drops.all[-1])
+    assert estimates is not None
+    low, high = estimates.person["K"][1:]
+    assert np.sqrt(high / low) - 1 == pytest.approx(estimates.width)
     of_person = [d.K[0] for d in watch.drops if d.cells["side"] == watch.drops.all[-1].cells["side"]]
     # A person's interval holds the mean of its drops, whose error is far smaller than its width.
     assert low < np.exp(np.mean(np.log(np.array(of_person, float)))) < high

@@ -143,10 +143,10 @@ class _Guard:
         if scope["type"] == "lifespan":
             await self.app(scope, receive, send)
             return
-        asked = HTTPConnection(scope)
-        given = asked.query_params.get("token", "") if scope["path"] == "/" else ""
-        knows = self._is_token(given)
-        host, origin = asked.headers.get("host", ""), asked.headers.get("origin")
+        connection = HTTPConnection(scope)
+        token = connection.query_params.get("token", "") if scope["path"] == "/" else ""
+        knows = self._is_token(token)
+        host, origin = connection.headers.get("host", ""), connection.headers.get("origin")
         same = origin in {f"http://{name}" for name in self.hosts}
         writes = scope["type"] != "http" or scope["method"] not in ("GET", "HEAD")
 
@@ -160,7 +160,7 @@ class _Guard:
 
         if host not in self.hosts or (origin is not None and not same) or (writes and not same):
             refusal = PlainTextResponse("not from this page", 403)
-        elif not knows and not self._is_token(asked.cookies.get(self.cookie, "")):
+        elif not knows and not self._is_token(connection.cookies.get(self.cookie, "")):
             refusal = PlainTextResponse("open the whole address that the terminal shows", 403)
         else:
             await self.app(scope, receive, with_headers)

@@ -43,9 +43,9 @@ class WatchView:
         count = {key: sum(level(drop.cells) == key for drop in used) for key in last}
         people = []
         for key, drop in last.items():
-            told = watch.study.told(drop)
+            study = watch.study.estimates(drop)
             person = {"person": " ".join(key), "drops": count[key], "mass_kg": drop.cells["mass_kg"]}
-            people.append(person | ({"K": told.person["K"], "width": told.width} if told else {}))
+            people.append(person | ({"K": study.person["K"], "width": study.width} if study else {}))
         return {
             "version": version,
             "back": "Take the last drop back",
@@ -78,8 +78,8 @@ class WatchView:
     def drop(self, impact: str) -> dict[str, Any]:
         """One drop with its trace, its fit and what the study so far says of it."""
         drop = self.watch.drops.named(impact)
-        told = self.watch.study.told(drop)
-        study = {} if told is None else told._asdict()
+        estimates = self.watch.study.estimates(drop)
+        study = {} if estimates is None else estimates._asdict()
         return {"impact": impact, "study": study, "trace": trace(self.watch.impact(impact))}
 
     def act(self, action: str, content: dict[str, Any]) -> None:
@@ -173,9 +173,9 @@ def one_line(text: Any) -> str:
 
 def trace(impact: Impact) -> dict[str, list[float | None]]:
     """Times in ms, the recorded and the fitted deceleration."""
-    every = -(-len(impact.time_s) // _POINTS)
+    stride = -(-len(impact.time_s) // _POINTS)
     columns = {"time_ms": impact.time_s * 1e3, "recorded": impact.deceleration, "fitted": impact.fitted}
     return {
-        name: [float(f"{v:.5g}") if np.isfinite(v) else None for v in values[::every]]
+        name: [float(f"{v:.5g}") if np.isfinite(v) else None for v in values[::stride]]
         for name, values in columns.items()
     }
