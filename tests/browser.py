@@ -17,6 +17,7 @@ from websocket import create_connection
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 _SECONDS = 120
+_CODES = {"Tab": 9, "Enter": 13, "ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40}
 
 
 class Browser:
@@ -46,10 +47,8 @@ class Browser:
         self._count = 0
         self.errors: list[str] = []
         self.requests: list[str] = []
-        for domain in ("Page", "Runtime", "Network"):
+        for domain in ("Page", "Runtime", "Network", "Log"):
             self.call(f"{domain}.enable")
-        # Whatever a page asks for beside itself is refused, and told.
-        self.call("Network.setBlockedURLs", urls=["http://*", "https://*"])
         return self
 
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
@@ -72,19 +71,33 @@ class Browser:
     def _note(self, event: dict[str, Any]) -> None:
         if event["method"] == "Runtime.exceptionThrown":
             self.errors.append(json.dumps(event["params"]["exceptionDetails"]))
+        if event["method"] == "Log.entryAdded" and event["params"]["entry"]["source"] == "security":
+            self.errors.append(event["params"]["entry"]["text"])
         if event["method"] == "Network.requestWillBeSent":
             self.requests.append(event["params"]["request"]["url"])
 
-    def open(self, page: Path, width: int = 1280, *, scripts: bool = True, hash: str = "") -> None:  # noqa: A002
+    def open(
+        self,
+        page: Path | str,
+        width: int = 1280,
+        *,
+        scripts: bool = True,
+        hash: str = "",  # noqa: A002
+    ) -> None:
+        """Open a file, which has no network, or the address of a server."""
+        url = page if isinstance(page, str) else page.as_uri() + hash
+        # Whatever a file asks for beside itself is refused, and told.
+        blocked = [] if isinstance(page, str) else ["http://*", "https://*"]
+        self.call("Network.setBlockedURLs", urls=blocked)
         self.errors.clear()
         self.requests.clear()
         self.call("Emulation.setScriptExecutionDisabled", value=not scripts)
         metrics = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
         self.call("Emulation.setDeviceMetricsOverride", **metrics)
         self.call("Page.navigate", url="about:blank")
-        self.call("Page.navigate", url=page.as_uri() + hash)
+        self.call("Page.navigate", url=url)
         self._wait(
-            lambda: self.js("location.protocol") == "file:" and self.js("document.readyState") == "complete"
+            lambda: self.js("location.protocol") != "about:" and self.js("document.readyState") == "complete"
         )
 
     def js(self, expression: str) -> Any:
@@ -97,12 +110,23 @@ class Browser:
         """Wait until an expression is true."""
         self._wait(lambda: self.js(expression), expression)
 
+    def type(self, text: str) -> None:
+        """Type into what has the focus."""
+        self.call("Input.insertText", text=text)
+
+    def tab_to(self, expression: str) -> None:
+        """Press Tab until what has the focus, ``document.activeElement``, meets an expression."""
+        for _ in range(200):
+            self.key("Tab")
+            if self.js(expression):
+                return
+        raise AssertionError(f"can't be reached by Tab: {expression}")
+
     def key(self, key: str) -> None:
         for kind in ("keyDown", "keyUp"):
-            text = {"text": "\r"} if key == "Enter" and kind == "keyDown" else {}
-            code = {"Tab": 9, "Enter": 13, "ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40}[
-                key
-            ]
+            letter = {"Enter": "\r"}.get(key, key if len(key) == 1 else "")
+            text = {"text": letter} if letter and kind == "keyDown" else {}
+            code = _CODES.get(key) or ord(key.upper())
             self.call(
                 "Input.dispatchKeyEvent", type=kind, key=key, code=key, windowsVirtualKeyCode=code, **text
             )
