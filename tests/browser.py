@@ -114,21 +114,27 @@ class Browser:
         """Type into what has the focus."""
         self.call("Input.insertText", text=text)
 
-    def tab_to(self, expression: str) -> None:
+    def tab_to(self, expression: str, *, back: bool = False) -> None:
         """Press Tab until what has the focus, ``document.activeElement``, meets an expression."""
         for _ in range(200):
-            self.key("Tab")
+            self.key("Tab", shift=back)
             if self.js(expression):
                 return
         raise AssertionError(f"can't be reached by Tab: {expression}")
 
-    def key(self, key: str) -> None:
+    def key(self, key: str, *, shift: bool = False) -> None:
         for kind in ("keyDown", "keyUp"):
             letter = {"Enter": "\r"}.get(key, key if len(key) == 1 else "")
             text = {"text": letter} if letter and kind == "keyDown" else {}
             code = _CODES.get(key) or ord(key.upper())
             self.call(
-                "Input.dispatchKeyEvent", type=kind, key=key, code=key, windowsVirtualKeyCode=code, **text
+                "Input.dispatchKeyEvent",
+                type=kind,
+                key=key,
+                code=key,
+                windowsVirtualKeyCode=code,
+                modifiers=8 * shift,
+                **text,
             )
 
     def click(self, x: float, y: float) -> None:

@@ -110,7 +110,7 @@ class Fit(Outlined):
         if self.dataset is not None or self.folder is None:
             return self.folder
         stated = self.about.get("dataset_folder")
-        return None if stated is None else self.folder / stated
+        return None if stated is None else (self.folder / stated).resolve()
 
     @cached_property
     def specification(self) -> ModelSpecification:

@@ -148,7 +148,7 @@ def test_keys_alone_leave_an_impact_out_and_undo_it(
     assert reasons(folders[1]) == {impact: "hit the frame, undoubtedly"}
     words = text(tab, "#decisions")
     assert f"{impact} is left out: hit the frame, undoubtedly. The fit shown still contains it." in words
-    assert "Fit anew: bayestissue fit " in words
+    assert f"Fit anew: bayestissue fit {folders[1].resolve()} --model" in words
     # A letter that is typed into a field is no command.
     tab.key("u")
     tab.until("document.querySelector('#reason').value.endsWith('u')")
@@ -327,8 +327,7 @@ def test_the_command_serves_a_run_until_it_is_stopped(tmp_path: Path) -> None:
 def test_a_fit_says_where_its_dataset_lies(tmp_path: Path) -> None:
     run, dataset = run_and_dataset(tmp_path)
     fit = read_run(run)
-    assert fit.dataset_folder is not None
-    assert fit.dataset_folder.resolve() == dataset.resolve()
+    assert fit.dataset_folder == dataset.resolve()
     fit.report(tmp_path / "elsewhere" / "copy")
     copied = read_run(tmp_path / "elsewhere" / "copy")
     assert copied.about["dataset_folder"] == "../../set"
