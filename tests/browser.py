@@ -142,6 +142,28 @@ class Browser:
             pressed = {} if kind == "mouseMoved" else {"button": "left", "clickCount": 1}
             self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, **pressed)
 
+    def figure_saved(self, folder: Path, name: str, kind: str) -> bytes:
+        """What the menu of a figure saves as "SVG" or "PNG", or its button as "CSV", into a new ``folder``."""
+        folder.mkdir()
+        figure = f"document.querySelector('[data-name={name}]')"
+        found = f"[...{figure}.querySelectorAll('button, .vega-actions a')].find(e => e.textContent.includes('{kind}'))"
+        if kind != "CSV":
+            # The image is made when the link is pressed.
+            self.js(f"{found}.dispatchEvent(new Event('mousedown'))")
+            self.until(f"/^(data|blob):/.test({found}.href)")
+        return self.downloaded(folder, f"{found}.click()")
+
+    def downloaded(self, folder: Path, trigger: str) -> bytes:
+        """The file that an expression makes the page save, of which ``folder`` holds no other."""
+        self.call("Browser.setDownloadBehavior", behavior="allow", downloadPath=str(folder))
+        self.js(trigger)
+
+        def whole() -> list[Path]:
+            return [path for path in folder.iterdir() if path.suffix != ".crdownload"]
+
+        self._wait(whole, trigger)
+        return whole()[0].read_bytes()
+
     def pdf(self) -> bytes:
         """The page as it is printed."""
         return base64.b64decode(self.call("Page.printToPDF")["data"])

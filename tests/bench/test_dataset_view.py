@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from opened import address, served
-from written_drops import PATTERN, VELOCITY, drop, plan_of_drops, write
+from written_drops import by_init, drop, plan_of_drops, write
 
 import bayestissue as bt
 from bayestissue.bench.views import DatasetView
@@ -24,12 +24,7 @@ STEMS = [name.removesuffix(".csv") for name in NAMES]
 def folder(tmp_path: Path) -> Path:
     for number, name in enumerate(NAMES):
         write(tmp_path / "recorded", name, drop(name, late_s=0.013 * (number == 1)))
-    given = {"velocity_m_s": VELOCITY}
-    out = tmp_path / "set"
-    bt.init_dataset(
-        tmp_path / "recorded", out, pattern=PATTERN, quantity="deceleration", unit="m/s^2", given=given
-    )
-    return out
+    return by_init(tmp_path / "recorded", tmp_path / "set")
 
 
 def test_impacts_are_left_out_used_again_and_the_last_decision_undone(folder: Path) -> None:

@@ -198,6 +198,22 @@ def test_nothing_is_wider_than_the_screen(tab: browser.Browser, port: int, width
     assert tab.js(f"[...{nav}.children].every(a => a.getBoundingClientRect().right <= {width})")
 
 
+@needs_browser
+def test_figures_are_saved_under_the_policy_of_the_server(
+    tab: browser.Browser, port: int, tmp_path: Path
+) -> None:
+    tab.open(address(port))
+    tab.until(READY)
+    assert b"stiffness K (N/m)" in tab.figure_saved(tmp_path / "svg", "K-over-C", "SVG")
+    assert tab.figure_saved(tmp_path / "png", "K-over-C", "PNG").startswith(b"\x89PNG")
+    assert b"K_N_per_m" in tab.figure_saved(tmp_path / "csv", "K-over-C", "CSV")
+    # No script but the server's runs.
+    inline = "Object.assign(document.createElement('script'), {textContent: 'window.ran = 1'})"
+    tab.js(f"document.body.append({inline})")
+    assert tab.js("window.ran") is None
+    assert [error for error in tab.errors if "script" not in error] == []
+
+
 @pytest.mark.usefixtures("nothing_left_out")
 def test_what_was_left_out_before_the_fit_is_accepted_again(folders: tuple[Path, Path]) -> None:
     write_left_out(folders[1], {"t0-s0": "late"})
