@@ -120,6 +120,8 @@ def test_questions_are_answered_refused_and_kept_in_the_address(
     tab.open(kept, scripts=False)
     assert tab.js("document.querySelectorAll('#answers .card').length") == 3
     assert CLAIM in text(tab, "#answers")
+    ask(tab, "C")
+    assert tab.js("location.search").endswith("&q=C")
     tab.open(kept)
     tab.until(READY)
     tab.js("document.querySelector('#answers .card:nth-child(3) .off').click()")

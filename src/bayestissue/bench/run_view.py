@@ -11,6 +11,7 @@ from typing import Any
 from urllib.parse import urlencode
 
 import pandas as pd
+from markupsafe import Markup
 
 from bayestissue.bench.decisions import Decisions
 from bayestissue.bench.views import page_file
@@ -26,6 +27,8 @@ from bayestissue.report.style import style
 from bayestissue.resources import shared
 from bayestissue.results.tables import table_of_rows
 
+# Of the page where nothing was asked.
+_NO_QUESTIONS = '<span id="asked" hidden></span>'
 _NO_ANSWERS = '<div id="answers" aria-live="polite"></div>'
 # Of questions, whose answers are kept.
 _KEPT = 500
@@ -71,8 +74,7 @@ class RunView:
         questions = query.get("q", ())
         match name:
             case "index.html":
-                shown = _NO_ANSWERS.replace("></div>", f">{self.answers(questions)}</div>")
-                return self._page.replace(_NO_ANSWERS, shown, 1)
+                return self._with_answers(questions)
             case "answers.html":
                 return self.answers(questions)
             case "questions.csv":
@@ -87,6 +89,15 @@ class RunView:
         if self.decisions is None:
             raise KeyError(action)
         self.decisions.act(action, content)
+
+    def _with_answers(self, texts: Sequence[str]) -> str:
+        """The page, whose form sends the questions of its address along with the next one."""
+        sent = Markup().join(Markup('<input type="hidden" name="q" value="{}">').format(t) for t in texts)
+        page = self._page
+        for tag, content in ((_NO_QUESTIONS, sent), (_NO_ANSWERS, self.answers(texts))):
+            begin, end = tag.split("></")
+            page = page.replace(tag, f"{begin}>{content}</{end}", 1)
+        return page
 
     def answers(self, texts: Sequence[str]) -> str:
         """The answers to questions, or why one is refused, as a part of the page; empty without any."""
