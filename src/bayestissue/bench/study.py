@@ -10,7 +10,7 @@ so that a drop more compiles nothing anew. It is no fit: sites stand for the tra
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Any, NamedTuple
@@ -113,6 +113,7 @@ class Study:
         self._alone = model.model_copy(update=alone)
         self._posterior: _Posterior | None = None
         self._compiled: set[tuple[int, ...]] = set()
+        self._latest: Callable[[], None] | None = None
         self._lock = threading.Lock()
 
     def site(self, impact: Impact) -> dict[str, Any]:
@@ -148,10 +149,14 @@ class Study:
 
         def work() -> None:
             with self._lock:
+                if self._latest is not work:
+                    # A later one has these drops too: none waits for what nobody will see.
+                    return
                 self._posterior = self._integrated(people, masses, room, rows, sites)
                 self.drops = len(drops)
                 self._compiled.add(room)
 
+        self._latest = work
         if wait or room in self._compiled:
             work()
         else:
