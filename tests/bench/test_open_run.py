@@ -219,7 +219,9 @@ def test_figures_are_saved_under_the_policy_of_the_server(
 @pytest.mark.usefixtures("nothing_left_out")
 def test_what_was_left_out_before_the_fit_is_accepted_again(folders: tuple[Path, Path]) -> None:
     write_left_out(folders[1], {"t0-s0": "late"})
+    problems = [str(problem) for problem in read_dataset(folders[1]).left_out]
     fit = read_run(folders[0])
+    fit = replace(fit, about=fit.about | {"left_out": problems})
     view = RunView(fit, decisions_on(fit, None))
     view._impacts = [name for name in view._impacts if name != "t0-s0"]
     assert view.state()["left_out"] == [{"impact": "t0-s0", "reason": "late", "fitted": False}]

@@ -16,7 +16,8 @@ from markupsafe import Markup
 from bayestissue.bench.decisions import Decisions
 from bayestissue.bench.views import page_file
 from bayestissue.dataset import read_dataset
-from bayestissue.errors import InputError
+from bayestissue.dataset.left_out import FILE
+from bayestissue.errors import InputError, printable
 from bayestissue.finished import Fit, fit_run_of
 from bayestissue.inference.answers.grammar import LONGEST
 from bayestissue.inference.answers.questions import Question, ask, numbered
@@ -103,8 +104,8 @@ class RunView:
         """The answers to questions, or why one is refused, as a part of the page; empty without any."""
         lines = []
         for number, question in enumerate(numbered(texts)):
-            others = [text for place, text in enumerate(texts) if place != number]
             row, problem = self._answer(question)
+            others = [*texts[:number], *texts[number + 1 :]]
             (line,) = question_lines(table_of_rows("questions", [row])) if row else [{"problem": problem}]
             lines.append(line | {"question": question.text, "without": _address("./", others)})
         return str(answered(lines, self._table(texts), _address("questions.csv", texts)))
@@ -130,7 +131,7 @@ class RunView:
             return {"version": 1, "dataset": "", "why_not": self.why_not, "left_out": [], "accepted": []}
         version, reasons = self.decisions.version, self.decisions.reasons
         fitted = set(self._impacts)
-        accepted = [impact for impact in self.decisions.changed if impact not in fitted | set(reasons)]
+        accepted = [i for i in self.decisions.changed if i not in fitted | set(reasons) and self._by_hand(i)]
         differs = bool(accepted or fitted & set(reasons))
         return {
             "version": version,
@@ -144,6 +145,11 @@ class RunView:
             "undone": version > 1,
             "anew": self._anew(self.decisions.folder) if differs else "",
         }
+
+    def _by_hand(self, impact: str) -> bool:
+        """Whether somebody had left an impact out of the fit, which was not spoilt or too short."""
+        problem = f"{FILE}, column reason, impact {printable(impact)}: "
+        return any(words.startswith(problem) for words in self.fit.about.get("left_out", []))
 
     def _anew(self, folder: Path) -> str:
         """The command that fits the dataset in ``folder`` as it is now, by the model of this run."""

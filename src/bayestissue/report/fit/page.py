@@ -40,7 +40,7 @@ _CONTENTS = (
 )
 _FIRST = ("subject", "trial")
 # What the template calls for the words, tables and figures of a section.
-_SECTIONS = {
+_SECTIONS: dict[str, Any] = {
     "answers": answers,
     "checks": checks,
     "estimates": estimates,
