@@ -145,8 +145,7 @@ def posterior_of(running: Running, model: ModelSpecification) -> tuple[xr.Datase
     planned = arranged.model
     typical = Beliefs(BELIEFS.at_median()).truths(planned, arranged.design, Streams(0, 0)).hyperparameters
     start = planned.unconstrained(typical)
-    precision = np.broadcast_to(running.precision, (*centre.shape, 2))
-    drawn = posteriors(PlannedSites(planned, arranged.columns, precision, centre, present), start)
+    drawn = posteriors(PlannedSites(planned, arranged.columns, running.precision, centre, present), start)
     weight = drawn.weight.ravel() / BLOCK
     chosen = np.random.default_rng(0).choice(len(weight), DRAWS, p=weight)
     values = {name: v.reshape(1, -1)[:, chosen] for name, v in drawn.hyperparameters.items()}

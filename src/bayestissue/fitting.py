@@ -386,7 +386,7 @@ def _set_up() -> Iterator[None]:
     try:
         # Loaded before this process kept to one core, BLAS has a thread on each, and chains were measured to
         # take three times as long.
-        with threadpool_limits(1):
+        with threadpool_limits(1), runtime.compiled_kept():
             yield
     finally:
         if cores is not None:

@@ -25,7 +25,13 @@ LIBRARIES = ("bayestissue", "numpy", "scipy", "jax", "numpyro", "arviz", "pandas
 _FOLDER = "JAX_COMPILATION_CACHE_DIR"
 # The greatest seed that random numbers of every library can begin from.
 MOST_SEED = 2**63 - 1
-_MOST_KEPT = 1_000_000_000
+# Such an entry is compiled anew, which is no one's concern.
+_UNKEPT = "Error (writing|reading) persistent compilation cache entry"
+# JAX's settings of what is kept: all that is compiled, up to a GB.
+_CACHE = {
+    "jax_persistent_cache_min_compile_time_secs": 0.0,
+    "jax_compilation_cache_max_size": 1_000_000_000,
+}
 
 
 def _allowed() -> tuple[int, ...]:
@@ -122,6 +128,44 @@ def keep_compiled() -> None:
     Must be called before JAX is imported. A folder named in ``JAX_COMPILATION_CACHE_DIR`` is used instead;
     where none can be made, everything is compiled anew each time.
     """
+    folder = _cache_folder()
+    if folder is None:
+        os.environ.pop(_FOLDER, None)
+        return
+    os.environ[_FOLDER] = str(folder)
+    for name, value in _CACHE.items():
+        os.environ.setdefault(name.upper(), str(value))
+    warnings.filterwarnings("ignore", _UNKEPT)
+
+
+@contextmanager
+def compiled_kept() -> Iterator[None]:
+    """`keep_compiled` for the length of a block, where JAX was imported and has no such folder yet."""
+    import jax
+    from jax.experimental.compilation_cache import compilation_cache
+
+    folder = None if jax.config.jax_compilation_cache_dir else _cache_folder()
+    if folder is None:
+        yield
+        return
+    settings = {"jax_compilation_cache_dir": str(folder), **_CACHE}
+    before = {name: getattr(jax.config, name) for name in settings}
+    try:
+        for name, value in settings.items():
+            jax.config.update(name, value)
+        # JAX looks at these settings once, when it first compiles.
+        compilation_cache.reset_cache()
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", _UNKEPT)
+            yield
+    finally:
+        for name, value in before.items():
+            jax.config.update(name, value)
+        compilation_cache.reset_cache()
+
+
+def _cache_folder() -> Path | None:
+    """Where compiled functions are kept: made if it is not there, None where it can't be written."""
     from platformdirs import user_cache_path
 
     # What is compiled belongs to one kind of processor and one version of the compiler.
@@ -129,17 +173,9 @@ def keep_compiled() -> None:
     folder = Path(os.environ.get(_FOLDER) or user_cache_path("bayestissue") / f"compiled-{kind}")
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        usable = os.access(folder, os.W_OK)
     except OSError:
-        usable = False
-    # Such an entry that can't be written or read is compiled anew, which is no one's concern.
-    warnings.filterwarnings("ignore", "Error (writing|reading) persistent compilation cache entry")
-    if not usable:
-        os.environ.pop(_FOLDER, None)
-        return
-    os.environ[_FOLDER] = str(folder)
-    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.2")
-    os.environ.setdefault("JAX_COMPILATION_CACHE_MAX_SIZE", str(_MOST_KEPT))
+        return None
+    return folder if os.access(folder, os.W_OK) else None
 
 
 def release_compiled(most: int | None = None) -> None:

@@ -58,10 +58,14 @@ def test_word_and_markdown_say_the_same(exported: Path) -> None:
 def test_numbers_of_the_text_are_those_of_the_tables(folder: Path, exported: Path) -> None:
     markdown = (exported / "methods.md").read_text(encoding="utf-8")
     summary = pd.read_csv(folder / "summary.csv").set_index("variable")
-    assert f"K was {np.exp(summary.loc['intercept_K', 'median']):.0f} N/m" in markdown
+    shown = re.search(r"K was (\d+) N/m", markdown)
+    assert shown
+    # Two digits of the width of its interval: to half a unit of the second.
+    width = np.diff(np.exp(summary.loc["intercept_K", ["eti90_low", "eti90_high"]].astype(float)))[0]
+    assert abs(int(shown[1]) - np.exp(summary.loc["intercept_K", "median"])) <= width / 20
     record = json.loads((folder / "run.json").read_text(encoding="utf-8"))
     assert f"seed {record['seed']}" in markdown
-    assert record["verdict"]["words"] in markdown
+    assert record["verdict"]["words"].rstrip(".") in markdown
     ratio = pd.read_csv(folder / "contrasts.csv").query("quantity == 'K' and factor == 'side'").iloc[0]
     assert f"{ratio['level']} over {ratio['against']}, ratio | {ratio['ratio']:.3f}"[:-2] in markdown
 
@@ -156,3 +160,18 @@ def test_what_is_there_is_not_replaced(folder: Path, exported: Path) -> None:
     assert bayestissue("export", folder, "--out", exported).status == 2
     assert bayestissue("export", folder, "--out", folder, "--overwrite").status == 2
     assert bayestissue("export", exported, "--out", exported.with_name("new")).status == 2
+
+
+def test_flagged_recordings_are_said_as_a_paper_would(run: FitRun) -> None:
+    words = (
+        "R-hat at most 1.0, no divergences. NOTE: of 9 recordings 1 is flagged: spikes (1); i3. "
+        "Its K and C may be wrong. `bayestissue check` says what to do."
+    )
+    verdict = {"passed": True, "headline": "Diagnostics passed.", "words": words, "warned": False}
+    sections = text_of(replace(run, record={**run.record, "verdict": verdict})).sections
+    assert sections["Measurements"][-1] == (
+        "Of 9 recordings 1 is flagged: spikes (1); i3. Its K and C may be wrong."
+    )
+    assert re.search(
+        r"Diagnostics passed\. R-hat at most 1\.0, no divergences \[\d+\]\.$", sections["Computation"][0]
+    )

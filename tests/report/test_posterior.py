@@ -10,7 +10,7 @@ from bayestissue.report.style import log_ticks, new_figure, style
 @pytest.mark.parametrize(
     ("spread", "value", "words"),
     [
-        (Spread(2699, 1789, 3910), "2699", "1789 to 3910"),
+        (Spread(2699, 1789, 3910), "2700", "1800 to 3900"),
         (Spread(3.84, 0.251, 73.2), "3.8", "0.25 to 73"),
         (Spread(0.017, -0.013, 0.047), "0.017", "−0.013 to 0.047"),
     ],

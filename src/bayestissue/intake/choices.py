@@ -107,7 +107,7 @@ class Question:
     example: str
 
     @property
-    def asked(self) -> str:
+    def wording(self) -> str:
         """What is asked for, with the answers that are possible."""
         return self.what + (f": {' or '.join(self.answers)}" if self.answers else "")
 

@@ -97,7 +97,11 @@ class Intake:
         """What is wrong while questions are left: each with an option that answers it, and all else."""
         problems = [
             Problem.stated(
-                "not-told", question.option.rstrip("="), value="none", what=question.asked, line=question.line
+                "not-told",
+                question.option.rstrip("="),
+                value="none",
+                what=question.wording,
+                line=question.line,
             )
             for question in self.questions
         ]

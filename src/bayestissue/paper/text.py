@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -62,7 +63,7 @@ def text_of(run: FitRun) -> Text:
     results. Where the fit does not have something, such as repeats or a mass exponent, nothing is said of it.
     """
     text = Text(f"Methods and results: {run.record['dataset']}")
-    text.add("Measurements", _measurements(run), _uncertainty(run), _left_out(run))
+    text.add("Measurements", _measurements(run), _uncertainty(run), _left_out(run), _flags(run))
     text.add("Model", f"{words.likelihood_words(run)} {words.signal_words(run)}", _formulas(run))
     text.add("Computation", _computation(run, text))
     verdict = run.record.get("verdict", {})
@@ -149,12 +150,24 @@ def _computation(run: FitRun, text: Text) -> str:
     return (
         f"The posterior was computed by bayestissue {versions['bayestissue']} {program} with numpyro "
         f"{versions['numpyro']} {cited}: {chains['chain']} chains of {chains['draw']} draws, seed "
-        f"{run.record['seed']}.{method} {_verdict(run.record.get('verdict', {}))} {checked}"
+        f"{run.record['seed']}.{method} {_verdict(run.record.get('verdict', {})).rstrip('.')} {checked}."
     )
 
 
 def _verdict(verdict: Mapping[str, Any]) -> str:
-    return f"{verdict.get('headline', '')} {verdict.get('words', '')}".strip()
+    return f"{verdict.get('headline', '')} {_checks_and_flags(verdict)[0]}".strip()
+
+
+def _flags(run: FitRun) -> str:
+    flags = _checks_and_flags(run.record.get("verdict", {}))[1]
+    return flags[:1].upper() + flags[1:]
+
+
+def _checks_and_flags(verdict: Mapping[str, Any]) -> tuple[str, str]:
+    """What the sampler's checks say, and what is said of flagged recordings, without advice of commands."""
+    sentences = re.split(r"(?<=\.)\s+(?=[A-Z`])", verdict.get("words", ""))
+    checks, _, flags = " ".join(words for words in sentences if "`" not in words).partition("NOTE: ")
+    return checks.strip(), flags
 
 
 def _levels(run: FitRun) -> str:

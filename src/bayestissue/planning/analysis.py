@@ -166,7 +166,7 @@ def _adapted(
     reference: float,
 ) -> dict[str, str]:
     """The default formula with the factors that are asked for, less what the design can't tell."""
-    asked = {
+    named = {
         level.column
         for question in questions
         for quantity in quantities(parse(question.text))
@@ -174,7 +174,7 @@ def _adapted(
     }
     wanted = DEFAULT_FORMULA
     for factor in plan.candidates.factors:
-        if factor.name in asked:
+        if factor.name in named:
             wanted += f" + {factor.name}" + (f" + (1|subject:{factor.name})" if factor.within else "")
     missing = [q for q in RESPONSES if getattr(model.formula, q) is None]
     return dict.fromkeys(missing, str(judge(wanted, design.rows(), reference).terms)) if missing else {}

@@ -211,16 +211,16 @@ class Planner:
         present = np.broadcast_to(arrangement.present[position], studies.centre.shape[:2])
         sites = PlannedSites(model, arrangement.columns, arrangement.precision, studies.centre, present)
         drawn = posteriors(sites, start)
-        asked = _Asked(arrangement, position, self.information)
-        posterior = asked.dataset(drawn.hyperparameters, drawn.b, nodes)
-        truth = asked.dataset(
+        answers = _Answers(arrangement, position, self.information)
+        posterior = answers.dataset(drawn.hyperparameters, drawn.b, nodes)
+        truth = answers.dataset(
             {name: values[:, None] for name, values in studies.truths.hyperparameters.items()},
             studies.b[:, None],
             nodes,
         )
         assessed = [
             _assessment(
-                goal, probability, drawn, *(asked.values(node, draws) for draws in (posterior, truth))
+                goal, probability, drawn, *(answers.values(node, draws) for draws in (posterior, truth))
             )
             for goal, node in zip(goals, nodes, strict=True)
         ]
@@ -265,7 +265,7 @@ def weighted_quantiles(
 
 
 @dataclass(frozen=True, eq=False)
-class _Asked:
+class _Answers:
     """One design's draws as questions read them, a study in the place of a chain."""
 
     arrangement: Arrangement
@@ -314,14 +314,14 @@ class _Asked:
         over_levels = any(level.value is None for quantity in quantities(node) for level in quantity.levels)
         recorded = self._recorded if over_levels else self.arrangement.design.recorded
 
-        def of(part: Node) -> np.ndarray:
+        def evaluated(part: Node) -> np.ndarray:
             return draws_of(part, draws, recorded).transpose("chain", "draw").to_numpy().astype(float)
 
-        values = of(node)
+        values = evaluated(node)
         if not claims(node):
             return values, values
         one = isinstance(node, Operation) and node.symbol in ("<", "<=", ">", ">=", "between")
-        return values, of(node.operands[0]) if one else np.full(values.shape, np.nan)  # type: ignore[union-attr]
+        return values, evaluated(node.operands[0]) if one else np.full(values.shape, np.nan)  # type: ignore[union-attr]
 
 
 def planner(

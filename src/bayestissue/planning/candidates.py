@@ -98,8 +98,8 @@ class Candidate:
                 table[factor.name] = level[pd.factorize(table["subject"])[0]]
             elif not factor.every:
                 table[factor.name] = random.permutation(np.resize(factor.levels, len(table)))
-        kept = len(table) - round(self.lost * len(table))
-        return table.iloc[np.sort(random.permutation(len(table))[:kept])].reset_index(drop=True)
+        remaining = len(table) - round(self.lost * len(table))
+        return table.iloc[np.sort(random.permutation(len(table))[:remaining])].reset_index(drop=True)
 
     def columns(self) -> dict[str, Any]:
         """What tables say of the design, but for its cost."""

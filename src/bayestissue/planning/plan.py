@@ -186,7 +186,8 @@ def plan(
     specification = with_changes(specification, source, "after", run=after, dataset=dataset)
     changed = with_changes(specification, source, "goal", studies=studies, seed=seed)
     runtime.release_compiled()
-    return carry_out(study_of(changed, source), say=say)
+    with runtime.compiled_kept():
+        return carry_out(study_of(changed, source), say=say)
 
 
 def content_of(
@@ -230,11 +231,11 @@ def with_changes(plan: PlanSpecification, source: str, table: str, **changed: An
     Raises:
         InputError: a setting has a wrong value, or another one that it needs is missing.
     """
-    given = {k: str(v) if isinstance(v, Path) else v for k, v in changed.items() if v is not None}
-    if not given:
+    settings = {k: str(v) if isinstance(v, Path) else v for k, v in changed.items() if v is not None}
+    if not settings:
         return plan
     content = plan.model_dump(mode="json", exclude_unset=True)
-    return plan_of({**content, table: {**content.get(table, {}), **given}}, source)
+    return plan_of({**content, table: {**content.get(table, {}), **settings}}, source)
 
 
 def carry_out(
@@ -259,13 +260,15 @@ def carry_out(
         Case(design, study.model_of(number), study.prior, study.simulations[design.recorder], study.running)
         for number, design in enumerate(study.designs)
     ]
-    found = ledger.assess(cases, study.goals, aim.studies)
+    assessments = ledger.assess(cases, study.goals, aim.studies)
     minutes = [design.minutes(study.plan.cost) for design in study.designs]
-    reaching = [n for n, assessed in enumerate(found) if _short_of(assessed, aim.assurance) >= 1]
+    reaching = [n for n, assessed in enumerate(assessments) if _short_of(assessed, aim.assurance) >= 1]
     if reaching:
         chosen = min(reaching, key=lambda number: minutes[number])
     else:
-        chosen = max(range(len(found)), key=lambda n: (_short_of(found[n], aim.assurance), -minutes[n]))
+        chosen = max(
+            range(len(assessments)), key=lambda n: (_short_of(assessments[n], aim.assurance), -minutes[n])
+        )
     variants, limits = _variants(cases[chosen], reaches=bool(reaching)), _limits(cases[chosen])
     fewer = min(aim.studies, _FEWER_STUDIES)
     normal = bool(ledger.table()["normal"].all())
@@ -290,13 +293,13 @@ def carry_out(
             for analysis in study.analyses
         ],
         "designs": [
-            {"design": number + 1, **_of_case(case, minutes[number], found[number])}
+            {"design": number + 1, **_of_case(case, minutes[number], assessments[number])}
             for number, case in enumerate(cases)
         ],
         "normal_traces": normal,
         "chosen": chosen + 1,
         "reaches": bool(reaching),
-        "looks": {} if study.running else _looks(cases, found, chosen),
+        "looks": {} if study.running else _looks(cases, assessments, chosen),
         "variants": {name: numbers(case) for name, case in variants.items()},
         "limits": {key: {"words": limit_words(key), **numbers(case)} for key, case in limits.items()},
     }
@@ -463,7 +466,7 @@ def _limits(case: Case) -> dict[str, Case]:
 
 
 def _looks(
-    cases: Sequence[Case], found: Sequence[Sequence[Assessment]], chosen: int
+    cases: Sequence[Case], assessments: Sequence[Sequence[Assessment]], chosen: int
 ) -> dict[str, list[dict[str, float | None]]]:
     """Of each claim, what follows if the study stops at the first number of people that answers it.
 
@@ -471,21 +474,21 @@ def _looks(
     that have stopped by each, of those that have a wrong answer, and by how much what the claim compares is
     estimated too large at the stop and, without stops, at that number.
     """
-    alike = [
+    sequence = [
         number
         for number, case in enumerate(cases)
         if replace(case.design, people=0) == replace(cases[chosen].design, people=0)
     ]
-    alike.sort(key=lambda number: cases[number].design.people)
+    sequence.sort(key=lambda number: cases[number].design.people)
     tables: dict[str, list[dict[str, float | None]]] = {}
-    for position, assessment in enumerate(found[chosen]):
-        if assessment.goal.width is not None or len(alike) < 2:
+    for position, assessment in enumerate(assessments[chosen]):
+        if assessment.goal.width is not None or len(sequence) < 2:
             continue
         stopped = np.zeros(assessment.studies, bool)
         wrong, error = stopped.copy(), np.full(assessment.studies, np.nan)
         rows: list[dict[str, float | None]] = []
-        for number in alike:
-            look = found[number][position]
+        for number in sequence:
+            look = assessments[number][position]
             now = (look.yes | look.no) & ~stopped
             wrong |= now & (look.yes != look.true)
             error[now] = (look.estimate - look.value)[now]

@@ -116,7 +116,7 @@ class Candidates(_Table):
         if not (self.masses_kg or self.conditions):
             raise ValueError("masses_kg, or a list of [[candidates.conditions]]")
         for what, named in (("factor", self.factors), ("recorder", self.recorders)):
-            if len({each.name for each in named}) < len(named):
+            if len({one.name for one in named}) < len(named):
                 raise ValueError(f"a different name of each {what}")
         sets = len(self.masses_kg) * len(self.velocities_m_s) + bool(self.conditions)
         count = sets * len(self.people) * len(self.repeats) * max(len(self.recorders), 1)
@@ -263,7 +263,7 @@ class PlanSpecification(_Table):
     @property
     def recordings(self) -> dict[str, Recording]:
         """The measuring chain of each recorder, by its name; "" where there is one alone."""
-        return {each.name: each for each in self.candidates.recorders} or {"": self.recording}
+        return {recorder.name: recorder for recorder in self.candidates.recorders} or {"": self.recording}
 
 
 def read_plan(path: Path) -> PlanSpecification:

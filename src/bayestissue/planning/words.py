@@ -165,8 +165,8 @@ def _shares(design: Content) -> str:
 
 def _goal_shares(design: Content) -> list[str]:
     goals = design["goals"]
-    of = {name: f" ({name.replace('_', ' ')})" if len(goals) > 1 else "" for name in goals}
-    return [f"{with_error(g['answered'], g['se'])}{of[name]}" for name, g in goals.items()]
+    suffix = {name: f" ({name.replace('_', ' ')})" if len(goals) > 1 else "" for name in goals}
+    return [f"{with_error(g['answered'], g['se'])}{suffix[name]}" for name, g in goals.items()]
 
 
 def _asked(plan: Content) -> str:
@@ -179,8 +179,8 @@ def _width_words(precision: Content) -> str:
 
 
 def _of_goal(name: str, goal: Content) -> str:
-    of = f" of {name.replace('_', ' ')}" if name else ""
-    said = f"the assurance{of} is {number(goal['answered'], 2)} (standard error {number(goal['se'], 2)})"
+    suffix = f" of {name.replace('_', ' ')}" if name else ""
+    said = f"the assurance{suffix} is {number(goal['answered'], 2)} (standard error {number(goal['se'], 2)})"
     if goal["misleads"] is None:
         return f"{said}, with a half width of {goal['width']:.2g} on average"
     undecided, misleads = number(goal["undecided"], 2), number(goal["misleads"], 2)

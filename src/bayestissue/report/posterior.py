@@ -76,7 +76,7 @@ class Spread:
 
     def holds(self, value: float) -> bool:
         """Whether ``value`` lies in the interval as it is printed."""
-        low, high = (round(end, max(self.decimals, 0)) for end in (self.low, self.high))
+        low, high = (round(end, self.decimals) for end in (self.low, self.high))
         return low <= value <= high
 
 

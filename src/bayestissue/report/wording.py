@@ -18,17 +18,17 @@ PREDICTED = {
 
 
 def decimals_of(width: float) -> int:
-    """The decimals at which an interval of this ``width`` shows two significant digits."""
+    """The decimals at which an interval of this ``width`` shows two significant digits; −1 is tens."""
     if not math.isfinite(width) or width <= 0:
         return 3
-    return min(max(1 - math.floor(math.log10(width)), 0), 6)
+    return min(1 - math.floor(math.log10(width)), 6)
 
 
 def number(value: float, decimals: int) -> str:
     """``value`` with ``decimals`` and a true minus sign; "not known" for what isn't a finite number."""
     if not math.isfinite(value):
         return "not known"
-    text = f"{value:.{decimals}f}"
+    text = f"{round(value, decimals):.0f}" if decimals < 0 else f"{value:.{decimals}f}"
     return text.lstrip("-") if float(text) == 0 else text.replace("-", "−")
 
 
@@ -50,7 +50,7 @@ def significant(value: float, digits: int = 3) -> str:
         return "0"
     size = math.floor(math.log10(abs(value)))
     if -5 < size < 7:
-        return number(value, max(digits - 1 - size, 0))
+        return number(value, digits - 1 - size)
     return f"{value:.{digits - 1}e}".replace("-", "−")
 
 

@@ -290,8 +290,8 @@ def locked_folder(out: Path, inputs: Sequence[str | Path | None]) -> Iterator[No
     Raises:
         InputError: it can't be made, or another command is writing it.
     """
-    place = require_place(out, inputs)
-    with making_parents(place), locked(_hidden(place, "lock"), place):
+    target = require_place(out, inputs)
+    with making_parents(target), locked(_hidden(target, "lock"), target):
         yield
 
 

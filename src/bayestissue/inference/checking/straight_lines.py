@@ -99,8 +99,8 @@ def _judged(
 ) -> tuple[float, dict[str, float]]:
     dummies = pd.get_dummies(levels, dtype=float).to_numpy()
     white = solve_triangular(root, np.column_stack([y, x, dummies]), lower=True)
-    own, left = white[:, 1 : 1 + x.shape[1]], white[:, [0, *range(1 + x.shape[1], white.shape[1])]]
-    left -= own @ np.linalg.lstsq(own, left, rcond=None)[0]
+    line_columns, left = white[:, 1 : 1 + x.shape[1]], white[:, [0, *range(1 + x.shape[1], white.shape[1])]]
+    left -= line_columns @ np.linalg.lstsq(line_columns, left, rcond=None)[0]
     left_y, left_d = left[:, 0], left[:, 1:]
     u, size, vt = np.linalg.svd(left_d, full_matrices=False)
     # What the other columns and the line itself say has no size but rounding.

@@ -154,18 +154,18 @@ def labelled(
     coordinates: Mapping[str, list[str] | np.ndarray],
     *,
     sampled: bool = True,
-    kept: Collection[str] = (),
+    thinned: Collection[str] = (),
     attributes: Mapping[str, Mapping[str, str]] = MappingProxyType({}),
 ) -> xr.Dataset:
     """``arrays`` [chain, draw, ...] as a Dataset with named dimensions, units and meanings.
 
     ``dimensions`` gives what follows chain and draw; a name that it lacks is a scalar. With ``sampled``
-    false the arrays have no chain and draw; those named in ``kept`` have some draws only, "kept_draw".
+    false the arrays have no chain and draw; those named in ``thinned`` have some draws only, "kept_draw".
     ``attributes`` are of names that no other data have.
     """
     variables, known = {}, ATTRIBUTES | element_attributes() | dict(attributes)
     for name, values in arrays.items():
-        leading = ("chain", "kept_draw" if name in kept else "draw") if sampled else ()
+        leading = ("chain", "kept_draw" if name in thinned else "draw") if sampled else ()
         dims = (*leading, *dimensions.get(name, ()))
         variables[name] = xr.Variable(dims, np.asarray(values), known.get(name, {"unit": "1"}))
     used = {dimension for variable in variables.values() for dimension in variable.dims}

@@ -65,7 +65,7 @@ def posterior_tree(
         prepared = some_of(prepared, some_impacts(len(prepared.impacts)))
         of_impacts = partial(named, coordinates=_coordinates(prepared, kept_numbers))
         of_all_impacts = partial(
-            of_all_impacts, kept=frozenset({*PER_IMPACT, *EXPONENTS, *prepared.data.record.errors})
+            of_all_impacts, thinned=frozenset({*PER_IMPACT, *EXPONENTS, *prepared.data.record.errors})
         )
     quantities = _quantities(whole, constrained.sites, constrained.impacts, rng)
     quantities |= mass_exponents_of_secants(whole, constrained, seed)

@@ -110,7 +110,7 @@ def estimates(
     signal: Displacements,
     method: Method,
     options: SignalOptions,
-    found: Sequence[Finding] = (),
+    findings: Sequence[Finding] = (),
 ) -> pd.DataFrame:
     """The table of `estimate` for displacements that were made with these options.
 
@@ -121,17 +121,17 @@ def estimates(
         signal: what was made of them.
         method: see `estimate`.
         options: what it was made with.
-        found: what `bayestissue.signal.quality.inspect` found; flagged.
+        findings: what `bayestissue.signal.quality.inspect` found; flagged.
     """
     if method not in _METHODS:
         raise ValueError(f"method is one of {', '.join(_METHODS)}, not {method!r}")
     if method != "impact":
-        return estimates_table(dataset, signal, method, found)
-    return by_impact(dataset, signal, options, found)[0]
+        return estimates_table(dataset, signal, method, findings)
+    return by_impact(dataset, signal, options, findings)[0]
 
 
 def by_impact(
-    dataset: Dataset, signal: Displacements, options: SignalOptions, found: Sequence[Finding] = ()
+    dataset: Dataset, signal: Displacements, options: SignalOptions, findings: Sequence[Finding] = ()
 ) -> tuple[pd.DataFrame, SinglePosteriors | None]:
     """The table of `estimates` by the method "impact", and the posteriors where there are samples enough.
 
@@ -148,7 +148,7 @@ def by_impact(
     rows = signal.n_samples >= FEWEST_SAMPLES
     if not rows.any():
         # Nothing to ask: the same columns without numbers.
-        table = estimates_table(dataset, signal, "exact", found)
+        table = estimates_table(dataset, signal, "exact", findings)
         return table.assign(noise_sd_m_s2=np.nan, pareto_k=np.nan), None
     design = build_design(specification.formula, dataset.impacts, reference_mass_kg=None, source="estimate")
     prepared = some_of(assemble(dataset, specification, design, signal), np.flatnonzero(rows))
@@ -167,7 +167,7 @@ def by_impact(
             for end in (np.where(untold[name], 0.0, marginal.low), marginal.high)
         )
         ends[name] = (low, high)
-    flags, notes = flagged(dataset, signal, fit, found, "impact")
+    flags, notes = flagged(dataset, signal, fit, findings, "impact")
     raised = {UNCORRECTED: (posteriors.pareto_k > k_threshold(POINTS)) & ~noiseless}
     for name, alone, among in (("K", K_UNTOLD, K_MOSTLY_UNTOLD), ("C", C_UNTOLD, C_MOSTLY_UNTOLD)):
         # The few of a trial that come out above the threshold are those that erred upwards.
@@ -185,8 +185,8 @@ def _untold(posteriors: SinglePosteriors, noiseless: np.ndarray) -> dict[str, np
     """Where the recording does not tell K, or C: its interval spans a decade, or nothing was found at all."""
     with np.errstate(all="ignore"):
         wide = {
-            name: ~(each.high < _DECADE * each.low)
-            for name, each in (("K", posteriors.K), ("C", posteriors.C))
+            name: ~(marginal.high < _DECADE * marginal.low)
+            for name, marginal in (("K", posteriors.K), ("C", posteriors.C))
         }
     return {name: (~posteriors.moved | here) & ~noiseless for name, here in wide.items()}
 
@@ -196,10 +196,10 @@ def _told(fit: PointFit, untold: dict[str, np.ndarray]) -> PointFit:
     always = {"log_likelihood", "whiteness_p", "branch", "noiseless", "theta1_at_limit"}
     needs = dict.fromkeys(("K", "K_signed", "K_se", "omega_n", "omega_n_se"), untold["K"])
     needs |= dict.fromkeys(("C", "C_signed", "C_se"), untold["C"])
-    both = untold["K"] | untold["C"]
+    either = untold["K"] | untold["C"]
     return PointFit(
         *(
-            column if name in always else np.where(needs.get(name, both), np.nan, column)
+            column if name in always else np.where(needs.get(name, either), np.nan, column)
             for name, column in zip(fit._fields, fit, strict=True)
         )
     )
@@ -208,12 +208,12 @@ def _told(fit: PointFit, untold: dict[str, np.ndarray]) -> PointFit:
 def _as_fit(posteriors: SinglePosteriors, signal: Displacements, noiseless: np.ndarray) -> PointFit:
     """The posteriors' medians as point estimates, and the sampled oscillator of this K and C."""
     K, C = posteriors.K.median, posteriors.C.median
-    omega_n, zeta = (np.asarray(each) for each in spring_damper_inverse(K, C, signal.mass))
-    phi1, phi2, theta1 = (np.asarray(each) for each in to_discrete(omega_n, zeta, signal.dt))
+    omega_n, zeta = (np.asarray(values) for values in spring_damper_inverse(K, C, signal.mass))
+    phi1, phi2, theta1 = (np.asarray(values) for values in to_discrete(omega_n, zeta, signal.dt))
     none = np.full(len(K), np.nan)
     omega_n_se, zeta_se, K_se, C_se = (
-        np.where(noiseless, np.nan, each.sd)
-        for each in (posteriors.omega_n, posteriors.zeta, posteriors.K, posteriors.C)
+        np.where(noiseless, np.nan, marginal.sd)
+        for marginal in (posteriors.omega_n, posteriors.zeta, posteriors.K, posteriors.C)
     )
     return PointFit(
         phi1=phi1,

@@ -136,7 +136,7 @@ def _of_block(
     )
     K, C, omega_n, zeta, sigma = (_marginal(values, weight) for values in quantities)
     # The mass's error, as likely up as down, moves no median.
-    K, C = (each._replace(median=np.exp(middle[:, a])) for a, each in enumerate((K, C)))
+    K, C = (marginal._replace(median=np.exp(middle[:, a])) for a, marginal in enumerate((K, C)))
     return SinglePosteriors(
         K,
         C,

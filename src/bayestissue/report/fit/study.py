@@ -249,13 +249,26 @@ def reliability_words(run: FitRun) -> list[str]:
         )
         if (q, ICC, "ICC(A,1)", "1") in cells:
             icc = [_spread(cells[q, ICC, f"ICC({form},1)", "1"]) for form in "CA"]
-            need = _cells(cells[q, REPEATS, "ICC(A,k) of 0.9", "1"])
-            one = "repeat" if need[0] == "1" else "repeats"
+            need = _spread(cells[q, REPEATS, "ICC(A,k) of 0.9", "1"])
             sentences[-1] += (
                 f" Its ICC(C,1) is {icc[0].value} ({icc[0].range}), its ICC(A,1) {icc[1].value} "
-                f"({icc[1].range}); for an ICC(A,k) of 0.9 a person needs {need[0]} {one} ({need[1]})."
+                f"({icc[1].range}); {_repeats_words(need)}."
             )
     return sentences
+
+
+def _repeats_words(need: Spread) -> str:
+    """How many repeats an agreement of 0.9 takes, which no number of them may give."""
+    if not np.isfinite(need.median):
+        least = f" (by the 90 % interval at least {_whole(need.low)})" if np.isfinite(need.low) else ""
+        return f"no number of repeats gives an ICC(A,k) of 0.9{least}"
+    repeats = "repeat" if _whole(need.median) == "1" else "repeats"
+    ends = (
+        f"{_whole(need.low)} to {_whole(need.high)}"
+        if np.isfinite(need.high)
+        else f"at least {_whole(need.low)}"
+    )
+    return f"for an ICC(A,k) of 0.9 a person needs {_whole(need.median)} {repeats} ({ends})"
 
 
 def _changes(cells: dict[tuple[str, str, str, str], dict[Any, Any]], q: str) -> str:
