@@ -108,7 +108,8 @@ class RunView:
             others = [*texts[:number], *texts[number + 1 :]]
             (line,) = question_lines(table_of_rows("questions", [row])) if row else [{"problem": problem}]
             lines.append(line | {"question": question.text, "without": _address("./", others)})
-        return str(answered(lines, self._table(texts), _address("questions.csv", texts)))
+        part = answered(lines, self._table(texts), _address("questions.csv", texts)) if lines else ""
+        return str(part)
 
     def _table(self, texts: Sequence[str]) -> pd.DataFrame:
         """The table that `bayestissue ask` makes, of the questions that have an answer."""
