@@ -2,9 +2,9 @@
 
     .venv/bin/python benchmarks/bench_latency.py
 
-Simulated drops are written into a folder one after the other, each once the one before has its verdict; a
-watch follows it as the command does, looking every 0.4 s. The seconds are those from the end of writing to
-the line that is said, medians over the 21 drops about the number. They include waiting for a look and for the
+Simulated drops are written into a folder, which a watch follows as the command does, looking every 0.4 s;
+those about the number one after the other, each once the one before has its verdict. The seconds are those
+from the end of writing to the line that is said. They include waiting for a look and for the
 next, which shows that the file stands still; `work_s` is what the verdict takes by itself.
 """
 
@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from evidence import recorded
 
 from bayestissue import runtime
 
@@ -66,6 +67,24 @@ def drops() -> list[tuple[str, str]]:
     return sorted(files)
 
 
+class Lines:
+    """How many lines were said."""
+
+    def __init__(self) -> None:
+        self.count, self._change = 0, threading.Condition()
+
+    def add(self, _: str) -> None:
+        """Another one."""
+        with self._change:
+            self.count += 1
+            self._change.notify_all()
+
+    def wait_for(self, count: int) -> None:
+        """Until so many were said."""
+        with self._change:
+            self._change.wait_for(lambda: self.count >= count, 60)
+
+
 def measured() -> pd.DataFrame:
     """Seconds of every drop, in its order."""
     from bayestissue.bench.campaign import read_campaign
@@ -73,7 +92,7 @@ def measured() -> pd.DataFrame:
     from bayestissue.bench.order import Order
     from bayestissue.bench.watching import Watch
 
-    rows, said = [], threading.Event()
+    rows, said = [], Lines()
     with tempfile.TemporaryDirectory() as scratch:
         (Path(scratch) / "campaign.toml").write_text(CAMPAIGN)
         folder, campaign = Path(scratch) / "recorded", read_campaign(Path(scratch) / "campaign.toml")
@@ -86,9 +105,7 @@ def measured() -> pd.DataFrame:
                 super()._take(name)
                 spent[0] = time.monotonic() - begin
 
-        watch = Timed(
-            folder, campaign, Drops(Path(scratch) / "set", campaign), Order(()), lambda _: said.set()
-        )
+        watch = Timed(folder, campaign, Drops(Path(scratch) / "set", campaign), Order(()), said.add)
         watch.warm_up()
         over = threading.Event()
 
@@ -101,13 +118,18 @@ def measured() -> pd.DataFrame:
         follower.start()
         try:
             for number, (name, text) in enumerate(drops()[: AT[-1] + ABOUT], start=1):
+                at = next((at for at in AT if abs(number - at) <= ABOUT), None)
+                if at is None:
+                    (folder / name).write_text(text)
+                    continue
+                while said.count < number - 1:
+                    time.sleep(POLL_S)
                 # Writing falls anywhere between two looks.
                 time.sleep(POLL_S * np.random.default_rng(number).uniform())
-                said.clear()
                 (folder / name).write_text(text)
                 begin = time.monotonic()
-                said.wait(60)
-                rows.append({"impact": number, "s": time.monotonic() - begin})
+                said.wait_for(number)
+                rows.append({"at": at, "impact": number, "s": time.monotonic() - begin})
                 time.sleep(0.02)
                 rows[-1]["work_s"] = spent[0]
         finally:
@@ -117,22 +139,11 @@ def measured() -> pd.DataFrame:
 
 
 def main() -> None:
-    """Measure, and print what is about each number."""
+    """Measure what is about each number."""
     runtime.keep_compiled()
     runtime.configure()
-    rows = measured()
-    table = pd.DataFrame(
-        {
-            "at": at,
-            "drops": len(about),
-            "median_s": round(about["s"].median(), 2),
-            "longest_s": round(about["s"].max(), 2),
-            "median_work_s": round(about["work_s"].median(), 2),
-        }
-        for at in AT
-        if len(about := rows[(rows["impact"] - at).abs() <= ABOUT])
-    )
-    print(table.to_string(index=False))
+    with recorded("bench_latency") as record:
+        record.write(measured())
 
 
 if __name__ == "__main__":

@@ -1,31 +1,25 @@
 """Simulation-based calibration (Talts et al. 2018) of the paths by which `bayestissue fit` samples.
 
     .venv/bin/python benchmarks/calibration.py arma
-    .venv/bin/python benchmarks/calibration.py a2
-    .venv/bin/python benchmarks/calibration.py impact
     .venv/bin/python benchmarks/calibration.py designs
-    .venv/bin/python benchmarks/calibration.py designs --lane 1 --lanes 2    # a half, beside --lane 2
 
-500 times (`designs`: 300) the standard deviations, the population, each impact's parameters and trace are
-drawn from the model itself, top down, and the draw is fitted as `path = "automatic"` does it: through the
-summary path, and through the exact one where the correction is not trusted. If that samples the posterior,
-the rank of each drawn value among 99 thinned draws is uniform. The design is that of coverage_fit.py; a
-trace has 110 samples. Its first two displacements are 0 and V dt whatever K and C are: the likelihood is
-conditional on them, so they must tell nothing of what is drawn. Models: calibration-*.toml.
+So often the standard deviations, the population, each impact's parameters and trace are drawn from the model
+itself, top down, and the draw is fitted as `path = "automatic"` does it: through the summary path, and
+through the exact one where the correction is not trusted. If that samples the posterior, the rank of each
+drawn value among 99 thinned draws is uniform. The design is that of coverage.py; a trace has 110 samples. Its
+first two displacements are 0 and V dt whatever K and C are: the likelihood is conditional on them, so they
+must tell nothing of what is drawn. Models: calibration-*.toml.
 
 `designs` is a design with two sides a person, sessions, and people's own mass exponents: five people are hit
 on two sides in four conditions, each impact in one of four sessions. Of the effects the first level's are
 ranked, and the first person's own mass exponent.
 
-Ranks are added to calibration_ranks_*.csv as they are made; the same command goes on where it stopped, and
-puts the table of tests into calibration.csv. Ranks that an earlier program made are dropped.
+A row a data set has the ranks.
 """
 
 from __future__ import annotations
 
-import argparse
-import contextlib
-import time
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -36,10 +30,9 @@ from typing import Any
 import jax
 import numpy as np
 import pandas as pd
-from coverage_fit import SAMPLER, campaign, kept_with
+from coverage import campaign
 from evidence import recorded
 from numpyro.infer import Predictive
-from scipy import stats
 
 from bayestissue import runtime
 from bayestissue.hierarchy.specification import Sampler, read_specification
@@ -52,8 +45,8 @@ from bayestissue.likelihood.arma.displacement import displacement_record
 from bayestissue.likelihood.element.record import DecelerationRecord
 from bayestissue.simulation import simulate
 
-SAMPLES, RANKS, BINS = 110, 100, 20
-DATA_SETS = {"arma": 500, "a2": 500, "impact": 500, "designs": 300}
+# The spread of their ranks, over all quantities together, is known to about a percent.
+SAMPLES, RANKS, DATA_SETS = 110, 100, 150
 SEEDS = {"arma": 2026, "a2": 2026, "impact": 2026, "designs": 2027}
 FACTORS: dict[str, tuple[dict[str, Any], ...]] = {
     "designs": (
@@ -61,6 +54,7 @@ FACTORS: dict[str, tuple[dict[str, Any], ...]] = {
         {"name": "session", "levels": 4, "every": False},
     )
 }
+SAMPLER = Sampler(chains=2, warmup=200, draws=300, target_accept=0.8, path="summary")
 EXACT = Sampler(chains=2, warmup=400, draws=500, target_accept=0.9, path="exact")
 HERE = Path(__file__).parent
 
@@ -90,7 +84,7 @@ def with_traces(prepared: Prepared, traces: np.ndarray) -> Prepared:
 def blank(kind: str, people: Mapping[str, Sequence[str]] = MappingProxyType({}), **design: Any) -> Prepared:
     """Model, design and measuring chain, with traces of which only the start is told.
 
-    ``design`` replaces parts of the design of coverage_fit.py, and ``people`` has further columns of the
+    ``design`` replaces parts of the design of coverage.py, and ``people`` has further columns of the
     impacts, whose values people take in turn.
     """
     specification = read_specification(HERE / f"calibration-{kind}.toml")
@@ -106,45 +100,6 @@ def blank(kind: str, people: Mapping[str, Sequence[str]] = MappingProxyType({}),
     start = np.zeros((len(prepared.impacts), SAMPLES))
     start[:, 1] = prepared.signal.velocity * prepared.signal.dt
     return with_traces(prepared, start)
-
-
-def ranks_file(kind: str) -> Path:
-    """Where the ranks of one model are kept."""
-    return HERE / f"calibration_ranks_{kind}.csv"
-
-
-def made_before(file: Path) -> pd.DataFrame:
-    """What earlier calls found: each drawn data set once."""
-    if not file.is_file():
-        return pd.DataFrame({"data_set": []})
-    found = pd.read_csv(file).drop_duplicates("data_set")
-    return found.sort_values("data_set", ignore_index=True)
-
-
-def add(file: Path, row: Mapping[str, float]) -> None:
-    """Add a line, after a header where there is none; in one write, so that two lanes may share the file."""
-    frame = pd.DataFrame([row])
-    with contextlib.suppress(FileExistsError), file.open("x", encoding="utf-8") as new:
-        new.write(frame.head(0).to_csv(index=False, lineterminator="\n"))
-    with file.open("a", encoding="utf-8") as old:
-        old.write(frame.to_csv(index=False, header=False, float_format="%.4g", lineterminator="\n"))
-
-
-def run(kind: str, data_sets: int, seconds: float, lane: int, lanes: int) -> None:
-    """Fit the data sets of one lane that no earlier call has fitted."""
-    base, begun = blank(kind), time.perf_counter()
-    draw, before = drawing(base), set(made_before(ranks_file(kind))["data_set"])
-    groups = [
-        term.effect(q) for q in "KC" for term in base.design.responses[q].terms if term.grouping != "trial"
-    ]
-    for number in range(lane - 1, data_sets, lanes):
-        if number in before:
-            continue
-        if time.perf_counter() - begun > seconds:
-            break
-        made = ranks_of_one(base, draw, number, SEEDS[kind], groups=groups if kind in FACTORS else ())
-        add(ranks_file(kind), {"data_set": number} | made)
-        print(f"{kind}: data set {number}, {time.perf_counter() - begun:.0f} s", flush=True)
 
 
 def drawing(base: Prepared) -> Callable[..., Any]:
@@ -187,93 +142,20 @@ def _rank(draws: np.ndarray, truth: np.ndarray) -> int:
     return int((draws[:, ::thin].reshape(-1)[: RANKS - 1] < truth).sum())
 
 
-def envelope(number: int, simulations: int = 4000) -> np.ndarray:
-    """The least pointwise p-value along an ECDF of uniform ranks, simulated (Säilynoja et al. 2022)."""
-    drawn = np.random.default_rng(0).integers(RANKS, size=(simulations, number))
-    return np.array([_least(row) for row in drawn])
-
-
-def _least(found: np.ndarray) -> float:
-    below = np.cumsum(np.bincount(found, minlength=RANKS))[:-1]
-    share = np.arange(1, RANKS) / RANKS
-    tails = stats.binom.cdf(below, len(found), share), stats.binom.sf(below - 1, len(found), share)
-    return float(2 * np.minimum(*tails).min())
-
-
-def table(kind: str, found: pd.DataFrame, command: str) -> pd.DataFrame:
-    """One line per quantity: chi-square over 20 bins, and the ECDF's simultaneous test."""
-    reference, lines = envelope(len(found)), []
-    for name in found.columns.drop("pareto_k"):
-        rank = found[name].to_numpy()
-        counts = np.bincount(rank * BINS // RANKS, minlength=BINS)
-        lines.append(
-            {
-                "likelihood": kind,
-                "quantity": name,
-                "data_sets": len(rank),
-                "chi_square_p": round(float(stats.chisquare(counts).pvalue), 4),
-                "ecdf_p": round(float((reference <= _least(rank)).mean()), 4),
-                "mean_rank": round(float(rank.mean() / (RANKS - 1)), 4),
-                "sd_rank_over_uniform": round(float(rank.std() / np.sqrt((RANKS**2 - 1) / 12)), 4),
-                "pareto_k_above_0.7": int((found["pareto_k"] >= 0.7).sum()),
-                "command": command,
-            }
-        )
-    return pd.DataFrame(lines)
-
-
-def figure(found: dict[str, pd.DataFrame]) -> None:
-    """ECDF of each quantity's ranks less the uniform one, in the envelope that holds 95 % of whole curves."""
-    from matplotlib.figure import Figure
-
-    names = list(
-        dict.fromkeys(name for ranks in found.values() for name in ranks.columns if name != "pareto_k")
-    )
-    page = Figure(figsize=(11, 2 * -(-len(names) // 4)), layout="constrained")
-    axes = page.subplots(-(-len(names) // 4), 4, sharex=True, sharey=True).reshape(-1)
-    share = np.arange(1, RANKS) / RANKS
-    number = min(len(ranks) for ranks in found.values())
-    level = np.quantile(envelope(number), 0.05)
-    low, high = (stats.binom.ppf(p, number, share) / number - share for p in (level / 2, 1 - level / 2))
-    for axis, name in zip(axes, names, strict=False):
-        axis.fill_between(share, low, high, color="0.9")
-        for kind, ranks in found.items():
-            if name in ranks:
-                below = np.cumsum(np.bincount(ranks[name], minlength=RANKS))[:-1]
-                axis.plot(share, below / len(ranks) - share, lw=1, label=kind)
-        axis.set_title(name, fontsize=8)
-    for axis in axes[len(names) :]:
-        axis.set_visible(False)
-    axes[0].legend(fontsize=7)
-    page.supxlabel("rank / 100")
-    page.supylabel("share of ranks below, less the uniform share")
-    page.savefig(HERE / "calibration.svg", metadata={"Date": None})
-
-
 def main() -> None:
-    parser = argparse.ArgumentParser(description="Simulation-based calibration of fits.")
-    parser.add_argument("model", choices=list(DATA_SETS))
-    parser.add_argument("--data-sets", type=int, help="in all, those of earlier calls too")
-    parser.add_argument("--seconds", type=float, default=np.inf, help="begin no data set after these")
-    parser.add_argument("--lane", type=int, default=1, help="which share of the data sets, from 1")
-    parser.add_argument("--lanes", type=int, default=1, help="how many shares there are")
-    asked = parser.parse_args()
-    runtime.configure()
-    with recorded(f"calibration-{asked.model}") as record:
-        run(asked.model, asked.data_sets or DATA_SETS[asked.model], asked.seconds, asked.lane, asked.lanes)
-        if left := DATA_SETS[asked.model] - len(made_before(ranks_file(asked.model))):
-            record.left = f"{left} of {DATA_SETS[asked.model]} data sets"
-        write(asked.model)
-
-
-def write(model: str) -> None:
-    """Put the tests of one model into the table, and draw the figure of all."""
-    found = {kind: made_before(ranks_file(kind)).drop(columns="data_set") for kind in DATA_SETS}
-    figure({kind: ranks for kind, ranks in found.items() if len(ranks)})
-    count = len(found[model])
-    command = f"benchmarks/calibration.py {model}"
-    command += f" --data-sets {count}" if count != DATA_SETS[model] else ""
-    kept_with(HERE / "calibration.csv", table(model, found[model], command), "likelihood")
+    kind = sys.argv[1]
+    runtime.configure(one_core=True)
+    with recorded(f"calibration-{kind}") as record:
+        base = blank(kind)
+        draw = drawing(base)
+        groups = [
+            term.effect(q)
+            for q in "KC"
+            for term in base.design.responses[q].terms
+            if term.grouping != "trial" and kind in FACTORS
+        ]
+        for number in record.missing(range(DATA_SETS)):
+            record.add(number, [ranks_of_one(base, draw, number, SEEDS[kind], groups=groups)])
 
 
 if __name__ == "__main__":

@@ -1,13 +1,11 @@
 """How often `bayestissue compare` finds the element that made the data, among all that there are.
 
-    .venv/bin/python benchmarks/compare_elements.py
-    .venv/bin/python benchmarks/compare_elements.py --elements maxwell wall --campaigns 10
+    .venv/bin/python benchmarks/compare_elements.py maxwell
 
-The campaigns are those of coverage_elements.py: five people in four conditions at 5 kHz. Each is fitted by
-the model file of every element through the summary path, and compared by what `compare` calls. Fits that
-the summary path refuses, and `fit` would take along the exact one, are left out, unless fewer than two are
-left. A row a campaign goes to compare_elements.csv as soon as it is there, and the same command goes on
-behind the last.
+The campaigns are those of coverage.py: five people in four conditions at 5 kHz. Each is fitted by the model
+file of every element through the summary path, and compared by what `compare` calls. Fits that the summary
+path refuses, and `fit` would take along the exact one, are left out, unless fewer than two are left. A row a
+campaign.
 The difference is that of the expected log predictive densities of the right element and of the best other
 one, impacts left out in turn, and decides where it is above two of its standard errors and four nats, as in
 the report. `_people` is the same with whole people left out. The K of the weights is held where the 90 %
@@ -20,25 +18,18 @@ JAX_COMPILATION_CACHE_DIR keeps what is compiled for the next time.
 
 from __future__ import annotations
 
-import argparse
-import time
-from collections.abc import Sequence
+import sys
 from functools import cache
-from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
 import pandas as pd
 import xarray as xr
-from coverage_elements import FILES, ROOT, campaign_of
-from coverage_fit import Fits
+from coverage import Fits, campaign_of, model_of
 from evidence import recorded
-from evidence.families.elements import compared
 
 from bayestissue import runtime
 from bayestissue.elements import element_names
-from bayestissue.hierarchy.specification import read_specification
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.comparing import OF_IMPACTS, FinishedRun, compare_runs, implied
 from bayestissue.inference.posterior.recipe import Correction
@@ -46,18 +37,15 @@ from bayestissue.inference.results.cross_validation import scheme_words
 from bayestissue.inference.samplers.sampling import ConstrainedDraws
 from bayestissue.simulation import simulate
 
-CAMPAIGNS = 20
-# What six models compile for the shapes of ten campaigns takes more mapped memory than a process may have.
-CAMPAIGNS_KEPT_COMPILED = 5
-TABLE = ROOT / "benchmarks" / "compare_elements.csv"
+# Twenty-four of all elements together: a share of 90 % is known to 6 %.
+CAMPAIGNS = 4
 BY_IMPACT, BY_PERSON = scheme_words("impact"), scheme_words("subject")
 
 
 @cache
 def fits_of(name: str) -> Fits:
     """The fits of one element's model file, compiled once."""
-    model = read_specification(ROOT / "models" / f"{FILES.get(name, name)}.toml")
-    return Fits(model, simulate(campaign_of(name, 0)).dataset("first"))
+    return Fits(model_of(name), simulate(campaign_of(name, 0)).dataset("first"))
 
 
 def finished(name: str, prepared: Prepared, found: ConstrainedDraws) -> FinishedRun:
@@ -89,19 +77,18 @@ def finished(name: str, prepared: Prepared, found: ConstrainedDraws) -> Finished
 
 
 def row_of(right: str, number: int) -> dict[str, Any]:
-    """One campaign: every fit, what `compare` says of them, and how long it took."""
-    made = campaign_of(right, number)
-    result, begun = simulate(made), time.perf_counter()
+    """One campaign: every fit, and what `compare` says of them."""
+    simulation = campaign_of(right, number)
+    result = simulate(simulation)
     runs: list[FinishedRun] = []
     refused: list[FinishedRun] = []
     corrections: dict[str, Correction] = {}
     for name in element_names():
         fits = fits_of(name)
-        prepared = fits.prepared(result.dataset(made.name))
+        prepared = fits.prepared(result.dataset(simulation.name))
         found, corrections[name] = fits.fit(prepared, number)
         if all(np.isfinite(values).all() for values in found.log_likelihood.values()):
             (runs if corrections[name].trusted else refused).append(finished(name, prepared, found))
-        print(f"  {right} {number}: {name} after {time.perf_counter() - begun:.0f} s", flush=True)
     if len(runs) < 2:
         runs += refused
     comparison = compare_runs(runs)
@@ -113,8 +100,6 @@ def row_of(right: str, number: int) -> dict[str, Any]:
     true = float(np.exp(np.log(secant).mean()))
     low, high = (float(together[end].iloc[0]) for end in ("eti90_low", "eti90_high"))
     return {
-        "element": right,
-        "campaign": number,
         **_score(comparison, BY_IMPACT, right, ""),
         **_score(comparison, BY_PERSON, right, "_people"),
         "K_of_weights_held": low <= true <= high,
@@ -124,7 +109,6 @@ def row_of(right: str, number: int) -> dict[str, Any]:
         **_elpd(comparison),
         **{f"correction_k_{name}": round(found.pareto_k, 3) for name, found in corrections.items()},
         **{f"trusted_{name}": found.trusted for name, found in corrections.items()},
-        "seconds": round(time.perf_counter() - begun, 1),
     }
 
 
@@ -153,42 +137,12 @@ def _elpd(comparison: pd.DataFrame) -> dict[str, float]:
     return {f"elpd_{name}": round(float(rows.get(name, np.nan)), 2) for name in element_names()}
 
 
-def measure(elements: Sequence[str], campaigns: int, seconds: float, table: Path) -> None:
-    """Append a row for each campaign that is not there yet and is begun in time."""
-    begun = time.perf_counter()
-    there = pd.read_csv(table) if table.is_file() else pd.DataFrame({"element": [], "campaign": []})
-    done = set(zip(there["element"], there["campaign"], strict=True))
-    for number in range(campaigns):
-        for name in elements:
-            if (name, number) in done or time.perf_counter() - begun > seconds:
-                continue
-            row = pd.DataFrame([row_of(name, number)])
-            row.to_csv(table, mode="a", header=not table.is_file(), index=False)
-            if number % CAMPAIGNS_KEPT_COMPILED == CAMPAIGNS_KEPT_COMPILED - 1:
-                jax.clear_caches()
-            told = row.iloc[0]
-            print(f"{name} {number}: {told['winner']} by {told['difference']} ± {told['se']}", flush=True)
-
-
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--elements", nargs="+", choices=element_names(), default=element_names())
-    parser.add_argument("--campaigns", type=int, default=CAMPAIGNS)
-    parser.add_argument("--seconds", type=float, default=np.inf, help="begin no campaign after these")
-    asked = parser.parse_args()
+    name = sys.argv[1]
     runtime.configure(one_core=True)
-    for name in asked.elements:
-        command = f"benchmarks/compare_elements.py --elements {name}"
-        with recorded(f"compare_elements-{name}", command) as record:
-            measure([name], asked.campaigns, asked.seconds, TABLE)
-            if left := CAMPAIGNS - len(record.piece.rows()):
-                record.left = f"{left} of {CAMPAIGNS} campaigns"
-    rows = pd.read_csv(TABLE)
-    for ending, scheme in (("", BY_IMPACT), ("_people", BY_PERSON)):
-        print(scheme)
-        print(compared(rows, ending).to_string())
+    with recorded(f"compare_elements-{name}") as record:
+        for number in record.missing(range(CAMPAIGNS)):
+            record.add(number, [row_of(name, number)])
 
 
 if __name__ == "__main__":

@@ -9,22 +9,16 @@ core. What counts is the least bulk effective sample size over the standard devi
 
 from __future__ import annotations
 
-import argparse
-import os
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
-from importlib.metadata import version
-from pathlib import Path
 from time import perf_counter, process_time
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pandas as pd
 from evidence import recorded
-from evidence.provenance import machine
 from jax.flatten_util import ravel_pytree
 from numpyro.distributions import biject_to
 from numpyro.infer import NUTS
@@ -55,11 +49,12 @@ from bayestissue.inference.samplers.nuts import run_chains
 from bayestissue.inference.samplers.sampling import Draws
 from bayestissue.resources import shared
 
-HERE = Path(__file__).parent
 SEED, CHAINS = 1, 4
 USUAL = "4 chains of 400 and 1000"
 # A plain chain's first transitions, whose draws are not counted: fewer than usual, so that some are left.
 PLAIN_WARMUP, BLOCK = 60, 5
+# Of a core, for each contender that samples the plain model: too few to converge, and enough to tell a rate.
+MINUTES = 1
 Arrays = dict[str, np.ndarray]
 
 
@@ -325,12 +320,12 @@ def plain_quantities(bench: Bench, found: Arrays) -> Arrays:
     return {name: np.asarray(v).reshape(*shape, *v.shape[1:]) for name, v in made.items()}
 
 
-def plain_numpyro(bench: Bench, *, started: bool) -> Outcome:
+def plain_numpyro(bench: Bench) -> Outcome:
     """One chain of numpyro's NUTS with its defaults, until the budget is spent."""
     data = bench.prepared.data
     kernel = NUTS(partial(plain, bench.prepared.model))
     key, own = jax.random.split(jax.random.PRNGKey(SEED))
-    start = plain_start(bench, own) if started else None
+    start = plain_start(bench, own)
     begin = Time.now()
     state = kernel.init(key, PLAIN_WARMUP, start, (data,), {})
 
@@ -385,11 +380,10 @@ def per_element(draws: Arrays, measure: str, **options: str) -> Arrays:
     }
 
 
-def row(name: str, outcome: Outcome) -> dict[str, Any]:
+def row(outcome: Outcome) -> dict[str, Any]:
     """One line of the table; a chain that is cut off before it has 20 draws has an upper bound only."""
     chains, draws = next(iter(outcome.draws.values())).shape[:2]
     line = {
-        "contender": name,
         "chains": chains,
         "draws": draws,
         "compiling_s": outcome.compiling.wall,
@@ -433,72 +427,28 @@ def in_halves(values: np.ndarray) -> np.ndarray:
     return np.concatenate([values[:, :half], values[:, half : 2 * half]])
 
 
-def disagreement(ours: Arrays, other: Arrays) -> float:
-    """The largest difference of two posterior means over its Monte Carlo standard error."""
-
-    def moments(draws: Arrays) -> tuple[np.ndarray, np.ndarray]:
-        errors = per_element(draws, "mcse", method="mean")
-        means = {name: v.mean(axis=(0, 1)).reshape(-1) for name, v in draws.items()}
-        return np.concatenate([means[n] for n in sorted(means)]), np.concatenate(
-            [errors[n] for n in sorted(errors)]
-        )
-
-    (a, sd_a), (b, sd_b) = moments(ours), moments(other)
-    return float(np.max(np.abs(a - b) / np.hypot(sd_a, sd_b)))
-
-
 def contenders() -> dict[str, Callable[[Bench], Outcome]]:
     return {
         "bayestissue, summary path": summary_path,
         "bayestissue, exact path": exact_path,
         "nutpie (diag), the exact path's density": partial(nutpie_exact, adaptation="diag"),
         "nutpie (low_rank), the exact path's density": partial(nutpie_exact, adaptation="low_rank"),
-        "numpyro, plain model, started at our summary": partial(plain_numpyro, started=True),
-        "numpyro, plain model, its own start": partial(plain_numpyro, started=False),
+        "numpyro, plain model, started at our summary": plain_numpyro,
         "nutpie (diag), plain model, started at our summary": partial(plain_nutpie, adaptation="diag"),
     }
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--minutes", type=float, default=5.0, help="of a core, for each plain contender")
-    parser.add_argument("--model", type=Path, default=shared("models", "arma.toml"))
-    parser.add_argument("--only", default="", help="contenders whose name has this in it")
-    parser.add_argument("--out", type=Path, help="where the table goes")
-    chosen = parser.parse_args()
     runtime.configure(one_core=True)
-    if chosen.only or chosen.out or chosen.model.stem != "arma":
-        measure(chosen)
-        return
-    with recorded("fit_efficiency"):
-        measure(chosen)
-
-
-def measure(chosen: argparse.Namespace) -> None:
-    """Let the contenders sample one after the other; the table is written after each."""
-    specification = read_specification(chosen.model)
-    dataset = read_dataset(shared("data", "example"))
-    prepared = prepare(dataset, specification, source=chosen.model.name)
-    print(f"Machine: {machine()}, of which one is used.")
-    print(", ".join(f"{name} {version(name)}" for name in ("jax", "numpyro", "nutpie")))
-    bench = Bench(prepared, specification, 60 * chosen.minutes)
-    centre = bench.approximation.sites.centre
-    check_density(prepared.model, prepared.data, [centre[:, a] for a in range(centre.shape[1])])
-    rows: list[dict[str, Any]] = []
-    reference: Arrays | None = None
-    for name, contend in contenders().items():
-        if chosen.only not in name:
-            continue
-        outcome = contend(bench)
-        line = row(name, outcome) | {"load": os.getloadavg()[0]}
-        if name == "bayestissue, exact path":
-            reference = outcome.draws
-        if reference is not None and outcome.draws is not reference and line["r_hat"] < 1.01:
-            line["means_apart"] = disagreement(reference, outcome.draws)
-        rows.append(line)
-        print(line, flush=True)
-        table = chosen.out or HERE / f"fit_efficiency_{specification.name}.csv"
-        pd.DataFrame(rows).to_csv(table, index=False, float_format="%.5g")
+    with recorded("fit_efficiency") as record:
+        specification = read_specification(shared("models", "arma.toml"))
+        prepared = prepare(read_dataset(shared("data", "example")), specification, source="arma.toml")
+        bench = Bench(prepared, specification, 60 * MINUTES)
+        centre = bench.approximation.sites.centre
+        check_density(prepared.model, prepared.data, [centre[:, a] for a in range(centre.shape[1])])
+        contend = contenders()
+        for name in record.missing(contend):
+            record.add(name, [row(contend[name](bench))])
 
 
 if __name__ == "__main__":

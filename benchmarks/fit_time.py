@@ -9,7 +9,6 @@ same campaign made by a tissue of its own kind. `first` is with nothing compiled
 once more, `other` the same command on a campaign of nine people instead of ten. Seconds of the clock, and of
 the processor (`_cpu_s`), which other work on the machine changes less. `--program` names checkouts whose
 programs are timed in turn, all by this Python and its libraries; `--cores` how many cores each is bound to.
-Rows of the program itself on two cores go to fit_time.csv, in the place of the element's earlier ones.
 """
 
 from __future__ import annotations
@@ -27,16 +26,14 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-from coverage_elements import FILES, ROOT
-from coverage_fit import kept_with
+from coverage import FILES, ROOT
 from evidence import recorded
 from evidence.references import TISSUES as OF_ELEMENTS
 
 from bayestissue.elements import element, element_names
+from bayestissue.hierarchy.specification import SIDE_BY_SIDE
 from bayestissue.simulation import Simulation, simulate, write_campaign
 
-TABLE = ROOT / "benchmarks" / "fit_time.csv"
 EXAMPLE = ROOT / "data" / "example"
 TISSUES = ("example", "own")
 # Beyond this the answer is known, and how much later it would come is not asked.
@@ -112,7 +109,7 @@ def row_of(name: str, tissue: str, program: Path, cores: int) -> dict[str, Any]:
         # Of 81 impacts instead of 90, and traces of other lengths.
         fewer = campaign_of(of_tissue, seed=77, design={"subjects": 9, "repeats": 1})
         other = written(fewer, folder / "other_campaign")
-        runs = {"first": dataset, "again": dataset, "other": other}
+        runs = {"first": dataset, "again": dataset} | ({"other": other} if of_tissue is None else {})
         seconds, out = timed(runs, name, folder, program, cores)
         found = told(out.with_name("again"))
     return {"element": name, "tissue": tissue, "cores": cores, **seconds, **found}
@@ -132,10 +129,10 @@ def main() -> None:
             print({"program": program.name} | row_of(name, tissue, program.resolve(), cores), flush=True)
         return
     for name in asked.elements:
-        command = f"benchmarks/fit_time.py --elements {name}"
-        with recorded(f"fit_time-{name}", command):
-            rows = [row_of(name, tissue, ROOT, 2) | {"command": command} for tissue in TISSUES]
-            kept_with(TABLE, pd.DataFrame(rows), "element")
+        with recorded(f"fit_time-{name}") as record:
+            # The example is a spring and damper; other elements are timed on tissue of their own kind.
+            for tissue in record.missing(["example" if name == SIDE_BY_SIDE else "own"]):
+                record.add(tissue, [row_of(name, tissue, ROOT, 2)])
 
 
 if __name__ == "__main__":

@@ -1,10 +1,9 @@
 """People ranked by K, from a fit of recorded heel strikes.
 
-    HEELSTRIKE=FOLDER .venv/bin/python benchmarks/heelstrike.py
+    EVIDENCE_RECORDINGS=FOLDER .venv/bin/python benchmarks/heelstrike.py
 
-The dataset in FOLDER is fitted by models/heelstrike.toml. Writes heelstrike.csv (a person a row: rank, K in
-N/m, the person's effect on log K, C in N s/m, with 90 % intervals, and the median standard deviation of log K
-of the person's impacts).
+The dataset FOLDER/heelstrike is fitted by models/heelstrike.toml. A row a person: rank, K in N/m, the
+effect on log K, and C in N s/m, with 90 % intervals.
 """
 
 from __future__ import annotations
@@ -21,7 +20,6 @@ import xarray as xr
 from evidence import recorded
 
 ROOT = Path(__file__).resolve().parents[1]
-TABLE = Path(__file__).parent / "heelstrike.csv"
 LEVELS = {"median": 0.5, "low": 0.05, "high": 0.95}
 
 
@@ -52,21 +50,19 @@ def people(posterior: xr.Dataset) -> pd.DataFrame:
 
 def main() -> None:
     model = ROOT / "models" / "heelstrike.toml"
-    with recorded("heelstrike"), tempfile.TemporaryDirectory() as folder:
+    with recorded("heelstrike") as record, tempfile.TemporaryDirectory() as folder:
         command = [
             sys.executable,
             "-m",
             "bayestissue",
             "fit",
-            os.environ["HEELSTRIKE"],
+            f"{os.environ['EVIDENCE_RECORDINGS']}/heelstrike",
             "--out",
             f"{folder}/run",
         ]
         subprocess.run([*command, "--model", str(model)], check=True)  # noqa: S603 - our own program
         with xr.open_datatree(Path(folder) / "run" / "posterior.nc") as tree:
-            table = people(tree["posterior"].dataset.load())
-        print(table.to_string(index=False))
-        table.round(3).to_csv(TABLE, index=False)
+            record.write(people(tree["posterior"].dataset.load()))
 
 
 if __name__ == "__main__":

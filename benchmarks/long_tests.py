@@ -3,8 +3,8 @@
     .venv/bin/python benchmarks/long_tests.py damaged_files tests/dataset/test_corruption.py
     .venv/bin/python benchmarks/long_tests.py kills tests/commands/test_fit_command.py -k kills
 
-Runs those of the named files that are marked long; what follows goes on to pytest. A row a test goes to the
-table of that name: whether it passed, its seconds, and the examples that hypothesis drew.
+Runs those of the named files that are marked long; what follows goes on to pytest. A row a test: whether it
+passed, its seconds, and the examples that hypothesis drew.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def main() -> None:
         done = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=False)  # noqa: S603
         print(done.stdout)
         found = rows_of(report, done.stdout)
-        found.to_csv(ROOT / "benchmarks" / f"{name}.csv", index=False)
+        record.write(found)
         if done.returncode or found.empty:
             record.left = "no test was run" if found.empty else "not all tests passed"
     sys.exit(done.returncode)

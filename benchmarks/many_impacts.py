@@ -1,15 +1,13 @@
 """A campaign of a hundred thousand impacts, simulated and fitted: time, memory, and whether intervals hold.
 
-    .venv/bin/python benchmarks/many_impacts.py arma impact
-    .venv/bin/python benchmarks/many_impacts.py impact --subjects 50
+    .venv/bin/python benchmarks/many_impacts.py
 
 Everything runs as the commands that anyone would type. The memory is that of all processes of the fit at one
-time, looked at four times a second. A row a model goes to many_impacts.csv.
+time, looked at four times a second.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import subprocess
@@ -51,52 +49,24 @@ traces = "parquet"
 float32 = true
 [design]
 """
-TABLE = Path(__file__).with_suffix(".csv")
+SUBJECTS, REPEATS = 500, 10
 COLUMN = {"K": "K_N_per_m", "C": "C_N_s_per_m"}
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser()
-    parser.add_argument("models", nargs="+", choices=("arma", "a2", "impact"))
-    parser.add_argument("--subjects", type=int, default=500)
-    parser.add_argument("--repeats", type=int, default=10)
-    chosen = parser.parse_args()
-    if chosen.models == ["impact"] and (chosen.subjects, chosen.repeats) == (500, 10):
-        with recorded("many_impacts"):
-            measure(chosen)
-    else:
-        measure(chosen)
+    with recorded("many_impacts") as record, tempfile.TemporaryDirectory() as folder:
+        data = simulated(Path(folder))
+        record.write([report(data, Path(folder) / "run")])
 
 
-def measure(chosen: argparse.Namespace) -> None:
-    """Simulate the campaign, and fit it by each model."""
-    with tempfile.TemporaryDirectory() as folder:
-        here = Path(folder)
-        began = time.perf_counter()
-        data = simulated(here, chosen.subjects, chosen.repeats)
-        print(f"simulated in {time.perf_counter() - began:.0f} s; load {os.getloadavg()[0]:.1f}", flush=True)
-        for model in chosen.models:
-            keep(report(model, data, here / model))
-
-
-def keep(row: dict[str, object]) -> None:
-    """Put a row into the table, in the place of one of the same model and as many impacts."""
-    made = pd.DataFrame([row])
-    if TABLE.is_file():
-        before = pd.read_csv(TABLE)
-        same = (before["model"] == row["model"]) & (before["impacts"] == row["impacts"])
-        made = pd.concat([before[~same], made], ignore_index=True)
-    made.to_csv(TABLE, index=False)
-
-
-def simulated(here: Path, subjects: int, repeats: int) -> Path:
+def simulated(here: Path) -> Path:
     conditions = "".join(
         f'[[design.conditions]]\ntrial = "{mass:g} kg at {velocity:g} m/s"\n'
         f"mass_kg = {mass}\nvelocity_m_s = {velocity}\n"
         for mass in MASSES_KG
         for velocity in VELOCITIES_M_S
     )
-    text = f"{SPECIFICATION}subjects = {subjects}\nrepeats = {repeats}\n{conditions}"
+    text = f"{SPECIFICATION}subjects = {SUBJECTS}\nrepeats = {REPEATS}\n{conditions}"
     (here / "spec.toml").write_text(text, encoding="utf-8")
     run("simulate", here / "spec.toml", "--out", here / "data", "--quiet")
     return here / "data"
@@ -108,41 +78,29 @@ def run(*arguments: object) -> subprocess.Popen[bytes]:
     return process
 
 
-def report(model: str, data: Path, out: Path) -> dict[str, object]:
-    """Fit, print what came of it, and return the row of the table."""
-    before, began, memory = os.times(), time.perf_counter(), Memory()
-    model_file = Path(__file__).resolve().parents[1] / "models" / f"{model}.toml"
-    status = run("fit", data, "--model", model_file, "--out", out).returncode
-    took, after, peak = time.perf_counter() - began, os.times(), memory.stop()
-    seconds = after.children_user + after.children_system - before.children_user - before.children_system
-    about = json.loads((out / "run.json").read_text(encoding="utf-8"))
+def report(data: Path, out: Path) -> dict[str, object]:
+    """Fit, and the row of the table."""
+    before, start, memory = os.times(), time.perf_counter(), Memory()
+    model = Path(__file__).resolve().parents[1] / "models" / "impact.toml"
+    status = run("fit", data, "--model", model, "--out", out).returncode
+    seconds, after, peak = time.perf_counter() - start, os.times(), memory.stop()
+    processor = after.children_user + after.children_system - before.children_user - before.children_system
     checks = json.loads((out / "diagnostics.json").read_text(encoding="utf-8"))["checks"]
-    size = sum(path.stat().st_size for path in out.iterdir()) / 2**30
-    print(f"\n{model}: status {status}, {took / 60:.1f} min, {seconds / 60:.1f} min of processor time")
-    print(f"peak memory {peak:.2f} GiB, results {size:.2f} GiB, load {os.getloadavg()[0]:.1f} at the end")
-    print(
-        f"draws kept of an impact: {about.get('kept_draws_of_an_impact', 'all')}; {about['verdict']['words']}"
-    )
-    for check in checks:
-        print(f"  {check['name']}: {check['value']:.4g} ({check['limit']})")
     summary = pd.read_csv(out / "summary.csv", dtype={"unit": str})
-    whole = summary[~summary["variable"].isin(["K", "C"]) & summary["label"].isna()]
-    print(whole[["variable", "mean", "sd", "ess_bulk", "ess_tail", "r_hat"]].to_string(index=False))
     truth = pd.read_csv(data / "truth.csv").set_index("impact")
-    row: dict[str, object] = {"model": model, "impacts": len(truth), "status": status}
-    row |= {"minutes": round(took / 60, 2), "processor_minutes": round(seconds / 60, 2)}
-    row |= {"memory_GiB": round(peak, 2), "results_GiB": round(size, 2)}
-    row |= {check["name"]: float(f"{check['value']:.4g}") for check in checks}
+    row: dict[str, object] = {"impacts": len(truth), "status": status}
+    row |= {"minutes": seconds / 60, "processor_minutes": processor / 60, "memory_GiB": peak}
+    row["results_GiB"] = sum(path.stat().st_size for path in out.iterdir()) / 2**30
+    row |= {check["name"]: check["value"] for check in checks}
     for quantity, column in COLUMN.items():
-        found = summary[summary["variable"] == quantity].set_index("label")
-        true = truth.loc[found.index, column]
-        held = [true.between(found[f"eti{p}_low"], found[f"eti{p}_high"]).mean() for p in (50, 90)]
-        off = (found["median"] / true - 1).abs().median()
-        width = ((found["eti90_high"] - found["eti90_low"]) / found["median"]).median()
-        print(f"{quantity}: {len(found)} impacts, 50 % held {held[0]:.1%}, 90 % held {held[1]:.1%}, ", end="")
-        print(f"off by {off:.2%}, 90 % width {width:.2%}", flush=True)
-        row |= {f"{quantity}_held_50": round(held[0], 4), f"{quantity}_held_90": round(held[1], 4)}
-        row |= {f"{quantity}_off": float(f"{off:.3g}"), f"{quantity}_width": float(f"{width:.3g}")}
+        rows = summary[summary["variable"] == quantity].set_index("label")
+        true = truth.loc[rows.index, column]
+        for level in (50, 90):
+            row[f"{quantity}_held_{level}"] = true.between(
+                rows[f"eti{level}_low"], rows[f"eti{level}_high"]
+            ).sum()
+        row[f"{quantity}_off"] = (rows["median"] / true - 1).abs().median()
+        row[f"{quantity}_width"] = ((rows["eti90_high"] - rows["eti90_low"]) / rows["median"]).median()
     return row
 
 

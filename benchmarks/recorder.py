@@ -9,17 +9,15 @@ a low-pass is not declared. Where all of the noise, or half of its variance, wen
 is not declared, and the quiet parts before contact have to tell. Of filters that software ran over the
 samples, with a corner of an eighth of the sampling rate, 320 impacts each are there twice: declared as they
 are, and as analog. The last lines are sound recordings of six elements, sampled at 1 to 10 kHz, and impacts
-as short as those above on each of them. Lines that are in recorder.csv are not measured again.
+as short as those above on each of them.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from evidence import recorded
 from sound import TISSUES, dataset
 from sound import impacts as different
@@ -37,7 +35,6 @@ SOUND_ONES = 2000
 NOISE = 0.005
 NOISES = (0.001, 0.005, 0.02)
 SOUND, SHORT = "sound recordings", "short impacts on six elements"
-TABLE = Path(__file__).with_suffix(".csv")
 SLOW = {"low_pass_hz": 500.0}
 CASES: dict[str, dict[str, Any] | None] = {
     "second order, 500 Hz": SLOW,
@@ -143,28 +140,22 @@ def _suspected(name: str, data: Dataset) -> dict[str, Any]:
     return {"filter": name, "declared": False, "impacts": len(data.impacts), "suspected": count}
 
 
-def measure() -> None:
-    """Write the table, each line as soon as it is measured."""
-    lines = pd.read_csv(TABLE).to_dict("records") if TABLE.exists() else []
-    done = {(each["filter"], bool(each["declared"])) for each in lines}
+def main() -> None:
+    runtime.configure(one_core=True)
     cases = [(name, declared) for name in CASES for declared in (True, False) if CASES[name] or not declared]
     cases += [(name + end, True) for name in DIGITAL for end in ("", AS_ANALOG)]
-    for name, declared in [*cases, *((name, True) for name in BEFORE), (SOUND, False), (SHORT, False)]:
-        if (name, declared) in done:
-            continue
-        others = {SOUND: sound, SHORT: short}
-        impacts = 2 * IMPACTS if "software" in name else IMPACTS
-        lines.append(
-            others[name](SOUND_ONES) if name in others else line(name, declared=declared, impacts=impacts)
-        )
-        print(lines[-1], flush=True)
-        pd.DataFrame(lines).to_csv(TABLE, index=False)
-
-
-def main() -> None:
-    runtime.configure()
-    with recorded("recorder"):
-        measure()
+    cases += [*((name, True) for name in BEFORE), (SOUND, False), (SHORT, False)]
+    units = {
+        f"{name}, {'declared' if declared else 'not declared'}": (name, declared) for name, declared in cases
+    }
+    without_truth = {SOUND: sound, SHORT: short}
+    with recorded("recorder") as record:
+        for unit in record.missing(units):
+            name, declared = units[unit]
+            impacts = 2 * IMPACTS if "software" in name else IMPACTS
+            counted = without_truth.get(name)
+            row = counted(SOUND_ONES) if counted else line(name, declared=declared, impacts=impacts)
+            record.add(unit, [row])
 
 
 if __name__ == "__main__":

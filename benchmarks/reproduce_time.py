@@ -7,7 +7,6 @@
 processor (`cpu_s`), which other work on the machine changes less. `--program` names checkouts whose programs
 are timed in turn, all by this Python and its libraries. Beside the times the table has the mass exponents
 (mean and 90 % interval) and each explanation's accuracy by trial, so that it is seen whether they agree.
-The times of the program itself go to reproduce_time.csv.
 """
 
 from __future__ import annotations
@@ -25,7 +24,6 @@ import pandas as pd
 from evidence import recorded
 
 ROOT = Path(__file__).resolve().parent.parent
-TABLE = Path(__file__).with_suffix(".csv")
 
 
 def timed(program: Path, out: Path, cache: Path) -> dict[str, float]:
@@ -61,10 +59,8 @@ def main() -> None:
     if chosen.program != [ROOT]:
         print(measured(chosen.program).T.to_string(header=False))
         return
-    with recorded("reproduce_time"):
-        rows = measured(chosen.program)
-        print(rows.T.to_string(header=False))
-        rows.drop(columns="program").to_csv(TABLE, index=False)
+    with recorded("reproduce_time") as record:
+        record.write(measured(chosen.program).drop(columns="program"))
 
 
 def measured(programs: list[Path]) -> pd.DataFrame:

@@ -5,29 +5,26 @@
 Twelve to twenty-four impacts by a spring and damper each, with white noise of 0.2 to 2 % of the peak and
 contact at any phase of a sampling interval, at 2 and 5 kHz; in half of them mass, velocity, gain and zero err
 as declared. Each goes through the summary path of the model file. And 4,000 impacts at 2 kHz by `estimate`:
-how many have p below 0.01, where the model's own noise gives 1 %. It goes to sound_fits.csv, whose lines are
-not measured again.
+how many have p below 0.01, where the model's own noise gives 1 %. A row a dataset.
 """
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
-from coverage_fit import Fits
+from coverage import Fits, model_of, residuals_of
 from evidence import recorded
 
 import bayestissue as bt
 from bayestissue import runtime
-from bayestissue.hierarchy.specification import read_specification
 from bayestissue.inference.checking.model_form import SMALL_P, judged, with_impacts
 from bayestissue.inference.factors.noise_left import noise_p
-from bayestissue.inference.results.tree import predicted
 from bayestissue.simulation import Simulation, simulate
 
 DATASETS, IMPACTS, FIRST_SEED = 40, 4000, 50_000
+# The unit of the impacts that are estimated, not fitted.
+ALONE = -1
 RATES_HZ = (2000.0, 5000.0)
 CHAIN = {
     "relative_mass_sd": 0.005,
@@ -35,8 +32,6 @@ CHAIN = {
     "relative_gain_sd": 0.005,
     "offset_sd_m_s2": 0.2,
 }
-ROOT = Path(__file__).parents[1]
-TABLE = Path(__file__).with_suffix(".csv")
 
 
 def campaign(seed: int, rate: float, *, errs: bool, people: int, repeats: int = 1) -> Simulation:
@@ -64,15 +59,11 @@ def fitted(number: int, fits: Fits, made: Simulation, *, errs: bool) -> dict[str
     """The verdict of one dataset's fit, as `bayestissue fit` has it."""
     prepared = fits.prepared(simulate(made).dataset(made.name))
     draws, _ = fits.fit(prepared, number)
-    signal = prepared.signal
-    inside = np.arange(signal.x.shape[1]) < signal.n_samples[:, None]
-    replicated = predicted(prepared, draws, number)["deceleration"].astype(float)
-    form = judged(np.where(inside, signal.deceleration, np.nan), replicated.reshape(-1, *inside.shape))
+    form = judged(*residuals_of(prepared, draws, number))
     middle = np.median(draws.impacts["parameters"].astype(float), axis=(0, 1))
     p = noise_p(prepared.model, prepared.data, middle)
     form = with_impacts(form, prepared.impacts["impact"].astype(str).tolist(), p)
     return {
-        "what": f"dataset {number}",
         "rate_hz": made.recording.sampling_rate_hz,
         "errors": errs,
         "impacts": form["impacts"]["tested"],
@@ -87,32 +78,24 @@ def counted(rate: float, impacts: int) -> dict[str, Any]:
     made = campaign(FIRST_SEED - 1, rate, errs=True, people=impacts)
     p = bt.estimate(simulate(made).dataset(made.name))["whiteness_p"].to_numpy()
     tested, below = int(np.isfinite(p).sum()), int((p < SMALL_P).sum())
-    return {"what": "impacts alone", "rate_hz": rate, "errors": True, "impacts": tested, "below": below}
-
-
-def measure() -> None:
-    """Write the table, each line as soon as it is measured."""
-    rows = pd.read_csv(TABLE).to_dict("records") if TABLE.exists() else []
-    done = {row["what"] for row in rows}
-    if "impacts alone" not in done:
-        rows.append(counted(RATES_HZ[0], IMPACTS))
-    model = read_specification(ROOT / "models" / "impact.toml")
-    fits: dict[int, Fits] = {}
-    for number in range(DATASETS):
-        people, errs = 2 + number // 2 % 3, number % 4 < 2
-        made = campaign(FIRST_SEED + number, RATES_HZ[number % 2], errs=errs, people=people, repeats=2)
-        if people not in fits:
-            fits[people] = Fits(model, simulate(made).dataset(made.name))
-        if f"dataset {number}" not in done:
-            rows.append(fitted(number, fits[people], made, errs=errs))
-            print(rows[-1], flush=True)
-            pd.DataFrame(rows).to_csv(TABLE, index=False)
+    return {"rate_hz": rate, "errors": True, "impacts": tested, "below": below}
 
 
 def main() -> None:
-    runtime.configure()
-    with recorded("sound_fits"):
-        measure()
+    runtime.configure(one_core=True)
+    with recorded("sound_fits") as record:
+        fits: dict[int, Fits] = {}
+        for number in record.missing([ALONE, *range(DATASETS)]):
+            if number == ALONE:
+                record.add(number, [counted(RATES_HZ[0], IMPACTS)])
+                continue
+            people, errs = 2 + number // 2 % 3, number % 4 < 2
+            simulation = campaign(
+                FIRST_SEED + number, RATES_HZ[number % 2], errs=errs, people=people, repeats=2
+            )
+            if people not in fits:
+                fits[people] = Fits(model_of("impact"), simulate(simulation).dataset(simulation.name))
+            record.add(number, [fitted(number, fits[people], simulation, errs=errs)])
 
 
 if __name__ == "__main__":

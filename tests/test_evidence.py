@@ -5,22 +5,24 @@ from __future__ import annotations
 import ast
 import importlib
 import json
+import os
 import sys
+import threading
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-
-from bayestissue.inference.comparing import DECISIVE_NATS, DECISIVE_SE
+from scipy.stats import norm
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.append(str(ROOT / "benchmarks"))
-from evidence import fingerprint, pages, provenance, references, registry, running, status  # noqa: E402
-from evidence.families import elements  # noqa: E402
+from evidence import fingerprint, pages, provenance, references, registry, running, status, texts  # noqa: E402
+from evidence.families import intervals  # noqa: E402
 from evidence.registry import Piece  # noqa: E402
 from evidence.summary import figure  # noqa: E402
+from evidence.texts import Figure  # noqa: E402
 
 PIECES = list(registry.pieces().values())
 # What every script may use without speaking of it: where things lie, and how numbers are held.
@@ -33,7 +35,7 @@ def test_a_piece_names_what_there_is(piece):
     for part in piece.parts():
         assert (ROOT / part.removesuffix("/*")).exists(), part
     assert set(piece.references) <= set(references.SETS)
-    assert figure(f"{piece.family}.provenance").text
+    assert f"`{piece.name}`" in figure("evidence.provenance").text
 
 
 @pytest.mark.parametrize("piece", PIECES, ids=lambda piece: piece.name)
@@ -48,10 +50,6 @@ def test_a_script_finds_all_that_it_imports(script):
     module = importlib.import_module(Path(script).stem)
     assert script in (module.__doc__ or "")
     assert callable(module.main)
-
-
-def test_what_decides_between_elements_is_the_program_s_rule():
-    assert (elements.DECIDES_SE, elements.DECIDES_NATS) == (DECISIVE_SE, DECISIVE_NATS)
 
 
 def imported(piece: Piece) -> set[Path]:
@@ -131,26 +129,18 @@ def piece(tmp_path, monkeypatch) -> Piece:
     made = Piece(
         name="piece",
         family="piece",
-        promise="",
         asks="",
         command=("benchmarks/script.py", "a"),
         result="table.csv",
-        where={"kind": "a"},
+        each="",
         resumes="table.csv",
         references=(),
         speaks_of=("part.py",),
         minutes=1,
     )
     monkeypatch.setattr(provenance, "pieces", lambda: {"piece": made})
-    monkeypatch.setattr(provenance, "fill_pages", list)
+    monkeypatch.setattr(running, "fill_pages", list)
     return made
-
-
-def add(piece: Piece, value: float) -> None:
-    path = registry.BENCHMARKS / piece.result
-    new = not path.is_file()
-    with path.open("a", encoding="utf-8") as file:
-        file.write(f"{'kind,value\n' if new else ''}a,{value}\nb,7\n")
 
 
 def state(piece: Piece) -> status.State:
@@ -158,39 +148,43 @@ def state(piece: Piece) -> status.State:
     return status.state_of(piece)
 
 
-COMMAND = "benchmarks/script.py a --seconds 10"
+def measure(*numbers: int, of: int = 1) -> None:
+    """Units of the piece, of which these are taken."""
+    with provenance.recorded("piece") as record:
+        for unit in record.missing(range(of)):
+            if unit not in numbers:
+                raise KeyboardInterrupt
+            record.add(unit, [{"value": 1.5 * unit}, {"value": 7}])
 
 
 def test_a_script_writes_where_its_result_comes_from(piece):
     assert state(piece) == status.State("missing", "not measured")
-    with provenance.recorded("piece", COMMAND):
-        add(piece, 1)
+    measure(0)
     about = provenance.read(piece)
-    assert {"commit", "dirty", "date", "machine", "versions", "seconds", "parts"} <= about.keys()
+    assert {"commit", "dirty", "date", "machine", "versions", "seconds", "processor_s"} <= about.keys()
     assert str(ROOT) not in json.dumps(about)
     assert state(piece).kind == "fresh"
 
 
 def test_a_changed_part_and_a_changed_result_are_told(piece, tmp_path):
-    with provenance.recorded("piece", COMMAND):
-        add(piece, 1)
+    measure(0)
     (tmp_path / "part.py").write_text("A = 1  # the same\n")
     assert state(piece).kind == "fresh"
     (tmp_path / "part.py").write_text("A = 2\n")
     assert state(piece) == status.State("stale", "changed since: part.py")
     (tmp_path / "part.py").write_text("A = 1\n")
-    add(piece, 2)
+    (tmp_path / "table.csv").write_text("unit,value\n0,2\n")
     assert "not those that it wrote" in state(piece).why
 
 
-def test_a_result_without_provenance_is_stale(piece):
-    add(piece, 1)
-    assert state(piece) == status.State("stale", status.BEFORE)
+def test_a_result_without_provenance_is_not_measured(piece, tmp_path):
+    (tmp_path / "table.csv").write_text("unit,value\n0,2\n")
+    assert state(piece).kind == "missing"
 
 
 def test_a_program_that_changes_while_it_is_measured_is_told(piece, tmp_path):
-    with provenance.recorded("piece", COMMAND):
-        add(piece, 1)
+    with provenance.recorded("piece") as record:
+        record.add(0, [{"value": 1}])
         (tmp_path / "part.py").write_text("A = 2\n")
     assert "while it ran: part.py" in state(piece).why
 
@@ -251,7 +245,7 @@ def test_results_that_come_go_or_lose_their_number_are_told(set_of_results):
 def test_only_a_change_in_numbers_makes_evidence_stale_that_rests_on_them(piece, set_of_results, monkeypatch):
     piece = replace(piece, references=("fit",), speaks_of=())
     monkeypatch.setattr(provenance, "pieces", lambda: {"piece": piece})
-    measure(piece)
+    measure(0)
     assert state(piece).kind == "fresh"
     moved(set_of_results, 1).assign(set="fit").to_csv(references.TABLE, index=False)
     references.accepted.cache_clear()
@@ -262,26 +256,36 @@ def test_the_program_s_numbers_are_those_that_were_accepted():
     assert not references.differing("points", references.SETS["points"]())
 
 
-def interrupted(piece: Piece) -> None:
-    with provenance.recorded("piece", COMMAND):
-        add(piece, 1)
-        raise KeyboardInterrupt
-
-
 def test_a_stopped_run_goes_on_and_drops_what_another_version_made(piece, tmp_path, capsys):
     with pytest.raises(KeyboardInterrupt):
-        interrupted(piece)
-    assert state(piece) == status.State("unfinished", "unfinished: interrupted")
-    with provenance.recorded("piece", COMMAND):
-        assert len(piece.rows()) == 1
+        measure(0, of=2)
+    assert state(piece) == status.State("unfinished", "unfinished: 1 of 2 left")
+    measure(1, of=2)
     assert state(piece).kind == "fresh"
+    assert piece.rows()["unit"].tolist() == [0, 0, 1, 1]
     (tmp_path / "part.py").write_text("A = 2\n")
-    with provenance.recorded("piece", COMMAND) as record:
-        assert piece.rows().empty
-        assert "1 rows of another version" in capsys.readouterr().out
-        add(piece, 2)
-        record.left = "3 of 4 campaigns"
-    assert state(piece).why == "unfinished: 3 of 4 campaigns"
+    with pytest.raises(KeyboardInterrupt):
+        measure(0, of=2)
+    assert "4 rows of another version" in capsys.readouterr().out
+    assert piece.rows()["unit"].tolist() == [0, 0]
+
+
+def test_a_trial_measures_so_many_units_and_says_that_some_are_left(piece, monkeypatch):
+    monkeypatch.setenv(provenance.TRIAL, "2")
+    measure(0, 1, of=5)
+    assert state(piece) == status.State("unfinished", "unfinished: 3 of 5 left")
+
+
+def test_a_unit_may_have_no_rows_or_columns_of_its_own(piece):
+    with provenance.recorded("piece") as record:
+        record.add("none", [])
+        record.add("a", [{"K": 2.0}])
+        record.add("b", [{"C": 3.0}])
+        assert list(record.missing(["none", "a", "b"])) == []
+    assert piece.rows().set_index("unit").to_dict() == {
+        "K": {"none": pytest.approx(np.nan, nan_ok=True), "a": 2.0, "b": pytest.approx(np.nan, nan_ok=True)},
+        "C": {"none": pytest.approx(np.nan, nan_ok=True), "a": pytest.approx(np.nan, nan_ok=True), "b": 3.0},
+    }
 
 
 @pytest.fixture
@@ -304,23 +308,40 @@ def run(piece, monkeypatch):
     return run
 
 
-def measure(piece: Piece) -> None:
-    with provenance.recorded("piece", COMMAND):
-        add(piece, 1)
-
-
 def test_what_is_fresh_is_not_run_again_and_what_is_left_is_said(piece, run, capsys):
     assert run(piece) == (0, ["piece"])
-    assert "piece: not measured\nLeft: 1, about 1 min." in capsys.readouterr().out
-    assert run(piece, piece=lambda: measure(piece)) == (0, ["piece"])
+    assert "piece: not measured\nLeft: 1, about 0 min on two cores." in capsys.readouterr().out
+    assert run(piece, piece=lambda: measure(0)) == (0, ["piece"])
     assert run(piece) == (0, [])
     assert "All of it is of this version." in capsys.readouterr().out
 
 
-def test_a_failure_keeps_no_other_from_being_run_and_short_ones_come_first(piece, run, capsys):
+def test_a_failure_keeps_no_other_from_being_run_and_timed_ones_come_last(piece, run, capsys, monkeypatch):
+    monkeypatch.setattr(running, "LANES", 1)
     long = replace(piece, name="long", minutes=5, result="other.csv")
-    assert run(long, piece, long=lambda: 0, piece=lambda: 3) == (1, ["piece", "long"])
-    assert "piece: failed with status 3" in capsys.readouterr().out
+    timed = replace(piece, name="timed", minutes=9, alone=True, result="timed.csv")
+    named = {"timed": lambda: 0, "long": lambda: 0, "piece": lambda: 3}
+    assert run(timed, piece, long, **named) == (1, ["long", "piece", "timed"])
+    said = capsys.readouterr().out
+    assert "piece: failed with status 3" in said
+    assert "timed, 3 of 3" in said
+    assert "All: 9 min left." in said
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="this system binds no process to a core")
+def test_two_pieces_run_side_by_side_each_on_a_core_of_its_own(piece, run):
+    meeting, cores = threading.Barrier(2, timeout=20), []
+
+    def meet():
+        meeting.wait()
+        cores.append(os.sched_getaffinity(0))
+
+    before = os.sched_getaffinity(0)
+    assert run(piece, replace(piece, name="b"), piece=meet, b=meet)[0] == 0
+    assert os.sched_getaffinity(0) == before
+    if len(before) > 1:
+        assert [len(each) for each in cores] == [1, 1]
+        assert cores[0] != cores[1]
 
 
 def test_an_interruption_says_what_is_left(piece, run, capsys):
@@ -360,22 +381,22 @@ def test_examples_that_hypothesis_drew_are_counted(tmp_path):
     assert found["examples_failed"].tolist()[:2] == [1, 0]
 
 
-def test_rows_are_the_same_however_they_are_written(piece):
-    add(piece, 1)
+def test_rows_are_the_same_however_they_are_written(piece, tmp_path):
+    measure(0)
     before = provenance.digest(piece.rows())
-    (registry.BENCHMARKS / piece.result).write_text("value,kind,more\n1.0,a,\n3,b,4\n")
+    (tmp_path / "table.csv").write_text("value,unit,more\n0.0,0,\n7.0,0,\n")
     assert provenance.digest(piece.rows()) == before
 
 
 @pytest.mark.parametrize("path", pages.pages(), ids=lambda path: path.relative_to(ROOT).as_posix())
 def test_a_page_prints_what_the_files_say(path):
     text = path.read_text(encoding="utf-8")
-    assert pages.filled(text) == text, OTHERS
+    assert pages.filled_page(path) == text, OTHERS
     assert not list(pages.misplaced(text)), "a figure within a sentence can't begin a line"
 
 
 def test_figures_are_filled_in_containers_and_left_alone_in_examples():
-    name = "evidence.summary"
+    name = "evidence.provenance"
     marked = f"<!-- evidence: {name} -->\n\nof long ago\n\n<!-- end -->"
     assert "of long ago" not in pages.filled(f":::{{container}} stacked\n\n{marked}\n\n:::\n")
     shown = f"```markdown\n{marked}\n```\n"
@@ -419,17 +440,51 @@ def test_levels_and_other_numbers_are_no_measured_figures(sentence):
     assert not list(pages.typed("page.md", sentence))
 
 
-def test_a_stale_figure_says_so(monkeypatch):
-    monkeypatch.setattr("evidence.texts.state_of", lambda piece: status.State("stale", status.BEFORE))
-    inline, table = (figure(f"exactness.{name}") for name in ("arma", "table"))
-    assert inline.printed() == f"{inline.text} (measured on an earlier version)"
+def test_a_stale_figure_says_so_and_the_readme_leaves_it_out(monkeypatch):
+    inline, table = Figure("2 s", ("exactness",)), Figure("| a |", ("exactness",), block=True)
+    monkeypatch.setattr("evidence.pages.figure", {"a.b": inline, "a.table": table}.get)
+    monkeypatch.setattr("evidence.texts.state_of", lambda piece: status.State("stale", "changed"))
+    marked = "It takes <!-- evidence: a.b -->long<!-- end -->."
+    assert inline.printed() == "2 s (measured on an earlier version)"
     assert table.printed().endswith("*Measured on an earlier version.*")
+    assert pages.filled(marked, fresh=True) == "It takes <!-- evidence: a.b --><!-- end -->."
     monkeypatch.setattr("evidence.texts.state_of", lambda piece: status.State("fresh", ""))
-    assert inline.printed() == inline.text
+    assert pages.filled(marked, fresh=True) == "It takes <!-- evidence: a.b -->2 s<!-- end -->."
 
 
-def test_an_unknown_figure_is_named():
+def test_an_unknown_figure_is_named(monkeypatch):
+    monkeypatch.setattr("evidence.summary.figures", lambda: {"coverage_fit.impact_K_90": Figure("88 %", ())})
     with pytest.raises(KeyError, match="no pieces 'coverag'"):
         figure("coverag.impact_K_90")
     with pytest.raises(KeyError, match="there is no such figure"):
         figure("coverage_fit.impact_K_91")
+
+
+def coverage_rows() -> pd.DataFrame:
+    """Two campaigns of two impacts: of 50 % intervals one of the four holds the truth, of 90 % three."""
+    low_high = {"q05": 0.0, "q25": 4.0, "q50": 5.0, "q75": 6.0, "q95": 10.0}
+    rows = pd.DataFrame({"unit": [0, 0, 1, 1], "truth": [5.0, 2.0, 8.0, 12.0]})
+    return rows.assign(quantity="K", each="impact", **low_high)
+
+
+def test_coverage_has_the_standard_error_between_campaigns():
+    lines = texts.coverage(coverage_rows(), ["each", "quantity"]).set_index("level")
+    assert lines["held"].tolist() == [1, 3]
+    # Shares of a half and none, and of all and a half.
+    assert lines["se"].tolist() == pytest.approx([0.25, 0.25])
+    assert lines.loc[90, "width"] == pytest.approx(np.median(10 / np.array([5.0, 2.0, 8.0, 12.0])))
+
+
+def test_a_rate_of_none_has_an_upper_limit():
+    # 1 - 0.05^(1/80)
+    assert texts.at_most(0, 80) == "0 of 80 (below 3.7 %)"
+
+
+def test_ranks_of_too_narrow_posteriors_spread_too_far():
+    # Draws from a normal a tenth too narrow: ranks lie further out, as 200 sets of 15 quantities show.
+    rng = np.random.default_rng(3)
+    truth = rng.normal(size=(200, 15))
+    uniform, narrow = norm.cdf(truth), norm.cdf(truth / 0.9)
+    (right, error), (wide, _) = intervals.spread(uniform), intervals.spread(narrow)
+    assert abs(right - 1) < 3 * error
+    assert wide - 1 > 3 * error

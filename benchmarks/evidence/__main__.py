@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 
 from evidence.checking import check_numbers
 from evidence.figures import figures
 from evidence.pages import fill
+from evidence.provenance import TRIAL
 from evidence.references import SETS
 from evidence.registry import Piece, pieces
 from evidence.running import left, run_pieces
@@ -21,6 +23,7 @@ def main() -> None:
     run = commands.add_parser("run", help="run pieces that are not fresh, all unless named")
     run.add_argument("names", nargs="*", help="of pieces, or of families of pieces")
     run.add_argument("--again", action="store_true", help="run fresh ones too")
+    run.add_argument("--units", help="of each no more than so many units, such as campaigns, for a trial")
     check = commands.add_parser("check", help="whether the program's numbers are those that were accepted")
     check.add_argument("sets", nargs="*", help=f"of references.csv, all unless named: {', '.join(SETS)}")
     check.add_argument("--accept", action="store_true", help="take what differs as the program's numbers now")
@@ -28,6 +31,7 @@ def main() -> None:
     commands.add_parser("figures", help="list the names of all figures, and what they are now")
     asked = parser.parse_args()
     if asked.command == "run":
+        os.environ |= {TRIAL: asked.units} if asked.units else {}
         sys.exit(run_pieces(chosen(asked.names), again=asked.again))
     if asked.command == "check":
         sys.exit(check_numbers(asked.sets or list(SETS), accept=asked.accept))

@@ -7,14 +7,15 @@ from functools import cache
 # Each puts its families into FAMILIES.
 from evidence.families import answers, elements, faults, intervals, speed  # noqa: F401
 from evidence.registry import of_family
+from evidence.status import state_of
 from evidence.texts import FAMILIES, Figure
 
 
 @cache
 def figures() -> dict[str, Figure]:
-    """All of them by name, FAMILY.FIGURE; those of a family without its result file are not there."""
+    """All of them by name, FAMILY.FIGURE; those of a family that is not measured in full are not there."""
     found = {}
     for family, made in FAMILIES.items():
-        if all(not piece.rows().empty for piece in of_family(family)[:1]):
+        if all(state_of(piece).kind in ("fresh", "stale") for piece in of_family(family)):
             found |= {f"{family}.{name}": figure for name, figure in made()}
     return found

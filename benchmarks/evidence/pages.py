@@ -11,14 +11,14 @@ import json
 import re
 import textwrap
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
-import pandas as pd
-
+from evidence.families.intervals import coverage_of_fits
 from evidence.figures import figures
-from evidence.registry import ROOT, content, of_family
+from evidence.registry import ROOT, content
 from evidence.status import state_of
-from evidence.summary import figure, in_words
+from evidence.summary import figure
 from evidence.texts import Figure
 
 MARKED = re.compile(
@@ -76,9 +76,9 @@ def fill() -> list[str]:
     figures.cache_clear()
     state_of.cache_clear()
     changed = []
-    for path, made in ((path, filled(path.read_text(encoding="utf-8"))) for path in pages()):
-        if made != path.read_text(encoding="utf-8"):
-            path.write_text(made, encoding="utf-8")
+    for path in pages():
+        if (text := filled_page(path)) != path.read_text(encoding="utf-8"):
+            path.write_text(text, encoding="utf-8")
             changed.append(path.relative_to(ROOT).as_posix())
     if coverage_shown() != SHOWN.read_text(encoding="utf-8"):
         SHOWN.write_text(coverage_shown(), encoding="utf-8")
@@ -86,19 +86,27 @@ def fill() -> list[str]:
     return changed
 
 
-def filled(text: str) -> str:
-    """A page's text with its figures as the result files have them."""
-    return "".join(part if fenced else MARKED.sub(_with_text, part) for part, fenced in _parts(text))
+def filled_page(path: Path) -> str:
+    """A page's text with its figures; the README has those of this version alone."""
+    return filled(path.read_text(encoding="utf-8"), fresh=path == ROOT / "README.md")
 
 
-def _with_text(found: re.Match[str]) -> str:
-    name, begin = found["name"], f"{found['indent'] or ''}<!-- evidence: {found['name']} -->"
-    made = figure(name)
-    if "\n" in found["text"] or made.block:
-        indent = found["indent"] or ""
-        text = textwrap.indent(_paragraph(made), indent)
+def filled(text: str, *, fresh: bool = False) -> str:
+    """A text with its figures as the result files have them, those of this version alone if ``fresh``."""
+    with_text = partial(_with_text, fresh=fresh)
+    return "".join(part if fenced else MARKED.sub(with_text, part) for part, fenced in _parts(text))
+
+
+def _with_text(mark: re.Match[str], *, fresh: bool) -> str:
+    name, begin = mark["name"], f"{mark['indent'] or ''}<!-- evidence: {mark['name']} -->"
+    content = figure(name)
+    if fresh and (content.stale or not content.pieces):
+        return f"{begin}<!-- end -->"
+    if "\n" in mark["text"] or content.block:
+        indent = mark["indent"] or ""
+        text = textwrap.indent(_paragraph(content), indent)
         return f"{begin}\n\n{text}\n\n{indent}<!-- end -->"
-    return f"{begin}{made.printed()}<!-- end -->"
+    return f"{begin}{content.printed()}<!-- end -->"
 
 
 def _paragraph(made: Figure) -> str:
@@ -108,13 +116,12 @@ def _paragraph(made: Figure) -> str:
 
 
 def coverage_shown() -> str:
-    """The table of coverage that comes with the program, for the page of a fit."""
-    rows = []
-    for piece in of_family("coverage_fit"):
-        own = piece.rows()
-        rows.append(own[["likelihood", "quantity", "level", "held", "impacts", "command"]].assign(
-            measured=in_words(state_of(piece))))  # fmt: skip
-    return pd.concat(rows).to_csv(index=False)
+    """The table of coverage that comes with the program, for the page of a fit; as it is until measured."""
+    columns = ["likelihood", "quantity", "level", "held", "impacts"]
+    if "coverage_fit.table" not in figures():
+        return SHOWN.read_text(encoding="utf-8")
+    lines = coverage_of_fits()
+    return lines.rename(columns={"each": "likelihood"})[columns].to_csv(index=False)
 
 
 def misplaced(text: str) -> Iterator[str]:

@@ -7,9 +7,8 @@ import json
 import os
 import platform
 import subprocess
-import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -24,80 +23,120 @@ from evidence.references import digest_of
 from evidence.registry import BENCHMARKS, ROOT, Piece, pieces
 
 RESULTS = BENCHMARKS / "results"
+type Table = pd.DataFrame | Iterable[Mapping[str, Any]]
 PACKAGES = ("numpy", "scipy", "jax", "numpyro", "arviz")
-# Options that say how far one call goes, and not what is measured.
-OF_ONE_CALL = ("--seconds", "--lane", "--lanes")
+AS_CSV: Any = {"index": False, "float_format": "%.5g", "lineterminator": "\n"}
+# A variable that says how many units one call measures, for a trial.
+TRIAL = "EVIDENCE_UNITS"
+# Seconds between two lines on what is left.
+TELL_S = 20.0
 
 
 @dataclass
 class Record:
-    """A measurement that is being made."""
+    """A measurement that is being made: its raw results, a unit (a campaign, a case) after the other."""
 
     piece: Piece
     # What is left to do, in words; empty when all is measured.
     left: str = ""
 
+    @property
+    def path(self) -> Path:
+        """Of its table."""
+        return BENCHMARKS / self.piece.result
+
+    def missing[Unit](self, units: Iterable[Unit]) -> Iterator[Unit]:
+        """Those of ``units`` whose rows the table has not, with a line now and then on what is left."""
+        units, rows = list(units), self.piece.rows()
+        known = set() if rows.empty else set(rows["unit"].astype(str))
+        waiting = [unit for unit in units if str(unit) not in known]
+        most, start, said = int(os.environ.get(TRIAL, len(waiting))), time.monotonic(), 0.0
+        for number, unit in enumerate(waiting[:most]):
+            self.left = f"{len(waiting) - number} of {len(units)} left"
+            yield unit
+            spent = time.monotonic() - start
+            if spent - said > TELL_S:
+                said, minutes = spent, spent / (number + 1) * (len(waiting) - number - 1) / 60
+                print(f"{self.piece.name}: {self.left}, about {minutes:.0f} min", flush=True)
+        self.left = f"{len(waiting) - most} of {len(units)} left" if len(waiting) > most else ""
+
+    def add(self, unit: object, rows: Table) -> None:
+        """Add the rows of a unit, in one write; one that has none is there as a row of its own."""
+        frame = pd.DataFrame(rows)
+        frame = (frame if len(frame) else pd.DataFrame([{}])).assign(unit=unit)
+        self.path.parent.mkdir(exist_ok=True)
+        columns = list(pd.read_csv(self.path, nrows=0)) if self.path.is_file() else []
+        if columns and set(frame) <= set(columns):
+            text = frame.reindex(columns=columns).to_csv(header=False, **AS_CSV)
+            with self.path.open("a", encoding="utf-8") as file:
+                file.write(text)
+        else:
+            self.write(pd.concat([pd.read_csv(self.path) if columns else None, frame]))
+
+    def write(self, rows: Table) -> None:
+        """Take these rows as all that there are."""
+        self.path.parent.mkdir(exist_ok=True)
+        pd.DataFrame(rows).to_csv(self.path, **AS_CSV)
+
 
 @contextmanager
-def recorded(name: str, command: str = "") -> Iterator[Record]:
+def recorded(name: str) -> Iterator[Record]:
     """Run what measures a piece, and write results/NAME.json when it is done.
 
-    A piece that goes on where it stopped keeps its rows only if no part that it speaks of has changed since
-    they were made; others are dropped here, before anything is measured. A run that ends early sets ``left``.
+    A piece goes on where it stopped if nothing that it speaks of has changed since; otherwise its rows are
+    dropped here, before anything is measured. A run that ends early leaves word in ``left``.
 
     Args:
         name: of the piece in evidence.toml.
-        command: the script and its arguments, where this process was called for several pieces at once.
     """
     piece = pieces()[name]
-    parts, commit = of_parts(ROOT, piece.parts()), _commit(piece)
-    before, spent, begun = read(piece), 0.0, time.monotonic()
-    record = Record(piece, left="interrupted")
+    parts, before, record = of_parts(ROOT, piece.parts()), read(piece), Record(piece, left="interrupted")
+    spent, processor, start, worked = 0.0, 0.0, time.monotonic(), _processor_seconds()
     about = {
         "piece": name,
-        "command": command or _typed(),
-        **commit,
+        "command": piece.command_line,
+        **_commit(piece),
         "date": f"{datetime.now(UTC):%Y-%m-%d}",
         "machine": machine(),
         "versions": _versions(),
     }
     rests_on = {"references": references_of(piece), "parts": parts}
+    if before is not None and all(before.get(key) == value for key, value in rests_on.items()):
+        spent, processor = before["seconds"] or 0.0, before.get("processor_s", 0.0)
+    elif dropped := piece.forget():
+        print(f"{name}: {dropped} rows of another version, or of an unknown one, are dropped", flush=True)
 
     def write() -> None:
-        seconds = {"seconds": round(spent + time.monotonic() - begun), "left": record.left}
+        seconds = {
+            "seconds": round(spent + time.monotonic() - start),
+            "processor_s": round(processor + _processor_seconds() - worked),
+            "left": record.left,
+        }
         moved = {"changed_meanwhile": changed(parts, of_parts(ROOT, piece.parts()))}
         content = about | seconds | {"rows": digest(piece.rows())} | moved | rests_on
         RESULTS.mkdir(exist_ok=True)
         _path(piece).write_text(f"{json.dumps(content, indent=1, ensure_ascii=False)}\n", encoding="utf-8")
 
-    if piece.resumes:
-        if before is not None and all(before.get(key) == value for key, value in rests_on.items()):
-            spent = before["seconds"] or 0.0
-        elif dropped := piece.forget():
-            print(f"{name}: {dropped} rows of another version, or of an unknown one, are dropped", flush=True)
-        # From now on what is in the table is of this version.
-        write()
+    # From now on what is in the table is of this version.
+    write()
     try:
         record.left = ""
         yield record
     except BaseException:
         record.left = record.left or "interrupted"
-        if piece.resumes:
-            write()
+        write()
         raise
     write()
-    fill_pages()
+
+
+def _processor_seconds() -> float:
+    """Of this process and of those that it has waited for."""
+    return sum(os.times()[:4])
 
 
 def references_of(piece: Piece) -> dict[str, str]:
     """The digest of each set of reference results that a piece rests on."""
     return {name: digest_of(name) for name in piece.references}
-
-
-def fill_pages() -> None:
-    """Write the figures into the pages, by this package as it is now: a run may take hours."""
-    environment = os.environ | {"PYTHONPATH": str(BENCHMARKS)}
-    subprocess.run([sys.executable, "-m", "evidence", "pages"], env=environment, check=False)
 
 
 def read(piece: Piece) -> dict[str, Any] | None:
@@ -127,22 +166,6 @@ def machine() -> str:
     models = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
     usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     return f"{models[0] if models else platform.machine()}, {usable} core{'s' * (usable != 1)}"
-
-
-def without(arguments: list[str], options: tuple[str, ...] = OF_ONE_CALL) -> list[str]:
-    """A command's arguments without these options and their values."""
-    kept, skip = [], False
-    for each in arguments:
-        if not skip and each not in options:
-            kept.append(each)
-        skip = each in options
-    return kept
-
-
-def _typed() -> str:
-    script = Path(sys.argv[0]).resolve()
-    name = script.relative_to(ROOT).as_posix() if script.is_relative_to(ROOT) else script.name
-    return " ".join(without([name, *sys.argv[1:]]))
 
 
 def _versions() -> dict[str, str]:

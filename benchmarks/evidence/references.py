@@ -9,8 +9,12 @@ equal.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable
+import re
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
+from html import unescape
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -38,8 +42,8 @@ QUANTITIES = {
     ),
     *("ICC_C1_K", "SEM_chain_K", "K_new", "C_new", "K_side", "residual_correlation"),
 }
-# The error of a normal's 5 % or 95 % point over that of its mean, and of its median.
-_OF_END, _OF_MEDIAN = 2.11, 1.25
+# The error of a normal's 5 % or 95 % point over that of its mean, of its median, and of its deviation.
+OF_END, OF_MEDIAN, OF_SD = 2.11, 1.25, 0.71
 TISSUES: dict[str, dict[str, Any]] = {
     "kelvin_voigt": {},
     "maxwell": {"C_N_s_per_m": 120.0},
@@ -50,7 +54,7 @@ TISSUES: dict[str, dict[str, Any]] = {
 }
 
 
-def _campaign(element: str, seed: int) -> Any:
+def campaign(element: str, seed: int) -> Any:
     """Three people, both sides, three masses: 18 impacts at 5 kHz."""
     from bayestissue.simulation import Simulation, simulate
 
@@ -83,20 +87,20 @@ def _campaign(element: str, seed: int) -> Any:
     return simulate(Simulation.model_validate(content)).dataset("reference")
 
 
-def _fits(model: str, element: str = "kelvin_voigt", campaigns: int = CAMPAIGNS) -> pd.DataFrame:
+def fits(model: str, element: str = "kelvin_voigt", campaigns: int = CAMPAIGNS) -> pd.DataFrame:
     """Posteriors, the quality of their correction, and what the fit says against its model."""
     import bayestissue as bt
 
     rows: list[tuple[str, float, float, float]] = []
     for seed in range(1, campaigns + 1):
-        fit = bt.fit(_campaign(element, seed), model, K="log(mass_kg) + side + (1|subject)")
+        fit = bt.fit(campaign(element, seed), model, K="log(mass_kg) + side + (1|subject)")
         for row in fit.summary[fit.summary["variable"].isin(QUANTITIES)].to_dict("records"):
             name = f"{seed} {row['variable']} {row['label']}".rstrip()
             sd, mcse = row["sd"], row["mcse_mean"]
             rows += [
-                (f"{name} median", row["median"], sd, _OF_MEDIAN * mcse),
-                (f"{name} low", row["eti90_low"], sd, _OF_END * mcse),
-                (f"{name} high", row["eti90_high"], sd, _OF_END * mcse),
+                (f"{name} median", row["median"], sd, OF_MEDIAN * mcse),
+                (f"{name} low", row["eti90_low"], sd, OF_END * mcse),
+                (f"{name} high", row["eti90_high"], sd, OF_END * mcse),
             ]
         for number, attempt in enumerate(fit.about["route"].get("attempts", [])):
             rows.append((f"{seed} attempt {number} effective draws", attempt["effective_draws"], 1.0, np.nan))
@@ -104,9 +108,32 @@ def _fits(model: str, element: str = "kelvin_voigt", campaigns: int = CAMPAIGNS)
             rows.append((f"{seed} residuals {key} p", value, 1.0, np.nan))
         passed = fit.diagnostics.get("measuring_chain", {}).get("passed", True)
         rows.append((f"{seed} chain passed", float(passed), 1.0, np.nan))
+        if seed == 1:
+            rows += _shown(fit)
         for row in fit.ask("K[side=left] / K[side=right] > 1", "mass_exponent_K > 0.3").to_dict("records"):
             rows.append((f"{seed} {row['question']}", row["posterior"], 1.0, row["mcse"]))
     return _table(rows)
+
+
+def _shown(fit: Any) -> Iterator[tuple[str, float, float, float]]:
+    """K and C of impacts as the page of a fit has them over those of its summary, by heading with unit: 1."""
+    with TemporaryDirectory() as folder:
+        page = fit.report(Path(folder) / "page.html").read_text(encoding="utf-8")
+    medians = fit.summary.set_index(["variable", "label"])["median"].to_dict()
+    ratios: dict[str, list[float]] = {}
+    for table in re.findall(r"<table.*?</table>", page, re.S):
+        rows = (re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row, re.S) for row in table.split("<tr")[1:])
+        heads, *lines = ([unescape(re.sub(r"<[^>]+>", "", cell)).strip() for cell in row] for row in rows)
+        for line in (dict(zip(heads, cells, strict=False)) for cells in lines):
+            for head in filter(_WITH_UNIT.fullmatch, line):
+                if median := medians.get((head[0], line.get("impact"))):
+                    ratios.setdefault(head, []).append(float(line[head]) / median)
+    # Rounded to three digits or more, and the median over impacts: 5e-3 is beyond rounding.
+    return ((f"page: {head}", float(np.median(r)), 50.0, np.nan) for head, r in ratios.items())
+
+
+# Of a column of K or C.
+_WITH_UNIT = re.compile(r"[KC] \(.+\)")
 
 
 def _points() -> pd.DataFrame:
@@ -115,7 +142,7 @@ def _points() -> pd.DataFrame:
 
     rows: list[tuple[str, float, float, float]] = []
     for element in TISSUES:
-        table = bt.estimate(_campaign(element, 1))
+        table = bt.estimate(campaign(element, 1))
         numbers = [name for name in table if name.startswith(("K_", "C_"))]
         for row in table.to_dict("records"):
             name = f"{element} {row['impact']}"
@@ -142,12 +169,12 @@ def _table(rows: Iterable[tuple[str, float, float, float]]) -> pd.DataFrame:
 
 SETS: dict[str, Callable[[], pd.DataFrame]] = {
     "points": _points,
-    "impact": lambda: _fits("impact"),
-    "arma": lambda: _fits("arma"),
+    "impact": lambda: fits("impact"),
+    "arma": lambda: fits("arma"),
     "plan": _plan,
-    "a2": lambda: _fits("a2", campaigns=1),
+    "a2": lambda: fits("a2", campaigns=1),
     **{
-        name: lambda name=name: _fits(name, name, campaigns=1)  # type: ignore[misc]
+        name: lambda name=name: fits(name, name, campaigns=1)  # type: ignore[misc]
         for name in TISSUES
         if name != "kelvin_voigt"
     },

@@ -22,20 +22,21 @@ class Piece:
 
     name: str
     family: str
-    promise: str
     asks: str
     # The script and its arguments, from the root of the project.
     command: tuple[str, ...]
-    # The table under benchmarks/ that has its rows, and the value of a column that tells them from others'.
+    # Which of its family; empty where it is the only one.
+    each: str
+    # The table under benchmarks/ that has its raw results, and the one from which a stopped run goes on.
     result: str
-    where: dict[str, str]
-    # The table whose rows a stopped run goes on from; empty where it begins anew.
     resumes: str
     # The sets of references.csv whose numbers it rests on.
     references: tuple[str, ...]
     # What else it rests on: files and folders, from the root of the project, without the scripts.
     speaks_of: tuple[str, ...]
+    # Processor minutes that it takes; of one that is measured alone, minutes of the clock.
     minutes: float
+    alone: bool = False
     # Packages, and variables of the environment that name a folder, without which it can't be run.
     packages: tuple[str, ...] = ()
     folders: tuple[str, ...] = ()
@@ -53,34 +54,24 @@ class Piece:
         """The files whose content it rests on: the scripts, and what no reference stands for."""
         return (*self.speaks_of, *self.scripts())
 
-    def rows(self, table: str = "") -> pd.DataFrame:
-        """Its rows of its result, or of another table; without any where there is no such file."""
-        path = BENCHMARKS / (table or self.result)
-        if not path.is_file():
-            return pd.DataFrame()
-        return _own(pd.read_csv(path), self.where)
+    def rows(self) -> pd.DataFrame:
+        """Its raw results; without any where there is no such file."""
+        path = BENCHMARKS / self.result
+        return _table(path, path.stat().st_mtime_ns) if path.is_file() else pd.DataFrame()
 
     def forget(self) -> int:
-        """Take its rows out of the table that a stopped run goes on from; how many there were."""
+        """Remove the table from which a stopped run goes on; how many rows it had."""
         path = BENCHMARKS / self.resumes
-        if not self.resumes or not path.is_file():
+        if not path.is_file():
             return 0
-        every = pd.read_csv(path, dtype=str, keep_default_na=False)
-        own = _own(every, self.where)
-        rest = every.drop(index=own.index)
-        if rest.empty:
-            path.unlink()
-        else:
-            rest.to_csv(path, index=False)
-        return len(own)
+        count = len(pd.read_csv(path))
+        path.unlink()
+        return count
 
 
-def _own(table: pd.DataFrame, where: dict[str, str]) -> pd.DataFrame:
-    # A file of one piece alone has no column that says whose its rows are.
-    for column, value in where.items():
-        if column in table:
-            table = table[table[column].astype(str) == value]
-    return table
+@cache
+def _table(path: Path, _changed_ns: int) -> pd.DataFrame:
+    return pd.read_csv(path)
 
 
 @cache
@@ -104,21 +95,22 @@ def of_family(family: str) -> list[Piece]:
 def _pieces(family: str, table: dict[str, Any]) -> list[Piece]:
     made, parts = [], content()["parts"]
     for each in table.get("each", [""]):
-        with_each = {name: value.replace("{each}", each) for name, value in table.get("where", {}).items()}
+        name = f"{family}-{each}" if each else family
+        result = table.get("result", f"results/{name}.csv")
         named = [part for name in table.get("parts", ()) for part in parts.get(name, [name])]
         made.append(
             Piece(
-                name=f"{family}-{each}" if each else family,
+                name=name,
                 family=family,
-                promise=table["promise"],
                 asks=table["asks"],
                 command=tuple(table["command"].replace("{each}", each).split()),
-                result=table["result"].replace("{each}", each),
-                where=with_each,
-                resumes=table.get("resumes", "").replace("{each}", each),
+                each=each,
+                result=result,
+                resumes=table.get("resumes", result),
                 references=tuple(name.replace("{each}", each) for name in table.get("references", ())),
                 speaks_of=tuple(dict.fromkeys(part.replace("{each}", each) for part in named)),
                 minutes=table["minutes"],
+                alone=table.get("alone", False),
                 packages=tuple(table.get("packages", ())),
                 folders=tuple(table.get("folders", ())),
             )

@@ -1,26 +1,36 @@
-"""Running pieces of evidence one after the other, and saying what is left."""
+"""Running what is not fresh: two pieces side by side, each on a core of its own, then those that need all."""
 
 from __future__ import annotations
 
 import importlib.util
 import os
+import queue
 import subprocess
 import sys
+import threading
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from evidence.registry import ROOT, Piece
+from evidence.registry import BENCHMARKS, ROOT, Piece
 from evidence.status import state_of
+
+LANES = 2
+
+
+def minutes_of(pieces: Iterable[Piece], lanes: int = LANES) -> float:
+    """About how long these take, by the clock."""
+    return sum(piece.minutes / (1 if piece.alone else lanes) for piece in pieces)
 
 
 def left(waiting: list[Piece]) -> str:
     """What is left, in words."""
     if not waiting:
         return "All of it is of this version."
-    minutes = sum(piece.minutes for piece in waiting)
-    took = f"{minutes:.0f} min" if minutes < 120 else f"{minutes / 60:.1f} h"
-    return f"Left: {len(waiting)}, about {took}. The same command goes on."
+    minutes = minutes_of(waiting)
+    time_left = f"{minutes:.0f} min" if minutes < 120 else f"{minutes / 60:.1f} h"
+    return f"Left: {len(waiting)}, about {time_left} on two cores. The same command goes on."
 
 
 def hindered(piece: Piece) -> str:
@@ -28,43 +38,98 @@ def hindered(piece: Piece) -> str:
     packages = [name for name in piece.packages if importlib.util.find_spec(name) is None]
     folders = [name for name in piece.folders if not Path(os.environ.get(name, " ")).is_dir()]
     reasons = [f"needs {', '.join(packages)}: `make evidence-peers`"] if packages else []
-    reasons += [f"needs recordings: {name}=FOLDER, the folder of their dataset" for name in folders]
+    reasons += [f"needs recordings: {name}=FOLDER, in which their datasets lie" for name in folders]
     return "; ".join(reasons)
 
 
-def run_pieces(asked: Iterable[Piece], *, again: bool = False) -> int:
-    """Run those that are not fresh, short ones first, and say what is left; the exit status.
+def run_pieces(chosen: Iterable[Piece], *, again: bool = False) -> int:
+    """Measure those that are not fresh, with a line as each begins and ends; the exit status.
 
-    One that fails does not keep the others from being run.
+    Long ones first, so that both cores are busy until the end; those whose time is measured come last, one by
+    one. One that fails does not keep the others from being measured.
     """
-    asked, failed = list(asked), []
-    waiting = [piece for piece in asked if again or state_of(piece).kind != "fresh"]
-    here = sorted((piece for piece in waiting if not hindered(piece)), key=lambda piece: piece.minutes)
-    print(f"{len(asked) - len(waiting)} of {len(asked)} are of this version and not run again.", flush=True)
+    chosen = list(chosen)
+    waiting = [piece for piece in chosen if again or state_of(piece).kind != "fresh"]
+    here = sorted((piece for piece in waiting if not hindered(piece)), key=lambda piece: -piece.minutes)
+    print(
+        f"{len(chosen) - len(waiting)} of {len(chosen)} are of this version and not measured again.",
+        flush=True,
+    )
+    if again:
+        for piece in here:
+            piece.forget()
+    progress, failed = _Progress(here), ["interrupted"]
     try:
-        for number, piece in enumerate(here, 1):
-            print(
-                f"{piece.name}, {number} of {len(here)}, about {piece.minutes} min: {piece.asks}",
-                flush=True,
-            )
-            begun = time.monotonic()
-            if status := _run(piece):
-                failed.append(piece.name)
-            words = f"failed with status {status}" if status else "measured"
-            print(f"{piece.name}: {words} in {(time.monotonic() - begun) / 60:.1f} min", flush=True)
+        shared, alone = ([piece for piece in here if piece.alone is value] for value in (False, True))
+        failed = [
+            name for name in (*_in_lanes(progress.measure, shared), *map(progress.measure, alone)) if name
+        ]
     except KeyboardInterrupt:
-        failed.append("interrupted")
+        print("stopped", flush=True)
+    finally:
+        fill_pages()
     state_of.cache_clear()
-    rest = [piece for piece in asked if state_of(piece).kind != "fresh"]
-    for piece in rest:
+    remaining = [piece for piece in chosen if state_of(piece).kind != "fresh"]
+    for piece in remaining:
         print(f"{piece.name}: {hindered(piece) or state_of(piece).why}")
-    print(left(rest))
+    print(left(remaining))
     return 1 if failed else 0
+
+
+class _Progress:
+    """Measures pieces, and says how far all are."""
+
+    def __init__(self, pieces: list[Piece]) -> None:
+        self._count, self._waiting, self._lock = len(pieces), list(pieces), threading.Lock()
+
+    def measure(self, piece: Piece) -> str:
+        """Measure one; its name where it failed."""
+        with self._lock:
+            self._waiting.remove(piece)
+            number, minutes = self._count - len(self._waiting), minutes_of([piece, *self._waiting])
+        print(
+            f"{piece.name}, {number} of {self._count}: {piece.asks}. All: {minutes:.0f} min left.", flush=True
+        )
+        start = time.monotonic()
+        status = _run(piece)
+        words = f"failed with status {status}" if status else "measured"
+        print(f"{piece.name}: {words} in {(time.monotonic() - start) / 60:.1f} min", flush=True)
+        return piece.name if status else ""
+
+
+def _in_lanes(measure: Callable[[Piece], str], pieces: list[Piece]) -> list[str]:
+    """What ``measure`` gives of each, two at a time; each lane and its children keep to a core."""
+    cores: queue.SimpleQueue[int] = queue.SimpleQueue()
+    for core in sorted(os.sched_getaffinity(0))[:LANES] if hasattr(os, "sched_getaffinity") else ():
+        cores.put(core)
+
+    def bind() -> None:
+        # What binds a thread binds the processes that it starts.
+        if not cores.empty():
+            os.sched_setaffinity(0, {cores.get()})
+
+    pool = ThreadPoolExecutor(LANES, initializer=bind)
+    try:
+        return list(pool.map(measure, pieces))
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
 def _run(piece: Piece) -> int:
     """Its script in a process of its own, with the program of this checkout; the exit status."""
-    paths = [str(ROOT / "src"), os.environ.get("PYTHONPATH", "")]
+    return _python(*piece.command)
+
+
+def fill_pages() -> None:
+    """Write the figures into the pages, by this package as it is now: a run may take hours."""
+    _python("-m", "evidence", "pages")
+
+
+def _python(*arguments: str) -> int:
+    from bayestissue import runtime
+
+    paths = [str(ROOT / "src"), str(BENCHMARKS), os.environ.get("PYTHONPATH", "")]
+    # What one piece has compiled is read by the next.
+    runtime.keep_compiled()
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))}
-    command = [sys.executable, *piece.command]
-    return subprocess.run(command, cwd=ROOT, env=environment, check=False).returncode  # noqa: S603 - our own
+    return subprocess.run([sys.executable, *arguments], cwd=ROOT, env=environment, check=False).returncode  # noqa: S603 - our own

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from functools import cache
 
 from evidence.fingerprint import changed, of_parts
-from evidence.provenance import digest, read, references_of, without
+from evidence.provenance import digest, read, references_of
 from evidence.registry import ROOT, Piece
 
 EARLIER = "measured on an earlier version"
-BEFORE = "measured before provenance was kept"
 
 
 @dataclass(frozen=True)
@@ -25,22 +24,14 @@ class State:
 def state_of(piece: Piece) -> State:
     """Fresh, stale, unfinished, or missing."""
     rows, about = piece.rows(), read(piece)
-    if about is None:
-        if rows.empty:
-            return State("missing", "not measured")
-        return State("stale", BEFORE)
+    if about is None or (rows.empty and not about["left"]):
+        return State("missing", "not measured")
     if about["left"]:
         return State("unfinished", f"unfinished: {about['left']}")
-    if rows.empty:
-        return State("missing", f"benchmarks/{piece.result} has no rows of it")
     if digest(rows) != about["rows"]:
         return State("stale", f"its rows of benchmarks/{piece.result} are not those that it wrote")
-    if without(about["command"].split()) != without(list(piece.command)):
-        return State("stale", f"measured by another command: {about['command']}")
     if moved := about["changed_meanwhile"]:
         return State("stale", f"the program changed while it ran: {', '.join(moved)}")
-    if piece.references and "references" not in about:
-        return State("stale", "measured before reference results were kept")
     if moved := changed(about.get("references", {}), references_of(piece)):
         return State("stale", f"numbers changed since: {', '.join(moved)}")
     if moved := changed(about["parts"], of_parts(ROOT, piece.parts())):

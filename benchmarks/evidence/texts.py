@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
+import numpy as np
 import pandas as pd
+from scipy import stats
 
-from evidence.registry import BENCHMARKS, of_family, pieces
+from evidence.registry import of_family, pieces
 from evidence.status import EARLIER, state_of
 
-LEVELS = (50, 90)
+# Of intervals, and the quantiles at their ends.
+LEVELS = {50: ("q25", "q75"), 90: ("q05", "q95")}
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -23,14 +26,18 @@ class Figure:
     # Tables and paragraphs of their own; others stand within a sentence.
     block: bool = False
 
+    @property
+    def stale(self) -> list[str]:
+        """Its pieces that are not of this version."""
+        return [name for name in self.pieces if state_of(pieces()[name]).kind != "fresh"]
+
     def printed(self) -> str:
         """With a remark where a piece is stale."""
-        stale = [name for name in self.pieces if state_of(pieces()[name]).kind != "fresh"]
-        if not stale:
+        if not self.stale:
             return self.text
         if not self.block:
             return f"{self.text} ({EARLIER})"
-        which = "" if len(stale) == len(self.pieces) else f": {', '.join(stale)}"
+        which = "" if len(self.stale) == len(self.pieces) else f": {', '.join(self.stale)}"
         return f"{self.text}\n\n*{EARLIER[0].upper()}{EARLIER[1:]}{which}.*"
 
 
@@ -45,9 +52,9 @@ def family(function: Callable[[], Named]) -> Callable[[], Named]:
     return function
 
 
-def read(name: str) -> pd.DataFrame:
-    """A result file."""
-    return pd.read_csv(BENCHMARKS / name)
+def raw(family: str) -> pd.DataFrame:
+    """The raw results of a family's pieces, ``each`` saying which; in the order of evidence.toml."""
+    return pd.concat([piece.rows().assign(each=piece.each) for piece in of_family(family)], ignore_index=True)
 
 
 def table(rows: pd.DataFrame, *, words: bool = False) -> str:
@@ -74,6 +81,16 @@ def with_error(share: pd.Series, error: pd.Series) -> list[str]:
     return [f"{100 * each:.1f} ± {100 * sd:.1f} %" for each, sd in zip(share, error, strict=True)]
 
 
+def binomial_error(share: pd.Series, count: pd.Series | int) -> pd.Series:
+    """Standard error of a share of so many."""
+    return np.sqrt(share * (1 - share) / count)
+
+
+def at_most(count: int, of: int) -> str:
+    """Such as "0 of 80 (below 3.7 %)", the upper limit of the rate at 95 % (Clopper and Pearson)."""
+    return f"{count} of {of} (below {percent(float(stats.beta.ppf(0.95, count + 1, of - count)))})"
+
+
 def names(family: str) -> tuple[str, ...]:
     """The pieces of a family."""
     return tuple(piece.name for piece in of_family(family))
@@ -84,29 +101,51 @@ def block(text: str, family: str) -> Figure:
     return Figure(text, names(family), block=True)
 
 
-def in_order(lines: pd.DataFrame, column: str, order: Iterable[str]) -> pd.DataFrame:
-    """Rows in the order in which the registry has their pieces."""
-    place = list(order).index
-    return lines.sort_values(column, key=lambda values: values.map(place), kind="stable")
+def coverage(rows: pd.DataFrame, by: list[str]) -> pd.DataFrame:
+    """How often intervals of 50 and of 90 % hold the truth, a line each of ``by`` and level.
+
+    ``se`` is the standard error between units: impacts of one campaign are not independent. ``off`` is the
+    median error of the posterior median and ``width`` the median width, both relative to the truth unless
+    that is an exponent's.
+    """
+    rows = rows.dropna(subset="truth")
+    relative = rows["truth"].where(~rows["quantity"].str.contains("exponent"), 1.0).abs()
+    rows = rows.assign(off=(rows["q50"] - rows["truth"]).abs() / relative)
+    lines = []
+    for level, (low, high) in LEVELS.items():
+        held = (rows[low] <= rows["truth"]) & (rows["truth"] <= rows[high])
+        part = rows.assign(held=held, width=(rows[high] - rows[low]) / relative)
+        groups = part.groupby(by, sort=False)
+        campaigns = part.groupby([*by, "unit"], sort=False)["held"].mean().groupby(by, sort=False)
+        columns = {"level": level, "held": groups["held"].sum(), "impacts": groups.size()}
+        columns |= {"share": groups["held"].mean(), "se": campaigns.sem(), "campaigns": campaigns.size()}
+        lines.append(pd.DataFrame(columns | groups[["off", "width"]].median().to_dict("series")))
+    return pd.concat(lines).reset_index()
 
 
-def coverage(lines: pd.DataFrame, by: list[str]) -> pd.DataFrame:
-    """Of each quantity: how often the intervals held it, how far off the median, how wide the widest."""
-    lines = lines.assign(cell=with_error(lines["share"], lines["campaign_se"]))
+def coverage_table(lines: pd.DataFrame, by: list[str]) -> pd.DataFrame:
+    """`coverage` as it is shown."""
+    lines = lines.assign(cell=with_error(lines["share"], lines["se"]))
     cells = lines.pivot_table("cell", by, "level", "first", sort=False).rename(columns="{} % held".format)
     widest = lines[lines["level"] == lines["level"].max()].set_index(by)
-    cells["off by"], cells["90 % width"] = widest["median_error"], widest["median_width"]
+    cells["off by"], cells["90 % width"] = (widest[c].map("{:.3g}".format) for c in ("off", "width"))
     return cells.reset_index().rename_axis(columns=None)
 
 
 def range_of_shares(lines: pd.DataFrame) -> str:
-    """The least and the greatest share held, by level."""
-    ends = lines.groupby("level")["share"].agg(["min", "max"]).itertuples()
-    return " and ".join(f"{level} % intervals held {100 * a:.0f} to {100 * b:.0f} %" for level, a, b in ends)
+    """The least and the greatest share held, by level, and the standard error of one."""
+    ends = (
+        lines.groupby("level").agg(a=("share", "min"), b=("share", "max"), se=("se", "median")).itertuples()
+    )
+    return " and ".join(
+        f"{line.Index} % intervals held {100 * line.a:.0f} to {100 * line.b:.0f} % "
+        f"(each ± {100 * line.se:.1f} %)"
+        for line in ends
+    )
 
 
-def each_held(lines: pd.DataFrame, family: str, column: str) -> Named:
+def each_held(lines: pd.DataFrame, family: str) -> Named:
     """The share held of each quantity and level, named VALUE_QUANTITY_LEVEL."""
-    for row in lines.itertuples():
-        value = getattr(row, column)
-        yield f"{value}_{row.quantity}_{row.level}", Figure(percent(row.share), (f"{family}-{value}",))
+    for line in lines.itertuples():
+        name = f"{line.each}_{line.quantity}_{line.level}"
+        yield name, Figure(percent(line.share), (f"{family}-{line.each}",))

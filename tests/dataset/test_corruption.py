@@ -170,7 +170,7 @@ def test_damaged_bytes(kind: str, sound: dict[str, Path], slips: list) -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize("kind", KINDS)
-@settings(max_examples=200, **(RELAXED | {"derandomize": False}))
+@settings(max_examples=70, **(RELAXED | {"derandomize": False}))
 @given(slips=st.lists(SLIPS, min_size=1, max_size=4))
 def test_damaged_bytes_at_length(kind: str, sound: dict[str, Path], slips: list) -> None:
     layout, file, judge = KINDS[kind]

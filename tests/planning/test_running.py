@@ -15,6 +15,7 @@ from bayestissue.planning.population import Beliefs, Pilot, Population
 from bayestissue.planning.running import RunningPrior, running_study
 from bayestissue.simulation import Simulation, simulate
 from bayestissue.simulation.specification import Recording
+from counted import COMPILED, counted
 
 FORMULA = "log(mass_kg) + (1|subject)"
 RECORDING = {"noise_relative_to_peak": 0.005, "velocity_sd_m_s": 0.005, "relative_mass_sd": 0.002}
@@ -24,6 +25,8 @@ class Begun(NamedTuple):
     fit: bt.Fit
     further: list[pd.DataFrame]
     planner: Planner
+    # Programs by this fit and then by one of another dataset of the same design.
+    compiled: tuple[int, int]
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +44,11 @@ def begun() -> Begun:
         }
     )
     dataset = simulate(simulation).dataset("running")
-    fit = bt.fit(dataset, "impact", K=FORMULA, C=FORMULA)
+    with counted() as events:
+        fit = bt.fit(dataset, "impact", K=FORMULA, C=FORMULA)
+    again = simulate(simulation.model_copy(update={"seed": 5})).dataset("again")
+    with counted() as of_another:
+        bt.fit(again, "impact", K=FORMULA, C=FORMULA)
     assert fit.prepared is not None
     specification = fit.specification
     running = running_study(fit.prepared, specification)
@@ -64,7 +71,20 @@ def begun() -> Begun:
         simulation_of(Recording.model_validate(RECORDING)),
         running=running,
     )
-    return Begun(fit, further, ready)
+    return Begun(fit, further, ready, (events[COMPILED], of_another[COMPILED]))
+
+
+def test_a_fit_works_as_little_as_it_did(begun: Begun) -> None:
+    """Counts of a small fit, the same on any machine but for what is stated."""
+    first, again = begun.compiled
+    # Programs of a new process: what another test has compiled is not compiled again. Two more are let pass.
+    assert first <= 70
+    # Traces of other lengths have a few programs of their own.
+    assert again <= 20
+    # Of independent proposals each takes one value of the density, and no gradient.
+    assert begun.fit.posterior["sample_stats"]["n_steps"].to_numpy().mean() == 1
+    # Bytes of 4,000 draws of 10 impacts, exactly.
+    assert sum(part.to_dataset().nbytes for part in begun.fit.posterior.subtree) <= 9_933_284
 
 
 def test_without_further_impacts_a_plan_says_what_the_fit_says(begun: Begun) -> None:

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pandas as pd
 
-from evidence.texts import Figure, Named, block, family, names, read, table, with_error
+from evidence.texts import Figure, Named, binomial_error, block, family, names, raw, table, with_error
+
+# Of probabilities, in which claims are counted together.
+BINS = (0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0)
 
 
 @family
 def calibration_answers() -> Named:
-    lines = read("calibration_answers.csv")
+    lines = shares(raw("calibration_answers"))
     own = lines["which"] != "all"
-    if own.all():
-        # A table of an earlier layout, or of no whole block of studies yet.
-        return
     rows = []
     for kind, part in lines[own].dropna(subset="held").groupby("kind", sort=False):
         pooled = lines[~own & (lines["kind"] == kind)].iloc[0]
@@ -52,37 +54,96 @@ def calibration_answers() -> Named:
     yield "sentence", Figure(text, names("calibration_answers"))
 
 
+def shares(found: pd.DataFrame) -> pd.DataFrame:
+    """A row a quantity, and one for claims of like probability; shares and probabilities in percent.
+
+    ``held`` is the share of 90 % intervals that hold the truth, with the truth below and above the others;
+    ``probability`` is the mean one of a claim, ``true`` the share of it that is true, and ``prior`` its mean
+    prior probability. ``se`` is the standard error of ``held`` or ``true`` between studies, whose claims and
+    intervals are not independent.
+    """
+    by_kind: dict[str, list[str]] = {}
+    lines = []
+    for column in found.columns.drop(["unit", "data_set", "rhat", "each"]):
+        kind, which, what = column.split("|")
+        if what == "interval":
+            by_kind.setdefault(kind, []).append(column)
+            lines.append({"kind": kind, "which": which, **_held(found[[column]])})
+        elif what == "p":
+            of_prior = found.get(f"{kind}|{which}|prior")
+            prior = {} if of_prior is None else {"prior": 100 * of_prior.mean()}
+            told = _true(found[[column]].to_numpy(), found[[f"{kind}|{which}|true"]].to_numpy())
+            lines.append({"kind": kind, "which": which, **told, **prior})
+    lines += [{"kind": kind, "which": "all", **_held(found[own])} for kind, own in by_kind.items()]
+    names = [column[:-2] for column in found.columns if column.endswith("|p")]
+    p, true = (found[[f"{name}|{what}" for name in names]].to_numpy() for what in ("p", "true"))
+    for low, high in itertools.pairwise(BINS):
+        inside = (p >= low) & ((p < high) | (high == BINS[-1]))
+        told = _true(np.where(inside, p, np.nan), np.where(inside, true, np.nan))
+        lines.append({"kind": "claims of probability", "which": f"{low:g} to {high:g}", **told})
+    return pd.DataFrame(lines).assign(studies=len(found)).round(2)
+
+
+def _held(sides: pd.DataFrame) -> dict[str, float]:
+    held = (sides == 0).mean(axis=1)
+    below, above = ((sides * sign > 0).to_numpy().mean() for sign in (-1, 1))
+    found = {"held": held.mean(), "below": below, "above": above}
+    return {name: 100 * float(share) for name, share in found.items()} | {
+        "se": 100 * float(held.std(ddof=1) / np.sqrt(len(held))),
+        "answers": sides.size,
+    }
+
+
+def _true(p: np.ndarray, true: np.ndarray) -> dict[str, float]:
+    """Of claims by study, NaN where a claim does not count."""
+    count = int(np.isfinite(p).sum())
+    off = np.nansum(true - p, axis=1)
+    return {
+        "probability": 100 * float(np.nanmean(p)),
+        "true": 100 * float(np.nanmean(true)),
+        "se": 100 * float(off.std(ddof=1) * np.sqrt(len(off)) / count),
+        "answers": count,
+    }
+
+
 @family
 def plan_assurance() -> Named:
-    rows = read("plan_assurance.csv")
-    shares = rows.assign(
-        plan=with_error(rows["by_plan"], rows["by_plan_se"]),
-        fits=with_error(rows["by_fits"], rows["by_fits_se"]),
+    rows = raw("plan_assurance")
+    by_plan, studies = rows[rows["share"].notna()], rows[rows["study"].notna()]
+    p, true, level = studies["posterior"], studies["truth"].astype(bool), by_plan["probability"].iloc[0]
+    yes, no = p > level, p < 1 - level
+    by_fits = pd.DataFrame(
+        {"yes": yes, "no": no, "misleads": (yes & ~true) | (no & true), "answers": yes | no}
     )
-    wide = shares.pivot_table(index="case", columns="share", values=["plan", "fits"], aggfunc="first")
-    order = rows["case"].unique()
-    columns = {
-        f"{words}, by {way}": wide[source, share].reindex(order).to_numpy()
-        for share, words in (("yes", "answered yes"), ("no", "no"), ("misleads", "misled"))
-        for way, source in (("plan", "plan"), ("fits", "fits"))
-    }
-    studies = rows.groupby("case")["studies"].first().reindex(order).to_numpy()
-    refused = rows.groupby("case")["refused"].first().reindex(order).to_numpy()
-    table_of = pd.DataFrame({"design": order, "studies": studies, "without an answer": refused, **columns})
-    yield "table", block(table(table_of), "plan_assurance")
-    answered = rows[rows["share"] != "misleads"]
-    differ = answered["differ_by_se"].abs()
+    groups = by_fits.groupby(studies["case"], sort=False)
+    share, count = groups.mean(), groups.size()
+    plan = by_plan.pivot_table("by_plan", "case", "share", sort=False).loc[share.index]
+    plan = plan.assign(answers=plan["yes"] + plan["no"])[share.columns]
+    # A share of none or of all is not known exactly.
+    least = share.clip(1 / count.max(), 1 - 1 / count.max())
+    error = binomial_error(least, count.to_numpy()[:, None])
+    of_plan = binomial_error(plan, by_plan["studies"].max())
+    differ = (share - plan) / np.hypot(error, of_plan)
+    shown = pd.DataFrame({"design": share.index, "studies": count.to_numpy()})
+    shown["without an answer"] = p.isna().groupby(studies["case"], sort=False).sum().to_numpy()
+    for name, words in (("yes", "answered yes"), ("no", "no"), ("misleads", "misled")):
+        shown[f"{words}, by plan"] = with_error(plan[name], of_plan[name])
+        shown[f"{words}, by fits"] = with_error(share[name], error[name])
+    yield "table", block(table(shown), "plan_assurance")
+    answered, off = differ[["yes", "no"]].abs().to_numpy(), 100 * (share - plan)["answers"].mean()
+    off_error = 100 * float(np.sqrt((error**2 + of_plan**2)["answers"].sum())) / len(share)
     text = (
-        f"in {len(order)} designs of {int(rows['studies'].min())} simulated studies each, "
-        f"{int((differ <= 2).sum())} of {len(differ)} shares of answers agree with a plan's within two "
-        f"standard errors, all within {differ.max():.1f}"
+        f"in {len(share)} designs of {count.min()} simulated studies each, {(answered <= 2).sum()} of "
+        f"{answered.size} shares of answers agree with a plan's within two standard errors, all within "
+        f"{answered.max():.1f}; over all designs the share that fits answer is {off:+.0f} ± {off_error:.0f} "
+        "percentage points from the plan's"
     )
     yield "sentence", Figure(text, names("plan_assurance"))
 
 
 @family
 def plan_after() -> Named:
-    rows = read("plan_after.csv").set_index("way")
+    rows = raw("plan_after").set_index("way")
     thesis, plan = rows.loc["thesis"], rows.loc["plan"]
 
     def with_se(row: pd.Series, name: str) -> str:

@@ -4,54 +4,54 @@ from __future__ import annotations
 
 import pandas as pd
 
-from evidence.registry import of_family, pieces
+from evidence.registry import of_family
 from evidence.texts import (
     Figure,
     Named,
+    at_most,
+    binomial_error,
     block,
     coverage,
-    each_held,
+    coverage_table,
     family,
-    in_order,
     names,
     percent,
     range_of_shares,
-    read,
+    raw,
     table,
 )
-
-# Two standard errors and four nats of a difference in expected log predictive density: see the script.
-DECIDES_SE, DECIDES_NATS = 2, 4
 
 
 @family
 def coverage_elements() -> Named:
-    elements = [piece.where["element"] for piece in of_family("coverage_elements")]
-    lines = in_order(read("coverage_elements.csv"), "element", elements)
-    yield from each_held(lines, "coverage_elements", "element")
+    from bayestissue.inference.samplers.psis import GREATEST_K
+
+    rows = raw("coverage_elements")
+    lines = coverage(rows, ["each", "quantity"])
     exponent = lines["quantity"].str.startswith("mass_exponent")
     impacts = lines[~exponent]
-    yield "table", block(table(coverage(impacts, ["element", "quantity"])), "coverage_elements")
+    shown = coverage_table(impacts, ["each", "quantity"]).rename(columns={"each": "element"})
+    yield "table", block(table(shown), "coverage_elements")
     text = (
         f"of the {int(lines[exponent]['campaigns'].min())} mass exponents of each element, "
         f"{range_of_shares(lines[exponent])}"
     )
     yield "exponents", Figure(text, names("coverage_elements"))
-    first = lines.groupby("element").first()
+    k = rows.groupby(["each", "unit"])["pareto_k"].first()
     text = (
-        f"in {int(impacts['impacts'].min())} simulated impacts of each, {range_of_shares(impacts)} (of the "
-        f"corrections of {first['campaigns'].sum()} fits {first['pareto_k_above_0.7'].sum()} had a Pareto k "
-        "above 0.7)"
+        f"in {int(impacts['impacts'].min())} simulated impacts of each, {range_of_shares(impacts)}; of the "
+        f"corrections of {len(k)} fits {(k >= GREATEST_K).sum()} had a Pareto k above {GREATEST_K}"
     )
     yield "sentence", Figure(text, names("coverage_elements"))
 
 
 def compared(rows: pd.DataFrame, ending: str = "") -> pd.DataFrame:
     """By element and over all: how often the right one wins where the difference decides, and loses there."""
+    from bayestissue.inference.comparing import DECISIVE_NATS, DECISIVE_SE
 
     def line(part: pd.DataFrame) -> dict[str, float]:
         difference, se = part[f"difference{ending}"], part[f"se{ending}"]
-        told = (difference.abs() > DECIDES_SE * se) & (difference.abs() > DECIDES_NATS)
+        told = (difference.abs() > DECISIVE_SE * se) & (difference.abs() > DECISIVE_NATS)
         return {
             "campaigns": len(part),
             "first": int((difference > 0).sum()),
@@ -62,14 +62,14 @@ def compared(rows: pd.DataFrame, ending: str = "") -> pd.DataFrame:
             "held": int(part["K_of_weights_held"].sum()),
         }
 
-    lines = {name: line(part) for name, part in rows.groupby("element", sort=False)}
+    lines = {name: line(part) for name, part in rows.groupby("each", sort=False)}
     return pd.DataFrame(lines | {"all": line(rows)}).T.astype(object)
 
 
 @family
 def compare_elements() -> Named:
-    elements = [piece.where["element"] for piece in of_family("compare_elements")]
-    rows = in_order(read("compare_elements.csv"), "element", elements)
+    elements = [piece.each for piece in of_family("compare_elements")]
+    rows = raw("compare_elements")
     by_impact, by_person = compared(rows), compared(rows, "_people").loc["all"]
     whole = by_impact.astype(dict.fromkeys(by_impact.columns.drop("weight"), int))
     of = " of " + whole["campaigns"].astype(str)
@@ -84,7 +84,7 @@ def compare_elements() -> Named:
     )
     yield "table", block(table(shown.rename_axis("tissue").reset_index()), "compare_elements")
     refused = (~rows[[f"trusted_{name}" for name in elements]].astype(bool)).sum()
-    own = sum(not row[f"trusted_{row['element']}"] for _, row in rows.iterrows())
+    own = sum(not row[f"trusted_{row['each']}"] for _, row in rows.iterrows())
     every = whole.loc["all"]
     text = (
         f"with people left out instead of impacts {by_person['differ']:.0f} differ and "
@@ -103,44 +103,58 @@ def compare_elements() -> Named:
     yield "sentence", Figure(text, names("compare_elements"))
 
 
-def _common_depth(lines: pd.DataFrame) -> str:
+def _common_depth(family: str) -> pd.DataFrame:
+    """In how many campaigns an interval of 90 % holds 0, the truth; a line a case and quantity."""
+    from bayestissue.inference.samplers.psis import GREATEST_K
+
+    rows = raw(family)
+    lines = coverage(rows[rows["pareto_k"] < GREATEST_K], ["each", "quantity"])
     exponents = ["mass_exponent_K_common_depth", "mass_exponent_K_secant"]
-    shown = lines[lines["quantity"].isin(exponents)]
-    shown = shown.assign(cell=shown["held"].astype(str) + " of " + shown["campaigns"].astype(str))
-    cells = shown.pivot_table("cell", "case", "quantity", "first", sort=False).reindex(columns=exponents)
-    cells.columns = ["at one common depth", "at each impact's own greatest depth"]
-    return table(cells.reset_index())
+    return lines[(lines["level"] == 90) & lines["quantity"].isin(exponents)]
+
+
+def _depth_table(lines: pd.DataFrame) -> str:
+    titles = {
+        "mass_exponent_K_common_depth": "at one common depth",
+        "mass_exponent_K_secant": "at each impact's own greatest depth",
+    }
+    shown = lines.assign(
+        case=lines["each"].replace("", "discrepancy_on_ball"),
+        cell=lines["held"].astype(str) + " of " + lines["campaigns"].astype(str),
+    )
+    cells = shown.pivot_table("cell", "case", "quantity", "first", sort=False).reindex(columns=list(titles))
+    return table(cells.rename(columns=titles).rename_axis(columns=None).reset_index())
 
 
 @family
 def common_depth() -> Named:
-    lines = read("common_depth.csv")
-    own = lines[lines["case"] != "discrepancy_on_ball"]
-    yield "table", block(_common_depth(own), "common_depth")
-    common = own[own["quantity"] == "mass_exponent_K_common_depth"]
-    text = f"{common['held'].min()} to {common['held'].max()} of {common['campaigns'].min()}"
-    yield "range", Figure(text, names("common_depth"))
-    secant = own[own["quantity"] == "mass_exponent_K_secant"]
-    text = f"{secant['held'].min()} to {secant['held'].max()} of {secant['campaigns'].min()}"
-    yield "range_secant", Figure(text, names("common_depth"))
+    lines = _common_depth("common_depth")
+    yield "table", block(_depth_table(lines), "common_depth")
+    for name, quantity in (("range", "common_depth"), ("range_secant", "secant")):
+        own = lines[lines["quantity"] == f"mass_exponent_K_{quantity}"]
+        share, campaigns = own["held"].sum() / own["campaigns"].sum(), own["campaigns"].sum()
+        text = f"{100 * own['share'].min():.0f} to {100 * own['share'].max():.0f} %"
+        if name == "range":
+            text += f", {percent(share, 0)} of all {campaigns}"
+        yield name, Figure(text, names("common_depth"))
 
 
 @family
 def common_depth_on_ball() -> Named:
-    rows = pieces()["common_depth_on_ball"].rows()
+    rows, lines = raw("common_depth_on_ball"), _common_depth("common_depth_on_ball")
     given = "an" if "mass_exponent_K_common_depth" in set(rows["quantity"]) else "no"
-    text = f"{given} exponent at a common depth was given in {rows['campaigns'].max()} campaigns"
+    text = f"{given} exponent at a common depth was given in {rows['unit'].nunique()} campaigns"
     yield "sentence", Figure(text, names("common_depth_on_ball"))
-    yield "table", block(_common_depth(rows), "common_depth_on_ball")
+    yield "table", block(_depth_table(lines), "common_depth_on_ball")
 
 
 @family
 def sound_fits() -> Named:
-    lines = read("sound_fits.csv")
-    alone = lines["what"] == "impacts alone"
+    lines = raw("sound_fits")
+    alone = lines["unit"] < 0
     sets, one = lines[~alone], lines[alone].iloc[0]
     shown = sets.groupby(["rate_hz", "errors"], as_index=False).agg(
-        datasets=("what", "size"),
+        datasets=("unit", "size"),
         impacts=("impacts", "sum"),
         below=("below", "sum"),
         least=("score", "min"),
@@ -152,40 +166,53 @@ def sound_fits() -> Named:
     named = {"rate_hz": "sampled at", "errors": "errors of the chain", "below": "p below 0.01"}
     named |= {"least": "least score", "greatest": "greatest score", "nothing": "nothing against the model"}
     yield "table", block(table(shown.rename(columns=named)), "sound_fits")
-    count, share = int(sets["nothing_against"].astype(bool).sum()), percent(one["below"] / one["impacts"], 2)
+    count, below = int(sets["nothing_against"].astype(bool).sum()), one["below"] / one["impacts"]
+    share, error = percent(below, 2), binomial_error(below, one["impacts"])
     text = (
-        f"a fit of data that obey its model had nothing against it in {count} of {len(sets)} datasets; of "
-        f"{one['impacts']} impacts sampled at 2 kHz {share} had p below 0.01"
+        f"a fit of data that obey its model had something against it in "
+        f"{at_most(len(sets) - count, len(sets))} datasets; of {one['impacts']} impacts sampled at 2 kHz "
+        f"{share} ± {percent(error, 2)} had p below 0.01"
     )
     yield "sentence", Figure(text, names("sound_fits"))
 
 
 @family
 def model_form() -> Named:
-    lines = read("model_form.csv")
-    plain, count = lines["fit"] == "plain", lines["campaigns"].astype(str)
-    scores = lines["least_score"].astype(str) + " to " + lines["greatest_score"].astype(str)
+    from bayestissue.inference.checking.model_form import LIMIT
+
+    rows = raw("model_form")
+    held = coverage(rows, ["each", "fit"])
+    held = held[held["level"] == 90].set_index(["each", "fit"])
+    first = rows.groupby(["each", "fit", "unit"], sort=False)[["score", "exact"]].first()
+    groups = first.groupby(["each", "fit"], sort=False)
+    lines = pd.DataFrame(
+        {"campaigns": groups.size(), "least": groups["score"].min(), "greatest": groups["score"].max()}
+    )
+    lines["warned"] = (first["score"] > LIMIT).groupby(["each", "fit"]).sum()
+    lines["exact"] = groups["exact"].sum()
+    plain, count = lines.index.get_level_values("fit") == "plain", lines["campaigns"].astype(str)
+    scores = lines["least"].map("{:.1f}".format) + " to " + lines["greatest"].map("{:.1f}".format)
+    impacts = held["held"].astype(str) + " of " + held["impacts"].astype(str)
     shown = pd.DataFrame(
         {
-            "tissue": lines["tissue"],
-            "fit": lines["fit"].replace("plain", "without a discrepancy"),
+            "fit": lines.index.get_level_values("fit").str.replace("plain", "without a discrepancy"),
             "warned": (lines["warned"].astype(str) + " of " + count).where(plain),
-            "score": scores.where(plain),
-            "K_secant held, 90 %": lines["held_90"].astype(str) + " of " + lines["impacts"].astype(str),
-            "width": lines["median_width"].map(percent),
-            "by exact path": lines["by_exact_path"].astype(str) + " of " + count,
+            "score": scores,
+            "K_secant held, 90 %": impacts + " (± " + held["se"].map(percent) + ")",
+            "width": held["width"].map(percent),
+            "by exact path": lines["exact"].astype(str) + " of " + count,
         }
     )
+    shown.insert(0, "tissue", lines.index.get_level_values("each"))
     yield "table", block(table(shown), "model_form")
-    row = lines.set_index(["tissue", "fit"]).loc
-    without, beside = row[("stiffening", "plain")], row[("stiffening", "discrepancy")]
-    right = row[("kelvin_voigt", "plain")]
     stiffening, same = ("model_form-stiffening",), ("model_form-kelvin_voigt",)
-    yield "warned", Figure(f"{without['warned']} of {without['campaigns']}", stiffening)
-    yield "false_alarms", Figure(f"{right['warned']} of {right['campaigns']}", same)
+    wrong, right = lines.loc[("stiffening", "plain")], lines.loc[("kelvin_voigt", "plain")]
+    yield "warned", Figure(f"{wrong['warned']} of {wrong['campaigns']}", stiffening)
+    yield "false_alarms", Figure(at_most(right["warned"], right["campaigns"]), same)
+    without, wide = held.loc[("stiffening", "plain")], held.loc[("stiffening", "discrepancy")]
     text = (
         f"of stiffening tissue fitted as a spring and damper 90 % intervals held the secant stiffness in "
-        f"{beside['held_90']} of {beside['impacts']} impacts with the discrepancy, "
-        f"{percent(beside['median_width'], 0)} wide, and in {without['held_90']} without it"
+        f"{wide['held']} of {wide['impacts']} impacts with the discrepancy, {percent(wide['width'], 0)} "
+        f"wide, and in {without['held']} without it"
     )
     yield "sentence", Figure(text, stiffening)

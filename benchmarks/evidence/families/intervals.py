@@ -2,104 +2,119 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pandas as pd
+from scipy import stats
 
-from evidence.registry import of_family, pieces
+from evidence.registry import of_family
 from evidence.texts import (
-    LEVELS,
     Figure,
     Named,
+    binomial_error,
     block,
     coverage,
+    coverage_table,
     each_held,
     family,
-    in_order,
     names,
     percent,
     power_of_ten,
-    read,
+    raw,
     table,
     with_error,
 )
 
 _MOST = 0.5
+# Of calibration: ranks are below this, and are counted in so many bins.
+RANKS, BINS = 100, 20
 
 
 @family
 def exactness() -> Named:
-    lines = read("exactness.csv")
-    difference = lines["largest_difference"].astype(float)
+    lines = raw("exactness").drop(columns="each")
+    difference = lines["largest_difference"]
     shown = lines.assign(largest_difference=difference.map(power_of_ten) + " " + lines["relative_to"])
     titles = {"largest_difference": "largest difference"}
     yield "table", block(table(shown.drop(columns="relative_to").rename(columns=titles)), "exactness")
-    for name, words in (("arma", "ARMA"), ("motion", "motion"), ("decelerations", "recorded decelerations")):
-        largest = difference[lines["what"].str.contains(words, regex=False)].max()
-        yield name, Figure(power_of_ten(largest), names("exactness"))
+    arma, motion, decelerations = (
+        power_of_ten(difference[lines["what"].str.contains(words, regex=False)].max())
+        for words in ("ARMA", "motion", "recorded decelerations")
+    )
+    text = (
+        f"the largest differences from the oracles are {arma} of the log density of ARMA(2,1), {motion} of "
+        f"the peak of a motion, and {decelerations} nats of a deceleration's"
+    )
+    yield "sentence", Figure(text, names("exactness"))
+
+
+def coverage_of_fits() -> pd.DataFrame:
+    """A line a likelihood, quantity and level."""
+    return coverage(raw("coverage_fit"), ["each", "quantity"])
 
 
 @family
 def coverage_fit() -> Named:
-    kinds = [piece.where["likelihood"] for piece in of_family("coverage_fit")]
-    lines = in_order(read("coverage_fit.csv"), "likelihood", kinds)
-    yield from each_held(lines, "coverage_fit", "likelihood")
-    yield "table", block(table(coverage(lines, ["likelihood", "quantity"])), "coverage_fit")
+    lines = coverage_of_fits()
+    yield from each_held(lines, "coverage_fit")
+    shown = coverage_table(lines, ["each", "quantity"]).rename(columns={"each": "likelihood"})
+    yield "table", block(table(shown), "coverage_fit")
     own = lines[lines["quantity"].isin(["K", "C"])]
     cells = own.assign(
         what=own["quantity"] + ", " + own["level"].astype(str) + " %",
-        cell=with_error(own["share"], own["campaign_se"]),
+        cell=with_error(own["share"], own["se"]),
     )
-    short = cells.pivot_table("cell", "likelihood", "what", "first", sort=False)
+    short = cells.pivot_table("cell", "each", "what", "first", sort=False)
     short = short.rename("`{}.toml`".format).rename_axis("model").rename_axis(columns=None)
     yield "short", block(table(short.reset_index()), "coverage_fit")
-    for kind, part in own[own["level"] == LEVELS[-1]].groupby("likelihood", sort=False):
-        held = " and ".join(f"{row.quantity} in {percent(row.share)}" for row in part.itertuples())
+    for kind, part in own[own["level"] == 90].groupby("each", sort=False):
+        held = " and ".join(f"{line.quantity} in {percent(line.share)}" for line in part.itertuples())
         text = (
             f"of {part['impacts'].max()} impacts in {part['campaigns'].max()} simulated campaigns, "
-            f"{LEVELS[-1]} % intervals by `{kind}.toml` held {held}"
+            f"90 % intervals by `{kind}.toml` held {held}"
         )
         yield f"{kind}_sentence", Figure(text, (f"coverage_fit-{kind}",))
+    K = own[(own["level"] == 90) & (own["each"] == "impact") & (own["quantity"] == "K")].iloc[0]
+    text = f"90 % intervals of K held the truth in {percent(K['share'])} of simulated impacts."
+    yield "readme", Figure(text, ("coverage_fit-impact",))
 
 
 @family
 def coverage_point() -> Named:
-    lines = read("coverage_point.csv")
-    shown = pd.DataFrame({"noise": lines["noise"], "impacts": lines["impacts"]})
+    lines = raw("coverage_point")
+    impacts = lines["impacts"]
+    shown = pd.DataFrame({"noise": lines["unit"], "impacts": impacts})
+    unflagged, most = lines["unflagged_by_impact"], {}
     for q in "KC":
-        shown[f"{q} held by `exact`"] = lines[f"{q}_held"].map(percent)
+        shown[f"{q} held by `exact`"] = (lines[f"{q}_held"] / impacts).map(percent)
         shown[f"{q} off by"] = lines[f"{q}_off"].map(lambda off: percent(off, 2))
         shown[f"{q} standard error"] = lines[f"{q}_se"].map(lambda off: percent(off, 2))
-        by_impact = lines[f"{q}_held_by_impact"]
+        by_impact = lines[f"{q}_held_by_impact"] / unflagged.replace(0, np.nan)
         shown[f"{q} held by `impact`"] = by_impact.map(percent).where(by_impact.notna())
-        with_bounds = lines[f"{q}_held_with_bounds"]
+        with_bounds = lines[f"{q}_held_with_bounds"] / lines[f"{q}_bounded"]
         shown[f"{q} held, bounds included"] = with_bounds.map(percent).where(with_bounds.notna())
-    unflagged = lines["unflagged_by_impact"]
-    shown["unflagged by `impact`"] = unflagged.map(percent).where(unflagged.notna())
+        # Where few impacts tell K those that do are a selection.
+        most[q] = by_impact[unflagged / impacts >= _MOST]
+    shown["unflagged by `impact`"] = (unflagged / impacts).map(percent).where(unflagged.notna())
     yield "table", block(table(shown), "coverage_point")
-    recorded = lines[lines["K_held_by_impact"].notna()]
-    # Where few impacts tell K those that do are a selection.
-    most = recorded[~(unflagged[recorded.index] < _MOST)]
-    for name, ending, chosen in (
-        ("impact_range", "_held_by_impact", most),
-        ("exact_range", "_held", recorded),
-    ):
-        held = chosen[[f"K{ending}", f"C{ending}"]].to_numpy()
-        text = f"{100 * held.min():.0f} to {100 * held.max():.0f} %"
-        yield name, Figure(text, names("coverage_point"))
+    recorded = lines[unflagged.notna()]
+    exact = pd.concat([recorded[f"{q}_held"] / recorded["impacts"] for q in "KC"])
+    for name, held in (("impact_range", pd.concat(most.values())), ("exact_range", exact)):
+        yield name, Figure(f"{100 * held.min():.0f} to {100 * held.max():.0f} %", names("coverage_point"))
 
 
 @family
 def drops() -> Named:
-    lines = read("drops.csv")
-    shown = lines[["drops", "impacts"]].copy()
+    lines = raw("drops").set_index("unit")
+    impacts, share = lines["impacts"], {q: lines[f"{q}_held"] / lines["impacts"] for q in "KC"}
+    shown = pd.DataFrame({"drops": lines.index, "impacts": impacts.to_numpy()})
     for q in "KC":
-        shown[f"{q} held"] = lines[f"{q}_held"].map(percent)
-        shown[f"{q} off by"] = lines[f"{q}_bias"].map(lambda off: percent(off, 2))
-    shown["gravity flagged"] = lines["gravity_named"]
+        shown[f"{q} held"] = with_error(share[q], binomial_error(share[q], impacts))
+        shown[f"{q} off by"] = [percent(off, 2) for off in lines[f"{q}_bias"]]
+    shown["gravity flagged"] = lines["gravity_named"].to_numpy()
     yield "table", block(table(shown), "drops")
-    rows = lines.set_index("drops")
-    declared = rows[rows.index.str.startswith("declared, ")]
-    held = 100 * declared[["K_held", "C_held"]].to_numpy()
-    wrong, right = rows.loc["declared as none"], rows.loc["none, declared as none"]
+    declared = lines.index.str.startswith("declared, ")
+    held = 100 * pd.concat([share[q][declared] for q in "KC"])
+    wrong, right = lines.loc["declared as none"], lines.loc["none, declared as none"]
     named, alarms = (f"{each['gravity_named']:.0f} of {each['impacts']:.0f}" for each in (wrong, right))
     text = (
         f"90 % intervals of vertical drops held K and C in {held.min():.0f} to {held.max():.0f} %; of drops "
@@ -111,42 +126,100 @@ def drops() -> Named:
 
 @family
 def many_impacts() -> Named:
-    row = pieces()["many_impacts"].rows().iloc[0]
+    row = raw("many_impacts").iloc[0]
     text = (
-        f"{row['impacts']} impacts took {row['minutes']:.1f} minutes ({row['processor_minutes']:.1f} of "
+        f"{row['impacts']:.0f} impacts took {row['minutes']:.1f} minutes ({row['processor_minutes']:.1f} of "
         f"processor time) and {row['memory_GiB']:.1f} GiB; 90 % intervals held K of "
-        f"{percent(row['K_held_90'])} and C of {percent(row['C_held_90'])} of them"
+        f"{percent(row['K_held_90'] / row['impacts'])} and C of "
+        f"{percent(row['C_held_90'] / row['impacts'])} of them"
     )
     yield "sentence", Figure(text, names("many_impacts"))
-    yield "minutes", Figure(f"{row['minutes']:.1f} minutes", names("many_impacts"))
+
+
+def _envelope(number: int, simulations: int = 4000) -> np.ndarray:
+    """The least pointwise p-value along an ECDF of uniform ranks, simulated (Säilynoja et al. 2022)."""
+    drawn = np.random.default_rng(0).integers(RANKS, size=(simulations, number))
+    return _least(drawn)
+
+
+def _least(ranks: np.ndarray) -> np.ndarray:
+    share, number = np.arange(1, RANKS) / RANKS, ranks.shape[1]
+    below = (ranks[:, :, None] < np.arange(1, RANKS)).sum(1)
+    tails = stats.binom.cdf(below, number, share), stats.binom.sf(below - 1, number, share)
+    return 2 * np.minimum(*tails).min(1)
+
+
+def _band(least: np.ndarray, number: int) -> float:
+    """How far a share of ranks may be off where half are below, in the envelope of 95 % of whole curves."""
+    return 0.5 - float(stats.binom.ppf(np.quantile(least, 0.05) / 2, number, 0.5)) / number
+
+
+def spread(u: np.ndarray) -> tuple[float, float]:
+    """Standard deviation of ranks [data set, quantity] over a uniform's, and its error between data sets."""
+    square = (12 * (u - 0.5) ** 2).mean(1)
+    return float(np.sqrt(square.mean())), float(square.std(ddof=1) / np.sqrt(len(square)) / 2)
 
 
 @family
 def calibration() -> Named:
-    kinds = [piece.where["likelihood"] for piece in of_family("calibration")]
-    lines = in_order(read("calibration.csv"), "likelihood", kinds)
-    both = lines["chi_square_p"].map("{:.3f}".format) + " / " + lines["ecdf_p"].map("{:.3f}".format)
-    cells = lines.assign(p=both).pivot_table("p", "quantity", "likelihood", "first", sort=False)
-    rows = cells[[kind for kind in kinds if kind in cells]].reset_index().rename_axis(columns=None)
-    yield "table", block(table(rows), "calibration")
-    said = []
-    for kind, own in lines.groupby("likelihood", sort=False):
-        least, refused = own[["chi_square_p", "ecdf_p"]].min().min(), own["pareto_k_above_0.7"].max()
+    cells, said, every = {}, [], []
+    for piece in of_family("calibration"):
+        rows = piece.rows()
+        if rows.empty:
+            continue
+        ranks = rows.drop(columns=["unit", "pareto_k"]).astype(int)
+        least = _envelope(len(ranks))
+        p = {}
+        for name in ranks:
+            bins = np.bincount(ranks[name] * BINS // RANKS, minlength=BINS)
+            of_curve = float((least <= _least(ranks[[name]].to_numpy().T)).mean())
+            p[name] = float(stats.chisquare(bins).pvalue), of_curve
+        cells[piece.each] = pd.Series({name: f"{a:.3f} / {b:.3f}" for name, (a, b) in p.items()})
+        every += [each for pair in p.values() for each in pair]
+        wide, error = spread((ranks.to_numpy() + 0.5) / RANKS)
         text = (
-            f"`{kind}`: {own['data_sets'].max()} data sets, {refused} of them with a Pareto k above 0.7; "
-            f"the least of {2 * len(own)} p-values is {least:.3f}"
+            f"`{piece.each}`: {len(ranks)} data sets, {(rows['pareto_k'] >= 0.7).sum()} of them with a "
+            f"Pareto k above 0.7; the least of {2 * len(p)} p-values is {min(map(min, p.values())):.3f}; the "
+            f"ranks spread {wide:.3f} ± {error:.3f} times as far as they should; the ECDF's test sees a "
+            f"share of ranks that is {percent(_band(least, len(ranks)), 0)} off"
         )
         said.append(f"- {text}.")
-        yield f"{kind}_sentence", Figure(text, (f"calibration-{kind}",))
+        yield f"{piece.each}_sentence", Figure(text, (piece.name,))
+    rows = pd.DataFrame(cells)
+    yield "table", block(table(rows.rename_axis("quantity").reset_index()), "calibration")
     yield "list", block("\n".join(said), "calibration")
-    p = lines[["chi_square_p", "ecdf_p"]].to_numpy()
-    text = f"{(p < 0.01).sum()} of {p.size} p-values are below 0.01, where {0.01 * p.size:.1f} are expected"
+    small = sum(each < 0.01 for each in every)
+    text = f"{small} of {len(every)} p-values are below 0.01, where {0.01 * len(every):.1f} are expected"
     yield "sentence", Figure(text, names("calibration"))
 
 
 @family
+def posteriors() -> Named:
+    rows = raw("posteriors")
+    z = rows["difference"] / rows["mcse"]
+    rows = rows.assign(square=z**2, apart=z.abs(), off=(rows["difference"] / rows["sd"]).abs())
+    groups = rows.groupby(["unit", "statistic"], sort=False)
+    shown = pd.DataFrame(
+        {
+            "quantities": groups.size(),
+            "apart, root mean square": np.sqrt(groups["square"].mean()).map("{:.2f}".format),
+            "apart, at most": groups["apart"].max().map("{:.1f}".format),
+            "off at most, of the sd": groups["off"].max().map(percent),
+        }
+    )
+    yield "table", block(table(shown.reset_index().rename(columns={"unit": "case"})), "posteriors")
+    number = len(z) // rows["statistic"].nunique()
+    text = (
+        f"means, standard deviations and quantiles of {number} quantities by a fit's sampler are "
+        f"{np.sqrt((z**2).mean()):.2f} Monte Carlo errors from those of 10,000 draws by another one (root "
+        f"mean square; 1 is expected), and at most {z.abs().max():.1f}"
+    )
+    yield "sentence", Figure(text, names("posteriors"))
+
+
+@family
 def heelstrike() -> Named:
-    rows = read("heelstrike.csv")
+    rows = raw("heelstrike")
 
     def between(name: str, scale: float, digits: int) -> list[str]:
         ends = (rows[f"{name}_{end}"] / scale for end in ("median", "low", "high"))
@@ -163,14 +236,15 @@ def heelstrike() -> Named:
     )
     yield "table", block(table(shown), "heelstrike")
     width = (rows["K_high"] / rows["K_low"]).median()
-    yield "factor", Figure(f"{width:.1f}", names("heelstrike"))
+    text = f"90 % intervals of people's K span a factor of {width:.1f}"
+    yield "sentence", Figure(text, names("heelstrike"))
 
 
 @family
 def recorder() -> Named:
-    lines = read("recorder.csv")
+    lines = raw("recorder")
     counts = ["impacts", "K held", "C held", "suspected"]
-    shown = lines.assign(
+    shown = lines.drop(columns=["unit", "each"]).assign(
         declared=lines["declared"].map({True: "yes", False: "no"}),
         **{name: lines[name].astype("Int64") for name in counts},
     )
@@ -192,3 +266,20 @@ def recorder() -> Named:
         "without one"
     )
     yield "sentence", Figure(text, names("recorder"))
+
+
+@family
+def recordings() -> Named:
+    rows = raw("recordings")
+    p = rows["below"].astype(str) + " of " + rows["tested"].astype(str)
+    shown = pd.DataFrame(
+        {
+            "recordings": rows["unit"],
+            "recorded": rows["recorded"],
+            "impacts": rows["impacts"],
+            "left out": rows["left_out"],
+            "flagged": rows["flagged"],
+            "p below 0.01": p.where(rows["tested"] > 0, ""),
+        }
+    )
+    yield "table", block(table(shown), "recordings")

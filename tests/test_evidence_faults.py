@@ -1,0 +1,87 @@
+"""Deliberate faults of the program, each of which the reference results must show."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from bayestissue import fitting
+from bayestissue.hierarchy.specification import ModelSpecification
+from bayestissue.inference import fit as inference
+from bayestissue.inference.posterior import recipe
+from bayestissue.report import wording
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))
+from evidence import references
+
+pytestmark = pytest.mark.long
+
+
+@pytest.fixture
+def differing(monkeypatch: pytest.MonkeyPatch) -> Callable[[], str]:
+    """What the first campaign of the set "impact" has that is not as it was accepted."""
+    first = references.accepted().query("`set` == 'impact'")
+    first = first[first["quantity"].str.startswith(("1 ", "page"))]
+    monkeypatch.setattr(references, "accepted", lambda: first)
+    return lambda: references.differing("impact", references.fits("impact", campaigns=1))
+
+
+def changed_by(monkeypatch: pytest.MonkeyPatch, module: object, name: str, change: Callable) -> None:
+    """Let what a function of a module gives be changed."""
+    function = getattr(module, name)
+    monkeypatch.setattr(module, name, lambda *args, **named: change(function(*args, **named)))
+
+
+def test_without_a_fault_nothing_differs(differing):
+    assert not differing()
+
+
+def test_K_off_by_1_percent(differing, monkeypatch):
+    prepare = fitting.prepare
+
+    def heavier(dataset, *args, **named):
+        impacts = dataset.impacts.assign(mass_kg=1.01 * dataset.impacts["mass_kg"])
+        return prepare(replace(dataset, impacts=impacts), *args, **named)
+
+    monkeypatch.setattr(fitting, "prepare", heavier)
+    assert "results differ" in differing()
+
+
+def test_intervals_10_percent_too_narrow(differing, monkeypatch):
+    def narrowed(summary):
+        middle = summary[["median"]].to_numpy()
+        ends = middle + 0.9 * (summary[["eti90_low", "eti90_high"]] - middle)
+        return summary.assign(**ends.to_dict("series"))
+
+    changed_by(monkeypatch, inference, "summary_table", narrowed)
+    assert "results differ" in differing()
+
+
+def test_a_prior_s_scale_doubled(differing, monkeypatch):
+    def doubled(resolved: tuple[ModelSpecification, str]) -> tuple[ModelSpecification, str]:
+        specification, source = resolved
+        content = specification.model_dump()
+        content["priors"]["sd_subject"]["K"]["scale"] *= 2
+        return ModelSpecification.model_validate(content), source
+
+    changed_by(monkeypatch, fitting, "resolve", doubled)
+    assert "results differ" in differing()
+
+
+def test_an_importance_weight_left_out(differing, monkeypatch):
+    def of_the_others(ratios):
+        # The first impact's, in the weights of all draws.
+        return ratios._replace(log_weight=ratios.log_weight - ratios.of_impacts[:, 0])
+
+    changed_by(monkeypatch, recipe, "importance_weights", of_the_others)
+    assert "results differ" in differing()
+
+
+@pytest.mark.parametrize("unit", ["kN/m", "N/cm"])
+def test_a_unit_wrong_in_one_page(differing, monkeypatch, unit):
+    monkeypatch.setitem(wording.UNITS, "K", unit)
+    assert "page" in differing()
