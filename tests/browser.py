@@ -143,15 +143,16 @@ class Browser:
             self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, **pressed)
 
     def figure_saved(self, folder: Path, name: str, kind: str) -> bytes:
-        """What the menu of a figure saves as "SVG" or "PNG", or its button as "CSV", into a new ``folder``."""
+        """What a figure's menu saves as "SVG" or "PNG", or its button as "CSV", into a new ``folder``."""
         folder.mkdir()
         figure = f"document.querySelector('[data-name={name}]')"
-        found = f"[...{figure}.querySelectorAll('button, .vega-actions a')].find(e => e.textContent.includes('{kind}'))"
+        controls = f"[...{figure}.querySelectorAll('button, .vega-actions a')]"
+        control = f"{controls}.find(one => one.textContent.includes('{kind}'))"
         if kind != "CSV":
             # The image is made when the link is pressed.
-            self.js(f"{found}.dispatchEvent(new Event('mousedown'))")
-            self.until(f"/^(data|blob):/.test({found}.href)")
-        return self.downloaded(folder, f"{found}.click()")
+            self.js(f"{control}.dispatchEvent(new Event('mousedown'))")
+            self.until(f"/^(data|blob):/.test({control}.href)")
+        return self.downloaded(folder, f"{control}.click()")
 
     def downloaded(self, folder: Path, trigger: str) -> bytes:
         """The file that an expression makes the page save, of which ``folder`` holds no other."""
