@@ -17,6 +17,8 @@ from websocket import create_connection
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 _SECONDS = 120
+# Whether all figures of a page are drawn.
+DRAWN = "[...document.querySelectorAll('.chart')].every(chart => chart.querySelector('svg.marks, canvas'))"
 _CODES = {"Tab": 9, "Enter": 13, "ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40}
 
 
@@ -81,6 +83,7 @@ class Browser:
         page: Path | str,
         width: int = 1280,
         *,
+        height: int = 900,
         scripts: bool = True,
         hash: str = "",  # noqa: A002
     ) -> None:
@@ -92,7 +95,7 @@ class Browser:
         self.errors.clear()
         self.requests.clear()
         self.call("Emulation.setScriptExecutionDisabled", value=not scripts)
-        metrics = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+        metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
         self.call("Emulation.setDeviceMetricsOverride", **metrics)
         self.call("Page.navigate", url="about:blank")
         self.call("Page.navigate", url=url)
@@ -109,6 +112,15 @@ class Browser:
     def until(self, expression: str) -> None:
         """Wait until an expression is true."""
         self._wait(lambda: self.js(expression), expression)
+
+    def read(self, page: Path) -> None:
+        """Open a page wide and narrow: figures are drawn, none is wider than the screen, nothing fails."""
+        for width in (1280, 500):
+            self.open(page, width)
+            self.until(DRAWN)
+            assert self.js("document.documentElement.scrollWidth") <= width
+            assert self.errors == []
+            assert not [url for url in self.requests if url.startswith("http")]
 
     def type(self, text: str) -> None:
         """Type into what has the focus."""
@@ -141,6 +153,10 @@ class Browser:
         for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
             pressed = {} if kind == "mouseMoved" else {"button": "left", "clickCount": 1}
             self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, **pressed)
+
+    def picture(self) -> bytes:
+        """What is seen of the page, as PNG."""
+        return base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"])
 
     def figure_saved(self, folder: Path, name: str, kind: str) -> bytes:
         """What a figure's menu saves as "SVG" or "PNG", or its button as "CSV", into a new ``folder``."""

@@ -19,6 +19,7 @@ from bayestissue import results, runtime
 from bayestissue.errors import InputError
 from bayestissue.hierarchy.specification import ModelSpecification, specification_of
 from bayestissue.inference.answers.finished import GROUPS, Finished
+from bayestissue.inference.results.meanings import UNITS
 from bayestissue.inference.samplers.diagnostics import verdict_in_words
 from bayestissue.outline import Outlined, Rows, short, span
 from bayestissue.paper import WIDTH_MM
@@ -72,7 +73,7 @@ class Fit(Outlined):
         over = [name for name in posterior["K"].dims if name != "impact"]
         medians = [
             (f"{name} of the impacts", f"posterior medians {span(posterior[name].median(over), unit)}")
-            for name, unit in (("K", "N/m"), ("C", "N s/m"))
+            for name, unit in UNITS.items()
         ]
         rows = [
             ("impacts", f"{posterior.sizes['impact']} of {short(str(self.about.get('dataset', '')))}"),

@@ -66,7 +66,7 @@ def write(folder: Path, name: str, data: bytes) -> None:
 
 def by_init(recorded: Path, out: Path) -> Path:
     """The dataset that `init` makes of the files as the recorder has them in the end."""
-    return init_dataset(
+    init_dataset(
         recorded,
         out,
         pattern=PATTERN,
@@ -75,3 +75,4 @@ def by_init(recorded: Path, out: Path) -> Path:
         given={"velocity_m_s": VELOCITY},
         uncertainty={"velocity_sd_m_s": 0.01},
     )
+    return out

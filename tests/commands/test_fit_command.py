@@ -18,7 +18,7 @@ from scipy.stats import norm
 
 from bayestissue import read_dataset, read_run
 from campaigns import FOUR_BY_FOUR
-from command_line import bayestissue, undrawn_figures
+from command_line import bayestissue
 
 MODEL = """
 name = "small"
@@ -61,10 +61,7 @@ def model_file(campaign: Path, path: str, warmup: int = 200, draws: int = 300) -
 @pytest.fixture(scope="module")
 def finished(campaign: Path) -> Path:
     out = campaign / "finished"
-    with undrawn_figures():
-        fitted = bayestissue(
-            "fit", campaign / "data", "--model", model_file(campaign, "summary"), "--out", out
-        )
+    fitted = bayestissue("fit", campaign / "data", "--model", model_file(campaign, "summary"), "--out", out)
     # So few draws may well fail the diagnostics; then everything is written all the same.
     assert fitted.status in (0, 3), fitted.err
     return out

@@ -17,7 +17,7 @@ import pandas as pd
 import pytest
 
 from bayestissue.report import write_report
-from bayestissue.report.fit import explorer, figures, traces
+from bayestissue.report.fit import explorer, traces
 from bayestissue.report.fit.run import read_fit_run
 from bayestissue.report.run_folder import read_about
 from make_fit_run import make_fit_run
@@ -26,8 +26,6 @@ browser = pytest.importorskip(
     "browser", reason="drives a browser by websocket-client, which is not installed"
 )
 needs_browser = pytest.mark.skipif(browser.CHROMIUM is None, reason="no Chromium is installed")
-
-pytestmark = pytest.mark.usefixtures("drawn")
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +54,7 @@ EACH_IS_DRAWN = ".every(chart => chart.querySelector('svg.marks, canvas'))"
 
 
 def test_what_is_carried_of_a_recording_is_it_to_half_a_step(run) -> None:
-    table = figures.impacts_table(run)
+    table = run.impacts_table
     data = gzip.decompress(base64.b64decode(explorer.packed_impacts(run, table)))
     (length,) = struct.unpack("<I", data[:4])
     header = json.loads(data[4 : 4 + length])

@@ -24,7 +24,6 @@ from bayestissue.inference.answers.questions import Question, ask, numbered
 from bayestissue.report.answers_page import answered, question_lines
 from bayestissue.report.fit.page import page_of
 from bayestissue.report.page import assets
-from bayestissue.report.style import style
 from bayestissue.resources import shared
 from bayestissue.results.tables import table_of_rows
 
@@ -56,8 +55,7 @@ class RunView:
         self._answer = lru_cache(_KEPT)(self._answered)
         run = fit_run_of(fit)
         self._impacts = run.impacts
-        with style():
-            self._page = page_of(run, served=True, longest=LONGEST, examples=self._examples())
+        self._page = page_of(run, served=True, longest=LONGEST, examples=self._examples())
         self._files = assets("explorer.js")
         self._files["page.js"] += "".join(map(page_file, ("server.js", "run.js")))
 

@@ -144,7 +144,7 @@ def _first_screen(run: FitRun) -> dict[str, Any]:
 
 
 def _traces(run: FitRun) -> dict[str, Any]:
-    left, one_step, table = traces.residuals(run), traces.one_step_p(run), figures.impacts_table(run)
+    left, one_step, table = traces.residuals(run), traces.one_step_p(run), run.impacts_table
     return {
         "choices": [(name, sorted(table[name].unique())) for name in factors(table)],
         "scatter": figures.impacts(run),

@@ -42,7 +42,8 @@ const bayestissue = (() => {
     // As wide as the page leaves room, and no wider than the figure is meant to be by much.
     // In a closed part there is no width yet.
     const room = Math.max(place.clientWidth || Math.min(document.querySelector("main").clientWidth, 520), 240);
-    if (spec.vconcat) spec.vconcat.forEach(part => { part.width = Math.min(room, 900) - 92; });
+    if (spec.facet) { spec.columns = Math.min(spec.columns, Math.max(Math.floor(room / 220), 1)); spec.spec.width = (room - 60) / spec.columns - (spec.resolve.scale.y ? 65 : 25); }
+    else if (spec.vconcat) spec.vconcat.forEach(part => { part.width = Math.min(room, 900) - 92; });
     else { spec.width = Math.min(room, 1.5 * (spec.width || 460)); spec.autosize = { type: "fit-x", contains: "padding" }; }
     const name = figure.dataset.name || "figure";
     const { view } = await vegaEmbed(place, spec, {
