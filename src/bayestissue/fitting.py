@@ -334,6 +334,7 @@ def _provenance(
         "left_out": [str(problem) for problem in data.left_out],
         "seed": seed,
         "input_hash": data.input_hash,
+        **({"whole_hash": data.whole_hash} if data.whole_hash else {}),
         **_kept_of_impacts(analysis.tree),
         **_discrepancy(specification, prepared, analysis),
         "route": diagnostics.get("route", {}),

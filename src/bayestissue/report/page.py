@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import gzip
 import hashlib
 import re
 from collections.abc import Iterable
@@ -17,19 +19,33 @@ from bayestissue.remedies import Code, entries
 from bayestissue.report.tables import frame_table
 
 
-def render_page(template: str, *, codes: Iterable[Code] = (), **context: Any) -> str:
+def render_page(template: str, *, codes: Iterable[Code] = (), served: bool = False, **context: Any) -> str:
     """The HTML of ``template`` (a name in `report/templates`), filled from ``context``.
 
     Values are escaped unless they are `Markup`; a name that the template wants and ``context`` lacks is
     an error. Templates extend ``base.html``, which takes ``title`` and, if wanted, ``subtitle`` and
     ``contents``, a sequence of pairs (anchor, words) for the table of contents. ``codes`` are of the warnings
     that the page holds: their entries stand at its foot, where links of the macro ``explained`` lead.
+    A page that is ``served`` has its style and scripts from its server: see `assets`.
     """
-    html = _environment().get_template(template).render(codes=list(dict.fromkeys(codes)), **context)
-    if 'class="packed"' not in html:
+    codes = list(dict.fromkeys(codes))
+    html = _environment().get_template(template).render(codes=codes, served=served, **context)
+    if served or 'class="packed"' not in html:
         return html
     carried = f'<script type="text/plain" id="library">{library()}</script>'
     return html.replace("<script>", f"{carried}\n<script>", 1)
+
+
+def assets(*scripts: str) -> dict[str, str]:
+    """What pages that are served refer to, by name: their style, their scripts as one, the figures' library.
+
+    ``scripts`` are names in `report/templates` behind that of every page.
+    """
+    return {
+        "page.css": script("style.css"),
+        "page.js": "\n".join(map(script, ("page.js", *scripts))),
+        "library.js": gzip.decompress(base64.b64decode(library())).decode(),
+    }
 
 
 # As many rows stand in the page behind a figure; its download has all.
@@ -43,8 +59,9 @@ def drawn(one: Figure, name: str = "") -> Markup:
     """
     packed = packed_json(one.specification())
     numbers = frame_table(one.data[:MOST_NUMBERS])
-    template: Any = _environment().get_template("figure.html").module
-    chart: Markup = template.chart(_chart_id(packed), one.words, packed, name, numbers, len(one.data))
+    chart: Markup = part("figure.html").chart(
+        _chart_id(packed), one.words, packed, name, numbers, len(one.data)
+    )
     return chart
 
 
@@ -61,6 +78,11 @@ def again(one: Figure) -> Markup:
 def prose(text: str) -> Markup:
     """Text of an entry of `bayestissue.remedies`: what stands between ` is code."""
     return Markup(re.sub("`([^`]*)`", r"<code>\1</code>", str(escape(text))))  # noqa: S704 - escaped before
+
+
+def part(template: str) -> Any:
+    """The macros of a template, which make parts of a page."""
+    return _environment().get_template(template).module
 
 
 def script(name: str) -> Markup:

@@ -12,9 +12,10 @@ const bayestissue = (() => {
   const fetched = new Map();
   const once = (key, make) => fetched.has(key) ? fetched.get(key) : (fetched.set(key, make()), fetched.get(key));
 
+  // Drawn by what the page carries, or by what its server has.
   const library = () => once("library", async () => {
-    const script = document.createElement("script");
-    script.src = URL.createObjectURL(new Blob([await text(document.getElementById("library"))], { type: "text/javascript" }));
+    const script = document.createElement("script"), carried = document.getElementById("library");
+    script.src = carried ? URL.createObjectURL(new Blob([await text(carried)], { type: "text/javascript" })) : "library.js";
     await new Promise((done, failed) => { script.onload = done; script.onerror = failed; document.head.append(script); });
     URL.revokeObjectURL(script.src);
   });
