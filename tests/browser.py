@@ -17,6 +17,9 @@ from websocket import create_connection
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 _SECONDS = 120
+# Whether all figures of a page are drawn.
+DRAWN = "[...document.querySelectorAll('.chart')].every(chart => chart.querySelector('svg.marks, canvas'))"
+_CODES = {"Tab": 9, "Enter": 13, "ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40}
 
 
 class Browser:
@@ -46,10 +49,8 @@ class Browser:
         self._count = 0
         self.errors: list[str] = []
         self.requests: list[str] = []
-        for domain in ("Page", "Runtime", "Network"):
+        for domain in ("Page", "Runtime", "Network", "Log"):
             self.call(f"{domain}.enable")
-        # Whatever a page asks for beside itself is refused, and told.
-        self.call("Network.setBlockedURLs", urls=["http://*", "https://*"])
         return self
 
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
@@ -72,19 +73,34 @@ class Browser:
     def _note(self, event: dict[str, Any]) -> None:
         if event["method"] == "Runtime.exceptionThrown":
             self.errors.append(json.dumps(event["params"]["exceptionDetails"]))
+        if event["method"] == "Log.entryAdded" and event["params"]["entry"]["source"] == "security":
+            self.errors.append(event["params"]["entry"]["text"])
         if event["method"] == "Network.requestWillBeSent":
             self.requests.append(event["params"]["request"]["url"])
 
-    def open(self, page: Path, width: int = 1280, *, scripts: bool = True, hash: str = "") -> None:  # noqa: A002
+    def open(
+        self,
+        page: Path | str,
+        width: int = 1280,
+        *,
+        height: int = 900,
+        scripts: bool = True,
+        hash: str = "",  # noqa: A002
+    ) -> None:
+        """Open a file, which has no network, or the address of a server."""
+        url = page if isinstance(page, str) else page.as_uri() + hash
+        # Whatever a file asks for beside itself is refused, and told.
+        blocked = [] if isinstance(page, str) else ["http://*", "https://*"]
+        self.call("Network.setBlockedURLs", urls=blocked)
         self.errors.clear()
         self.requests.clear()
         self.call("Emulation.setScriptExecutionDisabled", value=not scripts)
-        metrics = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+        metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
         self.call("Emulation.setDeviceMetricsOverride", **metrics)
         self.call("Page.navigate", url="about:blank")
-        self.call("Page.navigate", url=page.as_uri() + hash)
+        self.call("Page.navigate", url=url)
         self._wait(
-            lambda: self.js("location.protocol") == "file:" and self.js("document.readyState") == "complete"
+            lambda: self.js("location.protocol") != "about:" and self.js("document.readyState") == "complete"
         )
 
     def js(self, expression: str) -> Any:
@@ -97,20 +113,73 @@ class Browser:
         """Wait until an expression is true."""
         self._wait(lambda: self.js(expression), expression)
 
-    def key(self, key: str) -> None:
+    def read(self, page: Path) -> None:
+        """Open a page wide and narrow: figures are drawn, none is wider than the screen, nothing fails."""
+        for width in (1280, 500):
+            self.open(page, width)
+            self.until(DRAWN)
+            assert self.js("document.documentElement.scrollWidth") <= width
+            assert self.errors == []
+            assert not [url for url in self.requests if url.startswith("http")]
+
+    def type(self, text: str) -> None:
+        """Type into what has the focus."""
+        self.call("Input.insertText", text=text)
+
+    def tab_to(self, expression: str, *, back: bool = False) -> None:
+        """Press Tab until what has the focus, ``document.activeElement``, meets an expression."""
+        for _ in range(200):
+            self.key("Tab", shift=back)
+            if self.js(expression):
+                return
+        raise AssertionError(f"can't be reached by Tab: {expression}")
+
+    def key(self, key: str, *, shift: bool = False) -> None:
         for kind in ("keyDown", "keyUp"):
-            text = {"text": "\r"} if key == "Enter" and kind == "keyDown" else {}
-            code = {"Tab": 9, "Enter": 13, "ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40}[
-                key
-            ]
+            letter = {"Enter": "\r"}.get(key, key if len(key) == 1 else "")
+            text = {"text": letter} if letter and kind == "keyDown" else {}
+            code = _CODES.get(key) or ord(key.upper())
             self.call(
-                "Input.dispatchKeyEvent", type=kind, key=key, code=key, windowsVirtualKeyCode=code, **text
+                "Input.dispatchKeyEvent",
+                type=kind,
+                key=key,
+                code=key,
+                windowsVirtualKeyCode=code,
+                modifiers=8 * shift,
+                **text,
             )
 
     def click(self, x: float, y: float) -> None:
         for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
             pressed = {} if kind == "mouseMoved" else {"button": "left", "clickCount": 1}
             self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, **pressed)
+
+    def picture(self) -> bytes:
+        """What is seen of the page, as PNG."""
+        return base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"])
+
+    def figure_saved(self, folder: Path, name: str, kind: str) -> bytes:
+        """What a figure's menu saves as "SVG" or "PNG", or its button as "CSV", into a new ``folder``."""
+        folder.mkdir()
+        figure = f"document.querySelector('[data-name={name}]')"
+        controls = f"[...{figure}.querySelectorAll('button, .vega-actions a')]"
+        control = f"{controls}.find(one => one.textContent.includes('{kind}'))"
+        if kind != "CSV":
+            # The image is made when the link is pressed.
+            self.js(f"{control}.dispatchEvent(new Event('mousedown'))")
+            self.until(f"/^(data|blob):/.test({control}.href)")
+        return self.downloaded(folder, f"{control}.click()")
+
+    def downloaded(self, folder: Path, trigger: str) -> bytes:
+        """The file that an expression makes the page save, of which ``folder`` holds no other."""
+        self.call("Browser.setDownloadBehavior", behavior="allow", downloadPath=str(folder))
+        self.js(trigger)
+
+        def whole() -> list[Path]:
+            return [path for path in folder.iterdir() if path.suffix != ".crdownload"]
+
+        self._wait(whole, trigger)
+        return whole()[0].read_bytes()
 
     def pdf(self) -> bytes:
         """The page as it is printed."""

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
-from io import StringIO, TextIOBase
+from io import StringIO
 from pathlib import Path
-from typing import Any
 
 import pytest
-from matplotlib.figure import Figure
 
 from bayestissue import cli, runtime
 
@@ -35,15 +32,3 @@ def bayestissue(*arguments: str | Path) -> Outcome:
         except SystemExit as stop:
             status = int(stop.code or 0)
     return Outcome(status, out.getvalue(), err.getvalue())
-
-
-@contextmanager
-def undrawn_figures() -> Iterator[None]:
-    """Figures are made but not drawn, which is most of a page's cost."""
-
-    def nothing(_: Figure, file: Any, **__: Any) -> None:
-        file.write('<svg viewBox="0 0 1 1"></svg>' if isinstance(file, TextIOBase) else b"")
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Figure, "savefig", nothing)
-        yield

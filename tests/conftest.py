@@ -69,15 +69,6 @@ def _empty_if_large(folder: Path) -> None:
             entry.unlink()
 
 
-@pytest.fixture
-def undrawn() -> Iterator[None]:
-    """Figures of a test are made but not drawn."""
-    from command_line import undrawn_figures
-
-    with undrawn_figures():
-        yield
-
-
 @pytest.fixture(scope="module")
 def read_once() -> Iterator[None]:
     """Of runs that are copies of one another a module's tests read the draws once."""

@@ -28,8 +28,6 @@ from make_fit_run import make_fit_run
 
 WORST = {"r_hat": 1.003, "ess_bulk": 1200.0, "ess_tail": 900.0}
 
-pytestmark = pytest.mark.usefixtures("undrawn")
-
 
 @pytest.fixture(scope="module")
 def dataset():

@@ -40,8 +40,11 @@ def test_its_picture_and_words(found: bt.Impact):
     left = found.deceleration - found.fitted
     assert left.std() == pytest.approx(found.row["noise_sd_m_s2"], rel=0.2)
     assert f"{found.K:.4g} N/m (90 %" in repr(found)
-    assert len(found.plot().axes) == 2
+    assert f"K = {found.K:.4g} N/m (90 %" in found.plot().words
+    np.testing.assert_array_equal(found.plot().data["median"], found.fitted)
     assert found._repr_html_().count("<svg") == 1
+    for words in ("deceleration (m/s²)", "residual (m/s²)", "time since contact (ms)", "spring and damper"):
+        assert f">{words}</text>" in found._repr_html_()
 
 
 @pytest.fixture(scope="module")
@@ -117,4 +120,6 @@ def test_too_few_samples_give_no_estimate_and_say_so(example):
     few = bt.impact(trace.time_s[3::30], trace.value[3::30], mass_kg=about["mass_kg"], velocity_m_s=1.25)
     assert "fewer than 8 samples in the window" in few.flags
     assert "no estimate" in repr(few)
-    assert len(few.plot().axes) == 2
+    # Nothing is fitted, and nothing left over.
+    assert few.plot().data["median"].isna().all()
+    assert "NaN" not in few.plot().svg()

@@ -26,14 +26,14 @@ from bayestissue.commands import (
     finished_runs,
     fit,
     init,
-    open_dataset,
+    open_page,
     options,
     plan,
     reproduce,
     simulate,
     watch,
 )
-from bayestissue.errors import InputError, PartialResultError, Problem, by_cause, more, printable
+from bayestissue.errors import InputError, PartialResultError, by_cause, more, printable
 
 # Of the process, and what each means.
 STATUSES = {
@@ -64,7 +64,7 @@ _COMMANDS: dict[str, Callable[..., None]] = {
     "estimate": estimate.run,
     **{"fit": fit.run, "reproduce": reproduce.run, "report": finished_runs.report, "compare": compare.run},
     **{"ask": finished_runs.ask, "predict": finished_runs.predict, "causes": causes.run},
-    **{"export": export.run, "watch": watch.run, "open": open_dataset.run, "explain": explain.run},
+    **{"export": export.run, "watch": watch.run, "open": open_page.run, "explain": explain.run},
 }
 for name, command in _COMMANDS.items():
     app.command(name)(command)
@@ -131,13 +131,7 @@ def _problems(error: InputError) -> str:
     problems = by_cause(error.problems)
     heading = f"{len(problems)} problem{'s' if len(problems) > 1 else ''}; nothing was written."
     codes = more(problem.code for problem in problems)
-    return "\n".join([heading, *(f"  {_with_code(problem)}" for problem in problems), codes])
-
-
-def _with_code(problem: Problem) -> str:
-    """The message with its code at the end of its first line: under that of a question stands its place."""
-    first, *further = str(problem).split("\n")
-    return "\n".join([f"{first} [{problem.code}]", *further])
+    return "\n".join([heading, *(f"  {problem.with_code}" for problem in problems), codes])
 
 
 if __name__ == "__main__":

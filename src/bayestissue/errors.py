@@ -73,6 +73,12 @@ class Problem:
         expectation = printable(f"expected {self.expected}. {self.remedy}", lines=True)
         return f"{', '.join(location)}: {value}{expectation}"
 
+    @property
+    def with_code(self) -> str:
+        """The message, its code at the end of the first line: under that of a question stands its place."""
+        first, *further = str(self).split("\n")
+        return "\n".join([f"{first} [{self.code}]", *further])
+
     def as_dict(self) -> dict[str, object]:
         """The problem as plain values, for ``--json`` and for tables."""
         plain = asdict(self)

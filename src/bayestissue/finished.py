@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from collections.abc import Callable
 from contextlib import suppress
@@ -18,6 +19,7 @@ from bayestissue import results, runtime
 from bayestissue.errors import InputError
 from bayestissue.hierarchy.specification import ModelSpecification, specification_of
 from bayestissue.inference.answers.finished import GROUPS, Finished
+from bayestissue.inference.results.meanings import UNITS
 from bayestissue.inference.samplers.diagnostics import verdict_in_words
 from bayestissue.outline import Outlined, Rows, short, span
 from bayestissue.paper import WIDTH_MM
@@ -71,7 +73,7 @@ class Fit(Outlined):
         over = [name for name in posterior["K"].dims if name != "impact"]
         medians = [
             (f"{name} of the impacts", f"posterior medians {span(posterior[name].median(over), unit)}")
-            for name, unit in (("K", "N/m"), ("C", "N s/m"))
+            for name, unit in UNITS.items()
         ]
         rows = [
             ("impacts", f"{posterior.sizes['impact']} of {short(str(self.about.get('dataset', '')))}"),
@@ -99,6 +101,17 @@ class Fit(Outlined):
     def wall_time_s(self) -> float:
         """How long the fit took, s."""
         return float(self.about["wall_time_s"])
+
+    @property
+    def dataset_folder(self) -> Path | None:
+        """The folder of the fitted recordings, as far as it is known; it may have moved since.
+
+        ``run.json`` has it relative to the run's own folder, so that both may move together.
+        """
+        if self.dataset is not None or self.folder is None:
+            return self.folder
+        stated = self.about.get("dataset_folder")
+        return None if stated is None else (self.folder / stated).resolve()
 
     @cached_property
     def specification(self) -> ModelSpecification:
@@ -368,4 +381,15 @@ def write_run(fit: Fit, folder: Path, say: Say | None = None, *, excel: results.
     if fit.folder is not None and (truth := fit.folder / "truth.csv").is_file():
         shutil.copyfile(truth, folder / "truth.csv")
     results.write_json(fit.diagnostics, folder / "diagnostics.json")
-    results.write_json(fit.about, folder / "run.json")
+    about, dataset = fit.about, fit.dataset_folder
+    if dataset is not None:
+        about = about | {"dataset_folder": _from_folder(dataset, folder)}
+    results.write_json(about, folder / "run.json")
+
+
+def _from_folder(path: Path, folder: Path) -> str:
+    """A path as seen from a folder; as it is where they have no drive in common."""
+    try:
+        return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
+    except ValueError:
+        return path.resolve().as_posix()

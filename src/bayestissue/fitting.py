@@ -27,6 +27,7 @@ from bayestissue.inference.checking.measuring_chain import judge
 from bayestissue.inference.fit import Say, TraceAnalysis, fit_traces
 from bayestissue.inference.points.notes import flagged_recordings
 from bayestissue.inference.posterior.approximate import expanded
+from bayestissue.inference.results.meanings import COLUMNS
 from bayestissue.inference.samplers.diagnostics import headline, noted, verdict_in_words, warnings
 from bayestissue.settings import parse_toml, read_text
 
@@ -265,7 +266,7 @@ def finished_fit(
 
 def _agreement(points: dict[str, pd.DataFrame], summary: pd.DataFrame) -> pd.DataFrame:
     values = {}
-    for quantity, column in (("K", "K_N_per_m"), ("C", "C_N_s_per_m")):
+    for quantity, column in COLUMNS.items():
         columns = {name: table.set_index("impact")[column] for name, table in points.items()}
         median = summary[summary["variable"] == quantity].set_index("label")["median"]
         values[quantity] = pd.DataFrame(columns | {"posterior": median})
@@ -333,6 +334,7 @@ def _provenance(
         "left_out": [str(problem) for problem in data.left_out],
         "seed": seed,
         "input_hash": data.input_hash,
+        **({"whole_hash": data.whole_hash} if data.whole_hash else {}),
         **_kept_of_impacts(analysis.tree),
         **_discrepancy(specification, prepared, analysis),
         "route": diagnostics.get("route", {}),

@@ -14,18 +14,17 @@ from bayestissue.dataset.arrays import dataset as dataset_of
 from bayestissue.dataset.chain import Recorder, Uncertainty
 from bayestissue.dataset.model import Dataset
 from bayestissue.dataset.settings import Gravity, Zero
+from bayestissue.figures.theme import Figure
+from bayestissue.figures.traces import recording
 from bayestissue.inference.points.estimates import default_options
 from bayestissue.inference.points.notes import said_once
 from bayestissue.inference.single.estimates import by_impact
 from bayestissue.outline import Outlined, Rows
-from bayestissue.report.page import figure
-from bayestissue.report.style import MUTED, POSTERIOR, new_figure, style
 from bayestissue.signal import displacements
 from bayestissue.signal.quality import inspect
 
 if TYPE_CHECKING:
     import pandas as pd
-    from matplotlib.figure import Figure
 
 _NO_ESTIMATE = "no estimate"
 _ENDS = ("K_low_N_per_m", "K_high_N_per_m", "C_low_N_s_per_m", "C_high_N_s_per_m")
@@ -64,8 +63,7 @@ class Impact(Outlined):
     fitted: Float[np.ndarray, " sample"]
 
     def _repr_html_(self) -> str:
-        picture = figure(self.plot(), "The recorded deceleration and that of the fitted spring and damper.")
-        return f"{super()._repr_html_()}{picture}"
+        return f"{super()._repr_html_()}{self.plot().svg()}"
 
     def _outline(self) -> tuple[str, Rows]:
         rows = [*self._answers()]
@@ -84,18 +82,14 @@ class Impact(Outlined):
 
     def plot(self) -> Figure:
         """The recording with the fitted impact, and what that leaves over, up to the greatest depth."""
-        with style():
-            fig, (above, below) = new_figure((6.4, 4.4), 2, 1, sharex=True, height_ratios=(3, 1))
-            time = self.time_s * 1e3
-            above.plot(time, self.deceleration, ".", ms=3, color=MUTED, label="recorded")
-            above.plot(time, self.fitted, color=POSTERIOR, label="spring and damper")
-            above.set(ylabel="deceleration (m/s²)")
-            above.legend(loc="lower right")
-            above.set_title("\n".join(f"{name} = {words}" for name, words in self._answers()))
-            below.plot(time, self.deceleration - self.fitted, ".", ms=3, color=MUTED)
-            below.axhline(0.0, color=POSTERIOR, lw=1)
-            below.set(xlabel="time since contact (ms)", ylabel="left over")
-            return fig
+        import pandas as pd
+
+        rows = pd.DataFrame(
+            {"time_ms": 1e3 * self.time_s, "recorded": self.deceleration, "median": self.fitted}
+        )
+        answers = "; ".join(f"{name} = {words}" for name, words in self._answers())
+        words = f"The recorded deceleration and that of the fitted spring and damper. {answers}."
+        return recording(rows, "deceleration", "m/s²", words, median="spring and damper")
 
 
 def impact(

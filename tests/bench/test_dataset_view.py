@@ -6,12 +6,16 @@ import hashlib
 from pathlib import Path
 
 import pytest
-from written_drops import PATTERN, VELOCITY, drop, plan_of_drops, write
+from opened import address, served
+from written_drops import by_init, drop, plan_of_drops, write
 
 import bayestissue as bt
 from bayestissue.bench.views import DatasetView
 from bayestissue.dataset.left_out import FILE, reasons, write_left_out
 
+browser = pytest.importorskip(
+    "browser", reason="drives a browser by websocket-client, which is not installed"
+)
 NAMES = plan_of_drops(4)
 STEMS = [name.removesuffix(".csv") for name in NAMES]
 
@@ -20,12 +24,7 @@ STEMS = [name.removesuffix(".csv") for name in NAMES]
 def folder(tmp_path: Path) -> Path:
     for number, name in enumerate(NAMES):
         write(tmp_path / "recorded", name, drop(name, late_s=0.013 * (number == 1)))
-    given = {"velocity_m_s": VELOCITY}
-    out = tmp_path / "set"
-    bt.init_dataset(
-        tmp_path / "recorded", out, pattern=PATTERN, quantity="deceleration", unit="m/s^2", given=given
-    )
-    return out
+    return by_init(tmp_path / "recorded", tmp_path / "set")
 
 
 def test_impacts_are_left_out_used_again_and_the_last_decision_undone(folder: Path) -> None:
@@ -58,3 +57,32 @@ def test_impacts_are_left_out_used_again_and_the_last_decision_undone(folder: Pa
     assert reasons(folder) == {STEMS[0]: "an earlier reason"}
     assert [hashlib.sha256(path.read_bytes()).hexdigest() for path in files] == before
     assert STEMS[0] not in set(bt.estimate(folder)["impact"])
+
+
+@pytest.mark.skipif(browser.CHROMIUM is None, reason="no Chromium is installed")
+def test_keys_alone_choose_an_impact_leave_it_out_and_undo_it(folder: Path) -> None:
+    with served(DatasetView(folder)) as port, browser.Browser() as tab:
+        tab.open(address(port))
+        tab.until("document.querySelectorAll('#trace circle').length > 50")
+        tab.tab_to("document.activeElement.matches('#drops tbody tr')")
+        tab.key("ArrowDown")
+        tab.until(f"document.querySelector('#one-title').textContent === 'Trace of {STEMS[1]}'")
+        tab.tab_to("document.activeElement.id === 'reason'", back=True)
+        tab.type("hit the frame")
+        tab.key("Enter")
+        tab.until("document.querySelector('#decide-said').textContent === 'done'")
+        assert reasons(folder) == {STEMS[1]: "hit the frame"}
+        tab.tab_to("document.activeElement.matches('#drops tbody tr')")
+        kept = tab.js("location.href")
+        tab.key("u")
+        tab.until("!document.querySelector('#drops tr.out')")
+        assert reasons(folder) == {}
+        # The address opens the same impact.
+        assert "token" not in kept
+        tab.open(kept)
+        tab.until(f"document.querySelector('#one-title').textContent === 'Trace of {STEMS[1]}'")
+        for width in (1280, 500):
+            tab.open(kept, width)
+            tab.until("document.querySelectorAll('#trace circle').length > 50")
+            assert tab.js("document.documentElement.scrollWidth") <= width
+        assert tab.errors == []

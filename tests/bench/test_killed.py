@@ -11,12 +11,11 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from written_drops import PATTERN, VELOCITY, drop, plan_of_drops, write
+from written_drops import by_init, drop, plan_of_drops, write
 
 import bayestissue as bt
 from bayestissue.checking import check
 from bayestissue.dataset.left_out import reasons
-from bayestissue.intake import init_dataset
 
 pytestmark = pytest.mark.long
 NAMES = plan_of_drops(60)
@@ -104,16 +103,8 @@ def test_sixty_drops_and_a_kill_in_their_middle(recorded: Path, tmp_path: Path) 
     assert any(line.startswith(f"overwritten, taken anew: {NAMES[2].removesuffix('.csv')}") for line in said)
     assert any(line.startswith(unlike.removesuffix(".csv")) and "higher than" in line for line in said)
     (recorded / cut).unlink()
-    by_init = init_dataset(
-        recorded,
-        tmp_path / "by-init",
-        pattern=PATTERN,
-        quantity="deceleration",
-        unit="m/s^2",
-        given={"velocity_m_s": VELOCITY},
-        uncertainty={"velocity_sd_m_s": 0.01},
-    )
-    ours, theirs = (bt.estimate(each).set_index("impact").sort_index() for each in (data, by_init))
+    by_hand = by_init(recorded, tmp_path / "by-init")
+    ours, theirs = (bt.estimate(each).set_index("impact").sort_index() for each in (data, by_hand))
     both = sorted(set(ours.index) & set(theirs.index))
     assert len(both) >= 57
     pd.testing.assert_frame_equal(ours.loc[both], theirs.loc[both])

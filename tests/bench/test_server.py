@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -15,18 +14,17 @@ from typing import Any
 from urllib.parse import quote
 
 import pytest
-import uvicorn
+from opened import TOKEN, served
 from written_drops import drop, plan_of_drops, write
 
-from bayestissue.bench.server import HOST, application
-from bayestissue.bench.views import WatchView, one_line
+from bayestissue.bench.decisions import one_line
+from bayestissue.bench.server import HOST
+from bayestissue.bench.views import DropsView, WatchView
 from bayestissue.bench.watching import Watch
 from bayestissue.errors import InputError
 
-TOKEN = "a-token-of-this-test"  # noqa: S105 - of nothing
 
-
-class Pretended:
+class Pretended(DropsView):
     """A view of nothing that remembers what it was asked."""
 
     def __init__(self) -> None:
@@ -53,13 +51,13 @@ class Client:
     def __init__(self, port: int) -> None:
         self.port = port
         self.cookie = f"bayestissue-{port}={TOKEN}"
-        self.begun = ExitStack()
+        self.opened = ExitStack()
 
     def ask(
         self, path: str, method: str = "GET", body: str | None = None, **headers: str | None
     ) -> HTTPResponse:
         sent = {"Host": f"{HOST}:{self.port}", "Cookie": self.cookie} | headers
-        connection = self.begun.enter_context(closing(HTTPConnection(HOST, self.port, timeout=20)))
+        connection = self.opened.enter_context(closing(HTTPConnection(HOST, self.port, timeout=20)))
         connection.putrequest(method, path, skip_host=True)
         if body is not None:
             connection.putheader("Content-Length", str(len(body.encode())))
@@ -67,25 +65,15 @@ class Client:
             if value is not None:
                 connection.putheader(name, value)
         connection.endheaders(body.encode() if body is not None else None)
-        return self.begun.enter_context(closing(connection.getresponse()))
+        return self.opened.enter_context(closing(connection.getresponse()))
 
     def post(self, action: str, body: str, **headers: str | None) -> HTTPResponse:
         return self.ask(f"/act/{action}", "POST", body, **{"Origin": f"http://{HOST}:{self.port}", **headers})
 
 
 def running(view: Any) -> Iterator[Client]:
-    with socket.socket() as listener:
-        listener.bind((HOST, 0))
-        listener.listen()
-        port = listener.getsockname()[1]
-        config = uvicorn.Config(application(view, port, TOKEN), log_level="error", lifespan="off")
-        server = uvicorn.Server(config)
-        thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
-        thread.start()
-        with (client := Client(port)).begun:
-            yield client
-        server.force_exit = server.should_exit = True
-        thread.join()
+    with served(view) as port, (client := Client(port)).opened:
+        yield client
 
 
 @pytest.fixture
@@ -105,8 +93,8 @@ def test_the_first_address_has_the_token_and_the_cookie_then_does(client: Client
     assert cookie == f"{client.cookie}; Path=/; HttpOnly; SameSite=Strict"
     assert page.headers["content-security-policy"].startswith("default-src 'self'")
     named = re.findall(r'(?:src|href)="([^"]+)"', page.read().decode())
-    assert sorted(named) == ["page.css", "page.js"]
-    for name in named:
+    assert sorted(named) == ["data:,", "page.css", "page.js"]
+    for name in named[1:]:
         asset = client.ask(f"/{name}")
         assert asset.status == 200
         # Nothing from anywhere else, and nothing that is made of text.

@@ -9,14 +9,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from written_drops import PATTERN, VELOCITY, drop, plan_of_drops, write
+from written_drops import by_init, drop, plan_of_drops, write
 
 import bayestissue as bt
 from bayestissue.bench import drops as module
 from bayestissue.bench.drops import Drops
 from bayestissue.bench.watching import TAKEN_BACK, Watch
 from bayestissue.checking import check
-from bayestissue.intake import init_dataset
 
 NAMES = plan_of_drops(12)
 
@@ -125,22 +124,36 @@ def test_the_same_files_by_init_give_the_same_numbers(
     watch = begin()
     watch.catch_up(0)
     ours = bt.estimate(watch.drops.folder).set_index("impact").sort_index()
-    by_init = init_dataset(
-        recorded,
-        tmp_path / "by-init",
-        pattern=PATTERN,
-        quantity="deceleration",
-        unit="m/s^2",
-        given={"velocity_m_s": VELOCITY},
-        uncertainty={"velocity_sd_m_s": 0.01},
-    )
-    theirs = bt.estimate(by_init).set_index("impact").sort_index()
+    theirs = bt.estimate(by_init(recorded, tmp_path / "by-init")).set_index("impact").sort_index()
     pd.testing.assert_frame_equal(ours, theirs)
     said = pd.DataFrame(
         {d.impact: d.K for d in watch.drops}, ["K_N_per_m", "K_low_N_per_m", "K_high_N_per_m"]
     ).T
     # A search for a mode ends where 1e-6 of log likelihood is left, one drop at a time or many.
     pd.testing.assert_frame_equal(said.sort_index(), ours[list(said)], check_names=False, rtol=1e-6)
+
+
+@pytest.mark.long
+def test_a_fit_of_what_was_watched_is_that_of_the_files_to_the_last_digit(
+    begin: Callable[[], Watch], recorded: Path, tmp_path: Path
+) -> None:
+    for name in plan_of_drops(24, repeats=2):
+        write(recorded, name, drop(name))
+    watch = begin()
+    watch.catch_up(0)
+    ours, theirs = (
+        bt.fit(data, seed=4) for data in (watch.drops.folder, by_init(recorded, tmp_path / "set2"))
+    )
+    assert ours.summary["variable"].isin(["K", "C"]).sum() == 48
+    pd.testing.assert_frame_equal(ours.summary, theirs.summary, check_exact=True)
+    for name in ("K", "C"):
+        np.testing.assert_array_equal(*(fit.posterior["posterior"][name] for fit in (ours, theirs)))
+    # What is left out while it is watched is left out of the fit, and the fit says so with the reason.
+    left_out = watch.take_back()
+    assert left_out is not None
+    after = bt.read_dataset(watch.drops.folder)
+    assert left_out.impact not in set(after.impacts["impact"])
+    assert after.whole_hash == ours.about["whole_hash"] != after.input_hash
 
 
 def test_the_study_so_far_shrinks_towards_the_person_and_finds_who_is_unlike(
@@ -150,10 +163,10 @@ def test_the_study_so_far_shrinks_towards_the_person_and_finds_who_is_unlike(
     for name in NAMES:
         write(recorded, name, drop(name))
     watch.catch_up(0)
-    told = watch.study.told(watch.drops.all[-1])
-    assert told is not None
-    low, high = told.person["K"][1:]
-    assert np.sqrt(high / low) - 1 == pytest.approx(told.width)
+    estimates = watch.study.estimates(watch.drops.all[-1])
+    assert estimates is not None
+    low, high = estimates.person["K"][1:]
+    assert np.sqrt(high / low) - 1 == pytest.approx(estimates.width)
     of_person = [d.K[0] for d in watch.drops if d.cells["side"] == watch.drops.all[-1].cells["side"]]
     # A person's interval holds the mean of its drops, whose error is far smaller than its width.
     assert low < np.exp(np.mean(np.log(np.array(of_person, float)))) < high

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bayestissue.intake import init_dataset
 from dataset_bench import DAMPING, RATE, STIFFNESS
 
 PATTERN = "{subject}_{side}_{mass_kg}kg_{n}.csv"
@@ -61,3 +62,17 @@ def drop(name: str, *, stiffer: float = 1.0, limit: float = np.inf, late_s: floa
 def write(folder: Path, name: str, data: bytes) -> None:
     (folder / name).parent.mkdir(parents=True, exist_ok=True)
     (folder / name).write_bytes(data)
+
+
+def by_init(recorded: Path, out: Path) -> Path:
+    """The dataset that `init` makes of the files as the recorder has them in the end."""
+    init_dataset(
+        recorded,
+        out,
+        pattern=PATTERN,
+        quantity="deceleration",
+        unit="m/s^2",
+        given={"velocity_m_s": VELOCITY},
+        uncertainty={"velocity_sd_m_s": 0.01},
+    )
+    return out

@@ -10,7 +10,7 @@ import pytest
 from command_line import bayestissue
 from make_fit_run import make_fit_run
 
-pytestmark = pytest.mark.usefixtures("read_once", "undrawn")
+pytestmark = pytest.mark.usefixtures("read_once")
 
 
 @pytest.fixture(scope="module")

@@ -66,7 +66,6 @@ def test_writes_a_whole_run(dataset: Path, tmp_path: Path, monkeypatch, capsys) 
     assert about["model"]["signal"]["equilibrium"] == "rest"
 
 
-@pytest.mark.usefixtures("undrawn")
 def test_conditional_run_shows_what_centring_does(dataset: Path, tmp_path: Path, monkeypatch, capsys) -> None:
     out = tmp_path / "run"
     assert bayestissue(monkeypatch, "estimate", dataset, "--out", out, "--method", "dds") == 0
@@ -111,7 +110,6 @@ def test_wrong_choices_end_with_status_2_and_nothing_written(
     assert not out.exists()
 
 
-@pytest.mark.usefixtures("undrawn")
 def test_bad_impacts_are_skipped_on_request_and_listed(
     dataset: Path, tmp_path: Path, monkeypatch, capsys
 ) -> None:
@@ -132,7 +130,6 @@ def test_bad_impacts_are_skipped_on_request_and_listed(
     assert left_out["row"].tolist() == [3]
 
 
-@pytest.mark.usefixtures("undrawn")
 def test_impacts_of_too_few_samples_have_rows_without_numbers(
     dataset: Path, tmp_path: Path, monkeypatch, capsys
 ) -> None:
@@ -157,7 +154,6 @@ def test_a_folder_that_is_not_empty_is_not_replaced(dataset: Path, tmp_path: Pat
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
 
 
-@pytest.mark.usefixtures("undrawn")
 def test_recorded_heel_strikes_have_estimates(heel_strikes: Path, tmp_path: Path, monkeypatch) -> None:
     assert bayestissue(monkeypatch, "estimate", heel_strikes, "--out", tmp_path / "run", "--quiet") == 0
     table = pd.read_csv(tmp_path / "run" / "estimates.csv")

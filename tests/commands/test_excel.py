@@ -17,7 +17,7 @@ from command_line import bayestissue
 from dataset_bench import SETTINGS, tables
 from make_fit_run import make_fit_run
 
-pytestmark = pytest.mark.usefixtures("read_once", "undrawn")
+pytestmark = pytest.mark.usefixtures("read_once")
 
 MARK = b"\xef\xbb\xbf"
 EXCELS = {"comma": {"sep": ";", "decimal": ","}, "point": {"sep": ",", "decimal": "."}}

@@ -21,8 +21,6 @@ from make_scored_run import make_scored_run
 MORE = "More: bayestissue explain"
 ROOT = Path(__file__).resolve().parents[2]
 
-pytestmark = pytest.mark.usefixtures("undrawn")
-
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:

@@ -16,9 +16,9 @@ import pytest
 import xarray as xr
 from scipy.stats import norm
 
-from bayestissue import read_run
+from bayestissue import read_dataset, read_run
 from campaigns import FOUR_BY_FOUR
-from command_line import bayestissue, undrawn_figures
+from command_line import bayestissue
 
 MODEL = """
 name = "small"
@@ -61,10 +61,7 @@ def model_file(campaign: Path, path: str, warmup: int = 200, draws: int = 300) -
 @pytest.fixture(scope="module")
 def finished(campaign: Path) -> Path:
     out = campaign / "finished"
-    with undrawn_figures():
-        fitted = bayestissue(
-            "fit", campaign / "data", "--model", model_file(campaign, "summary"), "--out", out
-        )
+    fitted = bayestissue("fit", campaign / "data", "--model", model_file(campaign, "summary"), "--out", out)
     # So few draws may well fail the diagnostics; then everything is written all the same.
     assert fitted.status in (0, 3), fitted.err
     return out
@@ -93,6 +90,13 @@ def test_a_fit_writes_what_the_interface_names(finished: Path) -> None:
         assert posterior["K"].attrs["unit"] == "N/m"
         for name in ("mass_exponent_K", "sd_trial_C", "K_new"):
             assert posterior[name].dims == ("chain", "draw")
+
+
+def test_a_run_says_where_its_dataset_lies_and_knows_it_again(finished: Path, campaign: Path) -> None:
+    run = read_run(finished)
+    assert run.about["dataset_folder"] == "../data"
+    assert run.dataset_folder == (campaign / "data").resolve()
+    assert run.about["whole_hash"] == run.about["input_hash"] == read_dataset(campaign / "data").whole_hash
 
 
 def test_the_model_files_questions_are_answered(finished: Path) -> None:

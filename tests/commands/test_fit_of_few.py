@@ -16,7 +16,7 @@ from bayestissue.dataset import read_dataset
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import prepare
 from bayestissue.oscillator import impact_motion
-from command_line import bayestissue, undrawn_figures
+from command_line import bayestissue
 
 DESIGN = """
 name = "few"
@@ -66,8 +66,7 @@ def fitted(
     data = simulated(folder, people, conditions)
     assert bayestissue("check", data).status == 0
     (folder / "model.toml").write_text(MODEL.format(likelihood=likelihood), encoding="utf-8")
-    with undrawn_figures():
-        run = bayestissue("fit", data, "--model", folder / "model.toml", "--out", folder / "run")
+    run = bayestissue("fit", data, "--model", folder / "model.toml", "--out", folder / "run")
     # So few draws may well fail the diagnostics; then everything is written all the same.
     assert run.status in (0, 3), run.err
     return folder / "run", run.out
@@ -132,15 +131,13 @@ def test_of_one_impact_its_own_k_is_the_answer_and_near_the_truth(one_impact: tu
 @pytest.mark.long
 def test_a_run_of_one_impact_can_be_compared_and_reported_anew(one_impact: tuple[Path, str]) -> None:
     run, _ = one_impact
-    with undrawn_figures():
-        assert bayestissue("report", run, "--quiet").status == 0
+    assert bayestissue("report", run, "--quiet").status == 0
     copy = run.with_name("copy")
     if not copy.exists():
         copy.mkdir()
         for path in run.iterdir():
             (copy / path.name).write_bytes(path.read_bytes())
-    with undrawn_figures():
-        compared = bayestissue("compare", run, copy, "--out", run.with_name("compared"))
+    compared = bayestissue("compare", run, copy, "--out", run.with_name("compared"))
     assert compared.status == 0, compared.err
     assert "K of a new impact on this person at the reference mass (N/m)" in compared.out
 

@@ -9,8 +9,6 @@ import pytest
 from command_line import bayestissue
 from make_fit_run import make_fit_run
 
-pytestmark = pytest.mark.usefixtures("undrawn")
-
 
 def test_predictions_are_printed_and_written(tmp_path: Path) -> None:
     run, at = make_fit_run(tmp_path / "run"), tmp_path / "new.csv"

@@ -11,7 +11,6 @@ import base64
 import hashlib
 import io
 import os
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -27,12 +26,9 @@ from pages import DOCS, NOTEBOOKS, Block, Command, commands, run  # noqa: E402
 from PIL import Image  # noqa: E402
 
 from bayestissue import runtime  # noqa: E402
+from browser import DRAWN, Browser  # noqa: E402
 
 COLOURS = 128
-BROWSER = os.environ.get("CHROMIUM", "chromium")
-HEADLESS = (
-    "--headless --no-sandbox --disable-gpu --no-first-run --disable-background-networking --hide-scrollbars"
-)
 
 
 def refresh(page: Path) -> None:
@@ -83,11 +79,11 @@ def _as_written(block: Block, command: Command) -> list[str]:
 def _picture(said: str, out: Path) -> None:
     source, _, size = said.partition(", ")
     out.parent.mkdir(exist_ok=True)
-    with tempfile.TemporaryDirectory() as profile:
-        about = (f"--user-data-dir={profile}", f"--window-size={size.replace('x', ',')}")
-        target = (f"--screenshot={out.resolve()}", Path(source).resolve().as_uri())
-        subprocess.run([BROWSER, *HEADLESS.split(), *about, *target], check=True, capture_output=True)  # noqa: S603
-    _few_colours(Image.open(out)).save(out, optimize=True)
+    width, height = map(int, size.split("x"))
+    with Browser() as tab:
+        tab.open(Path(source).resolve(), width, height=height)
+        tab.until(DRAWN)
+        _few_colours(Image.open(io.BytesIO(tab.picture()))).save(out, optimize=True)
 
 
 def render(page: Path) -> None:

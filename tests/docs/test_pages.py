@@ -22,7 +22,6 @@ PAGES = sorted(
 WITH_LONG_BLOCKS = [
     page for page in PAGES if any(set(LONG) & set(block.notes) for block in blocks(page.read_text("utf-8")))
 ]
-pytestmark = pytest.mark.usefixtures("undrawn")
 
 
 def name_of(page: Path) -> str:

@@ -57,7 +57,7 @@ def test_every_figure_of_a_paper_is_drawn_with_names_and_units(run) -> None:
 
 def test_a_persons_line_goes_from_side_to_side(run) -> None:
     figure = figures.paired(run, "K", "side")
-    table = figures.impacts_table(run)
+    table = run.impacts_table
     person = table[table["person"] == "s1"]
     expected = np.exp(np.log(person["K_N_per_m"]).groupby(person["side"]).mean())
     rows = figure.data[figure.data["person"] == "s1"].set_index("level")["median"]

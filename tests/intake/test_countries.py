@@ -15,8 +15,6 @@ from country import GERMAN, PLAIN, Country, facts, recordings
 from dataset_bench import DAMPING, STIFFNESS, deceleration
 from recorder_files import xlsx
 
-pytestmark = pytest.mark.usefixtures("undrawn")
-
 WRITTEN = "cp1252, a semicolon between cells, a decimal comma, names in row 4, units in row 5"
 
 

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
+
+import pandas as pd
 
 from bayestissue.dataset import read_dataset, write_dataset
 from bayestissue.errors import Problem
 from bayestissue.report.recordings_pages import init_page
 from dataset_bench import NAMES, SETTINGS, tables
+from page_reader import figures
 
 
 def test_the_page_shows_every_impact_and_what_was_understood(tmp_path: Path) -> None:
@@ -25,4 +29,10 @@ def test_the_page_shows_every_impact_and_what_was_understood(tmp_path: Path) -> 
     assert "channel &lt;A&amp;B&gt;, in g" in page
     assert "&lt;nothing&gt;" in page
     assert "<p>a note</p>" in page
-    assert page.count('src="data:image/png;base64,iVBOR') == 1
+    (chart,) = map(json.loads, figures(page))
+    rows = pd.DataFrame(chart["datasets"]["rows-0"])
+    assert tuple(rows["impact"].unique()) == NAMES
+    # Of each impact the highest sample stands where the recording is highest.
+    values = rows.set_index("impact")["value"]
+    recorded, peak = (values[(rows["kind"] == kind).to_numpy()] for kind in ("recorded", "peak"))
+    pd.testing.assert_series_equal(recorded.groupby(level=0).max(), peak.sort_index())

@@ -78,7 +78,7 @@ def test_other_recordings_than_were_fitted_are_refused(begun: Path, tmp_path: Pa
         study_of(plan_of(CONTENT | {"after": after(begun, dataset=str(spoilt))}, "plan.toml"), "plan.toml")
 
 
-def test_the_command_takes_a_running_study(begun: Path, tmp_path: Path, undrawn: None) -> None:
+def test_the_command_takes_a_running_study(begun: Path, tmp_path: Path) -> None:
     options = ["--people", "3,6", "--masses", "0.5", "--ask", "mass_exponent_K < 0.5", "--studies", "100"]
     of_study = ["--after", begun / "run", "--dataset", begun / "drops"]
     with kernel():

@@ -301,7 +301,7 @@ def test_what_stopping_early_does_is_said(two_goals: Plan) -> None:
     assert "Stopping early" in page_of(two_goals.content, two_goals.designs, two_goals.about)
 
 
-def test_traces_that_no_normal_stands_for_are_warned_of(tmp_path: Path, undrawn: None) -> None:
+def test_traces_that_no_normal_stands_for_are_warned_of(tmp_path: Path) -> None:
     options = ["--people", "60", "--masses", "0.5,1", "--ask", EXPONENT, "--studies", "100"]
     with kernel(normal=False):
         ended = bayestissue("plan", *options, "--out", tmp_path / "out")
@@ -309,7 +309,7 @@ def test_traces_that_no_normal_stands_for_are_warned_of(tmp_path: Path, undrawn:
     assert "Traces are no normal densities" in (tmp_path / "out" / "report.html").read_text()
 
 
-def test_a_written_plan_is_drawn_anew_and_read_whole(two_goals: Plan, tmp_path: Path, undrawn: None) -> None:
+def test_a_written_plan_is_drawn_anew_and_read_whole(two_goals: Plan, tmp_path: Path) -> None:
     path = two_goals.report(tmp_path / "plan")
     page = path.read_text()
     path.unlink()
@@ -317,3 +317,14 @@ def test_a_written_plan_is_drawn_anew_and_read_whole(two_goals: Plan, tmp_path: 
     assert path.read_text() == page
     assert json.loads((tmp_path / "plan" / "plan.json").read_text()) == two_goals.content
     assert "40 people" in repr(two_goals)
+
+
+def test_the_page_of_a_plan_is_drawn_in_a_browser(two_goals: Plan, tmp_path: Path) -> None:
+    browser = pytest.importorskip("browser", reason="websocket-client is not installed")
+    if browser.CHROMIUM is None:
+        pytest.skip("no Chromium is installed")
+    with browser.Browser() as tab:
+        tab.read(two_goals.report(tmp_path / "plan"))
+        # Assurance by people for both goals, and over people and repeats.
+        assert tab.js("document.querySelectorAll('main .chart').length") == 4
+        assert ">0.80</text>" in tab.js("document.querySelectorAll('main .chart')[2].innerHTML")

@@ -85,7 +85,6 @@ def test_it_says_what_the_weights_imply(html):
     assert "weighted by how well each subject is predicted" in text
 
 
-@pytest.mark.usefixtures("drawn")
 def test_runs_of_different_elements_are_compared_by_what_means_the_same(folder, tmp_path):
     out = shutil.copytree(folder, tmp_path / "other")
     about = json.loads((out / "run.json").read_text(encoding="utf-8"))
@@ -106,7 +105,6 @@ def test_an_interval_stands_beside_what_it_is_of(html):
     assert "A typical person: K" in text
 
 
-@pytest.mark.usefixtures("drawn")
 def test_where_stiffness_depends_on_depth_exponents_are_those_at_the_common_depth(tmp_path):
     depths = {"likelihood": "impact", "exponent": 0.0, "own_depth": 0.3}
     out = made(tmp_path, straight={"likelihood": "impact", "exponent": 0.5}, stiffening=depths)
@@ -128,7 +126,6 @@ def test_it_shows_both_figures_and_where_the_models_differ(html):
     assert "priors" not in differ
 
 
-@pytest.mark.usefixtures("drawn")
 def test_long_names_leave_room_for_the_figure(tmp_path):
     out = made(tmp_path, **{"a" * 70: {}, "b" * 70: {"worse": 1.0}})
     html = (out / "report.html").read_text(encoding="utf-8")
@@ -136,7 +133,6 @@ def test_long_names_leave_room_for_the_figure(tmp_path):
     assert any("…" in one and "a" * 70 in one for one in figures(html))
 
 
-@pytest.mark.usefixtures("drawn")
 def test_the_page_can_be_written_anew(folder, html):
     assert write_report(folder).read_text(encoding="utf-8") == html
 

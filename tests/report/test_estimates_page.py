@@ -7,7 +7,9 @@ import pandas as pd
 import pytest
 
 from bayestissue.errors import InputError
+from bayestissue.figures.browser import library
 from bayestissue.report import write_report
+from page_reader import figures
 
 
 def make_estimates_run(folder, impacts=40):
@@ -45,7 +47,8 @@ def test_flags_are_counted_and_come_first(tmp_path):
     html = page_of(make_estimates_run(tmp_path))
     assert "4 of 40 flagged" in html
     assert "theta1 at the boundary (4) and residuals not white (4)" in html
-    assert html.index(">i33<") < html.index(">i0<")
+    table = html[html.index("Table of the estimates") :]
+    assert table.index(">i33<") < table.index(">i0<")
 
 
 def test_the_options_of_the_fit_are_told_and_cells_are_escaped(tmp_path):
@@ -65,11 +68,20 @@ def test_tables_that_a_run_may_hold_are_shown_when_they_are_there(tmp_path):
     assert '<td class="number">6377</td>' in html
 
 
-def test_of_many_impacts_the_worst_are_shown_and_the_figure_is_a_picture(tmp_path):
-    html = page_of(make_estimates_run(tmp_path, impacts=1500))
+def test_of_many_impacts_the_worst_are_shown_and_the_figures_are_painted(tmp_path):
+    html = page_of(make_estimates_run(tmp_path, impacts=2000))
     assert "The 300 impacts that need a look first" in html
-    assert "data:image/png" in html
-    assert len(html) < 1_000_000
+    charts = [json.loads(text) for text in figures(html)]
+    assert [chart["usermeta"]["embedOptions"]["renderer"] for chart in charts] == ["canvas"] * 2
+    assert len(html) - len(library()) < 1_000_000
+
+
+def test_flagged_impacts_have_a_mark_of_their_own(tmp_path):
+    chart = json.loads(figures(page_of(make_estimates_run(tmp_path)))[0])
+    rows = chart["datasets"]["rows-0"]
+    assert {row["impact"] for row in rows if row["kind"] == "flagged"} == {"i3", "i13", "i23", "i33"}
+    shape = chart["layer"][-1]["encoding"]["shape"]["scale"]
+    assert (shape["domain"], shape["range"]) == (["no flag", "flagged"], ["circle", "square"])
 
 
 def test_impacts_without_an_estimate_are_counted(tmp_path):

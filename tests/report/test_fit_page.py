@@ -79,7 +79,6 @@ def test_the_thesis_method_stands_first_where_the_model_file_asks_for_a_comparis
     assert "the trend of C is made by the method" in plain(first_screen(page_of(folder)))
 
 
-@pytest.mark.usefixtures("drawn")
 def test_where_stiffness_depends_on_depth_the_first_screen_answers_at_one_depth(tmp_path):
     html = page_of(make_fit_run(tmp_path, likelihood="impact", exponent=0.0, own_depth=0.3))
     first = plain(first_screen(html))
@@ -95,7 +94,6 @@ def test_where_stiffness_depends_on_depth_the_first_screen_answers_at_one_depth(
     assert "K_common_depth is the force over the depth at 12 mm and at rest" in text
 
 
-@pytest.mark.usefixtures("drawn")
 def test_the_same_run_gives_the_same_page(folder, html):
     assert page_of(folder) == html
 

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import base64
 import gzip
+import io
 import json
+import shutil
 import struct
+import subprocess
 from pathlib import Path
+from xml.etree import ElementTree as ET
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from bayestissue.report import write_report
-from bayestissue.report.fit import explorer, figures, traces
+from bayestissue.report.fit import explorer, traces
 from bayestissue.report.fit.run import read_fit_run
 from bayestissue.report.run_folder import read_about
 from make_fit_run import make_fit_run
@@ -21,8 +26,6 @@ browser = pytest.importorskip(
     "browser", reason="drives a browser by websocket-client, which is not installed"
 )
 needs_browser = pytest.mark.skipif(browser.CHROMIUM is None, reason="no Chromium is installed")
-
-pytestmark = pytest.mark.usefixtures("drawn")
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +54,7 @@ EACH_IS_DRAWN = ".every(chart => chart.querySelector('svg.marks, canvas'))"
 
 
 def test_what_is_carried_of_a_recording_is_it_to_half_a_step(run) -> None:
-    table = figures.impacts_table(run)
+    table = run.impacts_table
     data = gzip.decompress(base64.b64decode(explorer.packed_impacts(run, table)))
     (length,) = struct.unpack("<I", data[:4])
     header = json.loads(data[4 : 4 + length])
@@ -121,12 +124,7 @@ def test_keys_alone_go_from_impact_to_impact(tab, page) -> None:
     tab.open(page)
     tab.until(DRAWN)
     first = tab.js(CHOSEN)
-    for _ in range(60):
-        tab.key("Tab")
-        if tab.js("document.activeElement.matches('[data-name=K-over-C] .drawing')"):
-            break
-    else:
-        pytest.fail("the figure can't be reached by Tab")
+    tab.tab_to("document.activeElement.matches('[data-name=K-over-C] .drawing')")
     tab.key("ArrowRight")
     tab.until(f"{CHOSEN} !== {first!r}")
     tab.key("ArrowLeft")
@@ -169,3 +167,48 @@ def test_in_print_every_part_is_open_and_every_figure_drawn(tab, page) -> None:
     assert tab.js("window.seen") == [True, 2]
     # Afterwards the page is as it was.
     assert tab.js("document.querySelector('#diagnostics details').open") is False
+
+
+@needs_browser
+def test_a_figure_and_its_numbers_are_saved(tab, page, run, tmp_path) -> None:
+    tab.open(page)
+    tab.until(DRAWN)
+    files = {}
+    for kind in ("SVG", "PNG", "CSV"):
+        files[kind] = tab.figure_saved(tmp_path / kind, "K-over-C", kind)
+        (saved,) = (tmp_path / kind).iterdir()
+        assert saved.name == f"K-over-C.{kind.lower()}"
+    svg = ET.fromstring(files["SVG"])  # noqa: S314 - the page's own
+    words = {"".join(element.itertext()) for element in svg.iter("{http://www.w3.org/2000/svg}text")}
+    assert {"stiffness K (N/m)", "damping C (N s/m)"} <= words
+    assert files["PNG"].startswith(b"\x89PNG")
+    width, height = struct.unpack(">II", files["PNG"][16:24])
+    assert min(width, height) > 200
+    table = pd.read_csv(io.BytesIO(files["CSV"]), encoding="utf-8-sig").set_index("impact").loc[run.impacts]
+    expected = run.of_impacts("K")["median"]
+    # A page's numbers have six digits.
+    np.testing.assert_allclose(table["K_N_per_m"], expected, rtol=5e-6)
+
+
+@needs_browser
+@pytest.mark.skipif(shutil.which("pdftotext") is None, reason="pdftotext is not installed")
+def test_the_printed_page_holds_cards_and_tables(tab, page, run) -> None:
+    tab.open(page)
+    tab.until(f"{CHARTS}{EACH_IS_DRAWN}")
+    command = ["pdftotext", "-layout", "-", "-"]
+    text = subprocess.run(command, input=tab.pdf(), capture_output=True, check=True).stdout.decode()  # noqa: S603
+    words = " ".join(text.split())
+    for card in ("What differs?", "What are K and C?", "How repeatable is a measurement?"):
+        assert card in words
+    for heading in ("Comparisons", "Diagnostics of the sampler", "Provenance"):
+        assert heading in words
+    assert all(impact in words for impact in run.impacts), "the table of impacts is open"
+    assert "stiffness K (N/m)" in words, "figures are drawn as text and lines"
+
+
+@needs_browser
+def test_the_list_of_contents_is_whole_on_a_narrow_screen(tab, page) -> None:
+    for width in (1280, 500):
+        tab.open(page, width=width)
+        ends = "[...document.querySelectorAll('nav a')].map(a => a.getBoundingClientRect().right)"
+        assert max(tab.js(ends)) <= width

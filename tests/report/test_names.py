@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
-import pytest
 import xarray as xr
 
+from bayestissue.figures.intervals import intervals
+from bayestissue.figures.study import points
+from bayestissue.figures.theme import number
 from bayestissue.report import write_report
-from bayestissue.report.page import figure
-from bayestissue.report.style import label_in_powers, new_figure, power_of_ten, shown, style
 from make_fit_run import make_fit_run
 from tree_file import write_tree
 
-# What matplotlib would read as a formula, hide from a legend, or warn of; what a page would read as HTML.
+# What may be read as a formula or an expression, or hidden from a legend; what a page would read as HTML.
 NAMES = ["$x_{1$", "_x", r"a\b\frac{", "<b>", "long " * 60, "قدم اليسار", "👣", "100 %", "^2_", "x\ny"]
-
-pytestmark = pytest.mark.usefixtures("drawn")
 
 
 def renamed(folder):
@@ -52,36 +50,17 @@ def test_no_name_keeps_a_fits_page_from_being_drawn(tmp_path):
     html = write_report(renamed(make_fit_run(tmp_path / "run"))).read_text(encoding="utf-8")
     assert "$x_{1$" in html
     assert "<b>" not in html
-    # A number on a logarithmic axis is plain text too.
-    assert "mathdefault" not in html
 
 
-def test_a_legend_shows_a_name_that_begins_with_an_underscore():
-    with style():
-        fig, axes = new_figure()
-        axes.plot([0, 1], label=shown("_x"))
-        fig.legend()
-        assert "_x</text>" in figure(fig, "a line")
+def test_a_legend_shows_names_as_they_are():
+    rows = pd.DataFrame({"x": [1.0, 2.0], "y": [1.0, 2.0], "kind": ["_x", "$x_{1$"]})
+    drawn = points(rows, number("x", "x (m)"), number("y", "y (m)"), "two points").svg()
+    assert ">_x</text>" in drawn
+    assert ">$x_{1$</text>" in drawn
 
 
 def test_a_long_name_keeps_both_ends():
-    assert shown("a" * 40 + "z" * 40) == "a" * 13 + "…" + "z" * 14
-    assert shown("heel") == "heel"
-
-
-@pytest.mark.parametrize(
-    ("value", "text"), [(1e-3, "10⁻³"), (1.0, "10⁰"), (2e5, "2·10⁵"), (5e-10, "5·10⁻¹⁰")]
-)
-def test_powers_of_ten_are_plain_text(value, text):
-    assert power_of_ten(value) == text
-
-
-def test_a_logarithmic_axis_is_labelled_without_formulas():
-    with style():
-        fig, axes = new_figure()
-        axes.loglog([1e-12, 1], [0.2, 0.9])
-        for axis in (axes.xaxis, axes.yaxis):
-            label_in_powers(axis)
-        drawn = figure(fig, "a line")
-    assert "10⁰</text>" in drawn
-    assert "mathdefault" not in drawn
+    rows = pd.DataFrame({"label": ["a" * 40 + "z" * 40, "heel"], "value": [1.0, 2.0]})
+    drawn = intervals(rows, "K (N/m)", "two values").svg()
+    assert ">" + "a" * 13 + "…" + "z" * 14 + "</text>" in drawn
+    assert ">heel</text>" in drawn

@@ -4,22 +4,20 @@ import re
 import xml.etree.ElementTree as ET
 
 import jinja2
-import matplotlib as mpl
+import numpy as np
+import pandas as pd
 import pytest
 
+from bayestissue.figures.study import points
+from bayestissue.figures.theme import Figure, number
 from bayestissue.remedies import entries
-from bayestissue.report.page import again, figure, prose, render_page
-from bayestissue.report.style import new_figure, style
-
-pytestmark = pytest.mark.usefixtures("drawn")
+from bayestissue.report.page import MOST_NUMBERS, again, drawn, prose, render_page
+from page_reader import figures
 
 
-def line(label: str = "x (m)"):
-    with style():
-        fig, axes = new_figure()
-        axes.plot([0.0, 1.0], [0.0, 2.0], marker="o")
-        axes.set_xlabel(label)
-    return fig
+def line(title: str = "x (m)", samples: int = 2) -> Figure:
+    rows = pd.DataFrame({"x": np.arange(samples) * 1.0, "y": np.arange(samples) * 2.0, "kind": "a"})
+    return points(rows, number("x", title), number("y", "y (m)"), 'K < 3 & "C"')
 
 
 def test_values_are_escaped():
@@ -39,40 +37,30 @@ def test_the_contents_link_to_anchors():
     )
 
 
-def test_a_figure_is_well_formed_and_says_what_it_shows():
-    svg = figure(line(), 'K < 3 & "C"')
-    root = ET.fromstring(svg)  # noqa: S314 - our own figure
-    assert root.attrib["aria-label"] == 'K < 3 & "C"'
-    assert "x (m)" in "".join(root.itertext())
+def test_a_figure_says_what_it_shows_and_has_its_numbers():
+    shown = drawn(line(), "a-line")
+    root = ET.fromstring(shown)  # noqa: S314 - our own figure
+    assert root.find("div[@role='img']").attrib["aria-label"] == 'K < 3 & "C"'
+    assert root.attrib["data-name"] == "a-line"
+    assert [cell.text for cell in root.iter("td")] == ["0", "0", "a", "1.000", "2.000", "a"]
+    (chart,) = figures(shown)
+    assert '"title":"x (m)"' in chart
 
 
-def test_a_figure_brings_no_rules_for_the_rest_of_the_page():
-    assert "<style" not in figure(line(), "a line")
-
-
-def test_two_figures_share_no_names_and_keep_their_own_references():
-    first, second = figure(line("x (m)"), "one"), figure(line("t (s)"), "two")
-    names = [set(re.findall(r'\bid="([^"]+)"', svg)) for svg in (first, second)]
-    assert not names[0] & names[1]
-    used = set(re.findall(r'(?:url\(#|href="#)([^")]+)', first))
-    assert used
-    assert used <= names[0]
+def test_of_many_numbers_the_first_stand_under_a_figure():
+    shown = drawn(line(samples=MOST_NUMBERS + 5))
+    assert f"The first {MOST_NUMBERS} of {MOST_NUMBERS + 5} rows of the numbers" in shown
+    assert shown.count("<tr>") == MOST_NUMBERS + 1
 
 
 def test_the_same_figure_is_the_same_bytes():
-    assert figure(line(), "a line") == figure(line(), "a line")
+    assert drawn(line()) == drawn(line())
 
 
-def test_a_figure_of_many_points_is_a_picture():
-    image = figure(line(), "a line", raster=True)
-    assert image.startswith("<img")
-    assert "data:image/png;base64," in image
-
-
-def test_the_look_leaves_no_trace():
-    before = dict(mpl.rcParams)
-    line()
-    assert dict(mpl.rcParams) == before
+def test_two_figures_share_no_names():
+    first, second = drawn(line("x (m)")), drawn(line("t (s)"))
+    names = [set(re.findall(r'\bid="([^"]+)"', figure)) for figure in (first, second)]
+    assert not names[0] & names[1]
 
 
 def test_a_page_carries_the_entries_of_its_warnings() -> None:
@@ -85,14 +73,8 @@ def test_a_page_carries_the_entries_of_its_warnings() -> None:
 
 
 def test_a_figure_is_drawn_again_and_held_once() -> None:
-    shown = figure(line(), "A line")
-    second = again(shown)
-    own = re.match(r'<svg id="([^"]+)"', shown)[1]
-    assert f'<use href="#{own}">' in second
-    assert ' id="' not in second
-    assert len(second) < 400
-    picture = figure(line(), "A line", raster=True)
-    assert again(picture) == picture
+    (identifier,) = re.findall(r'<div class="chart" id="([^"]+)"', drawn(line()))
+    assert again(line()) == f'<div class="again" data-of="{identifier}"></div>'
 
 
 def test_a_page_reads_without_its_script_and_prints_its_summary_first() -> None:

@@ -1,1 +1,1 @@
-"""Beside the recorder: its folder is followed, each drop judged, the dataset and the study grow."""
+"""Pages that answer: a recorder's drops are judged as they come, a dataset is looked at, a fit asked."""

@@ -145,7 +145,7 @@ class Drops:
         others = {drop.impact for drop in self.all if drop.file != file}
         name = next(name for name in (cells.get("impact"), PurePosixPath(bare).name, bare, file) if name)
         if name in others:
-            name = next((each for each in (bare, file) if each not in others), file)
+            name = next((longer for longer in (bare, file) if longer not in others), file)
         return {
             "impact": name,
             "trace": f"{RECORDINGS}/{path}",
@@ -157,7 +157,7 @@ class Drops:
         self.version += 1
         drop.changed = self.version
         earlier = self.of_file(drop.file)
-        self.all = [drop if each is earlier else each for each in self.all] + [drop] * (earlier is None)
+        self.all = [drop if known is earlier else known for known in self.all] + [drop] * (earlier is None)
         self._write()
 
     def decide(self, impact: str, reason: str) -> Drop:

@@ -79,8 +79,8 @@ def listing(folder: Path, suffixes: tuple[str, ...] = SUFFIXES) -> dict[str, Sta
     for path in files_within(folder):
         if suffix_of(path) in suffixes:
             try:
-                about = path.stat()
+                status = path.stat()
             except FileNotFoundError:
                 continue
-            stamps[path.relative_to(folder).as_posix()] = Stamp(about.st_size, about.st_mtime_ns)
+            stamps[path.relative_to(folder).as_posix()] = Stamp(status.st_size, status.st_mtime_ns)
     return stamps

@@ -46,10 +46,10 @@ class Order:
         planned = list(dict.fromkeys(str(row["subject"]) for row in rows))
         names = dict(zip(planned, people, strict=False))
         # Who comes next is not known: such a row leaves the person open.
-        others = [{k: v for k, v in row.items() if k != "subject"} for row in rows]
+        unnamed = [{k: v for k, v in row.items() if k != "subject"} for row in rows]
         return [
-            {**other, "subject": names[str(row["subject"])]} if str(row["subject"]) in names else other
-            for row, other in zip(rows, others, strict=True)
+            {**open_row, "subject": names[str(row["subject"])]} if str(row["subject"]) in names else open_row
+            for row, open_row in zip(rows, unnamed, strict=True)
         ]
 
 

@@ -8,28 +8,31 @@ import secrets
 import socket
 import threading
 import time
-from collections.abc import AsyncIterator, Callable
-from importlib.resources import files
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from importlib.util import find_spec
+from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Any, Protocol
 
 from bayestissue import stopping
 from bayestissue.errors import InputError
 
 if TYPE_CHECKING:
+    import uvicorn
     from starlette.applications import Starlette
     from starlette.requests import Request
     from starlette.responses import Response
     from starlette.types import ASGIApp, Receive, Scope, Send
 
 HOST = "127.0.0.1"
-_TYPES = {"index.html": "text/html", "page.js": "text/javascript", "page.css": "text/css"}
+_TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".csv": "text/csv"}
 _HEADERS = {
-    "content-security-policy": "default-src 'self'; base-uri 'none'; frame-ancestors 'none'",
     "x-content-type-options": "nosniff",
     "referrer-policy": "no-referrer",
     "cache-control": "no-store",
 }
+_POLICY = "default-src 'self'; img-src 'self' data:; base-uri 'none'; frame-ancestors 'none'"
+# Figures are styled by attributes; a style runs no script.
+_STYLED = f"{_POLICY}; style-src 'self' 'unsafe-inline'"
 _LARGEST_BODY, _MOST_CONNECTIONS = 10_000, 64
 # Between looks at whether there is something new, and between signs of life while there is not.
 _LOOK_S, _SIGN_S = 0.2, 15.0
@@ -39,16 +42,20 @@ class View(Protocol):
     """What a page shows; called from several threads."""
 
     @property
+    def has_figures(self) -> bool:
+        """Whether its page has figures that the browser draws."""
+        ...
+
+    @property
     def version(self) -> int:
         """Another number after every change."""
         ...
 
-    def state(self, since: int) -> dict[str, Any]:
-        """All that is general, and the drops and lines that changed after a version."""
-        ...
+    def read(self, name: str, query: Mapping[str, Sequence[str]]) -> Any:
+        """What a page asks for: text of a file (``index.html`` is the page), else content of JSON.
 
-    def drop(self, impact: str) -> dict[str, Any]:
-        """One drop with its trace. Raises KeyError where there is none."""
+        Raises KeyError where there is nothing of that name.
+        """
         ...
 
     def act(self, action: str, content: dict[str, Any]) -> None:
@@ -74,19 +81,17 @@ def application(view: View, port: int, token: str) -> Starlette:
     from starlette.responses import JSONResponse, PlainTextResponse, Response, StreamingResponse
     from starlette.routing import Route
 
-    def asset(name: str) -> Callable[[Request], Response]:
-        content = files(__package__).joinpath("page", name).read_bytes()
-        return lambda _: Response(content, media_type=_TYPES[name])
-
-    def state(request: Request) -> Response:
-        since = request.query_params.get("since", "0")
-        return JSONResponse(view.state(int(since) if since.isascii() and since.isdecimal() else 0))
-
-    def drop(request: Request) -> Response:
+    def read(request: Request) -> Response:
+        name = request.path_params.get("name", "index.html")
+        query = {key: request.query_params.getlist(key) for key in request.query_params}
         try:
-            return JSONResponse(view.drop(request.query_params.get("impact", "")))
+            content = view.read(name, query)
         except KeyError:
-            return PlainTextResponse("no such drop", 404)
+            return PlainTextResponse("there is no such thing", 404)
+        except InputError as error:
+            return PlainTextResponse(str(error), 422)
+        media_type = _TYPES.get(PurePosixPath(name).suffix)
+        return JSONResponse(content) if media_type is None else Response(content, media_type=media_type)
 
     async def act(request: Request) -> Response:
         body = b""
@@ -117,21 +122,21 @@ def application(view: View, port: int, token: str) -> Starlette:
         return StreamingResponse(bell(), media_type="text/event-stream")
 
     routes = [
-        Route("/", asset("index.html")),
-        *(Route(f"/{name}", asset(name)) for name in ("page.js", "page.css")),
-        Route("/state", state),
-        Route("/drop", drop),
+        Route("/", read),
         Route("/events", events),
+        Route("/{name}", read),
         Route("/act/{action}", act, methods=["POST"]),
     ]
-    return Starlette(routes=routes, middleware=[Middleware(_Guard, port=port, token=token)])
+    policy = _STYLED if view.has_figures else _POLICY
+    return Starlette(routes=routes, middleware=[Middleware(_Guard, port=port, token=token, policy=policy)])
 
 
 class _Guard:
     """Lets through who knows the token and comes from this page, and adds headers that keep others out."""
 
-    def __init__(self, app: ASGIApp, port: int, token: str) -> None:
+    def __init__(self, app: ASGIApp, port: int, token: str, policy: str) -> None:
         self.app, self.token = app, token
+        self.headers = _HEADERS | {"content-security-policy": policy}
         self.hosts = {f"{HOST}:{port}", f"localhost:{port}"}
         # Cookies are of all ports of a host: two watches have two.
         self.cookie = f"bayestissue-{port}"
@@ -143,16 +148,16 @@ class _Guard:
         if scope["type"] == "lifespan":
             await self.app(scope, receive, send)
             return
-        asked = HTTPConnection(scope)
-        given = asked.query_params.get("token", "") if scope["path"] == "/" else ""
-        knows = self._is_token(given)
-        host, origin = asked.headers.get("host", ""), asked.headers.get("origin")
+        connection = HTTPConnection(scope)
+        token = connection.query_params.get("token", "") if scope["path"] == "/" else ""
+        knows = self._is_token(token)
+        host, origin = connection.headers.get("host", ""), connection.headers.get("origin")
         same = origin in {f"http://{name}" for name in self.hosts}
         writes = scope["type"] != "http" or scope["method"] not in ("GET", "HEAD")
 
         async def with_headers(message: Any) -> None:
             if message["type"] == "http.response.start":
-                headers = dict(_HEADERS)
+                headers = dict(self.headers)
                 if knows:
                     headers["set-cookie"] = f"{self.cookie}={self.token}; Path=/; HttpOnly; SameSite=Strict"
                 message["headers"] += [(k.encode(), v.encode()) for k, v in headers.items()]
@@ -160,7 +165,7 @@ class _Guard:
 
         if host not in self.hosts or (origin is not None and not same) or (writes and not same):
             refusal = PlainTextResponse("not from this page", 403)
-        elif not knows and not self._is_token(asked.cookies.get(self.cookie, "")):
+        elif not knows and not self._is_token(connection.cookies.get(self.cookie, "")):
             refusal = PlainTextResponse("open the whole address that the terminal shows", 403)
         else:
             await self.app(scope, receive, with_headers)
@@ -169,6 +174,17 @@ class _Guard:
 
     def _is_token(self, text: str) -> bool:
         return secrets.compare_digest(text.encode(), self.token.encode())
+
+
+def configured(app: Starlette) -> uvicorn.Server:
+    """A server of a page, which ends within a second or two though pages are open."""
+    import uvicorn
+
+    config = uvicorn.Config(
+        app, log_level="error", access_log=False, lifespan="off", server_header=False,
+        limit_concurrency=_MOST_CONNECTIONS, timeout_graceful_shutdown=1,
+    )  # fmt: skip
+    return uvicorn.Server(config)
 
 
 def serve(view: View, port: int, say: Callable[[str], None], work: Callable[[], None] | None = None) -> None:
@@ -183,8 +199,6 @@ def serve(view: View, port: int, say: Callable[[str], None], work: Callable[[], 
     Raises:
         InputError: another program has the port.
     """
-    import uvicorn
-
     token, raised = secrets.token_urlsafe(24), list[BaseException]()
     with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as listener:
         try:
@@ -193,12 +207,7 @@ def serve(view: View, port: int, say: Callable[[str], None], work: Callable[[], 
         except OSError as error:
             raise InputError.stated("no-campaign.port", "--port", value=error.strerror, port=port) from None
         port = listener.getsockname()[1]
-        app = application(view, port, token)
-        config = uvicorn.Config(
-            app, log_level="error", access_log=False, lifespan="off", server_header=False,
-            limit_concurrency=_MOST_CONNECTIONS, timeout_graceful_shutdown=1,
-        )  # fmt: skip
-        server = uvicorn.Server(config)
+        server = configured(application(view, port, token))
 
         def go_on() -> None:
             try:

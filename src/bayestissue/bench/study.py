@@ -10,7 +10,7 @@ so that a drop more compiles nothing anew. It is no fit: sites stand for the tra
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Any, NamedTuple
@@ -49,7 +49,7 @@ _ALARM, _FEWEST = 0.01, 2
 _ENDS = (0.05, 0.5, 0.95)
 
 
-class Told(NamedTuple):
+class StudyEstimates(NamedTuple):
     """What the study so far says of a drop and of its person, medians and ends of 90 % intervals.
 
     Attributes:
@@ -82,7 +82,7 @@ class _Posterior:
     covariance: Float[np.ndarray, "draw 2 2"]
     weight: Float[np.ndarray, " draw"]
 
-    def of(self, cells: Cells) -> Float[np.ndarray, "draw 2"] | None:
+    def expected(self, cells: Cells) -> Float[np.ndarray, "draw 2"] | None:
         """X b of a drop's person and mass; None of those that the study did not have."""
         person, mass = self.people.get(level(cells)), self.masses.get(float(cells["mass_kg"]))
         if person is None or mass is None:
@@ -113,6 +113,7 @@ class Study:
         self._alone = model.model_copy(update=alone)
         self._posterior: _Posterior | None = None
         self._compiled: set[tuple[int, ...]] = set()
+        self._latest: Callable[[], None] | None = None
         self._lock = threading.Lock()
 
     def site(self, impact: Impact) -> dict[str, Any]:
@@ -148,10 +149,14 @@ class Study:
 
         def work() -> None:
             with self._lock:
+                if self._latest is not work:
+                    # A later one has these drops too: none waits for what nobody will see.
+                    return
                 self._posterior = self._integrated(people, masses, room, rows, sites)
                 self.drops = len(drops)
                 self._compiled.add(room)
 
+        self._latest = work
         if wait or room in self._compiled:
             work()
         else:
@@ -192,10 +197,10 @@ class Study:
         mean = np.moveaxis(np.asarray(expected(columns, drawn.b[0])), 0, -1)[:, :: room[2]]
         return _Posterior(people, masses, (room[0], room[1]), mean, covariance, drawn.weight[0])
 
-    def told(self, drop: Drop) -> Told | None:
+    def estimates(self, drop: Drop) -> StudyEstimates | None:
         """What the study so far says of a drop; None where it has none of its person by its mass."""
         posterior = self._posterior
-        mean = None if posterior is None else posterior.of(drop.cells)
+        mean = None if posterior is None else posterior.expected(drop.cells)
         if posterior is None or mean is None or drop.precision is None:
             return None
         P, D = np.array(drop.precision), np.linalg.inv(posterior.covariance)
@@ -210,7 +215,7 @@ class Study:
             for values in (u, mean)
         )
         _, low, high = person["K"]
-        return Told(impact, person, float(np.sqrt(high / low) - 1))
+        return StudyEstimates(impact, person, float(np.sqrt(high / low) - 1))
 
     def unlike(self, cells: Cells, site: dict[str, Any], others: Sequence[Drop]) -> str:
         """In which way a drop is unlike what its person's others let expect, in words; empty if it is not.
@@ -219,30 +224,30 @@ class Study:
         the drop.
         """
         posterior = self._posterior
-        alike = [drop for drop in others if level(drop.cells) == level(cells)]
-        mean = None if posterior is None else posterior.of(cells)
-        if posterior is None or mean is None or site["precision"] is None or len(alike) < _FEWEST:
+        same_level = [drop for drop in others if level(drop.cells) == level(cells)]
+        mean = None if posterior is None else posterior.expected(cells)
+        if posterior is None or mean is None or site["precision"] is None or len(same_level) < _FEWEST:
             return ""
         spread = posterior.covariance + np.linalg.inv(np.array(site["precision"]))
-        away = np.array(site["centre"]) - mean
-        distance = np.vecdot(away, np.linalg.solve(spread, away[..., None])[..., 0])
+        deviation = np.array(site["centre"]) - mean
+        distance = np.vecdot(deviation, np.linalg.solve(spread, deviation[..., None])[..., 0])
         if (posterior.weight * chdtrc(2, distance)).sum() >= _ALARM:
             return ""
         sd = np.sqrt(np.diagonal(spread, axis1=1, axis2=2))
-        k = int(np.abs((posterior.weight[:, None] * away / sd).sum(0)).argmax())
-        share = float(np.expm1((posterior.weight * away[:, k]).sum()))
+        k = int(np.abs((posterior.weight[:, None] * deviation / sd).sum(0)).argmax())
+        share = float(np.expm1((posterior.weight * deviation[:, k]).sum()))
         direction = "higher" if share > 0 else "lower"
         return f"{RESPONSES[k]} is {abs(share):.0%} {direction} than this person's other drops let expect"
 
     def words(self, drop: Drop) -> list[str]:
         """What the study so far says of a drop, in words."""
-        told = self.told(drop)
-        if told is None:
+        estimates = self.estimates(drop)
+        if estimates is None:
             return []
-        middle, low, high = told.impact["K"]
+        middle, low, high = estimates.impact["K"]
         words = [f"in the study so far K {middle:.4g} ({low:.4g} to {high:.4g}) N/m"]
         wanted = f", wanted {self._wanted:.1%}" if self._wanted else ""
-        return [*words, f"its person's K known to {told.width:.1%}{wanted}"]
+        return [*words, f"its person's K known to {estimates.width:.1%}{wanted}"]
 
 
 def _quantiles(log_values: np.ndarray, weight: np.ndarray) -> list[float]:

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-import threading
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from bayestissue.bench.decisions import Decisions, one_line
 from bayestissue.bench.study import level
 from bayestissue.bench.verdict import verdict
 from bayestissue.bench.watching import Watch, numbers_of
 from bayestissue.dataset import read_dataset
 from bayestissue.dataset.impacts import wanted
-from bayestissue.dataset.left_out import reasons, write_left_out
 from bayestissue.inference.single.estimates import estimate
 from bayestissue.one_impact import Impact, impact_of
 
@@ -23,8 +25,46 @@ _POINTS = 600
 _EDITABLE = (*wanted(needs_velocity=True)[1:], "side")
 
 
-class WatchView:
-    """A watch as a page has it; see `bayestissue.bench.server.View`."""
+# Of each file of the page, the files that it is put together of.
+_FILES = {"index.html": ["index.html"], "page.css": ["page.css"], "page.js": ["server.js", "page.js"]}
+
+
+def page_file(name: str) -> str:
+    """A file of the folder `page`."""
+    return files(__package__).joinpath("page", name).read_text(encoding="utf-8")
+
+
+class DropsView(ABC):
+    """A page of drops with verdicts, numbers and traces; see `bayestissue.bench.server.View`."""
+
+    has_figures = False
+
+    def read(self, name: str, query: Mapping[str, Sequence[str]]) -> Any:
+        """The page, its files, its state since a version, or one drop.
+
+        Raises:
+            KeyError: there is nothing of that name.
+        """
+        match name:
+            case "state":
+                since = query.get("since", ["0"])[0]
+                return self.state(int(since) if since.isascii() and since.isdecimal() else 0)
+            case "drop":
+                return self.drop(query["impact"][0])
+            case _:
+                return "\n".join(map(page_file, _FILES[name]))
+
+    @abstractmethod
+    def state(self, since: int) -> dict[str, Any]:
+        """All that is general, and the drops and lines that changed after a version."""
+
+    @abstractmethod
+    def drop(self, impact: str) -> dict[str, Any]:
+        """One drop with its trace. Raises KeyError where there is none."""
+
+
+class WatchView(DropsView):
+    """A watch as a page has it."""
 
     def __init__(self, watch: Watch) -> None:
         self.watch = watch
@@ -43,9 +83,9 @@ class WatchView:
         count = {key: sum(level(drop.cells) == key for drop in used) for key in last}
         people = []
         for key, drop in last.items():
-            told = watch.study.told(drop)
+            study = watch.study.estimates(drop)
             person = {"person": " ".join(key), "drops": count[key], "mass_kg": drop.cells["mass_kg"]}
-            people.append(person | ({"K": told.person["K"], "width": told.width} if told else {}))
+            people.append(person | ({"K": study.person["K"], "width": study.width} if study else {}))
         return {
             "version": version,
             "back": "Take the last drop back",
@@ -78,8 +118,8 @@ class WatchView:
     def drop(self, impact: str) -> dict[str, Any]:
         """One drop with its trace, its fit and what the study so far says of it."""
         drop = self.watch.drops.named(impact)
-        told = self.watch.study.told(drop)
-        study = {} if told is None else told._asdict()
+        estimates = self.watch.study.estimates(drop)
+        study = {} if estimates is None else estimates._asdict()
         return {"impact": impact, "study": study, "trace": trace(self.watch.impact(impact))}
 
     def act(self, action: str, content: dict[str, Any]) -> None:
@@ -95,7 +135,7 @@ class WatchView:
                 raise KeyError(action)
 
 
-class DatasetView:
+class DatasetView(DropsView):
     """A dataset as a page has it: its impacts, each of which is left out or used again."""
 
     def __init__(self, folder: Path) -> None:
@@ -104,29 +144,32 @@ class DatasetView:
         Raises:
             InputError: it is no dataset that can be used.
         """
-        self.folder, self.version, self.data = folder, 1, read_dataset(folder, skip_bad=True, whole=True)
+        self.data = read_dataset(folder, skip_bad=True, whole=True)
         self._rows = estimate(self.data).set_index("impact", drop=False)
-        self._changed, self._lock = dict.fromkeys(self._rows.index, 1), threading.Lock()
-        # Of each decision of this page, the impact and the reason before it.
-        self._before: list[tuple[str, str]] = []
+        self._decisions = Decisions(folder, self._rows.index)
         # What one impact needs is compiled before a page asks for it.
         self.drop(self._rows.index[0])
 
+    @property
+    def version(self) -> int:
+        """Of the decisions."""
+        return self._decisions.version
+
     def state(self, since: int) -> dict[str, Any]:
         """All that is general, and the impacts that changed after a version."""
-        version, out = self.version, reasons(self.folder)
+        version, out = self.version, self._decisions.reasons
         wrong = [f"{problem}" for problem in self.data.left_out]
         return {
             "version": version,
             "back": "Undo the last decision",
             "name": self.data.name,
-            "dataset": str(self.folder),
+            "dataset": str(self._decisions.folder),
             "used": len(set(self._rows.index) - set(out)),
             "people": [],
             "drops": [
                 self._drop(impact, out.get(impact, ""))
                 for impact in reversed(self._rows.index)
-                if self._changed[impact] > since
+                if self._decisions.changed[impact] > since
             ],
             "lines": wrong if not since else [],
         }
@@ -148,34 +191,14 @@ class DatasetView:
 
     def act(self, action: str, content: dict[str, Any]) -> None:
         """Leave an impact out, use it again, or undo the last of these decisions."""
-        with self._lock:
-            out = reasons(self.folder)
-            if action == "take-back":
-                impact, reason = self._before.pop() if self._before else ("", "")
-            elif action == "decide":
-                impact, reason = str(content["impact"]), one_line(content["reason"])
-                self._before.append((impact, out.get(impact, "")))
-            else:
-                raise KeyError(action)
-            if impact not in self._changed:
-                if action == "decide":
-                    self._before.pop()
-                raise KeyError(impact)
-            write_left_out(self.folder, {k: v for k, v in (out | {impact: reason}).items() if v})
-            self.version += 1
-            self._changed[impact] = self.version
-
-
-def one_line(text: Any) -> str:
-    """A text of a page as a cell of a table can have it."""
-    return " ".join("".join(c if c.isprintable() else " " for c in str(text)[:200]).split())
+        self._decisions.act(action, content)
 
 
 def trace(impact: Impact) -> dict[str, list[float | None]]:
     """Times in ms, the recorded and the fitted deceleration."""
-    every = -(-len(impact.time_s) // _POINTS)
+    stride = -(-len(impact.time_s) // _POINTS)
     columns = {"time_ms": impact.time_s * 1e3, "recorded": impact.deceleration, "fitted": impact.fitted}
     return {
-        name: [float(f"{v:.5g}") if np.isfinite(v) else None for v in values[::every]]
+        name: [float(f"{v:.5g}") if np.isfinite(v) else None for v in values[::stride]]
         for name, values in columns.items()
     }

@@ -143,13 +143,13 @@ class Watch:
             self.say(f"{name}: the same recording as {same.file}; not taken twice")
             return
         row = self.drops.row(name, self.cells(name))
-        place = self.drops.folder / str(row["trace"])
+        destination = self.drops.folder / str(row["trace"])
         impact = impact_of(
             dataset_of(self.drops.folder, self.campaign, {**row, "trace": f"{_INCOMING}/{name}"})
         )
         drop = self._judged(name, row, impact, sha256)
-        place.parent.mkdir(parents=True, exist_ok=True)
-        incoming.replace(place)
+        destination.parent.mkdir(parents=True, exist_ok=True)
+        incoming.replace(destination)
         self.drops.taken(drop)
         self.last = drop.impact, Verdict(drop.kind, drop.reason, drop.code)
         self._impacts[drop.impact, sha256] = impact

@@ -48,6 +48,7 @@ class Dataset(Outlined):
         left_out: what was wrong with the impacts that ``skip_bad`` left out.
         folder: where it was read from; none if it was made from arrays.
         input_hash: SHA-256 over the files that were read, or over the arrays.
+        whole_hash: of a folder, the same but for ``left_out.csv``: it stays when an impact is left out.
         licence: on what terms others may use it.
         source: where it comes from.
         recorder: a known low-pass that the recordings went through; none where nothing was declared.
@@ -71,6 +72,7 @@ class Dataset(Outlined):
     source: str = ""
     recorder: Recorder | None = None
     gravity: float = 0.0
+    whole_hash: str = ""
 
     def write(self, path: str | Path, *, overwrite: bool = False) -> Path:
         """Write the dataset as a folder that `read_dataset` reads back equal, whole or not at all.

@@ -63,12 +63,15 @@ def _read(folder: Path, impacts: Path, *, skip_bad: bool, whole: bool) -> Datase
     with along_with(table.problems):
         reading = _reading(folder, table, settings.signal)
         by_hand = LeftOut({}) if whole else read_left_out(folder, table.table["impact"])
-    chosen = [folder / LEFT_OUT] if (folder / LEFT_OUT).exists() else []
-    hashed = content_hash([folder / SETTINGS, impacts, *chosen, *reading.files])
+    files = [folder / SETTINGS, impacts, *reading.files]
+    whole_hash = hashed = content_hash(files)
+    if not whole and (folder / LEFT_OUT).exists():
+        hashed = content_hash([*files, folder / LEFT_OUT])
     reading = replace(reading, problems=[*table.problems, *reading.problems])
-    return checked_dataset(
+    data = checked_dataset(
         settings, table, reading, skip_bad=skip_bad, folder=folder, input_hash=hashed, by_hand=by_hand
     )
+    return replace(data, whole_hash=whole_hash)
 
 
 def _reading(folder: Path, table: ImpactTable, signal: SignalSettings) -> Reading:

@@ -24,10 +24,8 @@ from bayestissue.figures.theme import (
     tooltips,
     where,
 )
+from bayestissue.inference.results.meanings import COLUMNS, NAMES, UNITS
 
-NAMES = {"K": "stiffness K", "C": "damping C"}
-UNITS = {"K": "N/m", "C": "N s/m"}
-COLUMNS = {"K": "K_N_per_m", "C": "C_N_s_per_m"}
 MASS = "mass of the impactor, M (kg)"
 _TITLES = {
     **{"impact": "impact", "person": "person", "condition": "condition"},
@@ -36,6 +34,12 @@ _TITLES = {
     **{"C_N_s_per_m": "C (N s/m)", "C_low_N_s_per_m": "C, 5 %", "C_high_N_s_per_m": "C, 95 %"},
 }
 _SMALL, _LARGE = 36, 130
+# Over the mass.
+LINES: dict[str, Specification] = {
+    "exponent 0": {"color": INK, "strokeDash": DASHED},
+    "exponent 1": {"color": INK, "strokeDash": DOTTED},
+    "line of the thesis": {"color": RECORDED, "strokeDash": [8, 3, 2, 3]},
+}
 
 
 def axis_title(quantity: str) -> str:
@@ -85,16 +89,16 @@ def scatter(rows: pd.DataFrame, x: str, y: str, words: str) -> Figure:
     """
     rows = rows.sort_values(COLUMNS[y], kind="stable", ignore_index=True)
     rows.insert(1, "order", range(1, len(rows) + 1))
-    place, title = {
+    column, title = {
         "order": ("order", f"impacts in the order of {y}"),
         "mass": ("mass_kg", MASS),
         **{q: (COLUMNS[q], axis_title(q)) for q in COLUMNS},
     }[x]
     parameters, shown = _choice(rows)
     X = number(
-        place,
+        column,
         title,
-        scale={"zero": False, "nice": False, "padding": 8} if x == "order" else scale_over(rows[place]),
+        scale={"zero": False, "nice": False, "padding": 8} if x == "order" else scale_over(rows[column]),
     )
     Y = number(
         COLUMNS[y], axis_title(y), scale=scale_over(rows[[end(y, "low"), end(y, "high")]].to_numpy().ravel())
@@ -140,12 +144,13 @@ def over_mass(
     Args:
         impacts: as of `scatter`.
         conditions: ``mass_kg``, ``median``, ``eti90_low``, ``eti90_high``, ``label``.
-        curve: ``mass_kg``, ``exponent 0``, ``exponent 1`` and, of a model with a mass exponent, ``median``,
+        curve: ``mass_kg``; lines, by the names in `LINES`; and, of a model with a mass exponent, ``median``,
             ``eti90_low`` and ``eti90_high``.
         quantity: "K" or "C".
         words: what the figure shows.
         who: whose line and conditions they are.
-        others: point estimates by another method, ``mass_kg``, ``value`` and ``kind``.
+        others: further values, such as point estimates by another method: ``mass_kg``, ``value``, ``kind``
+            and, where they have one, the ends ``low`` and ``high`` of a range.
     """
     condition, column, title = f"condition, {who}", COLUMNS[quantity], axis_title(quantity)
     kinds = ["impact", condition, *(str(rows["kind"].iloc[0]) for rows in others)]
@@ -163,9 +168,9 @@ def over_mass(
         band = {"x": X, "y": y("eti90_low"), "y2": {"field": "eti90_high"}}
         layers.append(mark("area", curve, band, color=POSTERIOR, opacity=0.2, clip=True))
         layers.append(mark("line", curve, {"x": X, "y": y("median")}, color=POSTERIOR, clip=True))
-    for line, dashes in (("exponent 0", DASHED), ("exponent 1", DOTTED)):
-        style = {"color": INK, "strokeDash": dashes, "strokeWidth": 1.2, "clip": True}
-        layers.append(mark("line", curve, {"x": X, "y": y(line)}, **style))
+    for line, style in LINES.items():
+        if line in curve:
+            layers.append(mark("line", curve, {"x": X, "y": y(line)}, strokeWidth=1.2, clip=True, **style))
     points = {
         "x": X,
         "y": y(column),
@@ -175,14 +180,17 @@ def over_mass(
         "tooltip": tooltips(impacts, **_TITLES),
     }
     layers.append(mark("point", impacts.assign(kind="impact"), points, clip=True))
-    for rows in others:
-        marks = {"x": X, "y": y("value"), "color": colour}
-        layers.append(mark("point", rows, marks, shape="diamond", filled=False, clip=True))
     conditions = conditions.assign(kind=condition)
-    about = tooltips(conditions, label="condition", median="median", eti90_low="90 % from", eti90_high="to")
+    details = tooltips(conditions, label="condition", median="median", eti90_low="90 % from", eti90_high="to")
     reach = {"x": X, "y": y("eti90_low"), "y2": {"field": "eti90_high"}, "color": colour}
     layers.append(mark("rule", conditions, reach, strokeWidth=1.4, clip=True))
-    middle = {"x": X, "y": y("median"), "color": colour, "tooltip": about}
+    middle = {"x": X, "y": y("median"), "color": colour, "tooltip": details}
     layers.append(mark("point", conditions, middle, shape="square", size=50, clip=True))
+    for rows in others:
+        if "low" in rows:
+            reach = {"x": X, "y": y("low"), "y2": {"field": "high"}, "color": colour}
+            layers.append(mark("rule", rows, reach, clip=True))
+        marks = {"x": X, "y": y("value"), "color": colour}
+        layers.append(mark("point", rows, marks, shape="diamond", filled=False, size=70, clip=True))
     layers[0]["params"] = [ZOOM]
     return Figure(layered(layers, 340, params=parameters), words, impacts)

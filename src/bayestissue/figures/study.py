@@ -1,4 +1,4 @@
-"""What a study compares: the sides of each person, repeats, methods, exponents."""
+"""What a study compares: the sides of each person, repeats, methods, exponents, designs."""
 
 from __future__ import annotations
 
@@ -9,20 +9,24 @@ import pandas as pd
 
 from bayestissue.figures.theme import (
     DASHED,
+    DOTTED,
     FAINT,
     HEIGHT,
+    INK,
     MUTED,
     POSTERIOR,
     RECORDED,
+    SOLID,
     Figure,
     Specification,
+    colours,
     layered,
     level,
     mark,
     name,
-    names,
     number,
     scale_over,
+    shapes,
     tooltips,
     where,
 )
@@ -39,13 +43,13 @@ def paired(rows: pd.DataFrame, means: pd.DataFrame, factor: str, axis: str, word
         words: what the figure shows.
     """
     levels = list(dict.fromkeys(means["level"]))
-    every = [*rows["median"], *means[["median", "eti90_low", "eti90_high"]].to_numpy().ravel()]
+    values = [*rows["median"], *means[["median", "eti90_low", "eti90_high"]].to_numpy().ravel()]
     x = name(
         "level", sort=levels, axis={"labelAngle": 0, "grid": False}, scale={"type": "point", "padding": 0.6}
     )
     x["title"] = factor
-    y = number("median", axis, scale=scale_over(every))
-    about = tooltips(
+    y = number("median", axis, scale=scale_over(values))
+    details = tooltips(
         rows, person="person", level=factor, median="median", eti90_low="90 % from", eti90_high="to"
     )
     hovered: Specification = {
@@ -53,9 +57,9 @@ def paired(rows: pd.DataFrame, means: pd.DataFrame, factor: str, axis: str, word
         "select": {"type": "point", "fields": ["person"], "on": "pointerover", "clear": "pointerout"},
     }
     strong: Specification = {"condition": {"param": "hovered", "value": 1}, "value": 0.15}
-    line = {"x": x, "y": y, "detail": {"field": "person"}, "opacity": strong, "tooltip": about}
+    line = {"x": x, "y": y, "detail": {"field": "person"}, "opacity": strong, "tooltip": details}
     mean = {"x": x, "xOffset": {"value": 22}}
-    told = tooltips(means, level=factor, median="mean", eti90_low="90 % from", eti90_high="to")
+    mean_details = tooltips(means, level=factor, median="mean", eti90_low="90 % from", eti90_high="to")
     reach = {**mean, "y": number("eti90_low", axis), "y2": {"field": "eti90_high"}}
     layers = [
         mark("line", rows, line, color=MUTED, strokeWidth=1.6) | {"params": [hovered]},
@@ -64,7 +68,7 @@ def paired(rows: pd.DataFrame, means: pd.DataFrame, factor: str, axis: str, word
         mark(
             "point",
             means,
-            {**mean, "y": y, "tooltip": told},
+            {**mean, "y": y, "tooltip": mean_details},
             color=POSTERIOR,
             shape="diamond",
             size=150,
@@ -100,7 +104,7 @@ def agreement(rows: pd.DataFrame, axis: str, ratio_title: str, words: str) -> Fi
     ).dropna()
     lines["text"] = [f"{value:.3g}" for value in lines["at"]]
     at = number("at", ratio_title)
-    dash = where("datum.line == 'mean ratio'", [1, 0], {"value": DASHED})
+    dash = where("datum.line == 'mean ratio'", SOLID, {"value": DASHED})
     named = {"x": {"value": {"expr": "width"}}, "y": at, "text": {"field": "text"}}
     points = {
         "x": number("mean", axis, scale=scale_over(rows["mean"])),
@@ -108,7 +112,7 @@ def agreement(rows: pd.DataFrame, axis: str, ratio_title: str, words: str) -> Fi
         "tooltip": tooltips(rows, impact="impact", person="person", pair="pair", ratio="ratio", mean="mean"),
     }
     layers = [
-        level([1.0], ratio_title, strokeDash=[1, 0], strokeWidth=0.8),
+        level([1.0], ratio_title, strokeDash=SOLID, strokeWidth=0.8),
         mark("rule", lines, {"y": at, "strokeDash": dash}, color=RECORDED, strokeWidth=1.4),
         mark("text", lines, named, align="right", baseline="bottom", dy=-2, color=RECORDED),
         mark("point", rows, points, color=POSTERIOR, filled=False, size=34),
@@ -140,14 +144,76 @@ def histogram(
     return Figure(layered(layers, 170), words, rows)
 
 
-def off_best(rows: pd.DataFrame, axis: str, words: str) -> Figure:
-    """How far each ``label``'s ``value`` is off the best, which is 0, with its standard ``error``."""
-    ends = rows.assign(low=rows["value"] - rows["error"], high=rows["value"] + rows["error"])
-    about = tooltips(ends, label="run", value="value", error="standard error")
-    line = {"y": names("label", list(rows["label"])), "tooltip": about}
+def points(
+    rows: pd.DataFrame,
+    x: Specification,
+    y: Specification,
+    words: str,
+    *,
+    lines: pd.DataFrame | None = None,
+    joined: bool = False,
+) -> Figure:
+    """A point for each row, its colour and shape by ``kind``, with its interval where there is one.
+
+    Args:
+        rows: the fields of ``x`` and ``y``, ``kind``, perhaps ``low`` and ``high`` along y, and names such
+            as ``impact``.
+        x: a channel of numbers.
+        y: likewise.
+        words: what the figure shows.
+        lines: curves behind the points: the fields of ``x`` and ``y``, and their names as ``line``.
+        joined: whether a line joins the points of a kind.
+    """
+    kinds = list(dict.fromkeys(rows["kind"]))
+    at: Specification = {"x": x, "y": y, "color": colours(kinds)}
+    layers = []
+    if lines is not None:
+        shown = list(dict.fromkeys(lines["line"]))
+        dashes = name(
+            "line",
+            scale={"domain": shown, "range": [DASHED, SOLID, DOTTED][: len(shown)]},
+            legend={"orient": "bottom"},
+        )
+        curve = {"x": x, "y": y, "strokeDash": dashes}
+        layers.append(mark("line", lines, curve, color=INK, strokeWidth=1.2, clip=True))
+    if "low" in rows:
+        reach = {**at, "y": {**y, "field": "low"}, "y2": {"field": "high"}}
+        layers.append(mark("rule", rows, reach, opacity=0.6))
+    if joined:
+        layers.append(mark("line", rows, at, strokeWidth=1.4))
+    titles = {"impact": "impact", "person": "person", "condition": "condition", "kind": "kind"}
+    titles |= {x["field"]: x["title"], y["field"]: y["title"], "low": "from", "high": "to"}
+    shown_points = {**at, "shape": shapes(kinds), "tooltip": tooltips(rows, **titles)}
+    layers.append(mark("point", rows, shown_points, size=34))
+    return Figure(layered(layers), words, rows)
+
+
+def shares(
+    rows: pd.DataFrame, x: str, y: str, words: str, *, wanted: float, chosen: tuple[float, float]
+) -> Figure:
+    """A cell for each x and y with its ``share``, darker for more; in bold what reaches ``wanted``.
+
+    Args:
+        rows: ``x``, ``y`` and ``share``, from 0 to 1.
+        x: a column, whose name is the axis's.
+        y: likewise.
+        words: what the figure shows.
+        wanted: the share.
+        chosen: x and y of the cell with a frame.
+    """
+    rows = rows.assign(text=[f"{share:.2f}" for share in rows["share"]])
+    cell = {
+        "x": {"field": x, "type": "ordinal", "title": x, "axis": {"labelAngle": 0}},
+        "y": {"field": y, "type": "ordinal", "title": y, "sort": "descending"},
+    }
+    tint = number("share", scale={"scheme": "blues", "domain": [0, 1]}, legend=None)
+    text = {**cell, "text": {"field": "text"}, "color": where("datum.share > 0.6", "white", INK)}
+    reaches = rows["share"] >= wanted
+    framed = rows[(rows[[x, y]] == list(chosen)).all(axis=1)]
     layers = [
-        level([0.0], axis, "x"),
-        mark("rule", ends, {**line, "x": number("low", axis), "x2": {"field": "high"}}, color=POSTERIOR),
-        mark("point", ends, {**line, "x": number("value", axis)}, color=POSTERIOR, size=55),
+        mark("rect", rows, {**cell, "color": tint, "tooltip": tooltips(rows, **{x: x, y: y}, share="share")}),
+        mark("text", rows[~reaches], text, fontSize=12),
+        mark("text", rows[reaches], text, fontSize=13, fontWeight="bold"),
+        mark("rect", framed, cell, filled=False, stroke=RECORDED, strokeWidth=3),
     ]
-    return Figure(layered(layers, 24 * len(rows)), words, rows)
+    return Figure(layered(layers, 34 * rows[y].nunique() + 20), words, rows.drop(columns="text"))

@@ -22,7 +22,7 @@ POSTERIOR, RECORDED = PALETTE[:2]
 
 _FONT = 'system-ui, "Segoe UI", "Liberation Sans", "DejaVu Sans", sans-serif'
 # No label is cut: a long name loses its middle, and stands whole in the tooltip and in the table.
-_SHORT = "length(datum.label) > 28 ? slice(datum.label, 0, 13) + '…' + slice(datum.label, -14) : datum.label"
+SHORT = "length(datum.label) > 28 ? slice(datum.label, 0, 13) + '…' + slice(datum.label, -14) : datum.label"
 _CONFIG: dict[str, Any] = {
     "font": _FONT,
     "background": "white",
@@ -30,7 +30,7 @@ _CONFIG: dict[str, Any] = {
     "axis": {
         **{"labelFontSize": 12, "titleFontSize": 12.5, "titleFontWeight": "normal", "labelLimit": 0},
         **{"labelColor": INK, "titleColor": INK, "domainColor": MUTED, "tickColor": MUTED},
-        **{"gridColor": "#e6eaee", "titlePadding": 8, "labelOverlap": "greedy"},
+        **{"gridColor": "#e6eaee", "titlePadding": 8, "labelOverlap": "greedy", "labelSeparation": 3},
     },
     "legend": {
         **{"orient": "top", "title": None, "labelFontSize": 12, "labelLimit": 0, "labelColor": INK},
@@ -45,7 +45,10 @@ _MANY_FOLD = 3.0
 # A figure of more marks is painted rather than kept as elements.
 MANY = 1500
 WIDTH, HEIGHT = 460, 300
-DASHED, DOTTED = [5, 4], [2, 3]
+SOLID, DASHED, DOTTED = [1, 0], [5, 4], [2, 3]
+SHAPES = ("circle", "square", "diamond", "triangle-up", "cross", "triangle-down", "stroke")
+# A legend of longer names has one column.
+_LONG = 30
 
 
 @dataclass(frozen=True)
@@ -71,6 +74,12 @@ class Figure:
             whole["usermeta"] = {"embedOptions": {"renderer": "canvas"}}
         return whole
 
+    def svg(self) -> str:
+        """The figure drawn."""
+        import vl_convert
+
+        return vl_convert.vegalite_to_svg(self.specification())
+
     def _repr_mimebundle_(self, *_: Any, **__: Any) -> dict[str, Any]:
         """A notebook draws the chart."""
         return {"application/vnd.vegalite.v6+json": self.specification(), "text/plain": self.words}
@@ -89,12 +98,15 @@ def _with_named_data(part: Any, tables: list[pd.DataFrame]) -> Any:
 
 
 def mark(
-    kind: str, data: pd.DataFrame | Specification, encoding: Specification, **properties: Any
+    kind: str, data: pd.DataFrame | Specification | None, encoding: Specification, **properties: Any
 ) -> Specification:
-    """A layer: a ``kind`` of mark, such as "point", a row of ``data`` each; a channel may be None."""
+    """A layer: a ``kind`` of mark, such as "point", a row of ``data`` each; a channel may be None.
+
+    Without ``data`` they are those of the whole figure.
+    """
     return {
         "mark": {"type": kind, **properties},
-        "data": data,
+        **({} if data is None else {"data": data}),
         "encoding": {name: channel for name, channel in encoding.items() if channel is not None},
     }
 
@@ -111,14 +123,14 @@ def name(field: str, **further: Any) -> Specification:
 
 def names(field: str, order: Sequence[str]) -> Specification:
     """An axis of names from the data, in their ``order``."""
-    axis = {"labelExpr": _SHORT, "grid": False, "ticks": False, "domain": False}
+    axis = {"labelExpr": SHORT, "grid": False, "ticks": False, "domain": False, "labelPadding": 9}
     return name(field, sort=list(order), axis=axis)
 
 
 def where(test: str, then: Any, otherwise: Any) -> Specification:
     """A channel of one of two values, or of a value and another channel, by an expression."""
-    other = otherwise if isinstance(otherwise, dict) else {"value": otherwise}
-    return {"condition": {"test": test, "value": then}, **other}
+    channel = otherwise if isinstance(otherwise, dict) else {"value": otherwise}
+    return {"condition": {"test": test, "value": then}, **channel}
 
 
 def scale_over(values: Iterable[float]) -> Specification:
@@ -142,9 +154,23 @@ def tooltips(rows: pd.DataFrame, **titles: str) -> list[Specification]:
 
 def colours(kinds: Iterable[str], field: str = "kind", **chosen: str) -> Specification:
     """Colours of kinds of marks, named in a legend; those of ``chosen`` by name."""
-    every = list(kinds)
-    shown = [chosen.get(kind, PALETTE[at % len(PALETTE)]) for at, kind in enumerate(every)]
-    return name(field, scale={"domain": every, "range": shown})
+    domain = list(kinds)
+    shown = [chosen.get(kind, PALETTE[at % len(PALETTE)]) for at, kind in enumerate(domain)]
+    return name(field, scale={"domain": domain, "range": shown}, legend=_legend(domain))
+
+
+def shapes(kinds: Iterable[str], field: str = "kind") -> Specification:
+    """A shape for each kind of mark, which tells them apart without colours too."""
+    domain = list(kinds)
+    shown = [SHAPES[at % len(SHAPES)] for at in range(len(domain))]
+    return name(field, scale={"domain": domain, "range": shown}, legend=_legend(domain))
+
+
+def _legend(kinds: Sequence[str]) -> Specification | None:
+    """None of one kind."""
+    if len(kinds) < 2:
+        return None
+    return {"columns": 1} if max(map(len, kinds)) > _LONG else {}
 
 
 def level(at: Iterable[float], axis: str, channel: str = "y", **properties: Any) -> Specification:

@@ -10,13 +10,12 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
 from bayestissue.elements.registry import element, element_names
+from bayestissue.hierarchy import SIDE_BY_SIDE
 from bayestissue.hierarchy.formulas.formula import group_terms
 from bayestissue.hierarchy.formulas.group_terms import SUBJECT, TRIAL, GroupTerm
 from bayestissue.hierarchy.priors import SD_OF_TERM, ElementPrior, Normal, Priors
 from bayestissue.settings import checked, parse_toml, read_text
 from bayestissue.signal import SignalOptions
-
-SIDE_BY_SIDE = "kelvin_voigt"
 
 Likelihood = Literal["published-estimates", "arma", "a2", "impact"]
 Discrepancy = Literal["automatic", "none", "always"]

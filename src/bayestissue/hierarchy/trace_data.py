@@ -16,10 +16,11 @@ from bayestissue.dataset.model import Dataset
 from bayestissue.elements import element
 from bayestissue.elements.element import GRAVITY, REFERENCE_DIAMETER_M
 from bayestissue.errors import InputError, Problem
+from bayestissue.hierarchy import SIDE_BY_SIDE
 from bayestissue.hierarchy.design import Design, build_design
 from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.population import population_design
-from bayestissue.hierarchy.specification import SIDE_BY_SIDE, ModelSpecification
+from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.traces import Kind, Record, TraceData, TraceModel, nuisance_of
 from bayestissue.likelihood.arma.displacement import displacement_record
 from bayestissue.likelihood.element.noise import colour_of, discrepancy_modes

@@ -22,6 +22,7 @@ from jaxtyping import Bool, Float, Int
 from numpyro.distributions import biject_to
 
 from bayestissue.elements import element as element_named
+from bayestissue.hierarchy import SIDE_BY_SIDE
 from bayestissue.hierarchy.effects import intercept
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expected
 from bayestissue.hierarchy.gaussian.conditional import Data
@@ -31,7 +32,6 @@ from bayestissue.hierarchy.gaussian.factor import Conditional, GaussianFactor
 from bayestissue.hierarchy.half_normal import HalfNormalSpread
 from bayestissue.hierarchy.population import Effects, MassError, covariances_of, of_impacts
 from bayestissue.hierarchy.priors import HalfNormal, Priors
-from bayestissue.hierarchy.specification import SIDE_BY_SIDE
 from bayestissue.hierarchy.warp import SinhArcsinh
 from bayestissue.likelihood.arma.displacement import DisplacementRecord, MeasuredDisplacement
 from bayestissue.likelihood.element.impact import MeasuredImpact, NoiseParameters

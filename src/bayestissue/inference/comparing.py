@@ -36,14 +36,6 @@ COLUMNS = [name for name in columns_of("comparison") if name != "data"]
 BY_IMPACT = "leave one impact out"
 BY_TRIAL = "leave one trial out"
 FEW = 30
-# A difference tells two models apart above both: below four nats it is small, and its standard error is no
-# guide (Sivula, Magnusson, Matamoros and Vehtari 2020).
-DECISIVE_SE, DECISIVE_NATS = 2.0, 4.0
-
-
-def decides(difference: pd.Series, se: pd.Series) -> pd.Series:
-    """Whether differences of expected log predictive density tell two models apart."""
-    return (difference.abs() > DECISIVE_SE * se) & (difference.abs() > DECISIVE_NATS)
 
 
 def by_impact(trees: Mapping[str, xr.DataTree], variable: str) -> pd.DataFrame:

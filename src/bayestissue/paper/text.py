@@ -46,8 +46,8 @@ class Text:
     def add(self, heading: str, *paragraphs: str) -> None:
         """Add the paragraphs that are not empty; without any there is no heading."""
         plain = [words.striptags() if isinstance(words, Markup) else words for words in paragraphs]
-        if kept := [words for words in plain if words.strip()]:
-            self.sections[heading] = kept
+        if stated := [words for words in plain if words.strip()]:
+            self.sections[heading] = stated
 
     def cite(self, *names: str, **details: str) -> str:
         """Numbers of references in brackets, such as "[1, 2]"."""
@@ -195,8 +195,8 @@ def _mass(run: FitRun) -> str:
 
 
 def _answer(line: Mapping[str, str]) -> str:
-    beside = f" ({line['beside']})" if line["beside"] else ""
-    return f"{line['question']}: {line['answer']}{beside}."
+    further = f" ({line['beside']})" if line["beside"] else ""
+    return f"{line['question']}: {line['answer']}{further}."
 
 
 def _table(run: FitRun) -> pd.DataFrame:

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayestissue.report.wording import UNITS
+from bayestissue.inference.results.meanings import UNITS
 from bayestissue.results.tables import declared_files
 
 _WIDEST = 60
@@ -83,7 +83,7 @@ def people_wide(posterior: xr.Dataset, rows: pd.DataFrame) -> tuple[pd.DataFrame
             of_people = [
                 draws[(subject == person).to_numpy() & (cells == cell).to_numpy()] for person in people
             ]
-            medians = [np.median(np.exp(each.mean(axis=0))) if len(each) else np.nan for each in of_people]
+            medians = [np.median(np.exp(logs.mean(axis=0))) if len(logs) else np.nan for logs in of_people]
             name = _name(f"{quantity}_{cell}", columns)
             columns[name] = medians
             meanings[name] = (

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from markupsafe import Markup
 from bayestissue.figures.intervals import intervals
 from bayestissue.figures.theme import Figure
 from bayestissue.outline import counted
-from bayestissue.report.page import render_page
+from bayestissue.report.page import part, render_page
 from bayestissue.report.tables import Field, Table, table_of
 from bayestissue.report.wording import PREDICTED, covariate_words, interval, number, probability, significant
 
@@ -74,6 +74,20 @@ def _rows(answers: pd.DataFrame) -> list[dict[str, Any]]:
     # Tables of older runs have no units.
     unit = answers["unit"].fillna("") if "unit" in answers else ""
     return answers.assign(unit=unit).to_dict("records")  # type: ignore[return-value]
+
+
+def answered(lines: Sequence[Mapping[str, str]], answers: pd.DataFrame, saved: str) -> Markup:
+    """Questions that were typed on a page of a fit, with their answers, as a part of it.
+
+    Args:
+        lines: as `question_lines` has them, with the address of the page ``without`` each; of a question
+            that is refused ``question`` and the ``problem``.
+        answers: the table of those that have one.
+        saved: address of that table.
+    """
+    draws = f"{int(answers['draws'].max()):,}" if len(answers) else ""
+    table = questions_table(answers) if len(answers) else None
+    return part("macros.html").answered(lines, table, draws, saved)
 
 
 MOST_DRAWN = 60

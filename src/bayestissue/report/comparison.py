@@ -9,16 +9,15 @@ from typing import Any
 import pandas as pd
 
 from bayestissue.errors import InputError
-from bayestissue.figures.impacts import NAMES
-from bayestissue.figures.intervals import intervals
-from bayestissue.figures.study import off_best
+from bayestissue.figures.intervals import intervals, with_error_of
 from bayestissue.figures.theme import Figure
-from bayestissue.inference.results.meanings import heading_words, meaning
+from bayestissue.hierarchy import SIDE_BY_SIDE
+from bayestissue.inference.results.meanings import NAMES, UNITS, heading_words, meaning
 from bayestissue.remedies import codes_in
 from bayestissue.report.page import render_page
 from bayestissue.report.posterior import best_explanations
 from bayestissue.report.tables import Field, Row, Table, columns, settings_table, table_of
-from bayestissue.report.wording import UNITS, interval, listed, number, probability, significant, with_error
+from bayestissue.report.wording import interval, listed, number, probability, significant, with_error
 from bayestissue.results import read_tables
 from bayestissue.results.tables import table_of_rows, typed, wrong_in
 
@@ -32,12 +31,12 @@ _COMPARABLE = {
 def comparison_figure(table: pd.DataFrame, scheme: str) -> Figure:
     """Differences of expected log predictive density from the best model, with one standard error."""
     rows = table[table["scheme"] == scheme].sort_values("elpd", ascending=False, ignore_index=True)
-    named = {"model": "label", "elpd_difference": "value", "se_difference": "error"}
-    return off_best(
-        rows.rename(columns=named)[list(named.values())],
+    return intervals(
+        with_error_of(rows["model"], rows["elpd_difference"], rows["se_difference"]),
         f"elpd off the best, {scheme} (nats)",
         f"Difference in expected log predictive density from the best model, {scheme}, "
         "one point with its standard error per model; further left predicts worse.",
+        lines=(0,),
     )
 
 
@@ -125,7 +124,7 @@ _INTERVAL = (
 
 def same_element(runs: list[dict[str, Any]]) -> bool:
     """Whether K and C are the same things in all runs: those of one mechanical element."""
-    return len({run["model"].get("element", "kelvin_voigt") for run in runs}) == 1
+    return len({run["model"].get("element", SIDE_BY_SIDE) for run in runs}) == 1
 
 
 def quantity(row: Mapping[Any, Any]) -> str:
@@ -287,7 +286,7 @@ def apart_words(comparison: pd.DataFrame) -> str:
     )
 
 
-def accuracy_figures(comparison: pd.DataFrame) -> list[Any]:
+def accuracy_figures(comparison: pd.DataFrame) -> list[Figure]:
     """One plot for each scheme and each kind of data that several runs share."""
     return [
         comparison_figure(rows, scheme)

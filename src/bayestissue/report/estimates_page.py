@@ -8,18 +8,20 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from markupsafe import Markup
 
+from bayestissue.figures.impacts import MASS, axis_title, end
+from bayestissue.figures.study import points
+from bayestissue.figures.theme import Figure, number
 from bayestissue.inference.points.notes import said_once
+from bayestissue.inference.results.meanings import COLUMNS, NAMES, QUANTITIES, UNITS
 from bayestissue.remedies import codes_in
-from bayestissue.report.page import figure, render_page
-from bayestissue.report.style import POSTERIOR, PUBLISHED, new_figure, style
+from bayestissue.report.page import render_page
 from bayestissue.report.tables import Row, Table, columns, settings_table
-from bayestissue.report.wording import interval, listed, number, significant
+from bayestissue.report.wording import interval, listed, significant
+from bayestissue.report.wording import number as in_words
 from bayestissue.results import read_tables
 from bayestissue.results.tables import declared_files, typed
 
-_QUANTITIES = {"stiffness K": ("K_N_per_m", "N/m"), "damping C": ("C_N_s_per_m", "N s/m")}
 _HEADINGS = {
     "mass_kg": "M (kg)",
     "velocity_m_s": "V (m/s)",
@@ -51,7 +53,6 @@ _FURTHER_HEADINGS = {
     "C_N_s_per_m_95": "C, 95 % of impacts below",
 }
 _SHOWN = 300
-_MANY_POINTS = 1000
 # Tables that a run may hold beside its estimates, with their heading and what to look for.
 _FURTHER = {
     "centring": (
@@ -77,7 +78,6 @@ def estimates_page(folder: Path, record: dict[str, Any]) -> str:
     return page_of(read_tables(folder, ["estimates"], list(_FURTHER)), record)
 
 
-@style()
 def page_of(tables: Mapping[str, pd.DataFrame], record: dict[str, Any]) -> str:
     """The HTML of the page of point estimates: ``tables`` by name, the content of ``run.json``."""
     table = typed("estimates", tables["estimates"])
@@ -98,7 +98,7 @@ def page_of(tables: Mapping[str, pd.DataFrame], record: dict[str, Any]) -> str:
         ],
         record=record,
         versions=record.get("versions", {}),
-        levels=[_level(table, name) for name in _QUANTITIES],
+        levels=[_level(table, q) for q in QUANTITIES],
         flagged=int((table["flags"] != "").sum()),
         flags=flag_counts(table),
         codes=codes_in("; ".join([*table["flags"], *table.get("notes", [])])),
@@ -106,9 +106,7 @@ def page_of(tables: Mapping[str, pd.DataFrame], record: dict[str, Any]) -> str:
         notes=said_once(table["notes"]) if "notes" in table else [],
         total=len(table),
         trend=mass_trend(table),
-        plots=[estimate_figure(table, name) for name in _QUANTITIES]
-        if table["mass_kg"].notna().any()
-        else [],
+        plots=[estimate_figure(table, q) for q in QUANTITIES] if table["mass_kg"].notna().any() else [],
         estimates=estimates_table(table),
         shown=min(len(table), _SHOWN),
         further=further,
@@ -121,31 +119,24 @@ def _by_posterior(table: pd.DataFrame) -> bool:
     return "pareto_k" in table
 
 
-def _interval(table: pd.DataFrame, column: str) -> tuple[pd.Series, pd.Series]:
-    low, high = (table[column.replace("_", f"_{end}_", 1)] for end in ("low", "high"))
-    return low, high
-
-
-def _level(table: pd.DataFrame, name: str) -> dict[str, str]:
-    column, unit = _QUANTITIES[name]
-    values = table[column].dropna()
+def _level(table: pd.DataFrame, q: str) -> dict[str, str]:
+    values = table[COLUMNS[q]].dropna()
     low, median, high = np.percentile(values, [5, 50, 95]) if len(values) else [np.nan] * 3
     return {
-        "name": name,
-        "unit": unit,
+        "name": NAMES[q],
+        "unit": UNITS[q],
         "median": significant(median),
         "range": interval(low, high),
-        "sure": _relative_half_width(table, column),
+        "sure": _relative_half_width(table, q),
         "missing": str(len(table) - len(values)) if len(values) < len(table) else "",
     }
 
 
-def _relative_half_width(table: pd.DataFrame, column: str) -> str:
+def _relative_half_width(table: pd.DataFrame, q: str) -> str:
     """Half of a single impact's interval, as a share of it, in the median impact; of posteriors alone."""
     if not _by_posterior(table):
         return ""
-    low, high = _interval(table, column)
-    half = ((high - low) / 2 / table[column]).median()
+    half = ((table[end(q, "high")] - table[end(q, "low")]) / 2 / table[COLUMNS[q]]).median()
     return "" if pd.isna(half) else f"{100 * half:.2g} %"
 
 
@@ -179,32 +170,28 @@ def estimates_table(table: pd.DataFrame) -> Table:
     return Table(columns(*titles, number=headings, words=("flags",)), rows)
 
 
-def estimate_figure(table: pd.DataFrame, name: str) -> Markup:
-    """K or C of every impact over the mass; flagged impacts are marked by another colour and sign."""
-    column, unit = _QUANTITIES[name]
-    clean = table["flags"] == ""
-    fig, axes = new_figure()
-    for chosen, label, colour, marker in (
-        (clean, "no flag", POSTERIOR, "o"),
-        (~clean, "flagged", PUBLISHED, "x"),
-    ):
-        if chosen.any():
-            if _by_posterior(table):
-                low, high = (ends[chosen] for ends in _interval(table, column))
-                axes.vlines(table.loc[chosen, "mass_kg"], low, high, color=colour, alpha=0.5, lw=1)
-            axes.plot(
-                table.loc[chosen, "mass_kg"],
-                table.loc[chosen, column],
-                marker,
-                ms=4,
-                color=colour,
-                alpha=0.7,
-                label=label,
-            )
-    axes.set(xlabel="mass of the impactor, M (kg)", ylabel=f"{name} ({unit})")
-    fig.legend(loc="outside upper right", ncols=2)
-    alt = f"Point estimates of {name} of every impact over the mass of the impactor; crosses are flagged."
-    return figure(fig, alt, raster=len(table) > _MANY_POINTS)
+def estimate_figure(table: pd.DataFrame, q: str) -> Figure:
+    """K or C of every impact over the mass; flagged impacts have a colour and a shape of their own."""
+    kinds = {"": "no flag"}
+    rows = pd.DataFrame(
+        {
+            "impact": table["impact"],
+            "person": table["subject"],
+            "condition": table["trial"],
+            "mass_kg": table["mass_kg"],
+            COLUMNS[q]: table[COLUMNS[q]],
+            "kind": table["flags"].map(lambda flags: kinds.get(flags, "flagged")),
+        }
+    )
+    if _by_posterior(table):
+        rows["low"], rows["high"] = (table[end(q, side)] for side in ("low", "high"))
+    rows = rows.sort_values("kind", ascending=False, ignore_index=True)
+    return points(
+        rows,
+        number("mass_kg", MASS, scale={"zero": False, "padding": 12}),
+        number(COLUMNS[q], axis_title(q), scale={"zero": False}),
+        f"Point estimates of {NAMES[q]} of every impact over the mass of the impactor; squares are flagged.",
+    )
 
 
 def mass_trend(table: pd.DataFrame) -> str:
@@ -213,12 +200,12 @@ def mass_trend(table: pd.DataFrame) -> str:
     No interval is given: impacts of one person and of one condition are not independent.
     """
     words = []
-    for name, (column, _) in _QUANTITIES.items():
-        known = table[(table[column] > 0) & (table["mass_kg"] > 0)]
+    for q in QUANTITIES:
+        known = table[(table[COLUMNS[q]] > 0) & (table["mass_kg"] > 0)]
         mass = np.log(known["mass_kg"].to_numpy())
         if mass.size and np.ptp(mass) > 0:
-            slope = np.polynomial.polynomial.polyfit(mass, np.log(known[column].to_numpy()), 1)[1]
-            words.append(f"{name} goes with mass to the power {number(slope, 2)}")
+            slope = np.polynomial.polynomial.polyfit(mass, np.log(known[COLUMNS[q]].to_numpy()), 1)[1]
+            words.append(f"{NAMES[q]} goes with mass to the power {in_words(slope, 2)}")
     return f"Over these impacts {listed(words)}." if words else ""
 
 

@@ -11,19 +11,19 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
+from bayestissue.figures import study
+from bayestissue.figures.theme import Figure
+from bayestissue.figures.theme import number as channel
 from bayestissue.outline import counted, numbers_in_short
 from bayestissue.remedies import codes_in
-from bayestissue.report.page import figure, render_page
+from bayestissue.report.page import render_page
 from bayestissue.report.run_folder import read_json, require_files
-from bayestissue.report.style import MUTED, PALETTE, POSTERIOR, new_figure, style
 from bayestissue.report.tables import Field, Table, settings_table, table_of
 from bayestissue.report.wording import half_width, listed, number, significant, with_error
 from bayestissue.results import read_table
 
 # A figure of more lines can't be read.
 _MOST_LINES = 6
-_MARKERS = "osD^vX"
-_LEVELS = (0.1, 0.3, 0.5, 0.7, 0.8, 0.9, 0.95)
 # In what designs differ.
 _AXES = ("people", "masses_kg", "velocities_m_s", "conditions", "repeats", "recorder")
 # What stands for more people, by its key in plan.json.
@@ -44,7 +44,6 @@ def plan_page(folder: Path, record: dict[str, Any]) -> str:
     return page_of(read_json(folder / "plan.json"), read_table(folder, "designs"), record)
 
 
-@style()
 def page_of(content: Mapping[str, Any], designs: pd.DataFrame, record: Mapping[str, Any]) -> str:
     """The HTML of a plan: content of ``plan.json``, ``designs.csv``, content of ``run.json``."""
     plan, chosen = content["plan"], content["designs"][content["chosen"] - 1]
@@ -78,7 +77,7 @@ def page_of(content: Mapping[str, Any], designs: pd.DataFrame, record: Mapping[s
         cost=_cost(chosen, plan["cost"]),
         misleads=_misleads(chosen),
         curves=[curves(designs, name, wanted) for name in goals],
-        contours=[drawn for name in goals if (drawn := contours(designs, name, chosen, wanted)) is not None],
+        grids=[grid for name in goals if (grid := people_and_repeats(designs, name, chosen, wanted))],
         designs_table=designs_table(designs, content["chosen"], wanted),
         gains=gains_table(content),
         gain_words=_gain_words(content),
@@ -169,33 +168,34 @@ def _misleads(design: Mapping[str, Any]) -> list[str]:
     return sentences
 
 
-def curves(designs: pd.DataFrame, goal: str, wanted: float) -> Markup:
+def curves(designs: pd.DataFrame, goal: str, wanted: float) -> Figure:
     """The assurance over people, or over repeats where people do not vary, a line for each other design."""
     rows = designs[designs["goal"] == goal]
     over = "people" if rows["people"].nunique() >= rows["repeats"].nunique() else "repeats"
     others = [name for name in _AXES if name != over]
     lines = sorted(rows.groupby(others, sort=False), key=lambda group: -group[1]["answered"].mean())
     varying = [name for name in others if len(set(rows[name])) > 1]
-    # Lines are told apart by words too long to stand side by side.
-    fig, axes = new_figure((4.8, 3.2 + 0.18 * min(len(lines), _MOST_LINES)))
-    for number_, (key, line) in enumerate(lines[:_MOST_LINES]):
-        line = line.sort_values(over)
-        axes.errorbar(
-            line[over],
-            line["answered"],
-            yerr=line["se"],
-            fmt=f"-{_MARKERS[number_ % len(_MARKERS)]}",
-            ms=4.5,
-            color=PALETTE[number_ % len(PALETTE)],
-            label=_label(dict(zip(others, key, strict=True)), varying),
-        )
-    axes.axhline(wanted, ls="--", lw=1, color=MUTED)
-    axes.set(xlabel=over, ylabel="assurance", ylim=(-0.03, 1.03), title=_name(goal))
-    axes.set_xticks(sorted(rows[over].unique()))
-    if varying:
-        fig.legend(loc="outside lower left")
-    alt = f"Assurance of {_name(goal)} over {over}, with standard errors; the dashed line is what is wanted."
-    return figure(fig, alt)
+    shown = pd.concat(
+        [
+            line[["design", over, "answered"]].assign(
+                kind=_label(dict(zip(others, key, strict=True)), varying),
+                low=line["answered"] - line["se"],
+                high=line["answered"] + line["se"],
+            )
+            for key, line in lines[:_MOST_LINES]
+        ],
+        ignore_index=True,
+    )
+    values = sorted(float(value) for value in rows[over].unique())
+    ends = pd.DataFrame({over: [values[0], values[-1]], "answered": wanted, "line": "wanted"})
+    return study.points(
+        shown,
+        channel(over, over, scale={"zero": False}, axis={"values": values}),
+        channel("answered", f"assurance: {_name(goal)}", scale={"domain": [0, 1]}),
+        f"Assurance of {_name(goal)} over {over}, with standard errors; the dashed line is what is wanted.",
+        lines=ends,
+        joined=True,
+    )
 
 
 def _label(design: Mapping[str, Any], varying: Sequence[str]) -> str:
@@ -216,30 +216,24 @@ def _label(design: Mapping[str, Any], varying: Sequence[str]) -> str:
     )
 
 
-def contours(designs: pd.DataFrame, goal: str, chosen: Mapping[str, Any], wanted: float) -> Markup | None:
-    """The assurance over people and repeats, where both vary and it is one that a line is drawn of."""
+def people_and_repeats(
+    designs: pd.DataFrame, goal: str, chosen: Mapping[str, Any], wanted: float
+) -> Figure | None:
+    """The assurance over people and repeats, where both vary, of designs that are else the chosen one."""
     others = [name for name in _AXES if name not in ("people", "repeats")]
-    alike = np.all([designs[name] == chosen[name] for name in others], axis=0)
-    rows = designs[(designs["goal"] == goal) & alike]
-    grid = rows.pivot_table(index="repeats", columns="people", values="answered")
-    people, repeats = (np.asarray(values, float) for values in (grid.columns, grid.index))
-    shares = grid.to_numpy(float)
-    crossed = [level for level in sorted({*_LEVELS, wanted}) if shares.min() < level < shares.max()]
-    if min(grid.shape) < 2 or grid.isna().any(axis=None) or not crossed:
+    comparable = np.all([designs[name] == chosen[name] for name in others], axis=0)
+    rows = designs[(designs["goal"] == goal) & comparable]
+    if min(rows["people"].nunique(), rows["repeats"].nunique()) < 2:
         return None
-    fig, axes = new_figure((4.8, 3.2))
-    drawn = axes.contour(people, repeats, shares, levels=crossed, colors=MUTED, linewidths=1)
-    axes.clabel(drawn, fmt="%g", fontsize=8.5)
-    if wanted in crossed:
-        axes.contour(people, repeats, shares, levels=[wanted], colors=POSTERIOR, linewidths=2)
-    axes.plot(*np.meshgrid(people, repeats), "o", ms=3, color=MUTED)
-    axes.plot(chosen["people"], chosen["repeats"], "o", ms=8, color=POSTERIOR)
-    axes.set(xlabel="people", ylabel="repeats", title=_name(goal), xticks=people, yticks=repeats)
-    for values, set_limits in ((people, axes.set_xlim), (repeats, axes.set_ylim)):
-        margin = 0.06 * np.ptp(values)
-        set_limits(values[0] - margin, values[-1] + margin)
-    alt = f"Lines of equal assurance of {_name(goal)} over people and repeats; the design above is marked."
-    return figure(fig, alt)
+    return study.shares(
+        rows[["people", "repeats", "answered"]].rename(columns={"answered": "share"}).reset_index(drop=True),
+        "people",
+        "repeats",
+        f"Assurance of {_name(goal)} over people and repeats; in bold what reaches the wanted {wanted:g}, "
+        "framed the design above.",
+        wanted=wanted,
+        chosen=(chosen["people"], chosen["repeats"]),
+    )
 
 
 def designs_table(designs: pd.DataFrame, chosen: int, wanted: float) -> Table:

@@ -10,16 +10,13 @@ import numpy as np
 import pandas as pd
 
 from bayestissue.errors import Coded
-from bayestissue.figures.impacts import NAMES
 from bayestissue.figures.intervals import intervals, quantiles
 from bayestissue.figures.study import histogram
 from bayestissue.figures.theme import Figure
 from bayestissue.hierarchy.formulas.group_terms import stem_of
-from bayestissue.inference.comparing import decides
-from bayestissue.inference.results.meanings import SECANTS
+from bayestissue.inference.results.meanings import NAMES, SECANTS, UNITS
 from bayestissue.report.run_folder import PosteriorRun
 from bayestissue.report.wording import (
-    UNITS,
     decimals_of,
     interval,
     likelihood_words,
@@ -37,6 +34,9 @@ COMMON_DEPTH, OWN_DEPTH = "K_common_depth", "K_secant"
 FIXED, CONSTANT = "fixed stiffness", "constant natural frequency"
 # Above this a hypothesis is spoken of as what the data say; below one minus this, as what they rule out.
 SURE = 0.9
+# A difference tells two models apart above both: below four nats it is small, and its standard error is no
+# guide (Sivula, Magnusson, Matamoros and Vehtari 2020).
+DECISIVE_SE, DECISIVE_NATS = 2.0, 4.0
 
 
 @dataclass(frozen=True)
@@ -131,6 +131,25 @@ def exponent_words(quantity: str, beta: Spread) -> str:
     return f"excludes {fixed} and {constant}: it lies {where}"
 
 
+_GRID = 60
+
+
+def mass_curve(run: PosteriorRun, quantity: str, masses: np.ndarray, reference: float) -> pd.DataFrame:
+    """K (or C) of a typical person over the range of ``masses`` [kg], as `over_mass` draws it.
+
+    ``reference`` is the mass at which people are reported.
+    """
+    grid = np.geomspace(0.93 * masses.min(), 1.07 * masses.max(), _GRID)
+    drawn, ratio = typical_draws(run, quantity), grid / reference
+    level = float(np.median(drawn))
+    curve = pd.DataFrame({"mass_kg": grid, "exponent 0": level, "exponent 1": level * ratio})
+    if not run.has(f"mass_exponent_{quantity}"):
+        return curve
+    drawn = drawn[:, None] * np.exp(run.draws(f"mass_exponent_{quantity}")[:, None] * np.log(ratio))
+    low, median, high = np.percentile(drawn, [5, 50, 95], axis=0)
+    return curve.assign(eti90_low=low, median=median, eti90_high=high)
+
+
 class Levels(NamedTuple):
     """K or C of a typical person, and of a new one."""
 
@@ -218,6 +237,11 @@ def who_differs(run: PosteriorRun, level: str, quantities: Iterable[str] = QUANT
 def best_explanations(comparison: pd.DataFrame) -> list[str]:
     """For each scheme: the model that predicts best, those about as good, and the warnings."""
     return [_best(str(scheme), rows) for scheme, rows in comparison.groupby("scheme", sort=False)]
+
+
+def decides(difference: pd.Series, se: pd.Series) -> pd.Series:
+    """Whether differences of expected log predictive density tell two models apart."""
+    return (difference.abs() > DECISIVE_SE * se) & (difference.abs() > DECISIVE_NATS)
 
 
 def _best(scheme: str, rows: pd.DataFrame) -> str:

@@ -2,73 +2,73 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from markupsafe import Markup
 
 from bayestissue.dataset import Dataset
 from bayestissue.errors import Problem, by_cause
+from bayestissue.figures.theme import Figure
+from bayestissue.figures.traces import CONTACT, PEAK, TURN, panels, thinned
 from bayestissue.outline import first_of
-from bayestissue.report.page import figure, render_page
-from bayestissue.report.style import FAINT, MUTED, PALETTE, new_figure, shown, style
+from bayestissue.report.page import render_page
 from bayestissue.report.tables import Row, Table, columns
 from bayestissue.signal import Displacements, displacements
 
-# Draws one impact's panel, by its row in the dataset.
-Panel = Callable[[Any, int], None]
+# Of all curves of a page together: some 2 MB of it.
+_MOST_SAMPLES = 60_000
+_IN_A_FIGURE = 12
+
+
+# Time [ms] and value of each curve and event, by kind.
+type Panel = dict[str, tuple[Any, Any]]
 
 
 def sheets(
-    names: Sequence[str],
+    dataset: Dataset,
     which: np.ndarray,
-    panel: Panel,
-    *,
-    grid: tuple[int, int],
-    size: tuple[float, float],
-    alt: str,
+    panel: Callable[[int], Panel],
     time: str,
-    value: str = "",
-) -> list[Markup]:
-    """Figures of a panel for each impact.
+    value: str,
+    words: str,
+    *,
+    domain: tuple[float, float] | None = None,
+) -> list[Figure]:
+    """Figures of a panel for each impact, twelve in one.
 
     Args:
-        names: of all impacts.
+        dataset: of the impacts.
         which: rows of those to show.
-        panel: draws one.
-        grid: rows and columns of panels in a full figure.
-        size: width of a figure, and its height besides the rows of panels [inch].
-        alt: what a panel shows, before "for the impacts" and their names.
-        time: label of the horizontal axes.
-        value: label of the vertical axes; none unless given.
+        panel: what an impact's shows.
+        time: title of the time axes.
+        value: title of the others.
+        words: what a panel shows, before "for the impacts" and their names.
+        domain: ends of the axes of values; each panel's own unless given.
     """
+    names = list(dataset.impacts["impact"].astype(str))
 
-    def sheet(part: np.ndarray) -> Markup:
-        lines = -(-len(part) // grid[1])
-        fig, axes = new_figure((size[0], size[1] + 1.75 * lines), lines, grid[1], squeeze=False)
-        for ax, index in zip(axes.flat, part, strict=False):
-            panel(ax, int(index))
-            ax.set_title(shown(names[index]), fontsize=8)
-        for ax in axes.flat[len(part) :]:
-            ax.remove()
-        handles, labels = axes[0, 0].get_legend_handles_labels()
-        fig.legend(handles, labels, loc="outside upper right", ncols=4)
-        fig.supxlabel(time, fontsize=9)
-        if value:
-            fig.supylabel(value, fontsize=9)
-        listed = ", ".join(str(names[index]) for index in part)
-        return figure(fig, f"{alt} for the impacts {listed}.", raster=True)
+    def curves(index: int) -> Iterator[pd.DataFrame]:
+        shown = panel(index)
+        for kind, (times, values) in shown.items():
+            times, values = np.atleast_1d(times), np.atleast_1d(values)
+            samples = thinned(values, max(_MOST_SAMPLES // (len(which) * len(shown)), 40))
+            yield pd.DataFrame({"time_ms": times[samples], "value": values[samples]}).assign(
+                impact=names[index], kind=kind
+            )
 
-    full = grid[0] * grid[1]
-    return [sheet(which[begin : begin + full]) for begin in range(0, len(which), full)]
+    def sheet(part: np.ndarray) -> Figure:
+        rows = pd.concat([one for index in part for one in curves(int(index))], ignore_index=True)
+        shown = ", ".join(names[index] for index in part)
+        return panels(rows, time, value, f"{words} for the impacts {shown}.", domain=domain)
+
+    return [sheet(which[begin : begin + _IN_A_FIGURE]) for begin in range(0, len(which), _IN_A_FIGURE)]
 
 
 MOST_CHECK_PANELS = 216
-_CHECK_GRID = 4, 3
 _UNITS = {"deceleration": "m_s2", "acceleration": "m_s2", "displacement": "m"}
 
 
@@ -116,7 +116,6 @@ def quality_table(dataset: Dataset, signal: Displacements, warnings: Sequence[Pr
     )
 
 
-@style()
 def check_page(
     dataset: Dataset,
     signal: Displacements,
@@ -141,13 +140,13 @@ def check_page(
         total=len(quality),
         shown=len(shown),
         sheets=sheets(
-            list(dataset.impacts["impact"]),
+            dataset,
             shown,
             partial(_check_panel, dataset=dataset, signal=signal),
-            grid=_CHECK_GRID,
-            size=(9.6, 0.5),
-            alt="Recording, velocity and displacement over time",
-            time="time since contact, ms",
+            "since contact (ms)",
+            "share of greatest",
+            "Recording, velocity and displacement over time",
+            domain=(-0.4, 1.15),
         ),
         problems=Table(
             columns("severity", "impacts", "what", words=("impacts", "what")),
@@ -159,27 +158,25 @@ def check_page(
     )
 
 
-def _check_panel(ax: Any, index: int, *, dataset: Dataset, signal: Displacements) -> None:
+def _check_panel(index: int, *, dataset: Dataset, signal: Displacements) -> Panel:
     trace, n = dataset.traces[index], int(signal.n_samples[index])
     sign = -1.0 if dataset.quantity == "acceleration" else 1.0
     raw = sign * trace.value - signal.offset[index]
     time = 1e3 * (trace.time_s - signal.contact_time_s[index])
     inside = 1e3 * (signal.first_sample_s[index] + signal.dt[index] * np.arange(n))
     to_peak = 1e3 * signal.time_to_peak[index]
-    ax.axvspan(0, to_peak, color=FAINT, alpha=0.5, linewidth=0)
-    ax.axvline(0, color=MUTED, linewidth=0.8)
     near = (time > -to_peak) & (time < 3 * to_peak)
     near = near if near.any() else np.ones_like(near)
-    curves = [
-        (f"recorded {dataset.quantity}", time[near], raw[near], PALETTE[0], "-"),
-        ("velocity", inside, signal.v[index, :n], PALETTE[1], "--"),
-        ("displacement", inside, signal.x[index, :n], PALETTE[2], ":"),
-    ]
-    for label, times, values, colour, line in curves:
-        greatest = np.abs(values).max(initial=0) or 1
-        ax.plot(times, values / greatest, color=colour, linestyle=line, linewidth=1.1, label=label)
-    ax.set_ylim(-0.4, 1.15)
-    ax.tick_params(labelsize=7)
+    curves = {
+        f"recorded {dataset.quantity}": (time[near], raw[near]),
+        "velocity": (inside, signal.v[index, :n]),
+        "displacement": (inside, signal.x[index, :n]),
+    }
+    shown: Panel = {
+        kind: (times, values / (np.abs(values).max(initial=0) or 1))
+        for kind, (times, values) in curves.items()
+    }
+    return shown | {CONTACT: (0.0, 0.0), TURN: (to_peak, 0.0)}
 
 
 def kinds(problems: Sequence[Problem]) -> list[list[Problem]]:
@@ -209,10 +206,8 @@ def _frame_table(frame: pd.DataFrame, digits: int) -> Table:
 
 
 MOST_INIT_PANELS = 120
-_INIT_GRID = 5, 2
 
 
-@style()
 def init_page(
     dataset: Dataset,
     *,
@@ -244,20 +239,18 @@ def init_page(
         shown=len(which),
         total=total,
         sheets=sheets(
-            list(dataset.impacts["impact"]),
+            dataset,
             which,
             partial(_init_panel, dataset=dataset, signal=signal),
-            grid=_INIT_GRID,
-            size=(7.2, 0.7),
-            alt="Recording with contact and peak",
-            time="time on the recorder's clock, ms",
-            value="displacement, mm" if dataset.quantity == "displacement" else "deceleration, m/s²",
+            "recorder's clock (ms)",
+            "displacement (mm)" if dataset.quantity == "displacement" else "deceleration (m/s²)",
+            "Recording with contact and peak",
         ),
         impacts=_frame_table(dataset.impacts.dropna(axis="columns", how="all"), 6),
     )
 
 
-def _init_panel(ax: Any, index: int, *, dataset: Dataset, signal: Displacements) -> None:
+def _init_panel(index: int, *, dataset: Dataset, signal: Displacements) -> Panel:
     trace = dataset.traces[index]
     factor = {"acceleration": -1.0, "displacement": 1e3}.get(dataset.quantity, 1.0)
     time, value = 1e3 * trace.time_s, factor * trace.value
@@ -265,8 +258,4 @@ def _init_panel(ax: Any, index: int, *, dataset: Dataset, signal: Displacements)
     near = (time > contact - 2 * to_peak) & (time < contact + 4 * to_peak)
     near = near if near.any() else np.ones_like(near)
     peak = int(np.argmax(value))
-    ax.plot(time[near], value[near], color=PALETTE[0], linewidth=1.1, label="recorded")
-    ax.axvline(contact, color=MUTED, linewidth=0.9, linestyle="--", label="contact")
-    ax.axhline(0, color=FAINT, linewidth=0.8)
-    ax.plot(time[peak], value[peak], "v", color=PALETTE[3], markersize=5, label="peak")
-    ax.tick_params(labelsize=7)
+    return {"recorded": (time[near], value[near]), CONTACT: (contact, 0.0), PEAK: (time[peak], value[peak])}

@@ -261,8 +261,5 @@ def _page(run_dir: Path, record: dict[str, Any]) -> str:
             wrong_in(run_dir / "run.json", kinds, remedy, code="not-a-run", column="kind", value=kind)
         )
     module, name = _PAGES[kind]
-    from bayestissue.report.style import style
-
-    with style():
-        page: str = getattr(import_module(f"bayestissue.{module}"), name)(run_dir, record)
+    page: str = getattr(import_module(f"bayestissue.{module}"), name)(run_dir, record)
     return page

@@ -6,11 +6,11 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-UNITS = {"K": "N/m", "C": "N s/m"}
+from bayestissue.inference.results.meanings import COLUMNS, UNITS
+
 # What is predicted of a new impact, by column: its name, the unit it is shown in, and how many per SI unit.
 PREDICTED = {
-    "K_N_per_m": ("K", "N/m", 1.0),
-    "C_N_s_per_m": ("C", "N s/m", 1.0),
+    **{COLUMNS[q]: (q, UNITS[q], 1.0) for q in UNITS},
     "peak_displacement_m": ("depth", "mm", 1e3),
     "peak_force_N": ("force", "N", 1.0),
     "time_to_peak_s": ("time to peak", "ms", 1e3),

@@ -12,10 +12,10 @@ from jax import Array
 from jaxtyping import Float
 
 from bayestissue.elements import comparables, element, impact
+from bayestissue.hierarchy import SIDE_BY_SIDE
 from bayestissue.oscillator import impact_motion, peak_displacement, spring_damper_inverse, time_to_peak
 from bayestissue.simulation.specification import Tissue
 
-SIDE_BY_SIDE = "kelvin_voigt"
 # A soft damper in series with the spring lets a mass creep for ever: it is recorded for so long.
 _NEVER_RESTS_S = 1.0
 

@@ -1,51 +1,19 @@
-"use strict";
-// The page of `bayestissue watch` and `open`: state comes as JSON, a bell tells when there is more.
-
+// The drops of a `watch`, or the impacts of a dataset.
 const $ = (id) => document.getElementById(id);
 const drops = new Map();
 const MOST_LINES = 200;
-let version = 0, chosen = null, following = true, wanted = null, busy = false, again = false;
+const { element } = bench;
+let chosen = null, following = true, wanted = null;
 
-const element = (name, text, attributes = {}) => {
-  const made = document.createElement(name);
-  if (text !== undefined) made.textContent = text;
-  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
-  return made;
-};
 const short = (value) => (value === null || value === undefined ? "–" : Number(value.toPrecision(4)).toString());
 const interval = (n) => (n && n.length ? `${short(n[0])} (${short(n[1])} to ${short(n[2])})` : "–");
 const percent = (share) => `${(100 * share).toFixed(1)} %`;
 const facts = (cells) => Object.entries(cells).map(([name, value]) => `${name} ${value}`).join(", ");
 
-async function get(path) {
-  const answer = await fetch(path, { credentials: "same-origin" });
-  if (!answer.ok) throw new Error(await answer.text());
-  return answer.json();
-}
-
 async function act(action, content, said) {
-  const answer = await fetch(`act/${action}`, { method: "POST", credentials: "same-origin", body: JSON.stringify(content) });
-  if (said) said.textContent = answer.ok ? "done" : await answer.text();
+  const refused = await bench.act(action, content);
+  if (said) said.textContent = refused || "done";
   await refresh();
-}
-
-// One request at a time; what comes meanwhile is one more behind it.
-async function refresh() {
-  if (busy) { again = true; return; }
-  busy = true;
-  try {
-    do {
-      again = false;
-      const state = await get(`state?since=${version}`);
-      show(state);
-      version = state.version;
-    } while (again);
-    $("connection").textContent = "";
-  } catch (error) {
-    $("connection").textContent = `not connected: ${error.message}`;
-  } finally {
-    busy = false;
-  }
 }
 
 function show(state) {
@@ -138,7 +106,7 @@ async function choose(impact, follow) {
   $("trace").replaceChildren();
   $("trace-words").textContent = "…";
   let one;
-  try { one = await get(`drop?impact=${encodeURIComponent(impact)}`); } catch { return; }
+  try { one = await (await bench.get(`drop?impact=${encodeURIComponent(impact)}`)).json(); } catch { return; }
   if (chosen !== impact) return;
   draw(one.trace);
   numbers(drop, one.study);
@@ -196,24 +164,11 @@ $("decide").addEventListener("submit", (event) => {
   else { $("decide-said").textContent = "give the reason first"; $("reason").focus(); }
 });
 $("use").addEventListener("click", () => chosen && act("decide", { impact: chosen, reason: "" }, $("decide-said")));
-document.addEventListener("keydown", (event) => {
-  if (event.target.matches("input") || event.ctrlKey || event.metaKey || event.altKey) return;
-  if (event.key === "u") { event.preventDefault(); act("take-back", {}); }
-  if (!["ArrowDown", "ArrowUp"].includes(event.key) || !chosen) return;
-  const line = document.getElementById(`drop-${chosen}`);
-  const next = event.key === "ArrowDown" ? line.nextElementSibling : line.previousElementSibling;
-  if (next) { event.preventDefault(); next.focus(); }
-});
+bench.onKey("u", () => act("take-back", {}));
+for (const [key, sibling] of [["ArrowDown", "nextElementSibling"], ["ArrowUp", "previousElementSibling"]]) {
+  bench.onKey(key, () => { if (chosen) document.getElementById(`drop-${chosen}`)[sibling]?.focus(); });
+}
 
-(async () => {
-  const named = decodeURIComponent(location.hash.slice(1));
-  // The token is in the cookie now, and no address that is kept should have it.
-  history.replaceState(null, "", location.pathname + location.hash);
-  await refresh();
-  if (drops.has(named)) choose(named, false);
-  const bell = new EventSource("events");
-  let rang = Date.now();
-  bell.onmessage = () => { rang = Date.now(); refresh(); };
-  // Where a proxy holds events back, or the connection broke.
-  setInterval(() => { if (Date.now() - rang > 20000 || bell.readyState !== 1) refresh(); }, 2000);
-})();
+const named = decodeURIComponent(location.hash.slice(1));
+const refresh = bench.follow(show, $("connection"));
+refresh().then(() => { if (drops.has(named)) choose(named, false); });

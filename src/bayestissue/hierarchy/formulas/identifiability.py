@@ -10,11 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from jaxtyping import Float
-from scipy.sparse import csr_array
 
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, Grouping, GroupTerm, grouping_of
 
@@ -205,12 +205,14 @@ def _alike(
     return faults
 
 
-def _columns(x: Float[np.ndarray, " row"], grouping: Grouping) -> csr_array:
+def _columns(x: Float[np.ndarray, " row"], grouping: Grouping) -> Any:
+    from scipy.sparse import csr_array
+
     shape = (len(x), len(grouping.levels))
     return csr_array((np.asarray(x, float), (np.arange(len(x)), grouping.code)), shape=shape)
 
 
-def _left(indicator: csr_array, others: Iterable[csr_array]) -> float:
+def _left(indicator: Any, others: Iterable[Any]) -> float:
     """The share of Z Z' that is no combination of 1 and the others' Z Z', as a squared norm."""
     indicators = [*others, indicator]
     count = len(indicators) + 1

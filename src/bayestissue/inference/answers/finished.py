@@ -9,8 +9,8 @@ from typing import Any
 import xarray as xr
 
 from bayestissue.elements.element import GRAVITY
+from bayestissue.hierarchy import SIDE_BY_SIDE
 from bayestissue.hierarchy.levels import Recorded
-from bayestissue.hierarchy.specification import SIDE_BY_SIDE
 
 GROUPS = ("posterior", "prior", "constant_data")
 

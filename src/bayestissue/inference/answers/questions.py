@@ -32,7 +32,8 @@ from bayestissue.inference.answers.meaning import (
     quantities,
     unit_of,
 )
-from bayestissue.inference.results.summary import MOSTLY, prior_overlap
+from bayestissue.inference.results.meanings import MOSTLY
+from bayestissue.inference.results.summary import prior_overlap
 from bayestissue.inference.samplers.convergence import effective_size
 from bayestissue.results.tables import table_of_rows
 

@@ -55,15 +55,13 @@ from bayestissue.hierarchy.effects import intercept, parameter_of, sd_impact
 from bayestissue.hierarchy.formulas.formula import group_terms
 from bayestissue.hierarchy.formulas.group_terms import SUBJECT, TRIAL, GroupTerm, grouping_of
 from bayestissue.hierarchy.levels import Recorded
+from bayestissue.inference.results.meanings import ICC, MDC, REPEATS, SEM, UNITS
 from bayestissue.inference.results.summary import prior_overlap
 from bayestissue.results.tables import table_of_rows
 
-ICC, SEM, MDC = "intraclass correlation", "standard error of measurement", "minimal detectable change (95 %)"
-REPEATS = "repeats"
 TARGETS = (0.75, 0.9)
 # Of a normal's middle 95 %, for the difference of two measurements.
 _DETECTABLE = 1.96 * np.sqrt(2)
-_UNITS = {"K": "N/m", "C": "N s/m"}
 _PERCENT = "%"
 
 Drawn = Float[np.ndarray, "*draw"]
@@ -204,7 +202,7 @@ def _error(
     """A difference of the log, in percent and in units of a typical person."""
     relative = np.expm1(log)
     yield Coefficient(q, measure, form, _PERCENT, f"relative_{name}", 100 * relative, varies)
-    yield Coefficient(q, measure, form, _UNITS.get(q, "1"), name, relative * typical, varies)
+    yield Coefficient(q, measure, form, UNITS.get(q, "1"), name, relative * typical, varies)
 
 
 def reliability(posterior: Sequence[Coefficient], prior: Sequence[Coefficient] = ()) -> pd.DataFrame:

@@ -27,8 +27,8 @@ import pandas as pd
 from jax import Array
 from jaxtyping import Float
 
+from bayestissue.hierarchy import SIDE_BY_SIDE
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
-from bayestissue.hierarchy.specification import SIDE_BY_SIDE
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, trace_likelihood, with_normal_errors
 from bayestissue.inference.checking import incredible, sentence

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Bool, Float, Num
-from scipy.special import chdtrc, fdtrc
 
 LAGS = 10
 # Of a matrix of cosines between columns, over their number: directions that rounding alone tells apart.
@@ -52,6 +51,8 @@ def ljung_box(shocks: Float[np.ndarray, "residual impact"], size: Count, spent: 
     Returns:
         p-values; NaN where an impact has fewer than 20 residuals.
     """
+    from scipy.special import chdtrc
+
     square = np.einsum("ti,ti->i", shocks, shocks)
     statistic = np.zeros(shocks.shape[1])
     for lag in range(1, min(LAGS, len(shocks) - 1) + 1):
@@ -95,6 +96,8 @@ def projected_portmanteau(
 
 
 def _projected(shocks: np.ndarray, fitted: np.ndarray, size: np.ndarray) -> Column:
+    from scipy.special import fdtrc
+
     lags = range(1, min(LAGS, shocks.shape[1] - 1) + 1)
     inside = np.arange(shocks.shape[1]) < size[:, None]
     basis, rank = _orthonormal(np.where(inside[:, None], fitted, 0.0))

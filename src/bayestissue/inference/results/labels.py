@@ -16,12 +16,10 @@ from bayestissue.hierarchy.derived import effect_dimensions
 from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.effects import intercept
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, stem_of
-from bayestissue.inference.results.meanings import meaning
+from bayestissue.inference.results.meanings import NAMES, UNITS, meaning
 from bayestissue.inference.samplers.sampling import Draws
 
-STIFFNESS, DAMPING = "N/m", "N s/m"
-_UNITS = {"K": STIFFNESS, "C": DAMPING}
-_NAMES = {"K": "stiffness K", "C": "damping C"}
+STIFFNESS, DAMPING = UNITS.values()
 _OF = ("cell", "subject", "trial", "new", "typical_person")
 _ONE_COLUMN = ("subject", "trial")
 
@@ -36,18 +34,18 @@ GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
 def _attributes(table: str) -> dict[str, dict[str, str]]:
     """Unit and meaning of the variables that a table of ``variables.toml`` declares, of K and C each."""
     return {
-        pattern.format(q=q): {"unit": unit.format(unit=_UNITS[q]), "long_name": words.format(**words_of)}
+        pattern.format(q=q): {"unit": unit.format(unit=UNITS[q]), "long_name": words.format(**words_of)}
         for pattern, (unit, words) in _DECLARED[table].items()
-        for q in (_UNITS if "{q}" in pattern else ["K"])
-        for words_of in [{"name": _NAMES[q], "unit": _UNITS[q]}]
+        for q in (UNITS if "{q}" in pattern else ["K"])
+        for words_of in [{"name": NAMES[q], "unit": UNITS[q]}]
     }
 
 
 def _levels() -> dict[str, dict[str, str]]:
     """Of K and C of an impact, and at the levels of the population."""
     return {
-        variable: {"unit": unit, "long_name": f"{_NAMES[q]} of {meaning(variable).level}"}
-        for q, unit in _UNITS.items()
+        variable: {"unit": unit, "long_name": f"{NAMES[q]} of {meaning(variable).level}"}
+        for q, unit in UNITS.items()
         for variable in (q, *(f"{q}_{level}" for level in _OF))
     }
 
@@ -71,7 +69,7 @@ def design_attributes(design: Design) -> dict[str, dict[str, str]]:
     """Unit and meaning of what a design has besides the effects of subject and trial on K and C."""
     extra = {parameter.name: parameter for name in element_names() for parameter in element(name).extra}
     words_of = {
-        q: {"q": q, "name": _NAMES.get(q, q), "unit": _UNITS[q] if q in _UNITS else extra[q].unit}
+        q: {"q": q, "name": NAMES.get(q, q), "unit": UNITS[q] if q in UNITS else extra[q].unit}
         for q in design.responses
     }
     table: dict[str, dict[str, str]] = {}
@@ -84,7 +82,7 @@ def design_attributes(design: Design) -> dict[str, dict[str, str]]:
         for words in words_of.values():
             table |= _worded("design.level", stem=stem_of(name), level=of_levels, **words)
     for q, part in design.responses.items():
-        if q not in _UNITS:
+        if q not in UNITS:
             table |= _worded("design.further", intercept=intercept(part.parameter), **words_of[q])
         for column in part.names:
             table |= _worded("design.covariate", column=column, **words_of[q])
@@ -138,12 +136,12 @@ def design_dimensions(design: Design) -> dict[str, tuple[str, ...]]:
 
 def of_one_person(draws: xr.Dataset) -> None:
     """Say of "this person" what is said of a typical or a new one where there are several."""
-    for q in _UNITS:
+    for q in UNITS:
         for variable in (f"{q}_{level}" for level in _OF):
             if variable in draws:
                 words = draws[variable].attrs
                 over = words.get("averaged_over", "")
-                words["long_name"] = f"{_NAMES[q]} of {meaning(variable, people=1).level}" + (
+                words["long_name"] = f"{NAMES[q]} of {meaning(variable, people=1).level}" + (
                     f", averaged over {over} with equal weight" if over else ""
                 )
 

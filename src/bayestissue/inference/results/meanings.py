@@ -11,6 +11,15 @@ from typing import NamedTuple
 from bayestissue.errors import Coded
 
 QUANTITIES = ("K", "C")
+NAMES = {"K": "stiffness K", "C": "damping C"}
+UNITS = {"K": "N/m", "C": "N s/m"}
+# In tables of impacts.
+COLUMNS = {"K": "K_N_per_m", "C": "C_N_s_per_m"}
+# Measures of repeatability, by the names that tables have.
+ICC, SEM, MDC = "intraclass correlation", "standard error of measurement", "minimal detectable change (95 %)"
+REPEATS = "repeats"
+# Above this overlap with the prior more than half of what is said of a quantity was said before the data.
+MOSTLY = 0.5
 # "These impacts" are those recorded, each person counting as often as hit. "A typical person" is the median
 # of the population that the people are drawn from; "a new person" is one more of that population, so that
 # the interval holds how people, conditions and impacts differ.

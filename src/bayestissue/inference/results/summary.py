@@ -79,8 +79,6 @@ def _named(name: str, array: xr.DataArray) -> pd.DataFrame:
     return pd.DataFrame({"variable": name, "label": labels, "unit": array.attrs.get("unit", "")})
 
 
-# Above it more than half of what is said of a quantity was said before the data.
-MOSTLY = 0.5
 _BINS = 20
 
 

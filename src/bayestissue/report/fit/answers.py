@@ -6,6 +6,7 @@ import numpy as np
 from markupsafe import Markup
 
 from bayestissue.hierarchy.formulas.group_terms import stem_of
+from bayestissue.inference.results.meanings import UNITS
 from bayestissue.report.fit.estimates import (
     apparent_exponent,
     dds_ratio,
@@ -26,7 +27,7 @@ from bayestissue.report.posterior import (
     hypothesis_probability,
     spread,
 )
-from bayestissue.report.wording import UNITS, likelihood_words, listed, relative, significant
+from bayestissue.report.wording import likelihood_words, listed, relative, significant
 
 _ASSUMED = (
     "Beside a discrepancy the damper's part of the force at that depth is told by the force's slope at the "

@@ -7,50 +7,25 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy.special import stdtrit
 
-from bayestissue.hierarchy.specification import SIDE_BY_SIDE
 from bayestissue.inference.answers.agreement import METHODS, agreement
-from bayestissue.report.fit.run import COLUMN, COMPARABLE, FitRun
+from bayestissue.inference.results.meanings import COLUMNS, UNITS
+from bayestissue.report.fit.run import FitRun
 from bayestissue.report.posterior import (
     QUANTITIES,
     Spread,
 )
 from bayestissue.report.tables import Field, Row, Table, columns, lines, table_of
 from bayestissue.report.wording import (
-    UNITS,
     interval,
     percent,
     significant,
 )
 
-_POINT_ESTIMATES = {"exact": "estimates_exact", "dds": "estimates_dds"}
 MOST_ROWS = 300
 _MOST_DRAWN = 1000
 _MASS_MUST_VARY = 1.01
 _NONE = "not an interval"
-
-
-def side_by_side(run: FitRun, quantity: str) -> pd.DataFrame:
-    """One row an impact: posterior ``median``, ``eti50_*`` and ``eti90_*``, ``exact``, ``dds``, ``truth``.
-
-    In N/m (K) or N s/m (C), indexed by impact; what an impact lacks is NaN, ``truth`` for measured data.
-    """
-    names = ["median", "eti50_low", "eti50_high", "eti90_low", "eti90_high"]
-    table = run.of_impacts(quantity)[names].copy()
-    for method, source in _POINT_ESTIMATES.items():
-        estimates = getattr(run, source).set_index("impact")[COLUMN[quantity]]
-        table[method] = estimates.reindex(table.index)
-    known = run.truth.set_index("impact")[_true_column(run, quantity)]
-    table["truth"] = known.reindex(table.index)
-    return table
-
-
-def _true_column(run: FitRun, quantity: str) -> str:
-    """The column of the truth; of another element's tissue the secant stiffness or equivalent damping."""
-    same = run.record.get("model", {}).get("element", SIDE_BY_SIDE) == SIDE_BY_SIDE
-    comparable = COMPARABLE[quantity]
-    return comparable if same and comparable in run.truth else COLUMN[quantity]
 
 
 def shown_rows(table: pd.DataFrame) -> pd.DataFrame:
@@ -70,7 +45,7 @@ class Held:
 
 def held_by_intervals(run: FitRun, quantity: str) -> list[Held]:
     """For the 50 % and the 90 % intervals; empty for data whose truth isn't known."""
-    table = side_by_side(run, quantity).dropna(subset="truth")
+    table = run.side_by_side[quantity].dropna(subset="truth")
     if table.empty:
         return []
     return [
@@ -101,7 +76,7 @@ def held_table(run: FitRun) -> Table:
 
 def dds_ratio(run: FitRun, quantity: str) -> float:
     """Median over impacts of the thesis's estimate divided by the posterior's median."""
-    table = side_by_side(run, quantity)
+    table = run.side_by_side[quantity]
     return float((table["dds"] / table["median"]).median())
 
 
@@ -124,12 +99,14 @@ def apparent_exponent(run: FitRun, quantity: str) -> ApparentExponent | None:
 
     The interval takes impacts for independent, which those of one person are not: it is too narrow.
     """
-    table = run.estimates_dds[["mass_kg", COLUMN[quantity]]].dropna()
+    from scipy.special import stdtrit
+
+    table = run.estimates_dds[["mass_kg", COLUMNS[quantity]]].dropna()
     table = table[(table > 0).all(axis=1)]
     mass = table["mass_kg"].to_numpy()
     if len(table) < 3 or mass.max() <= _MASS_MUST_VARY * mass.min():
         return None
-    x, y = np.log(mass / run.reference_mass), np.log(table[COLUMN[quantity]].to_numpy())
+    x, y = np.log(mass / run.reference_mass), np.log(table[COLUMNS[quantity]].to_numpy())
     centred, degrees = x - x.mean(), len(x) - 2
     slope = float(centred @ y / (centred @ centred))
     intercept = float(y.mean() - slope * x.mean())
@@ -148,7 +125,7 @@ def no_interval(run: FitRun) -> list[bool]:
 
 def estimates_table(run: FitRun) -> Table:
     """Posterior beside the point estimates and, where known, the truth, of the first 300 impacts."""
-    tables = {quantity: side_by_side(run, quantity)[:MOST_ROWS] for quantity in QUANTITIES}
+    tables = {quantity: run.side_by_side[quantity][:MOST_ROWS] for quantity in QUANTITIES}
     known = not run.truth.empty
     titles = ["impact", "person", "condition", "M (kg)"]
     cells: list[list[str]] = [
@@ -167,7 +144,7 @@ def estimates_table(run: FitRun) -> Table:
         ]
         ranges = [_NONE if none else one.range for one, none in zip(spreads, no_interval(run), strict=False)]
         cells += [[one.value for one in spreads], ranges]
-        cells += [[significant(value, 4) for value in table[method]] for method in _POINT_ESTIMATES]
+        cells += [[significant(value, 4) for value in table[method]] for method in ("exact", "dds")]
         if known:
             titles.append(f"true {quantity}")
             cells.append([significant(value, 4) for value in table["truth"]])
@@ -176,7 +153,7 @@ def estimates_table(run: FitRun) -> Table:
 
 def method_values(run: FitRun, quantity: str) -> pd.DataFrame:
     """The value of every impact by every method, [impact, method]."""
-    return side_by_side(run, quantity).rename(columns={"median": "posterior"})[list(METHODS)]
+    return run.side_by_side[quantity].rename(columns={"median": "posterior"})[list(METHODS)]
 
 
 def agreement_table(run: FitRun) -> Table:

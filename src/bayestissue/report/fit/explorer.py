@@ -54,17 +54,17 @@ def packed_impacts(run: FitRun, table: pd.DataFrame) -> str:
     replicates = run.draws(run.shown, "posterior_predictive")
     observed, time = run.groups["observed_data"][run.shown].to_numpy(), run.constant("time")[run.predicted]
     traces, values = [], []
-    for place in which:
-        bands = np.percentile(replicates[:, place].astype(float), list(BANDS.values()), axis=0)
-        known = np.isfinite(time[place]) & np.isfinite(bands[0]) & np.isfinite(observed[place])
+    for index in which:
+        bands = np.percentile(replicates[:, index].astype(float), list(BANDS.values()), axis=0)
+        known = np.isfinite(time[index]) & np.isfinite(bands[0]) & np.isfinite(observed[index])
         middle = list(BANDS).index("median")
         others = [row - bands[middle] for name, row in zip(BANDS, bands, strict=True) if name != "median"]
-        numbers = scale * np.array([bands[middle], observed[place] - bands[middle], *others])[:, known]
+        numbers = scale * np.array([bands[middle], observed[index] - bands[middle], *others])[:, known]
         step = float(np.abs(numbers).max(initial=0) / _STEPS) or 1.0
-        at = 1e3 * time[place][known]
+        at = 1e3 * time[index][known]
         traces.append(
             {
-                "impact": int(run.predicted[place]),
+                "impact": int(run.predicted[index]),
                 "samples": int(at.size),
                 "first": float(at[0]) if at.size else 0.0,
                 "interval": float((at[-1] - at[0]) / max(at.size - 1, 1)) if at.size else 1.0,

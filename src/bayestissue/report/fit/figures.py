@@ -14,66 +14,25 @@ from bayestissue.declarations import declared
 from bayestissue.figures import impacts as of_impacts
 from bayestissue.figures import study
 from bayestissue.figures import traces as of_traces
-from bayestissue.figures.impacts import COLUMNS, NAMES, UNITS, axis_title, end
+from bayestissue.figures.impacts import axis_title
 from bayestissue.figures.intervals import intervals, quantiles, with_ranks
 from bayestissue.figures.theme import Figure
 from bayestissue.hierarchy.formulas.group_terms import stem_of
 from bayestissue.inference.answers.agreement import METHODS
+from bayestissue.inference.results.meanings import COLUMNS, NAMES, UNITS
 from bayestissue.report.fit import traces
-from bayestissue.report.fit.estimates import mass_varies, method_values, shown_rows, side_by_side
+from bayestissue.report.fit.estimates import mass_varies, method_values, shown_rows
 from bayestissue.report.fit.population import OwnSlope, groupings, own_slopes
 from bayestissue.report.fit.run import FitRun
-from bayestissue.report.posterior import QUANTITIES, exponent_figure, group_words, typical_draws
+from bayestissue.report.posterior import QUANTITIES, exponent_figure, group_words, mass_curve
 
 _WORDS = declared(__package__, "figures.toml")
-_GRID = 60
 # Levels of a factor that a figure of pairs has room for.
 _MOST_SIDES = 6
 
 
 def _said(figure: str, **words: str) -> str:
     return str(_WORDS[figure]).format(**words)
-
-
-def impacts_table(run: FitRun) -> pd.DataFrame:
-    """A row an impact: who and how, K and C with their 90 % intervals, the truth of simulated data.
-
-    ``unlike`` says how far K or C lies from what its person and condition let one expect, in robust standard
-    deviations of all impacts.
-    """
-    constants = run.groups["constant_data"]
-    table = pd.DataFrame(
-        {
-            "impact": run.impacts,
-            "person": run.constant("impact_subject").astype(str),
-            "condition": run.constant("impact_trial").astype(str),
-            **{
-                str(array.attrs.get("column", str(name).removeprefix("column_"))): array.to_numpy().astype(
-                    str
-                )
-                for name, array in constants.data_vars.items()
-                if str(name).startswith("column_") and array.dtype.kind in "UOS"
-            },
-            "mass_kg": run.constant("mass_kg"),
-            "velocity_m_s": run.constant("velocity_m_s"),
-        }
-    )
-    unlike = np.zeros(len(table))
-    for q in QUANTITIES:
-        values = side_by_side(run, q)
-        table[COLUMNS[q]] = values["median"].to_numpy()
-        table[end(q, "low")], table[end(q, "high")] = (
-            values["eti90_low"].to_numpy(),
-            values["eti90_high"].to_numpy(),
-        )
-        if values["truth"].notna().any():
-            table[f"true_{q}"] = values["truth"].to_numpy()
-        left = np.log(table[COLUMNS[q]])
-        for level in ("person", "condition"):
-            left = left - left.groupby(table[level]).transform("median")
-        scatter = 1.4826 * float(left.abs().median())
-        unlike = np.maximum(unlike, (left.abs() / scatter).to_numpy() if scatter > 0 else 0.0)
-    return table.assign(unlike=np.round(unlike, 2))
 
 
 def impacts(run: FitRun, x: str = "C", y: str = "K") -> Figure:
@@ -83,7 +42,7 @@ def impacts(run: FitRun, x: str = "C", y: str = "K") -> Figure:
     )
     true = "; crosses are the truth of simulated data" if not run.truth.empty and x == "order" else ""
     return of_impacts.scatter(
-        impacts_table(run), x, y, _said("impacts", name=NAMES[y], where=where, true=true)
+        run.impacts_table, x, y, _said("impacts", name=NAMES[y], where=where, true=true)
     )
 
 
@@ -101,7 +60,7 @@ def people(run: FitRun, quantity: str = "K", level: str = "subject") -> Figure:
 
 def sides(run: FitRun) -> list[str]:
     """The columns, such as ``side``, in whose levels the same people were hit, the condition last."""
-    table = impacts_table(run)
+    table = run.impacts_table
     several = [
         name
         for name in dict.fromkeys((*of_impacts.factors(table), "condition"))
@@ -119,11 +78,11 @@ def paired(run: FitRun, quantity: str = "K", factor: str = "side") -> Figure:
     Where the model has an effect of person and level together, values are that effect's posterior; else the
     geometric means of the person's impacts.
     """
-    table = impacts_table(run)
+    table = run.impacts_table
     column = "trial" if factor == "condition" else factor
-    own = f"{quantity}_subject_{stem_of(column)}"
-    if run.has(own):
-        rows = quantiles(run.draws(own), run.labels(f"subject:{column}"))
+    variable = f"{quantity}_subject_{stem_of(column)}"
+    if run.has(variable):
+        rows = quantiles(run.draws(variable), run.labels(f"subject:{column}"))
         rows[["person", "level"]] = [str(label).rsplit(":", 1) for label in rows["label"]]
     else:
         logs = np.log(table[COLUMNS[quantity]]).groupby([table["person"], table[factor]]).mean()
@@ -150,7 +109,7 @@ def repeats(run: FitRun, quantity: str) -> pd.DataFrame:
     In the same condition where people were hit again in it, else from condition to condition.
     """
     values = run.estimates_exact.set_index("impact")[COLUMNS[quantity]].reindex(run.impacts)
-    table = impacts_table(run).assign(value=values.to_numpy())
+    table = run.impacts_table.assign(value=values.to_numpy())
     table = table[table["value"] > 0]
     levels = of_impacts.factors(table)
     if not table.duplicated(levels).any():
@@ -196,27 +155,16 @@ def methods(run: FitRun, quantity: str, method: str, against: str) -> Figure:
 def mass(run: FitRun, quantity: str = "K", *, thesis: bool = False) -> Figure:
     """K (or C) over mass on log scales: impacts, conditions, the posterior line, exponents 0 and 1."""
     masses = run.constant("mass_kg")
-    grid = np.geomspace(0.93 * masses.min(), 1.07 * masses.max(), _GRID)
-    typical, ratio = typical_draws(run, quantity), np.log(grid / run.reference_mass)
-    level = float(np.median(typical))
-    curve = pd.DataFrame(
-        {"mass_kg": grid, "exponent 0": level, "exponent 1": level * grid / run.reference_mass}
-    )
-    if run.has(f"mass_exponent_{quantity}"):
-        drawn = typical[:, None] * np.exp(run.draws(f"mass_exponent_{quantity}")[:, None] * ratio)
-        low, median, high = np.percentile(drawn, [5, 50, 95], axis=0)
-        curve = curve.assign(eti90_low=low, median=median, eti90_high=high)
-    log_mass = np.log(masses)
     trial = run.constant("impact_trial").astype(str)
-    at = np.exp(pd.Series(log_mass).groupby(trial).mean().reindex(run.labels("trial")))
+    at = np.exp(pd.Series(np.log(masses)).groupby(trial).mean().reindex(run.labels("trial")))
     conditions = quantiles(run.draws(f"{quantity}_trial"), run.labels("trial")).assign(mass_kg=np.asarray(at))
     dds = run.estimates_dds[["impact", "mass_kg", COLUMNS[quantity]]].rename(
         columns={COLUMNS[quantity]: "value"}
     )
     return of_impacts.over_mass(
-        shown_rows(impacts_table(run)),
+        shown_rows(run.impacts_table),
         conditions,
-        curve,
+        mass_curve(run, quantity, masses, run.reference_mass),
         quantity,
         _said("mass", name=NAMES[quantity]),
         who="this person" if run.people_count == 1 else "typical person",
@@ -265,9 +213,9 @@ def _of(level: str) -> str:
 
 def recording(run: FitRun, impact: str | None = None) -> Figure:
     """What was recorded of one impact over what is predicted of it; the median one by K unless given."""
-    names = [run.impacts[place] for place in run.predicted]
-    place = traces.middle_impact(run) if impact is None else names.index(impact)
-    rows = traces.trace_rows(run, place)
+    names = [run.impacts[row] for row in run.predicted]
+    index = traces.middle_impact(run) if impact is None else names.index(impact)
+    rows = traces.trace_rows(run, index)
     return of_traces.recording(
         rows,
         run.shown,
@@ -314,8 +262,8 @@ def published(run: FitRun) -> Iterator[tuple[str, Callable[[], Figure]]]:
         yield f"{q}-of-impacts", partial(impacts, run, "order", q)
     yield "K-over-C", partial(impacts, run)
     yield "recording", partial(recording, run)
-    for each in own_slopes(run):
-        yield each.name, partial(slope, run, each)
+    for coefficient in own_slopes(run):
+        yield coefficient.name, partial(slope, run, coefficient)
 
 
 def method_figures(run: FitRun) -> list[Figure]:

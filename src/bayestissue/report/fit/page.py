@@ -40,7 +40,7 @@ _CONTENTS = (
 )
 _FIRST = ("subject", "trial")
 # What the template calls for the words, tables and figures of a section.
-_SECTIONS = {
+_SECTIONS: dict[str, Any] = {
     "answers": answers,
     "checks": checks,
     "estimates": estimates,
@@ -62,8 +62,11 @@ def fit_page(folder: Path, record: dict[str, Any]) -> str:
     return page_of(read_fit_run(folder, record))
 
 
-def page_of(run: FitRun) -> str:
-    """The HTML of the report of a `fit`: its template has each section's words, tables and figures made."""
+def page_of(run: FitRun, **served: Any) -> str:
+    """The HTML of the report of a `fit`: its template has each section's words, tables and figures made.
+
+    ``served`` is what the template takes besides where a server answers the page.
+    """
     prior_remark = posterior.prior_remark(run.sensitivity)
     return render_page(
         "fit.html",
@@ -82,6 +85,7 @@ def page_of(run: FitRun) -> str:
         **_first_screen(run),
         **_traces(run),
         **_population(run),
+        **served,
     )
 
 
@@ -140,7 +144,7 @@ def _first_screen(run: FitRun) -> dict[str, Any]:
 
 
 def _traces(run: FitRun) -> dict[str, Any]:
-    left, one_step, table = traces.residuals(run), traces.one_step_p(run), figures.impacts_table(run)
+    left, one_step, table = traces.residuals(run), traces.one_step_p(run), run.impacts_table
     return {
         "choices": [(name, sorted(table[name].unique())) for name in factors(table)],
         "scatter": figures.impacts(run),

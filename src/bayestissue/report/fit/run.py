@@ -13,6 +13,9 @@ import pandas as pd
 import xarray as xr
 
 from bayestissue.errors import InputError, all_of
+from bayestissue.figures.impacts import end
+from bayestissue.hierarchy import SIDE_BY_SIDE
+from bayestissue.inference.results.meanings import COLUMNS
 from bayestissue.report.run_folder import (
     POSTERIOR_TABLES,
     PosteriorRun,
@@ -24,7 +27,6 @@ from bayestissue.report.run_folder import (
 from bayestissue.results import read_tables
 from bayestissue.results.tables import table_of_rows, typed, wrong_in
 
-COLUMN = {"K": "K_N_per_m", "C": "C_N_s_per_m"}
 # What means the same for every element, where the truth is another element's.
 COMPARABLE = {"K": "K_secant_N_per_m", "C": "C_equivalent_N_s_per_m"}
 TABLES = (*POSTERIOR_TABLES, "cross_validation", "estimates_exact", "estimates_dds")
@@ -68,6 +70,61 @@ class FitRun(PosteriorRun):
     def impacts(self) -> list[str]:
         """The names of the impacts."""
         return [str(label) for label in self.groups["constant_data"]["impact"].to_numpy()]
+
+    @cached_property
+    def side_by_side(self) -> dict[str, pd.DataFrame]:
+        """For K and for C, in N/m and N s/m, a row an impact: its posterior and its point estimates.
+
+        Posterior ``median``, ``eti50_*`` and ``eti90_*``; ``exact``; ``dds``; ``truth``, of another element's
+        tissue the secant stiffness or equivalent damping. What an impact lacks is NaN.
+        """
+        names = ["median", "eti50_low", "eti50_high", "eti90_low", "eti90_high"]
+        same = self.record.get("model", {}).get("element", SIDE_BY_SIDE) == SIDE_BY_SIDE
+        tables = {}
+        for q, column in COLUMNS.items():
+            table = self.of_impacts(q)[names].copy()
+            for method, estimates in (("exact", self.estimates_exact), ("dds", self.estimates_dds)):
+                table[method] = estimates.set_index("impact")[column].reindex(table.index)
+            true = COMPARABLE[q] if same and COMPARABLE[q] in self.truth else column
+            table["truth"] = self.truth.set_index("impact")[true].reindex(table.index)
+            tables[q] = table
+        return tables
+
+    @cached_property
+    def impacts_table(self) -> pd.DataFrame:
+        """A row an impact: who and how, K and C with their 90 % intervals, the truth of simulated data.
+
+        ``unlike`` says how far K or C lies from what its person and condition let one expect, in robust
+        standard deviations of all impacts.
+        """
+        further = {
+            str(array.attrs.get("column", str(name).removeprefix("column_"))): array.to_numpy().astype(str)
+            for name, array in self.groups["constant_data"].data_vars.items()
+            if str(name).startswith("column_") and array.dtype.kind in "UOS"
+        }
+        table = pd.DataFrame(
+            {
+                "impact": self.impacts,
+                "person": self.constant("impact_subject").astype(str),
+                "condition": self.constant("impact_trial").astype(str),
+                **further,
+                "mass_kg": self.constant("mass_kg"),
+                "velocity_m_s": self.constant("velocity_m_s"),
+            }
+        )
+        unlike = np.zeros(len(table))
+        for q, values in self.side_by_side.items():
+            table[COLUMNS[q]] = values["median"].to_numpy()
+            for side in ("low", "high"):
+                table[end(q, side)] = values[f"eti90_{side}"].to_numpy()
+            if values["truth"].notna().any():
+                table[f"true_{q}"] = values["truth"].to_numpy()
+            left = np.log(table[COLUMNS[q]])
+            for level in ("person", "condition"):
+                left = left - left.groupby(table[level]).transform("median")
+            scatter = 1.4826 * float(left.abs().median())
+            unlike = np.maximum(unlike, (left.abs() / scatter).to_numpy() if scatter > 0 else 0.0)
+        return table.assign(unlike=np.round(unlike, 2))
 
     @property
     def people_count(self) -> int:

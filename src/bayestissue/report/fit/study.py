@@ -9,14 +9,12 @@ import pandas as pd
 
 from bayestissue.errors import Coded
 from bayestissue.hierarchy.formulas.group_terms import stem_of
-from bayestissue.inference.answers.reliability import ICC, MDC, REPEATS, SEM
-from bayestissue.inference.results.summary import MOSTLY
+from bayestissue.inference.results.meanings import ICC, MDC, MOSTLY, REPEATS, SEM, UNITS
 from bayestissue.report.fit.population import groupings
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.posterior import QUANTITIES, Spread, spread
 from bayestissue.report.tables import Field, Row, Table, columns, lines, table_of
 from bayestissue.report.wording import (
-    UNITS,
     likelihood_words,
     listed,
     number,

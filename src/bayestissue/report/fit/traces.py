@@ -8,7 +8,6 @@ from functools import cached_property
 import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float
-from scipy.special import chdtrc
 
 from bayestissue.figures.traces import BANDS
 from bayestissue.inference.points.whiteness import autocorrelation
@@ -72,6 +71,8 @@ class Residuals:
         come from draws that have seen the measured trace, which draws the ranks to the middle: chance raises
         the alarm no more often than stated.
         """
+        from scipy.special import chdtrc
+
         replicated, measured = self._lag_one
         draws = len(replicated)
         above = (replicated > measured).sum(axis=0)
@@ -119,16 +120,16 @@ def one_step_p(run: FitRun) -> np.ndarray:
 SCALES = {"deceleration": ("m/s²", 1.0), "displacement": ("mm", 1e3)}
 
 
-def trace_rows(run: FitRun, place: int) -> pd.DataFrame:
+def trace_rows(run: FitRun, index: int) -> pd.DataFrame:
     """One of the impacts that have predictions: ``time_ms``, ``recorded`` and `BANDS` of its replicates."""
     scale = SCALES[run.shown][1]
     bands = scale * np.percentile(
-        run.draws(run.shown, "posterior_predictive")[:, place].astype(float), list(BANDS.values()), axis=0
+        run.draws(run.shown, "posterior_predictive")[:, index].astype(float), list(BANDS.values()), axis=0
     )
     rows = pd.DataFrame(
         {
-            "time_ms": 1e3 * run.constant("time")[run.predicted[place]],
-            "recorded": scale * run.groups["observed_data"][run.shown].to_numpy()[place],
+            "time_ms": 1e3 * run.constant("time")[run.predicted[index]],
+            "recorded": scale * run.groups["observed_data"][run.shown].to_numpy()[index],
         }
         | dict(zip(BANDS, bands, strict=True))
     )

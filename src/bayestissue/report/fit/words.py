@@ -8,9 +8,7 @@ import numpy as np
 import pandas as pd
 
 from bayestissue.declarations import declared
-from bayestissue.elements.element import Element
-from bayestissue.elements.registry import element
-from bayestissue.hierarchy.specification import SIDE_BY_SIDE
+from bayestissue.hierarchy import SIDE_BY_SIDE
 from bayestissue.report.fit.answers import depth_words, has_common_depth
 from bayestissue.report.fit.estimates import COVERAGE
 from bayestissue.report.fit.run import FitRun
@@ -26,12 +24,15 @@ _ERROR_OF_END = 0.642
 
 def likelihood_words(run: FitRun) -> str:
     """What each trace is taken for."""
-    met, noise = _element(run), _WORDS["recorders"][recorder_noise(run)]
-    K_words = _WORDS["own_K" if met.name == SIDE_BY_SIDE else "own_C"]
+    name, noise = _element(run), _WORDS["recorders"][recorder_noise(run)]
+    K_words = _WORDS["own_K" if name == SIDE_BY_SIDE else "own_C"]
     additions = f" {_WORDS['discrepancy']} {K_words}" if has_discrepancy(run) else ""
     if has_common_depth(run):
         additions += f" K_common_depth is the force over the depth at {depth_words(run)} and at rest."
-    if met.name != SIDE_BY_SIDE:
+    if name != SIDE_BY_SIDE:
+        from bayestissue.elements import element
+
+        met = element(name)
         meanings = "; ".join(
             f"{parameter.name} ({parameter.unit}): {parameter.meaning}" for parameter in met.parameters
         )
@@ -55,8 +56,8 @@ def recorder_noise(run: FitRun) -> str:
     return str(run.record.get("model", {}).get("noise", "white"))
 
 
-def _element(run: FitRun) -> Element:
-    return element(run.record.get("model", {}).get("element", SIDE_BY_SIDE))
+def _element(run: FitRun) -> str:
+    return str(run.record.get("model", {}).get("element", SIDE_BY_SIDE))
 
 
 def unused_priors(run: FitRun) -> tuple[str, ...]:

@@ -91,6 +91,7 @@
       list.value = name;
     }
     tell(data.impacts[place.get(name)]);
+    part.dispatchEvent(new CustomEvent("chosen", { detail: name }));
     missing.hidden = traces.has(name);
     views.forEach(update);
     if (keep) remember();
@@ -121,6 +122,7 @@
     update(view);
   });
 
+  part.querySelector("form").addEventListener("submit", event => event.preventDefault());
   part.querySelectorAll("[disabled]").forEach(control => { control.disabled = false; });
   const begin = () => {
     let kept = {};

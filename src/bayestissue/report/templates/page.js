@@ -12,9 +12,10 @@ const bayestissue = (() => {
   const fetched = new Map();
   const once = (key, make) => fetched.has(key) ? fetched.get(key) : (fetched.set(key, make()), fetched.get(key));
 
+  // Drawn by what the page carries, or by what its server has.
   const library = () => once("library", async () => {
-    const script = document.createElement("script");
-    script.src = URL.createObjectURL(new Blob([await text(document.getElementById("library"))], { type: "text/javascript" }));
+    const script = document.createElement("script"), carried = document.getElementById("library");
+    script.src = carried ? URL.createObjectURL(new Blob([await text(carried)], { type: "text/javascript" })) : "library.js";
     await new Promise((done, failed) => { script.onload = done; script.onerror = failed; document.head.append(script); });
     URL.revokeObjectURL(script.src);
   });
@@ -41,7 +42,8 @@ const bayestissue = (() => {
     // As wide as the page leaves room, and no wider than the figure is meant to be by much.
     // In a closed part there is no width yet.
     const room = Math.max(place.clientWidth || Math.min(document.querySelector("main").clientWidth, 520), 240);
-    if (spec.vconcat) spec.vconcat.forEach(part => { part.width = Math.min(room, 900) - 92; });
+    if (spec.facet) { spec.columns = Math.min(spec.columns, Math.max(Math.floor(room / 220), 1)); spec.spec.width = (room - 60) / spec.columns - (spec.resolve.scale.y ? 65 : 25); }
+    else if (spec.vconcat) spec.vconcat.forEach(part => { part.width = Math.min(room, 900) - 92; });
     else { spec.width = Math.min(room, 1.5 * (spec.width || 460)); spec.autosize = { type: "fit-x", contains: "padding" }; }
     const name = figure.dataset.name || "figure";
     const { view } = await vegaEmbed(place, spec, {

@@ -7,19 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from markupsafe import Markup
-from matplotlib.ticker import LogLocator, NullLocator
 
-from bayestissue.report.page import figure, render_page
-from bayestissue.report.style import (
-    POSTERIOR,
-    PUBLISHED,
-    REFERENCE,
-    label_in_powers,
-    log_ticks,
-    new_figure,
-    shown,
-)
+from bayestissue.figures.intervals import ENDS, intervals, with_error_of
+from bayestissue.figures.theme import Figure
+from bayestissue.report.page import render_page
 from bayestissue.report.tables import Field, Row, Table, columns, settings_table, table_of
 from bayestissue.report.wording import number, significant, with_error
 from bayestissue.thesis.causes.design import LEVEL, MEANING, WORDS
@@ -38,56 +31,45 @@ from bayestissue.thesis.pages.causes_answers import (
 
 def short(name: str) -> str:
     """A cause's name in the specification as a label."""
-    return shown(name.replace("_", " "))
+    return name.replace("_", " ")
 
 
-def predictive_figure(run: CausesRun, statistic: str) -> Markup:
+def predictive_figure(run: CausesRun, statistic: str) -> Figure:
     """One statistic: 90 % and 50 % of each cause's campaigns, their median, and the observed value."""
-    rows = run.predictive[run.predictive["statistic"] == statistic].set_index("cause")
     names = list(run.causes["cause"])
-    rows = rows.loc[names]
-    height = np.arange(len(names))[::-1]
+    rows = run.predictive[run.predictive["statistic"] == statistic].set_index("cause").loc[names]
+    ends = dict(zip(("q05", "q25", "q50", "q75", "q95"), ENDS, strict=True))
     observed = run.value(statistic)
-    fig, axes = new_figure((4.8, 1.0 + 0.22 * len(names)))
-    axes.hlines(height, rows["q05"], rows["q95"], color=POSTERIOR, lw=1.4)
-    axes.hlines(height, rows["q25"], rows["q75"], color=POSTERIOR, lw=4.5)
-    axes.plot(rows["q50"], height, "|", color="white", ms=6, mew=1.5)
-    axes.axvline(observed, color=PUBLISHED, lw=1.6)
-    axes.set(yticks=height, yticklabels=[short(name) for name in names], xlabel=WORDS[statistic])
-    if statistic == LEVEL:
-        axes.set_xscale("log")
-        # Decades: there are too many of them for anything between.
-        axes.xaxis.set_major_locator(LogLocator(numticks=6))
-        axes.xaxis.set_minor_locator(NullLocator())
-        label_in_powers(axes.xaxis)
-    axes.grid(visible=False, axis="y")
-    return figure(
-        fig,
+    return intervals(
+        rows.rename(columns=ends)[list(ENDS)].reset_index(drop=True).assign(label=list(map(short, names))),
+        WORDS[statistic],
         f"{WORDS[statistic]}: for each cause the range of nine tenths and of one half of its campaigns; "
-        f"a vertical line at the observed value, {observed:.3g}.",
+        f"a dashed line at the observed value, {observed:.3g}.",
+        lines=(observed,),
+        straight=statistic != LEVEL,
     )
 
 
-def probability_figure(run: CausesRun) -> Markup:
-    """Posterior probability and joint p-value of every cause, side by side."""
+def probability_figures(run: CausesRun) -> list[Figure]:
+    """Posterior probability and joint p-value of every cause."""
     table = run.causes
-    height = np.arange(len(table))[::-1]
-    fig, (left, right) = new_figure((9.2, 1.0 + 0.24 * len(table)), columns=2, sharey=True)
-    left.barh(height, table["probability"], xerr=table["probability_error"], color=POSTERIOR, height=0.6)
-    left.set(xlim=(0, 1), xlabel="posterior probability among these causes", yticks=height)
-    left.set_yticklabels([short(name) for name in table["cause"]])
-    right.plot(table["p_joint"], height, "o", color=POSTERIOR, ms=5)
-    right.axvline(0.01, color=REFERENCE, ls="--", lw=1)
-    right.set_xscale("log")
-    right.set(xlim=(min(table["smallest_p"].min() * 0.6, 0.005), 1.3), xlabel="joint predictive p-value")
-    log_ticks(right.xaxis, [0.001, 1.0])
-    for axes in (left, right):
-        axes.grid(visible=False, axis="y")
-    return figure(
-        fig,
-        "For every cause its posterior probability with its Monte Carlo error, and its joint predictive "
-        "p-value on a logarithmic scale with a dashed line at 0.01.",
-    )
+    names = table["cause"].map(short)
+    return [
+        intervals(
+            with_error_of(names, table["probability"], table["probability_error"]),
+            "posterior probability among these causes",
+            "The posterior probability of every cause with its Monte Carlo error.",
+            domain=(0, 1),
+            straight=True,
+        ),
+        intervals(
+            pd.DataFrame({"label": names, "value": table["p_joint"]}),
+            "joint predictive p-value",
+            "The joint predictive p-value of every cause on a logarithmic scale, with a dashed line at 0.01.",
+            lines=(0.01,),
+            domain=(min(float(table["smallest_p"].min()) * 0.6, 0.005), 1.0),
+        ),
+    ]
 
 
 _VERDICTS = {"refuted": "ruled out", "doubtful": "hardly", "possible": "possible"}
@@ -223,6 +205,6 @@ def causes_page(folder: Path, record: dict[str, Any]) -> str:
         guess=number(guess, 2),
         published=subject["name"] == "published",
         settings_table=settings_table(record["model"]),
-        probability_plot=probability_figure(run),
+        probability_plots=probability_figures(run),
         predictive_plots=[predictive_figure(run, name) for name in run.statistics],
     )

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from markupsafe import Markup
+import pandas as pd
 
 from bayestissue.dataset.published import PublishedTables
-from bayestissue.report.page import figure
-from bayestissue.report.posterior import NAMES
-from bayestissue.report.style import MUTED, POSTERIOR, PUBLISHED, REFERENCE, new_figure, shown
-from bayestissue.report.wording import UNITS
+from bayestissue.figures import study
+from bayestissue.figures.impacts import MASS, axis_title, over_mass
+from bayestissue.figures.intervals import intervals, quantiles
+from bayestissue.figures.theme import Figure, number
+from bayestissue.inference.results.meanings import COLUMNS, NAMES
+from bayestissue.report.posterior import mass_curve
 from bayestissue.thesis.pages.published_run import PublishedRun
 from bayestissue.thesis.reproduction.conditions import Quantity, conditions
 from bayestissue.thesis.reproduction.relations import correlation_figure, printed_line, straight_line
+
+_THESIS = "line of the thesis"
 
 
 def inside_share(run: PublishedRun, quantity: str) -> tuple[int, int]:
@@ -24,111 +26,83 @@ def inside_share(run: PublishedRun, quantity: str) -> tuple[int, int]:
     return int(np.sum((observed >= low) & (observed <= high))), observed.size
 
 
-def predictive_figure(run: PublishedRun, quantity: str) -> Markup:
+def _impacts(run: PublishedRun) -> pd.DataFrame:
+    """Of each published impact its name, person, condition and mass."""
+    of_trial, of_subject = run.constant("impact_trial"), run.constant("impact_subject")
+    return pd.DataFrame(
+        {
+            "impact": run.labels("impact"),
+            "person": np.array(run.labels("subject"))[of_subject],
+            "condition": np.array(run.labels("trial"))[of_trial],
+            "mass_kg": run.constant("mass_kg")[of_trial],
+        }
+    )
+
+
+def predictive_figure(run: PublishedRun, quantity: str) -> Figure:
     """Published impacts over the predictive interval of their condition, both in % of its median.
 
     The predictive draws of a condition's impacts are pooled, so a bar is what the model expects of an
     impact on one of its people.
     """
-    observed = run.observed(f"{quantity}_observed")
     predicted = run.draws(f"{quantity}_observed", "posterior_predictive")
-    of_trial, trials = run.constant("impact_trial"), run.labels("trial")
+    of_trial, subject = run.constant("impact_trial"), run.constant("impact_subject")
     present = np.unique(of_trial)
     # One bar per condition: at most a few dozen, each from all of its draws.
-    points = np.array(
-        [np.percentile(predicted[:, of_trial == trial], [5, 25, 50, 75, 95]) for trial in present]
-    )
-    low, quarter, _, three_quarters, high = (100 * (points / points[:, 2:3] - 1)).T
-    position = np.searchsorted(present, of_trial)
-    subject = run.constant("impact_subject")
-    offset = 0.5 * (subject / max(subject.max(), 1) - 0.5)
-    fig, axes = new_figure()
-    positions = np.arange(present.size)
-    axes.bar(positions, high - low, 0.7, low, color=POSTERIOR, alpha=0.2, label="predicted, 90 % of impacts")
-    axes.bar(positions, three_quarters - quarter, 0.7, quarter, color=POSTERIOR, alpha=0.35, label="50 %")
-    axes.scatter(
-        position + offset,
-        100 * (observed / points[position, 2] - 1),
-        12,
-        color=PUBLISHED,
-        zorder=3,
-        label="published impact",
-    )
-    axes.axhline(0, color=REFERENCE, ls="--", lw=1)
-    axes.set(
-        xlabel="condition (the thesis's trial number)",
-        ylabel=f"{quantity} off the predicted median (%)",
-        xticks=positions,
-        xticklabels=[shown(trials[trial]) for trial in present],
-    )
-    axes.grid(visible=False, axis="x")
-    fig.legend(loc="outside upper left", ncols=3)
-    return figure(
-        fig,
+    pooled = [predicted[:, of_trial == trial] for trial in present]
+    median = np.array([np.median(draws) for draws in pooled])
+    names = np.array(run.labels("trial"))[present]
+    bars = [
+        quantiles(100 * (draws.reshape(-1, 1) / middle - 1), [name])
+        for draws, middle, name in zip(pooled, median, names, strict=True)
+    ]
+    off = 100 * (run.observed(f"{quantity}_observed") / median[np.searchsorted(present, of_trial)] - 1)
+    rows = _impacts(run)
+    return intervals(
+        pd.concat(bars, ignore_index=True),
+        f"{quantity} off the predicted median (%)",
         f"For each condition, the model's 50 % and 90 % predictive intervals of {NAMES[quantity]} "
-        "as bars and the published impacts as points.",
+        "as bars and the published impacts as diamonds.",
+        points=rows.assign(label=rows["condition"], value=off, offset=subject / max(subject.max(), 1) - 0.5),
+        lines=(0,),
+        straight=True,
     )
 
 
-_GRID = 80
-
-
-def posterior_mass_figure(run: PublishedRun, quantity: str, line: tuple[float, float] | None) -> Markup:
-    """K (or C) over mass: published estimates, the typical person with its bands, and the thesis's line.
+def posterior_mass_figure(run: PublishedRun, quantity: str, line: tuple[float, float] | None) -> Figure:
+    """K (or C) over mass: published estimates, the typical person with its band, and the thesis's line.
 
     ``line`` is the thesis's intercept and slope over mass, or None if it printed none.
     """
-    mass = run.constant("mass_kg")
-    at = mass[run.constant("impact_trial")]
-    grid = np.linspace(0.92 * mass.min(), 1.04 * mass.max(), _GRID)
-    fig, axes = new_figure()
-    axes.scatter(
-        at, run.observed(f"{quantity}_observed"), 16, color=PUBLISHED, alpha=0.7, label="published impact"
-    )
-    _lost_conditions(axes, run, quantity)
-    if run.has(f"mass_exponent_{quantity}"):
-        _typical_band(axes, run, quantity, grid)
+    mass, trials = run.constant("mass_kg"), run.labels("trial")
+    curve = mass_curve(run, quantity, mass, run.reference_mass)
     if line is not None:
-        axes.plot(grid, line[0] + line[1] * grid, color=REFERENCE, ls="--", lw=1.2, label="thesis's line")
-    axes.set(xlabel="mass of the impactor, M (kg)", ylabel=f"{NAMES[quantity]} ({UNITS[quantity]})")
-    axes.set_ylim(bottom=0)
-    fig.legend(loc="outside upper left", ncols=2)
-    return figure(
-        fig,
+        printed = line[0] + line[1] * curve["mass_kg"]
+        curve[_THESIS] = printed.where(printed > 0)
+    lost = [str(trial) for trial in np.asarray(run.groups["observed_data"].get("averaged_trial", []))]
+    averages = []
+    if lost:
+        average, sd = run.observed(f"{quantity}_average"), run.observed(f"{quantity}_sd")
+        averages.append(
+            pd.DataFrame(
+                {
+                    "mass_kg": mass[[trials.index(trial) for trial in lost]],
+                    "value": average,
+                    "low": average - sd,
+                    "high": average + sd,
+                    "kind": "mean ± sd, rows lost",
+                }
+            )
+        )
+    return over_mass(
+        _impacts(run).assign(**{COLUMNS[quantity]: run.observed(f"{quantity}_observed")}),
+        quantiles(run.draws(f"{quantity}_trial"), trials).assign(mass_kg=mass),
+        curve,
+        quantity,
         f"Published {NAMES[quantity]} of every impact over the mass of the impactor, with the posterior "
-        "of a typical person as a curve with its 50 % and 90 % bands, and the line the thesis fitted.",
+        "of a typical person as a curve with its 90 % band, and the line the thesis fitted.",
+        others=averages,
     )
-
-
-def _lost_conditions(axes: Any, run: PublishedRun, quantity: str) -> None:
-    trials = run.labels("trial")
-    lost = run.groups["observed_data"].get("averaged_trial", np.array([]))
-    if not len(lost):
-        return
-    at = run.constant("mass_kg")[[trials.index(str(trial)) for trial in np.asarray(lost)]]
-    axes.errorbar(
-        at,
-        run.observed(f"{quantity}_average"),
-        run.observed(f"{quantity}_sd"),
-        fmt="s",
-        ms=5,
-        mfc="white",
-        color=PUBLISHED,
-        lw=1,
-        label="mean ± sd, rows lost",
-    )
-
-
-def _typical_band(axes: Any, run: PublishedRun, quantity: str, grid: np.ndarray) -> None:
-    log_ratio = np.log(grid / run.reference_mass)
-    curve = np.exp(
-        run.draws(f"intercept_{quantity}")[:, None]
-        + run.draws(f"mass_exponent_{quantity}")[:, None] * log_ratio
-    )
-    low, quarter, median, three_quarters, high = np.percentile(curve, [5, 25, 50, 75, 95], axis=0)
-    axes.fill_between(grid, low, high, color=POSTERIOR, alpha=0.2, lw=0)
-    axes.fill_between(grid, quarter, three_quarters, color=POSTERIOR, alpha=0.35, lw=0)
-    axes.plot(grid, median, color=POSTERIOR, label="typical person: median, 50 %, 90 %")
 
 
 def deviations(run: PublishedRun, quantity: str) -> tuple[np.ndarray, np.ndarray]:
@@ -149,81 +123,62 @@ def kept_share(run: PublishedRun, quantity: str) -> float:
     return float(centred @ points[1] / (centred @ centred))
 
 
-def shrinkage_figure(run: PublishedRun, quantity: str) -> Markup:
+def shrinkage_figure(run: PublishedRun, quantity: str) -> Figure:
     """Posterior over published deviation from a typical person's in the condition, in %, by impact."""
     published, (low, median, high) = (100 * part for part in deviations(run, quantity))
-    fig, axes = new_figure()
-    axes.errorbar(
-        published,
-        median,
-        [median - low, high - median],
-        fmt="o",
-        ms=4,
-        lw=0.8,
-        color=POSTERIOR,
-        alpha=0.75,
-        label="person in that condition, 90 %",
+    rows = _impacts(run).assign(
+        published=published, posterior=median, low=low, high=high, kind="person in that condition"
     )
     ends = np.array([published.min(), published.max()])
-    axes.plot(ends, ends, color=REFERENCE, ls="--", lw=1.2, label="taken at its word")
-    axes.axhline(0, color=MUTED, lw=0.8)
-    axes.set(
-        xlabel=f"published {quantity}, off a typical person's in the condition (%)",
-        ylabel=f"posterior {quantity}, off the same (%)",
-    )
-    fig.legend(loc="outside upper left", ncols=2)
-    return figure(
-        fig,
+    lines = {"taken at its word": ends, "given up": (0.0, 0.0)}
+    return study.points(
+        rows,
+        number("published", f"published {quantity}, off a typical person's in the condition (%)"),
+        number("posterior", f"posterior {quantity}, off the same (%)"),
         f"Posterior deviation of {NAMES[quantity]} from a typical person's in its condition, with 90 % "
         "intervals, over the published deviation of the same impact. Points on the dashed line keep the "
         "published value; points on the level line give it up.",
+        lines=pd.concat(
+            pd.DataFrame({"published": ends, "posterior": values, "line": line})
+            for line, values in lines.items()
+        ),
     )
 
 
-def correlations_plot(published: PublishedTables, quantity: Quantity, *, averages: bool) -> Markup:
+def correlations_plot(published: PublishedTables, quantity: Quantity, *, averages: bool) -> Figure:
     """Figures 5.1 (K) and 5.2 (C) over all impacts, 5.3 (K) and 5.4 (C) over averages: falling |r|."""
     rows = correlation_figure(published, quantity, averages=averages)
-    height = np.arange(len(rows))[::-1]
     over = "averages" if averages else "all impacts"
-    fig, axes = new_figure((4.8, 0.9 + 0.24 * len(rows)))
-    axes.barh(height, rows["correlation"].abs(), 0.65, color=POSTERIOR, alpha=0.55, label="recomputed")
-    axes.plot(rows["published"].abs(), height, "D", ms=4.5, color=PUBLISHED, label="printed")
-    axes.set(
-        title=f"{NAMES[quantity]}, {over}",
-        xlabel="absolute correlation (no unit)",
-        xlim=(0, 1.03),
-        yticks=height,
-        yticklabels=rows["variable"].to_list(),
-    )
-    axes.grid(visible=False, axis="y")
-    fig.legend(loc="outside lower right", ncols=2)
-    return figure(
-        fig,
-        f"Absolute correlations of {NAMES[quantity]} with each variable over {over}, largest first: bars "
+    recomputed, printed = rows["correlation"].abs(), rows["published"].abs()
+    return intervals(
+        pd.DataFrame({"label": rows["variable"], "value": recomputed, "printed": printed}),
+        f"absolute correlation with {quantity}, {over} (no unit)",
+        f"Absolute correlations of {NAMES[quantity]} with each variable over {over}, largest first: circles "
         "recomputed, diamonds as printed.",
+        points=pd.DataFrame({"label": rows["variable"], "value": printed}).dropna(),
+        domain=(0, 1),
+        straight=True,
     )
 
 
-def mass_plot(published: PublishedTables, quantity: Quantity) -> Markup:
+def mass_plot(published: PublishedTables, quantity: Quantity) -> Figure:
     """Figures 5.5 (K) and 5.6 (C): every remaining impact and the averages, over the mass."""
-    table, rows = conditions(published, quantity), published.estimates
+    table, column = conditions(published, quantity), COLUMNS[quantity]
+    impacts = published.estimates.rename(columns={quantity: column})[["mass_kg", column]]
+    averages = table.rename(columns={"average": column})[["mass_kg", column]]
+    kinds = np.where(table["from_rows"], "average", "average, rows lost")
     ends = np.array([0.0, 1.05 * table["mass_kg"].max()])
     refitted, line = straight_line(table).params, printed_line(published, quantity)
-    fig, axes = new_figure()
-    axes.scatter(rows["mass_kg"], rows[quantity], 12, color=POSTERIOR, alpha=0.5, label="impact")
-    for part, filling in (("average", {}), ("rows lost", {"mfc": "white"})):
-        shown_rows = table[table["from_rows"] == (part == "average")]
-        if len(shown_rows):
-            at, average = shown_rows["mass_kg"], shown_rows["average"]
-            axes.plot(at, average, "s", ms=5, color=PUBLISHED, label=part, **filling)
-    line_through_averages = refitted["const"] + refitted["Mass"] * ends
-    axes.plot(ends, line_through_averages, color=POSTERIOR, lw=1.2, label="refitted")
-    if line is not None:
-        axes.plot(ends, line[0] + line[1] * ends, color=REFERENCE, ls="--", lw=1.2, label="thesis's line")
-    axes.set(xlabel="mass of the impactor, M (kg)", ylabel=f"{NAMES[quantity]} ({UNITS[quantity]})")
-    fig.legend(loc="outside upper left", ncols=3)
-    return figure(
-        fig,
+    lines = {_THESIS: line, "refitted": (refitted["const"], refitted["Mass"])}
+    return study.points(
+        pd.concat([impacts.assign(kind="impact"), averages.assign(kind=kinds)], ignore_index=True),
+        number("mass_kg", MASS),
+        number(column, axis_title(quantity)),
         f"{NAMES[quantity]} of every remaining impact and its averages over the mass of the impactor, "
         "with the straight line through the averages and the thesis's own.",
+        lines=pd.concat(
+            pd.DataFrame({"mass_kg": ends, column: pair[0] + pair[1] * ends, "line": name})
+            for name, pair in lines.items()
+            if pair is not None
+        ),
     )

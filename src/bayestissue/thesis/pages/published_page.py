@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
 
 from bayestissue.dataset.published import read_published
+from bayestissue.figures.theme import Figure
 from bayestissue.inference.samplers.diagnostics import warned_codes
 from bayestissue.remedies import Code, codes_in
 from bayestissue.report import posterior, tables
@@ -130,7 +130,7 @@ def published_page(folder: Path, record: dict[str, Any]) -> str:
     published = read_published(own_tables if own_tables.is_dir() else None)
     lines = {quantity: printed_line(published, quantity) for quantity in QUANTITIES}
 
-    def of_quantities(figure: Callable[..., Markup], *arguments: Any, **options: Any) -> list[Markup]:
+    def of_quantities(figure: Callable[..., Figure], *arguments: Any, **options: Any) -> list[Figure]:
         """A figure of K, and the same of C."""
         return [figure(*arguments, quantity, **options) for quantity in QUANTITIES]
 

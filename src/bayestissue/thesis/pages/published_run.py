@@ -10,6 +10,7 @@ from typing import Any, cast
 import numpy as np
 import pandas as pd
 
+from bayestissue.inference.results.meanings import UNITS
 from bayestissue.report.posterior import QUANTITIES, spread
 from bayestissue.report.run_folder import (
     POSTERIOR_TABLES,
@@ -20,7 +21,6 @@ from bayestissue.report.run_folder import (
 )
 from bayestissue.report.tables import Field, Row, Table, columns, lines, table_of, tag
 from bayestissue.report.wording import (
-    UNITS,
     interval,
     listed,
     number,

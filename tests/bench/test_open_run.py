@@ -1,0 +1,358 @@
+"""A finished fit on a page that a server answers: questions, impacts left out or accepted, kept addresses."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from http.client import HTTPConnection
+from pathlib import Path
+from urllib.parse import quote
+
+import pandas as pd
+import pytest
+from opened import TOKEN, address, run_and_dataset, served
+
+from bayestissue.bench.decisions import Decisions
+from bayestissue.bench.run_view import RunView, decisions_on
+from bayestissue.bench.server import HOST
+from bayestissue.dataset import read_dataset
+from bayestissue.dataset.left_out import FILE, reasons, write_left_out
+from bayestissue.errors import InputError
+from bayestissue.finished import read_run
+from bayestissue.report.wording import interval, significant
+from command_line import bayestissue
+
+browser = pytest.importorskip(
+    "browser", reason="drives a browser by websocket-client, which is not installed"
+)
+needs_browser = pytest.mark.skipif(browser.CHROMIUM is None, reason="no Chromium is installed")
+
+CLAIM, QUANTITY, WRONG = "K[side=left] / K[side=right] > 1.1", "K[mass_kg=1.2]", "K[side=middle]"
+READY = (
+    "document.querySelectorAll('#explorer .drawing svg.marks').length === 2 "
+    "&& !document.querySelector('#impact').disabled && !document.querySelector('#decide').hidden"
+)
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    return run_and_dataset(tmp_path_factory.mktemp("opened"))
+
+
+@pytest.fixture(scope="module")
+def view(folders: tuple[Path, Path]) -> RunView:
+    fit = read_run(folders[0])
+    return RunView(fit, decisions_on(fit, None))
+
+
+@pytest.fixture(scope="module")
+def port(view: RunView) -> Iterator[int]:
+    with served(view) as port:
+        yield port
+
+
+@pytest.fixture(scope="module")
+def tab() -> Iterator[browser.Browser]:
+    with browser.Browser() as opened:
+        yield opened
+
+
+@pytest.fixture
+def nothing_left_out(folders: tuple[Path, Path], view: RunView) -> Iterator[None]:
+    """Whatever the test before decided is taken back, and nothing but decisions was written."""
+    files = [path for folder in folders for path in sorted(folder.rglob("*")) if path.name != FILE]
+    before = [hashlib.sha256(path.read_bytes()).hexdigest() for path in files if path.is_file()]
+    yield
+    write_left_out(folders[1], {})
+    view.decisions = Decisions(folders[1], view.decisions.changed)
+    now = [path for folder in folders for path in sorted(folder.rglob("*")) if path.name != FILE]
+    assert [hashlib.sha256(path.read_bytes()).hexdigest() for path in now if path.is_file()] == before
+
+
+def text(tab: browser.Browser, selector: str) -> str:
+    return tab.js(f"document.querySelector({selector!r}).innerText")
+
+
+def ask(tab: browser.Browser, question: str) -> None:
+    tab.js("document.querySelector('#question').focus()")
+    tab.type(question)
+    count = tab.js("document.querySelectorAll('#answers .card').length")
+    tab.key("Enter")
+    tab.until(f"document.querySelectorAll('#answers .card').length === {count + 1}")
+
+
+@needs_browser
+def test_questions_are_answered_refused_and_kept_in_the_address(
+    tab: browser.Browser, port: int, folders: tuple[Path, Path]
+) -> None:
+    tab.open(address(port))
+    tab.until(READY)
+    for question in (CLAIM, QUANTITY, WRONG):
+        ask(tab, question)
+    tab.js("document.querySelector('#answers details').open = true")
+    shown = text(tab, "#answers").replace(",", "")
+    # The same as the command says, to its printed digits.
+    answers = json.loads(bayestissue("ask", folders[0], CLAIM, QUANTITY, "--json").out)["questions"]
+    said = bayestissue("ask", folders[0], CLAIM, QUANTITY).out
+    for form, name, row in (
+        ("{:.3f}", "prior", 0),
+        ("{:.3g}", "bayes_factor", 0),
+        *(("{:.4g}", name, 1) for name in ("median", "low", "high")),
+        ("{:.2g}", "mcse", 1),
+    ):
+        if (value := answers[row][name]) is not None:
+            assert form.format(value) in said
+            # A page shows of an interval two digits of its width.
+            assert name in ("median", "low", "high") or form.format(value) in shown, (name, shown)
+    assert significant(answers[1]["median"]) in shown
+    assert interval(answers[1]["low"], answers[1]["high"]) in shown
+    refused = bayestissue("ask", folders[0], WRONG)
+    (problem,) = re.findall(r"  question 1.*?\^", refused.err, flags=re.DOTALL)
+    on_page = tab.js("document.querySelector('#answers .refused').textContent")
+    assert on_page.split() == problem.replace("question 1", "question 3").split()
+    assert text(tab, "#question") == ""
+    assert tab.js("document.querySelector('#question').value") == WRONG, "what was refused is there to mend"
+    # The address opens the same answers, also without a script; a question is taken off again.
+    kept = tab.js("location.href")
+    assert "token" not in kept
+    tab.open(kept, scripts=False)
+    assert tab.js("document.querySelectorAll('#answers .card').length") == 3
+    assert CLAIM in text(tab, "#answers")
+    ask(tab, "C")
+    assert tab.js("location.search").endswith("&q=C")
+    tab.open(kept)
+    tab.until(READY)
+    tab.js("document.querySelector('#answers .card:nth-child(3) .off').click()")
+    tab.until("document.querySelectorAll('#answers .card').length === 2")
+    assert quote("middle") not in tab.js("location.search")
+    assert tab.errors == []
+    assert all(url.startswith((f"http://{HOST}:{port}/", "blob:", "data:")) for url in tab.requests)
+
+
+@needs_browser
+@pytest.mark.usefixtures("nothing_left_out")
+def test_keys_alone_leave_an_impact_out_and_undo_it(
+    tab: browser.Browser, port: int, folders: tuple[Path, Path]
+) -> None:
+    tab.open(address(port, f"?q={quote(QUANTITY)}"))
+    tab.until(READY)
+    tab.tab_to("document.activeElement.matches('[data-name=K-over-C] .drawing')")
+    tab.key("ArrowRight")
+    impact = tab.js("document.querySelector('#impact').value")
+    tab.tab_to("document.activeElement.id === 'reason'")
+    tab.key("Enter")
+    tab.until("document.querySelector('#decide-said').textContent === 'give the reason first'")
+    tab.type("hit the frame, undoubtedly")
+    tab.key("Enter")
+    tab.until("!document.querySelector('#decisions').hidden")
+    assert reasons(folders[1]) == {impact: "hit the frame, undoubtedly"}
+    words = text(tab, "#decisions")
+    assert f"{impact} is left out: hit the frame, undoubtedly. The fit shown still contains it." in words
+    assert f"Fit anew: bayestissue fit {folders[1].resolve()} --model" in words
+    # A letter that is typed into a field is no command.
+    tab.key("u")
+    tab.until("document.querySelector('#reason').value.endsWith('u')")
+    assert reasons(folders[1]) != {}
+    tab.tab_to("document.activeElement.tagName === 'SUMMARY'")
+    tab.key("u")
+    tab.until("document.querySelector('#decided').children.length === 0")
+    assert reasons(folders[1]) == {}
+    assert not (folders[1] / FILE).exists()
+    # The whole view has an address: question and impact.
+    kept = tab.js("location.href")
+    tab.open(kept)
+    tab.until(READY)
+    assert tab.js("document.querySelector('#impact').value") == impact
+    assert QUANTITY in text(tab, "#answers")
+    assert tab.errors == []
+
+
+@needs_browser
+@pytest.mark.usefixtures("nothing_left_out")
+def test_two_pages_see_one_anothers_decisions(
+    tab: browser.Browser, port: int, folders: tuple[Path, Path]
+) -> None:
+    with browser.Browser() as second:
+        for page in (tab, second):
+            page.open(address(port))
+            page.until(READY)
+        impact = tab.js("document.querySelector('#impact').value")
+        second.js("document.querySelector('#reason').value = 'slipped'")
+        second.js("document.querySelector('#leave-out').click()")
+        tab.until(f"document.querySelector('#decided li')?.dataset.impact === {impact!r}")
+        assert "slipped" in text(tab, "#decided")
+        tab.js("document.querySelector('#decided button').click()")
+        second.until("document.querySelector('#decided').children.length === 0")
+    assert reasons(folders[1]) == {}
+
+
+@needs_browser
+@pytest.mark.parametrize("width", [1280, 500])
+def test_nothing_is_wider_than_the_screen(tab: browser.Browser, port: int, width: int) -> None:
+    tab.open(
+        address(port, f"?q={quote(CLAIM)}&q={quote(WRONG)}&q={quote('abs(' * 30 + 'K' + ')' * 30)}"), width
+    )
+    tab.until(READY)
+    assert tab.js("document.documentElement.scrollWidth") <= width
+    nav = "document.querySelector('nav')"
+    assert tab.js(f"[...{nav}.children].every(a => a.getBoundingClientRect().right <= {width})")
+
+
+@needs_browser
+def test_figures_are_saved_under_the_policy_of_the_server(
+    tab: browser.Browser, port: int, tmp_path: Path
+) -> None:
+    tab.open(address(port))
+    tab.until(READY)
+    assert b"stiffness K (N/m)" in tab.figure_saved(tmp_path / "svg", "K-over-C", "SVG")
+    assert tab.figure_saved(tmp_path / "png", "K-over-C", "PNG").startswith(b"\x89PNG")
+    assert b"K_N_per_m" in tab.figure_saved(tmp_path / "csv", "K-over-C", "CSV")
+    # No script but the server's runs.
+    inline = "Object.assign(document.createElement('script'), {textContent: 'window.ran = 1'})"
+    tab.js(f"document.body.append({inline})")
+    assert tab.js("window.ran") is None
+    assert [error for error in tab.errors if "script" not in error] == []
+
+
+@pytest.mark.usefixtures("nothing_left_out")
+def test_what_was_left_out_before_the_fit_is_accepted_again(folders: tuple[Path, Path]) -> None:
+    write_left_out(folders[1], {"t0-s0": "late"})
+    problems = [str(problem) for problem in read_dataset(folders[1]).left_out]
+    fit = read_run(folders[0])
+    fit = replace(fit, about=fit.about | {"left_out": problems})
+    view = RunView(fit, decisions_on(fit, None))
+    view._impacts = [name for name in view._impacts if name != "t0-s0"]
+    assert view.state()["left_out"] == [{"impact": "t0-s0", "reason": "late", "fitted": False}]
+    assert view.state()["anew"] == "", "the fit shown is of these impacts"
+    view.act("decide", {"impact": "t0-s0", "reason": ""})
+    assert view.state()["accepted"] == ["t0-s0"]
+    assert view.state()["anew"].startswith("bayestissue fit ")
+    with pytest.raises(KeyError):
+        view.act("decide", {"impact": "nobody", "reason": "x"})
+    for impact in list(view.decisions.changed)[1:]:
+        view.act("decide", {"impact": impact, "reason": "all of them"})
+    with pytest.raises(InputError, match="none left"):
+        view.act("decide", {"impact": "t0-s0", "reason": "all of them"})
+
+
+def test_a_dataset_that_moved_or_changed_leaves_questions_alone(tmp_path: Path) -> None:
+    run, dataset = run_and_dataset(tmp_path)
+    write_left_out(dataset, {"t0-s0": "late"})
+    fit = read_run(run)
+    assert decisions_on(fit, None).folder.resolve() == dataset.resolve(), "left_out.csv may change"
+    moved = dataset.rename(tmp_path / "moved")
+    with pytest.raises(InputError, match="no such folder"):
+        decisions_on(fit, None)
+    assert decisions_on(fit, moved).folder == moved
+    impacts = pd.read_csv(moved / "impacts.csv")
+    impacts.assign(mass_kg=impacts["mass_kg"] * 2).to_csv(moved / "impacts.csv", index=False)
+    with pytest.raises(InputError, match="has changed since"):
+        decisions_on(fit, moved)
+    view = RunView(fit, None, "changed")
+    with pytest.raises(KeyError):
+        view.act("decide", {"impact": "t0-s1", "reason": "x"})
+    assert view.state()["why_not"] == "changed"
+    assert "N/m" in view.answers([QUANTITY])
+    about = {name: value for name, value in fit.about.items() if name != "dataset_folder"}
+    with pytest.raises(InputError, match="where the dataset of this run lies"):
+        decisions_on(replace(fit, about=about), None)
+
+
+@pytest.fixture
+def get(port: int) -> Callable[..., tuple[int, str]]:
+    def get(path: str, method: str = "GET", **headers: str) -> tuple[int, str]:
+        own = {"Host": f"{HOST}:{port}", "Cookie": f"bayestissue-{port}={TOKEN}"} | headers
+        connection = HTTPConnection(HOST, port, timeout=20)
+        connection.request(method, path, headers={name: value for name, value in own.items() if value})
+        answer = connection.getresponse()
+        content = answer.read().decode()
+        connection.close()
+        return answer.status, content
+
+    return get
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Cookie": ""},
+        {"Cookie": "bayestissue-1=x"},
+        {"Host": "evil.example"},
+        {"Origin": "http://evil.example"},
+    ],
+)
+@pytest.mark.parametrize("path", ["/", "/answers.html?q=K", "/questions.csv?q=K", "/state", "/library.js"])
+def test_others_are_refused(get: Callable[..., tuple[int, str]], path: str, headers: dict[str, str]) -> None:
+    status, content = get(path, **headers)
+    assert status == 403
+    assert "N/m" not in content
+    assert get(path)[0] == 200
+
+
+@pytest.mark.parametrize(
+    "path", ["/../run.json", "/run.json", "/posterior.nc", "/%2e%2e/set/impacts.csv", "/page/index.html"]
+)
+def test_there_is_no_file_but_the_page(get: Callable[..., tuple[int, str]], path: str) -> None:
+    assert get(path)[0] == 404
+
+
+def test_the_saved_answers_are_those_of_the_command(
+    get: Callable[..., tuple[int, str]], folders: tuple[Path, Path], tmp_path: Path
+) -> None:
+    questions = [CLAIM, QUANTITY]
+    status, table = get("/questions.csv?" + "&".join(f"q={quote(text)}" for text in (*questions, WRONG)))
+    assert status == 200
+    bayestissue("ask", folders[0], *questions, "--out", tmp_path / "out")
+    assert table == (tmp_path / "out" / "questions.csv").read_text()
+
+
+def test_open_says_what_is_wrong_with_a_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for folder, words in ((tmp_path, "neither"), (tmp_path / "none", "no such folder")):
+        refused = bayestissue("open", folder)
+        assert refused.status == 2
+        assert words in refused.err
+    (tmp_path / "run.json").write_text('{"kind": "estimates"}')
+    refused = bayestissue("open", tmp_path)
+    assert refused.status == 2
+    assert "[not-a-fit]" in refused.err
+    monkeypatch.setattr("bayestissue.bench.server.find_spec", lambda _: None)
+    refused = bayestissue("open", tmp_path)
+    assert refused.status == 2
+    assert 'pip install "bayestissue[bench]"' in refused.err
+
+
+def test_the_command_serves_a_run_until_it_is_stopped(tmp_path: Path) -> None:
+    run, dataset = run_and_dataset(tmp_path)
+    before = {path: path.read_bytes() for path in (*run.rglob("*"), *dataset.rglob("*")) if path.is_file()}
+    command = [sys.executable, "-u", "-m", "bayestissue", "open", str(run)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)  # noqa: S603 - this program
+    assert process.stdout is not None
+    line = process.stdout.readline()
+    port, path = re.fullmatch(rf"open http://{HOST}:(\d+)(/\?token=.+)\n", line).groups()
+    connection = HTTPConnection(HOST, int(port), timeout=60)
+    connection.request("GET", path)
+    answer = connection.getresponse()
+    assert answer.status == 200
+    assert b"Ask this fit" in answer.read()
+    connection.close()
+    process.send_signal(signal.SIGINT)
+    assert process.wait(60) == 130
+    process.stdout.close()
+    after = {path: path.read_bytes() for path in (*run.rglob("*"), *dataset.rglob("*")) if path.is_file()}
+    assert after == before, "nothing is written by looking"
+
+
+def test_a_fit_says_where_its_dataset_lies(tmp_path: Path) -> None:
+    run, dataset = run_and_dataset(tmp_path)
+    fit = read_run(run)
+    assert fit.dataset_folder == dataset.resolve()
+    fit.report(tmp_path / "elsewhere" / "copy")
+    copied = read_run(tmp_path / "elsewhere" / "copy")
+    assert copied.about["dataset_folder"] == "../../set"
+    assert read_dataset(dataset, whole=True).whole_hash == copied.about["whole_hash"]

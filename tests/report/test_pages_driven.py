@@ -1,0 +1,72 @@
+"""Every page in a browser, wide and narrow; that of a fit has more tests, that of a plan is by the plans'."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from test_estimates_page import make_estimates_run
+
+from bayestissue.checking import check
+from bayestissue.commands import compare
+from bayestissue.dataset import read_dataset, write_dataset
+from bayestissue.report import write_report
+from bayestissue.report.recordings_pages import init_page
+from dataset_bench import SETTINGS, tables
+from make_published_run import make_published_run
+from make_scored_run import make_scored_run
+
+browser = pytest.importorskip(
+    "browser", reason="drives a browser by websocket-client, which is not installed"
+)
+pytestmark = pytest.mark.skipif(browser.CHROMIUM is None, reason="no Chromium is installed")
+CAUSES = Path(__file__).parents[2] / "docs" / "reports" / "causes"
+
+
+def dataset(folder: Path) -> Path:
+    impacts, traces = tables()
+    write_dataset(folder / "data", settings=SETTINGS, impacts=impacts, traces=traces)
+    return folder / "data"
+
+
+def estimates(folder: Path) -> Path:
+    return write_report(make_estimates_run(folder))
+
+
+def published(folder: Path) -> Path:
+    return write_report(make_published_run(folder / "run"))
+
+
+def causes(folder: Path) -> Path:
+    return write_report(shutil.copytree(CAUSES, folder / "run"))
+
+
+def comparison(folder: Path) -> Path:
+    runs = [make_scored_run(folder / f"{worse}", worse=worse) for worse in (0.0, 2.0)]
+    compare.run(runs, out=folder / "out", overwrite=False, quiet=True, as_json=False)
+    return folder / "out" / "report.html"
+
+
+def recordings(folder: Path) -> Path:
+    page = folder / "check.html"
+    page.write_text(check(dataset(folder)).page())
+    return page
+
+
+def started(folder: Path) -> Path:
+    page = folder / "init.html"
+    page.write_text(init_page(read_dataset(dataset(folder)), understood=[], left_out=[], notes=[]))
+    return page
+
+
+@pytest.fixture(scope="module")
+def tab():
+    with browser.Browser() as opened:
+        yield opened
+
+
+@pytest.mark.parametrize("page", [estimates, published, causes, comparison, recordings, started])
+def test_every_figure_is_drawn_and_nothing_is_cut(page: Callable[[Path], Path], tab, tmp_path: Path) -> None:
+    tab.read(page(tmp_path))
