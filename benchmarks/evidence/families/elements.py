@@ -212,7 +212,7 @@ def model_form() -> Named:
     without, wide = held.loc[("stiffening", "plain")], held.loc[("stiffening", "discrepancy")]
     text = (
         f"of stiffening tissue fitted as a spring and damper 90 % intervals held the secant stiffness in "
-        f"{wide['held']:.0f} of {wide['impacts']:.0f} impacts with the discrepancy, {percent(wide['width'], 0)} "
-        f"wide, and in {without['held']:.0f} without it"
+        f"{wide['held']:.0f} of {wide['impacts']:.0f} impacts with the discrepancy, "
+        f"{percent(wide['width'], 0)} wide, and in {without['held']:.0f} without it"
     )
     yield "sentence", Figure(text, stiffening)
