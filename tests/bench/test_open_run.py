@@ -331,19 +331,22 @@ def test_the_command_serves_a_run_until_it_is_stopped(tmp_path: Path) -> None:
     run, dataset = run_and_dataset(tmp_path)
     before = {path: path.read_bytes() for path in (*run.rglob("*"), *dataset.rglob("*")) if path.is_file()}
     command = [sys.executable, "-u", "-m", "bayestissue", "open", str(run)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)  # noqa: S603 - this program
-    assert process.stdout is not None
-    line = process.stdout.readline()
-    port, path = re.fullmatch(rf"open http://{HOST}:(\d+)(/\?token=.+)\n", line).groups()
-    connection = HTTPConnection(HOST, int(port), timeout=60)
-    connection.request("GET", path)
-    answer = connection.getresponse()
-    assert answer.status == 200
-    assert b"Ask this fit" in answer.read()
-    connection.close()
-    process.send_signal(signal.SIGINT)
-    assert process.wait(60) == 130
-    process.stdout.close()
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:  # noqa: S603 - this program
+        try:
+            assert process.stdout is not None
+            line = process.stdout.readline()
+            shown = re.fullmatch(rf"open http://{HOST}:(\d+)(/\?token=.+)\n", line)
+            assert shown is not None, line
+            connection = HTTPConnection(HOST, int(shown[1]), timeout=60)
+            connection.request("GET", shown[2])
+            answer = connection.getresponse()
+            assert answer.status == 200
+            assert b"Ask this fit" in answer.read()
+            connection.close()
+            process.send_signal(signal.SIGINT)
+            assert process.wait(60) == 130
+        finally:
+            process.kill()
     after = {path: path.read_bytes() for path in (*run.rglob("*"), *dataset.rglob("*")) if path.is_file()}
     assert after == before, "nothing is written by looking"
 
