@@ -130,8 +130,11 @@ def test_a_run_that_is_read_back_is_the_fit_that_was_made(fitted, tmp_path):
         made, read = getattr(fitted, name, None), getattr(again, name, None)
         if isinstance(made, pd.DataFrame):
             pd.testing.assert_frame_equal(read, made, check_dtype=False, check_exact=False, rtol=1e-12)
-    for name in ("seed", "started", "wall_time_s", "verdict", "diagnostics", "about"):
+    for name in ("seed", "started", "wall_time_s", "verdict", "diagnostics"):
         assert getattr(again, name) == getattr(fitted, name), name
+    # A folder says where its dataset lies from it.
+    assert again.about == fitted.about | {"dataset_folder": again.about["dataset_folder"]}
+    assert again.dataset_folder == fitted.dataset_folder
     for method, table in fitted.point_estimates.items():
         assert again.point_estimates[method]["K_N_per_m"].tolist() == table["K_N_per_m"].tolist()
     assert again.specification.formula == fitted.specification.formula.model_copy(

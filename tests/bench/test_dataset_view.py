@@ -72,6 +72,7 @@ def test_keys_alone_choose_an_impact_leave_it_out_and_undo_it(folder: Path) -> N
         tab.key("Enter")
         tab.until("document.querySelector('#decide-said').textContent === 'done'")
         assert reasons(folder) == {STEMS[1]: "hit the frame"}
+        tab.until("document.querySelector('#drops tr.out') !== null")
         tab.tab_to("document.activeElement.matches('#drops tbody tr')")
         kept = tab.js("location.href")
         tab.key("u")

@@ -285,7 +285,7 @@ def test_the_page_answers_its_title_on_the_first_screen(two_goals: Plan) -> None
         "10 more people",
     ):
         assert part in first, part
-    assert "Lines of equal assurance of exponent" in page
+    assert "Assurance of exponent over people and repeats" in page
     assert two_goals.content["sha256"] in page
     assert "log(mass_kg) + (1|subject) + (1|trial)" in page
 

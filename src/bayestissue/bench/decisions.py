@@ -58,8 +58,9 @@ class Decisions:
         if set(self.changed) <= set(left_out):
             raise InputError.stated("none-left", FILE, value="none left", impact=impact)
         write_left_out(self.folder, left_out)
+        # In this order: who reads the new version finds the change.
+        self.changed[impact] = self.version + 1
         self.version += 1
-        self.changed[impact] = self.version
 
 
 def one_line(text: Any) -> str:
