@@ -15,6 +15,7 @@ from PIL import Image
 
 import bayestissue as bt
 from bayestissue.finished import fit_run_of
+from bayestissue.inference.points.notes import flagged_recordings
 from bayestissue.paper.documents import write_markdown
 from bayestissue.paper.text import Text, text_of
 from bayestissue.paper.workbook import people_wide, write_sheets
@@ -163,12 +164,11 @@ def test_what_is_there_is_not_replaced(folder: Path, exported: Path) -> None:
 
 
 def test_flagged_recordings_are_said_as_a_paper_would(run: FitRun) -> None:
-    words = (
-        "R-hat at most 1.0, no divergences. NOTE: of 9 recordings 1 is flagged: spikes (1); i3. "
-        "Its K and C may be wrong. `bayestissue check` says what to do."
-    )
+    recordings = flagged_recordings([f"i{n}" for n in range(1, 10)], ["", "", "spikes", *[""] * 6])
+    words = f"R-hat at most 1.0, no divergences. {recordings['words']}"
     verdict = {"passed": True, "headline": "Diagnostics passed.", "words": words, "warned": False}
-    sections = text_of(replace(run, record={**run.record, "verdict": verdict})).sections
+    record, diagnostics = run.record | {"verdict": verdict}, run.diagnostics | {"recordings": recordings}
+    sections = text_of(replace(run, record=record, diagnostics=diagnostics)).sections
     assert sections["Measurements"][-1] == (
         "Of 9 recordings 1 is flagged: spikes (1); i3. Its K and C may be wrong."
     )

@@ -68,7 +68,7 @@ def text_of(run: FitRun) -> Text:
     text.add("Computation", _computation(run, text))
     verdict = run.record.get("verdict", {})
     sound = verdict.get("passed", True) and not verdict.get("warned") and not run.undescribed
-    doubt = "" if sound else f"These results are in doubt: {_verdict(verdict)}"
+    doubt = "" if sound else f"These results are in doubt: {_verdict(run)}"
     if run.undescribed:
         text.add("Results", doubt, "No K or C is stated: no element of the program describes the recordings.")
         return text
@@ -150,24 +150,25 @@ def _computation(run: FitRun, text: Text) -> str:
     return (
         f"The posterior was computed by bayestissue {versions['bayestissue']} {program} with numpyro "
         f"{versions['numpyro']} {cited}: {chains['chain']} chains of {chains['draw']} draws, seed "
-        f"{run.record['seed']}.{method} {_verdict(run.record.get('verdict', {})).rstrip('.')} {checked}."
+        f"{run.record['seed']}.{method} {_verdict(run).rstrip('.')} {checked}."
     )
 
 
-def _verdict(verdict: Mapping[str, Any]) -> str:
-    return f"{verdict.get('headline', '')} {_checks_and_flags(verdict)[0]}".strip()
+def _verdict(run: FitRun) -> str:
+    """Whether the run can be trusted; what is said of flagged recordings stands with the measurements."""
+    verdict, recordings = run.record.get("verdict", {}), run.diagnostics.get("recordings", {})
+    checks = verdict.get("words", "").replace(recordings.get("words", ""), "")
+    return f"{verdict.get('headline', '')} {_without_commands(checks)}".strip()
 
 
 def _flags(run: FitRun) -> str:
-    flags = _checks_and_flags(run.record.get("verdict", {}))[1]
-    return flags[:1].upper() + flags[1:]
+    words = run.diagnostics.get("recordings", {}).get("words", "").removeprefix("NOTE: ")
+    return _without_commands(words[:1].upper() + words[1:])
 
 
-def _checks_and_flags(verdict: Mapping[str, Any]) -> tuple[str, str]:
-    """What the sampler's checks say, and what is said of flagged recordings, without advice of commands."""
-    sentences = re.split(r"(?<=\.)\s+(?=[A-Z`])", verdict.get("words", ""))
-    checks, _, flags = " ".join(words for words in sentences if "`" not in words).partition("NOTE: ")
-    return checks.strip(), flags
+def _without_commands(words: str) -> str:
+    """Without sentences that advise a command of the program."""
+    return " ".join(sentence for sentence in re.split(r"(?<=\.)\s+(?=[A-Z`])", words) if "`" not in sentence)
 
 
 def _levels(run: FitRun) -> str:

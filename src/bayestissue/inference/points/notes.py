@@ -62,10 +62,10 @@ def flagged_recordings(impacts: Sequence[str], flags: Sequence[str]) -> dict[str
         return {}
     counts = Counter(flag for warnings in named.values() for flag in warnings)
     commonest = ", ".join(f"{flag} ({count})" for flag, count in counts.most_common(3))
+    are, their = ("is", "Its") if len(named) == 1 else ("are", "Their")
     words = (
-        f"NOTE: of {len(flags_of)} recordings {len(named)} {'is' if len(named) == 1 else 'are'} flagged: "
-        f"{commonest}; {first_of(list(named), _NAMED)}. Their K and C may be wrong. `bayestissue check` "
-        "says what to do."
+        f"NOTE: of {len(flags_of)} recordings {len(named)} {are} flagged: {commonest}; "
+        f"{first_of(list(named), _NAMED)}. {their} K and C may be wrong. `bayestissue check` says what to do."
     )
     return {"flagged": named, "of": len(flags_of), "words": words}
 
