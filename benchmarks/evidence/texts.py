@@ -145,7 +145,7 @@ def range_of_shares(lines: pd.DataFrame) -> str:
 
 
 def each_held(lines: pd.DataFrame, family: str) -> Named:
-    """The share held of each quantity and level, named VALUE_QUANTITY_LEVEL."""
-    for line in lines.itertuples():
+    """The share held of each quantity and level with its standard error, named VALUE_QUANTITY_LEVEL."""
+    for line, share in zip(lines.itertuples(), with_error(lines["share"], lines["se"]), strict=True):
         name = f"{line.each}_{line.quantity}_{line.level}"
-        yield name, Figure(percent(line.share), (f"{family}-{line.each}",))
+        yield name, Figure(share, (f"{family}-{line.each}",))

@@ -59,22 +59,22 @@ def coverage_fit() -> Named:
     shown = coverage_table(lines, ["each", "quantity"]).rename(columns={"each": "likelihood"})
     yield "table", block(table(shown), "coverage_fit")
     own = lines[lines["quantity"].isin(["K", "C"])]
-    cells = own.assign(
+    own = own.assign(
         what=own["quantity"] + ", " + own["level"].astype(str) + " %",
         cell=with_error(own["share"], own["se"]),
     )
-    short = cells.pivot_table("cell", "each", "what", "first", sort=False)
+    short = own.pivot_table("cell", "each", "what", "first", sort=False)
     short = short.rename("`{}.toml`".format).rename_axis("model").rename_axis(columns=None)
     yield "short", block(table(short.reset_index()), "coverage_fit")
     for kind, part in own[own["level"] == 90].groupby("each", sort=False):
-        held = " and ".join(f"{line.quantity} in {percent(line.share)}" for line in part.itertuples())
+        held = " and ".join(f"{line.quantity} in {line.cell}" for line in part.itertuples())
         text = (
             f"of {part['impacts'].max()} impacts in {part['campaigns'].max()} simulated campaigns, "
             f"90 % intervals by `{kind}.toml` held {held}"
         )
         yield f"{kind}_sentence", Figure(text, (f"coverage_fit-{kind}",))
     K = own[(own["level"] == 90) & (own["each"] == "impact") & (own["quantity"] == "K")].iloc[0]
-    text = f"90 % intervals of K held the truth in {percent(K['share'])} of simulated impacts."
+    text = f"90 % intervals of K held the truth in {K['cell']} of simulated impacts."
     yield "readme", Figure(text, ("coverage_fit-impact",))
 
 
