@@ -8,7 +8,7 @@ import os
 import platform
 import subprocess
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -37,6 +37,8 @@ class Record:
     """A measurement that is being made: its raw results, a unit (a campaign, a case) after the other."""
 
     piece: Piece
+    # Writes what is known of the measurement so far, so that a run that is killed has told how long it took.
+    keep: Callable[[], None]
     # What is left to do, in words; empty when all is measured.
     left: str = ""
 
@@ -58,6 +60,7 @@ class Record:
             if spent - said > TELL_S:
                 said, minutes = spent, spent / (number + 1) * (len(waiting) - number - 1) / 60
                 print(f"{self.piece.name}: {self.left}, about {minutes:.0f} min", flush=True)
+                self.keep()
         self.left = f"{len(waiting) - most} of {len(units)} left" if len(waiting) > most else ""
 
     def add(self, unit: object, rows: Table) -> None:
@@ -90,7 +93,7 @@ def recorded(name: str) -> Iterator[Record]:
         name: of the piece in evidence.toml.
     """
     piece = pieces()[name]
-    parts, before, record = of_parts(ROOT, piece.parts()), read(piece), Record(piece, left="interrupted")
+    parts, before = of_parts(ROOT, piece.parts()), read(piece)
     spent, processor, start, worked = 0.0, 0.0, time.monotonic(), _processor_seconds()
     about = {
         "piece": name,
@@ -118,6 +121,7 @@ def recorded(name: str) -> Iterator[Record]:
         _path(piece).write_text(f"{json.dumps(content, indent=1, ensure_ascii=False)}\n", encoding="utf-8")
 
     # From now on what is in the table is of this version.
+    record = Record(piece, write, left="interrupted")
     write()
     try:
         record.left = ""
