@@ -212,7 +212,8 @@ def posteriors() -> Named:
     text = (
         f"means, standard deviations and quantiles of {number} quantities by a fit's sampler are "
         f"{np.sqrt((z**2).mean()):.2f} Monte Carlo errors from those of 10,000 draws by another one (root "
-        f"mean square; 1 is expected), and at most {z.abs().max():.1f}"
+        f"mean square; 1 is expected), and at most {z.abs().max():.1f}; none is off by more than "
+        f"{percent(rows['off'].max())} of its posterior standard deviation"
     )
     yield "sentence", Figure(text, names("posteriors"))
 
