@@ -14,6 +14,7 @@ from bayestissue.commands.options import (
     FAILED_DIAGNOSTICS,
     DatasetFolder,
     Excel,
+    FormulaOfC,
     Model,
     Out,
     Overwrite,
@@ -43,14 +44,10 @@ def run(
             "unless given.",
         ),
     ] = None,
-    C: Annotated[
-        str | None,
-        typer.Option("--C", metavar="FORMULA", help="The same of log C; that of --K unless given."),
-    ] = None,
+    C: FormulaOfC = None,
     ask: Annotated[
         list[str] | None,
         typer.Option(
-            "--ask",
             metavar="QUESTION",
             help='Answered at the end and on the page, such as "K[side=left] / K[side=right] > 1.1"; may be '
             "given again.",
@@ -59,7 +56,6 @@ def run(
     path: Annotated[
         Literal["automatic", "exact", "summary"] | None,
         typer.Option(
-            "--path",
             help="How draws are made, as sampler.path of a model file; exact goes on where a fit was given "
             "up because it would take long.",
         ),
