@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from dataclasses import replace
 from functools import partial
@@ -94,7 +95,9 @@ def run(
         prepared = prepare(data, specification, source=source)
         require_answerable(prepared, specification, source)
         codes = [] if quiet else _say_what_is_told(prepared)
-        job = _fingerprint(data, specification, seed)
+        # What must be the same for a checkpoint to be one of this job.
+        content = [data.input_hash, specification.model_dump_json(), seed, runtime.versions()]
+        job = hashlib.sha256(json.dumps(content).encode()).hexdigest()
         with Stages(quiet=quiet) as say:
             with on_cluster(scheduler), target.unfinished(job) as finished:
                 fit = fit_prepared(data, specification, prepared, seed, say, checkpoints=finished)
@@ -148,11 +151,3 @@ def _say_what_is_told(prepared: Prepared) -> list[Code]:
     for said in filter(None, words):
         echo(said)
     return codes_of(words)
-
-
-def _fingerprint(data: Dataset, specification: ModelSpecification, seed: int) -> str:
-    """What must be the same for a checkpoint to be one of this job."""
-    import hashlib
-
-    content = [data.input_hash, specification.model_dump_json(), seed, runtime.versions()]
-    return hashlib.sha256(json.dumps(content).encode()).hexdigest()

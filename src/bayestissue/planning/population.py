@@ -208,7 +208,7 @@ class Beliefs:
             return np.asarray(quantile(belief, streams.uniform(name)), float)
 
         values = {name: drawn(name, known.get(name, default)) for name in model.hyperparameters}
-        fixed = {}
+        fixed: dict[str, np.ndarray] = {}
         for part in design.responses.values():
             q = part.response
             names = [intercept(part.parameter), *[f"mass_exponent_{q}"] * (part.log_mass is not None)]

@@ -167,11 +167,9 @@ def _shares(design: Content) -> str:
 
 def _asked(plan: Content) -> str:
     claims = [f"whether {text}" for text in plan["questions"].values()]
-    return listed(claims + [_width_words(number) for number in plan.get("precision", {}).values()])
-
-
-def _width_words(precision: Content) -> str:
-    return f"for {precision['of']} to ± {half_width(precision)} (half of the 90 % interval)"
+    numbers = plan.get("precision", {}).values()
+    widths = [f"for {one['of']} to ± {half_width(one)} (half of the 90 % interval)" for one in numbers]
+    return listed(claims + widths)
 
 
 def _of_goal(name: str, goal: Content) -> str:
