@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from bayestissue.dataset.cells import read_cells
 from bayestissue.dataset.impacts import wanted
@@ -24,16 +24,12 @@ from bayestissue.dataset.tables import TEXT_SUFFIXES
 from bayestissue.errors import InputError, Problem
 from bayestissue.intake.facts import Cells
 from bayestissue.intake.names import Pattern, columns, fills
+from bayestissue.planning.population import Table
+from bayestissue.planning.specification import Positive
 from bayestissue.settings import checked, parse_toml, read_text
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
-
-class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class Wanted(_Table):
+class Wanted(Table):
     """The table ``[wanted]``: what a drop, and the drops of a person together, have to be."""
 
     velocity_m_s: Positive | None = Field(
@@ -50,7 +46,7 @@ class Wanted(_Table):
     )
 
 
-class CampaignSpecification(_Table):
+class CampaignSpecification(Table):
     """A whole campaign file."""
 
     name: Annotated[str, Field(min_length=1)] = Field(description="what the dataset is called.")

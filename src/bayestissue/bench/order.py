@@ -34,7 +34,7 @@ class Order:
         drops = list(drops)
         left = self._with_people(list(dict.fromkeys(str(drop["subject"]) for drop in drops)))
         for drop in drops:
-            match = next((row for row in left if _agrees(row, drop)), None)
+            match = next((row for row in left if row.items() <= drop.items()), None)
             if match is not None:
                 left.remove(match)
         return left
@@ -51,10 +51,6 @@ class Order:
             {**open_row, "subject": names[str(row["subject"])]} if str(row["subject"]) in names else open_row
             for row, open_row in zip(rows, unnamed, strict=True)
         ]
-
-
-def _agrees(row: Cells, drop: Cells) -> bool:
-    return all(drop.get(name) == value for name, value in row.items())
 
 
 def order_of(campaign: Campaign, plan: Path | None) -> Order:

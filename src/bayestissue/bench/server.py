@@ -44,23 +44,19 @@ class View(Protocol):
     @property
     def has_figures(self) -> bool:
         """Whether its page has figures that the browser draws."""
-        ...
 
     @property
     def version(self) -> int:
         """Another number after every change."""
-        ...
 
     def read(self, name: str, query: Mapping[str, Sequence[str]]) -> Any:
         """What a page asks for: text of a file (``index.html`` is the page), else content of JSON.
 
         Raises KeyError where there is nothing of that name.
         """
-        ...
 
     def act(self, action: str, content: dict[str, Any]) -> None:
         """Carry out what a button asks for. Raises KeyError, ValueError where that is nothing."""
-        ...
 
 
 def require_server() -> None:

@@ -10,6 +10,7 @@ so that a drop more compiles nothing anew. It is no fit: sites stand for the tra
 from __future__ import annotations
 
 import threading
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -135,15 +136,16 @@ class Study:
         the study stays as it was; or that is waited for.
         """
         usable = [drop for drop in drops if drop.precision is not None]
-        people = {key: n for n, key in enumerate(dict.fromkeys(level(drop.cells) for drop in usable))}
-        masses = {m: n for n, m in enumerate(dict.fromkeys(float(drop.cells["mass_kg"]) for drop in usable))}
-        count: dict[tuple[int, int], int] = {}
+        hit = [(level(drop.cells), float(drop.cells["mass_kg"])) for drop in usable]
+        people = {person: n for n, person in enumerate(dict.fromkeys(person for person, _ in hit))}
+        masses = {mass: n for n, mass in enumerate(dict.fromkeys(mass for _, mass in hit))}
+        count: Counter[tuple[int, int]] = Counter()
         rows = []
-        for drop in usable:
-            pair = people[level(drop.cells)], masses[float(drop.cells["mass_kg"])]
-            count[pair] = count.get(pair, -1) + 1
+        for person, mass in hit:
+            pair = people[person], masses[mass]
             rows.append((*pair, count[pair]))
-        needed = len(people), len(masses), max(count.values(), default=0) + 1
+            count[pair] += 1
+        needed = len(people), len(masses), max(count.values(), default=1)
         room = tuple(_doubled(least, number) for least, number in zip(_ROOM, needed, strict=True))
         sites = [(drop.centre, drop.precision) for drop in usable]
 

@@ -25,6 +25,8 @@ from bayestissue.bench.verdict import Verdict, verdict
 from bayestissue.dataset import read_dataset
 from bayestissue.dataset.recorders import suffix_of
 from bayestissue.errors import InputError, Problem, printable
+from bayestissue.figures.impacts import end
+from bayestissue.inference.results.meanings import COLUMNS, UNITS
 from bayestissue.intake.build import RECORDINGS
 from bayestissue.intake.facts import Cells
 from bayestissue.intake.names import columns
@@ -181,8 +183,7 @@ class Watch:
             left_out=said.reason if said.spoilt else "",
             K=numbers["K"],
             C=numbers["C"],
-            centre=site["centre"],
-            precision=site["precision"],
+            **site,
             taken=f"{datetime.now().astimezone():%Y-%m-%d %H:%M:%S}",
         )
 
@@ -240,7 +241,7 @@ class Watch:
     def line(self, drop: Drop) -> str:
         """A drop in one line: its verdict, K and C by themselves and in the study so far, what is left."""
         words = [f"{drop.impact}: {Verdict(drop.kind, drop.reason).words}"]
-        words += [f"{q} {_interval(getattr(drop, q))} {unit}" for q, unit in _UNITS.items()]
+        words += [f"{q} {_interval(getattr(drop, q))} {unit}" for q, unit in UNITS.items()]
         words += self.study.words(drop)
         if self.order.rows:
             left = self.left()
@@ -254,18 +255,10 @@ class Watch:
         self._say(text)
 
 
-_UNITS = {"K": "N/m", "C": "N s/m"}
-
-
-_COLUMNS = {
-    "K": ("K_N_per_m", "K_low_N_per_m", "K_high_N_per_m"),
-    "C": ("C_N_s_per_m", "C_low_N_s_per_m", "C_high_N_s_per_m"),
-}
-
-
 def numbers_of(row: pd.Series) -> dict[str, list[float | None]]:
     """K and C of a row of `estimates.csv`: medians and ends of intervals, None where there is no number."""
-    return {q: [_number(row[name]) for name in names] for q, names in _COLUMNS.items()}
+    names = {q: (column, end(q, "low"), end(q, "high")) for q, column in COLUMNS.items()}
+    return {q: [_number(row[name]) for name in columns] for q, columns in names.items()}
 
 
 def facts_words(cells: Cells) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -30,28 +31,26 @@ def run(
     out: Out,
     model: Annotated[
         str | None,
-        typer.Option("--model", metavar="NAME|FILE", help="What is simulated; causes unless given."),
+        typer.Option(metavar="NAME|FILE", help="What is simulated; causes unless given."),
     ] = None,
     cause: Annotated[
-        list[str] | None, typer.Option("--cause", help="Only this cause of the model file; may be repeated.")
+        list[str] | None, typer.Option(help="Only this cause of the model file; may be repeated.")
     ] = None,
     campaigns: Annotated[
         int | None,
-        typer.Option("--campaigns", help="Campaigns of every cause, instead of the model file's.", min=40),
+        typer.Option(help="Campaigns of every cause, instead of the model file's.", min=40),
     ] = None,
     method: Annotated[
         Literal["exact", "dds"],
-        typer.Option("--method", help="How a dataset's impacts are estimated, as in estimate."),
+        typer.Option(help="How a dataset's impacts are estimated, as in estimate."),
     ] = "exact",
     jobs: Annotated[
         int | None,
-        typer.Option(
-            "--jobs", help="Worker processes; 1 works in this one. One per core unless given.", min=1
-        ),
+        typer.Option(help="Worker processes; 1 works in this one. One per core unless given.", min=1),
     ] = None,
     scheduler: Annotated[
         str | None,
-        typer.Option("--scheduler", help="Address of a Dask scheduler that computes instead."),
+        typer.Option(help="Address of a Dask scheduler that computes instead."),
     ] = None,
     seed: Seed = 0,
     skip_bad: SkipBad = False,
@@ -89,13 +88,8 @@ def run(
         job = [what.input_hash, method, specification.model_dump_json(), seed, runtime.versions()]
         fingerprint = hashlib.sha256(json.dumps(job).encode()).hexdigest()
         with Stages(quiet=quiet) as say, claimed.unfinished(fingerprint) as finished:
-            tables = run_batches(
-                work,
-                jobs=jobs,
-                scheduler=scheduler,
-                folder=finished,
-                progress=lambda done, total: say("simulating campaigns", done, total),
-            )
+            progress = partial(say, "simulating campaigns")
+            tables = run_batches(work, jobs=jobs, scheduler=scheduler, folder=finished, progress=progress)
             say("comparing the causes", 0, 1)
             simulated = pd.concat(tables, ignore_index=True)
             verdict = judge(simulated, what.observed, specification, level_known=what.level_known, seed=seed)
@@ -137,12 +131,8 @@ def _print(verdict: Verdict, what: Subject, out: Path) -> None:
     rows = []
     for row in verdict.causes.to_dict("records"):
         small = "<" if row["p_joint"] <= row["smallest_p"] else ""
-        numbers = (
-            f"{small}{row['p_joint']:.2g}",
-            f"{row['probability']:.3f}",
-            f"{row['probability_error']:.3f}",
-        )
-        rows.append((row["title"], *numbers, row["verdict"]))
+        shares = (f"{row[name]:.3f}" for name in ("probability", "probability_error"))
+        rows.append((row["title"], f"{small}{row['p_joint']:.2g}", *shares, row["verdict"]))
     title = f"{what.title}: could this cause have made the numbers?"
     show(table(title, headings, rows, words=("cause", "verdict")))
     line(f"wrote {out / 'causes.csv'} and {out / 'report.html'}")

@@ -25,7 +25,7 @@ def run(
     dataset: DatasetFolder,
     out: Annotated[
         Path | None,
-        typer.Option("--out", help="Also write quality figures and a page with one panel per impact."),
+        typer.Option(help="Also write quality figures and a page with one panel per impact."),
     ] = None,
     skip_bad: SkipBad = False,
     excel: Excel = None,

@@ -38,9 +38,7 @@ def run(
     runs: Annotated[
         list[Path], typer.Argument(help="Folders of two or more finished fits of one dataset.", metavar="DIR")
     ],
-    out: Annotated[
-        Path | None, typer.Option("--out", help="Also write the tables and a page with figures.")
-    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Also write the tables and a page with figures.")] = None,
     excel: Excel = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
@@ -91,13 +89,9 @@ def run(
 
 
 def _run_record(run: FinishedRun, path: Path, record: dict[str, Any]) -> dict[str, Any]:
+    posterior_hash = runtime.content_hash([path / "posterior.nc"])
     shared = {key: record.get(key) for key in ("model", "seed", "started", "verdict")}
-    return {
-        "name": run.name,
-        "folder": str(path),
-        "posterior_hash": runtime.content_hash([path / "posterior.nc"]),
-        **shared,
-    }
+    return {"name": run.name, "folder": str(path), "posterior_hash": posterior_hash, **shared}
 
 
 def _require_distinct(runs: list[Path]) -> None:
@@ -134,14 +128,9 @@ def _abouts(runs: list[Path]) -> list[dict[str, Any]]:
     hashes = [f"{record['input_hash'][:16]}… (dataset “{record.get('dataset')}”)" for record in abouts]
     if problems := [
         Problem.stated(
-            "other-data",
-            str(path / "run.json"),
-            column="input_hash",
-            value=hash_words,
-            first=hashes[0],
-            run=runs[0],
+            "other-data", str(path / "run.json"), None, "input_hash", words, first=hashes[0], run=runs[0]
         )
-        for path, record, hash_words in zip(runs[1:], others, hashes[1:], strict=True)
+        for path, record, words in zip(runs[1:], others, hashes[1:], strict=True)
         if record["input_hash"] != first["input_hash"]
     ]:
         raise InputError(problems)

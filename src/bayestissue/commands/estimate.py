@@ -29,7 +29,6 @@ def run(
     method: Annotated[
         Literal["impact", "exact", "dds"] | None,
         typer.Option(
-            "--method",
             help="impact: each deceleration by itself under the impact likelihood with its measuring chain; "
             "its intervals hold. exact: maximum likelihood of an ARMA(2,1) about the rest position. "
             "dds: the thesis's conditional fit about the sample mean. Unless given: impact, and exact for "
@@ -39,7 +38,6 @@ def run(
     model: Annotated[
         str | None,
         typer.Option(
-            "--model",
             metavar="NAME|FILE",
             help="A model, by name or as a file, as in fit; its [signal] table says how x is made from the "
             "recording.",
@@ -48,7 +46,6 @@ def run(
     vary: Annotated[
         list[str] | None,
         typer.Option(
-            "--vary",
             help="Also tabulate K and C over the values of a signal choice: window, contact, filter.",
         ),
     ] = None,

@@ -17,7 +17,6 @@ def run(
     width: Annotated[
         float,
         typer.Option(
-            "--width",
             metavar="MM",
             min=40,
             max=400,

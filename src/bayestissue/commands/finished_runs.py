@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
@@ -30,7 +30,7 @@ def ask(
         ),
     ],
     out: Annotated[
-        Path | None, typer.Option("--out", help="Also write questions.csv and report.html to this folder.")
+        Path | None, typer.Option(help="Also write questions.csv and report.html to this folder.")
     ] = None,
     excel: Excel = None,
     overwrite: Overwrite = False,
@@ -57,13 +57,12 @@ def predict(
     at: Annotated[
         Path,
         typer.Option(
-            "--at",
             metavar="TABLE.csv",
             help="A row for each new impact, with any columns of impacts.csv: subject, mass_kg, ...",
         ),
     ],
     out: Annotated[
-        Path | None, typer.Option("--out", help="Also write predictions.csv and report.html to this folder.")
+        Path | None, typer.Option(help="Also write predictions.csv and report.html to this folder.")
     ] = None,
     excel: Excel = None,
     overwrite: Overwrite = False,
@@ -194,26 +193,17 @@ def _print_predictions(predictions: pd.DataFrame) -> None:
     """The median of each quantity with its 90 % interval, and under the table what each row was given."""
     from bayestissue.commands.console import explained, line, show, table
     from bayestissue.remedies import codes_in
-    from bayestissue.report.wording import PREDICTED, covariate_words
+    from bayestissue.report.wording import PREDICTED, covariate_words, predicted_words
 
     headings = [f"{heading.removeprefix('time ')} ({unit})" for heading, unit, _ in PREDICTED.values()]
     rows = predictions.to_dict("records")
-    cells = ([str(number), *(_cell(row, name) for name in PREDICTED)] for number, row in enumerate(rows, 1))
+    cells = (
+        [str(number), *("\n".join(predicted_words(row, name)) for name in PREDICTED)]
+        for number, row in enumerate(rows, start=1)
+    )
     show(table("a new impact: median and 90 % interval", ["row", *headings], cells))
     for number, row in enumerate(rows, start=1):
         words = [covariate_words(row)]
         words += [f"new: {row['new']}"] * bool(row["new"]) + [row["note"]] * bool(row["note"])
         line(f"  row {number}: {'; '.join(words)}")
     explained(codes_in("; ".join(predictions["note"])))
-
-
-def _cell(row: dict[Hashable, Any], name: str) -> str:
-    import math
-
-    from bayestissue.report.wording import PREDICTED, significant
-
-    if math.isnan(row[name]):
-        return ""
-    factor = PREDICTED[name][2]
-    median, low, high = (significant(factor * row[f"{name}{end}"]) for end in ("", "_low", "_high"))
-    return f"{median}\n{low} to {high}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from dataclasses import replace
 from functools import partial
@@ -14,6 +15,7 @@ from bayestissue.commands.options import (
     FAILED_DIAGNOSTICS,
     DatasetFolder,
     Excel,
+    FormulaOfC,
     Model,
     Out,
     Overwrite,
@@ -43,14 +45,10 @@ def run(
             "unless given.",
         ),
     ] = None,
-    C: Annotated[
-        str | None,
-        typer.Option("--C", metavar="FORMULA", help="The same of log C; that of --K unless given."),
-    ] = None,
+    C: FormulaOfC = None,
     ask: Annotated[
         list[str] | None,
         typer.Option(
-            "--ask",
             metavar="QUESTION",
             help='Answered at the end and on the page, such as "K[side=left] / K[side=right] > 1.1"; may be '
             "given again.",
@@ -59,7 +57,6 @@ def run(
     path: Annotated[
         Literal["automatic", "exact", "summary"] | None,
         typer.Option(
-            "--path",
             help="How draws are made, as sampler.path of a model file; exact goes on where a fit was given "
             "up because it would take long.",
         ),
@@ -98,7 +95,9 @@ def run(
         prepared = prepare(data, specification, source=source)
         require_answerable(prepared, specification, source)
         codes = [] if quiet else _say_what_is_told(prepared)
-        job = _fingerprint(data, specification, seed)
+        # What must be the same for a checkpoint to be one of this job.
+        content = [data.input_hash, specification.model_dump_json(), seed, runtime.versions()]
+        job = hashlib.sha256(json.dumps(content).encode()).hexdigest()
         with Stages(quiet=quiet) as say:
             with on_cluster(scheduler), target.unfinished(job) as finished:
                 fit = fit_prepared(data, specification, prepared, seed, say, checkpoints=finished)
@@ -152,11 +151,3 @@ def _say_what_is_told(prepared: Prepared) -> list[Code]:
     for said in filter(None, words):
         echo(said)
     return codes_of(words)
-
-
-def _fingerprint(data: Dataset, specification: ModelSpecification, seed: int) -> str:
-    """What must be the same for a checkpoint to be one of this job."""
-    import hashlib
-
-    content = [data.input_hash, specification.model_dump_json(), seed, runtime.versions()]
-    return hashlib.sha256(json.dumps(content).encode()).hexdigest()

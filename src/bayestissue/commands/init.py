@@ -30,7 +30,6 @@ def run(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out",
             help="Folder for the dataset, new or empty; that of the recordings with -dataset behind unless "
             "given. The dataset is called after it.",
         ),
@@ -38,7 +37,6 @@ def run(
     pattern: Annotated[
         str | None,
         typer.Option(
-            "--pattern",
             metavar="PATTERN",
             help="How file names are read; guessed from the names unless given. A name in braces is a "
             "column of impacts.csv; {} is what does not matter. mass_g, velocity_cm_s, drop_height_m, _cm "
@@ -49,7 +47,6 @@ def run(
     table: Annotated[
         Path | None,
         typer.Option(
-            "--table",
             metavar="FILE.csv",
             help="A table with a column file, the name of a recording, and a column for each fact; with a "
             "column number too, a row for each impact of a recording.",
@@ -61,27 +58,26 @@ def run(
             "--set", metavar="NAME=VALUE", help="A fact that holds for all recordings; may be repeated."
         ),
     ] = None,
-    channel: Annotated[str | None, typer.Option("--channel", help="The channel with the values.")] = None,
+    channel: Annotated[str | None, typer.Option(help="The channel with the values.")] = None,
     quantity: Annotated[
         Literal["deceleration", "acceleration", "displacement"] | None,
-        typer.Option("--quantity", help="What it recorded; a deceleration is positive while it slows."),
+        typer.Option(help="What it recorded; a deceleration is positive while it slows."),
     ] = None,
     unit: Annotated[
-        str | None, typer.Option("--unit", help='Its unit, such as "m/s^2", g or mm, after scale and offset.')
+        str | None, typer.Option(help='Its unit, such as "m/s^2", g or mm, after scale and offset.')
     ] = None,
-    scale: Annotated[float, typer.Option("--scale", help="Raw values are multiplied by it.")] = 1.0,
-    offset: Annotated[float, typer.Option("--offset", help="Added to them after that.")] = 0.0,
+    scale: Annotated[float, typer.Option(help="Raw values are multiplied by it.")] = 1.0,
+    offset: Annotated[float, typer.Option(help="Added to them after that.")] = 0.0,
     time: Annotated[
-        str | None, typer.Option("--time", help="The channel with the times, if the format has no clock.")
+        str | None, typer.Option(help="The channel with the times, if the format has no clock.")
     ] = None,
-    time_unit: Annotated[str | None, typer.Option("--time-unit", help="Its unit; s unless stated.")] = None,
+    time_unit: Annotated[str | None, typer.Option(help="Its unit; s unless stated.")] = None,
     rate_hz: Annotated[
-        float | None, typer.Option("--rate-hz", help="The sampling rate, where there are no times.", min=0)
+        float | None, typer.Option(help="The sampling rate, where there are no times.", min=0)
     ] = None,
     crop: Annotated[
         tuple[float, float] | None,
         typer.Option(
-            "--crop",
             metavar="START STOP",
             help="The stretch of every recording that is read, in its unit of time.",
         ),
@@ -89,7 +85,6 @@ def run(
     recorder: Annotated[
         list[str] | None,
         typer.Option(
-            "--recorder",
             metavar="KEY=VALUE",
             help="An entry of the table [recorder], a known low-pass that the recordings went through: "
             "low_pass_hz, order, kind, zero_phase, or sae_class; noise, applied; may be repeated.",
@@ -98,7 +93,6 @@ def run(
     text: Annotated[
         list[str] | None,
         typer.Option(
-            "--text",
             metavar="KEY=VALUE",
             help="How text files are written, where that is not found rightly: encoding (utf-8, utf-16, "
             "cp1252), delimiter (comma, semicolon, tab, pipe, space), decimal (point, comma), thousands "
@@ -108,7 +102,6 @@ def run(
     uncertainty: Annotated[
         list[str] | None,
         typer.Option(
-            "--uncertainty",
             metavar="NAME=SD",
             help="How well the measuring chain is known, as a standard deviation: mass and gain as a "
             "fraction, velocity in m/s, offset in m/s^2, such as velocity=0.01; may be repeated.",
@@ -117,7 +110,6 @@ def run(
     gravity: Annotated[
         str | None,
         typer.Option(
-            "--gravity",
             metavar="none|drop|M_S2",
             help="The part of gravity along the motion: none (a pendulum at its lowest point), drop "
             "(straight down), or a number of m/s², positive into the tissue. Asked for where a drop height "
@@ -126,19 +118,19 @@ def run(
     ] = None,
     zero: Annotated[
         Literal["free_fall", "rest"] | None,
-        typer.Option("--zero", help="Where an accelerometer read 0; in free fall unless stated."),
+        typer.Option(help="Where an accelerometer read 0; in free fall unless stated."),
     ] = None,
     several: Annotated[
         bool, typer.Option("--several", help="Cut several impacts in one recording apart.")
     ] = False,
     threshold: Annotated[
         float,
-        typer.Option("--threshold", help="Standard deviations of the noise an impact rises above.", min=1),
+        typer.Option(help="Standard deviations of the noise an impact rises above.", min=1),
     ] = 20.0,
     separation_s: Annotated[
-        float, typer.Option("--separation-s", help="The least time between two impacts, s.", min=0.001)
+        float, typer.Option(help="The least time between two impacts, s.", min=0.001)
     ] = 0.5,
-    name: Annotated[str, typer.Option("--name", help="Name of the dataset; the folder's if not given.")] = "",
+    name: Annotated[str, typer.Option(help="Name of the dataset; the folder's if not given.")] = "",
     skip_bad: SkipBad = False,
     overwrite: Overwrite = False,
     quiet: Quiet = False,

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from bayestissue.commands.options import Port
 from bayestissue.errors import InputError
 from bayestissue.runtime import configure
 
@@ -23,16 +24,9 @@ def run(
     ],
     dataset: Annotated[
         Path | None,
-        typer.Option(
-            "--dataset", metavar="DATASET", help="Of a run: where the recordings lie now, if they were moved."
-        ),
+        typer.Option(metavar="DATASET", help="Of a run: where the recordings lie now, if they were moved."),
     ] = None,
-    port: Annotated[
-        int,
-        typer.Option(
-            "--port", help="Of the page on this machine; a free one unless given.", min=0, max=65535
-        ),
-    ] = 0,
+    port: Port = 0,
 ) -> None:
     """Ask a finished fit on its report, look at each impact of a dataset, and leave one out with a reason.
 

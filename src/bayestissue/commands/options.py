@@ -23,6 +23,13 @@ Overwrite = Annotated[
     ),
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
+Port = Annotated[
+    int,
+    typer.Option("--port", help="Of the page on this machine; a free one unless given.", min=0, max=65535),
+]
+FormulaOfC = Annotated[
+    str | None, typer.Option("--C", metavar="FORMULA", help="The same of log C; that of --K unless given.")
+]
 Json = Annotated[bool, typer.Option("--json", help="Print the table as JSON.")]
 SkipBad = Annotated[
     bool, typer.Option("--skip-bad", help="Go on with the good impacts and list what was left out.")

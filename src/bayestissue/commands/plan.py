@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from bayestissue import results, runtime
-from bayestissue.commands.options import Excel, Json, Model, Out, Overwrite, Quiet
+from bayestissue.commands.options import Excel, FormulaOfC, Json, Model, Out, Overwrite, Quiet
 from bayestissue.errors import InputError, all_of
 
 if TYPE_CHECKING:
@@ -25,26 +25,22 @@ def run(
     ] = None,
     people: Annotated[
         str | None,
-        typer.Option("--people", metavar="NUMBERS", help="How many are recruited; 10,20,30 compares three."),
+        typer.Option(metavar="NUMBERS", help="How many are recruited; 10,20,30 compares three."),
     ] = None,
     masses: Annotated[
         list[str] | None,
         typer.Option(
-            "--masses",
             metavar="KG",
             help="The masses that each person is hit by, such as 0.5,1; given again it is compared.",
         ),
     ] = None,
     velocities: Annotated[
         list[str] | None,
-        typer.Option(
-            "--velocities", metavar="M_S", help="Velocities at contact, in the same way; 1.5 unless given."
-        ),
+        typer.Option(metavar="M_S", help="Velocities at contact, in the same way; 1.5 unless given."),
     ] = None,
     repeats: Annotated[
         str | None,
         typer.Option(
-            "--repeats",
             metavar="NUMBERS",
             help="Impacts of each person by each mass; 1,3 compares two; 1 unless given.",
         ),
@@ -52,7 +48,6 @@ def run(
     within: Annotated[
         list[str] | None,
         typer.Option(
-            "--within",
             metavar="NAME=LEVELS",
             help="What each person is hit at every level of, such as side=left,right. Without this and "
             "--groups it is what questions name.",
@@ -61,7 +56,6 @@ def run(
     groups: Annotated[
         list[str] | None,
         typer.Option(
-            "--groups",
             metavar="NAME=LEVELS",
             help="Groups that people belong to, as many people each, such as sex=f,m.",
         ),
@@ -69,7 +63,6 @@ def run(
     ask: Annotated[
         list[str] | None,
         typer.Option(
-            "--ask",
             metavar="CLAIM",
             help='What is to be decided, such as "K[side=left] / K[side=right] > 1.1"; may be given again.',
         ),
@@ -83,33 +76,28 @@ def run(
             help="What log K depends on, as `fit` takes it; as the model has it unless given.",
         ),
     ] = None,
-    C: Annotated[
-        str | None,
-        typer.Option("--C", metavar="FORMULA", help="The same of log C; that of --K unless given."),
-    ] = None,
+    C: FormulaOfC = None,
     after: Annotated[
         Path | None,
         typer.Option(
-            "--after",
             metavar="RUN",
             help="The fit of a study that has begun: what is planned is still to come.",
         ),
     ] = None,
     dataset: Annotated[
         Path | None,
-        typer.Option("--dataset", metavar="DATASET", help="The recordings that were fitted, beside --after."),
+        typer.Option(metavar="DATASET", help="The recordings that were fitted, beside --after."),
     ] = None,
     studies: Annotated[
         int | None,
         typer.Option(
-            "--studies",
             help="Studies that are drawn of each design, a multiple of 100; 500 unless the plan says.",
             min=100,
         ),
     ] = None,
     seed: Annotated[
         int | None,
-        typer.Option("--seed", help="Instead of the plan's.", min=0, max=runtime.MOST_SEED),
+        typer.Option(help="Instead of the plan's.", min=0, max=runtime.MOST_SEED),
     ] = None,
     excel: Excel = None,
     overwrite: Overwrite = False,
@@ -136,14 +124,8 @@ def run(
         from bayestissue.report import draw_page
 
         options = {"--people": people, "--masses": masses, "--velocities": velocities, "--repeats": repeats}
-        options |= {
-            "--within": within,
-            "--groups": groups,
-            "--ask": ask,
-            "--model": model,
-            "--K": K,
-            "--C": C,
-        }
+        options |= {"--within": within, "--groups": groups, "--ask": ask}
+        options |= {"--model": model, "--K": K, "--C": C}
         plan, source = _specification(file, options)
         plan = with_changes(plan, source, "after", run=after, dataset=dataset)
         plan = with_changes(plan, source, "goal", studies=studies, seed=seed)
@@ -195,17 +177,8 @@ def _numbers(text: str, option: str, kind: type[int] | type[float], example: str
     try:
         return [kind(part) for part in text.split(",")]
     except ValueError:
-        above = " that are whole" if kind is int else ""
-        raise InputError.stated(
-            "option-value.numbers",
-            "command line",
-            None,
-            option,
-            text,
-            option=option,
-            example=example,
-            above=above,
-        ) from None
+        words = {"option": option, "example": example, "above": " that are whole" if kind is int else ""}
+        raise InputError.stated("option-value.numbers", "command line", None, option, text, **words) from None
 
 
 def _levels(texts: Sequence[str] | None, option: str, example: str) -> dict[str, list[str]] | None:
@@ -215,9 +188,8 @@ def _levels(texts: Sequence[str] | None, option: str, example: str) -> dict[str,
         name, _, values = text.partition("=")
         levels[name.strip()] = [value.strip() for value in values.split(",") if value.strip()]
         if not name.strip() or len(levels[name.strip()]) < 2:
-            raise InputError.stated(
-                "option-value.levels", "command line", None, option, text, option=option, example=example
-            )
+            words = {"option": option, "example": example}
+            raise InputError.stated("option-value.levels", "command line", None, option, text, **words)
     return levels or None
 
 

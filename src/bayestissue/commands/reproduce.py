@@ -20,13 +20,11 @@ def run(
     out: Out,
     model: Annotated[
         str | None,
-        typer.Option(
-            "--model", metavar="NAME|FILE", help="Model of the re-analysis; published unless given."
-        ),
+        typer.Option(metavar="NAME|FILE", help="Model of the re-analysis; published unless given."),
     ] = None,
     published: Annotated[
         Path | None,
-        typer.Option("--published", help="Folder of published tables; the thesis's own unless given."),
+        typer.Option(help="Folder of published tables; the thesis's own unless given."),
     ] = None,
     seed: Seed = 0,
     overwrite: Overwrite = False,
@@ -96,12 +94,6 @@ def _all_but(paths: Iterable[Path]) -> Callable[[str, list[str]], list[str]]:
 
 
 def _write(table: pd.DataFrame, path: Path) -> None:
-    booleans = {"True": "true", "False": "false"}
-    text = table.assign(
-        **{
-            str(name): column.astype("string").map(booleans)
-            for name, column in table.items()
-            if str(column.dtype) in {"bool", "boolean"}
-        }
-    )
-    text.to_csv(path, index=False)
+    booleans = table.select_dtypes(["bool", "boolean"]).astype("string")
+    words = {str(name): column.str.lower() for name, column in booleans.items()}
+    table.assign(**words).to_csv(path, index=False)

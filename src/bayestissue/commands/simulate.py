@@ -17,9 +17,7 @@ def run(
         Path, typer.Argument(help="Design, tissue, measuring chain and seed.", metavar="SPEC.toml")
     ],
     out: Out,
-    seed: Annotated[
-        int | None, typer.Option("--seed", help="Instead of the one in SPEC.toml.", min=0)
-    ] = None,
+    seed: Annotated[int | None, typer.Option(help="Instead of the one in SPEC.toml.", min=0)] = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:

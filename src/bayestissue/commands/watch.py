@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from bayestissue.commands.options import Quiet
+from bayestissue.commands.options import Port, Quiet
 from bayestissue.errors import InputError
 from bayestissue.results import locked_folder
 from bayestissue.runtime import configure
@@ -21,35 +21,25 @@ def run(
             help="The folder that a recorder writes to; nothing in it is changed.", metavar="RECORDINGS"
         ),
     ],
-    campaign: Annotated[
-        Path, typer.Option("--campaign", help="How its files are read, and what is wanted of drops.")
-    ],
+    campaign: Annotated[Path, typer.Option(help="How its files are read, and what is wanted of drops.")],
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out",
             help="Folder of the dataset: new, or that of an earlier watch, which goes on; that of the "
             "recordings with -dataset behind unless given.",
         ),
     ] = None,
     plan: Annotated[
         Path | None,
-        typer.Option(
-            "--plan", metavar="PLANDIR", help="A finished plan: how many drops are left and which is next."
-        ),
+        typer.Option(metavar="PLANDIR", help="A finished plan: how many drops are left and which is next."),
     ] = None,
     plain: Annotated[bool, typer.Option("--plain", help="Lines on the terminal, and no page.")] = False,
     once: Annotated[
         bool, typer.Option("--once", help="Take what lies there, and end; lines alone, as with --plain.")
     ] = False,
-    port: Annotated[
-        int,
-        typer.Option(
-            "--port", help="Of the page on this machine; a free one unless given.", min=0, max=65535
-        ),
-    ] = 0,
+    port: Port = 0,
     poll_s: Annotated[
-        float, typer.Option("--poll-s", help="Seconds between looks at the folder.", min=0.05, max=60)
+        float, typer.Option(help="Seconds between looks at the folder.", min=0.05, max=60)
     ] = 0.4,
     quiet: Quiet = False,
 ) -> None:

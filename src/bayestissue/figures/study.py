@@ -59,21 +59,14 @@ def paired(rows: pd.DataFrame, means: pd.DataFrame, factor: str, axis: str, word
     strong: Specification = {"condition": {"param": "hovered", "value": 1}, "value": 0.15}
     line = {"x": x, "y": y, "detail": {"field": "person"}, "opacity": strong, "tooltip": details}
     mean = {"x": x, "xOffset": {"value": 22}}
-    mean_details = tooltips(means, level=factor, median="mean", eti90_low="90 % from", eti90_high="to")
     reach = {**mean, "y": number("eti90_low", axis), "y2": {"field": "eti90_high"}}
+    mean_details = tooltips(means, level=factor, median="mean", eti90_low="90 % from", eti90_high="to")
+    middle = {**mean, "y": y, "tooltip": mean_details}
     layers = [
         mark("line", rows, line, color=MUTED, strokeWidth=1.6) | {"params": [hovered]},
         mark("point", rows, line, color=MUTED, size=45),
         mark("rule", means.dropna(subset="eti90_low"), reach, color=POSTERIOR, strokeWidth=2),
-        mark(
-            "point",
-            means,
-            {**mean, "y": y, "tooltip": mean_details},
-            color=POSTERIOR,
-            shape="diamond",
-            size=150,
-            opacity=1,
-        ),
+        mark("point", means, middle, color=POSTERIOR, shape="diamond", size=150, opacity=1),
     ]
     return Figure(layered(layers, HEIGHT, max(150 * len(levels), 300)), words, rows)
 

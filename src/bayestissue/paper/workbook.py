@@ -116,33 +116,18 @@ def priors(model: Mapping[str, Any]) -> pd.DataFrame:
 
 
 def write_sheets(sheets: Mapping[str, pd.DataFrame], path: Path) -> None:
-    """Write a workbook of tables by the names of their sheets."""
-    from xlsxwriter import Workbook
-
+    """Write a workbook of tables by the names of their sheets; an infinite number is text."""
     # Text that begins with = is text, whoever called an impact so.
     options = {"strings_to_formulas": False, "strings_to_urls": False, "strings_to_numbers": False}
-    with Workbook(str(path), options) as workbook:
-        heading = workbook.add_format({"bold": True, "bottom": 1})
+    settings: dict[str, Any] = {"engine": "xlsxwriter", "engine_kwargs": {"options": options}}
+    with pd.ExcelWriter(path, **settings) as writer:
+        heading = writer.book.add_format({"bold": True, "bottom": 1})
         for name, table in sheets.items():
-            sheet = workbook.add_worksheet(name[:31])
+            shown, sheet = table[:_MOST_ROWS], writer.book.add_worksheet(name[:31])
             for column, title in enumerate(table):
                 sheet.write_string(0, column, str(title), heading)
-                cells = table[title].iloc[:_MOST_ROWS].tolist()
-                for row, cell in enumerate(cells, start=1):
-                    _write_cell(sheet, row, column, cell)
-                longest = max((len(str(cell)) for cell in cells if isinstance(cell, str)), default=10)
+                longest = max((len(cell) for cell in shown[title] if isinstance(cell, str)), default=10)
                 sheet.set_column(column, column, min(max(longest, len(str(title))) + 2, _WIDEST))
             sheet.freeze_panes(1, 1)
-
-
-def _write_cell(sheet: Any, row: int, column: int, cell: Any) -> None:
-    """A number as such, text as such; what is no number stays empty, and an infinite one is text."""
-    if isinstance(cell, bool | np.bool_):
-        sheet.write_boolean(row, column, bool(cell))
-    elif isinstance(cell, int | float | np.number):
-        if np.isfinite(cell):
-            sheet.write_number(row, column, cell)
-        elif not np.isnan(cell):
-            sheet.write_string(row, column, "∞" if cell > 0 else "−∞")
-    elif isinstance(cell, str) and cell:
-        sheet.write_string(row, column, cell)
+            body = shown.replace(-np.inf, "−∞")
+            body.to_excel(writer, sheet_name=sheet.name, header=False, index=False, startrow=1, inf_rep="∞")

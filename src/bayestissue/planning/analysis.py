@@ -85,30 +85,32 @@ def study_of(plan: PlanSpecification, source: str) -> Study:
             model or the pilot does not suit: all that is wrong at once.
     """
     begun = None if plan.after is None else begun_study(plan.after, Beliefs(plan.population), source)
-    if begun is None or plan.after is None:
-        model, model_source = resolve(plan.model, formulas=plan.formula)
-    else:
-        model, model_source = begun.model, plan.after.run
-    reference = model.reference_mass_kg or REFERENCE_MASS_KG
+    designs = tuple(grid(plan.candidates))
     if begun is None:
-        reference = plan.reference_mass_kg or reference
-    problems = list(_unsuited(model, source))
+        model, model_source = resolve(plan.model, formulas=plan.formula)
+        reference = plan.reference_mass_kg or model.reference_mass_kg or REFERENCE_MASS_KG
+    else:
+        model, model_source, designs = begun.model, begun.run, begun.named(designs)
+        reference = model.reference_mass_kg or REFERENCE_MASS_KG
+    problems: list[Problem] = []
+    if model.likelihood != "impact":
+        where = source, None, "model", model.likelihood
+        problems.append(Problem.stated("impossible-plan.likelihood", *where))
     questions = []
     for question in _questions(plan, source):
-        unreadable = list(_unreadable(plan, question, source))
-        problems += unreadable
-        questions += [] if unreadable else [question]
-    designs = tuple(grid(plan.candidates))
-    if begun is not None:
-        designs = begun.named(designs)
-    sets = {
-        conditions: _Set(largest, {} if begun else _adapted(model, largest, questions, plan, reference))
-        for conditions, largest in largest_of_each(designs).items()
+        if problem := _unreadable(plan, question, source):
+            problems.append(problem)
+        else:
+            questions.append(question)
+    largest = largest_of_each(designs)
+    adapted = {
+        conditions: {} if begun else _adapted(model, design, questions, plan, reference)
+        for conditions, design in largest.items()
     }
     judged: list[Design] = []
-    for conditions in sets.values():
-        formulas = model.formula.model_copy(update=conditions.formulas)
-        rows = begun.all_rows(conditions.largest) if begun else conditions.largest.rows()
+    for conditions, candidate in largest.items():
+        formulas = model.formula.model_copy(update=adapted[conditions])
+        rows = begun.all_rows(candidate) if begun else candidate.rows()
         named = source if plan.formula else model_source
         with collected(problems):
             design = build_design(formulas, rows, reference_mass_kg=reference, source=named)
@@ -116,21 +118,26 @@ def study_of(plan: PlanSpecification, source: str) -> Study:
             problems += _unanswerable(design, sorted(set(rows["mass_kg"])), questions, model, source)
     problems += _unknown_beliefs(plan, judged, source)
     prior: DesignPrior = Beliefs(plan.population) if begun is None else begun.prior
-    if begun is None:
+    if begun is None and plan.pilot is not None:
         with collected(problems):
-            prior = _prior(plan, model, source)
+            prior = _pilot(plan.pilot, Beliefs(plan.population), model, source)
     if problems:
         raise InputError({str(problem): problem for problem in problems}.values())
-    if begun is None:
-        analyses = _analyses(plan, designs, sets, reference)
-    else:
-        analyses = (Analysis(begun.model, tuple(range(len(designs)))),)
-    running = None if begun is None else begun.running
+    together: dict[tuple[tuple[str, str], ...], list[int]] = {}
+    for number, candidate in enumerate(designs):
+        together.setdefault(tuple(adapted[candidate.conditions].items()), []).append(number)
+    analyses = []
+    for further, numbers in together.items():
+        if begun is None:
+            model, _ = resolve(plan.model, formulas={**plan.formula, **dict(further)})
+            model = model.model_copy(update={"reference_mass_kg": reference})
+        analyses.append(Analysis(model, tuple(numbers)))
     simulations = {
         name: simulation_of(recording, recorder=plan.recorder, gravity=plan.gravity)
         for name, recording in plan.recordings.items()
     }
-    return Study(plan, designs, analyses, _goals(plan), prior, simulations, running)
+    running = None if begun is None else begun.running
+    return Study(plan, designs, tuple(analyses), _goals(plan), prior, simulations, running)
 
 
 def factors_named(questions: Iterable[str]) -> list[dict[str, Any]]:
@@ -148,14 +155,6 @@ def factors_named(questions: Iterable[str]) -> list[dict[str, Any]]:
 
 
 _STANDARD = ("impact", "subject", "trial", "mass_kg", "velocity_m_s", "energy_J")
-
-
-@dataclass(frozen=True, eq=False)
-class _Set:
-    """The largest design of a set of conditions, and the formulas that it can tell, of responses without."""
-
-    largest: Candidate
-    formulas: dict[str, str]
 
 
 def _adapted(
@@ -180,52 +179,28 @@ def _adapted(
     return dict.fromkeys(missing, str(judge(wanted, design.rows(), reference).terms)) if missing else {}
 
 
-def _analyses(
-    plan: PlanSpecification,
-    designs: Sequence[Candidate],
-    sets: Mapping[tuple[tuple[float, float], ...], _Set],
-    reference: float,
-) -> tuple[Analysis, ...]:
-    """The designs by the formulas that they have."""
-    together: dict[tuple[tuple[str, str], ...], list[int]] = {}
-    for number, design in enumerate(designs):
-        together.setdefault(tuple(sets[design.conditions].formulas.items()), []).append(number)
-    analyses = []
-    for adapted, numbers in together.items():
-        model, _ = resolve(plan.model, formulas={**plan.formula, **dict(adapted)})
-        model = model.model_copy(update={"reference_mass_kg": reference})
-        analyses.append(Analysis(model, tuple(numbers)))
-    return tuple(analyses)
-
-
-def _unsuited(model: ModelSpecification, source: str) -> Iterator[Problem]:
-    if model.likelihood != "impact":
-        yield Problem.stated("impossible-plan.likelihood", source, column="model", value=model.likelihood)
-
-
 def _questions(plan: PlanSpecification, source: str) -> list[Question]:
     claimed = [Question(text, f"{source}, questions.{name}", name) for name, text in plan.questions.items()]
     numbers = plan.precision.items()
     return claimed + [Question(number.of, f"{source}, precision.{name}.of", name) for name, number in numbers]
 
 
-def _unreadable(plan: PlanSpecification, question: Question, source: str) -> Iterator[Problem]:
+def _unreadable(plan: PlanSpecification, question: Question, source: str) -> Problem | None:
     """A slip of form, a claim where a number belongs, or a number where a claim does."""
     name, text = question.name, question.text
     try:
         node = parse(text)
     except QuestionError as slip:
-        yield problem_of(slip, question)
-        return
-    if name in plan.questions:
-        if not claims(node):
-            yield Problem.stated("impossible-plan.claim", source, column=f"questions.{name}", value=text)
-    elif claims(node):
-        yield Problem.stated("impossible-plan.number", source, column=f"precision.{name}.of", value=text)
-    elif plan.precision[name].relative and isinstance(node, Quantity) and node.name.startswith(_SIGNED):
-        yield Problem.stated(
-            "impossible-plan.relative", source, column=f"precision.{name}.relative", value=text
-        )
+        return problem_of(slip, question)
+    is_question, is_claim = name in plan.questions, claims(node)
+    if is_question and not is_claim:
+        return Problem.stated("impossible-plan.claim", source, None, f"questions.{name}", text)
+    if is_claim and not is_question:
+        return Problem.stated("impossible-plan.number", source, None, f"precision.{name}.of", text)
+    signed = isinstance(node, Quantity) and node.name.startswith(_SIGNED)
+    if signed and not is_question and plan.precision[name].relative:
+        return Problem.stated("impossible-plan.relative", source, None, f"precision.{name}.relative", text)
+    return None
 
 
 def _unanswerable(
@@ -241,18 +216,9 @@ def _unanswerable(
     for question in questions:
         exponents = [q.name for q in quantities(parse(question.text)) if q.name.startswith("mass_exponent_")]
         if exponents and len(masses_kg) == 1:
-            value, key = masses_kg[0], "candidates.masses_kg"
-            problems.append(
-                Problem.stated(
-                    "impossible-plan.one-mass",
-                    source,
-                    None,
-                    key,
-                    value,
-                    exponent=exponents[0],
-                    name=question.name,
-                )
-            )
+            where = source, None, "candidates.masses_kg", masses_kg[0]
+            words: dict[str, Any] = {"exponent": exponents[0], "name": question.name}
+            problems.append(Problem.stated("impossible-plan.one-mass", *where, **words))
             continue
         with collected(problems):
             require_readable([question], design.recorded, draws)
@@ -275,35 +241,29 @@ def _example(design: Design, model: ModelSpecification) -> xr.Dataset:
 
 def _unknown_beliefs(plan: PlanSpecification, designs: Sequence[Design], source: str) -> Iterator[Problem]:
     """Beliefs about effects and groups that no design has."""
+
+    def unknown(table: str, key: str, known: Iterable[object]) -> Problem:
+        column, allowed = f'population.{table}."{key}"', ", ".join(sorted(map(str, known))) or "nothing"
+        return Problem.stated("impossible-plan.belief", source, None, column, None, allowed=allowed)
+
     terms = {term for design in designs for term in design.terms}
     for table, read in (("sd_group", term_of_group), ("sd_slope", term_of_slope)):
+        alike = [term for term in terms if bool(term.slope) == (table == "sd_slope")]
         for key in getattr(plan.population, table):
             if read(key) not in terms:
-                allowed = ", ".join(
-                    sorted(str(term) for term in terms if bool(term.slope) == (table == "sd_slope"))
-                )
-                column = f'population.{table}."{key}"'
-                yield Problem.stated(
-                    "impossible-plan.belief", source, None, column, None, allowed=allowed or "nothing"
-                )
+                yield unknown(table, key, alike)
     for q, effects in plan.population.effects.items():
         names = {n for design in designs if q in design.responses for n in design.responses[q].names}
-        for key in effects:
-            if key not in names:
-                column = f'population.effects.{q}."{key}"'
-                allowed = ", ".join(sorted(names)) or "nothing"
-                yield Problem.stated("impossible-plan.belief", source, None, column, None, allowed=allowed)
+        yield from (unknown(f"effects.{q}", key, names) for key in effects if key not in names)
 
 
-def _prior(plan: PlanSpecification, model: ModelSpecification, source: str) -> DesignPrior:
-    beliefs = Beliefs(plan.population)
-    if plan.pilot is None:
-        return beliefs
-    pilot = read_run(plan.pilot)
+def _pilot(run: str, otherwise: Beliefs, model: ModelSpecification, source: str) -> DesignPrior:
+    """The posterior of a finished fit, which has to be of the same element."""
+    pilot = read_run(run)
     if pilot.specification.element != model.element:
         value, wanted = pilot.specification.element, model.element
         raise InputError.stated("impossible-plan.pilot", source, None, "pilot", value, element=wanted)
-    return pilot_of(pilot, beliefs)
+    return pilot_of(pilot, otherwise)
 
 
 def _goals(plan: PlanSpecification) -> tuple[Goal, ...]:

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import pandas as pd
@@ -53,6 +54,11 @@ class Goal:
     width: float | None = None
     relative: bool = False
     level: float = 0.9
+
+    @cached_property
+    def node(self) -> Node:
+        """The text as it was read."""
+        return parse(self.text)
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,7 +164,6 @@ class Planner:
         Returns:
             By design, in the order in which they were given, and goal.
         """
-        nodes = [parse(goal.text) for goal in goals]
         work = [(arrangement, block) for arrangement in self.arranged for block in blocks]
         designs = sum(len(arrangement.numbers) for arrangement in self.arranged)
         done, total = 0, designs * len(blocks)
@@ -166,7 +171,7 @@ class Planner:
         progress("assessing designs", 0, total)
         # What is compiled leaves Python's lock to others.
         with ThreadPoolExecutor(cores()) as pool:
-            futures = (pool.submit(self._block, *item, goals, nodes, probability) for item in work)
+            futures = (pool.submit(self._block, *item, goals, probability) for item in work)
             for (arrangement, _), future in zip(work, list(futures), strict=True):
                 for number, assessed in zip(arrangement.numbers, future.result(), strict=True):
                     previous = results.get(number)
@@ -177,12 +182,7 @@ class Planner:
         return [results[number] for number in sorted(results)]
 
     def _block(
-        self,
-        arrangement: Arrangement,
-        block: int,
-        goals: Sequence[Goal],
-        nodes: Sequence[Node],
-        probability: float,
+        self, arrangement: Arrangement, block: int, goals: Sequence[Goal], probability: float
     ) -> list[list[Assessment]]:
         """One block of studies of each design of an arrangement."""
         streams = Streams(self.seed, block)
@@ -191,9 +191,7 @@ class Planner:
         start, assessed = arrangement.model.unconstrained(truths.hyperparameters), []
         for position in range(len(arrangement.numbers)):
             # The same people with more or fewer impacts have their mode near.
-            of_goals, start = self._of_design(
-                arrangement, position, studies, start, goals, nodes, probability
-            )
+            of_goals, start = self._of_design(arrangement, position, studies, start, goals, probability)
             assessed.append(of_goals)
         return assessed
 
@@ -204,26 +202,20 @@ class Planner:
         studies: Studies,
         start: Float[np.ndarray, "study coordinate"],
         goals: Sequence[Goal],
-        nodes: Sequence[Node],
         probability: float,
     ) -> tuple[list[Assessment], Float[np.ndarray, "study coordinate"]]:
         model = arrangement.model
         present = np.broadcast_to(arrangement.present[position], studies.centre.shape[:2])
         sites = PlannedSites(model, arrangement.columns, arrangement.precision, studies.centre, present)
         drawn = posteriors(sites, start)
-        answers = _Answers(arrangement, position, self.information)
-        posterior = answers.dataset(drawn.hyperparameters, drawn.b, nodes)
-        truth = answers.dataset(
-            {name: values[:, None] for name, values in studies.truths.hyperparameters.items()},
-            studies.b[:, None],
-            nodes,
-        )
-        assessed = [
-            _assessment(
-                goal, probability, drawn, *(answers.values(node, draws) for draws in (posterior, truth))
-            )
-            for goal, node in zip(goals, nodes, strict=True)
-        ]
+        answers = _Answers(arrangement, position, self.information, goals)
+        posterior = answers.dataset(drawn.hyperparameters, drawn.b)
+        true = {name: values[:, None] for name, values in studies.truths.hyperparameters.items()}
+        truth = answers.dataset(true, studies.b[:, None])
+        assessed = []
+        for goal in goals:
+            values, true_values = (answers.values(goal.node, draws) for draws in (posterior, truth))
+            assessed.append(_assessment(goal, probability, drawn, values, true_values))
         return assessed, drawn.mode
 
 
@@ -271,6 +263,7 @@ class _Answers:
     arrangement: Arrangement
     position: int
     information: Information
+    goals: Sequence[Goal]
 
     @property
     def _recorded(self) -> Recorded:
@@ -279,24 +272,18 @@ class _Answers:
         return replace(self.arrangement.design.recorded, rows=rows)
 
     def dataset(
-        self,
-        values: dict[str, np.ndarray],
-        b: Float[np.ndarray, "study draw location"],
-        nodes: Sequence[Node],
+        self, values: dict[str, np.ndarray], b: Float[np.ndarray, "study draw location"]
     ) -> xr.Dataset:
         """What the questions are of, from draws of the hyperparameters and effects."""
         design, model = self.arrangement.design, self.arrangement.model
-        design = replace(
-            design, responses={q: part for q, part in design.responses.items() if q in RESPONSES}
-        )
+        design = replace(design, responses={q: design.responses[q] for q in RESPONSES})
         sites = derived.named_sites(model.locations, design, dict(values), b)
         draws = derived.labelled_draws(design, derived.reported_sites(design, sites))
         draws = draws.assign_coords(chain=np.arange(b.shape[0]), draw=np.arange(b.shape[1]))
-        names = {quantity.name for node in nodes for quantity in quantities(node)}
+        names = {quantity.name for goal in self.goals for quantity in quantities(goal.node)}
         for q in RESPONSES:
             if f"{q}_typical_person" in names:
-                typical = draws_of(Quantity(q, (), 0), draws, design.recorded)
-                draws[f"{q}_typical_person"] = typical
+                draws[f"{q}_typical_person"] = draws_of(Quantity(q, (), 0), draws, design.recorded)
         lacking = names - set(map(str, draws.data_vars)) - set(design.responses)
         return draws.merge(self._reliability(draws, lacking)) if lacking else draws
 
@@ -367,26 +354,14 @@ def planner(
 
 def typical_tissue(truths: Truths, arrangement: Arrangement, reference_mass_kg: float) -> TypicalTissue:
     """Mean and spread of log K and log C over all people of all truths, at the reference mass."""
-    terms = {
-        q: [term for term in group_terms(arrangement.design.recorded.formulas[q]) if not term.slope]
-        for q in RESPONSES
-    }
+    sds, fixed = truths.hyperparameters, truths.fixed
 
-    def spread(q: str) -> float:
-        groups = [
-            truths.hyperparameters[term.sd(q)] for term in terms[q] if term.sd(q) in truths.hyperparameters
-        ]
-        within = np.mean(
-            [values**2 for values in (*groups, truths.hyperparameters[f"sd_impact_{q}"])], axis=1
-        ).sum()
-        return float(np.sqrt(truths.fixed[f"intercept_{q}"].var() + within))
+    def of_response(q: str) -> tuple[float, float, float]:
+        terms = group_terms(arrangement.design.recorded.formulas[q])
+        names = [*(term.sd(q) for term in terms if not term.slope), f"sd_impact_{q}"]
+        within = np.sum([np.mean(sds[name] ** 2) for name in names if name in sds])
+        level, exponent = fixed[f"intercept_{q}"], fixed.get(f"mass_exponent_{q}", np.zeros(1))
+        return float(np.median(level)), float(np.sqrt(level.var() + within)), float(np.median(exponent))
 
-    def exponent(q: str) -> float:
-        values = truths.fixed.get(f"mass_exponent_{q}")
-        return 0.0 if values is None else float(np.median(values))
-
-    K, C = RESPONSES
-    mean = tuple(float(np.median(truths.fixed[f"intercept_{q}"])) for q in RESPONSES)
-    return TypicalTissue(
-        (mean[0], mean[1]), (spread(K), spread(C)), (exponent(K), exponent(C)), reference_mass_kg
-    )
+    mean, sd, exponent = zip(*map(of_response, RESPONSES), strict=True)
+    return TypicalTissue(mean, sd, exponent, reference_mass_kg)

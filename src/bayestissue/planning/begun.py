@@ -23,12 +23,14 @@ class Begun:
     """A running study.
 
     Attributes:
-        model: of its fit, the formulas as they were evaluated; also that of the analysis in the end.
+        run: the folder of its fit.
+        model: of that, the formulas as they were evaluated; also that of the analysis in the end.
         running: what its recordings tell.
         prior: what is believed now: draws of the fit's posterior.
         again: whether the people of a design are first those that were recorded.
     """
 
+    run: str
     model: ModelSpecification
     running: Running
     prior: RunningPrior
@@ -69,7 +71,7 @@ def begun_study(after: After, otherwise: Beliefs, source: str) -> Begun:
     running = running_study(prepare(dataset, model, source=after.run), model)
     posterior = fit.posterior["posterior"].to_dataset()
     prior = RunningPrior.of_posterior(posterior, pilot_of(fit, otherwise))
-    return Begun(model, running, prior, after.again)
+    return Begun(after.run, model, running, prior, after.again)
 
 
 def pilot_of(pilot: Fit, otherwise: Beliefs) -> Pilot:

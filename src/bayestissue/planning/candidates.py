@@ -81,10 +81,11 @@ class Candidate:
         """
         measured = max(self.people - round(self.lost_people * self.people), min(self.people, 1))
         others = (f"{self.prefix}{number + 1:03d}" for number in range(measured))
-        names = {(mass, velocity): name for mass, velocity, name in self.trials_named}
+        names = {pair: "{:g} kg at {:g} m/s".format(*pair) for pair in self.conditions}
+        names |= {(mass, velocity): name for mass, velocity, name in self.trials_named}
         parts: dict[str, list[tuple[Any, ...]]] = {
             "subject": [(name,) for name in (*self.people_named, *others)][:measured],
-            "condition": [(names.get(pair, trial_name(*pair)), *pair) for pair in self.conditions],
+            "condition": [(names[pair], *pair) for pair in self.conditions],
             **{factor.name: [(level,) for level in factor.levels] for factor in self._crossed},
             "repeat": [()] * self.repeats,
         }
@@ -114,39 +115,21 @@ class Candidate:
         }
 
 
-def trial_name(mass: float, velocity: float) -> str:
-    """What the condition of a mass and a velocity is called."""
-    return f"{mass:g} kg at {velocity:g} m/s"
+def grid(candidates: Candidates) -> list[Candidate]:
+    """Every combination of what the plan lists, people varying fastest.
 
-
-def sets_of_conditions(candidates: Candidates) -> list[tuple[tuple[float, float], ...]]:
-    """Each set of masses at each set of velocities, and the set that is listed condition by condition."""
-    sets = [
-        tuple(product(masses, velocities))
-        for masses, velocities in product(candidates.masses_kg, candidates.velocities_m_s)
-    ]
+    Its conditions are each set of masses at each set of velocities, and the set that is listed condition by
+    condition.
+    """
+    sets = [tuple(product(*pair)) for pair in product(candidates.masses_kg, candidates.velocities_m_s)]
     if candidates.conditions:
         sets.append(tuple(condition.mass_and_velocity() for condition in candidates.conditions))
-    return sets
-
-
-def grid(candidates: Candidates) -> list[Candidate]:
-    """Every combination of what the plan lists, people varying fastest."""
+    recorders = [recorder.name for recorder in candidates.recorders] or [""]
+    common = Candidate(0, (), 1, candidates.factors, candidates.lost, candidates.lost_people)
     return [
-        Candidate(
-            people,
-            conditions,
-            repeats,
-            candidates.factors,
-            candidates.lost,
-            candidates.lost_people,
-            recorder=recorder,
-        )
+        replace(common, people=people, conditions=conditions, repeats=repeats, recorder=recorder)
         for recorder, conditions, repeats, people in product(
-            [recorder.name for recorder in candidates.recorders] or [""],
-            sets_of_conditions(candidates),
-            candidates.repeats,
-            candidates.people,
+            recorders, sets, candidates.repeats, candidates.people
         )
     ]
 

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from bayestissue import results, runtime
-from bayestissue.fitting import silent
+from bayestissue.fitting import formulas_of, silent
 from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.formulas.formula import group_terms
 from bayestissue.hierarchy.formulas.group_terms import SUBJECT
@@ -81,15 +81,13 @@ class Plan(Outlined):
     studies: pd.DataFrame
 
     def _outline(self) -> tuple[str, Rows]:
+        plan, count = self.content["plan"], len(self.content["designs"])
         rows = [
             ("answer", short(self.answer, 300)),
-            (
-                "designs",
-                f"{len(self.content['designs'])}, of {self.content['plan']['goal']['studies']} studies",
-            ),
+            ("designs", f"{count}, of {plan['goal']['studies']} studies"),
             ("more in", ".answer, .paragraph, .designs, .content, .report(path)"),
         ]
-        return f"Plan {short(self.content['plan']['name'])}", rows
+        return f"Plan {short(plan['name'])}", rows
 
     @property
     def answer(self) -> str:
@@ -181,13 +179,12 @@ def plan(
         numbers = {"people": people, "masses_kg": masses_kg, "repeats": repeats}
         lists = numbers | {"velocities_m_s": velocities_m_s}
         content = content_of(lists, ask, within=within, groups=groups, model=model, K=K, C=C)
-        source = "arguments"
-        specification = plan_of(content, source)
+        specification, source = plan_of(content, "arguments"), "arguments"
     specification = with_changes(specification, source, "after", run=after, dataset=dataset)
-    changed = with_changes(specification, source, "goal", studies=studies, seed=seed)
+    specification = with_changes(specification, source, "goal", studies=studies, seed=seed)
     runtime.release_compiled()
     with runtime.compiled_kept():
-        return carry_out(study_of(changed, source), say=say)
+        return carry_out(study_of(specification, source), say=say)
 
 
 def content_of(
@@ -204,17 +201,14 @@ def content_of(
     texts = [ask] if isinstance(ask, str) else ask
     if not isinstance(texts, Mapping):
         texts = {f"question_{number}": text for number, text in enumerate(texts, start=1)}
-    factors: list[dict[str, Any]] = [
-        {"name": name, "levels": list(levels)} for name, levels in (within or {}).items()
-    ]
-    factors += [
-        {"name": name, "levels": list(levels), "of_people": True} for name, levels in (groups or {}).items()
-    ]
-    if within is None and groups is None:
-        factors = factors_named(texts.values())
-    formula = {q: text for q, text in (("K", K), ("C", C or K)) if text is not None}
+    factors = factors_named(texts.values()) if within is None and groups is None else []
+    for further, named in (({}, within), ({"of_people": True}, groups)):
+        factors += [
+            {"name": name, "levels": list(levels), **further} for name, levels in (named or {}).items()
+        ]
     lists = {name: _plain(value) for name, value in candidates.items()}
-    content = {"candidates": {**lists, "factors": factors}, "questions": dict(texts), "formula": formula}
+    formulas = formulas_of(K, C or None)
+    content = {"candidates": {**lists, "factors": factors}, "questions": dict(texts), "formula": formulas}
     return content if model is None else {**content, "model": model}
 
 
@@ -262,13 +256,13 @@ def carry_out(
     ]
     assessments = ledger.assess(cases, study.goals, aim.studies)
     minutes = [design.minutes(study.plan.cost) for design in study.designs]
-    reaching = [n for n, assessed in enumerate(assessments) if _short_of(assessed, aim.assurance) >= 1]
+    # The least assurance of all goals as a fraction of what is wanted.
+    reached = [min(one.answered for one in of_goals) / aim.assurance for of_goals in assessments]
+    reaching = [number for number, fraction in enumerate(reached) if fraction >= 1]
     if reaching:
         chosen = min(reaching, key=lambda number: minutes[number])
     else:
-        chosen = max(
-            range(len(assessments)), key=lambda n: (_short_of(assessments[n], aim.assurance), -minutes[n])
-        )
+        chosen = max(range(len(cases)), key=lambda number: (reached[number], -minutes[number]))
     variants, limits = _variants(cases[chosen], reaches=bool(reaching)), _limits(cases[chosen])
     fewer = min(aim.studies, _FEWER_STUDIES)
     normal = bool(ledger.table()["normal"].all())
@@ -279,22 +273,19 @@ def carry_out(
 
     def numbers(case: Case) -> dict[str, Any]:
         (assessed,) = ledger.assess([case], study.goals, fewer)
-        return _of_case(case, case.design.minutes(study.plan.cost), assessed, base)
+        return _of_case(case, study.plan, assessed, base)
 
     content: dict[str, Any] = {
         "program": "bayestissue",
         "version": runtime.versions()["bayestissue"],
         "plan": study.plan.model_dump(mode="json", exclude_none=True),
         "analyses": [
-            {
-                "designs": [number + 1 for number in analysis.designs],
-                "model": analysis.model.model_dump(mode="json"),
-            }
-            for analysis in study.analyses
+            {"designs": [number + 1 for number in one.designs], "model": one.model.model_dump(mode="json")}
+            for one in study.analyses
         ],
         "designs": [
-            {"design": number + 1, **_of_case(case, minutes[number], assessments[number])}
-            for number, case in enumerate(cases)
+            {"design": number, **_of_case(case, study.plan, of_goals)}
+            for number, (case, of_goals) in enumerate(zip(cases, assessments, strict=True), start=1)
         ],
         "normal_traces": normal,
         "chosen": chosen + 1,
@@ -307,9 +298,8 @@ def carry_out(
     content["sha256"] = _hash(content)
     content |= {"answer": answer(content), "paragraph": paragraph(content), "warning": warning(content)}
     content["limiting"] = what_limits(content)
-    record = start.record(
-        "plan", "plan", plan=study.plan.name, seed=aim.seed, studies=aim.studies, sha256=content["sha256"]
-    )
+    stated = {"plan": study.plan.name, "seed": aim.seed, "studies": aim.studies, "sha256": content["sha256"]}
+    record = start.record("plan", "plan", **stated)
     return Plan(record, content, _designs(content), ledger.table())
 
 
@@ -354,7 +344,8 @@ class Ledger:
         blocks = studies // BLOCK
         groups: dict[tuple[int, ...], list[Case]] = {}
         for case in cases:
-            done = min(self._done(self._key(case, goal)) for goal in goals) // BLOCK
+            keys = [self._everything()["key"] == self._key(case, goal) for goal in goals]
+            done = min(int(rows.sum()) for rows in keys) // BLOCK
             if done < blocks:
                 shared = id(case.model), id(case.prior), id(case.simulation)
                 groups.setdefault((done, *shared), []).append(case)
@@ -365,13 +356,10 @@ class Ledger:
             rows = [case.design.rows() for case in group]
             ready = planner(rows, one.model, one.prior, one.simulation, seed=self._seed, running=one.running)
             for begin in range(first, blocks, _BLOCKS):
-                end = min(begin + _BLOCKS, blocks)
-                progress = self._after(before, total)
-                answers = ready.assess(
-                    goals, range(begin, end), probability=self._probability, progress=progress
-                )
-                self._keep(group, goals, answers, begin * BLOCK, normal=ready.information.is_gaussian)
-                before += (end - begin) * len(group)
+                now, say = range(begin, min(begin + _BLOCKS, blocks)), self._after(before, total)
+                answers = ready.assess(goals, now, probability=self._probability, progress=say)
+                self._keep(group, answers, begin * BLOCK, normal=ready.information.is_gaussian)
+                before += len(now) * len(group)
         return [[self._read(self._key(case, goal), goal, studies) for goal in goals] for case in cases]
 
     def table(self) -> pd.DataFrame:
@@ -389,30 +377,18 @@ class Ledger:
     def _everything(self) -> pd.DataFrame:
         if len(self._tables) > 1:
             self._tables = [pd.concat(self._tables, ignore_index=True).drop_duplicates(["key", "study"])]
-        return (
-            self._tables[0] if self._tables else pd.DataFrame(columns=["key", "study", "normal", *_PER_STUDY])
-        )
-
-    def _done(self, key: str) -> int:
-        everything = self._everything()
-        return int((everything["key"] == key).sum())
+        columns = ["key", "study", "normal", *_PER_STUDY]
+        return self._tables[0] if self._tables else pd.DataFrame(columns=columns)
 
     def _keep(
-        self,
-        cases: Sequence[Case],
-        goals: Sequence[Goal],
-        answers: list[list[Assessment]],
-        first: int,
-        *,
-        normal: bool,
+        self, cases: Sequence[Case], answers: list[list[Assessment]], first: int, *, normal: bool
     ) -> None:
         tables = []
         for case, of_case in zip(cases, answers, strict=True):
-            for goal, one in zip(goals, of_case, strict=True):
-                columns = {name: getattr(one, name) for name in _PER_STUDY}
+            for one in of_case:
                 number = first + np.arange(one.studies)
-                of_all = {"key": self._key(case, goal), "study": number, "normal": normal}
-                tables.append(pd.DataFrame({**of_all, **columns}))
+                of_all = {"key": self._key(case, one.goal), "study": number, "normal": normal}
+                tables.append(pd.DataFrame(of_all | {name: getattr(one, name) for name in _PER_STUDY}))
         table = pd.concat(tables, ignore_index=True)
         self._tables.append(table)
         if self._parts is not None:
@@ -426,11 +402,6 @@ class Ledger:
         mine = everything[(everything["key"] == key) & (everything["study"] < studies)].sort_values("study")
         arrays = (mine[name].to_numpy(kind) for name, kind in _PER_STUDY.items())
         return Assessment(goal, self._probability, *arrays)
-
-
-def _short_of(assessments: Sequence[Assessment], wanted: float) -> float:
-    """The least assurance of all goals as a fraction of what is wanted."""
-    return min(assessment.answered for assessment in assessments) / wanted
 
 
 def _variants(case: Case, *, reaches: bool) -> dict[str, Case]:
@@ -474,12 +445,12 @@ def _looks(
     that have stopped by each, of those that have a wrong answer, and by how much what the claim compares is
     estimated too large at the stop and, without stops, at that number.
     """
-    sequence = [
-        number
+    people = {
+        number: case.design.people
         for number, case in enumerate(cases)
-        if replace(case.design, people=0) == replace(cases[chosen].design, people=0)
-    ]
-    sequence.sort(key=lambda number: cases[number].design.people)
+        if case.design.with_people(0) == cases[chosen].design.with_people(0)
+    }
+    sequence = sorted(people, key=lambda number: people[number])
     tables: dict[str, list[dict[str, float | None]]] = {}
     for position, assessment in enumerate(assessments[chosen]):
         if assessment.goal.width is not None or len(sequence) < 2:
@@ -495,7 +466,7 @@ def _looks(
             stopped |= now
             rows.append(
                 {
-                    "people": cases[number].design.people,
+                    "people": people[number],
                     "stopped": float(stopped.mean()),
                     "misled": float(wrong.mean()),
                     "error": _mean(error[stopped]),
@@ -543,13 +514,13 @@ def _sum(values: Any) -> str:
 
 
 def _of_case(
-    case: Case, minutes: float, assessed: Sequence[Assessment], base: Sequence[Assessment] = ()
+    case: Case, plan: PlanSpecification, assessed: Sequence[Assessment], base: Sequence[Assessment] = ()
 ) -> dict[str, Any]:
     """The numbers of a design by goal, and what they gained over those of the same studies in ``base``."""
     goals = {assessment.goal.name: _of_goal(assessment) for assessment in assessed}
     for before, more in zip(base, assessed, strict=False):
         goals[more.goal.name] |= _gain(before, more)
-    return {**case.design.columns(), "minutes": minutes, "goals": goals}
+    return {**case.design.columns(), "minutes": case.design.minutes(plan.cost), "goals": goals}
 
 
 def _gain(before: Assessment, more: Assessment) -> dict[str, float]:
@@ -562,17 +533,15 @@ def _gain(before: Assessment, more: Assessment) -> dict[str, float]:
 
 def _of_goal(assessment: Assessment) -> dict[str, Any]:
     """The numbers of one design and goal; None of what it has none of."""
-    yes, no = float(assessment.yes.mean()), float(assessment.no.mean())
-    answered = assessment.answered
-    is_width = assessment.goal.width is not None
+    answered, is_width = assessment.answered, assessment.goal.width is not None
     # Where all studies agree, the error is that of one more which does not.
     least = 1 / (assessment.studies + 2)
     return {
         "studies": assessment.studies,
         "answered": answered,
         "se": assessment.se(float(np.clip(answered, least, 1 - least))),
-        "yes": yes,
-        "no": None if is_width else no,
+        "yes": float(assessment.yes.mean()),
+        "no": None if is_width else float(assessment.no.mean()),
         "undecided": 1 - answered,
         "misleads": None if is_width else assessment.misleads,
         "true": None if is_width else float(assessment.true.mean()),

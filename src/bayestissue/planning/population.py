@@ -39,10 +39,15 @@ from bayestissue.planning.model import PlannedModel
 BLOCK = 100
 
 
-class Known(BaseModel):
-    """A number that is taken as known."""
+class Table(BaseModel):
+    """A table of a settings file, in which every key is known."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Known(Table):
+    """A number that is taken as known."""
+
     distribution: Literal["known"] = "known"
     value: Annotated[float, Field(allow_inf_nan=False)]
 
@@ -63,13 +68,11 @@ def _alike(belief: Any) -> Any:
     return Responses[Belief](K=belief, C=belief)
 
 
-class Population(BaseModel):
+class Population(Table):
     """The table ``[population]``: the keys of a model file's ``[priors]``, each a distribution or a number.
 
     All are on the log scale of K (N/m) and C (N s/m), at the reference mass of the analysis.
     """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     intercept: Pair[Belief] = Field(
         default=Pair[Belief](K=normal(math.log(3000), 0.4), C=normal(math.log(25), 0.4)),
@@ -111,13 +114,9 @@ class Population(BaseModel):
 
     def by_name(self) -> dict[str, Any]:
         """Of every top-level parameter, by its name: ``intercept_K``, ``sd_subject_side_C``."""
-        pairs: dict[str, Any] = {
-            name: getattr(self, name) for name in type(self).model_fields if name.startswith("sd_")
-        }
-        groups, slopes = pairs.pop("sd_group"), pairs.pop("sd_slope")
-        pairs |= {name: getattr(self, name) for name in ("intercept", "mass_exponent", "covariate")}
-        pairs |= {f"sd_{term_of_group(key).stem}": pair for key, pair in groups.items()}
-        pairs |= {f"sd_{term_of_slope(key).stem}": pair for key, pair in slopes.items()}
+        pairs = {name: pair for name, pair in self if isinstance(pair, Pair)}
+        pairs |= {f"sd_{term_of_group(key).stem}": pair for key, pair in self.sd_group.items()}
+        pairs |= {f"sd_{term_of_slope(key).stem}": pair for key, pair in self.sd_slope.items()}
         beliefs = {f"{stem}_{q}": belief for stem, pair in pairs.items() for q, belief in pair}
         return beliefs | {"residual_correlation": self.residual_correlation}
 
@@ -209,22 +208,16 @@ class Beliefs:
             return np.asarray(quantile(belief, streams.uniform(name)), float)
 
         values = {name: drawn(name, known.get(name, default)) for name in model.hyperparameters}
-        fixed = {}
+        fixed: dict[str, np.ndarray] = {}
         for part in design.responses.values():
             q = part.response
-            name = intercept(part.parameter)
-            fixed[name] = drawn(name, known[name])[:, None]
-            if part.log_mass is not None:
-                name = f"mass_exponent_{q}"
-                fixed[name] = drawn(name, known[name])[:, None]
+            names = [intercept(part.parameter), *[f"mass_exponent_{q}"] * (part.log_mass is not None)]
+            fixed |= {name: drawn(name, known[name])[:, None] for name in names}
             effects = []
             for column, scale in zip(part.names, part.scale, strict=True):
                 single = self.population.effects.get(q, {}).get(column)
-                label = f"effect_of_{column}_{q}"
-                if single is None:
-                    effects.append(drawn(label, known[f"covariate_{q}"]))
-                else:
-                    effects.append(drawn(label, single) * scale)
+                effect = drawn(f"effect_of_{column}_{q}", single or known[f"covariate_{q}"])
+                effects.append(effect * scale if single else effect)
             if effects:
                 fixed[f"covariate_effect_{q}"] = np.stack(effects, axis=1)
         return Truths(values, fixed)

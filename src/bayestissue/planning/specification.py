@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_validator, model_validator
+from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from bayestissue import runtime
 from bayestissue.dataset.settings import Gravity, RecorderSettings
-from bayestissue.planning.population import BLOCK, Population
+from bayestissue.planning.population import BLOCK, Population, Table
 from bayestissue.settings import checked, parse_toml, read_text
 from bayestissue.simulation.specification import Condition, Factor, Recording, require_samples_to_filter
 
@@ -27,10 +27,6 @@ USUAL = Recording(
 )
 # More designs than a reader compares; a slip of the grid rather than a wish.
 MOST_DESIGNS = 500
-
-
-class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 def _listed(value: Any) -> Any:
@@ -78,7 +74,7 @@ class PlannedRecorder(Recording):
     _noise = model_validator(mode="after")(_with_noise)
 
 
-class Candidates(_Table):
+class Candidates(Table):
     """The designs to compare: every combination of what is listed, every person in every condition."""
 
     people: Counts = Field(description="how many are recruited; of a list each is a candidate.")
@@ -125,7 +121,7 @@ class Candidates(_Table):
         return self
 
 
-class After(_Table):
+class After(Table):
     """A study that has begun; the candidates are then what is still to come."""
 
     run: str = Field(description="the folder of its fit, whose model is that of the plan.")
@@ -136,7 +132,7 @@ class After(_Table):
     )
 
 
-class Precision(_Table):
+class Precision(Table):
     """A number that is to be known well enough: half the width of its 90 % interval."""
 
     of: Annotated[str, Field(min_length=1)] = Field(
@@ -158,7 +154,7 @@ class Precision(_Table):
         return self
 
 
-class Cost(_Table):
+class Cost(Table):
     """Minutes of work, by which the cheapest design is chosen."""
 
     person_min: Minutes = Field(default=20.0, description="of a person, however often the person is hit.")
@@ -168,7 +164,7 @@ class Cost(_Table):
     )
 
 
-class Aim(_Table):
+class Aim(Table):
     """When a study counts as having answered, and how sure it is to be of that."""
 
     assurance: Annotated[float, Field(gt=0, lt=1)] = Field(
@@ -186,7 +182,7 @@ class Aim(_Table):
     )
 
 
-class PlanSpecification(_Table):
+class PlanSpecification(Table):
     """A whole plan file."""
 
     name: Annotated[str, Field(min_length=1)] = Field(description="what the page calls the plan.")

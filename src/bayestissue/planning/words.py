@@ -82,7 +82,7 @@ def paragraph(content: Content) -> str:
         f"A claim counts as answered if its posterior probability is {sure}." if plan["questions"] else "",
         f"In {first['studies']} simulated studies of this design {numbers}.",
         f"At one assumed truth, the medians of these beliefs, the power is {powers}." if truth else "",
-        f"With {more['people']} people the assurance is {listed(_goal_shares(more))}.",
+        f"With {more['people']} people the assurance is {_shares(more)}.",
         "Each simulated study is analysed as the study itself will be, by a Bayesian hierarchical model of "
         f"stiffness K and damping C of every impact (bayestissue {content['version']}, model "
         f"{model['name']}, log K by {model['formula']['K']}).",
@@ -160,22 +160,16 @@ def _answers(design: Content) -> str:
 
 
 def _shares(design: Content) -> str:
-    return listed(_goal_shares(design))
-
-
-def _goal_shares(design: Content) -> list[str]:
     goals = design["goals"]
     suffix = {name: f" ({name.replace('_', ' ')})" if len(goals) > 1 else "" for name in goals}
-    return [f"{with_error(g['answered'], g['se'])}{suffix[name]}" for name, g in goals.items()]
+    return listed([f"{with_error(g['answered'], g['se'])}{suffix[name]}" for name, g in goals.items()])
 
 
 def _asked(plan: Content) -> str:
     claims = [f"whether {text}" for text in plan["questions"].values()]
-    return listed(claims + [_width_words(number) for number in plan.get("precision", {}).values()])
-
-
-def _width_words(precision: Content) -> str:
-    return f"for {precision['of']} to ± {half_width(precision)} (half of the 90 % interval)"
+    numbers = plan.get("precision", {}).values()
+    widths = [f"for {one['of']} to ± {half_width(one)} (half of the 90 % interval)" for one in numbers]
+    return listed(claims + widths)
 
 
 def _of_goal(name: str, goal: Content) -> str:

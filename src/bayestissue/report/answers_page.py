@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,31 +14,34 @@ from bayestissue.figures.intervals import intervals
 from bayestissue.figures.theme import Figure
 from bayestissue.outline import counted
 from bayestissue.report.page import part, render_page
-from bayestissue.report.tables import Field, Table, table_of
-from bayestissue.report.wording import PREDICTED, covariate_words, interval, number, probability, significant
+from bayestissue.report.tables import Field, Table, number_field, table_of
+from bayestissue.report.wording import (
+    PREDICTED,
+    covariate_words,
+    interval,
+    number,
+    predicted_words,
+    probability,
+    significant,
+)
 
 # As many as a first screen holds; the table has all.
 FIRST = 6
 
 
-def _known(column: str, words: Callable[[float], str]) -> Callable[[Any], str]:
-    """A number of a row in words; empty where it is not known."""
-    return lambda row: words(row[column]) if pd.notna(row[column]) else ""
+def _range(row: Mapping[str, Any]) -> str:
+    return interval(row["low"], row["high"]) if pd.notna(row["low"]) else ""
 
 
 _FIELDS = (
     Field("name", lambda row: row["name"].replace("_", " ")),
     Field("question", lambda row: row["question"], "words"),
-    Field("posterior", _known("posterior", lambda value: number(value, 3)), "number"),
-    Field("prior", _known("prior", lambda value: number(value, 3)), "number"),
-    Field("Bayes factor", _known("bayes_factor", significant), "number"),
-    Field("Monte Carlo error", _known("mcse", lambda value: significant(value, 2)), "number"),
-    Field("median", _known("median", lambda value: significant(value, 4)), "number"),
-    Field(
-        "90 % interval",
-        lambda row: interval(row["low"], row["high"]) if pd.notna(row["low"]) else "",
-        "number",
-    ),
+    number_field("posterior", "posterior", partial(number, decimals=3)),
+    number_field("prior", "prior", partial(number, decimals=3)),
+    number_field("Bayes factor", "bayes_factor"),
+    number_field("Monte Carlo error", "mcse", partial(significant, digits=2)),
+    number_field("median", "median", partial(significant, digits=4)),
+    Field("90 % interval", _range, "number"),
     Field("unit", lambda row: row["unit"], "words"),
     Field("note", lambda row: row["note"], "words"),
 )
@@ -91,7 +95,6 @@ def answered(lines: Sequence[Mapping[str, str]], answers: pd.DataFrame, saved: s
 
 
 MOST_DRAWN = 60
-_ENDS = ("", "_low", "_high")
 
 
 def questions_page(answers: pd.DataFrame, record: Mapping[str, Any]) -> str:
@@ -140,7 +143,9 @@ def _model_words(record: Mapping[str, Any]) -> str:
 def _intervals(predictions: pd.DataFrame, name: str) -> Figure | None:
     """Median and 90 % interval of one quantity, a line a row; None where no row has it."""
     word, unit, factor = PREDICTED[name]
-    median, low, high = (factor * predictions[f"{name}{end}"].to_numpy(float) for end in _ENDS)
+    median, low, high = (
+        factor * predictions[f"{name}{end}"].to_numpy(float) for end in ("", "_low", "_high")
+    )
     if not np.isfinite(median).any():
         return None
     labels = [
@@ -156,7 +161,7 @@ def _intervals(predictions: pd.DataFrame, name: str) -> Figure | None:
 def _table(predictions: pd.DataFrame) -> Table:
     def quantity(name: str) -> Field:
         word, unit, _ = PREDICTED[name]
-        return Field(f"{word}, {unit}", lambda row: _cell(row[1], name), "number")
+        return Field(f"{word}, {unit}", lambda row: _over(*predicted_words(row[1], name)), "number")
 
     return table_of(
         enumerate(predictions.to_dict("records"), start=1),
@@ -169,13 +174,9 @@ def _table(predictions: pd.DataFrame) -> Table:
 def _covariate_cell(row: Mapping[Any, Any]) -> Markup:
     """What was given, and under it what is new and what is to be known of it."""
     said = [f"new {row['new']}"] * bool(row["new"]) + [row["note"]] * bool(row["note"])
-    return Markup('{}<br><span class="muted">{}</span>').format(covariate_words(row), "; ".join(said))
+    return _over(covariate_words(row), "; ".join(said))
 
 
-def _cell(row: Mapping[Any, Any], name: str) -> Markup | str:
-    factor = PREDICTED[name][2]
-    median, low, high = (factor * row[f"{name}{end}"] for end in _ENDS)
-    if not np.isfinite(median):
-        return ""
-    shown = [significant(value) for value in (median, low, high)]
-    return Markup('{}<br><span class="muted">{} to {}</span>').format(*shown)
+def _over(*words: str) -> Markup:
+    """Words, and others in grey under them; nothing of none."""
+    return Markup('{}<br><span class="muted">{}</span>').format(*words) if words else Markup()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,16 +17,14 @@ from bayestissue.inference.results.meanings import NAMES, UNITS, heading_words, 
 from bayestissue.remedies import codes_in
 from bayestissue.report.page import render_page
 from bayestissue.report.posterior import best_explanations
-from bayestissue.report.tables import Field, Row, Table, columns, settings_table, table_of
+from bayestissue.report.tables import Field, Row, Table, columns, number_field, settings_table, table_of
 from bayestissue.report.wording import interval, listed, number, probability, significant, with_error
 from bayestissue.results import read_tables
 from bayestissue.results.tables import table_of_rows, typed, wrong_in
 
 MOST_PEOPLE = 30
-_COMPARABLE = {
-    "K": ("K_secant_of_impacts", "K_secant_of_subject"),
-    "C": ("C_equivalent_of_impacts", "C_equivalent_of_subject"),
-}
+OF_IMPACTS = {"K": "K_secant_of_impacts", "C": "C_equivalent_of_impacts"}
+_OF_SUBJECT = {"K": "K_secant_of_subject", "C": "C_equivalent_of_subject"}
 
 
 def comparison_figure(table: pd.DataFrame, scheme: str) -> Figure:
@@ -68,8 +67,8 @@ def side_by_side_figures(
 
 def _parts(posteriors: pd.DataFrame, quantity: str, same_element: bool) -> list[tuple[str, pd.DataFrame]]:
     parts = []
-    values = tuple(f"{quantity}_{part}" for part in ("typical_person", "new", "subject"))
-    values = values if same_element else _COMPARABLE[quantity]
+    own = (f"{quantity}_typical_person", f"{quantity}_new", f"{quantity}_subject")
+    values = own if same_element else (OF_IMPACTS[quantity], _OF_SUBJECT[quantity])
     for variable in (f"mass_exponent_{quantity}", f"mass_exponent_{quantity}_common_depth", *values):
         rows = posteriors[posteriors["variable"] == variable]
         rows = rows[rows["label"].isin(rows["label"].drop_duplicates()[:MOST_PEOPLE])]
@@ -80,10 +79,11 @@ def _parts(posteriors: pd.DataFrame, quantity: str, same_element: bool) -> list[
 
 def answers_table(answers: pd.DataFrame, runs: Sequence[str]) -> Table:
     """A row a ratio or question, a column a run: "1.24 (1.19 to 1.29)", a probability, or what lacks."""
-    rows = []
-    for question, part in answers.groupby("question", sort=False):
-        cells = {row["run"]: _answer(row) for row in part.to_dict("records")}
-        rows.append(Row((str(question), *(cells.get(run, "not in this run") for run in runs))))
+    cells = {(row["question"], row["run"]): _answer(row) for row in answers.to_dict("records")}
+    rows = [
+        Row((str(question), *(cells.get((question, run), "not in this run") for run in runs)))
+        for question in dict.fromkeys(answers["question"])
+    ]
     return Table(columns("question", *runs, number=runs, words=("question",)), rows)
 
 
@@ -101,21 +101,14 @@ def answers_figure(answers: pd.DataFrame) -> Figure | None:
     questions = list(ratios["question"].drop_duplicates()[:MOST_PEOPLE])
     if not questions:
         return None
-    named = {
-        "question": "label",
-        "run": "series",
-        "value": "median",
-        "low": "eti90_low",
-        "high": "eti90_high",
-    }
-    rows = ratios[ratios["question"].isin(questions)].rename(columns=named)[list(named.values())]
+    rows = ratios.loc[ratios["question"].isin(questions), ["question", "run", "value", "low", "high"]]
+    rows = rows.set_axis(["label", "series", "median", "eti90_low", "eti90_high"], axis=1)
     words = (
         "Ratios between levels by run: posterior median and 90 % interval, a colour and a mark for each run."
     )
     return intervals(rows.reset_index(drop=True), "ratio", words, lines=(1,))
 
 
-OF_IMPACTS = {"K": "K_secant_of_impacts", "C": "C_equivalent_of_impacts"}
 _INTERVAL = (
     Field("median", lambda row: significant(row["median"]), "number"),
     Field("90 % interval", lambda row: interval(row["eti90_low"], row["eti90_high"]), "number"),
@@ -213,13 +206,8 @@ def page_of(tables: Mapping[str, pd.DataFrame], record: dict[str, Any]) -> str:
         subtitle=f"{len(names)} runs: {', '.join(names)}",
         contents=_CONTENTS,
         record=record,
-        versions=record.get("versions", {}),
         failed=[str(run["name"]) for run in runs if not (run.get("verdict") or {}).get("passed")],
-        warned=[
-            (str(run["name"]), run["verdict"]["headline"])
-            for run in runs
-            if (run.get("verdict") or {}).get("warned")
-        ],
+        warned=[run for run in runs if (run.get("verdict") or {}).get("warned")],
         best=best_of_each_data(comparison),
         unsure=unsure_words(comparison),
         apart=apart_words(comparison),
@@ -257,12 +245,11 @@ def _comparable(comparison: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
 def best_of_each_data(comparison: pd.DataFrame) -> list[str]:
     """Which run predicts best in each scheme, among those whose densities are of the same numbers."""
     several = len(comparison["data"].unique()) > 1
+    warnings = comparison["warning"].str.replace(*_APART, regex=True)
     return [
         f"Densities of {data}: {sentence}" if several else sentence
-        for data, rows in _comparable(comparison)
-        for sentence in best_explanations(
-            rows.assign(warning=rows["warning"].str.replace(*_APART, regex=True))
-        )
+        for data, rows in _comparable(comparison.assign(warning=warnings))
+        for sentence in best_explanations(rows)
     ]
 
 
@@ -353,18 +340,14 @@ def comparison_table(comparison: pd.DataFrame) -> Table:
         Field(
             "off the best", lambda row: _with_error(row["elpd_difference"], row["se_difference"]), "number"
         ),
-        Field("effective parameters", lambda row: _number_or_empty(row["p_effective"], 1), "number"),
-        Field("weight", lambda row: _number_or_empty(row["weight"], 2), "number"),
+        number_field("effective parameters", "p_effective", partial(number, decimals=1)),
+        number_field("weight", "weight", partial(number, decimals=2)),
         Field("warning", lambda row: row["warning"], "words"),
     )
 
 
 def _with_error(value: float, error: float) -> str:
     return "" if pd.isna(value) else with_error(value, error, 1)
-
-
-def _number_or_empty(value: float, decimals: int) -> str:
-    return "" if pd.isna(value) else number(value, decimals)
 
 
 def posteriors_table(posteriors: pd.DataFrame) -> Table:
@@ -381,12 +364,8 @@ def posteriors_table(posteriors: pd.DataFrame) -> Table:
 def differing_settings(runs: list[dict[str, Any]]) -> Table:
     """The settings in which the models differ, a column a run."""
     names = [str(run["name"]) for run in runs]
-    flat: list[dict[str, str]] = [
-        {row.cells[0]: row.cells[1] for row in settings_table(run["model"]).rows} for run in runs
-    ]
-    seeds = [str(run.get("seed", "")) for run in runs]
-    keys = list(dict.fromkeys(key for settings in flat for key in settings))
-    rows = [Row((key, *(settings.get(key, "not set") for settings in flat))) for key in keys]
-    rows.append(Row(("seed", *seeds)))
-    differing = [row for row in rows if len(set(row.cells[1:])) > 1]
+    flat = [{row.cells[0]: row.cells[1] for row in settings_table(run["model"]).rows} for run in runs]
+    rows = {key: [settings.get(key, "not set") for settings in flat] for settings in flat for key in settings}
+    rows["seed"] = [str(run.get("seed", "")) for run in runs]
+    differing = [Row((key, *values)) for key, values in rows.items() if len(set(values)) > 1]
     return Table(columns("setting", *names, words=names), differing)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from bayestissue.inference.points.notes import said_once
 from bayestissue.inference.results.meanings import COLUMNS, NAMES, QUANTITIES, UNITS
 from bayestissue.remedies import codes_in
 from bayestissue.report.page import render_page
-from bayestissue.report.tables import Row, Table, columns, settings_table
+from bayestissue.report.tables import Field, Row, Table, columns, settings_table, table_of
 from bayestissue.report.wording import interval, listed, significant
 from bayestissue.report.wording import number as in_words
 from bayestissue.results import read_tables
@@ -97,7 +98,6 @@ def page_of(tables: Mapping[str, pd.DataFrame], record: dict[str, Any]) -> str:
             ("provenance", "Provenance"),
         ],
         record=record,
-        versions=record.get("versions", {}),
         levels=[_level(table, q) for q in QUANTITIES],
         flagged=int((table["flags"] != "").sum()),
         flags=flag_counts(table),
@@ -151,38 +151,24 @@ def estimates_table(table: pd.DataFrame) -> Table:
     """The impacts that need a look first: those with flags, then the others in their order."""
     order = table.assign(_clean=table["flags"] == "").sort_values("_clean", kind="stable").index[:_SHOWN]
     named = _OF_POSTERIORS if _by_posterior(table) else _HEADINGS
-    numbers = [column for column in named if column in table]
-    rows = [
-        Row(
-            (
-                line["impact"],
-                line["subject"],
-                line["trial"],
-                *(significant(line[name], 4) for name in numbers),
-                line["flags"],
-            ),
-            "disagrees" if line["flags"] else "",
-        )
-        for line in table.loc[order].to_dict("records")
-    ]
-    headings = [named[name] for name in numbers]
-    titles = ("impact", "subject", "trial", *headings, "flags")
-    return Table(columns(*titles, number=headings, words=("flags",)), rows)
+
+    def digits(column: str) -> Callable[[Any], str]:
+        return lambda row: significant(row[column], 4)
+
+    return table_of(
+        table.loc[order].to_dict("records"),
+        *(Field(name, itemgetter(name)) for name in ("impact", "subject", "trial")),
+        *(Field(named[column], digits(column), "number") for column in named if column in table),
+        Field("flags", itemgetter("flags"), "words"),
+        mark=lambda row: "disagrees" if row["flags"] else "",
+    )
 
 
 def estimate_figure(table: pd.DataFrame, q: str) -> Figure:
     """K or C of every impact over the mass; flagged impacts have a colour and a shape of their own."""
-    kinds = {"": "no flag"}
-    rows = pd.DataFrame(
-        {
-            "impact": table["impact"],
-            "person": table["subject"],
-            "condition": table["trial"],
-            "mass_kg": table["mass_kg"],
-            COLUMNS[q]: table[COLUMNS[q]],
-            "kind": table["flags"].map(lambda flags: kinds.get(flags, "flagged")),
-        }
-    )
+    rows = table[["impact", "subject", "trial", "mass_kg", COLUMNS[q]]]
+    rows = rows.rename(columns={"subject": "person", "trial": "condition"})
+    rows["kind"] = table["flags"].map(lambda flags: "flagged" if flags else "no flag")
     if _by_posterior(table):
         rows["low"], rows["high"] = (table[end(q, side)] for side in ("low", "high"))
     rows = rows.sort_values("kind", ascending=False, ignore_index=True)
@@ -212,14 +198,10 @@ def mass_trend(table: pd.DataFrame) -> str:
 def plain_table(name: str, frame: pd.DataFrame) -> Table:
     """A whole table as it is declared: numbers to the right, those that aren't whole with four digits."""
     declared, frame = declared_files()[f"{name}.csv"].columns, typed(name, frame)
-    kinds = {
-        str(column): declared[column].kind
-        if column in declared
-        else "number"
-        if pd.api.types.is_numeric_dtype(frame[column])
-        else "text"
-        for column in frame
-    }
+    kinds = {}
+    for column in map(str, frame):
+        otherwise = "number" if pd.api.types.is_numeric_dtype(frame[column]) else "text"
+        kinds[column] = declared[column].kind if column in declared else otherwise
     titles = {column: _FURTHER_HEADINGS.get(column, column) for column in kinds}
     numbers = [titles[column] for column, kind in kinds.items() if kind != "text"]
     rows = [

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from bayestissue.outline import counted, numbers_in_short
 from bayestissue.remedies import codes_in
 from bayestissue.report.page import render_page
 from bayestissue.report.run_folder import read_json, require_files
-from bayestissue.report.tables import Field, Table, settings_table, table_of
+from bayestissue.report.tables import Field, Table, number_field, settings_table, table_of
 from bayestissue.report.wording import half_width, listed, number, significant, with_error
 from bayestissue.results import read_table
 
@@ -63,14 +63,9 @@ def page_of(content: Mapping[str, Any], designs: pd.DataFrame, record: Mapping[s
             ("provenance", "Provenance"),
         ],
         record=record,
-        versions=record.get("versions", {}),
         plan=plan,
-        reaches=content["reaches"],
-        answer=content["answer"],
-        warning=content["warning"],
+        content=content,
         codes=codes_in(content["warning"]),
-        paragraph=content["paragraph"],
-        sha256=content["sha256"],
         questions=_questions(plan),
         by_people=along(content, "people"),
         by_recorder=along(content, "recorder") if chosen["recorder"] else None,
@@ -81,7 +76,6 @@ def page_of(content: Mapping[str, Any], designs: pd.DataFrame, record: Mapping[s
         designs_table=designs_table(designs, content["chosen"], wanted),
         gains=gains_table(content),
         gain_words=_gain_words(content),
-        limits=content["limiting"],
         limit_studies=next(iter(content["limits"]["people"]["goals"].values()))["studies"],
         power=power_table(content) if "one truth" in content["variants"] else None,
         looks=[(_name(name), looks_table(rows)) for name, rows in content["looks"].items()],
@@ -89,7 +83,6 @@ def page_of(content: Mapping[str, Any], designs: pd.DataFrame, record: Mapping[s
         believed=settings_table({"population": plan["population"]}),
         chain=settings_table({key: plan[key] for key in _chain(plan) if key in plan}),
         settings=settings_table({key: plan[key] for key in ("candidates", "cost", "goal")}),
-        pilot=plan.get("pilot", ""),
     )
 
 
@@ -239,9 +232,6 @@ def people_and_repeats(
 def designs_table(designs: pd.DataFrame, chosen: int, wanted: float) -> Table:
     """A row for each design and goal; the chosen design is marked."""
 
-    def known(title: str, column: str, words: Callable[[float], str]) -> Field:
-        return Field(title, lambda row: words(row[column]) if pd.notna(row[column]) else "", "number")
-
     def share(row: Mapping[str, Any]) -> str:
         words = _share(row)
         return Markup("<strong>{}</strong>").format(words) if row["answered"] >= wanted else words
@@ -258,10 +248,10 @@ def designs_table(designs: pd.DataFrame, chosen: int, wanted: float) -> Table:
         Field("hours", lambda row: significant(row["minutes"] / 60, 2), "number"),
         Field("goal", lambda row: _name(row["goal"])),
         Field("assurance", share, "number"),
-        *(known(name, name, hundredths) for name in ("yes", "no", "undecided", "misleads")),
-        known("bits left", "undecided_bits", hundredths),
-        known("half width", "width", digits),
-        known("80 % below", "width_q80", digits),
+        *(number_field(name, name, hundredths) for name in ("yes", "no", "undecided", "misleads")),
+        number_field("bits left", "undecided_bits", hundredths),
+        number_field("half width", "width", digits),
+        number_field("80 % below", "width_q80", digits),
     ]
     rows = designs.to_dict("records")
     shown = [field for field in fields if any(field.cell(row) for row in rows)]
@@ -278,19 +268,18 @@ def gains_table(content: Mapping[str, Any]) -> Table:
         if key in _VARIANTS
     ]
     named += [(limit["words"], limit) for limit in content["limits"].values()]
-    rows = [(words, name, variant["goals"][name]) for words, variant in named for name in variant["goals"]]
-    several, digits = len(chosen["goals"]) > 1, partial(significant, digits=2)
-
-    def known(title: str, key: str, words: Callable[[float], str]) -> Field:
-        return Field(title, lambda row: "" if row[2][key] is None else words(row[2][key]), "number")
-
+    rows = [
+        {"with": words, "goal": name, **goal}
+        for words, variant in named
+        for name, goal in variant["goals"].items()
+    ]
     fields = [
-        Field("with", lambda row: row[0], "words"),
-        *([Field("goal", lambda row: _name(row[1]))] if several else []),
-        Field("assurance", lambda row: _share(row[2]), "number"),
-        Field("more by", lambda row: _gain(row[2]), "number"),
-        known("bits left", "undecided_bits", partial(number, decimals=2)),
-        known("half width", "width", digits),
+        Field("with", lambda row: row["with"], "words"),
+        *([Field("goal", lambda row: _name(row["goal"]))] if len(chosen["goals"]) > 1 else []),
+        Field("assurance", _share, "number"),
+        Field("more by", _gain, "number"),
+        number_field("bits left", "undecided_bits", partial(number, decimals=2)),
+        number_field("half width", "width", partial(significant, digits=2)),
     ]
     return table_of(rows, *(field for field in fields if any(field.cell(row) for row in rows)))
 
@@ -311,10 +300,8 @@ def _gain_words(content: Mapping[str, Any]) -> list[str]:
 
 def power_table(content: Mapping[str, Any]) -> Table:
     """The chosen design's assurance beside its power where every belief is its median."""
-    chosen, truth = (
-        content["designs"][content["chosen"] - 1]["goals"],
-        content["variants"]["one truth"]["goals"],
-    )
+    chosen = content["designs"][content["chosen"] - 1]["goals"]
+    truth = content["variants"]["one truth"]["goals"]
     return table_of(
         list(truth),
         Field("goal", _name),
@@ -325,17 +312,13 @@ def power_table(content: Mapping[str, Any]) -> Table:
 
 def looks_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     """What stopping at the first answer does, by the number of people at each look."""
-
-    def known(row: Mapping[str, Any], name: str) -> str:
-        return "" if row[name] is None else significant(row[name], 2)
-
     return table_of(
         rows,
-        Field("people", lambda row: str(row["people"]), "number"),
-        Field("stopped by then", lambda row: number(row["stopped"], 2), "number"),
-        Field("answered wrongly", lambda row: number(row["misled"], 2), "number"),
-        Field("estimate too large by", lambda row: known(row, "error"), "number"),
-        Field("without stops", lambda row: known(row, "error_without"), "number"),
+        number_field("people", "people", str),
+        number_field("stopped by then", "stopped", partial(number, decimals=2)),
+        number_field("answered wrongly", "misled", partial(number, decimals=2)),
+        number_field("estimate too large by", "error", partial(significant, digits=2)),
+        number_field("without stops", "error_without", partial(significant, digits=2)),
     )
 
 
@@ -344,17 +327,8 @@ def _formulas(content: Mapping[str, Any]) -> list[str]:
     everything = len(content["designs"])
     sentences = []
     for analysis in content["analyses"]:
-        which = (
-            "All designs"
-            if len(analysis["designs"]) == everything
-            else f"Designs {_numbers(analysis['designs'])}"
-        )
-        formula = analysis["model"]["formula"]
-        sentences.append(
-            f"{which}: model {analysis['model']['name']}, log K by {formula['K']}, log C by {formula['C']}."
-        )
+        numbers, model = analysis["designs"], analysis["model"]
+        which = "All designs" if len(numbers) == everything else f"Designs {listed(list(map(str, numbers)))}"
+        by = ", ".join(f"log {q} by {model['formula'][q]}" for q in ("K", "C"))
+        sentences.append(f"{which}: model {model['name']}, {by}.")
     return sentences
-
-
-def _numbers(values: Sequence[int]) -> str:
-    return listed([str(value) for value in values])

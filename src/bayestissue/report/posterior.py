@@ -217,16 +217,22 @@ def group_words(level: str) -> tuple[str, str]:
     return _WORDS.get(level, (f"level of {level}", f"levels of {level}"))
 
 
+def without_zero(draws: np.ndarray, labels: list[str]) -> list[str]:
+    """The labels of the ``draws`` [draw, label] whose 90 % interval has no zero."""
+    low, high = np.percentile(draws, [5, 95], axis=0)
+    return [label for label, sure in zip(labels, (low > 0) | (high < 0), strict=True) if sure]
+
+
 def who_differs(run: PosteriorRun, level: str, quantities: Iterable[str] = QUANTITIES) -> str:
     """Whose effect on a quantity has a 90 % interval without zero (``level``: "subject", "subject:side")."""
     parts = []
     for quantity in quantities:
         name = f"{stem_of(level)}_effect_{quantity}"
         if run.has(name):
-            low, high = np.percentile(run.draws(name), [5, 95], axis=0)
-            labels = np.array(run.labels(level))[(low > 0) | (high < 0)]
-            named = f": {listed(list(labels))}" if labels.size else ""
-            parts.append(f"in {quantity} {labels.size or 'none'} of {low.size}{named}")
+            labels = run.labels(level)
+            differing = without_zero(run.draws(name), labels)
+            named = f": {listed(differing)}" if differing else ""
+            parts.append(f"in {quantity} {len(differing) or 'none'} of {len(labels)}{named}")
     one, several = group_words(level)
     if not parts:
         return f"This model has no effects of {several}."

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
@@ -16,7 +17,7 @@ from bayestissue.figures.theme import Figure
 from bayestissue.figures.traces import CONTACT, PEAK, TURN, panels, thinned
 from bayestissue.outline import first_of
 from bayestissue.report.page import render_page
-from bayestissue.report.tables import Row, Table, columns
+from bayestissue.report.tables import Row, Table, columns, frame_table
 from bayestissue.signal import Displacements, displacements
 
 # Of all curves of a page together: some 2 MB of it.
@@ -91,11 +92,7 @@ def quality_table(dataset: Dataset, signal: Displacements, warnings: Sequence[Pr
     highest = [sign * trace.value for trace in dataset.traces]
     peak = np.array([values.max() for values in highest]) - signal.offset
     unit = _UNITS[dataset.quantity]
-    said = dict.fromkeys(dataset.impacts["impact"], 0)
-    for problem in warnings:
-        if problem.impact in said:
-            said[problem.impact] += 1
-    impacts = dataset.impacts
+    impacts, said = dataset.impacts, Counter(problem.impact for problem in warnings)
     return pd.DataFrame(
         {
             **{name: impacts[name] for name in ("impact", "subject", "trial")},
@@ -111,7 +108,7 @@ def quality_table(dataset: Dataset, signal: Displacements, warnings: Sequence[Pr
             "time_to_peak_s": signal.time_to_peak,
             "peak_displacement_m": signal.peak_displacement,
             "samples_in_window": signal.n_samples,
-            "warnings": list(said.values()),
+            "warnings": [said[name] for name in impacts["impact"]],
         }
     )
 
@@ -153,7 +150,9 @@ def check_page(
             [*_problems("left out", dataset.left_out), *_problems("warning", warnings)],
         ),
         codes=[problem.code for problem in (*dataset.left_out, *warnings)],
-        quality=_frame_table(quality.loc[shown].rename(columns=lambda name: name.replace("_", " ")), 4),
+        quality=frame_table(
+            quality.loc[shown].rename(columns=lambda name: name.replace("_", " ")), partial(_digits, digits=4)
+        ),
         input_hash=dataset.input_hash,
     )
 
@@ -195,14 +194,8 @@ def _problems(severity: str, problems: Sequence[Problem]) -> list[Row]:
     return rows
 
 
-def _frame_table(frame: pd.DataFrame, digits: int) -> Table:
-    """A whole table, its numbers to the right and with so many digits."""
-    numbers = [str(name) for name in frame if frame[name].dtype.kind in "if"]
-    rows = [
-        Row([cell if isinstance(cell, str) else f"{cell:.{digits}g}" for cell in record])
-        for record in frame.itertuples(index=False)
-    ]
-    return Table(columns(*frame.columns, number=numbers), rows)
+def _digits(cell: Any, digits: int) -> str:
+    return cell if isinstance(cell, str) else f"{cell:.{digits}g}"
 
 
 MOST_INIT_PANELS = 120
@@ -246,7 +239,7 @@ def init_page(
             "displacement (mm)" if dataset.quantity == "displacement" else "deceleration (m/s²)",
             "Recording with contact and peak",
         ),
-        impacts=_frame_table(dataset.impacts.dropna(axis="columns", how="all"), 6),
+        impacts=frame_table(dataset.impacts.dropna(axis="columns", how="all"), partial(_digits, digits=6)),
     )
 
 

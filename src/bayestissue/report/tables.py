@@ -49,6 +49,11 @@ class Field:
     kind: str = "text"
 
 
+def number_field(title: str, column: str, words: Callable[[float], str] = significant) -> Field:
+    """A column of numbers in words; a row that lacks its number has an empty cell."""
+    return Field(title, lambda row: "" if pd.isna(row[column]) else words(row[column]), "number")
+
+
 def table_of(rows: Iterable[Any], *fields: Field, mark: Callable[[Any], str] = lambda row: "") -> Table:
     """A table with a row for each of ``rows``, and a cell in it for each of ``fields``."""
     return Table(
@@ -70,17 +75,18 @@ def lines(frame: pd.DataFrame) -> list[Any]:
     return list(frame.itertuples())
 
 
-def frame_table(frame: pd.DataFrame) -> Table:
-    """Every column of ``frame`` under its own name, numbers to the right with four digits."""
-    numbers = [str(name) for name in frame if pd.api.types.is_numeric_dtype(frame[name])]
-    rows = [Row([_shown(value) for value in row]) for row in frame.itertuples(index=False, name=None)]
-    return Table(columns(*map(str, frame), number=numbers), rows)
-
-
-def _shown(value: Any) -> str:
+def cell_words(value: Any) -> str:
+    """A cell of a table: a number that is not whole with four digits, empty where there is none."""
     if isinstance(value, float):
         return "" if math.isnan(value) else significant(value, 4)
     return str(value)
+
+
+def frame_table(frame: pd.DataFrame, words: Callable[[Any], str] = cell_words) -> Table:
+    """Every column of ``frame`` under its own name, each cell in ``words``, numbers to the right."""
+    numbers = [str(name) for name in frame if pd.api.types.is_numeric_dtype(frame[name])]
+    rows = [Row([words(value) for value in row]) for row in frame.itertuples(index=False, name=None)]
+    return Table(columns(*map(str, frame), number=numbers), rows)
 
 
 def tag(kind: str, words: str) -> Markup:

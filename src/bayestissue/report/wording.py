@@ -106,6 +106,13 @@ def listed(words: list[str]) -> str:
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}" if words else ""
 
 
+def predicted_words(row: Mapping[Any, Any], name: str) -> list[str]:
+    """The median of a quantity of `PREDICTED` in a row of predictions, and its interval; empty without."""
+    factor = PREDICTED[name][2]
+    median, low, high = (significant(factor * row[f"{name}{end}"]) for end in ("", "_low", "_high"))
+    return [median, f"{low} to {high}"] if math.isfinite(row[name]) else []
+
+
 def covariate_words(row: Mapping[Any, Any]) -> str:
     """What a row of predictions was given, such as "subject s01, mass_kg 1.2"."""
     excluded = ("new", "draws", "simulated", "note")

@@ -163,11 +163,8 @@ def impact_sureness(run: FitRun, quantity: str) -> str:
 
 def held_sentence(run: FitRun) -> str:
     """For simulated data, how many 90 % intervals hold the truth; empty otherwise."""
-    parts = []
-    for quantity in QUANTITIES:
-        for intervals in held_by_intervals(run, quantity):
-            if intervals.level == 90:
-                parts.append(f"{intervals.held} of {intervals.impacts} for {quantity}")
+    intervals = [one for quantity in QUANTITIES for one in held_by_intervals(run, quantity)]
+    parts = [f"{one.held} of {one.impacts} for {one.quantity}" for one in intervals if one.level == 90]
     return f"Simulated data: the 90 % intervals hold the true value in {listed(parts)}." if parts else ""
 
 

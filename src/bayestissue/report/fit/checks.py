@@ -12,6 +12,7 @@ import pandas as pd
 from bayestissue.hierarchy.formulas.group_terms import stem_of
 from bayestissue.report.fit.population import groupings, own_slopes
 from bayestissue.report.fit.run import FitRun
+from bayestissue.report.posterior import QUANTITIES
 from bayestissue.report.tables import Field, Row, Table, columns, lines, table_of
 from bayestissue.report.wording import listed, number, percent, relative, significant
 
@@ -104,40 +105,32 @@ def declared_words(run: FitRun) -> str:
 
 def left_out_summary(run: FitRun) -> Table:
     """Per scheme of leaving out: summed log predictive density, its standard error, and Pareto k."""
-    rows = []
-    for scheme, part in run.cross_validation.groupby("scheme", sort=False):
-        high = part.loc[part["warning"] != "", "label"]
-        error = np.sqrt(len(part)) * part["elpd"].std(ddof=1)
-        rows.append(
-            Row(
-                (
-                    str(scheme),
-                    str(len(part)),
-                    number(part["elpd"].sum(), 0),
-                    number(error, 0),
-                    number(part["pareto_k"].max(), 2),
-                    str(len(high)),
-                    listed([str(label) for label in high[:12]]) + (" and others" if len(high) > 12 else ""),
-                ),
-                "disagrees" if len(high) else "",
-            )
-        )
-    titles = ("scheme", "parts", "elpd (nats)", "se", "largest Pareto k", "k above 0.7", "which")
-    return Table(columns(*titles, number=titles[1:6], words=("which",)), rows)
+
+    def high(part: pd.DataFrame) -> list[str]:
+        return [str(label) for label in part.loc[part["warning"] != "", "label"]]
+
+    def which(part: pd.DataFrame) -> str:
+        return listed(high(part)[:12]) + (" and others" if len(high(part)) > 12 else "")
+
+    return table_of(
+        [part for _, part in run.cross_validation.groupby("scheme", sort=False)],
+        Field("scheme", lambda part: str(part["scheme"].iloc[0])),
+        Field("parts", lambda part: str(len(part)), "number"),
+        Field("elpd (nats)", lambda part: number(part["elpd"].sum(), 0), "number"),
+        Field("se", lambda part: number(np.sqrt(len(part)) * part["elpd"].std(ddof=1), 0), "number"),
+        Field("largest Pareto k", lambda part: number(part["pareto_k"].max(), 2), "number"),
+        Field("k above 0.7", lambda part: str(len(high(part))), "number"),
+        Field("which", which, "words"),
+        mark=lambda part: "disagrees" if high(part) else "",
+    )
 
 
 def left_out_table(run: FitRun) -> Table:
     """Every part left out, those of the highest Pareto k first within each scheme, up to 300."""
-    parts = pd.concat(
-        [
-            part.sort_values("pareto_k", ascending=False, kind="stable")
-            for _, part in run.cross_validation.groupby("scheme", sort=False)
-        ]
-        or [run.cross_validation]
-    )
-    ordered = parts.groupby("scheme", sort=False).head(MOST_ROWS)
+    schemes = [part for _, part in run.cross_validation.groupby("scheme", sort=False)]
+    ordered = [part.sort_values("pareto_k", ascending=False, kind="stable")[:MOST_ROWS] for part in schemes]
     return table_of(
-        lines(ordered),
+        lines(pd.concat(ordered or [run.cross_validation])),
         Field("scheme", lambda line: line.scheme),
         Field("left out", lambda line: line.label),
         Field("elpd (nats)", lambda line: number(line.elpd, 1), "number"),
@@ -194,7 +187,6 @@ _WORTH_NAMING = 0.1
 _LEAST = 0.01
 # Of the draws' variance: how far off the sum of the sources may be before the page says so.
 _NEAR = (0.7, 1.4)
-_QUANTITIES = ("K", "C")
 
 
 def sources_table(run: FitRun) -> Table:
@@ -202,7 +194,7 @@ def sources_table(run: FitRun) -> Table:
     sources = run.interval_sources
     cells = {(row["source"], row["level"], row["quantity"]): row for row in sources.to_dict("records")}
     levels = _levels(run)
-    columns_shown = [(level, q) for level in levels for q in _QUANTITIES if (_ALL, level, q) in cells]
+    columns_shown = [(level, q) for level in levels for q in QUANTITIES if (_ALL, level, q) in cells]
     titles = [f"{q}, {levels[level]}" for level, q in columns_shown]
     present = set(sources["source"])
     names = _source_names(sources)
@@ -254,7 +246,7 @@ def sources_words(run: FitRun) -> list[str]:
     levels = _levels(run)
     said = [
         f"Of the 90 % interval of a {words}: "
-        f"{'; '.join(_largest_sources(sources, level, q) for q in _QUANTITIES)}."
+        f"{'; '.join(_largest_sources(sources, level, q) for q in QUANTITIES)}."
         for level, words in (("impact", "recorded impact"), ("new person", levels.get("new person")))
         if words
     ]
@@ -283,7 +275,7 @@ def _window_words(sources: pd.DataFrame) -> str:
     effects = [
         f"{q} by {relative(math.expm1(cells[_WINDOW, q]))} where noise alone makes "
         f"{relative(math.expm1(cells[_BY_NOISE, q]))}"
-        for q in _QUANTITIES
+        for q in QUANTITIES
     ]
     return (
         "The window is taken as given and has no part of its own. With a window a tenth shorter a trace by "

@@ -41,15 +41,9 @@ def held_by_intervals(run: FitRun, quantity: str) -> list[Held]:
     table = run.side_by_side[quantity].dropna(subset="truth")
     if table.empty:
         return []
-    return [
-        Held(
-            quantity,
-            level,
-            int(table["truth"].between(table[f"eti{level}_low"], table[f"eti{level}_high"]).sum()),
-            len(table),
-        )
-        for level in (50, 90)
-    ]
+    ends = {level: (table[f"eti{level}_low"], table[f"eti{level}_high"]) for level in (50, 90)}
+    held = {level: int(table["truth"].between(low, high).sum()) for level, (low, high) in ends.items()}
+    return [Held(quantity, level, count, len(table)) for level, count in held.items()]
 
 
 # Of how many intervals hold the truth: rows with quantity, level, held and impacts.

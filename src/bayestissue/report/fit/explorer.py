@@ -35,11 +35,8 @@ def carried(run: FitRun) -> np.ndarray:
 def carried_words(run: FitRun) -> str:
     """Of which impacts the page has recordings; empty where of all."""
     shown, total = len(carried(run)), len(run.impacts)
-    return (
-        ""
-        if shown == total
-        else f"Recordings of {shown} of {total} impacts, evenly spaced, are in this page."
-    )
+    words = f"Recordings of {shown} of {total} impacts, evenly spaced, are in this page."
+    return "" if shown == total else words
 
 
 def packed_impacts(run: FitRun, table: pd.DataFrame) -> str:

@@ -193,18 +193,14 @@ def slope(run: FitRun, chosen: OwnSlope) -> Figure:
 
 def spreads(run: FitRun) -> Figure:
     """The population's standard deviations of log K and log C, in percent."""
-    rows = [
+    parts = [
         quantiles(100 * np.expm1(run.draws(name))[:, None], [_of(level)]).assign(series=NAMES[q])
         for level in dict.fromkeys(("subject", "trial", *groupings(run), "impact"))
         for q in QUANTITIES
         if run.has(name := f"sd_{stem_of(level)}_{q}")
     ]
-    return intervals(
-        pd.concat(rows, ignore_index=True),
-        "standard deviation (% of K or C)",
-        _said("spreads"),
-        straight=True,
-    )
+    rows = pd.concat(parts, ignore_index=True)
+    return intervals(rows, "standard deviation (% of K or C)", _said("spreads"), straight=True)
 
 
 def _of(level: str) -> str:
@@ -215,36 +211,23 @@ def recording(run: FitRun, impact: str | None = None) -> Figure:
     """What was recorded of one impact over what is predicted of it; the median one by K unless given."""
     names = [run.impacts[row] for row in run.predicted]
     index = traces.middle_impact(run) if impact is None else names.index(impact)
-    rows = traces.trace_rows(run, index)
-    return of_traces.recording(
-        rows,
-        run.shown,
-        traces.SCALES[run.shown][0],
-        _said("recording", shown=run.shown),
-    )
+    rows, (unit, _) = traces.trace_rows(run, index), traces.SCALES[run.shown]
+    return of_traces.recording(rows, run.shown, unit, _said("recording", shown=run.shown))
 
 
 def residual_p(run: FitRun, one_step: np.ndarray) -> Figure:
     """Sorted p-values of the residuals of every impact being the model's noise."""
-    sets = {
-        "what the fit leaves": np.array(list(run.tested.values())),
-        "one step ahead, exact ARMA(2,1)": one_step,
-    }
-    return of_traces.sorted_p(
-        {name: values for name, values in sets.items() if np.isfinite(values).any()},
-        traces.STRUCTURED,
-        _said("residual_p"),
-    )
+    tested = np.array(list(run.tested.values()))
+    sets = {"what the fit leaves": tested, "one step ahead, exact ARMA(2,1)": one_step}
+    known = {name: values for name, values in sets.items() if np.isfinite(values).any()}
+    return of_traces.sorted_p(known, traces.STRUCTURED, _said("residual_p"))
 
 
 def lag_one(run: FitRun, left: traces.Residuals) -> Figure:
     """Autocorrelation at lag 1 of each impact's residuals, and of data made by the model."""
     names = np.array(run.impacts)[left.which]
     rows = left.lag_one.drop(columns="inside").rename(columns={"measured": "recorded"}).assign(impact=names)
-    return of_traces.lag_one(
-        rows,
-        _said("lag_one"),
-    )
+    return of_traces.lag_one(rows, _said("lag_one"))
 
 
 def published(run: FitRun) -> Iterator[tuple[str, Callable[[], Figure]]]:

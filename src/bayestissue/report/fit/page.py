@@ -41,15 +41,10 @@ _CONTENTS = (
 _FIRST = ("subject", "trial")
 # What the template calls for the words, tables and figures of a section.
 _SECTIONS: dict[str, Any] = {
-    "answers": answers,
-    "checks": checks,
-    "estimates": estimates,
-    "population": population,
-    "study": study,
-    "tables": tables,
-    "words": words,
-    "question_lines": question_lines,
-    "questions_table": questions_table,
+    **{"answers": answers, "checks": checks, "estimates": estimates, "explorer": explorer},
+    **{"figures": figures, "population": population, "posterior": posterior, "study": study},
+    **{"tables": tables, "traces": traces, "words": words},
+    **{"question_lines": question_lines, "questions_table": questions_table},
 }
 
 
@@ -67,7 +62,7 @@ def page_of(run: FitRun, **served: Any) -> str:
 
     ``served`` is what the template takes besides where a server answers the page.
     """
-    prior_remark = posterior.prior_remark(run.sensitivity)
+    prior_remark, model = posterior.prior_remark(run.sensitivity), run.record.get("model", {})
     return render_page(
         "fit.html",
         title=f"K and C from the traces of {run.record['dataset']}",
@@ -77,13 +72,17 @@ def page_of(run: FitRun, **served: Any) -> str:
         codes=[*_codes(run), *codes_of([prior_remark])],
         run=run,
         record=run.record,
-        model=run.record.get("model", {}),
-        versions=run.record.get("versions", {}),
+        model=model,
         prior_remark=prior_remark,
         formula_remarks=_formula_remarks(run),
+        one_impact=ONE_IMPACT,
+        terms_left_out=left_out_words(run.record.get("terms_left_out", [])),
+        # The thesis's estimates stand first where the model file asks for a comparison, and folded elsewhere.
+        thesis=bool(model.get("comparison", {}).get("formulas")),
+        factors=factors(run.impacts_table),
+        residuals=traces.residuals(run),
+        one_step_p=traces.one_step_p(run),
         **_SECTIONS,
-        **_first_screen(run),
-        **_traces(run),
         **_population(run),
         **served,
     )
@@ -113,83 +112,30 @@ def _subtitle(run: FitRun) -> str:
     return f"{', '.join(counts)}; model “{run.record.get('model', {}).get('name', '')}”"
 
 
-def _first_screen(run: FitRun) -> dict[str, Any]:
-    """What the first screen says, and sections below it again."""
-    # The thesis's estimates stand first where the model file asks for a comparison, and folded elsewhere.
-    thesis = bool(run.record.get("model", {}).get("comparison", {}).get("formulas"))
-    return {
-        "reference_mass": f"{run.reference_mass:.3g}",
-        "levels": posterior.levels(run),
-        "alone": answers.the_only_impact(run),
-        "one_impact": ONE_IMPACT,
-        "of": answers.person_words(run),
-        "terms_left_out": left_out_words(run.record.get("terms_left_out", [])),
-        "people_averaged": answers.averaged_over(run, "K_subject"),
-        "method": answers.method_sentence(run),
-        "sureness": [
-            {**row, "one": answers.impact_sureness(run, row["quantity"])} for row in posterior.sureness(run)
-        ],
-        "exponents": posterior.exponent_rows(run, answers.answering(run)),
-        "common_depth": answers.depth_words(run),
-        "own_depth": answers.depth_sentence(run),
-        "conclusion": answers.mass_conclusion(run),
-        "contrast": answers.contrast_sentence(run),
-        "first_contrasts": study.first_contrasts(run),
-        "repeatability": study.repeatability(run),
-        "thesis": thesis,
-        "mass_plots": [figures.mass(run, quantity, thesis=thesis) for quantity in posterior.QUANTITIES]
-        if estimates.mass_varies(run)
-        else [],
-    }
-
-
-def _traces(run: FitRun) -> dict[str, Any]:
-    left, one_step, table = traces.residuals(run), traces.one_step_p(run), run.impacts_table
-    return {
-        "choices": [(name, sorted(table[name].unique())) for name in factors(table)],
-        "scatter": figures.impacts(run),
-        "recording": figures.recording(run),
-        "packed_impacts": explorer.packed_impacts(run, table),
-        "carried_words": explorer.carried_words(run),
-        "estimate_plots": [figures.impacts(run, "order", quantity) for quantity in posterior.QUANTITIES],
-        "other_noise": traces.other_noise(run, left),
-        "residual_words": traces.residual_words(run, left, one_step),
-        "residual_plots": [figures.residual_p(run, one_step), figures.lag_one(run, left)],
-        "tested": len(run.tested) or len(left.which),
-        "total": len(run.impacts),
-    }
-
-
 def _population(run: FitRun) -> dict[str, Any]:
-    levels = {
-        level: posterior.group_words(level)[1]
-        for level in dict.fromkeys((*_FIRST, *population.groupings(run)))
-    }
     slopes = population.own_slopes(run)
     ranked = {
-        level: [q for q in run.responses if run.has(f"{stem_of(level)}_effect_{q}")] for level in levels
+        level: [q for q in run.responses if run.has(f"{stem_of(level)}_effect_{q}")]
+        for level in dict.fromkeys((*_FIRST, *population.groupings(run)))
     }
     return {
-        "ranked_plots": {
-            name: [figures.people(run, quantity, level) for quantity in ranked[level]]
-            for level, name in levels.items()
-        },
-        "responses": {name: listed(ranked[level]) for level, name in levels.items()},
-        "differs": {name: posterior.who_differs(run, level, run.responses) for level, name in levels.items()},
-        "paired_plots": {
-            factor: [figures.paired(run, quantity, factor) for quantity in posterior.QUANTITIES]
-            for factor in figures.sides(run)
-        },
+        "groups": [
+            {
+                "name": posterior.group_words(level)[1],
+                "plots": [figures.people(run, quantity, level) for quantity in quantities],
+                "responses": listed(quantities),
+                "differs": posterior.who_differs(run, level, run.responses),
+            }
+            for level, quantities in ranked.items()
+            if quantities
+        ],
         "repeat_plots": [
             plot
             for quantity in posterior.QUANTITIES
             if len((plot := figures.repeatability(run, quantity)).data) > 1
         ],
-        "spreads": figures.spreads(run),
-        "agreement_plots": figures.method_figures(run),
-        "slope_words": [population.slope_words(run, slope) for slope in slopes],
+        "slopes": slopes,
         "slope_plots": [figures.slope(run, slope) for slope in slopes],
-        "slopes_table": tables.summary_table(run.summary, [slope.name for slope in slopes]),
         "exponent_plots": [
             figures.exponent(run, quantity)
             for quantity in dict.fromkeys((*answers.answering(run).values(), posterior.OWN_DEPTH))

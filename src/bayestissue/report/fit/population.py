@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-
 from bayestissue.hierarchy.formulas.group_terms import stem_of
 from bayestissue.report.fit.run import FitRun
-from bayestissue.report.posterior import Spread, group_words, spread
+from bayestissue.report.posterior import group_words, spread, without_zero
 from bayestissue.report.wording import listed
 
 _FIRST = ("subject", "trial")
@@ -30,8 +28,7 @@ class OwnSlope(NamedTuple):
     @property
     def name(self) -> str:
         """The name of each level's own coefficient in the posterior."""
-        what = f"effect_of_{self.covariate}" if self.covariate else "mass_exponent"
-        return f"{stem_of(self.grouping)}_{what}_{self.quantity}"
+        return f"{stem_of(self.grouping)}_{self.shared}"
 
     @property
     def shared(self) -> str:
@@ -79,37 +76,34 @@ def differing_words(run: FitRun) -> str:
 
 
 def _differing(run: FitRun, slope: OwnSlope) -> str:
-    scatter = spread(run.draws(f"sd_{slope.name}"))
-    low, high = np.percentile(_deviations(run, slope), [5, 95], axis=0)
-    apart = int(((low > 0) | (high < 0)).sum())
-    one, several = group_words(slope.grouping)
-    which = f"{apart} of {low.size} {several}" if apart else f"no {one}"
-    verb = "are" if apart > 1 else "is"
-    begin = (
-        f"{several.capitalize()} differ in it"
-        if apart
-        else f"{several.capitalize()} are not seen to differ in it"
-    )
+    apart, (one, several), scatter = _apart(run, slope), group_words(slope.grouping), _scatter(run, slope)
+    count = len(run.labels(slope.grouping))
+    which = f"{len(apart)} of {count} {several}" if apart else f"no {one}"
+    verb, differ = "are" if len(apart) > 1 else "is", "differ" if apart else "are not seen to differ"
     return (
-        f"{begin}: in {slope.quantity} {which} {verb} told apart from the common exponent by 90 % intervals; "
-        f"standard deviation of the exponents {scatter.value} ({scatter.range})."
+        f"{several.capitalize()} {differ} in it: in {slope.quantity} {which} {verb} told apart from the "
+        f"common exponent by 90 % intervals; standard deviation of the exponents {scatter}."
     )
 
 
-def _deviations(run: FitRun, slope: OwnSlope) -> np.ndarray:
+def _apart(run: FitRun, slope: OwnSlope) -> list[str]:
+    """The levels whose coefficient a 90 % interval tells from the population's."""
     slopes = run.draws(slope.name)
-    return slopes - run.draws(slope.shared)[:, None] if run.has(slope.shared) else slopes
+    deviations = slopes - run.draws(slope.shared)[:, None] if run.has(slope.shared) else slopes
+    return without_zero(deviations, run.labels(slope.grouping))
+
+
+def _scatter(run: FitRun, slope: OwnSlope) -> str:
+    scatter = spread(run.draws(f"sd_{slope.name}"))
+    return f"{scatter.value} ({scatter.range})"
 
 
 def slope_words(run: FitRun, slope: OwnSlope) -> str:
     """Which levels' coefficients are told from the population's."""
-    low, high = np.percentile(_deviations(run, slope), [5, 95], axis=0)
-    apart = np.array(run.labels(slope.grouping))[(low > 0) | (high < 0)]
-    scatter: Spread = spread(run.draws(f"sd_{slope.name}"))
-    named = f": {listed([str(label) for label in apart])}" if apart.size else ""
-    one, _ = group_words(slope.grouping)
+    apart, one = _apart(run, slope), group_words(slope.grouping)[0]
+    named = f": {listed(apart)}" if apart else ""
     return (
         f"The {slope.words} differs between one {one} and the next with a standard deviation of "
-        f"{scatter.value} ({scatter.range}). A 90 % interval tells {apart.size or 'none'} of {low.size} from "
-        f"the typical one{named}."
+        f"{_scatter(run, slope)}. A 90 % interval tells {len(apart) or 'none'} of "
+        f"{len(run.labels(slope.grouping))} from the typical one{named}."
     )

@@ -132,23 +132,16 @@ def _matrix_cell(value: float) -> dict[str, str]:
 
 def repeatability(run: FitRun) -> list[dict[str, Any]]:
     """Of K and C the ICC(A,1) and the least change that shows; empty where people were hit once each."""
-    cells = _by_place(run.reliability)
-    again = len(run.impacts) > run.people_count > 1
-    return [
-        {
-            "quantity": q,
-            "icc": _spread(cells[q, ICC, "ICC(A,1)", "1"]),
-            "change": f"{_spread(change).value}\N{NO-BREAK SPACE}%",
-        }
-        for q in QUANTITIES
-        if again
-        and (q, ICC, "ICC(A,1)", "1") in cells
-        and (
-            change := next(
-                (row for key, row in cells.items() if (key[0], key[1], key[3]) == (q, MDC, _PERCENT)), None
-            )
-        )
-    ]
+    if not len(run.impacts) > run.people_count > 1:
+        return []
+    cells, answers = _by_place(run.reliability), []
+    for q in QUANTITIES:
+        icc = cells.get((q, ICC, "ICC(A,1)", "1"))
+        changes = [row for key, row in cells.items() if (key[0], key[1], key[3]) == (q, MDC, _PERCENT)]
+        if icc and changes:
+            change = f"{_spread(changes[0]).value}\N{NO-BREAK SPACE}%"
+            answers.append({"quantity": q, "icc": _spread(icc), "change": change})
+    return answers
 
 
 _PERCENT = "%"
@@ -179,7 +172,7 @@ def _by_place(table: pd.DataFrame) -> dict[tuple[str, str, str, str], dict[Any, 
 def _cells(row: dict[Any, Any] | None) -> tuple[str, str]:
     if row is None:
         return "", ""
-    coefficient = Spread(row["median"], row["low"], row["high"])
+    coefficient = _spread(row)
     if row["measure"] == REPEATS:
         return _whole(coefficient.median), f"{_whole(coefficient.low)} to {_whole(coefficient.high)}"
     if coefficient.low == coefficient.high:

@@ -84,11 +84,8 @@ def signal_words(run: FitRun) -> str:
 def limits(run: FitRun) -> list[str]:
     """What this model can't tell, one paragraph each."""
     if run.likelihood not in ("arma", "a2"):
-        return (
-            [_WORDS["shape"]]
-            if recorder_noise(run) == "white"
-            else [_WORDS["shape"], _WORDS["passes_for_noise"]]
-        )
+        coloured = recorder_noise(run) != "white"
+        return [_WORDS["shape"], *[_WORDS["passes_for_noise"]] * coloured]
     paragraphs = [_WORDS["noise"][run.shown]]
     theta1 = run.of_impacts("theta1")
     if run.likelihood == "arma" and len(theta1):
