@@ -190,7 +190,7 @@ def equal_masses_at_other_energies(impacts: Impacts) -> Iterator[Numbers]:
     if "energy_J" not in impacts.rows or _in_proportion(impacts) is None:
         return
     conditions = impacts.rows.groupby("trial")[["mass_kg", "energy_J", "K"]].mean()
-    words = []
+    words: list[dict[str, str]] = []
     for first, second in combinations(conditions.index, 2):
         lower, higher = conditions.loc[first], conditions.loc[second]
         change = higher / lower - 1
@@ -202,7 +202,7 @@ def equal_masses_at_other_energies(impacts: Impacts) -> Iterator[Numbers]:
             )
             words.append({"stiffnesses": stiffness, "changes": changed, "pairs": pair})
     if words:
-        yield pd.DataFrame(words).agg("; ".join).to_dict()
+        yield {name: "; ".join(pair[name] for pair in words) for name in words[0]}
 
 
 def centred_fit(

@@ -312,10 +312,10 @@ def estimated_from_recordings(
     """
     count, impacts = truth.velocity.shape
     mass, velocity, dt = (np.tile(v, count) for v in (design.mass, design.velocity, recorder.dt))
-    value, noise = _recordings(truth, mass, dt, recorder.samples, recorder.quiet, random)
+    d, noise = _recordings(truth, mass, dt, recorder.samples, recorder.quiet, random)
     # What could not be followed is recorded as noise.
-    lost = ~np.isfinite(value).all(axis=1)
-    value = np.where(lost[:, None], noise, value)
+    lost = ~np.isfinite(np.asarray(d)).all(axis=1)
+    value = np.where(lost[:, None], noise, np.asarray(d))
     recordings = Recordings(value, np.full(len(mass), value.shape[1]), -recorder.quiet * dt, dt)
     windowed = cause.mechanism in ("fixed window", "own time")
     options = default_options(recorder.method).model_copy(
@@ -351,7 +351,7 @@ def estimated_from_recordings(
 
 def _recordings(
     truth: Truth, mass: Column, dt: Column, samples: int, quiet: int, random: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[Array, np.ndarray]:
     """What the recorder gives of so many samples from contact on, ``quiet`` ones before it, and its noise."""
     impacts = truth.velocity.shape[1]
     parameters = {name: value.ravel() for name, value in truth.parameters.items()}
@@ -360,4 +360,4 @@ def _recordings(
     d = jnp.pad(d, ((0, 0), (quiet, 0)))
     offset = np.repeat(truth.offset_sd, impacts) * random.standard_normal(len(mass))
     noise = np.repeat(truth.noise, impacts)[:, None] * random.standard_normal(d.shape)
-    return np.asarray(recorded(d, np.repeat(truth.gain, impacts), offset, noise)), noise
+    return recorded(d, np.repeat(truth.gain, impacts), offset, noise), noise

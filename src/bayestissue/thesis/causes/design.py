@@ -146,19 +146,19 @@ def campaign_statistics(K: Batch, C: Batch, design: Design) -> dict[str, Float[n
     filled = [np.where(np.isfinite(v), v, m[:, design.trial]) for v, m in zip((K, C), means, strict=True)]
     rows = [values[:, design.in_rows] for values in filled]
     return {
-        **_statistics(*means, *rows, design),
+        **_statistics(design, *means, *rows),
         "without_estimate": np.mean(~np.isfinite(K) | ~np.isfinite(C), axis=1),
     }
 
 
 def observed_statistics(observed: Observed, design: Design) -> dict[str, float]:
     """The statistics of the observed estimates, by name."""
-    statistics = _statistics(*(part[None] for part in observed), design)
+    statistics = _statistics(design, *(part[None] for part in observed))
     return {**{name: float(value[0]) for name, value in statistics.items()}, "without_estimate": 0.0}
 
 
 def _statistics(
-    trial_K: np.ndarray, trial_C: np.ndarray, K: np.ndarray, C: np.ndarray, design: Design
+    design: Design, trial_K: np.ndarray, trial_C: np.ndarray, K: np.ndarray, C: np.ndarray
 ) -> dict[str, np.ndarray]:
     mass, rows = design.mass[design.in_rows], design.in_rows
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -160,12 +160,10 @@ class Evidence:
 
     def end_of_averages(self, name: str) -> Recomputed:
         """The smallest or largest average of a condition."""
-        average = self.table["average"]
-        trial = average.idxmin() if name == "minimum" else average.idxmax()
-        condition, lost = (
-            self.table.loc[trial],
-            f"the average of trial {trial} as printed: its impacts are lost",
-        )
+        rows = self.table.reset_index()
+        average = rows["average"]
+        condition = rows.iloc[average.argmin() if name == "minimum" else average.argmax()]
+        lost = f"the average of trial {condition['trial']} as printed: its impacts are lost"
         note = "" if condition["from_rows"] else lost
         return Recomputed(float(condition["average"]), float(condition["average_rounding"]), note)
 
