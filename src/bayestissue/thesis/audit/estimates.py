@@ -19,7 +19,7 @@ from statsmodels.tools.sm_exceptions import ConvergenceWarning
 from bayestissue.oscillator import peak_displacement, time_to_peak
 from bayestissue.outline import first_of
 from bayestissue.signal.integration import trapezoids
-from bayestissue.thesis.audit.findings import GENERAL, Impacts, Numbers
+from bayestissue.thesis.audit.findings import GENERAL, Impacts, Numbers, number_list
 
 # Impacts that a finding names, at most.
 _NAMED = 12
@@ -190,24 +190,19 @@ def equal_masses_at_other_energies(impacts: Impacts) -> Iterator[Numbers]:
     if "energy_J" not in impacts.rows or _in_proportion(impacts) is None:
         return
     conditions = impacts.rows.groupby("trial")[["mass_kg", "energy_J", "K"]].mean()
-    pairs = []
+    words: list[dict[str, str]] = []
     for first, second in combinations(conditions.index, 2):
         lower, higher = conditions.loc[first], conditions.loc[second]
         change = higher / lower - 1
         if abs(change["mass_kg"]) < 0.03 and abs(change["energy_J"]) > 0.2 and abs(change["K"]) < 0.03:
-            pairs.append((f"{first} and {second}", lower, higher, change))
-    if not pairs:
-        return
-    words = "; ".join(
-        f"trials {names}: {lower['mass_kg']:g} and {higher['mass_kg']:g} kg, energy {change['energy_J']:+.0%}"
-        f", K {change['K']:+.1%}"
-        for names, lower, higher, change in pairs
-    )
-    yield {
-        "stiffnesses": "; ".join(f"{lower['K']:.3f} and {higher['K']:.3f}" for _, lower, higher, _ in pairs),
-        "changes": "; ".join(f"{change['K']:+.1%}" for *_, change in pairs),
-        "pairs": words,
-    }
+            stiffness, changed = f"{lower['K']:.3f} and {higher['K']:.3f}", f"{change['K']:+.1%}"
+            pair = (
+                f"trials {first} and {second}: {lower['mass_kg']:g} and {higher['mass_kg']:g} kg, "
+                f"energy {change['energy_J']:+.0%}, K {changed}"
+            )
+            words.append({"stiffnesses": stiffness, "changes": changed, "pairs": pair})
+    if words:
+        yield {name: "; ".join(pair[name] for pair in words) for name in words[0]}
 
 
 def centred_fit(
@@ -257,18 +252,10 @@ def frequency_of_the_window(impacts: Impacts) -> Iterator[Numbers]:
     """
     if _in_proportion(impacts) is None or variation(impacts.omega_n) > 0.1:
         return
-    product, zeta = centred_fit(*made_up_pulses())
-    low, high = np.nanmin(product), np.nanmax(product)
+    product, zeta = (pd.Series(values).agg(["min", "max"]) for values in centred_fit(*made_up_pulses()))
     omega, mass = np.median(impacts.omega_n), impacts.conditions["mass_kg"]
-    yield {
-        "omega": omega,
-        "product": (low, high),
-        "zeta": (zeta.min(), zeta.max()),
-        "shortest": low / omega,
-        "longest": high / omega,
-        "blows": len(product),
-        "slower": np.sqrt(mass.max() / mass.min()),
-    }
+    fit = {"product": product, "zeta": zeta, "window": product / omega, "blows": len(made_up_pulses()[0])}
+    yield {"omega": omega, "slower": np.sqrt(mass.max() / mass.min()), **fit}
 
 
 def peak(impacts: Impacts) -> tuple[Float[np.ndarray, " impact"], Float[np.ndarray, " impact"]]:
@@ -290,17 +277,15 @@ def implied_penetration(impacts: Impacts) -> Iterator[Numbers]:
     middle, stiffness = np.median(depth), np.median(impacts.rows["K"])
     if middle <= limit and np.median(time) <= SLOWEST_PEAK_S:
         return
-    stated = impacts.tissue_m is not None
+    stated, factor = impacts.tissue_m is not None, (middle / limit) ** 2
     yield {
         "limit_mm": 1000 * limit,
         "known": "the greatest thickness stated for it" if stated else "more than covers any bone of a limb",
-        "depth_cm": (100 * depth.min(), 100 * depth.max()),
-        "time": (time.min(), time.max()),
-        "middle_cm": 100 * middle,
-        "median_time": np.median(time),
+        "depth_cm": pd.Series(100 * depth).describe(),
+        "time": pd.Series(time).describe(),
         "stiffness": stiffness,
-        "factor": _two_digits((middle / limit) ** 2),
-        "needed": _two_digits(stiffness * (middle / limit) ** 2),
+        "factor": _two_digits(factor),
+        "needed": _two_digits(stiffness * factor),
     }
 
 
@@ -348,22 +333,16 @@ def kinetic_energy(impacts: Impacts) -> Iterator[Numbers]:
         return
     energy, velocity, mass = (conditions[name] for name in ("energy_J", "velocity_m_s", "mass_kg"))
     ratio = mass * velocity**2 / 2 / energy
-    wrong = (ratio - 1).abs() > 0.02
-    if not wrong.any():
+    wrong = ratio[(ratio - 1).abs() > 0.02]
+    if wrong.empty:
         return
     implied = (2 * energy / mass) ** 0.5
-    worst = int(ratio.to_numpy().argmin())
     yield {
-        "stated": _list(np.unique(velocity)),
-        "implied": _list(np.unique(implied.round(2))),
-        "wrong": wrong.sum(),
+        "stated": number_list(np.unique(velocity)),
+        "implied": number_list(np.unique(implied.round(2))),
         "conditions": len(conditions),
-        "ratios": (ratio[wrong].min(), ratio[wrong].max()),
-        "worst": ratio.index[worst],
-        "mass": mass.iloc[worst],
-        "velocity": velocity.iloc[worst],
-        "kinetic": (ratio * energy).iloc[worst],
-        "energy": energy.iloc[worst],
+        "wrong": wrong.describe(),
+        "worst": conditions.assign(kinetic_J=ratio * energy).iloc[int(ratio.to_numpy().argmin())],
         "pattern": _pattern(velocity, implied),
     }
 
@@ -384,10 +363,6 @@ def _pattern(velocity: pd.Series, implied: pd.Series) -> str:
             f"{words} m/s)."
         )
     return f"The masses agree with the energies if for {words} m/s."
-
-
-def _list(values: Float[np.ndarray, " level"]) -> str:
-    return ", ".join(f"{value:g}" for value in values)
 
 
 def _two_digits(value: float) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -63,9 +63,7 @@ A ``severity`` among them, unless None, stands instead of the check's.
 type Look[Subject] = Callable[[Subject], Iterable[Numbers]]
 
 
-@cache
-def _texts() -> dict[str, dict[str, Any]]:
-    return declared(__package__, "findings.toml")
+_TEXTS = declared(__package__, "findings.toml")
 
 
 @dataclass(frozen=True)
@@ -94,7 +92,7 @@ class Registry[Subject]:
 
     def check(self, look: Look[Subject]) -> Look[Subject]:
         """Register a function, whose docstring says why its findings are that serious."""
-        texts = dict(_texts()[look.__name__])
+        texts = dict(_TEXTS[look.__name__])
         severity, bearing = texts.pop("severity"), texts.pop("bearing")
         self.checks[look.__name__] = Check(look, severity, bearing, texts)
         return look
@@ -207,6 +205,11 @@ PUBLISHED: Registry[Publication] = Registry()
 def named_rows(frame: pd.DataFrame) -> Iterator[Any]:
     """The rows of ``frame`` as named tuples, whose fields no type checker knows."""
     return iter(frame.itertuples())
+
+
+def number_list(values: Iterable[float]) -> str:
+    """``1.5, 1.75``: numbers as a finding names them."""
+    return ", ".join(f"{value:g}" for value in values)
 
 
 @dataclass(frozen=True)

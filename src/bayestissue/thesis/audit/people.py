@@ -106,21 +106,13 @@ def damping_without_bounds(impacts: Impacts) -> Iterator[Numbers]:
     ends = impacts.rows.groupby("trial")[["K", "C"]].agg(["min", "max"])
     if impacts.rows.groupby("trial").size().max() < 3:
         return
-    stiffness, damping = (ends[name]["max"] / ends[name]["min"] for name in ("K", "C"))
-    wide = (damping > 4) & (np.log(damping) > 5 * np.log(stiffness))
-    if not wide.any():
+    times = pd.DataFrame({name: ends[name]["max"] / ends[name]["min"] for name in ("K", "C")})
+    wide = times[(times["C"] > 4) & (np.log(times["C"]) > 5 * np.log(times["K"]))]
+    if wide.empty:
         return
-    worst = damping[wide].idxmax()
-    yield {
-        "low": ends.loc[worst, ("C", "min")],
-        "high": ends.loc[worst, ("C", "max")],
-        "worst": worst,
-        "damping": damping[worst],
-        "stiffness": stiffness[worst],
-        "most": stiffness[wide].max() - 1,
-        "wide": wide.sum(),
-        "trials": len(ends),
-    }
+    worst = wide.loc[wide["C"].idxmax()]
+    counts = {"most": wide["K"].max() - 1, "wide": len(wide), "trials": len(ends)}
+    yield {"worst": worst, "C": ends["C"].loc[worst.name], **counts}
 
 
 @GENERAL.check
@@ -147,19 +139,9 @@ def rows_that_stand_twice(impacts: Impacts) -> Iterator[Numbers]:
 
     Minor: one impact less changes the averages of its trial, not the conclusions.
     """
-    keys = ["trial", "K", "C"]
-    again = impacts.rows[impacts.rows.duplicated(keys, keep=False)]
-    for (trial, stiffness, damping), rows in again.groupby(keys):
-        pairs = comb(int((impacts.rows["trial"] == trial).sum()), 2)
-        likely = pairs * _chance_of_a_pair(impacts, "K", trial) * _chance_of_a_pair(impacts, "C", trial)
-        yield {
-            "trial": trial,
-            "people": _subject_names(rows),
-            "K": stiffness,
-            "C": damping,
-            "chance": f"chance of such a pair {likely:.1g}" if likely else "no chance",
-            "frequency": _frequency_words(likely),
-        }
+    for rows, likely, numbers in _equal_rows(impacts, ["K", "C"]):
+        chance = f"chance of such a pair {likely:.1g}" if likely else "no chance"
+        yield {"C": rows["C"].iloc[0], "chance": chance, **numbers}
 
 
 @GENERAL.check
@@ -168,21 +150,9 @@ def stiffness_that_stands_twice(impacts: Impacts) -> Iterator[Numbers]:
 
     Note: it may be chance; the C beside it differs.
     """
-    keys = ["trial", "K"]
-    again = impacts.rows[impacts.rows.duplicated(keys, keep=False)]
-    sizes = impacts.rows["trial"].value_counts().to_dict()
-    for (trial, stiffness), rows in again.groupby(keys):
-        likely = comb(int(sizes[trial]), 2) * _chance_of_a_pair(impacts, "K", trial)
-        if likely > 0.1 or rows["C"].duplicated(keep=False).all():
-            continue
-        yield {
-            "trial": trial,
-            "people": _subject_names(rows),
-            "K": stiffness,
-            "C": " and ".join(f"{value:g}" for value in rows["C"]),
-            "likely": likely,
-            "frequency": _frequency_words(likely),
-        }
+    for rows, likely, numbers in _equal_rows(impacts, ["K"]):
+        if likely <= 0.1 and not rows["C"].duplicated(keep=False).all():
+            yield {"C": " and ".join(f"{value:g}" for value in rows["C"]), "likely": likely, **numbers}
 
 
 @GENERAL.check
@@ -197,23 +167,36 @@ def estimates_in_two_trials(impacts: Impacts) -> Iterator[Numbers]:
         yield {"rows": len(across), "trials": ", ".join(str(trial) for trial in across["trial"].unique())}
 
 
-def _chance_of_a_pair(impacts: Impacts, quantity: str, trial: object) -> float:
-    """Chance that two values of ``quantity`` in ``trial`` print alike, if they were normal.
+def _equal_rows(
+    impacts: Impacts, quantities: list[str]
+) -> Iterator[tuple[pd.DataFrame, float, dict[str, object]]]:
+    """Rows of one trial with equal ``quantities``, K first; how likely a pair is, numbers of a finding."""
+    keys = ["trial", *quantities]
+    again = impacts.rows[impacts.rows.duplicated(keys, keep=False)]
+    for (trial, stiffness, *_), rows in again.groupby(keys):
+        of_trial = impacts.rows[impacts.rows["trial"] == trial]
+        likely = float(comb(len(of_trial), 2))
+        for quantity in quantities:
+            likely *= _chance_of_a_pair(of_trial[quantity], impacts.digits)
+        frequency = (
+            f"once in {float(f'{1 / likely:.1e}'):,.0f} such trials" if likely > 1e-6 else "practically never"
+        )
+        people = " and ".join(map(str, rows["subject"]))
+        yield (
+            rows,
+            likely,
+            {"trial": trial, "people": people, "K": stiffness, "frequency": frequency},
+        )
+
+
+def _chance_of_a_pair(values: pd.Series, digits: int | None) -> float:
+    """Chance that two values of one trial print alike, with so many ``digits``, if they were normal.
 
     The difference of two has density 1/(2 s √π) at zero, times the width of the last digit.
     """
-    values = impacts.rows.loc[impacts.rows["trial"] == trial, quantity]
-    if impacts.digits is None:
+    if digits is None:
         return 0.0
     scatter = float(values.std(ddof=1))
     if not scatter > 0:
         return 1.0
-    return float(min(1, 10.0**-impacts.digits * stats.norm.pdf(0) / (np.sqrt(2) * scatter)))
-
-
-def _frequency_words(likely: float) -> str:
-    return f"once in {float(f'{1 / likely:.1e}'):,.0f} such trials" if likely > 1e-6 else "practically never"
-
-
-def _subject_names(rows: pd.DataFrame) -> str:
-    return " and ".join(str(subject) for subject in rows["subject"])
+    return float(min(1, 10.0**-digits * stats.norm.pdf(0) / (np.sqrt(2) * scatter)))

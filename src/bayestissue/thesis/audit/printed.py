@@ -13,6 +13,7 @@ from bayestissue.thesis.audit.findings import (
     Numbers,
     Publication,
     named_rows,
+    number_list,
 )
 from bayestissue.thesis.reproduction.agreement import agrees, decimals, difference, half_unit, ratio
 from bayestissue.thesis.reproduction.conditions import QUANTITIES, conditions, unrounded_mass
@@ -37,20 +38,18 @@ def claims_that_contradict(publication: Publication) -> Iterator[Numbers]:
         finest = values["value_text"].map(half_unit).astype("float64")
         if high - low <= finest.max() + finest.min() and finest.max() > finest.min():
             continue
-        said = "; ".join(
-            f"{text} (section {_sections(claims, text)})" for text in values["value_text"].drop_duplicates()
-        )
+        sections = claims.groupby("value_text", sort=False)["section"].unique().map(", ".join)
         implied = _recomputed(publication, claims)
+        differ = f"by {_difference(low, high)}; at most one can be right."
         last_digit = high - low <= 2 * finest.max() + 1e-9
-        verdict = f"They differ by {_difference(low, high)}; at most one can be right."
         yield {
             "sections": ", ".join(f"section {section}" for section in claims["section"].unique()),
             "quantity": quantity,
             "statistic": statistic,
             "texts": " and ".join(values["value_text"]),
             "one_value": implied or "one value",
-            "said": said,
-            "verdict": "They differ in the last digit only." if last_digit else verdict,
+            "said": "; ".join(f"{text} (section {sections[text]})" for text in values["value_text"]),
+            "differ": "in the last digit only." if last_digit else differ,
             "recomputed": f" Recomputed from the tables it is {implied}." if implied else "",
             "severity": "note" if last_digit else "minor",
         }
@@ -65,7 +64,7 @@ def arithmetic_of_claims(publication: Publication) -> Iterator[Numbers]:
 
     Minor: the section refutes itself, whatever the data.
     """
-    for (section, quantity), claims in publication.tables.claims.groupby(["section", "quantity"], sort=False):
+    for (_, quantity), claims in publication.tables.claims.groupby(["section", "quantity"], sort=False):
         said = {str(name): rows for name, rows in claims.groupby("statistic")}
         for name, (low_name, high_name, rule) in _DERIVED.items():
             if not {name, low_name, high_name} <= set(said):
@@ -80,16 +79,8 @@ def arithmetic_of_claims(publication: Publication) -> Iterator[Numbers]:
                 continue
             least = high["value"] / wrong["value"].iloc[0]
             needed = f" That ratio needs a smallest value of {least:.3g}." if rule is ratio else ""
-            figures = " and ".join(wrong["value_text"])
-            location = {"section": section, "quantity": quantity, "name": name}
-            yield {
-                **location,
-                "low": low,
-                "high": high,
-                "implied": implied,
-                "figures": figures,
-                "needed": needed,
-            }
+            figures = {"figures": " and ".join(wrong["value_text"]), "implied": implied, "needed": needed}
+            yield {"name": name, "low": low, "high": high, **figures}
 
 
 # Of a statistic: the two ends that it follows from, and how.
@@ -107,17 +98,16 @@ def statements_that_contradict(publication: Publication) -> Iterator[Numbers]:
 
     Minor: a conclusion that another chapter denies can't be quoted.
     """
-    for topic, said in publication.statements.groupby("topic", sort=False):
+    for _, said in publication.statements.groupby("topic", sort=False):
         positions = said.groupby("position", sort=False)["place"].agg(list)
         if len(positions) < 2:
             continue
         first, last = said.iloc[0], said[said["position"] != said["position"].iloc[0]].iloc[0]
         yield {
-            "places": ", ".join(_location(location) for location in said["place"].unique()),
-            "topic": topic,
+            "places": ", ".join(said["place"].map(_location).unique()),
             "positions": " / ".join(map(str, positions.index)),
             "words": "; ".join(
-                f"{' and '.join(_location(one) for one in places)}: {position}"
+                f"{' and '.join(map(_location, places))}: {position}"
                 for position, places in positions.items()
             ),
             "first": first,
@@ -137,10 +127,6 @@ def _recomputed(publication: Publication, claims: pd.DataFrame) -> str:
 
 def _location(location: str) -> str:
     return f"section {location}" if location[:1].isdigit() else location
-
-
-def _sections(claims: pd.DataFrame, text: str) -> str:
-    return ", ".join(claims.loc[claims["value_text"] == text, "section"].unique())
 
 
 def _difference(low: float, high: float) -> str:
@@ -168,14 +154,11 @@ def figures_that_do_not_follow(publication: Publication) -> Iterator[Numbers]:
         ~disagreements["last_digit"] & ~(disagreements["of_text"] & disagreements["row"].isin(elsewhere))
     ]
     for row in named_rows(disagreements):
-        yield {
-            "place": table_words(row.table),
-            "row": row,
-            "implied": f"{row.value:.{decimals(row.published) + 1}f}",
-            "difference": _difference_words(row.printed, row.value),
-            "hint": _hint(row.note),
-            "severity": "note" if abs(row.printed - row.value) < _SMALL * abs(row.value) else None,
-        }
+        words = {"place": table_words(row.table), "hint": _hint(row.note)}
+        implied = f"{row.value:.{decimals(row.published) + 1}f}"
+        words["difference"] = _difference_words(row.printed, row.value)
+        severity = "note" if abs(row.printed - row.value) < _SMALL * abs(row.value) else None
+        yield {"row": row, "implied": implied, "severity": severity, **words}
 
 
 @PUBLISHED.check
@@ -211,16 +194,12 @@ def masses_behind_the_regression(publication: Publication) -> Iterator[Numbers]:
         exact = unrounded_mass(table)
         if exact is None:
             return
-        printed, unrounded = (
-            straight_line(table, mass).params["const"] for mass in (table["mass_kg"], exact)
-        )
+        printed, unrounded = (straight_line(table, mass).params["const"] for mass in (None, exact))
         text = terms[terms["term"] == "constant"].iloc[0]["coefficient_text"]
-        if agrees(text, printed) or not agrees(text, unrounded):
-            continue
-        velocity = np.unique(np.sqrt(2 * table["energy_J"] / exact).round(6))
-        words = ", ".join(f"{value:g}" for value in velocity)
-        constant = {"text": text, "printed": printed, "unrounded": unrounded}
-        yield {"quantity": quantity, "velocities": words, **constant}
+        if not agrees(text, printed) and agrees(text, unrounded):
+            velocity = np.unique(np.sqrt(2 * table["energy_J"] / exact).round(6))
+            constant = {"text": text, "printed": printed, "unrounded": unrounded}
+            yield {"quantity": quantity, "velocities": number_list(velocity), **constant}
 
 
 @PUBLISHED.check
@@ -234,13 +213,12 @@ def impossible_spread(publication: Publication) -> Iterator[Numbers]:
     """
     for quantity in QUANTITIES:
         table = conditions(publication.tables, quantity)
-        for trial, row in table[~table["from_rows"]].iterrows():
+        for _, row in table[~table["from_rows"]].iterrows():
             n = row["impacts"]
             slack = half_unit(row["sd_text"]) + half_unit(row["range_text"])
             low, high = row["range"] / (2 * (n - 1)) ** 0.5, row["range"] / 2 * (n / (n - 1)) ** 0.5
             if not low - slack <= row["sd"] <= high + slack:
-                location = {"place": table_words(row["table"]), "quantity": quantity, "trial": trial}
-                yield {**location, "row": row, "low": low, "high": high}
+                yield {"place": table_words(row["table"]), "row": row, "low": low, "high": high}
 
 
 @PUBLISHED.check

@@ -40,19 +40,12 @@ def r_squared_of_averages(publication: Publication) -> Iterator[Numbers]:
     """
     for quantity in QUANTITIES:
         terms, table = publication.equation(quantity)
-        r = correlation_of_impacts("Mass", table).value
-        printed = terms.iloc[0]
-        if r is None or abs(printed["r_squared"] - r**2) < 0.05:
-            continue
-        yield {
-            "quantity": quantity,
-            "text": printed["r_squared_text"],
-            "r": r,
-            "of_impacts": r**2,
-            "of_averages": np.corrcoef(table["mass_kg"], table["average"])[0, 1] ** 2,
-            "trials": len(table),
-            "people": table["impacts"].iloc[0],
-        }
+        r, printed = correlation_of_impacts("Mass", table).value, terms.iloc[0]
+        if r is not None and abs(printed["r_squared"] - r**2) >= 0.05:
+            of_averages = np.corrcoef(table["mass_kg"], table["average"])[0, 1] ** 2
+            squares = {"of_impacts": r**2, "of_averages": of_averages}
+            counts = {"trials": len(table), "people": table["impacts"].iloc[0]}
+            yield {"printed": printed, "r": r, **squares, **counts}
 
 
 @PUBLISHED.check
@@ -91,12 +84,12 @@ def one_variable_under_two_names(publication: Publication) -> Iterator[Numbers]:
     Note: a variable listed twice counts twice and can't enter twice.
     """
     for frame in (publication.tables.correlations, publication.tables.stepwise):
-        for (table, quantity), rows in frame.groupby(["table", "quantity"], sort=False):
+        for _, rows in frame.groupby(["table", "quantity"], sort=False):
             keys = rows["variable"].map(factors)
             twice = " and ".join(rows.loc[keys.duplicated(keep=False), "variable"])
             if twice:
                 counts = {"names": len(rows), "different": keys.nunique()}
-                yield {"table": table, "quantity": quantity, "twice": twice, **counts}
+                yield {"row": rows.iloc[0], "twice": twice, **counts}
 
 
 @PUBLISHED.check
@@ -107,30 +100,18 @@ def variables_offered(publication: Publication) -> Iterator[Numbers]:
     """
     claims = publication.claims("design", "number of variables available to the stepwise analysis")
     stepwise = publication.tables.stepwise
-    listed = {
-        str(quantity): set(rows["variable"].map(factors))
-        for quantity, rows in stepwise.groupby("quantity", sort=False)
-    }
-    counts = {quantity: len(names) for quantity, names in listed.items()}
-    all_names = set().union(*listed.values())
-    missing = {
-        quantity: ", ".join(sorted(" × ".join(key) for key in all_names - names))
-        for quantity, names in listed.items()
-        if all_names - names
-    }
-    words = "; ".join(f"{names} is missing for {quantity}" for quantity, names in missing.items())
+    listed = stepwise["variable"].map(factors).groupby(stepwise["quantity"], sort=False).agg(set)
+    counts, different, missing = [], [], []
+    for quantity, names in listed.items():
+        counts.append(f"{len(names)} for {quantity}")
+        different.append(f"{len(names)} different ones for {quantity}")
+        if lacking := sorted(" × ".join(key) for key in set().union(*listed) - names):
+            missing.append(f"{', '.join(lacking)} is missing for {quantity}")
+    words = {"counts": ", ".join(counts), "different": ", ".join(different)}
+    words["missing"] = f" ({'; '.join(missing)})" if missing else ""
     for claim in named_rows(claims):
-        if set(counts.values()) == {claim.value}:
-            continue
-        yield {
-            "claim": claim,
-            "table": stepwise["table"].iloc[0],
-            "counts": ", ".join(f"{count} for {quantity}" for quantity, count in counts.items()),
-            "different": ", ".join(
-                f"{count} different ones for {quantity}" for quantity, count in counts.items()
-            ),
-            "missing": f" ({words})" if words else "",
-        }
+        if set(listed.map(len)) != {claim.value}:
+            yield {"claim": claim, "table": stepwise["table"].iloc[0], **words}
 
 
 @PUBLISHED.check
@@ -183,18 +164,18 @@ def not_the_only_one(publication: Publication) -> Iterator[Numbers]:
             continue
         recomputed = _recomputed(publication, claim.quantity)
         others = recomputed[(recomputed["p"] < ALPHA) & (recomputed.index != said)]
-        if others.empty:
-            continue
-        yield {
-            "claim": claim,
-            "said": said,
-            "significant": len(others) + 1,
-            "others": len(others),
-            "variables": len(recomputed),
-            "impacts": int(conditions(publication.tables, claim.quantity)["impacts"].sum()),
-            "words": ", ".join(f"{name} {row['r']:.3f}" for name, row in others.head(4).iterrows()),
-            "p": others["p"].max(),
-        }
+        if not others.empty:
+            counts = {"significant": len(others) + 1, "others": len(others), "variables": len(recomputed)}
+            impacts = conditions(publication.tables, claim.quantity)["impacts"].sum()
+            words = ", ".join(f"{name} {r:.3f}" for name, r in others["r"].head(4).items())
+            yield {
+                "claim": claim,
+                "said": said,
+                "impacts": impacts,
+                "words": words,
+                "p": others["p"].max(),
+                **counts,
+            }
 
 
 @PUBLISHED.check
@@ -223,7 +204,7 @@ def correlation_with_a_sum(publication: Publication) -> Iterator[Numbers]:
 
     Minor: no data whatever have these three correlations.
     """
-    for (table, quantity), rows in publication.tables.correlations.groupby(["table", "quantity"], sort=False):
+    for _, rows in publication.tables.correlations.groupby(["table", "quantity"], sort=False):
         values = rows.set_index(rows["variable"].map(lambda name: name.lower().strip()))
         for name, row in values.iterrows():
             parts = [part.strip() for part in str(name).split("+")]
@@ -233,8 +214,7 @@ def correlation_with_a_sum(publication: Publication) -> Iterator[Numbers]:
             least = min(abs(first["correlation"]), abs(second["correlation"]))
             one_sign = first["correlation"] * second["correlation"] > 0
             if one_sign and abs(row["correlation"]) < least - 0.002:
-                correlations = {"row": row, "first": first, "second": second, "least": least}
-                yield {"table": table, "quantity": quantity, **correlations}
+                yield {"row": row, "first": first, "second": second, "least": least}
 
 
 @PUBLISHED.check

@@ -20,12 +20,12 @@ from jaxtyping import Float, Int
 from bayestissue.inference.execution.chunks import Progress, silent
 from bayestissue.inference.execution.workers import computed
 from bayestissue.inference.points.estimates import default_options
-from bayestissue.inference.points.fit import PointFit, fit_points
+from bayestissue.inference.points.fit import fit_points
 from bayestissue.inference.points.profile import fit_conditional
 from bayestissue.likelihood.transforms import SineTransforms
 from bayestissue.oscillator import from_differences, spring_damper
 from bayestissue.results import whole_file
-from bayestissue.signal import Displacements, integrated
+from bayestissue.signal import integrated
 from bayestissue.signal.displacement import FEWEST_SAMPLES
 from bayestissue.signal.traces import Recordings
 from bayestissue.thesis.causes.campaigns import Truth, decelerations, draw_truth, recorded
@@ -73,59 +73,45 @@ def batches(design: Design, specification: CausesSpecification, seed: int) -> li
 
 
 def run_batch(batch: Batch) -> pd.DataFrame:
-    """The strengths and statistics of a batch's campaigns, one row each.
+    """The strengths and statistics of a batch's campaigns, one row each, estimated as the data's own were.
 
     The numbers depend on the batch alone: its random stream is that of seed, cause and number.
     """
     cause, size = batch.specification.causes[batch.cause], batch.specification.campaigns
+    design, recorder = batch.design, batch.design.recorder
     remaining = size.each - batch.number * size.batch
     stream = [batch.seed, batch.number, *batch.cause.encode()]
     random = np.random.default_rng(np.random.SeedSequence(stream))
-    truth = draw_truth(cause, batch.specification, batch.design, random, size.batch)
-    shape = (size.batch, len(batch.design.mass))
-    samples = int(np.ceil(REACH * batch.specification.recording.samples_to_peak.high))
-    K, C = (part.reshape(shape) for part in estimated(truth, cause, batch.design, samples, random))
+    truth = draw_truth(cause, batch.specification, design, random, size.batch)
+    if recorder is not None:
+        K, C = estimated_from_recordings(truth, cause, design, recorder, random)
+    else:
+        samples = int(np.ceil(REACH * batch.specification.recording.samples_to_peak.high))
+        K, C, _ = _estimated_as_published(truth, cause, design, samples, random)
+    shape = (size.batch, len(design.mass))
     table = pd.DataFrame(
         {
             "cause": batch.cause,
             "batch": batch.number,
             "campaign": np.arange(size.batch),
             **{f"strength_{name}": value for name, value in truth.strength.items()},
-            **campaign_statistics(K, C, batch.design),
+            **campaign_statistics(K.reshape(shape), C.reshape(shape), design),
         }
     )
     return table.iloc[: min(remaining, size.batch)]
 
 
-def estimated(
-    truth: Truth, cause: Cause, design: Design, samples: int, random: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
-    """K and C of every impact, one campaign after the other, as the data's own were estimated.
-
-    ``samples`` is the length of a recording where the design doesn't tell.
-    """
-    if design.recorder is not None:
-        return estimated_from_recordings(truth, cause, design, design.recorder, random)
-    estimates = _estimated_as_published(truth, cause, design, samples, random)
-    return estimates.K, estimates.C
-
-
 def _estimated_as_published(
     truth: Truth, cause: Cause, design: Design, samples: int, random: np.random.Generator
 ) -> Estimates:
-    """Record the campaigns and estimate every impact as the thesis did, but for what the cause changes."""
+    """Record so many samples and estimate every impact as the thesis did, but for what the cause changes."""
     count, impacts = truth.velocity.shape
 
     def flat(values: np.ndarray) -> np.ndarray:
         return np.broadcast_to(values, (count, impacts)).ravel()
 
     mass, dt = flat(design.mass), flat(truth.dt[:, None])
-    phase = random.uniform(size=count * impacts) * dt
-    parameters = {name: flat(value) for name, value in truth.parameters.items()}
-    d = decelerations(truth.element, parameters, mass, flat(truth.velocity), phase, dt, samples)
-    offset = flat(truth.offset_sd[:, None]) * random.standard_normal(count * impacts)
-    noise = flat(truth.noise[:, None])[:, None] * random.standard_normal((count * impacts, samples))
-    d = recorded(d, flat(truth.gain[:, None]), offset, noise)
+    d, _ = _recordings(truth, mass, dt, samples, 0, random)
     length = truth.strength.get("window_over_time_to_peak", np.zeros(count))
     own_time = cause.mechanism == "own time"
     window = np.round(length * truth.samples_to_peak)
@@ -326,7 +312,11 @@ def estimated_from_recordings(
     """
     count, impacts = truth.velocity.shape
     mass, velocity, dt = (np.tile(v, count) for v in (design.mass, design.velocity, recorder.dt))
-    recordings, lost = _recordings(truth, recorder, mass, dt, random)
+    d, noise = _recordings(truth, mass, dt, recorder.samples, recorder.quiet, random)
+    # What could not be followed is recorded as noise.
+    lost = ~np.isfinite(np.asarray(d)).all(axis=1)
+    value = np.where(lost[:, None], noise, np.asarray(d))
+    recordings = Recordings(value, np.full(len(mass), value.shape[1]), -recorder.quiet * dt, dt)
     windowed = cause.mechanism in ("fixed window", "own time")
     options = default_options(recorder.method).model_copy(
         update={"equilibrium": "rest", "window": "rebound" if windowed else "peak"}
@@ -342,45 +332,32 @@ def estimated_from_recordings(
             wanted = length * np.exp(by_eye) * (signal.time_to_peak - signal.first_sample_s) / dt
         n = np.minimum(np.round(wanted).astype(int) + 1, n)
     about_rest = cause.mechanism in ("none", "conversion")
-    fit, known = _fitted_as_dataset(signal, n, "exact" if about_rest else recorder.method)
+    known = n >= FEWEST_SAMPLES
+    x = np.pad(signal.x, ((0, 0), (0, max(0, FEWEST_SAMPLES - signal.x.shape[1]))))
+    used, method = np.maximum(n, FEWEST_SAMPLES), "exact" if about_rest else recorder.method
+    fit = fit_points(x, used, signal.dt, signal.mass, method, repeated=True)
     K, C = fit.K, fit.C
     if cause.mechanism == "own time":
         factor = n * dt / np.repeat(truth.time_to_peak, impacts)
         K, C = K * factor**2, C * factor
     if cause.mechanism == "conversion":
-        K, C = _converted_by_theta1(fit, dt, mass)
+        c1, c2, theta1 = (jnp.asarray(v) for v in (2 - fit.phi1, (1 - fit.phi1) - fit.phi2, fit.theta1))
+        w, zeta = jnp.asarray(fit.omega_n * dt), jnp.asarray(fit.zeta)
+        w, zeta = damped_by_theta1(c1, c2, theta1, w, zeta, jnp.ones_like(w))
+        K, C = map(np.asarray, spring_damper(w / dt, zeta, mass))
     known &= (K > 0) & (C > 0) & ~lost
     return np.where(known, K, np.nan), np.where(known, C, np.nan)
 
 
 def _recordings(
-    truth: Truth, recorder: Recorder, mass: Column, dt: Column, random: np.random.Generator
-) -> tuple[Recordings, np.ndarray]:
-    """What the recorder gives, and which impacts could not be followed; these are recorded as noise."""
+    truth: Truth, mass: Column, dt: Column, samples: int, quiet: int, random: np.random.Generator
+) -> tuple[Array, np.ndarray]:
+    """What the recorder gives of so many samples from contact on, ``quiet`` ones before it, and its noise."""
     impacts = truth.velocity.shape[1]
     parameters = {name: value.ravel() for name, value in truth.parameters.items()}
     phase = random.uniform(size=len(mass)) * dt
-    samples = recorder.samples
     d = decelerations(truth.element, parameters, mass, truth.velocity.ravel(), phase, dt, samples)
-    d = jnp.pad(d, ((0, 0), (recorder.quiet, 0)))
+    d = jnp.pad(d, ((0, 0), (quiet, 0)))
     offset = np.repeat(truth.offset_sd, impacts) * random.standard_normal(len(mass))
     noise = np.repeat(truth.noise, impacts)[:, None] * random.standard_normal(d.shape)
-    value = np.asarray(recorded(d, np.repeat(truth.gain, impacts), offset, noise))
-    lost = ~np.isfinite(value).all(axis=1)
-    value = np.where(lost[:, None], noise, value)
-    return Recordings(value, np.full(len(mass), d.shape[1]), -recorder.quiet * dt, dt), lost
-
-
-def _fitted_as_dataset(signal: Displacements, n: np.ndarray, method: str) -> tuple[PointFit, np.ndarray]:
-    known = n >= FEWEST_SAMPLES
-    x = np.pad(signal.x, ((0, 0), (0, max(0, FEWEST_SAMPLES - signal.x.shape[1]))))
-    arguments = (x, np.maximum(n, FEWEST_SAMPLES), signal.dt, signal.mass)
-    return fit_points(*arguments, method, repeated=True), known  # type: ignore[arg-type]
-
-
-def _converted_by_theta1(fit: PointFit, dt: Column, mass: Column) -> tuple[Column, Column]:
-    c1, c2 = jnp.asarray(2 - fit.phi1), jnp.asarray((1 - fit.phi1) - fit.phi2)
-    w, zeta = jnp.asarray(fit.omega_n * dt), jnp.asarray(fit.zeta)
-    w, zeta = damped_by_theta1(c1, c2, jnp.asarray(fit.theta1), w, zeta, jnp.ones_like(w))
-    K, C = spring_damper(w / dt, zeta, mass)
-    return np.asarray(K), np.asarray(C)
+    return recorded(d, np.repeat(truth.gain, impacts), offset, noise), noise

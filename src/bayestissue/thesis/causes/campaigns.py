@@ -144,30 +144,22 @@ def _element(
 ) -> tuple[str, dict[str, PerImpact]]:
     """What is hit, and its parameters; C is what the element's own damper takes where there is one beside."""
     s = {name: value[:, None] for name, value in strength.items()}
-    depth, peak = depth[:, None], peak[:, None]
+    element, depth, peak = "kelvin_voigt", depth[:, None], peak[:, None]
+    parameters = {"K": K, "C": C}
     match cause.mechanism:
         case "active":
-            driven = np.log(_driver(cause, design))
-            grown = s["power_K"] * driven
-            return "kelvin_voigt", {
-                "K": K * np.exp(grown),
-                "C": C * np.exp(s["power_C_over_power_K"] * grown),
-            }
+            grown = s["power_K"] * np.log(_driver(cause, design))
+            parameters = {"K": K * np.exp(grown), "C": C * np.exp(s["power_C_over_power_K"] * grown)}
         case "stiffening":
-            scale = depth / np.sqrt(s["stiffening"]) + np.zeros_like(K)
-            return "stiffening", {"K": K, "C": C, "stiffening_depth_m": scale}
+            element, parameters["stiffening_depth_m"] = "stiffening", depth / np.sqrt(s["stiffening"])
         case "wall":
-            return "wall", {
-                "K": K,
-                "C": C,
-                "thickness_m": s["thickness_over_depth"] * depth + np.zeros_like(K),
-            }
+            element, parameters["thickness_m"] = "wall", s["thickness_over_depth"] * depth
         case "maxwell":
-            return "maxwell", {"K": K, "C": s["relaxation"] * peak * K}
+            element, parameters["C"] = "maxwell", s["relaxation"] * peak * K
         case "standard linear":
-            ratio = s["spring_over_spring"] + np.zeros_like(K)
-            return "standard_linear", {"K": K, "C": s["relaxation"] * peak * ratio * K, "arm_ratio": ratio}
-    return "kelvin_voigt", {"K": K, "C": C}
+            element, ratio = "standard_linear", s["spring_over_spring"]
+            parameters |= {"C": s["relaxation"] * peak * ratio * K, "arm_ratio": ratio}
+    return element, {name: np.broadcast_to(value, K.shape) for name, value in parameters.items()}
 
 
 def _driver(cause: Cause, design: Design) -> Float[np.ndarray, " impact"]:

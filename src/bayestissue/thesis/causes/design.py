@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -85,8 +85,7 @@ class Design:
         return float(np.exp(self.trial_means(np.log(self.velocity)).mean()))
 
 
-@dataclass(frozen=True)
-class Observed:
+class Observed(NamedTuple):
     """The estimates that are to be explained: conditions' means of K and C, and single impacts' K and C.
 
     Attributes:
@@ -120,13 +119,9 @@ def published_design(tables: PublishedTables) -> tuple[Design, Observed]:
         trial=trial,
         in_rows=np.asarray(in_rows),
     )
-    observed = Observed(
-        averages["K"].to_numpy(float),
-        averages["C"].to_numpy(float),
-        printed["K"].to_numpy(float),
-        printed["C"].to_numpy(float),
+    return design, Observed(
+        *(table[name].to_numpy(float) for table in (averages, printed) for name in ("K", "C"))
     )
-    return design, observed
 
 
 _STATISTICS = declared(__package__, "statistics.toml")
@@ -151,22 +146,19 @@ def campaign_statistics(K: Batch, C: Batch, design: Design) -> dict[str, Float[n
     filled = [np.where(np.isfinite(v), v, m[:, design.trial]) for v, m in zip((K, C), means, strict=True)]
     rows = [values[:, design.in_rows] for values in filled]
     return {
-        **_statistics(means[0], means[1], rows[0], rows[1], design),
+        **_statistics(design, *means, *rows),
         "without_estimate": np.mean(~np.isfinite(K) | ~np.isfinite(C), axis=1),
     }
 
 
 def observed_statistics(observed: Observed, design: Design) -> dict[str, float]:
     """The statistics of the observed estimates, by name."""
-    trial_K, trial_C, K, C = (
-        part[None] for part in (observed.trial_K, observed.trial_C, observed.K, observed.C)
-    )
-    statistics = _statistics(trial_K, trial_C, K, C, design)
+    statistics = _statistics(design, *(part[None] for part in observed))
     return {**{name: float(value[0]) for name, value in statistics.items()}, "without_estimate": 0.0}
 
 
 def _statistics(
-    trial_K: np.ndarray, trial_C: np.ndarray, K: np.ndarray, C: np.ndarray, design: Design
+    design: Design, trial_K: np.ndarray, trial_C: np.ndarray, K: np.ndarray, C: np.ndarray
 ) -> dict[str, np.ndarray]:
     mass, rows = design.mass[design.in_rows], design.in_rows
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -8,6 +8,7 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from bayestissue.declarations import declared
 from bayestissue.errors import InputError, Problem
 from bayestissue.settings import checked, parse_toml, read_text
 
@@ -96,20 +97,9 @@ Mechanism = Literal[
     "maxwell",
     "standard linear",
 ]
+MECHANISMS = declared(__package__, "mechanisms.toml")
 # The strengths that each mechanism reads from the file.
-STRENGTHS: dict[str, tuple[str, ...]] = {
-    "none": (),
-    "centring": (),
-    "conversion": (),
-    "fixed window": ("window_over_time_to_peak",),
-    "own time": ("window_over_time_to_peak", "window_sd"),
-    "velocity": ("error_m_s",),
-    "active": ("power_K", "power_C_over_power_K"),
-    "stiffening": ("stiffening",),
-    "wall": ("thickness_over_depth",),
-    "maxwell": ("relaxation",),
-    "standard linear": ("spring_over_spring", "relaxation"),
-}
+STRENGTHS = {name: tuple(entry["strengths"]) for name, entry in MECHANISMS.items()}
 Driver = Literal["mass", "energy", "momentum"]
 
 

@@ -99,14 +99,9 @@ def published_subject() -> Subject:
 
     tables = read_published()
     design, observed = published_design(tables)
-    return Subject(
-        "published estimates",
-        design,
-        observed_statistics(observed, design),
-        False,
-        runtime.content_hash(tables.paths),
-        _description("published", "the thesis's published estimates", design, design.in_rows, "dds"),
-    )
+    statistics, content = observed_statistics(observed, design), runtime.content_hash(tables.paths)
+    words = _description("published", "the thesis's published estimates", design, design.in_rows, "dds")
+    return Subject("published estimates", design, statistics, False, content, words)
 
 
 def _description(

@@ -96,17 +96,14 @@ def _probabilities(
     """
     from sklearn.linear_model import LogisticRegression
 
-    middle = np.median(campaigns, axis=0)
-    spread = np.median(np.abs(campaigns - middle), axis=0) / 0.6745
-    spread = np.where(spread > 0, spread, 1.0)
+    middle, spread = _robust_scale(campaigns, 1.0)
     inside, at = (campaigns - middle) / spread, (observed[None] - middle) / spread
     unseen, said = np.zeros((len(cause), number)), np.zeros((FOLDS * _NETWORKS, number))
     # Neighbours in the table are of different causes, so every fold has all of them.
     fold = np.arange(len(cause)) // number % FOLDS
     for k in range(FOLDS * _NETWORKS):
         mine = fold == k % FOLDS
-        network = _network(seed * FOLDS * _NETWORKS + k)
-        _fit(network, inside[~mine], cause[~mine])
+        network = _fitted_network(inside[~mine], cause[~mine], seed * FOLDS * _NETWORKS + k)
         classes = network.classes_
         unseen[np.ix_(mine, classes)] += network.predict_proba(inside[mine]) / _NETWORKS
         said[k, classes] = network.predict_proba(at)[0]
@@ -118,23 +115,26 @@ def _probabilities(
     return calibrated[0], calibrated[1:], np.std(said, axis=0, ddof=1) / np.sqrt(len(said))
 
 
-def _network(seed: int) -> Any:
+def _fitted_network(campaigns: Table, cause: Codes, seed: int) -> Any:
+    from sklearn.exceptions import ConvergenceWarning
     from sklearn.neural_network import MLPClassifier
 
-    return MLPClassifier(
+    network = MLPClassifier(
         _HIDDEN, activation="tanh", alpha=1e-2, batch_size=256, learning_rate_init=2e-3,
         max_iter=_PASSES, n_iter_no_change=_PASSES, random_state=seed % 2**32,
     )  # fmt: skip
-
-
-def _fit(network: Any, campaigns: Table, cause: Codes) -> None:
-    from sklearn.exceptions import ConvergenceWarning
-
     with warnings.catch_warnings():
         # A fixed number of passes is meant, and a batch of all where there are few.
         warnings.simplefilter("ignore", ConvergenceWarning)
         warnings.filterwarnings("ignore", message="Got `batch_size`")
-        network.fit(campaigns, cause)
+        return network.fit(campaigns, cause)
+
+
+def _robust_scale(campaigns: Table, otherwise: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Medians of the statistics, and their median absolute deviations as a normal's standard deviations."""
+    middle = np.median(campaigns, axis=0)
+    spread = np.median(np.abs(campaigns - middle), axis=0) / 0.6745
+    return middle, np.where(spread > 0, spread, otherwise)
 
 
 def confusion(attribution: Attribution) -> Float[np.ndarray, "truth told"]:
@@ -179,9 +179,7 @@ class Whitening:
     """
 
     def __init__(self, campaigns: Table) -> None:
-        self._middle = np.median(campaigns, axis=0)
-        spread = np.median(np.abs(campaigns - self._middle), axis=0) / 0.6745
-        self._scale = np.where(spread > 0, spread, np.std(campaigns, axis=0) + 1e-9)
+        self._middle, self._scale = _robust_scale(campaigns, np.std(campaigns, axis=0) + 1e-9)
         standard = np.clip(self._standard(campaigns), -_CLIP, _CLIP)
         values, vectors = np.linalg.eigh(np.cov(standard, rowvar=False) + 1e-3 * np.eye(campaigns.shape[1]))
         self._rotation = vectors / np.sqrt(values)
@@ -305,54 +303,44 @@ def judge(
     # Interleaved, so that any part of the table holds all causes alike.
     campaigns = campaigns.assign(code=order).sort_values(["batch", "campaign", "code"], kind="stable")
     values = _compared(campaigns, joint)
-    at = np.array([observed[name] for name in joint])
-    attribution = attribute(values, campaigns["code"].to_numpy(), _scaled(at, joint), seed)
-    rows = [
-        _row(name, campaigns[campaigns["cause"] == name], observed, joint, specification) for name in names
-    ]
-    table = pd.DataFrame(rows)
-    table.insert(4, "probability", attribution.probability)
-    table.insert(5, "probability_error", attribution.error)
+    at = _compared(pd.DataFrame([observed]), joint)[0]
+    attribution = attribute(values, campaigns["code"].to_numpy(), at, seed)
+    tables = [campaigns[campaigns["cause"] == name] for name in names]
+    causes = pd.DataFrame([_row(table, observed, joint, specification) for table in tables])
+    causes.insert(4, "probability", attribution.probability)
+    causes.insert(5, "probability_error", attribution.error)
+    compared = ["yes" if name in joint else "no" for name in observed]
+    mean_probability = pd.DataFrame(confusion(attribution), columns=names)
+    mean_probability.insert(0, "truth", names)
     return Verdict(
-        causes=table,
+        causes=causes,
         predictive=_predictive(campaigns, names, list(observed)),
         observed=pd.DataFrame(
-            {
-                "statistic": list(observed),
-                "value": list(observed.values()),
-                "compared": ["yes" if name in joint else "no" for name in observed],
-            }
+            {"statistic": list(observed), "value": list(observed.values()), "compared": compared}
         ),
-        confusion=_confusion(attribution, names),
-        reliability=pd.DataFrame(
-            reliability(attribution),
-            columns=["probability", "right", "cases"],
-        ),
+        confusion=mean_probability,
+        reliability=pd.DataFrame(reliability(attribution), columns=["probability", "right", "cases"]),
         log_score=(attribution.log_score, -float(np.log(len(names)))),
     )
 
 
 def _compared(campaigns: pd.DataFrame, joint: Sequence[str]) -> np.ndarray:
-    values = _scaled(campaigns[list(joint)].to_numpy(float), joint)
+    """The statistics ``joint``: positive sizes on a logarithmic scale, and NaN for what has no number."""
+    values, is_size = campaigns[list(joint)].to_numpy(float), np.array([name in SIZES for name in joint])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        values = np.where(is_size, np.log(np.where(is_size, values, 1.0)), values)
     return np.where(np.isfinite(values), values, np.nan)
 
 
-def _scaled(values: np.ndarray, joint: Sequence[str]) -> np.ndarray:
-    """Positive sizes on a logarithmic scale; everything else as it is."""
-    is_size = np.array([name in SIZES for name in joint])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(is_size, np.log(np.where(is_size, values, 1.0)), values)
-
-
 def _row(
-    name: str,
     campaigns: pd.DataFrame,
     observed: Mapping[str, float],
     joint: Sequence[str],
     specification: CausesSpecification,
 ) -> dict[str, object]:
-    values = _compared(campaigns, joint)
-    at = _scaled(np.array([observed[statistic] for statistic in joint]), joint)
+    """What the campaigns of one cause say of it."""
+    name = campaigns["cause"].iloc[0]
+    values, at = _compared(campaigns, joint), _compared(pd.DataFrame([observed]), joint)[0]
     complete = int(np.isfinite(values).all(axis=1).sum())
     single = {
         f"p_{statistic}": two_sided(campaigns[statistic].to_numpy(float), observed[statistic])
@@ -394,17 +382,9 @@ def _nearest(campaigns: pd.DataFrame, near: np.ndarray) -> str:
 
 
 def _predictive(campaigns: pd.DataFrame, names: Sequence[str], statistics: Sequence[str]) -> pd.DataFrame:
+    points = [f"q{100 * level:02.0f}" for level in LEVELS]
     rows = []
     for name in names:
         simulated = campaigns[campaigns["cause"] == name]
-        for statistic in statistics:
-            quantiles = simulated[statistic].quantile(list(LEVELS))
-            points = {f"q{100 * level:02.0f}": q for level, q in zip(LEVELS, quantiles, strict=True)}
-            rows.append({"cause": name, "statistic": statistic, **points})
-    return pd.DataFrame(rows)
-
-
-def _confusion(attribution: Attribution, names: Sequence[str]) -> pd.DataFrame:
-    table = pd.DataFrame(confusion(attribution), columns=list(names))
-    table.insert(0, "truth", list(names))
-    return table
+        rows += [(name, statistic, *simulated[statistic].quantile(list(LEVELS))) for statistic in statistics]
+    return pd.DataFrame(rows, columns=["cause", "statistic", *points])

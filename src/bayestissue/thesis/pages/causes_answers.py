@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +14,12 @@ from bayestissue.report.wording import likelihood_words, listed, number, probabi
 from bayestissue.results import read_tables
 from bayestissue.results.tables import wrong_in
 from bayestissue.thesis.causes.design import LEVEL, WORDS
+from bayestissue.thesis.causes.specification import MECHANISMS
 
 _AGAIN = "Make the run anew with `bayestissue causes`."
 _TABLES = ("causes", "predictive", "observed", "confusion", "causes/reliability")
-# Causes that lie in how K was found, and not in what was hit.
-_OF_METHOD = ("none", "centring", "conversion", "fixed window", "own time", "velocity")
+# What lies in how K was found, and not in what was hit.
+_OF_METHOD = [name for name, entry in MECHANISMS.items() if entry["lies_in"] == "method"]
 
 
 @dataclass(frozen=True)
@@ -71,23 +73,6 @@ def read_causes_run(folder: Path, record: dict[str, Any]) -> CausesRun:
 
 _CONFUSED = 0.2
 _GRAVITY = 9.80665
-# How each mechanism makes K look as it does.
-_HOW = {
-    "none": "the estimates then scatter as they do by chance",
-    "centring": "a fit about the window’s own mean takes part of the motion for the rest position",
-    "conversion": "the conversion from the discrete to the continuous model then goes astray",
-    "fixed window": "a fit about its own mean then takes its natural frequency from the window, which is the "
-    "same for every mass, and K = Mωₙ² is the mass rescaled",
-    "own time": "every impact then gets the natural frequency of its window, the same for every mass, and "
-    "K = Mωₙ² is the mass rescaled",
-    "velocity": "the displacement is then integrated from a wrong start, up to a wrong moment",
-    "active": "the tissue itself is then stiffer under harder blows",
-    "stiffening": "a heavier blow then goes deeper, where the tissue is stiffer",
-    "wall": "a heavier blow then comes nearer to the bone",
-    "maxwell": "one spring and damper side by side then stand for tissue that they are not",
-    "standard linear": "one spring and damper side by side then stand for tissue that they are not",
-}
-
 Row = dict[Any, Any]
 
 
@@ -145,17 +130,14 @@ def _method_or_tissue(run: CausesRun, best: Row) -> list[str]:
             f"That needs no cause: “{fixed['title']}” makes such numbers (p {_relation(fixed)}, posterior "
             f"probability {_probability(fixed)})."
         ]
-    how = f"“{best['title']}” ({_probability(best)}): {_HOW[run.mechanism(best['cause'])]}."
-    in_method = float(run.causes.loc[run.in_method, "probability"].sum())
-    if in_method >= 0.5:
-        where = f"{likelihood_words(in_method)} lies in how K was found and not in the tissue"
-        share = in_method
-    else:
-        where = f"{likelihood_words(1 - in_method)} lies in the tissue and not in how K was found"
-        share = 1 - in_method
+    how = f"“{best['title']}” ({_probability(best)}): {MECHANISMS[run.mechanism(best['cause'])]['how']}."
+    share = float(run.causes.loc[run.in_method, "probability"].sum())
+    places = ["how K was found", "the tissue"]
+    if share < 0.5:
+        share, places = 1 - share, places[::-1]
     return [
-        f"If one of the {len(run.causes)} proposed causes made that, it {where} (posterior probability "
-        f"{probability(share)}).",
+        f"If one of the {len(run.causes)} proposed causes made that, it {likelihood_words(share)} lies in "
+        f"{' and not in '.join(places)} (posterior probability {probability(share)}).",
         f"The likeliest is {how}",
     ]
 
@@ -208,11 +190,9 @@ def confused_pairs(run: CausesRun) -> list[tuple[str, str]]:
     """Pairs of causes that these statistics confuse: each gives the other a fifth of its probability."""
     table: pd.DataFrame = run.confusion.set_index("truth")
     titles = run.causes.set_index("cause")["title"]
-    names = list(table.index)
     return [
         (str(titles[a]), str(titles[b]))
-        for i, a in enumerate(names)
-        for b in names[i + 1 :]
+        for a, b in combinations(table.index, 2)
         if min(float(table.loc[a, b]), float(table.loc[b, a])) > _CONFUSED
     ]
 
@@ -220,11 +200,8 @@ def confused_pairs(run: CausesRun) -> list[tuple[str, str]]:
 def confusion_words(run: CausesRun) -> str:
     """Which causes can't be told from each other; empty if all can."""
     named = "; ".join(f"“{a}” and “{b}”" for a, b in confused_pairs(run))
-    return (
-        f"These look alike, and no such table of estimates can tell one from the other: {named}."
-        if named
-        else ""
-    )
+    words = "These look alike, and no such table of estimates can tell one from the other"
+    return f"{words}: {named}." if named else ""
 
 
 def _hindsight(run: CausesRun) -> str:
@@ -232,12 +209,8 @@ def _hindsight(run: CausesRun) -> str:
     best, *others = run.causes.sort_values("probability", ascending=False).to_dict("records")
     if not others or not run.record["model"]["causes"][best["cause"]].get("after_the_fact"):
         return ""
-    other_probability = sum(float(row["probability"]) for row in others)
-    share = (
-        f", with {probability(others[0]['probability'] / other_probability)} of what is left"
-        if other_probability > 0
-        else ""
-    )
+    left = sum(float(row["probability"]) for row in others)
+    share = f", with {probability(others[0]['probability'] / left)} of what is left" if left > 0 else ""
     return (
         f"How probable “{best['title']}” was beforehand: it was proposed, and its ranges set, with these "
         f"numbers in view. Without it the likeliest is “{others[0]['title']}” "

@@ -110,15 +110,12 @@ def statistics_table(run: CausesRun) -> Table:
 
 def p_table(run: CausesRun) -> Table:
     """The p-value of every statistic under every cause."""
-    names = list(run.causes["cause"])
-    rows = []
-    for statistic in run.statistics:
-        cells = [number(value, 3) for value in run.causes[f"p_{statistic}"]]
-        rows.append(Row((WORDS[statistic], significant(run.value(statistic)), *cells)))
-    heads = [short(name) for name in names]
-    return Table(
-        columns("statistic", "observed", *heads, number=("observed", *heads), words=("statistic",)), rows
-    )
+    rows = [
+        Row((WORDS[name], significant(run.value(name)), *(number(p, 3) for p in run.causes[f"p_{name}"])))
+        for name in run.statistics
+    ]
+    numbers = ("observed", *map(short, run.causes["cause"]))
+    return Table(columns("statistic", *numbers, number=numbers, words=("statistic",)), rows)
 
 
 def confusion_table(run: CausesRun) -> Table:
@@ -129,7 +126,7 @@ def confusion_table(run: CausesRun) -> Table:
         cells = [number(row[name], 2) if row[name] >= 0.005 else "" for name in names]
         cells[names.index(row["truth"])] = Markup("<b>{}</b>").format(number(row[row["truth"]], 2))
         rows.append(Row((short(row["truth"]), *cells)))
-    heads = [short(name) for name in names]
+    heads = list(map(short, names))
     return Table(columns("made by", *heads, number=heads), rows)
 
 

@@ -77,23 +77,14 @@ def posterior_mass_figure(run: PublishedRun, quantity: str, line: tuple[float, f
     mass, trials = run.constant("mass_kg"), run.labels("trial")
     curve = mass_curve(run, quantity, mass, run.reference_mass)
     if line is not None:
-        printed = line[0] + line[1] * curve["mass_kg"]
-        curve[_THESIS] = printed.where(printed > 0)
+        straight = line[0] + line[1] * curve["mass_kg"]
+        curve[_THESIS] = straight.where(straight > 0)
     lost = [str(trial) for trial in np.asarray(run.groups["observed_data"].get("averaged_trial", []))]
     averages = []
     if lost:
-        average, sd = run.observed(f"{quantity}_average"), run.observed(f"{quantity}_sd")
-        averages.append(
-            pd.DataFrame(
-                {
-                    "mass_kg": mass[[trials.index(trial) for trial in lost]],
-                    "value": average,
-                    "low": average - sd,
-                    "high": average + sd,
-                    "kind": "mean ± sd, rows lost",
-                }
-            )
-        )
+        value, sd = run.observed(f"{quantity}_average"), run.observed(f"{quantity}_sd")
+        printed = {"value": value, "low": value - sd, "high": value + sd, "kind": "mean ± sd, rows lost"}
+        averages.append(pd.DataFrame({"mass_kg": mass[[trials.index(trial) for trial in lost]], **printed}))
     return over_mass(
         _impacts(run).assign(**{COLUMNS[quantity]: run.observed(f"{quantity}_observed")}),
         quantiles(run.draws(f"{quantity}_trial"), trials).assign(mass_kg=mass),
@@ -129,8 +120,8 @@ def shrinkage_figure(run: PublishedRun, quantity: str) -> Figure:
     rows = _impacts(run).assign(
         published=published, posterior=median, low=low, high=high, kind="person in that condition"
     )
-    ends = np.array([published.min(), published.max()])
-    lines = {"taken at its word": ends, "given up": (0.0, 0.0)}
+    ends = [published.min(), published.max()]
+    lines = pd.DataFrame({"published": ends * 2, "posterior": [*ends, 0.0, 0.0]})
     return study.points(
         rows,
         number("published", f"published {quantity}, off a typical person's in the condition (%)"),
@@ -138,10 +129,7 @@ def shrinkage_figure(run: PublishedRun, quantity: str) -> Figure:
         f"Posterior deviation of {NAMES[quantity]} from a typical person's in its condition, with 90 % "
         "intervals, over the published deviation of the same impact. Points on the dashed line keep the "
         "published value; points on the level line give it up.",
-        lines=pd.concat(
-            pd.DataFrame({"published": ends, "posterior": values, "line": line})
-            for line, values in lines.items()
-        ),
+        lines=lines.assign(line=np.repeat(["taken at its word", "given up"], 2)),
     )
 
 

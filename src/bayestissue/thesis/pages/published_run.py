@@ -155,25 +155,23 @@ def agreement(run: PublishedRun) -> dict[str, int]:
 
 def reproduction_table(run: PublishedRun) -> Table:
     """Every published number beside the recomputed one."""
-    rows = []
-    for line in lines(run.reproduction):
-        answer = str(line.agrees).lower()
-        kind, words = _AGREES.get(answer, _AGREES[""])
-        if answer == "" and line.reproduced:
-            words = "not printed"
-        shown = _shortened(str(line.reproduced))
-        rows.append(
-            Row(
-                (line.table, line.row, line.quantity, line.published, shown, tag(kind, words), line.note),
-                "disagrees" if answer == "false" else "",
-            )
-        )
-    titles = columns(
-        *("table", "row", "quantity", "published", "reproduced", "agrees", "note"),
-        number=("published", "reproduced"),
-        words=("quantity", "note"),
+    return table_of(
+        lines(run.reproduction),
+        Field("table", lambda line: line.table),
+        Field("row", lambda line: line.row),
+        Field("quantity", lambda line: line.quantity, "words"),
+        Field("published", lambda line: line.published, "number"),
+        Field("reproduced", lambda line: _shortened(str(line.reproduced)), "number"),
+        Field("agrees", _agreement_tag),
+        Field("note", lambda line: line.note, "words"),
+        mark=lambda line: "disagrees" if str(line.agrees).lower() == "false" else "",
     )
-    return Table(titles, rows)
+
+
+def _agreement_tag(line: Any) -> str:
+    answer = str(line.agrees).lower()
+    kind, words = _AGREES.get(answer, _AGREES[""])
+    return tag(kind, "not printed" if answer == "" and line.reproduced else words)
 
 
 def _shortened(text: str) -> str:
@@ -198,9 +196,3 @@ def findings(run: PublishedRun) -> list[dict[str, Any]]:
         row["anchor"] = f"finding-{position}"
         row["tag"] = tag("note-level" if severity == "note" else severity, severity)
     return rows
-
-
-def findings_by_severity(run: PublishedRun) -> dict[str, list[dict[str, Any]]]:
-    """`findings` under "major", "minor" and "note"; a severity without findings is left out."""
-    groups = {name: [line for line in findings(run) if line["severity"] == name] for name in _SEVERITIES}
-    return {name: group for name, group in groups.items() if group}

@@ -107,12 +107,9 @@ def competing_designs(
     Raises:
         InputError: see `build_design`.
     """
-    return {
-        name: published_design(
-            observations, specification, formulas=Formulas(K=formula, C=formula), source=source
-        )
-        for name, formula in specification.comparison.formulas.items()
-    }
+    designed = partial(published_design, observations, specification, source=source)
+    formulas = specification.comparison.formulas
+    return {name: designed(formulas=Formulas(K=formula, C=formula)) for name, formula in formulas.items()}
 
 
 def analyse(

@@ -16,7 +16,6 @@ from numpyro.distributions import constraints
 from numpyro.distributions.util import validate_sample
 
 from bayestissue.dataset.published import PublishedTables
-from bayestissue.errors import InputError, Problem
 from bayestissue.hierarchy.design import Design, build_design
 from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
@@ -169,12 +168,9 @@ class PublishedObservations:
     @property
     def impacts(self) -> list[str]:
         """A label for each surviving estimate, such as ``t08-s01``."""
-        return [
-            f"t{int(trial):02d}-{subject}"
-            for trial, subject in self.cells.loc[self.impact_cell, ["trial", "subject"]].itertuples(
-                index=False
-            )
-        ]
+        cells = self.cells.loc[self.impact_cell]
+        pairs = zip(cells["trial"], cells["subject"], strict=True)
+        return [f"t{int(trial):02d}-{subject}" for trial, subject in pairs]
 
     @property
     def averaged_trials(self) -> list[str]:
@@ -183,14 +179,8 @@ class PublishedObservations:
 
 
 def published_observations(published: PublishedTables) -> PublishedObservations:
-    """Arrange the published tables for the model; no row is invented for a lost table.
-
-    Raises:
-        InputError: an estimate or average that is not above zero, whose logarithm does not exist.
-    """
-    estimates = published.estimates
-    averages = published.averages
-    _require_positive(published)
+    """Arrange the published tables for the model; no row is invented for a lost table."""
+    estimates, averages = published.estimates, published.averages
     conditions = averages.drop_duplicates("trial").sort_values("trial")
     subjects = np.sort(estimates["subject"].unique())
     columns = ["trial", "energy_J", "velocity_m_s", "mass_kg"]
@@ -212,26 +202,6 @@ def published_observations(published: PublishedTables) -> PublishedObservations:
         averaged.reshape(len(lost), len(subjects)),
         np.concatenate([means, roots]).T,
     )
-
-
-def _require_positive(published: PublishedTables) -> None:
-    problems = [
-        Problem.stated(
-            "published-table.positive",
-            f"{name}.csv",
-            int(position) + 2,
-            column,
-            float(frame[column].iloc[position]),
-        )
-        for name, frame, columns in (
-            ("estimates", published.estimates, ("mass_kg", "K", "C")),
-            ("averages", published.averages, ("mass_kg", "average", "sd")),
-        )
-        for column in columns
-        for position in np.flatnonzero(~(frame[column].to_numpy(float) > 0))
-    ]
-    if problems:
-        raise InputError(problems)
 
 
 def published_design(

@@ -21,10 +21,9 @@ from bayestissue.inference.execution.compiling import by_row
 from bayestissue.inference.posterior.correction import Correction
 from bayestissue.inference.samplers.coordinates import (
     Coordinates,
-    covariance_about,
+    coordinates_about,
     find_mode,
     unwarped,
-    warp_about,
 )
 from bayestissue.inference.samplers.independence import POINTS, independence_chains, log_densities
 from bayestissue.inference.samplers.nuts import Start, run_chains
@@ -121,7 +120,7 @@ def sample_chains(
     By independent proposals: in coordinates that may have been made for other data, or else in the data's
     own; trajectories where both miss part of the posterior.
     """
-    for proposal in (lambda: coordinates, lambda: coordinates_about(model, data)):
+    for proposal in (lambda: coordinates, lambda: own_coordinates(model, data)):
         proposed = proposal()
         target = (model, data, proposed.warp)
         chains = independence_chains(marginal_model, target, COORDINATES, proposed.covariance, settings, seed)
@@ -227,16 +226,13 @@ def approximated(model: EstimatesModel, data: EstimatesData, seed: int) -> tuple
         mode = find_mode(model, model.hyperparameters, _Finder(model, data).at, mode)
         drawn = draw_all(model, data, np.repeat(mode[None], len(z), axis=0), z)
         data = data._replace(scatter=drawn.scatter.mean(0))
-    return data, coordinates_about(model, data, mode)
+    return data, own_coordinates(model, data, mode)
 
 
-def coordinates_about(
+def own_coordinates(
     model: EstimatesModel, data: EstimatesData, near: Float[np.ndarray, " hyperparameter"] | None = None
 ) -> Coordinates:
     """Coordinates about the posterior mode, which is sought from ``near`` on."""
     finder = _Finder(model, data)
     mode = find_mode(model, model.hyperparameters, finder.at, near)
-    scale = np.sqrt(np.diagonal(covariance_about(lambda y: finder.at(y)[1], mode)))
-    warp = warp_about(finder.densities, mode, scale)
-    covariance = covariance_about(lambda y: finder.at(y, warp)[1], np.zeros(len(mode)))
-    return Coordinates(model.hyperparameters, warp, covariance)
+    return coordinates_about(model.hyperparameters, finder.at, mode, finder.densities)

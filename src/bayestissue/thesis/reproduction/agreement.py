@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import pandas as pd
+
 # Far below any printed digit, far above the rounding error of a sum of ninety float64 numbers.
 _FLOAT_ERROR = 1e-9
 
@@ -94,6 +96,11 @@ def line(table: str, row: int, quantity: str, printed: str, recomputed: Recomput
     return Line(
         table, row, quantity, printed, reproduced, agreed, "; ".join(filter(None, [*notes, recomputed.note]))
     )
+
+
+def line_of(row: pd.Series, column: str, quantity: str, recomputed: Recomputed) -> Line:
+    """The `line` of the number that a ``row`` of a published table has in ``column``."""
+    return line(row["table"], int(row["row"]), quantity, row[f"{column}_text"], recomputed)
 
 
 def _difference(printed: str, value: float, rounding: float) -> str:

@@ -145,37 +145,27 @@ class Evidence:
             f"and range of the lost trials put it between {extreme.low:.3f} and {extreme.high:.3f}",
         )
 
-    def ends_of_impacts(self) -> tuple[Recomputed, Recomputed]:
-        """Smallest and largest impact; where one isn't decided, the text's, if that is possible at all."""
-        ends = []
-        for name, bounds in _EXTREMES.items():
-            extreme, note = bounds(self.table), ""
-            value: float | None = extreme.low
-            if not extreme.decided:
-                value = self._possible_claim(name, extreme)
-                note = (
-                    f"the {name} is lost, and the text gives none that is possible"
-                    if value is None
-                    else f"the {name} is the {value:g} of the text, since its impact is lost"
-                )
-            ends.append(Recomputed(value, self.rounding, note))
-        return ends[0], ends[1]
+    def possible_end_of_impacts(self, name: str) -> Recomputed:
+        """The same; where it isn't decided, the text's, if that is possible at all."""
+        extreme, claims = _EXTREMES[name](self.table), self.published.claims
+        if extreme.decided:
+            return Recomputed(extreme.low, self.rounding)
+        values = claims["value"][(claims["quantity"] == self.quantity) & (claims["statistic"] == name)]
+        possible = values[values.between(extreme.low, extreme.high)]
+        if possible.empty:
+            return Recomputed(None, note=f"the {name} is lost, and the text gives none that is possible")
+        value = float(possible.iloc[0])
+        note = f"the {name} is the {value:g} of the text, since its impact is lost"
+        return Recomputed(value, self.rounding, note)
 
-    def _possible_claim(self, statistic: str, extreme: Extreme) -> float | None:
-        claims = self.published.claims
-        values = claims["value"][(claims["quantity"] == self.quantity) & (claims["statistic"] == statistic)]
-        return next((float(value) for value in values if extreme.low <= value <= extreme.high), None)
-
-    def ends_of_averages(self) -> tuple[Recomputed, Recomputed]:
-        """Smallest and largest average of a condition."""
+    def end_of_averages(self, name: str) -> Recomputed:
+        """The smallest or largest average of a condition."""
         rows = self.table.reset_index()
-        return _average(rows.iloc[rows["average"].argmin()]), _average(rows.iloc[rows["average"].argmax()])
-
-
-def _average(condition: pd.Series) -> Recomputed:
-    lost = f"the average of trial {condition['trial']} as printed: its impacts are lost"
-    note = "" if condition["from_rows"] else lost
-    return Recomputed(float(condition["average"]), float(condition["average_rounding"]), note)
+        average = rows["average"]
+        condition = rows.iloc[average.argmin() if name == "minimum" else average.argmax()]
+        lost = f"the average of trial {condition['trial']} as printed: its impacts are lost"
+        note = "" if condition["from_rows"] else lost
+        return Recomputed(float(condition["average"]), float(condition["average_rounding"]), note)
 
 
 def _variance(evidence: Evidence) -> Recomputed:
@@ -186,9 +176,9 @@ def _variance(evidence: Evidence) -> Recomputed:
     return Recomputed(squares / degrees, (2 * np.sqrt(squares) * error + error**2) / degrees)
 
 
-def _of_ends(rule: Callable[[Rounded, Rounded], Rounded], ends: tuple[Recomputed, Recomputed]) -> Recomputed:
+def _of_ends(rule: Callable[[Rounded, Rounded], Rounded], end: Callable[[str], Recomputed]) -> Recomputed:
     """What follows from a smallest and a largest number, where both are known."""
-    low, high = ends
+    low, high = end("minimum"), end("maximum")
     note = "; ".join(filter(None, (low.note, high.note)))
     if low.value is None or high.value is None:
         return Recomputed(None, note=note)
@@ -225,12 +215,12 @@ _STATISTICS: dict[str, Callable[[Evidence], Recomputed]] = {
     "variance": _variance,
     "minimum": lambda evidence: evidence.end_of_impacts("minimum"),
     "maximum": lambda evidence: evidence.end_of_impacts("maximum"),
-    "range": lambda evidence: _of_ends(difference, evidence.ends_of_impacts()),
-    "ratio of maximum to minimum": lambda evidence: _of_ends(ratio, evidence.ends_of_impacts()),
-    "minimum of trial averages": lambda evidence: evidence.ends_of_averages()[0],
-    "maximum of trial averages": lambda evidence: evidence.ends_of_averages()[1],
-    "range of trial averages": lambda evidence: _of_ends(difference, evidence.ends_of_averages()),
-    "ratio of trial averages": lambda evidence: _of_ends(ratio, evidence.ends_of_averages()),
+    "range": lambda evidence: _of_ends(difference, evidence.possible_end_of_impacts),
+    "ratio of maximum to minimum": lambda evidence: _of_ends(ratio, evidence.possible_end_of_impacts),
+    "minimum of trial averages": lambda evidence: evidence.end_of_averages("minimum"),
+    "maximum of trial averages": lambda evidence: evidence.end_of_averages("maximum"),
+    "range of trial averages": lambda evidence: _of_ends(difference, evidence.end_of_averages),
+    "ratio of trial averages": lambda evidence: _of_ends(ratio, evidence.end_of_averages),
     "number of variables significantly correlated": _significantly_correlated,
     "number of variables in the final stepwise model": _in_final_model,
     "highest correlations with mass as a component": _with_mass_among_highest,
@@ -258,21 +248,19 @@ def claim_lines(published: PublishedTables) -> list[Line]:
 
 
 def _design(statistic: str, published: PublishedTables, table: pd.DataFrame) -> Recomputed:
-    left = f"{len(published.estimates)} of them remain"
-    names = published.stepwise["variable"]
-    known: dict[str, tuple[float, str]] = {
-        "number of trials": (len(table), ""),
-        "number of subjects": (published.estimates["subject"].nunique(), ""),
-        "number of estimates": (table["impacts"].sum(), left),
-        "number of variables available to the stepwise analysis": (
-            names.map(factors).nunique(),
-            f"Table 5.17 lists {names.nunique()} names, of which equal products are counted once",
-        ),
-    }
-    if statistic not in known:
-        return Recomputed(None, note=_NO_RULE)
-    value, note = known[statistic]
-    return Recomputed(float(value), note=note)
+    match statistic:
+        case "number of trials":
+            return Recomputed(float(len(table)))
+        case "number of subjects":
+            return Recomputed(float(published.estimates["subject"].nunique()))
+        case "number of estimates":
+            left = f"{len(published.estimates)} of them remain"
+            return Recomputed(float(table["impacts"].sum()), note=left)
+        case "number of variables available to the stepwise analysis":
+            names = published.stepwise["variable"]
+            listed = f"Table 5.17 lists {names.nunique()} names, of which equal products are counted once"
+            return Recomputed(float(names.map(factors).nunique()), note=listed)
+    return Recomputed(None, note=_NO_RULE)
 
 
 def _hint(claim: pd.Series, claims: pd.DataFrame, recomputed: Recomputed) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from bayestissue.dataset.published import PublishedTables
-from bayestissue.thesis.reproduction.agreement import Line, Recomputed, half_unit, line
+from bayestissue.thesis.reproduction.agreement import Line, Recomputed, half_unit, line_of
 
 Quantity = Literal["K", "C"]
 QUANTITIES: tuple[Quantity, ...] = ("K", "C")
@@ -129,43 +129,27 @@ def summary_lines(published: PublishedTables) -> list[Line]:
     for quantity in QUANTITIES:
         table = conditions(published, quantity)
         if quantity == QUANTITIES[0]:
-            lines += _mass_lines(table)
-        for trial, condition in table.iterrows():
             lines += [
-                line(
-                    condition["table"],
-                    condition["row"],
-                    f"{label} of {quantity}, trial {trial}",
-                    condition[f"{name}_text"],
-                    _summary(condition, name, f"the impacts of trial {trial} are lost"),
-                )
-                for name, label in _NAMES.items()
+                line_of(condition, "mass_kg", f"mass, trial {trial}", _mass(condition))
+                for trial, condition in table.iterrows()
             ]
+        lines += [
+            line_of(condition, name, f"{label} of {quantity}, trial {trial}", _summary(condition, name))
+            for trial, condition in table.iterrows()
+            for name, label in _NAMES.items()
+        ]
     return lines
 
 
-def _summary(condition: pd.Series, name: str, lost: str) -> Recomputed:
+def _summary(condition: pd.Series, name: str) -> Recomputed:
     if not condition["from_rows"]:
-        return Recomputed(None, note=lost)
+        return Recomputed(None, note=f"the impacts of trial {condition.name} are lost")
     repeated = name == "sd" and condition["sd_text"] == condition["range_text"]
     return Recomputed(
         condition[name],
         rounding=condition[f"{name}_rounding"],
         hint="repeats the range printed beside it" if repeated else "",
     )
-
-
-def _mass_lines(table: pd.DataFrame) -> list[Line]:
-    return [
-        line(
-            condition["table"],
-            condition["row"],
-            f"mass, trial {trial}",
-            condition["mass_kg_text"],
-            _mass(condition),
-        )
-        for trial, condition in table.iterrows()
-    ]
 
 
 def _mass(condition: pd.Series) -> Recomputed:

@@ -13,7 +13,7 @@ from statsmodels.regression.linear_model import OLS
 from statsmodels.tools.tools import add_constant
 
 from bayestissue.dataset.published import PublishedTables
-from bayestissue.thesis.reproduction.agreement import Line, Recomputed, half_unit, line
+from bayestissue.thesis.reproduction.agreement import Line, Recomputed, half_unit, line, line_of
 from bayestissue.thesis.reproduction.conditions import (
     NEVER_TABULATED,
     NEVER_VARIES,
@@ -94,13 +94,14 @@ def correlation_lines(published: PublishedTables) -> list[Line]:
     """Every correlation and p-value of Tables 5.12 to 5.15; the lost Table 5.13 is filled in."""
     tables: dict[str, pd.DataFrame] = {quantity: conditions(published, quantity) for quantity in QUANTITIES}
     lines = []
-    for table, quantity in ALL_IMPACTS.items():
-        rows = variables_of_all_impacts(published, quantity)
-        lines += [line for _, row in rows.iterrows() for line in _impact_lines(table, row, tables[quantity])]
+    for quantity in ALL_IMPACTS.values():
+        for _, row in variables_of_all_impacts(published, quantity).iterrows():
+            lines += _impact_lines(row, tables[quantity])
     averaged = published.correlations[~published.correlations["table"].isin(ALL_IMPACTS)]
     for _, row in averaged.iterrows():
+        name = f"correlation of {row['quantity']} with {row['variable']}, averages"
         recomputed = correlation_of_averages(row["variable"], tables[row["quantity"]])
-        lines.append(_correlation_line(row, recomputed))
+        lines.append(line_of(row, "correlation", name, recomputed))
     return lines
 
 
@@ -152,24 +153,24 @@ def correlation_figure(published: PublishedTables, quantity: Quantity, *, averag
     return shown.sort_values("absolute", ascending=False, kind="stable", ignore_index=True)
 
 
-def _impact_lines(table: str, row: pd.Series, condition: pd.DataFrame) -> list[Line]:
-    recomputed = correlation_of_impacts(row["variable"], condition)
-    n = float(condition["impacts"].sum())
-    if table == "5.13":
-        said = row["correlation_text"]
-        source = f"{_LOST_TABLE}; {'section 5.3 prints this number' if said else 'no number is printed'}"
-        recomputed = replace(recomputed, note="; ".join(filter(None, [source, recomputed.note])))
-    if recomputed.value is None:
-        return [
-            _correlation_line(row, recomputed),
-            _p_line(row, Recomputed(None, note=_p_note(row, recomputed, n))),
-        ]
-    p = p_value(recomputed.value, n)
-    # p falls as |r| grows, so the ends of r's interval give the ends of p's.
-    nearer_zero = max(abs(recomputed.value) - recomputed.rounding, 0.0)
-    rounding = p_value(nearer_zero, n) - p
-    note = _LOST_TABLE if table == "5.13" else ""
-    return [_correlation_line(row, recomputed), _p_line(row, Recomputed(p, rounding=rounding, note=note))]
+def _impact_lines(row: pd.Series, table: pd.DataFrame) -> list[Line]:
+    """A correlation over all impacts, and its p-value."""
+    r, n, lost = correlation_of_impacts(row["variable"], table), float(table["impacts"].sum()), ""
+    if row["table"] == "5.13":
+        said, lost = row["correlation_text"], _LOST_TABLE
+        source = f"{lost}; {'section 5.3 prints this number' if said else 'no number is printed'}"
+        r = replace(r, note="; ".join(filter(None, [source, r.note])))
+    if r.value is None:
+        p = Recomputed(None, note=_p_note(row, r, n))
+    else:
+        # p falls as |r| grows, so the ends of r's interval give the ends of p's.
+        value, highest = p_value(r.value, n), p_value(max(abs(r.value) - r.rounding, 0.0), n)
+        p = Recomputed(value, rounding=highest - value, note=lost)
+    name = f"of {row['quantity']} with {row['variable']}, all impacts"
+    return [
+        line_of(row, "correlation", f"correlation {name}", r),
+        line_of(row, "p_value", f"p-value {name}", p),
+    ]
 
 
 def _p_note(row: pd.Series, recomputed: Recomputed, n: float) -> str:
@@ -182,17 +183,6 @@ def _p_note(row: pd.Series, recomputed: Recomputed, n: float) -> str:
     printed = row["p_value"]
     verdict = "" if least <= printed <= most else f", not {row['p_value_text']}"
     return f"{recomputed.note}; the printed correlation allows {least:.3f} to {most:.3f}{verdict}"
-
-
-def _correlation_line(row: pd.Series, recomputed: Recomputed) -> Line:
-    what = "all impacts" if row["table"] in ALL_IMPACTS else "averages"
-    name = f"correlation of {row['quantity']} with {row['variable']}, {what}"
-    return line(row["table"], int(row["row"]), name, row["correlation_text"], recomputed)
-
-
-def _p_line(row: pd.Series, recomputed: Recomputed) -> Line:
-    name = f"p-value of {row['quantity']} with {row['variable']}, all impacts"
-    return line(row["table"], int(row["row"]), name, row["p_value_text"], recomputed)
 
 
 def _angle(error: float, norm: float) -> float:
@@ -240,12 +230,10 @@ def regression_lines(published: PublishedTables) -> list[Line]:
     for quantity in QUANTITIES:
         printed = published.regressions.query("quantity == @quantity")
         recomputed = _equation(conditions(published, quantity), printed)
+        terms = zip(printed["term"], printed["coefficient_text"], strict=True)
         lines += [
             line(f"equation of {quantity}", row, f"coefficient of {term}", text, recomputed[term])
-            for row, (term, text) in enumerate(
-                zip(printed["term"], printed["coefficient_text"], strict=True), start=1
-            )
-            if term in recomputed
+            for row, (term, text) in enumerate(terms, start=1)
         ]
         text = printed["r_squared_text"].iloc[0]
         lines.append(line(f"equation of {quantity}", len(printed) + 1, "R²", text, recomputed["R²"]))
@@ -276,7 +264,7 @@ def _equation(table: pd.DataFrame, printed: pd.DataFrame) -> dict[str, Recompute
     fit, mass, average = straight_line(table), table["mass_kg"], table["average"]
     error = float(np.linalg.norm(table["average_rounding"]))
     spread = float(np.linalg.norm(mass - mass.mean()))
-    angle = float(np.arcsin(min(1.0, error / np.linalg.norm(average - average.mean()))))
+    angle = _angle(error, float(np.linalg.norm(average - average.mean())))
     extra = [term for term in printed["term"] if term not in ("constant", "Mass")]
     without = f"fitted without {', '.join(extra)}: {NEVER_TABULATED}" if extra else ""
     full = unrounded_mass(table)
