@@ -38,7 +38,6 @@ _WITHOUT_TABLE = ("discrepancy", "atanh_noise_correlation")
 # Draws of one call of `log_evidence_corrections`.
 DRAWS = 64
 _NODES = 9
-_POINTS_A_NODE = 16
 _NORMAL_POINTS, _NORMAL_WEIGHTS = np.polynomial.hermite_e.hermegauss(9)
 _NORMAL_WEIGHTS = _NORMAL_WEIGHTS / _NORMAL_WEIGHTS.sum()
 _LEAST_RATIO = -50.0
@@ -125,32 +124,31 @@ def importance_ratios(
     back = np.argsort(order)
     centre = sites.centre[:, :known]
 
-    def ratio(offset: np.ndarray, points: slice) -> tuple[np.ndarray, np.ndarray]:
+    def ratio(offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """With the tabulated parameters so far from the centre, the others from their conditional."""
-        conditional = normals.at(points)
+        conditional = normals.at(slice(None))
         whole = np.broadcast_to(offset[:, None], (tables, *conditional.shift[0].shape))
-        moved = np.concatenate(
-            [conditional.free_parameters(whole, standard[points, :free].T[..., None]), whole]
-        )
+        moved = np.concatenate([conditional.free_parameters(whole, standard[:, :free].T[..., None]), whole])
         u = centre + np.moveaxis(moved, 0, -1)[..., back]
-        complete = u if grid is None else np.concatenate([u, lasts[points, :, None]], axis=-1)
+        complete = u if grid is None else np.concatenate([u, lasts[..., None]], axis=-1)
         density = log_likelihoods(model, data, complete)
-        of_site = sites.log_density(complete) + of_last[points]
+        of_site = sites.log_density(complete) + of_last
         # Neither infinity less another, where the site fails as well, is a ratio.
         has = np.isfinite(density) & np.isfinite(of_site)
         return u, np.where(has, density - np.where(has, of_site, 0.0), -np.inf)
 
-    u, log_ratio = ratio(references, slice(None))
+    u, log_ratio = ratio(references)
     log_density = np.full(u.shape[:2], -np.inf)
     moved = np.moveaxis((u - centre)[..., order], -1, 0)
     for draw in range(len(standard)):
         log_density = np.logaddexp(log_density, normals.at((draw, None)).log_density(moved))
-    few = slice(None, None, max(1, len(standard) // _POINTS_A_NODE))
     nodes = np.polynomial.chebyshev.chebpts1(_NODES)
 
     def table(number: int) -> TabulatedRatio:
         step = reaches * (np.arange(tables) == number)[:, None]
-        values = np.stack([logsumexp(ratio(references + node * step, few)[1], axis=0) for node in nodes])
+        # By all of the points: some of an even set are not even, and put the table of every impact off by the
+        # same, which adds up in what the impacts share.
+        values = np.stack([logsumexp(ratio(references + node * step)[1], axis=0) for node in nodes])
         # Where no point has any likelihood the polynomial must not be torn by minus infinity. Where none has
         # it all along, the table is level, and the points' own ratios say so.
         values = np.maximum(below_greatest(values), _LEAST_RATIO)
