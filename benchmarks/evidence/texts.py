@@ -54,7 +54,9 @@ def family(function: Callable[[], Named]) -> Callable[[], Named]:
 
 def raw(family: str) -> pd.DataFrame:
     """The raw results of a family's pieces, ``each`` saying which; in the order of evidence.toml."""
-    return pd.concat([piece.rows().assign(each=piece.each) for piece in of_family(family)], ignore_index=True)
+    # A wide table comes in many pieces from its file; a copy is one.
+    tables = [piece.rows().copy().assign(each=piece.each) for piece in of_family(family)]
+    return pd.concat(tables, ignore_index=True)
 
 
 def table(rows: pd.DataFrame, *, words: bool = False) -> str:
