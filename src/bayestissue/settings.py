@@ -9,13 +9,20 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
+from pydantic import BaseModel, ConfigDict
+
 from bayestissue.errors import InputError, Problem
 
 if TYPE_CHECKING:
-    from pydantic import BaseModel
     from pydantic.fields import FieldInfo
 
 _LARGEST = 10_000_000
+
+
+class Table(BaseModel):
+    """A table of a settings file: a key that it does not have is a mistake, and its values stay as read."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 def read_toml(path: Path) -> dict[str, Any]:

@@ -24,9 +24,8 @@ from bayestissue.dataset.tables import TEXT_SUFFIXES
 from bayestissue.errors import InputError, Problem
 from bayestissue.intake.facts import Cells
 from bayestissue.intake.names import Pattern, columns, fills
-from bayestissue.planning.population import Table
-from bayestissue.planning.specification import Positive
-from bayestissue.settings import checked, parse_toml, read_text
+from bayestissue.settings import Table, checked, parse_toml, read_text
+from bayestissue.simulation.specification import Positive
 
 
 class Wanted(Table):

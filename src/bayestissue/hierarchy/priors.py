@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
 
 from bayestissue.hierarchy.formulas.group_terms import GroupTerm
+from bayestissue.settings import Table
 
 Positive = Annotated[float, Field(gt=0)]
 
 
-class _Prior(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+class _Prior(Table):
     _words: ClassVar[str]
 
     def numpyro(self) -> Any:
@@ -75,10 +75,9 @@ class Correlation(_Prior):
 Scale = Annotated[HalfNormal | HalfStudentT, Field(discriminator="distribution")]
 
 
-class Pair[Prior](BaseModel):
+class Pair[Prior](Table):
     """One prior for log K and one for log C."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
     K: Prior
     C: Prior
 
@@ -107,13 +106,12 @@ def half_normal(scale: float) -> HalfNormal:
     return HalfNormal(distribution="half-normal", scale=scale)
 
 
-class ElementPrior(BaseModel):
+class ElementPrior(Table):
     """Of one parameter of a mechanical element besides K and C, on the log scale.
 
     ``log`` is the mean over impacts of its log, ``spread`` the standard deviation between impacts.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
     log: Normal = Field(description="mean over impacts of the log of the parameter.")
     spread: Scale = Field(
         default=half_normal(0.2), description="standard deviation of that log between impacts."
@@ -142,13 +140,11 @@ def term_of_slope(key: str) -> GroupTerm:
     return GroupTerm(term_of_group(grouping).factors, slope.strip())
 
 
-class Priors(BaseModel):
+class Priors(Table):
     """Every prior of the hierarchy; each has a default that a model file may replace.
 
     All are on the log scale of K (N/m) and C (N s/m).
     """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     def __hash__(self) -> int:
         # That of pydantic would ask the mapping of elements for one.
@@ -253,7 +249,7 @@ class Priors(BaseModel):
     def with_further(self, names: Iterable[str]) -> Priors:
         """The same with priors of the effects on further parameters, where the file gives none."""
 
-        def filled(pair: Locations | Scales, default: _Prior) -> BaseModel:
+        def filled(pair: Locations | Scales, default: _Prior) -> Table:
             return pair.model_copy(update=dict.fromkeys(names, default) | pair.__pydantic_extra__)
 
         update: dict[str, Any] = {

@@ -14,17 +14,13 @@ from bayestissue.hierarchy import SIDE_BY_SIDE
 from bayestissue.hierarchy.formulas.formula import group_terms
 from bayestissue.hierarchy.formulas.group_terms import SUBJECT, TRIAL, GroupTerm
 from bayestissue.hierarchy.priors import SD_OF_TERM, ElementPrior, Normal, Priors
-from bayestissue.settings import checked, parse_toml, read_text
+from bayestissue.settings import Table, checked, parse_toml, read_text
 from bayestissue.signal import SignalOptions
 
 Likelihood = Literal["published-estimates", "arma", "a2", "impact"]
 Discrepancy = Literal["automatic", "none", "always"]
 Noise = Literal["white", "autoregressive"]
 REACH_PEAK = ("peak", "rebound")
-
-
-class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 class Formulas(BaseModel):
@@ -56,7 +52,7 @@ class Formulas(BaseModel):
         return tuple(term for term in terms if term not in (SUBJECT, TRIAL))
 
 
-class PracticalEquivalence(_Table):
+class PracticalEquivalence(Table):
     """How near a mass exponent, or a ratio, must be to a hypothesis to count as equal to it in practice."""
 
     mass_exponent: Annotated[float, Field(gt=0, lt=0.5)] = Field(
@@ -68,7 +64,7 @@ class PracticalEquivalence(_Table):
     )
 
 
-class Sampler(_Table):
+class Sampler(Table):
     """The No-U-Turn sampler's settings."""
 
     chains: Annotated[int, Field(ge=2, le=64)] = Field(
@@ -106,7 +102,7 @@ class Sampler(_Table):
         return self.draws * self.thinning
 
 
-class Comparison(_Table):
+class Comparison(Table):
     """Other explanations of the same data: a name and the formula that takes both responses' place."""
 
     formulas: dict[str, str] = Field(
@@ -114,7 +110,7 @@ class Comparison(_Table):
     )
 
 
-class ModelSpecification(_Table):
+class ModelSpecification(Table):
     """A whole model file; see `models/` for commented ones."""
 
     name: Annotated[str, Field(min_length=1)] = Field(

@@ -248,10 +248,10 @@ def _unknown_beliefs(plan: PlanSpecification, designs: Sequence[Design], source:
 
     terms = {term for design in designs for term in design.terms}
     for table, read in (("sd_group", term_of_group), ("sd_slope", term_of_slope)):
-        alike = [term for term in terms if bool(term.slope) == (table == "sd_slope")]
+        terms_of_table = [term for term in terms if bool(term.slope) == (table == "sd_slope")]
         for key in getattr(plan.population, table):
             if read(key) not in terms:
-                yield unknown(table, key, alike)
+                yield unknown(table, key, terms_of_table)
     for q, effects in plan.population.effects.items():
         names = {n for design in designs if q in design.responses for n in design.responses[q].names}
         yield from (unknown(f"effects.{q}", key, names) for key in effects if key not in names)

@@ -16,7 +16,7 @@ from zlib import crc32
 
 import numpy as np
 from jaxtyping import Float, Int
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BeforeValidator, Field
 from scipy import stats
 
 from bayestissue.hierarchy.design import Design
@@ -34,15 +34,10 @@ from bayestissue.hierarchy.priors import (
     term_of_slope,
 )
 from bayestissue.planning.model import PlannedModel
+from bayestissue.settings import Table
 
 # Studies of one block have random numbers of their own, so that more studies leave the first as they are.
 BLOCK = 100
-
-
-class Table(BaseModel):
-    """A table of a settings file, in which every key is known."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 class Known(Table):

@@ -10,11 +10,16 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from bayestissue import runtime
 from bayestissue.dataset.settings import Gravity, RecorderSettings
-from bayestissue.planning.population import BLOCK, Population, Table
-from bayestissue.settings import checked, parse_toml, read_text
-from bayestissue.simulation.specification import Condition, Factor, Recording, require_samples_to_filter
+from bayestissue.planning.population import BLOCK, Population
+from bayestissue.settings import Table, checked, parse_toml, read_text
+from bayestissue.simulation.specification import (
+    Condition,
+    Factor,
+    Positive,
+    Recording,
+    require_samples_to_filter,
+)
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Minutes = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Count = Annotated[int, Field(ge=1)]
 # A recorder of a usual kind, where a plan says nothing of it.

@@ -67,8 +67,8 @@ def side_by_side_figures(
 
 def _parts(posteriors: pd.DataFrame, quantity: str, same_element: bool) -> list[tuple[str, pd.DataFrame]]:
     parts = []
-    own = (f"{quantity}_typical_person", f"{quantity}_new", f"{quantity}_subject")
-    values = own if same_element else (OF_IMPACTS[quantity], _OF_SUBJECT[quantity])
+    of_element = (f"{quantity}_typical_person", f"{quantity}_new", f"{quantity}_subject")
+    values = of_element if same_element else (OF_IMPACTS[quantity], _OF_SUBJECT[quantity])
     for variable in (f"mass_exponent_{quantity}", f"mass_exponent_{quantity}_common_depth", *values):
         rows = posteriors[posteriors["variable"] == variable]
         rows = rows[rows["label"].isin(rows["label"].drop_duplicates()[:MOST_PEOPLE])]

@@ -5,19 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from bayestissue.errors import InputError
-from bayestissue.settings import checked, read_toml
+from bayestissue.settings import Table, checked, read_toml
 
 type FilterClass = Literal["none", 60, 180, 600, 1000]
 type Window = Literal["peak", "rebound"] | Annotated[float, Field(gt=0, le=1)]
 
 
-class SignalOptions(BaseModel):
+class SignalOptions(Table):
     """How x(t) is made from the recorded d(t); the defaults are those of ``models/exact.toml``."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     contact: Literal["automatic", "time-zero", "threshold"] = Field(
         default="automatic",

@@ -9,23 +9,17 @@ import numpy as np
 import pandas as pd
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from bayestissue.dataset.settings import Gravity, RecorderSettings
+from bayestissue.dataset.settings import Finite, Gravity, RecorderSettings, Spread
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, GroupTerm
 from bayestissue.hierarchy.priors import term_of_group, term_of_slope
-from bayestissue.settings import checked, read_toml
+from bayestissue.settings import Table, checked, read_toml
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Spread = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
 _NUMBERS = ("mass_kg", "velocity_m_s", "energy_J")
 _COLUMNS = ("impact", "subject", "trial", *_NUMBERS, "sampling_rate_hz", "diameter_m", "trace")
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class Condition(_Table):
+class Condition(Table):
     """One experimental condition; of energy, velocity and mass two are given, since E = ½MV²."""
 
     trial: Annotated[str, Field(min_length=1)] = Field(description="the name of the condition.")
@@ -55,7 +49,7 @@ class Condition(_Table):
         return 2 * energy / velocity**2, velocity
 
 
-class Factor(_Table):
+class Factor(Table):
     """A further column of the impacts, such as the side that is hit or the session."""
 
     name: Annotated[str, Field(min_length=1)] = Field(description="the name of the column.")
@@ -81,7 +75,7 @@ class Factor(_Table):
         return name
 
 
-class Design(_Table):
+class Design(Table):
     """Who is hit how: every person in every condition, as often as ``repeats`` says."""
 
     conditions: Annotated[tuple[Condition, ...], Field(min_length=1)] | None = Field(
@@ -118,7 +112,7 @@ class Spreads(BaseModel):
     C: Spread = Field(default=0.0, description="of log C.")
 
 
-class Tissue(_Table):
+class Tissue(Table):
     """An element, Kelvin-Voigt unless said: a typical person's K and C, and how they vary.
 
     K and C are at the reference mass:
@@ -186,7 +180,7 @@ class Tissue(_Table):
         return self
 
 
-class Recording(_Table):
+class Recording(Table):
     """The measuring chain. Standard deviations of 0 and an absent ``bits`` mean a perfect one.
 
     What is recorded of mass and velocity is the design's; the true values scatter about it. The recorder
@@ -236,7 +230,7 @@ def require_samples_to_filter(recorder: RecorderSettings | None, recording: Reco
         )
 
 
-class Output(_Table):
+class Output(Table):
     """The trace file."""
 
     traces: Literal["csv", "csv.gz", "parquet"] = Field(
@@ -254,7 +248,7 @@ class Output(_Table):
         return self
 
 
-class Simulation(_Table):
+class Simulation(Table):
     """A whole specification."""
 
     name: Annotated[str, Field(min_length=1)] = Field(description="of the dataset.")

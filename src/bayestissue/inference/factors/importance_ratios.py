@@ -124,9 +124,10 @@ def importance_ratios(
     back = np.argsort(order)
     centre = sites.centre[:, :known]
 
+    conditional = normals.at(slice(None))
+
     def ratio(offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """With the tabulated parameters so far from the centre, the others from their conditional."""
-        conditional = normals.at(slice(None))
         whole = np.broadcast_to(offset[:, None], (tables, *conditional.shift[0].shape))
         moved = np.concatenate([conditional.free_parameters(whole, standard[:, :free].T[..., None]), whole])
         u = centre + np.moveaxis(moved, 0, -1)[..., back]

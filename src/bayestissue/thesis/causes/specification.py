@@ -6,21 +6,17 @@ from pathlib import Path
 from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
+from bayestissue.dataset.settings import Finite
 from bayestissue.declarations import declared
 from bayestissue.errors import InputError, Problem
-from bayestissue.settings import checked, parse_toml, read_text
+from bayestissue.settings import Table, checked, parse_toml, read_text
 
 Name = Annotated[str, Field(pattern="^[A-Za-z0-9_]+$")]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class Range(_Table):
+class Range(Table):
     """A uniform distribution from ``low`` to ``high``, of the logarithm where ``log`` is true."""
 
     low: Finite = Field(description="the smallest value.")
@@ -43,7 +39,7 @@ class Range(_Table):
         return self.low + (self.high - self.low) * share
 
 
-class Sizes(_Table):
+class Sizes(Table):
     """How many campaigns."""
 
     each: Annotated[int, Field(ge=40)] = Field(default=1000, description="campaigns of every cause.")
@@ -52,7 +48,7 @@ class Sizes(_Table):
     )
 
 
-class TissuePrior(_Table):
+class TissuePrior(Table):
     """The typical person's tissue at the reference mass, and how it differs between people and impacts.
 
     The damping ratio stands for C = 2 zeta sqrt(K M_ref); standard deviations are of log K and log C.
@@ -68,7 +64,7 @@ class TissuePrior(_Table):
     sd_impact_C: Range = Field(description="standard deviation of log C between impacts.")
 
 
-class RecordingPrior(_Table):
+class RecordingPrior(Table):
     """The measuring chain; the peak is each impact's greatest deceleration."""
 
     samples_to_peak: Range = Field(description="samples from contact to the greatest deceleration.")
@@ -103,7 +99,7 @@ STRENGTHS = {name: tuple(entry["strengths"]) for name, entry in MECHANISMS.items
 Driver = Literal["mass", "energy", "momentum"]
 
 
-class Cause(_Table):
+class Cause(Table):
     """One proposed cause: what acts, how strongly, and what it is called on the page."""
 
     mechanism: Mechanism = Field(description="what acts.")
@@ -129,7 +125,7 @@ class Cause(_Table):
         return self
 
 
-class CausesSpecification(_Table):
+class CausesSpecification(Table):
     """A whole specification of `bayestissue causes`."""
 
     campaigns: Sizes = Field(default=Sizes(), description="how many campaigns are simulated.")
