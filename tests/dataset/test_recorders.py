@@ -197,6 +197,14 @@ def _half(write: Writer) -> Writer:
     return half
 
 
+def _acq_of_thousands(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+    """A file whose damaged header states 1,944 channels, where bioread would look for them for hours."""
+    _acq(path, time, value)
+    data = bytearray(path.read_bytes())
+    data[10:12] = (1944).to_bytes(2, "little")
+    path.write_bytes(data)
+
+
 def files_instead(lab: Lab, suffix: str, write: Writer, **columns: object) -> None:
     """Put one file per impact in the place of the long table."""
     impacts, traces = tables()
@@ -375,11 +383,13 @@ def test_named_channels_and_other_units(lab: Lab) -> None:
         (_mat73_elsewhere, ".h5", "no channels of numbers"),
         (_half(_c3d), ".c3d", "an end that is missing"),
         (_half(_acq), ".acq", "an end that is missing"),
+        (_acq_of_thousands, ".acq", "states 1944 channels"),
     ],
     ids=[
         *("no-such-channel", "rows-missing", "spectrum", "two-blocks", "short", "short-and-broken"),
         *("half", "no-last-sample"),
         *("unequal-channels", "no-numbers", "numbers-in-other-files", "numbers-elsewhere", "c3d", "acq"),
+        "channels-of-a-damaged-header",
     ],
 )
 def test_unfit_recordings_are_refused(write: Writer, suffix: str, says: str, lab: Lab) -> None:

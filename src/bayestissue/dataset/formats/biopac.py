@@ -10,6 +10,9 @@ import numpy as np
 from bayestissue.dataset.files import require_small, unpacked_size
 from bayestissue.dataset.formats.channel import Channel, Contents, Format, UnfitError, even_clock
 
+# Of a file's channels. Where it can't find their types, bioread looks for all of them at 4,096 places.
+_MOST_CHANNELS = 500
+
 
 def read(data: bytes, label: str) -> Contents:
     """The channels by name; their clock begins at 0 s and runs at each channel's own rate.
@@ -19,6 +22,8 @@ def read(data: bytes, label: str) -> Contents:
         Exception: the file is damaged: whatever bioread raises.
     """
     try:
+        from bioread.header_reader import GraphHeaderReader
+        from bioread.headers import ChannelHeader
         from bioread.reader import Reader
     except ImportError:
         raise UnfitError(
@@ -28,6 +33,10 @@ def read(data: bytes, label: str) -> Contents:
         ) from None
     # What is wrong is said once, by whoever called.
     logging.getLogger("bioread").setLevel(logging.CRITICAL)
+    graph = GraphHeaderReader.bootstrap(io.BytesIO(data))
+    each = ChannelHeader.for_revision(graph.file_revision, graph.byte_order_char).struct_length
+    if graph.channel_count > min(len(data) / each, _MOST_CHANNELS):
+        raise ValueError(f"a header that states {graph.channel_count} channels")
     headers = Reader.read_headers(io.BytesIO(data))
     if headers.datafile is None or headers.data_length is None:
         raise ValueError("no AcqKnowledge file, or one whose header is damaged")
