@@ -48,6 +48,7 @@ from bayestissue.inference.posterior.recipe import (
 )
 from bayestissue.inference.samplers.nuts import run_chains
 from bayestissue.inference.samplers.sampling import Draws
+from bayestissue.padding import bucket, padded_zeros
 from bayestissue.resources import shared
 
 SEED, CHAINS = 1, 4
@@ -170,8 +171,10 @@ def gradients(draws: Draws) -> float:
 
 def exact_density(bench: Bench) -> tuple[Callable[..., None], tuple[Any, ...]]:
     """The numpyro model of the exact path, and its arguments."""
-    approximation = bench.whitening
-    arguments = (bench.prepared.data, approximation.sites, approximation.coordinates.warp)
+    approximation, impacts = bench.whitening, len(bench.prepared.impacts)
+    present = np.arange(bucket(impacts)) < impacts
+    sites, warp = padded_zeros(approximation.sites), approximation.coordinates.warp
+    arguments = (bench.prepared.data.padded, sites, warp, present)
     return partial(sampled_model, bench.prepared.model), arguments
 
 
