@@ -258,7 +258,7 @@ def nutpie_exact(bench: Bench) -> Outcome:
         point = {
             name: value + 0.5 * rng.standard_normal(np.shape(value)) for name, value in start.centre.items()
         }
-        (spreads,) = start.dense
+        spreads = start.dense
         point[spreads] = start.centre[spreads] + 0.5 * scale @ rng.standard_normal(len(scale))
         return np.asarray(ravel_pytree(point)[0])
 

@@ -47,11 +47,11 @@ def coverage_elements() -> Named:
 
 def compared(rows: pd.DataFrame, ending: str = "") -> pd.DataFrame:
     """By element and over all: how often the right one wins where the difference decides, and loses there."""
-    from bayestissue.inference.comparing import DECISIVE_NATS, DECISIVE_SE
+    from bayestissue.report.posterior import decides
 
     def line(part: pd.DataFrame) -> dict[str, float]:
         difference, se = part[f"difference{ending}"], part[f"se{ending}"]
-        told = (difference.abs() > DECISIVE_SE * se) & (difference.abs() > DECISIVE_NATS)
+        told = decides(difference, se)
         return {
             "campaigns": len(part),
             "first": int((difference > 0).sum()),
