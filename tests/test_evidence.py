@@ -166,6 +166,17 @@ def test_a_script_writes_where_its_result_comes_from(piece):
     assert state(piece).kind == "fresh"
 
 
+def test_seconds_go_on_with_the_rows_and_begin_anew_without_them(piece, tmp_path):
+    measure(0)
+    about = tmp_path / "results" / "piece.json"
+    for forgotten in (False, True):
+        about.write_text(json.dumps(provenance.read(piece) | {"seconds": 1000}))
+        if forgotten:
+            piece.forget()
+        measure(0)
+        assert (provenance.read(piece)["seconds"] >= 1000) is not forgotten
+
+
 def test_a_changed_part_and_a_changed_result_are_told(piece, tmp_path):
     measure(0)
     (tmp_path / "part.py").write_text("A = 1  # the same\n")

@@ -59,11 +59,15 @@ class Piece:
         path = BENCHMARKS / self.result
         return _table(path, path.stat().st_mtime_ns) if path.is_file() else pd.DataFrame()
 
+    def begun(self) -> bool:
+        """Whether there is a table from which a stopped run goes on."""
+        return (BENCHMARKS / self.resumes).is_file()
+
     def forget(self) -> int:
         """Remove the table from which a stopped run goes on; how many rows it had."""
-        path = BENCHMARKS / self.resumes
-        if not path.is_file():
+        if not self.begun():
             return 0
+        path = BENCHMARKS / self.resumes
         count = len(pd.read_csv(path))
         path.unlink()
         return count

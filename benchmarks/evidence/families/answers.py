@@ -123,7 +123,8 @@ def plan_assurance() -> Named:
     least = share.clip(1 / count.max(), 1 - 1 / count.max())
     error = binomial_error(least, count.to_numpy()[:, None])
     of_plan = binomial_error(plan, by_plan["studies"].max())
-    differ = (share - plan) / np.hypot(error, of_plan)
+    # Under what the plan says: the error of a share of few studies says little.
+    differ = (share - plan) / np.hypot(binomial_error(plan, count.to_numpy()[:, None]), of_plan)
     shown = pd.DataFrame({"design": share.index, "studies": count.to_numpy()})
     shown["without an answer"] = p.isna().groupby(studies["case"], sort=False).sum().to_numpy()
     for name, words in (("yes", "answered yes"), ("no", "no"), ("misleads", "misled")):

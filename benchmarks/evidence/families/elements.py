@@ -207,8 +207,8 @@ def model_form() -> Named:
     yield "table", block(table(shown), "model_form")
     stiffening, same = ("model_form-stiffening",), ("model_form-kelvin_voigt",)
     wrong, right = lines.loc[("stiffening", "plain")], lines.loc[("kelvin_voigt", "plain")]
-    yield "warned", Figure(f"{wrong['warned']} of {wrong['campaigns']}", stiffening)
-    yield "false_alarms", Figure(at_most(right["warned"], right["campaigns"]), same)
+    yield "warned", Figure(f"{wrong['warned']:.0f} of {wrong['campaigns']:.0f}", stiffening)
+    yield "false_alarms", Figure(at_most(int(right["warned"]), int(right["campaigns"])), same)
     without, wide = held.loc[("stiffening", "plain")], held.loc[("stiffening", "discrepancy")]
     text = (
         f"of stiffening tissue fitted as a spring and damper 90 % intervals held the secant stiffness in "
