@@ -105,7 +105,7 @@ def recorded(name: str) -> Iterator[Record]:
     }
     rests_on = {"references": references_of(piece), "parts": parts}
     if before is not None and all(before.get(key) == value for key, value in rests_on.items()):
-        if piece.begun():
+        if piece.resumable():
             spent, processor = before["seconds"] or 0.0, before.get("processor_s", 0.0)
     elif dropped := piece.forget():
         print(f"{name}: {dropped} rows of another version, or of an unknown one, are dropped", flush=True)

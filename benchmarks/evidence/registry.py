@@ -59,13 +59,13 @@ class Piece:
         path = BENCHMARKS / self.result
         return _table(path, path.stat().st_mtime_ns) if path.is_file() else pd.DataFrame()
 
-    def begun(self) -> bool:
+    def resumable(self) -> bool:
         """Whether there is a table from which a stopped run goes on."""
         return (BENCHMARKS / self.resumes).is_file()
 
     def forget(self) -> int:
         """Remove the table from which a stopped run goes on; how many rows it had."""
-        if not self.begun():
+        if not self.resumable():
             return 0
         path = BENCHMARKS / self.resumes
         count = len(pd.read_csv(path))

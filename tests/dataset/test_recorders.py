@@ -198,7 +198,7 @@ def _half(write: Writer) -> Writer:
 
 
 def _acq_of_thousands(path: Path, time: np.ndarray, value: np.ndarray) -> None:
-    """A file whose damaged header states 1,944 channels, where bioread would look for them for hours."""
+    """A file whose damaged header states 1,944 channels, more than its bytes can hold."""
     _acq(path, time, value)
     data = bytearray(path.read_bytes())
     data[10:12] = (1944).to_bytes(2, "little")

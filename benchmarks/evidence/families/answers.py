@@ -121,10 +121,11 @@ def plan_assurance() -> Named:
     plan = plan.assign(answers=plan["yes"] + plan["no"])[share.columns]
     # A share of none or of all is not known exactly.
     least = share.clip(1 / count.max(), 1 - 1 / count.max())
-    error = binomial_error(least, count.to_numpy()[:, None])
+    number = count.to_numpy()[:, None]
+    error = binomial_error(least, number)
     of_plan = binomial_error(plan, by_plan["studies"].max())
     # Under what the plan says: the error of a share of few studies says little.
-    differ = (share - plan) / np.hypot(binomial_error(plan, count.to_numpy()[:, None]), of_plan)
+    differ = (share - plan) / np.hypot(binomial_error(plan, number), of_plan)
     shown = pd.DataFrame({"design": share.index, "studies": count.to_numpy()})
     shown["without an answer"] = p.isna().groupby(studies["case"], sort=False).sum().to_numpy()
     for name, words in (("yes", "answered yes"), ("no", "no"), ("misleads", "misled")):
