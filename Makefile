@@ -92,7 +92,7 @@ test-long: $(READY_FOR_TESTS)  ## the checks that take minutes to hours
 
 EVIDENCE = PYTHONPATH=benchmarks $(BIN)/python -m evidence
 
-evidence: $(READY_FOR_TESTS)  ## measure what is stale: two hours and a quarter from nothing, or NAME=coverage_fit for some
+evidence: $(READY_FOR_TESTS)  ## measure what is stale: two hours from nothing, or NAME=coverage_fit for some
 	@$(EVIDENCE) run $(if $(findstring command,$(origin NAME)),$(NAME))
 
 evidence-check: $(READY)  ## whether the program's numbers are those on which the evidence rests, in two minutes

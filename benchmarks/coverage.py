@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -40,12 +41,13 @@ from bayestissue.inference.posterior.scores import LikelihoodApproximation
 from bayestissue.inference.results.tree import predicted
 from bayestissue.inference.samplers.sampling import ConstrainedDraws
 from bayestissue.signal import displacements
-from bayestissue.signal.displacement import FEWEST_SAMPLES
+from bayestissue.signal.displacement import FEWEST_SAMPLES, Displacements
 from bayestissue.simulation import Simulation, simulate
 
 # A share of 90 % is known to 0.9 % by a likelihood's 1,200 impacts, and to 1.7 % by an element's 300.
 CAMPAIGNS = {"coverage_fit": 60, "coverage_elements": 15}
 KINDS = ("impact", "arma", "a2")
+LENGTHS = (64, 96, 128, 192, 256, 384, 512, 768)
 QUANTILES = {"q05": 0.05, "q25": 0.25, "q50": 0.5, "q75": 0.75, "q95": 0.95}
 # Of the simulated recordings of this script and of those that are to be as good.
 MEASURING_CHAIN = {
@@ -123,7 +125,7 @@ class Fits:
 
     def prepared(self, dataset: Dataset) -> Prepared:
         """Its data, be its traces as short as they may."""
-        signal = displacements(dataset, self._specification.signal)
+        signal = filled_up(displacements(dataset, self._specification.signal))
         return assemble(dataset, self._specification, self._design, signal)
 
     def fit(self, prepared: Prepared, seed: int) -> tuple[ConstrainedDraws, Correction]:
@@ -138,6 +140,14 @@ class Fits:
             return constrained_draws(prepared, approximation, draws, key), correction
         likelihood = LikelihoodApproximation(approximation, correction.of_impacts)
         return constrained_draws(prepared, approximation, draws, key, likelihood=likelihood), correction
+
+
+def filled_up(signal: Displacements) -> Displacements:
+    """The same with zeros past the ends, up to one of a few lengths: what is compiled serves most of them."""
+    samples = signal.x.shape[1]
+    more = next((length for length in LENGTHS if length >= samples), samples) - samples
+    rows = {name: np.pad(getattr(signal, name), ((0, 0), (0, more))) for name in ("x", "v", "deceleration")}
+    return replace(signal, **rows)
 
 
 def rows_of(quantities: Mapping[str, tuple[np.ndarray, Any]]) -> pd.DataFrame:

@@ -39,7 +39,7 @@ from bayestissue.hierarchy.traces import (
 )
 from bayestissue.inference.posterior.approximate import Approximation, approximate
 from bayestissue.inference.posterior.constrained_draws import constrained_draws
-from bayestissue.inference.posterior.exact import start_of, straightened
+from bayestissue.inference.posterior.exact import model_arguments, start_of, straightened
 from bayestissue.inference.posterior.recipe import (
     Problem,
     fitted_to_population,
@@ -48,7 +48,6 @@ from bayestissue.inference.posterior.recipe import (
 )
 from bayestissue.inference.samplers.nuts import run_chains
 from bayestissue.inference.samplers.sampling import Draws
-from bayestissue.padding import bucket, padded_zeros
 from bayestissue.resources import shared
 
 SEED, CHAINS = 1, 4
@@ -171,11 +170,8 @@ def gradients(draws: Draws) -> float:
 
 def exact_density(bench: Bench) -> tuple[Callable[..., None], tuple[Any, ...]]:
     """The numpyro model of the exact path, and its arguments."""
-    approximation, impacts = bench.whitening, len(bench.prepared.impacts)
-    present = np.arange(bucket(impacts)) < impacts
-    sites, warp = padded_zeros(approximation.sites), approximation.coordinates.warp
-    arguments = (bench.prepared.data.padded, sites, warp, present)
-    return partial(sampled_model, bench.prepared.model), arguments
+    model, *arguments = model_arguments(bench.prepared, bench.whitening)
+    return partial(sampled_model, model), tuple(arguments)
 
 
 class FlatDensity:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import time
 from concurrent.futures import ProcessPoolExecutor
+from tempfile import TemporaryDirectory
 
 import pandas as pd
 
@@ -19,9 +20,16 @@ def check_numbers(names: list[str], *, accept: bool = False) -> int:
     With ``accept`` what differs is written as the program's numbers from now on, and the evidence that rests
     on it is to be measured again; where nothing differs, nothing is written.
     """
+    from bayestissue import runtime
+
     begun, wrong = time.monotonic(), {}
+    runtime.keep_compiled()
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(WORKERS, mp_context=context, initializer=_set_up) as pool:
+    with (
+        TemporaryDirectory() as folder,
+        # Each worker keeps to a core of its own.
+        ProcessPoolExecutor(WORKERS, context, runtime.settle, (folder, runtime.CORES)) as pool,
+    ):
         for name, now in zip(names, pool.map(computed, names), strict=True):
             words = differing(name, now)
             print(f"{name:16} {words or 'as accepted'}", flush=True)
@@ -41,10 +49,3 @@ def check_numbers(names: list[str], *, accept: bool = False) -> int:
 def computed(name: str) -> pd.DataFrame:
     """The results of a set by the program as it is."""
     return SETS[name]()
-
-
-def _set_up() -> None:
-    from bayestissue import runtime
-
-    runtime.keep_compiled()
-    runtime.configure()

@@ -110,9 +110,18 @@ def check_damage(
         path.write_bytes(whole)
 
 
+def text_of(path: Path) -> str:
+    """As the manual says: UTF-8, and what is none the code page of western Windows."""
+    data = path.read_bytes()
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("cp1252")
+
+
 def as_python_reads_it(folder: Path, dataset: Dataset) -> None:
     """An independent reading of the CSV files: Python's own csv module and float."""
-    text = (folder / "traces.csv").read_bytes().decode("utf-8-sig")
+    text = text_of(folder / "traces.csv")
     header, *rows = csv.reader(io.StringIO(text, newline=""))
     place = {name.strip(): index for index, name in enumerate(header)}
     samples: dict[str, list[tuple[float, float]]] = {}
@@ -120,7 +129,7 @@ def as_python_reads_it(folder: Path, dataset: Dataset) -> None:
         if any(row):
             impact = row[place["impact"]].strip()
             samples.setdefault(impact, []).append((float(row[place["time_s"]]), float(row[place["value"]])))
-    text = (folder / "impacts.csv").read_bytes().decode("utf-8-sig")
+    text = text_of(folder / "impacts.csv")
     header, *rows = csv.reader(io.StringIO(text, newline=""))
     place = {name.strip(): index for index, name in enumerate(header)}
     rows = [row for row in rows if any(cell.strip() for cell in row)]
@@ -198,6 +207,25 @@ def test_damaged_cells(file: str, sound: dict[str, Path], row: float, column: fl
         return "\n".join(lines).encode(errors="surrogatepass")
 
     check_damage(sound["traces.csv"], file, damage, as_python_reads_it)
+
+
+@pytest.mark.parametrize("kind", ["impacts", "long csv"])
+def test_a_stray_byte_is_of_the_windows_code_page(kind: str, sound: dict[str, Path]) -> None:
+    layout, file, judge = KINDS[kind]
+    check_damage(sound[layout], file, lambda data: damaged(data, [("insert", 1.0, b"\x80")]), judge)
+
+
+def test_a_footer_of_parquet_with_a_damaged_byte(sound: dict[str, Path]) -> None:
+    # Of six of these bytes pyarrow would end the process, where the metadata are asked before a row is read.
+    layout, file, judge = KINDS["long parquet"]
+    size = int.from_bytes((sound[layout] / file).read_bytes()[-8:-4], "little")
+    for back in range(9, size + 9):
+        check_damage(
+            sound[layout],
+            file,
+            lambda data, at=-back: data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :],
+            judge,
+        )
 
 
 def test_a_missing_file_of_each_kind(sound: dict[str, Path], tmp_path: Path) -> None:

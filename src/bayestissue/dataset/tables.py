@@ -251,7 +251,7 @@ def _parquet(
         # A name that stands in many rows is kept once: otherwise a small file could fill any memory.
         once = [name for name in labels if _is_text(schema.field(name).type)]
         file = pq.ParquetFile(pa.BufferReader(data), page_checksum_verification=True, read_dictionary=once)
-        require_small(_read_size(file.metadata, wanted), label)
+        require_small(_read_size(file, wanted), label)
         table = file.read(columns=wanted)
         table.validate(full=True)
     except InputError:
@@ -288,13 +288,27 @@ def _no_names(label: str, schema: pa.Schema, labels: Sequence[str]) -> list[Prob
     ]
 
 
-def _read_size(metadata: pq.FileMetaData, wanted: list[str]) -> int:
-    """Bytes that the columns take: of each the pages unpacked, and at least 8 for every row."""
-    pages = 0
-    for group in (metadata.row_group(number) for number in range(metadata.num_row_groups)):
-        columns = (group.column(number) for number in range(group.num_columns))
-        pages += sum(c.total_uncompressed_size for c in columns if c.path_in_schema in wanted)
-    return max(pages, 8 * metadata.num_rows * len(wanted))
+def _read_size(file: pq.ParquetFile, wanted: list[str]) -> int:
+    """Bytes that the columns take: of each the pages unpacked, and at least 8 for every row.
+
+    Raises:
+        ValueError: the counts of rows contradict each other.
+        Exception: a row group is damaged: whatever its decoder raises.
+    """
+    schema, pages, rows = file.metadata.schema, 0, 0
+    leaves = [number for number in range(len(schema)) if schema.column(number).path in wanted]
+    for number in range(file.metadata.num_row_groups):
+        # Of a damaged row group reading raises an error; asking for its metadata would end the process.
+        next(file.iter_batches(1, row_groups=[number], columns=wanted), None)
+        group = file.metadata.row_group(number)
+        columns = [group.column(leaf) for leaf in leaves]
+        pages += sum(column.total_uncompressed_size for column in columns)
+        rows += group.num_rows
+        if any(column.num_values != group.num_rows for column in columns):
+            raise ValueError(f"a row group of {group.num_rows} rows whose columns have other numbers of them")
+    if rows != file.metadata.num_rows:
+        raise ValueError(f"{file.metadata.num_rows} rows, of which row groups have {rows}")
+    return max(pages, 8 * rows * len(wanted))
 
 
 def _numeric(kind: pa.DataType) -> bool:

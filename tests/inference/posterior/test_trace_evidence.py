@@ -182,6 +182,17 @@ def test_a_groups_density_is_that_of_its_impacts_integrated_over_its_effects(fit
     assert (np.abs(fit.scores[f"traces_of_{group}"] - direct) < 5 * np.hypot(error, scatter)).all()
 
 
+def test_an_impact_without_a_density_takes_only_its_own_groups(fit: Fit) -> None:
+    corrections = np.zeros((len(fit.expected.b), len(fit.prepared.impacts)))
+    whole = of_draws(fit.prepared, fit.likelihood._replace(corrections=corrections), fit.expected)
+    corrections[:, 0] = -np.inf
+    without = of_draws(fit.prepared, fit.likelihood._replace(corrections=corrections), fit.expected)
+    own = fit.prepared.design.groupings["subject"].code[0]
+    expected = whole["traces_of_subject"].copy()
+    expected[:, own] = -np.inf
+    np.testing.assert_array_equal(without["traces_of_subject"], expected)
+
+
 def factors(fit: Fit, anchors: ConditionalPrior) -> np.ndarray:
     """What each trace's likelihood has besides its summary."""
     found = log_evidence_corrections(fit.likelihood.approximation.sites, fit.ratios, anchors)

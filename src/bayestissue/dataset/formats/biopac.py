@@ -34,8 +34,8 @@ def read(data: bytes, label: str) -> Contents:
     # What is wrong is said once, by whoever called.
     logging.getLogger("bioread").setLevel(logging.CRITICAL)
     graph = GraphHeaderReader.bootstrap(io.BytesIO(data))
-    each = ChannelHeader.for_revision(graph.file_revision, graph.byte_order_char).struct_length
-    if graph.channel_count > min(len(data) / each, _MOST_CHANNELS):
+    header_size = ChannelHeader.for_revision(graph.file_revision, graph.byte_order_char).struct_length
+    if graph.channel_count > min(len(data) / header_size, _MOST_CHANNELS):
         raise ValueError(f"a header that states {graph.channel_count} channels")
     headers = Reader.read_headers(io.BytesIO(data))
     if headers.datafile is None or headers.data_length is None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -29,17 +30,9 @@ def exact_draws(
     processes: bool = True,
 ) -> Draws:
     """Draws of the sites of `sampled_model`, whose coordinates the sites make; see `run_chains`."""
-    impacts = len(prepared.impacts)
-    present = np.arange(bucket(impacts)) < impacts
     draws = run_chains(
         sampled_model,
-        (
-            prepared.model,
-            prepared.data.padded,
-            padded_zeros(approximation.sites),
-            approximation.coordinates.warp,
-            present,
-        ),
+        model_arguments(prepared, approximation),
         start_of(prepared, approximation),
         settings,
         seed,
@@ -49,6 +42,14 @@ def exact_draws(
     ).thinned(settings.thinning)
     sites = straightened(prepared.model, approximation, draws.sites)
     return replace(draws, sites=sites)
+
+
+def model_arguments(prepared: Prepared, approximation: Approximation) -> tuple[Any, ...]:
+    """What `sampled_model` takes, filled up to a `bucket` of impacts."""
+    impacts = len(prepared.impacts)
+    present = np.arange(bucket(impacts)) < impacts
+    sites, warp = padded_zeros(approximation.sites), approximation.coordinates.warp
+    return prepared.model, prepared.data.padded, sites, warp, present
 
 
 def straightened(

@@ -87,9 +87,10 @@ def of_draws(
     if not whole:
         return scores | groups
     for name, grouping in prepared.design.groupings.items():
-        member = (grouping.code[:, None] == np.arange(len(grouping.levels))).astype(float)
         stem = f"traces_of_{stem_of(name)}"
-        scores[stem] = groups[stem] + corrections @ member
+        scores[stem] = np.array(groups[stem])
+        # Added one by one: an impact without a finite density leaves other groups as they are.
+        np.add.at(scores[stem].T, grouping.code, corrections.T)
     return scores
 
 
