@@ -55,7 +55,7 @@ USUAL = "4 chains of 400 and 1000"
 # A plain chain's first transitions, whose draws are not counted: fewer than usual, so that some are left.
 PLAIN_WARMUP, BLOCK = 60, 5
 # Of a core, for each contender that samples the plain model: enough for an upper bound of its rate.
-MINUTES = 0.5
+MINUTES = 0.25
 Arrays = dict[str, np.ndarray]
 
 
