@@ -5,8 +5,9 @@
     .venv/bin/python benchmarks/fit_time.py --elements maxwell --tissue own --cores 1 2 --program OLD .
 
 Each element's model file fits the example campaign (90 impacts, a spring and damper side by side), and the
-same campaign made by a tissue of its own kind. `first` is with nothing compiled yet. On the example `again`
-is the same command once more, and `other` the same command on a campaign of nine people instead of ten.
+same campaign of half of its people made by a tissue of its own kind. `first` is with nothing compiled yet. On
+the example `again` is the same command once more, and `other` the same command on a campaign of nine people
+instead of ten.
 Seconds of the clock, and of the processor (`_cpu_s`), which other work on the machine changes less.
 `--program` names checkouts whose programs are timed in turn, all by this Python and its libraries; `--cores`
 how many cores each is bound to.
@@ -105,12 +106,14 @@ def told(out: Path) -> dict[str, Any]:
 def row_of(name: str, tissue: str, program: Path, cores: int) -> dict[str, Any]:
     """One element on one tissue."""
     with tempfile.TemporaryDirectory() as temporary:
-        folder, of_tissue = Path(temporary), None if tissue == "example" else name
-        dataset = EXAMPLE if of_tissue is None else written(campaign_of(of_tissue), folder / "campaign")
-        # Of 81 impacts instead of 90, and traces of other lengths.
-        fewer = campaign_of(of_tissue, seed=77, design={"subjects": 9, "repeats": 1})
-        other = written(fewer, folder / "other_campaign")
-        runs = {"first": dataset} | ({"again": dataset, "other": other} if of_tissue is None else {})
+        folder = Path(temporary)
+        if tissue == "example":
+            # Of 81 impacts instead of 90, and traces of other lengths.
+            fewer = campaign_of(None, seed=77, design={"subjects": 9, "repeats": 1})
+            runs = {"first": EXAMPLE, "again": EXAMPLE, "other": written(fewer, folder / "other_campaign")}
+        else:
+            half = campaign_of(name, design={"subjects": 5, "repeats": 1})
+            runs = {"first": written(half, folder / "campaign")}
         seconds, out = timed(runs, name, folder, program, cores)
         found = told(out.with_name("first"))
     return {"element": name, "tissue": tissue, "cores": cores, **seconds, **found}
