@@ -4,8 +4,8 @@
     .venv/bin/python benchmarks/many_impacts.py --people 500
 
 Everything runs as the commands that anyone would type. The memory is that of all processes of the fit at one
-time, looked at four times a second. Each person is hit 200 times: a share of 90 % of 10 people's impacts is
-known to 0.7 %. Of other numbers of people the row is printed and not kept.
+time, looked at four times a second. Each person is hit 200 times: a share of 90 % of 15 people's impacts is
+known to 0.5 %. Of other numbers of people the row is printed and not kept.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ traces = "parquet"
 float32 = true
 [design]
 """
-SUBJECTS, REPEATS = 10, 10
+SUBJECTS, REPEATS = 15, 10
 COLUMN = {"K": "K_N_per_m", "C": "C_N_s_per_m"}
 
 
