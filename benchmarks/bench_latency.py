@@ -1,4 +1,4 @@
-"""How long `bayestissue watch` takes from a whole file to its verdict, at the tenth impact and at the 200th.
+"""How long `bayestissue watch` takes from a whole file to its verdict, at the tenth impact and at the 100th.
 
     .venv/bin/python benchmarks/bench_latency.py
 
@@ -21,7 +21,7 @@ from evidence import recorded
 
 from bayestissue import runtime
 
-AT, ABOUT, POLL_S = (10, 200), 10, 0.4
+AT, ABOUT, POLL_S = (10, 100), 10, 0.4
 PEOPLE, MASSES = 25, (0.5, 0.8, 1.1, 1.4)
 CAMPAIGN = """
 pattern = "{subject}_{mass_kg}kg_{n}.csv"
