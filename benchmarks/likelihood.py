@@ -23,7 +23,7 @@ from bayestissue.likelihood.arma.displacement import MeasuredDisplacement, displ
 from bayestissue.oscillator import impact_motion, to_differences
 from bayestissue.runtime import configure
 
-IMPACTS, SIZES, ROUNDS = 90, (256, 1024, 4096), 20
+IMPACTS, SIZES, ROUNDS = 90, (256, 1024, 4096), 10
 # A contender slower than this a call is timed fewer times.
 SLOW = 0.5
 # The seconds that a contender's turn takes, so that the short calls are repeated often enough.
