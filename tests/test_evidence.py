@@ -116,6 +116,14 @@ def test_settings_count_by_their_values_and_errors_without_their_words(program):
     assert fingerprint.changed(before, of(program)) == ["part"]
 
 
+def test_a_table_that_the_evidence_itself_writes_makes_none_of_it_stale(program, monkeypatch):
+    table = program / "part" / "coverage.csv"
+    monkeypatch.setattr(fingerprint, "SHOWN", table)
+    before = of(program)
+    table.write_text("held\n9\n")
+    assert of(program) == before
+
+
 @pytest.fixture
 def piece(tmp_path, monkeypatch) -> Piece:
     """A piece of one part in a project of its own."""

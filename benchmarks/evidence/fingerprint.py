@@ -10,6 +10,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from evidence.registry import SHOWN
+
 ABSENT = "absent"
 # What a folder's fingerprint is made of: source, settings and tables.
 SUFFIXES = {".py", ".toml", ".csv", ".lark"}
@@ -49,7 +51,7 @@ def of_parts(root: Path, parts: Iterable[str]) -> dict[str, str]:
             found[part] = of_file(root / part)
             continue
         listed = folder.iterdir() if part.endswith("/*") else folder.rglob("*")
-        inside = sorted(path for path in listed if path.suffix in SUFFIXES)
+        inside = sorted(path for path in listed if path.suffix in SUFFIXES and path != SHOWN)
         for parent in sorted({path.parent for path in inside}):
             names = [f"{path.name} {of_file(path)}\n".encode() for path in inside if path.parent == parent]
             found[parent.relative_to(root).as_posix()] = _digest(names)

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from evidence.families.intervals import coverage_of_fits
 from evidence.figures import figures
-from evidence.registry import ROOT, content
+from evidence.registry import ROOT, SHOWN, content
 from evidence.status import state_of
 from evidence.summary import figure
 from evidence.texts import Figure
@@ -25,8 +25,6 @@ MARKED = re.compile(
     r"(?P<indent>^[ ]*)?<!-- evidence: (?P<name>\S+) -->(?P<text>.*?)<!-- end -->", re.M | re.S
 )
 FENCED = re.compile(r"^ *(```+|~~~+).*?^ *\1 *$", re.M | re.S)
-# The coverage that a fit's page shows.
-SHOWN = ROOT / "src" / "bayestissue" / "report" / "fit" / "coverage.csv"
 
 # A number with the unit of a share, a time or a memory, or so many of so many.
 _NUMBER = re.compile(
