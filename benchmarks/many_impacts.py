@@ -18,6 +18,7 @@ import sys
 import tempfile
 import threading
 import time
+from contextlib import nullcontext
 from pathlib import Path
 
 import pandas as pd
@@ -62,13 +63,13 @@ def main() -> None:
     )
     parser.add_argument("--people", type=int, default=SUBJECTS)
     people = parser.parse_args().people
-    with tempfile.TemporaryDirectory() as folder:
+    kept = recorded("many_impacts") if people == SUBJECTS else nullcontext()
+    with kept as record, tempfile.TemporaryDirectory() as folder:
         row = report(simulated(Path(folder), people), Path(folder) / "run")
-    if people != SUBJECTS:
-        print(row)
-        return
-    with recorded("many_impacts") as record:
-        record.write([row])
+        if record is None:
+            print(row)
+        else:
+            record.write([row])
 
 
 def simulated(here: Path, subjects: int) -> Path:

@@ -167,17 +167,18 @@ def _table(rows: Iterable[tuple[str, float, float, float]]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["quantity", "value", "scale", "mcse"])
 
 
+# Long ones first, so that two workers end together.
 SETS: dict[str, Callable[[], pd.DataFrame]] = {
-    "points": _points,
+    **{
+        name: lambda name=name: fits(name, name, campaigns=1)  # type: ignore[misc]
+        for name in reversed(TISSUES)
+        if name != "kelvin_voigt"
+    },
     "impact": lambda: fits("impact"),
     "arma": lambda: fits("arma"),
     "plan": _plan,
+    "points": _points,
     "a2": lambda: fits("a2", campaigns=1),
-    **{
-        name: lambda name=name: fits(name, name, campaigns=1)  # type: ignore[misc]
-        for name in TISSUES
-        if name != "kelvin_voigt"
-    },
 }
 
 

@@ -52,6 +52,8 @@ def calibration_answers() -> Named:
         f"probability of 80 to 95 % {claims['true'].iloc[-2]:.0f} % were true"
     )
     yield "sentence", Figure(text, names("calibration_answers"))
+    text = f"{len(held)} intervals of 90 % held {held.mean():.1f} %"
+    yield "short", Figure(text, names("calibration_answers"))
 
 
 def shares(found: pd.DataFrame) -> pd.DataFrame:
@@ -141,6 +143,8 @@ def plan_assurance() -> Named:
         "percentage points from the plan's"
     )
     yield "sentence", Figure(text, names("plan_assurance"))
+    text = f"{(answered <= 2).sum()} of {answered.size} shares agree within two standard errors"
+    yield "short", Figure(text, names("plan_assurance"))
 
 
 @family

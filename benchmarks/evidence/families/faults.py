@@ -66,6 +66,8 @@ def spoilt_impacts() -> Named:
         f"{weakest}), as are {percent(fine['flagged'] / fine['impacts'])} of sound decelerations"
     )
     yield "sentence", Figure(text, own)
+    text = f"{percent(caught / off)} of those that make K or C wrong by 5 %"
+    yield "short", Figure(text, own)
 
 
 @family

@@ -216,6 +216,10 @@ def posteriors() -> Named:
         f"{percent(rows['off'].max())} of its posterior standard deviation"
     )
     yield "sentence", Figure(text, names("posteriors"))
+    text = (
+        f"{number} quantities are {np.sqrt((z**2).mean()):.2f} Monte Carlo errors apart, where 1 is expected"
+    )
+    yield "short", Figure(text, names("posteriors"))
 
 
 @family
