@@ -43,8 +43,7 @@ def coverage_elements() -> Named:
         f"corrections of {len(k)} fits {(k >= GREATEST_K).sum()} had a Pareto k above {GREATEST_K}"
     )
     yield "sentence", Figure(text, names("coverage_elements"))
-    least, most = (100 * impacts.loc[impacts["level"] == 90, "share"].agg(end) for end in ("min", "max"))
-    yield "short", Figure(f"{least:.0f} to {most:.0f} %", names("coverage_elements"))
+    yield "short", Figure(range_of_shares(impacts[impacts["level"] == 90]), names("coverage_elements"))
 
 
 def compared(rows: pd.DataFrame, ending: str = "") -> pd.DataFrame:

@@ -56,6 +56,7 @@ def spoilt_impacts() -> Named:
     spoilt = rows[~sound]
     off, caught = spoilt["off"].sum(), spoilt["off_and_flagged"].sum()
     fine = rows[rows["kind"] == "sound, deceleration"].iloc[0]
+    false_alarms = percent(fine["flagged"] / fine["impacts"])
     least = spoilt[spoilt["off"] >= 20].assign(share=lambda t: t["off_and_flagged"] / t["off"])
     weakest = ", ".join(
         f"{row.kind} {percent(row.share, 0)}" for row in least.nsmallest(3, "share").itertuples()
@@ -63,10 +64,10 @@ def spoilt_impacts() -> Named:
     text = (
         f"of {spoilt['impacts'].sum()} impacts spoilt in {len(spoilt)} ways, K or C of {off} is off by more "
         f"than 5 %, and {percent(caught / off)} of these are flagged or refused (the least of the kinds: "
-        f"{weakest}), as are {percent(fine['flagged'] / fine['impacts'])} of sound decelerations"
+        f"{weakest}), as are {false_alarms} of sound decelerations"
     )
     yield "sentence", Figure(text, own)
-    text = f"{percent(caught / off)} of those that make K or C wrong by 5 %"
+    text = f"{percent(caught / off)} of those that make K or C wrong by 5 %, and {false_alarms} of sound ones"
     yield "short", Figure(text, own)
 
 

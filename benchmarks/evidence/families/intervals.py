@@ -208,17 +208,15 @@ def posteriors() -> Named:
         }
     )
     yield "table", block(table(shown.reset_index().rename(columns={"unit": "case"})), "posteriors")
-    number = len(z) // rows["statistic"].nunique()
+    number, apart = len(z) // rows["statistic"].nunique(), np.sqrt((z**2).mean())
     text = (
         f"means, standard deviations and quantiles of {number} quantities by a fit's sampler are "
-        f"{np.sqrt((z**2).mean()):.2f} Monte Carlo errors from those of 10,000 draws by another one (root "
+        f"{apart:.2f} Monte Carlo errors from those of 10,000 draws by another one (root "
         f"mean square; 1 is expected), and at most {z.abs().max():.1f}; none is off by more than "
         f"{percent(rows['off'].max())} of its posterior standard deviation"
     )
     yield "sentence", Figure(text, names("posteriors"))
-    text = (
-        f"{number} quantities are {np.sqrt((z**2).mean()):.2f} Monte Carlo errors apart, where 1 is expected"
-    )
+    text = f"{number} quantities are {apart:.2f} Monte Carlo errors apart, where 1 is expected"
     yield "short", Figure(text, names("posteriors"))
 
 
