@@ -30,6 +30,7 @@ from bayestissue.inference.posterior.approximate import expanded
 from bayestissue.inference.results.meanings import COLUMNS
 from bayestissue.inference.samplers.diagnostics import headline, noted, verdict_in_words, warnings
 from bayestissue.settings import parse_toml, read_text
+from bayestissue.words import Words
 
 if TYPE_CHECKING:
     from bayestissue.dataset import Dataset
@@ -327,6 +328,7 @@ def _provenance(
         "dataset": data.name,
         "description": data.description,
         "quantity": data.quantity,
+        "words": dict(data.words),
         "model": specification.model_dump(mode="json") | prepared.design.resolved(),
         "terms_left_out": prepared.design.terms_left_out(),
         "columns_not_used": list(prepared.design.recorded.not_used),
@@ -340,8 +342,8 @@ def _provenance(
         "route": diagnostics.get("route", {}),
         "verdict": {
             "passed": diagnostics["passed"],
-            "headline": headline(diagnostics),
-            "words": verdict_in_words(diagnostics),
+            "headline": Words(data.words)(headline(diagnostics)),
+            "words": Words(data.words)(verdict_in_words(diagnostics)),
             "warned": bool(warnings(diagnostics)),
         },
     }

@@ -75,6 +75,7 @@ def run(
                     "compare",
                     "comparison",
                     dataset=abouts[0].get("dataset", ""),
+                    words=abouts[0].get("words", {}),
                     input_hash=abouts[0]["input_hash"],
                     runs=[_run_record(run, path, record) for run, path, record in of_runs],
                 )

@@ -97,6 +97,7 @@ def run(
                 "estimates",
                 dataset=data.name,
                 method=method,
+                words=dict(data.words),
                 model={"file": file.name if file else None, "signal": options.model_dump()},
                 input_hash=data.input_hash,
             )

@@ -55,6 +55,7 @@ def dataset(
     zero: Zero = "free_fall",
     uncertainty: Mapping[str, float] | Uncertainty | None = None,
     recorder: Mapping[str, Any] | Recorder | None = None,
+    words: Mapping[str, str] | None = None,
     name: str = "from arrays",
     description: str = "",
     licence: str = "",
@@ -83,6 +84,7 @@ def dataset(
         zero: where an accelerometer read 0: "free_fall" or "rest".
         uncertainty: standard deviations of the measuring chain, by the keys of ``[uncertainty]``.
         recorder: a known low-pass that the recordings went through, by the keys of ``[recorder]``.
+        words: what pages call people, conditions and impacts, by the keys of ``[words]``.
         name: of the dataset.
         description: free text.
         licence: free text.
@@ -106,6 +108,8 @@ def dataset(
         content["uncertainty"] = _mapped(_plain, stated_table(uncertainty))
     if recorder is not None:
         content["recorder"] = _mapped(_python, stated_table(recorder))
+    if words is not None:
+        content["words"] = dict(words)
     with _in_the_callers_words():
         settings = parse_settings(content)
         needs_velocity = quantity != "displacement"

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -48,6 +49,8 @@ class Dataset(Outlined):
         left_out: what was wrong with the impacts that ``skip_bad`` left out.
         folder: where it was read from; none if it was made from arrays.
         input_hash: SHA-256 over the files that were read, or over the arrays.
+        words: the table ``[words]``, what pages call people, conditions and impacts: see
+            `bayestissue.words.Words`.
         whole_hash: of a folder, the same but for ``left_out.csv``: it stays when an impact is left out.
         licence: on what terms others may use it.
         source: where it comes from.
@@ -73,6 +76,7 @@ class Dataset(Outlined):
     recorder: Recorder | None = None
     gravity: float = 0.0
     whole_hash: str = ""
+    words: Mapping[str, str] = field(default_factory=dict)
 
     def write(self, path: str | Path, *, overwrite: bool = False) -> Path:
         """Write the dataset as a folder that `read_dataset` reads back equal, whole or not at all.
@@ -98,6 +102,8 @@ class Dataset(Outlined):
             "signal": {"quantity": self.quantity, "unit": unit, "gravity": self.gravity or "none"},
             "uncertainty": self.uncertainty.settings(),
         }
+        if self.words:
+            settings["words"] = dict(self.words)
         if self.recorder is not None:
             settings["recorder"] = self.recorder.settings()
         count = [len(trace.time_s) for trace in self.traces]

@@ -69,6 +69,7 @@ def _stretch(ends: list[float]) -> list[float]:
 
 
 Name = Annotated[str, Field(min_length=1)]
+Noun = Annotated[Name, Field(max_length=40), AfterValidator(_plain)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Spread = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Fraction = Annotated[Spread, AfterValidator(_fraction)]
@@ -214,6 +215,28 @@ class RecorderSettings(_Table):
         return Recorder(self.low_pass_hz, self.order, self.kind, self.zero_phase, **stated)
 
 
+class WordSettings(_Table):
+    """The table ``[words]``: what pages, papers and messages call the units of the study."""
+
+    subject: Noun | None = Field(default=None, description='who or what is hit, such as "pad"; else person.')
+    subjects: Noun | None = Field(default=None, description="of several; the other with an s, else.")
+    trial: Noun | None = Field(default=None, description='a condition, such as "height"; else condition.')
+    trials: Noun | None = Field(default=None, description="of several.")
+    impact: Noun | None = Field(default=None, description='one impact, such as "drop"; else impact.')
+    impacts: Noun | None = Field(default=None, description="of several.")
+
+    @model_validator(mode="after")
+    def _one_first(self) -> Self:
+        for key in ("subject", "trial", "impact"):
+            if getattr(self, f"{key}s") is not None and getattr(self, key) is None:
+                raise ValueError(f"{key} beside {key}s")
+        return self
+
+    def values(self) -> dict[str, str]:
+        """The nouns that are stated, by key."""
+        return self.model_dump(exclude_none=True)
+
+
 class Settings(_Table):
     """The whole of ``dataset.toml``."""
 
@@ -228,6 +251,10 @@ class Settings(_Table):
     )
     recorder: RecorderSettings | None = Field(
         default=None, description="a table [recorder] with low_pass_hz, or with sae_class"
+    )
+    words: WordSettings = Field(
+        default_factory=lambda: WordSettings(),
+        description="what pages, papers and messages call the units of the study.",
     )
 
     @model_validator(mode="after")

@@ -6,9 +6,10 @@ import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from bayestissue.figures.theme import Figure
+from bayestissue.figures.theme import Figure, Specification
 from bayestissue.paper import WIDTH_MM
 from bayestissue.results import Excel, write_table
+from bayestissue.words import PLAIN, Words
 
 _PIXELS_PER_INCH, _POINTS_PER_INCH, _DOTS_PER_INCH = 96, 72, 300
 # What labels and titles take of the width where panels stand one above the other.
@@ -20,6 +21,7 @@ def write_figures(
     figures: Iterable[tuple[str, Callable[[], Figure]]],
     folder: Path,
     *,
+    nouns: Words = PLAIN,
     width_mm: float = WIDTH_MM,
     excel: Excel | None = None,
 ) -> None:
@@ -28,6 +30,7 @@ def write_figures(
     Args:
         figures: a name fit for a file, and what makes the figure.
         folder: that exists.
+        nouns: what the dataset calls people, conditions and impacts.
         width_mm: of each figure, in print.
         excel: how the rows are written, as of `bayestissue.results.write_table`.
     """
@@ -36,7 +39,7 @@ def write_figures(
     in_print = _POINTS_PER_INCH / _PIXELS_PER_INCH
     for name, make in figures:
         figure = make()
-        svg = _drawn(figure, width_mm / 25.4 * _PIXELS_PER_INCH)
+        svg = _drawn(nouns.chart(figure.specification()), width_mm / 25.4 * _PIXELS_PER_INCH)
         (folder / f"{name}.svg").write_text(svg, encoding="utf-8")
         # A unit of the drawing is a point of the page there, and not a pixel.
         points = _SIZE.sub(lambda size: _size(size, in_print), svg, count=1)
@@ -45,11 +48,10 @@ def write_figures(
         write_table(figure.data, folder / f"{name}.csv", excel)
 
 
-def _drawn(figure: Figure, pixels: float) -> str:
-    """The figure as SVG, so wide with titles and labels."""
+def _drawn(chart: Specification, pixels: float) -> str:
+    """The chart as SVG, so wide with titles and labels."""
     import vl_convert
 
-    chart = figure.specification()
     # A legend of three columns is wider than a journal's.
     chart["config"] = chart["config"] | {"legend": chart["config"]["legend"] | {"columns": 2}}
     if "vconcat" in chart:

@@ -44,4 +44,4 @@ def write_paper(
     write_word(text, folder / "methods.docx")
     write_workbook(folder / "tables.xlsx", table, posterior, rows, run.record["model"])
     (folder / "figures").mkdir()
-    write_figures(published(run), folder / "figures", width_mm=width_mm, excel=excel)
+    write_figures(published(run), folder / "figures", nouns=run.nouns, width_mm=width_mm, excel=excel)

@@ -18,6 +18,7 @@ from bayestissue.report.fit import answers, study, words
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.posterior import QUANTITIES, Spread, exponent, levels
 from bayestissue.report.wording import listed
+from bayestissue.words import PLAIN, Words
 
 _ERRORS = {
     "relative_mass_sd": ("mass", 100.0, "%"),
@@ -36,18 +37,20 @@ class Text:
         sections: paragraphs by heading, in order.
         table: the main numbers, as text.
         references: in the order in which they are cited first.
+        nouns: what the dataset calls people, conditions and impacts.
     """
 
     title: str
     sections: dict[str, list[str]] = field(default_factory=dict)
     table: pd.DataFrame = field(default_factory=pd.DataFrame)
     references: list[str] = field(default_factory=list)
+    nouns: Words = PLAIN
 
     def add(self, heading: str, *paragraphs: str) -> None:
         """Add the paragraphs that are not empty; without any there is no heading."""
         plain = [words.striptags() if isinstance(words, Markup) else words for words in paragraphs]
         if stated := [words for words in plain if words.strip()]:
-            self.sections[heading] = stated
+            self.sections[heading] = [self.nouns(words) for words in stated]
 
     def cite(self, *names: str, **details: str) -> str:
         """Numbers of references in brackets, such as "[1, 2]"."""
@@ -62,7 +65,7 @@ def text_of(run: FitRun) -> Text:
     Where its diagnostics failed, or no element describes the recordings, that is the first sentence of the
     results. Where the fit does not have something, such as repeats or a mass exponent, nothing is said of it.
     """
-    text = Text(f"Methods and results: {run.record['dataset']}")
+    text = Text(f"Methods and results: {run.record['dataset']}", nouns=run.nouns)
     text.add("Measurements", _measurements(run), _uncertainty(run), _left_out(run), _flags(run))
     text.add("Model", f"{words.likelihood_words(run)} {words.signal_words(run)}", _formulas(run))
     text.add("Computation", _computation(run, text))
@@ -86,7 +89,7 @@ def text_of(run: FitRun) -> Text:
     cited = f"Coefficients are named as by McGraw and Wong {text.cite('icc')}." if repeatability else ""
     text.add("Repeatability", *repeatability, cited, study.another_day(run))
     text.add("What the model can't tell", words.chain_words(run), *words.limits(run))
-    text.table = _table(run)
+    text.table = _table(run).map(run.nouns)
     return text
 
 

@@ -18,7 +18,15 @@ from bayestissue.remedies import codes_in
 from bayestissue.report.page import render_page
 from bayestissue.report.posterior import best_explanations
 from bayestissue.report.tables import Field, Row, Table, columns, number_field, settings_table, table_of
-from bayestissue.report.wording import interval, listed, number, probability, significant, with_error
+from bayestissue.report.wording import (
+    interval,
+    listed,
+    nouns_of,
+    number,
+    probability,
+    significant,
+    with_error,
+)
 from bayestissue.results import read_tables
 from bayestissue.results.tables import table_of_rows, typed, wrong_in
 
@@ -205,6 +213,7 @@ def page_of(tables: Mapping[str, pd.DataFrame], record: dict[str, Any]) -> str:
         title=f"Fits of {record.get('dataset') or 'one dataset'} beside each other",
         subtitle=f"{len(names)} runs: {', '.join(names)}",
         contents=_CONTENTS,
+        nouns=nouns_of(record, names),
         record=record,
         failed=[str(run["name"]) for run in runs if not (run.get("verdict") or {}).get("passed")],
         warned=[run for run in runs if (run.get("verdict") or {}).get("warned")],

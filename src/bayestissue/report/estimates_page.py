@@ -18,7 +18,7 @@ from bayestissue.inference.results.meanings import COLUMNS, NAMES, QUANTITIES, U
 from bayestissue.remedies import codes_in
 from bayestissue.report.page import render_page
 from bayestissue.report.tables import Field, Row, Table, columns, settings_table, table_of
-from bayestissue.report.wording import interval, listed, significant
+from bayestissue.report.wording import interval, listed, nouns_of, significant
 from bayestissue.report.wording import number as in_words
 from bayestissue.results import read_tables
 from bayestissue.results.tables import declared_files, typed
@@ -97,6 +97,7 @@ def page_of(tables: Mapping[str, pd.DataFrame], record: dict[str, Any]) -> str:
             ("options", "Options"),
             ("provenance", "Provenance"),
         ],
+        nouns=nouns_of(record, set(table[["impact", "subject", "trial"]].to_numpy(str).ravel())),
         record=record,
         levels=[_level(table, q) for q in QUANTITIES],
         flagged=int((table["flags"] != "").sum()),

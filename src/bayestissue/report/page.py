@@ -6,7 +6,7 @@ import base64
 import gzip
 import hashlib
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import cache
 from typing import Any
 
@@ -17,19 +17,29 @@ from bayestissue.figures.browser import library, packed_json
 from bayestissue.figures.theme import Figure
 from bayestissue.remedies import Code, entries
 from bayestissue.report.tables import frame_table
+from bayestissue.words import PLAIN, Words
 
 
-def render_page(template: str, *, codes: Iterable[Code] = (), served: bool = False, **context: Any) -> str:
+def render_page(
+    template: str,
+    *,
+    codes: Iterable[Code] = (),
+    served: bool = False,
+    nouns: Words = PLAIN,
+    **context: Any,
+) -> str:
     """The HTML of ``template`` (a name in `report/templates`), filled from ``context``.
 
     Values are escaped unless they are `Markup`; a name that the template wants and ``context`` lacks is
     an error. Templates extend ``base.html``, which takes ``title`` and, if wanted, ``subtitle`` and
     ``contents``, a sequence of pairs (anchor, words) for the table of contents. ``codes`` are of the warnings
     that the page holds: their entries stand at its foot, where links of the macro ``explained`` lead.
+    ``nouns`` are the dataset's own, which then stand in all prose and figures.
     A page that is ``served`` has its style and scripts from its server: see `assets`.
     """
     codes = list(dict.fromkeys(codes))
-    html = _environment().get_template(template).render(codes=codes, served=served, **context)
+    html = _environment().get_template(template).render(codes=codes, served=served, nouns=nouns, **context)
+    html = nouns.page(html)
     if served or 'class="packed"' not in html:
         return html
     carried = f'<script type="text/plain" id="library">{library()}</script>'
@@ -52,12 +62,12 @@ def assets(*scripts: str) -> dict[str, str]:
 MOST_NUMBERS = 100
 
 
-def drawn(one: Figure, name: str = "") -> Markup:
+def drawn(one: Figure, name: str = "", nouns: Words = PLAIN) -> Markup:
     """A figure that the browser draws, with its numbers as a table; ``name`` is what a script calls it by.
 
     Without a script the table stands alone.
     """
-    packed = packed_json(one.specification())
+    packed = packed_json(nouns.chart(one.specification()))
     numbers = frame_table(one.data[:MOST_NUMBERS])
     chart: Markup = part("figure.html").chart(
         _chart_id(packed), one.words, packed, name, numbers, len(one.data)
@@ -69,9 +79,9 @@ def _chart_id(packed: str) -> str:
     return f"chart-{hashlib.sha256(packed.encode()).hexdigest()[:8]}"
 
 
-def again(one: Figure) -> Markup:
+def again(one: Figure, nouns: Words = PLAIN) -> Markup:
     """A figure once more on the same page, which holds it once and draws it first."""
-    chart = _chart_id(packed_json(one.specification()))
+    chart = _chart_id(packed_json(nouns.chart(one.specification())))
     return Markup('<div class="again" data-of="{}"></div>').format(chart)
 
 
@@ -90,6 +100,14 @@ def script(name: str) -> Markup:
     return Markup(_environment().loader.get_source(_environment(), name)[0])  # type: ignore[union-attr] # noqa: S704
 
 
+def _in_the_pages_nouns(draw: Callable[..., Markup]) -> Callable[..., Markup]:
+    @jinja2.pass_context
+    def filtered(page: jinja2.runtime.Context, *args: Any) -> Markup:
+        return draw(*args, nouns=page.get("nouns", PLAIN))
+
+    return filtered
+
+
 @cache
 def _environment() -> jinja2.Environment:
     environment = jinja2.Environment(
@@ -100,8 +118,8 @@ def _environment() -> jinja2.Environment:
         lstrip_blocks=True,
     )
     environment.filters["prose"] = prose
-    environment.filters["again"] = again
-    environment.filters["drawn"] = drawn
+    for draw in (again, drawn):
+        environment.filters[draw.__name__] = _in_the_pages_nouns(draw)
     environment.globals["script"] = script
     environment.globals["remedies"] = entries()
     return environment

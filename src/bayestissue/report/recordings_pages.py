@@ -19,6 +19,7 @@ from bayestissue.outline import first_of
 from bayestissue.report.page import render_page
 from bayestissue.report.tables import Row, Table, columns, frame_table
 from bayestissue.signal import Displacements, displacements
+from bayestissue.words import Words
 
 # Of all curves of a page together: some 2 MB of it.
 _MOST_SAMPLES = 60_000
@@ -132,6 +133,7 @@ def check_page(
         "check.html",
         title=f"{dataset.name}: {verdict}",
         subtitle=dataset.description,
+        nouns=_nouns(dataset),
         contents=[("found", "What was found"), ("panels", "Recordings"), ("quality", "Quality")],
         quantity=dataset.quantity,
         total=len(quality),
@@ -222,6 +224,7 @@ def init_page(
     return render_page(
         "init.html",
         title=f"{dataset.name}: {total} impact{'s' if total > 1 else ''} from recorder files",
+        nouns=_nouns(dataset),
         contents=[("understood", "What was understood"), ("panels", "Recordings"), ("impacts", "Impacts")],
         understood=Table(
             columns("what", "understood as", words=("understood as",)), [Row(pair) for pair in understood]
@@ -241,6 +244,12 @@ def init_page(
         ),
         impacts=frame_table(dataset.impacts.dropna(axis="columns", how="all"), partial(_digits, digits=6)),
     )
+
+
+def _nouns(dataset: Dataset) -> Words:
+    names = dataset.impacts.select_dtypes(exclude="number")
+    own = {str(value) for name in names for value in names[name].unique()}
+    return Words(dataset.words, {dataset.name, dataset.description, *own})
 
 
 def _init_panel(index: int, *, dataset: Dataset, signal: Displacements) -> Panel:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from bayestissue.inference.results.meanings import COLUMNS, UNITS
+from bayestissue.words import Words
 
 # What is predicted of a new impact, by column: its name, the unit it is shown in, and how many per SI unit.
 PREDICTED = {
@@ -15,6 +16,11 @@ PREDICTED = {
     "peak_force_N": ("force", "N", 1.0),
     "time_to_peak_s": ("time to peak", "ms", 1e3),
 }
+
+
+def nouns_of(record: Mapping[str, Any], kept: Iterable[str] = ()) -> Words:
+    """What a run's dataset calls people, conditions and impacts; its name and ``kept`` stay as they are."""
+    return Words(record.get("words", {}), {str(record.get("dataset", "")), *map(str, kept)})
 
 
 def decimals_of(width: float) -> int:

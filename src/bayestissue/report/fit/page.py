@@ -67,6 +67,7 @@ def page_of(run: FitRun, **served: Any) -> str:
         "fit.html",
         title=f"K and C from the traces of {run.record['dataset']}",
         subtitle=_subtitle(run),
+        nouns=run.nouns,
         contents=_CONTENTS,
         first_codes=_codes(run),
         codes=[*_codes(run), *codes_of([prior_remark])],

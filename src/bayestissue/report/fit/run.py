@@ -26,6 +26,7 @@ from bayestissue.report.run_folder import (
 )
 from bayestissue.results import read_tables
 from bayestissue.results.tables import table_of_rows, typed, wrong_in
+from bayestissue.words import Words
 
 # What means the same for every element, where the truth is another element's.
 COMPARABLE = {"K": "K_secant_N_per_m", "C": "C_equivalent_N_s_per_m"}
@@ -89,6 +90,15 @@ class FitRun(PosteriorRun):
             table["truth"] = self.truth.set_index("impact")[true].reindex(table.index)
             tables[q] = table
         return tables
+
+    @cached_property
+    def nouns(self) -> Words:
+        """What the dataset calls people, conditions and impacts; its own names stay as they are."""
+        record, table = self.record, self.impacts_table.select_dtypes(exclude="number")
+        names = {str(value) for name in table for value in table[name].unique()}
+        model = record.get("model", {}).get("name", "")
+        own = {str(record.get("dataset", "")), str(record.get("description", "")), f"“{model}”", *names}
+        return Words(record.get("words", {}), own)
 
     @cached_property
     def impacts_table(self) -> pd.DataFrame:
