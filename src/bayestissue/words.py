@@ -70,7 +70,7 @@ class Words:
         kept = "|".join(re.escape(text) for text in sorted(own, key=len, reverse=True))
         return re.compile(
             rf"{f'(?P<kept>{kept})|' if kept else ''}"
-            rf"(?<![\w`./:-])(?:(?P<article>an?)(?P<space>\s+))?(?P<noun>{nouns})(?![\w`]|\.\w|[/:=])",
+            rf"(?<![\w`./:-])(?:(?P<article>an?)(?P<space>\s+))?(?P<noun>{nouns})(?![\w`]|[.:]\w|[/=])",
             re.IGNORECASE,
         )
 

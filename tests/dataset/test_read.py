@@ -250,3 +250,18 @@ def test_with_too_many_impacts_the_page_shows_the_most_suspicious(
     assert "The 2 most suspicious of 4 impacts" in page
     assert ">c</td>" in page
     assert len(pd.read_csv(tmp_path / "quality" / "quality.csv")) == 4
+
+
+def test_the_words_of_a_study_are_kept(lab: Lab, tmp_path: Path) -> None:
+    with lab.path("dataset.toml").open("a") as file:
+        file.write('\n[words]\nsubject = "pad"\nimpact = "drop"\n')
+    dataset = read_dataset(lab.folder)
+    assert dataset.words == {"subject": "pad", "impact": "drop"}
+    assert read_dataset(dataset.write(tmp_path / "again")).words == dataset.words
+
+
+def test_several_without_one_are_refused(lab: Lab) -> None:
+    with lab.path("dataset.toml").open("a") as file:
+        file.write('\n[words]\nsubjects = "pads"\n')
+    with pytest.raises(InputError, match="subject beside subjects"):
+        read_dataset(lab.folder)

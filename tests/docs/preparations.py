@@ -10,6 +10,7 @@ import pandas as pd
 from nptdms import ChannelObject, TdmsWriter
 from pages import DOCS, SHARED, run
 from scipy.io import savemat
+from scipy.signal import lsim, lti
 
 import bayestissue as bt
 from dataset_bench import RATE, deceleration
@@ -120,3 +121,26 @@ def one_table(folder: Path) -> None:
         parts.append(pd.DataFrame({"impact": f"d{number}", **columns}))
     (folder / "drops").mkdir()
     pd.concat(parts).to_csv(folder / "drops" / "traces.csv", index=False)
+
+
+def pads(folder: Path) -> None:
+    """Drops from two heights on four pads, an accelerometer beside a force plate."""
+    (folder / "tower").mkdir()
+    rng, mass, rate, g = np.random.default_rng(5), 5.0, 10_000.0, 9.80665
+    stiffness = {"A": 12e3, "B": 20e3, "C": 15e3, "D": 40e3}
+    for pad, height, repeat in product(stiffness, (12, 20), (1, 2, 3)):
+        K = stiffness[pad]
+        time = np.arange(1200) / rate
+        since = np.maximum(time - 0.01 - rng.uniform() / rate, 0)
+        system = lti([[0, 1], [-K / mass, -80 / mass]], [[0], [1]], [[K / mass, 80 / mass]], [[0]])
+        fine = np.arange(24_000) / (20 * rate)
+        _, felt, _ = lsim(system, np.full_like(fine, g), fine, X0=[0, np.sqrt(2 * g * height / 100)])
+        force = np.where(np.maximum.accumulate(felt < 0), 0.0, felt)
+        value = np.where(since > 0, np.interp(since, fine, force), 0.0)
+        noisy = value / g + rng.normal(0, 0.02, len(time))
+        columns = {
+            "Time (s)": time.round(6),
+            "Accel (g)": noisy.round(4),
+            "Force (N)": (mass * value + rng.normal(0, 2, len(time))).round(2),
+        }
+        pd.DataFrame(columns).to_csv(folder / "tower" / f"{pad}_{height}cm_{repeat}.csv", index=False)

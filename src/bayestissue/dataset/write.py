@@ -74,11 +74,11 @@ def _decoded(column: pa.ChunkedArray) -> pa.ChunkedArray:
 
 def settings_text(settings: dict[str, Any]) -> str:
     """``dataset.toml`` of these keys, tables as nested dictionaries."""
-    plain = {key: value for key, value in settings.items() if not isinstance(value, dict)}
-    lines = [_entry(key, plain[key]) for key in Settings.model_fields if key in plain]
-    for table in ("signal", "uncertainty", "recorder"):
-        if table in settings:
-            lines += ["", f"[{table}]", *(_entry(key, value) for key, value in settings[table].items())]
+    stated = [key for key in Settings.model_fields if key in settings]
+    tables = [key for key in stated if isinstance(settings[key], dict)]
+    lines = [_entry(key, settings[key]) for key in stated if key not in tables]
+    for table in tables:
+        lines += ["", f"[{table}]", *(_entry(key, value) for key, value in settings[table].items())]
     return "\n".join(lines) + "\n"
 
 
