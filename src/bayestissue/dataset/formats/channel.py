@@ -88,7 +88,7 @@ _MOST_COLUMNS = 64
 
 
 def columns(name: str, values: np.ndarray) -> dict[str, Float64[np.ndarray, " sample"]]:
-    """The channels in an array: a vector as it is called, and the columns of a table as ``name:1``, ``name:2``.
+    """The channels in an array: a vector by its name, the columns of a table as ``name:1``, ``name:2``.
 
     A table with more than 64 columns, but not of so many rows, lies on its side: its rows are the channels.
     """

@@ -21,7 +21,8 @@ def read(data: bytes, label: str) -> Contents:
     """A channel for every numeric vector, and for every column of a table [sample, channel].
 
     A vector is called by its path within the file, ``trial1/acceleration``, a column by the table's and its
-    number from 1 on, ``trial1/force:3`` (see `columns`). The unit is the attribute ``units`` or ``unit`` of the dataset.
+    number from 1 on, ``trial1/force:3`` (see `columns`). The unit is the attribute ``units`` or ``unit`` of
+    the dataset.
 
     Raises:
         InputError: the datasets are too large once they are unpacked.

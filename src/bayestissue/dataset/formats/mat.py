@@ -1,4 +1,4 @@
-"""MATLAB's ``.mat`` files, versions 5 to 7.3: every numeric vector, and every column of a matrix, is a channel."""
+"""MATLAB's ``.mat`` files, versions 5 to 7.3: numeric vectors and columns of matrices are channels."""
 
 from __future__ import annotations
 
