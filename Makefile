@@ -14,12 +14,15 @@ HOW := the commands: $(BIN)/bayestissue --help, or make shell and then bayestiss
 REPORTS := reports
 
 .DEFAULT_GOAL := help
-.PHONY: help setup shell report report-example report-arma report-published test run-tests check-code docs docs-outputs test-long evidence evidence-check evidence-status evidence-pages evidence-peers lock clean
+.PHONY: help setup setup-dev shell report report-example report-arma report-published test run-tests check-code docs docs-outputs test-long evidence evidence-check evidence-status evidence-pages evidence-peers lock clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-16s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 setup: $(READY)  ## create the environment in .venv
+	@echo "$(HOW)"
+
+setup-dev: $(READY_FOR_TESTS)  ## the same, and all that the tests and `make check-code` need
 	@echo "$(HOW)"
 
 shell: $(READY)  ## a shell in which `bayestissue` is found
@@ -101,7 +104,7 @@ evidence-check: $(READY)  ## whether the program's numbers are those on which th
 evidence-status: $(READY)  ## which evidence is of this version, and what has changed since
 	@$(EVIDENCE) status
 
-evidence-pages: $(READY)  ## write the figures into the README and the manual
+evidence-pages: $(READY)  ## write the figures into the README and the manual, before a release
 	@$(EVIDENCE) pages
 
 evidence-peers: $(READY_FOR_TESTS)  ## install the other programs that evidence of speed is measured beside

@@ -408,9 +408,10 @@ def test_rows_are_the_same_however_they_are_written(piece, tmp_path):
 
 
 @pytest.mark.parametrize("path", pages.pages(), ids=lambda path: path.relative_to(ROOT).as_posix())
-def test_a_page_prints_what_the_files_say(path):
+def test_a_page_prints_what_the_files_say_whatever_the_program_is(path, monkeypatch):
     text = path.read_text(encoding="utf-8")
-    assert pages.filled_page(path) == text, OTHERS
+    monkeypatch.setattr(fingerprint, "of_file", lambda path: "another program")
+    assert pages.filled_page(path, versions=False) == text, OTHERS
     assert not list(pages.misplaced(text)), "a figure within a sentence can't begin a line"
 
 
@@ -459,16 +460,26 @@ def test_levels_and_other_numbers_are_no_measured_figures(sentence):
     assert not list(pages.typed("page.md", sentence))
 
 
-def test_a_stale_figure_says_so_and_the_readme_leaves_it_out(monkeypatch):
-    inline, table = Figure("2 s", ("exactness",)), Figure("| a |", ("exactness",), block=True)
-    monkeypatch.setattr("evidence.pages.figure", {"a.b": inline, "a.table": table}.get)
-    monkeypatch.setattr("evidence.texts.state_of", lambda piece: status.State("stale", "changed"))
-    marked = "It takes <!-- evidence: a.b -->long<!-- end -->."
-    assert inline.printed() == "2 s (measured on an earlier version)"
-    assert table.printed().endswith("*Measured on an earlier version.*")
-    assert pages.filled(marked, fresh=True) == "It takes <!-- evidence: a.b --><!-- end -->."
-    monkeypatch.setattr("evidence.texts.state_of", lambda piece: status.State("fresh", ""))
-    assert pages.filled(marked, fresh=True) == "It takes <!-- evidence: a.b -->2 s<!-- end -->."
+def test_the_readme_leaves_out_what_is_not_measured(monkeypatch):
+    known = {"a.b": Figure("2 s", ("exactness",)), "a.c": Figure("not measured yet", ())}
+    monkeypatch.setattr("evidence.pages.figure", known.get)
+    marked = "It takes <!-- evidence: a.b -->long<!-- end -->. <!-- evidence: a.c -->Soon.<!-- end -->"
+    said = "It takes <!-- evidence: a.b -->2 s<!-- end -->. <!-- evidence: a.c -->{}<!-- end -->"
+    assert pages.filled(marked) == said.format("not measured yet")
+    assert pages.filled(marked, measured=True) == said.format("")
+
+
+def test_the_page_says_which_figures_an_earlier_version_measured(piece, tmp_path, monkeypatch):
+    def versions() -> str:
+        status.state_of.cache_clear()
+        return figure("evidence.versions").text
+
+    monkeypatch.setattr("evidence.summary.pieces", lambda: {"piece": piece})
+    assert "Not measured in full: `piece` (not measured)." in versions()
+    measure(0)
+    assert versions().endswith("All figures were of that version.")
+    (tmp_path / "part.py").write_text("A = 2\n")
+    assert "Measured on an earlier version, at the commit given: `piece` (unknown)." in versions()
 
 
 def test_an_unknown_figure_is_named(monkeypatch):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import importlib.util
 import re
+import shutil
+import subprocess
 import sys
 import tomllib
 from pathlib import Path
@@ -50,6 +52,15 @@ def test_a_run_installs_what_it_needs_and_no_tool_of_the_tests(project: dict) ->
     assert names(project["project"]["dependencies"]) | names(groups["build"]) <= run
     assert not dev & run
     assert dev <= every
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="needs make")
+def test_what_contributors_set_up_first_has_the_tools_that_they_are_told_to_run() -> None:
+    guide = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    first = guide.partition("\nmake ")[2].split()[0]
+    done = subprocess.run(["make", "-nB", first], cwd=ROOT, capture_output=True, text=True, check=True)  # noqa: S603, S607
+    locks = re.findall(r"tools/install.py \S+ (\S+)", done.stdout)
+    assert {"pytest", "ruff", "mypy", "import-linter"} <= set().union(*map(pins, locks))
 
 
 def test_installing_says_how_far_it_is(install, capsys, monkeypatch, tmp_path) -> None:

@@ -39,7 +39,7 @@ def main() -> None:
         status()
     elif asked.command == "figures":
         for name, figure in figures().items():
-            print(f"{name}: {'(table)' if figure.block else figure.printed()}")
+            print(f"{name}: {'(table)' if figure.block else figure.text}")
     else:
         print("\n".join(fill()) or "nothing to change")
 

@@ -18,7 +18,7 @@ from evidence.families.intervals import coverage_of_fits
 from evidence.figures import figures
 from evidence.registry import ROOT, SHOWN, content
 from evidence.status import state_of
-from evidence.summary import figure
+from evidence.summary import VERSIONS, figure
 from evidence.texts import Figure
 
 MARKED = re.compile(
@@ -84,33 +84,39 @@ def fill() -> list[str]:
     return changed
 
 
-def filled_page(path: Path) -> str:
-    """A page's text with its figures; the README has those of this version alone."""
-    return filled(path.read_text(encoding="utf-8"), fresh=path == ROOT / "README.md")
+def filled_page(path: Path, *, versions: bool = True) -> str:
+    """A page's text with its figures as the result files have them; the README has measured ones alone.
+
+    Args:
+        path: of the page.
+        versions: whether to say anew which figures are of the program's version, which follows from its code.
+    """
+    return filled(path.read_text(encoding="utf-8"), measured=path == ROOT / "README.md", versions=versions)
 
 
-def filled(text: str, *, fresh: bool = False) -> str:
-    """A text with its figures as the result files have them, those of this version alone if ``fresh``."""
-    with_text = partial(_with_text, fresh=fresh)
+def filled(text: str, *, measured: bool = False, versions: bool = True) -> str:
+    """A text with its figures, none in place of those that are not ``measured`` if they alone are wanted."""
+    with_text = partial(_with_text, measured=measured, versions=versions)
     return "".join(part if fenced else MARKED.sub(with_text, part) for part, fenced in _parts(text))
 
 
-def _with_text(mark: re.Match[str], *, fresh: bool) -> str:
+def _with_text(mark: re.Match[str], *, measured: bool, versions: bool) -> str:
     name, begin = mark["name"], f"{mark['indent'] or ''}<!-- evidence: {mark['name']} -->"
+    if name == VERSIONS and not versions:
+        return mark[0]
     content = figure(name)
-    if fresh and (content.stale or not content.pieces):
+    if measured and not content.pieces:
         return f"{begin}<!-- end -->"
     if "\n" in mark["text"] or content.block:
         indent = mark["indent"] or ""
         text = textwrap.indent(_paragraph(content), indent)
         return f"{begin}\n\n{text}\n\n{indent}<!-- end -->"
-    return f"{begin}{content.printed()}<!-- end -->"
+    return f"{begin}{content.text}<!-- end -->"
 
 
 def _paragraph(made: Figure) -> str:
     """A sentence of its own where the figure is a part of one."""
-    text = made.printed()
-    return text if made.block else f"{text[0].upper()}{text[1:]}."
+    return made.text if made.block else f"{made.text[0].upper()}{made.text[1:]}."
 
 
 def coverage_shown() -> str:

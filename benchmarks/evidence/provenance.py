@@ -185,8 +185,12 @@ def _versions() -> dict[str, str]:
 
 def _commit(piece: Piece) -> dict[str, Any]:
     """The commit, and whether a part differs from it."""
-    commit = _git("rev-parse", "--short", "HEAD")
-    return {"commit": commit or "unknown", "dirty": bool(_git("status", "--porcelain", "--", *piece.parts()))}
+    return {"commit": head(), "dirty": bool(_git("status", "--porcelain", "--", *piece.parts()))}
+
+
+def head() -> str:
+    """The commit that is checked out."""
+    return _git("rev-parse", "--short", "HEAD") or "unknown"
 
 
 def _git(*arguments: str) -> str:

@@ -9,8 +9,6 @@ from evidence.fingerprint import changed, of_parts
 from evidence.provenance import digest, read, references_of
 from evidence.registry import ROOT, Piece
 
-EARLIER = "measured on an earlier version"
-
 
 @dataclass(frozen=True)
 class State:

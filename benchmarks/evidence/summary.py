@@ -7,18 +7,19 @@ from typing import Any
 import pandas as pd
 
 from evidence.figures import figures
-from evidence.provenance import read
+from evidence.provenance import head, read
 from evidence.registry import content, pieces
-from evidence.status import EARLIER, State, state_of
+from evidence.status import state_of
 from evidence.texts import Figure, table
 
 NOT_MEASURED = "not measured yet"
 _MINUTE, _HOUR = 60, 3600
-_IN_SHORT = {"fresh": "of this version", "stale": EARLIER, "missing": NOT_MEASURED}
+# The one text that depends on the program as it is: which figures are of its version.
+VERSIONS = "evidence.versions"
 
 
 def figure(name: str) -> Figure:
-    """The figure of this name, or where all come from (evidence.provenance).
+    """The figure of this name, or where all come from (evidence.provenance), and of which version they are.
 
     Raises:
         KeyError: there is none of this name, nor could there be: the family is none of evidence.toml, or has
@@ -27,6 +28,8 @@ def figure(name: str) -> Figure:
     family = name.partition(".")[0]
     if name == "evidence.provenance":
         return Figure(_provenance(), (), block=True)
+    if name == VERSIONS:
+        return Figure(_versions(), (), block=True)
     if family not in content()["pieces"]:
         raise KeyError(f"{name}: evidence.toml has no pieces {family!r}")
     if name in figures():
@@ -34,11 +37,6 @@ def figure(name: str) -> Figure:
     if any(known.startswith(f"{family}.") for known in figures()):
         raise KeyError(f"{name}: there is no such figure; `python -m evidence figures` lists all")
     return Figure(NOT_MEASURED, ())
-
-
-def in_words(state: State) -> str:
-    """As pages say it, without what has changed."""
-    return _IN_SHORT.get(state.kind, state.why)
 
 
 def _provenance() -> str:
@@ -56,10 +54,26 @@ def _provenance() -> str:
                 "machine": record.get("machine", ""),
                 "versions": ", ".join(f"{name} {number}" for name, number in versions.items()),
                 "took": _duration(record.get("seconds")),
-                "state": in_words(state_of(piece)),
             }
         )
     return table(pd.DataFrame(rows), words=True)
+
+
+def _versions() -> str:
+    """Which figures are of the program as it is now; each of the others with the commit that measured it."""
+    earlier, open_ = [], []
+    for piece in pieces().values():
+        state = state_of(piece)
+        if state.kind == "stale":
+            earlier.append(f"`{piece.name}` ({_commit(read(piece) or {})})")
+        elif state.kind != "fresh":
+            open_.append(f"`{piece.name}` ({state.why})")
+    written = f"These pages were written at commit {head()}. "
+    if not earlier and not open_:
+        return f"{written}All figures were of that version."
+    said = [f"Measured on an earlier version, at the commit given: {', '.join(earlier)}."] if earlier else []
+    said += [f"Not measured in full: {', '.join(open_)}."] if open_ else []
+    return f"{written}{' '.join(said)} All others were of that version."
 
 
 def _commit(record: dict[str, Any]) -> str:

@@ -9,8 +9,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from evidence.registry import of_family, pieces
-from evidence.status import EARLIER, state_of
+from evidence.registry import of_family
 
 # Of intervals, and the quantiles at their ends.
 LEVELS = {50: ("q25", "q75"), 90: ("q05", "q95")}
@@ -25,20 +24,6 @@ class Figure:
     pieces: tuple[str, ...]
     # Tables and paragraphs of their own; others stand within a sentence.
     block: bool = False
-
-    @property
-    def stale(self) -> list[str]:
-        """Its pieces that are not of this version."""
-        return [name for name in self.pieces if state_of(pieces()[name]).kind != "fresh"]
-
-    def printed(self) -> str:
-        """With a remark where a piece is stale."""
-        if not self.stale:
-            return self.text
-        if not self.block:
-            return f"{self.text} ({EARLIER})"
-        which = "" if len(self.stale) == len(self.pieces) else f": {', '.join(self.stale)}"
-        return f"{self.text}\n\n*{EARLIER[0].upper()}{EARLIER[1:]}{which}.*"
 
 
 Named = Iterator[tuple[str, Figure]]

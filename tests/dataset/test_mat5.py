@@ -32,7 +32,7 @@ def test_numbers_among_other_things(compress: bool) -> None:
         compress=compress,
     )
     found = numeric_variables(data)
-    assert set(found) == {"value", "counts"}
+    assert set(found) == {"value", "counts", "settings.rate"}
     np.testing.assert_array_equal(found["value"], np.linspace(0, 1, 7))
     np.testing.assert_array_equal(found["counts"], np.arange(5))
 

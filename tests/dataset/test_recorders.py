@@ -242,6 +242,49 @@ def test_columns_of_a_table_in_hdf5_are_called_by_number(lab: Lab) -> None:
     assert_same(read_dataset(lab.folder))
 
 
+def _mat5_export(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+    # As LabChart exports: variables without content among the others.
+    beside = {"com": np.zeros((0, 0)), "comtext": "", "titles": np.array(["Fx", "Impact"]), "rate": RATE}
+    empty = {"cfg": {"note": "", "gain": np.zeros((0, 1))}}
+    data = np.column_stack([time, value, 3 * value])
+    trials = np.zeros((1, 2), dtype=[("acc", object)])
+    trials["acc"] = [[3 * value, value]]
+    daq = {"daq": {"time": time[:, None], "acc": value, **empty}}
+    savemat(path, {**beside, "test": daq, "data": data, "wide": data.T, "trial": trials})
+
+
+def _mat73_export(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+    data = np.column_stack([time, value, 3 * value])
+    with h5py.File(path, "w", userblock_size=512) as file:
+        # MATLAB writes the dimensions from the other end, and of an empty array the shape.
+        file["data"], file["wide"] = data.T, data
+        file["test/daq/time"], file["test/daq/acc"] = time[None, :], value[None, :]
+        file["com"] = np.zeros(2, dtype=np.uint64)
+        file["com"].attrs["MATLAB_empty"] = np.int32(1)
+        file["#refs#/a"] = 3 * value
+
+
+IN_BOTH = [("test.daq.time", "test.daq.acc"), ("data:1", "data:2"), ("wide:1", "wide:2")]
+
+
+@pytest.mark.parametrize(
+    ("write", "time_column", "value_column"),
+    [
+        *((_mat5_export, *names) for names in [*IN_BOTH, ("data:1", "trial(2).acc")]),
+        *((_mat73_export, *names) for names in IN_BOTH),
+    ],
+)
+def test_fields_and_columns_of_matlab_are_named(
+    write: Writer, time_column: str, value_column: str, lab: Lab
+) -> None:
+    names = f'time_column = "{time_column}"\nvalue_column = "{value_column}"'
+    lab.replace("dataset.toml", "[signal]", f"[signal]\n{names}")
+    files_instead(lab, ".mat", write)
+    assert_same(read_dataset(lab.folder))
+    channels = contents_of(next(lab.folder.glob("*.mat")), "a.mat").channels
+    assert not {"com", "comtext", "test.daq.cfg.gain", "#refs#.a"} & set(channels)
+
+
 @pytest.mark.parametrize(
     ("write", "suffix", "unit"),
     [

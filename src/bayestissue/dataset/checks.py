@@ -102,7 +102,7 @@ def _clock_problems(recordings: Recordings) -> Iterator[Problem]:
     rate = (samples.count - 1) / samples.duration
     off = (np.abs(rate / stated - 1) > _RATE_WITHIN) & np.isfinite(stated)
     limits = {"stated": stated, "within": _RATE_WITHIN}
-    yield from recordings.where(off, "sampling-rate", "{:g} Hz", rate, column=column, **limits)
+    yield from recordings.where(off, "sampling-rate.impacts", "{:g} Hz", rate, column=column, **limits)
     slow, short = mean > _LONGEST_STEP_S, (samples.duration > 0) & (samples.duration < _SHORTEST_S)
     limits = {"longest": _LONGEST_STEP_S, "shortest": _SHORTEST_S}
     yield from recordings.where(slow, "unit.slow-clock", "one every {:.4g} s", mean, column=column, **limits)

@@ -126,7 +126,8 @@ def _from_table(path: Path, label: str, signal: SignalSettings) -> Recording:
     value, time = table.numbers[signal.value_column], table.numbers.get(signal.time_column)
     return Recording(
         value.array,
-        None if time is None else time.array,
+        None if time is None or time.seconds else time.array,
+        time.array if time is not None and time.seconds else None,
         first_row=table.first_row,
         text={**(time.text if time else {}), **value.text},
     )

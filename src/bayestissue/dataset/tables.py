@@ -13,6 +13,7 @@ import pyarrow.csv as pa_csv
 import pyarrow.parquet as pq
 from jaxtyping import Float64, Int
 
+from bayestissue.dataset import clock_times
 from bayestissue.dataset.cells import column_problems, ragged_problem
 from bayestissue.dataset.dialect import Dialect, Stated, TextTable, text_table
 from bayestissue.dataset.files import error_line, read_bytes, require_small
@@ -31,11 +32,13 @@ class Numbers:
         array: not a number (nan) where the cell was empty or held no number.
         text: from the index of such a cell to what stood there.
         unit: as a line of units states it; empty where none does.
+        seconds: whether the cells hold times of day, which are seconds since the first one here.
     """
 
     array: Float64[np.ndarray, " row"]
     text: dict[int, str] = field(default_factory=dict)
     unit: str = ""
+    seconds: bool = False
 
     @classmethod
     def joined(cls, parts: Sequence[Numbers]) -> Numbers:
@@ -123,7 +126,7 @@ def read_table(
     if not table.num_rows:
         raise InputError(_no_rows(label))
     return Columns(
-        {name: Numbers(_floats(table[name])) for name in numbers},
+        {name: _parquet_numbers(table[name]) for name in numbers},
         {name: _labels(table[name]) for name in labels},
     )
 
@@ -180,7 +183,7 @@ def _parse_text(text: TextTable, label: str, numbers: Sequence[str], labels: Seq
         raise InputError(_no_rows(label))
     units = dict(zip(text.names, text.units, strict=True))
     return Columns(
-        {name: replace(column, unit=units[name]) for name, column in columns.items()},
+        {name: replace(column, unit=units[name] or column.unit) for name, column in columns.items()},
         {name: _labels(table[name]) for name in labels},
         text.dialect.first_row,
         text.dialect,
@@ -232,6 +235,9 @@ def _without_trailing_blanks(table: pa.Table) -> pa.Table:
 
 
 def _sifted(cells: pa.Array, dialect: Dialect) -> Numbers:
+    if (times := clock_times.seconds(cells)) is not None:
+        bad = np.flatnonzero(np.isnan(times))
+        return Numbers(times, {int(i): cells[int(i)].as_py() or "" for i in bad}, "s", seconds=True)
     good = pc.match_substring_regex(cells, dialect.number)
     plain = pc.utf8_trim_whitespace(pc.if_else(good, cells, None))
     for mark, instead in (*((mark, "") for mark in dialect.thousands), (dialect.decimal, ".")):
@@ -312,7 +318,22 @@ def _read_size(file: pq.ParquetFile, wanted: list[str]) -> int:
 
 
 def _numeric(kind: pa.DataType) -> bool:
-    return pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_decimal(kind)
+    numbers = pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_decimal(kind)
+    return numbers or _of_time(kind)
+
+
+def _of_time(kind: pa.DataType) -> bool:
+    return pa.types.is_timestamp(kind) or pa.types.is_time(kind) or pa.types.is_duration(kind)
+
+
+def _parquet_numbers(column: pa.ChunkedArray) -> Numbers:
+    if not _of_time(column.type):
+        return Numbers(_floats(column))
+    counts = column.cast(pa.int64() if column.type.bit_width == 64 else pa.int32()).cast(pa.int64())
+    # As whole numbers, of which a float would not hold all digits.
+    since = pc.subtract(counts, counts.drop_null()[0] if counts.null_count < len(counts) else 0)
+    per_second = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}[column.type.unit]
+    return Numbers(_floats(since) / per_second, unit="s", seconds=True)
 
 
 def _floats(column: pa.ChunkedArray) -> np.ndarray:

@@ -76,7 +76,7 @@ def long_reading(
     count = np.bincount(codes[codes >= 0], minlength=len(impacts))
     has = np.flatnonzero(count)
     samples = Samples(
-        in_seconds(times.array[order], signal),
+        times.array[order] if times.seconds else in_seconds(times.array[order], signal),
         in_si(readings.array[order], signal),
         np.concatenate([[0], np.cumsum(count[has])]),
         has,

@@ -21,7 +21,7 @@ from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.dataset.settings import SignalSettings, parse_settings
 from bayestissue.dataset.traces import read_one
 from bayestissue.errors import InputError, Problem, collected
-from bayestissue.intake.choices import Choices
+from bayestissue.intake.choices import Choices, require_steady
 from bayestissue.intake.facts import Facts
 from bayestissue.intake.folder import File, RecorderFolder
 from bayestissue.outline import first_of
@@ -240,6 +240,8 @@ class _Plan:
                 base["sampling_rate_hz"] = self.choices.rate_hz
             with collected(problems):
                 _require_unit(file, usual)
+                if self.choices.time is None and np.isfinite(rate := self._rate(file)):
+                    require_steady(file, rate)
                 for number, row in enumerate(self._impacts(file), 1):
                     impact = row.get("impact", name)
                     yield {**base, **row, "impact": f"{impact}-{number}" if self.cutting else impact}
@@ -272,12 +274,15 @@ class _Plan:
 
     def oriented(self, file: File) -> Trace:
         """A recording, as far as it is read, positive while the impactor slows or into the tissue."""
-        rate = self.facts.of_file[file.name].get("sampling_rate_hz", self.choices.rate_hz or np.nan)
-        time, value = read_one(file.path, file.name, self.signal, float(rate))
+        time, value = read_one(file.path, file.name, self.signal, self._rate(file))
         value = -value if self.signal.quantity == "acceleration" else value
         start, stop = _ends(self.signal)
         inside = (time >= start) & (time <= stop)
         return Trace(time[inside], value[inside])
+
+    def _rate(self, file: File) -> float:
+        """The stated sampling rate, Hz; not a number where none was."""
+        return float(self.facts.of_file[file.name].get("sampling_rate_hz", self.choices.rate_hz or np.nan))
 
     def with_hint(self, problem: Problem, files: dict[str, File]) -> Problem:
         """The problem with a further remedy where the recording seems to hold several impacts."""

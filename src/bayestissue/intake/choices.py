@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, get_args
@@ -16,7 +16,9 @@ from bayestissue.intake.folder import ChannelSummary, File, RecorderFolder
 from bayestissue.intake.names import is_height
 
 _QUANTITIES: tuple[str, ...] = get_args(Quantity)
-_TIME = re.compile(r"(time|zeit|t)\b|time_", re.IGNORECASE)
+_TIME = re.compile(
+    r"(time|timestamp|elapsed|zeit|uhrzeit|temps|tiempo|tempo|t)\b|time_|seconds_elapsed", re.IGNORECASE
+)
 # What impacts.csv needs: what it is, and an example.
 _NEEDED = {
     "subject": ("who was hit", "s01"),
@@ -27,6 +29,7 @@ _FALLS = (
     "how it moves at contact: straight down (drop), or across gravity, as a pendulum at its lowest point "
     "does (none)"
 )
+_RATE_WITHIN = 0.01
 _ALIKE = "for all recordings alike, or of each by --pattern or --table"
 
 
@@ -143,8 +146,8 @@ def settle(
 ) -> tuple[Choices, list[Question]]:
     """Fill in what the files themselves leave no doubt about; what is left are questions.
 
-    The channel is the only one that is no time; times are a channel that rises evenly and is named for it;
-    units are those that all files state for a channel.
+    The channel is the only one that is no time; times are a channel that goes up, and is named for it or has
+    a unit of time; units are those that all files state for a channel.
 
     Args:
         choices: so far.
@@ -154,13 +157,13 @@ def settle(
     questions: list[Question] = []
     candidates = recordings.candidates()
     rising = [name for name, channels in candidates.items() if all(channel.rising for channel in channels)]
-    times = [name for name in rising if _TIME.match(name)]
+    times = times_among(candidates)
     # What rises evenly is hardly an impact, whatever it is called.
-    likely = times or (rising if len(rising) == 1 else [])
+    no_impacts = [*times, *rising] if times or len(rising) == 1 else []
     values = [
         name
         for name, channels in candidates.items()
-        if name not in likely and name != choices.time and max(a.samples for a in channels) >= MIN_SAMPLES
+        if name not in no_impacts and name != choices.time and max(a.samples for a in channels) >= MIN_SAMPLES
     ]
     if not values:
         raise InputError(_no_values(file, len(recordings.files)) for file in recordings.files)
@@ -177,8 +180,8 @@ def settle(
     if choices.time is None and not rated and not all(channel.clock for channel in chosen):
         if len(times) == 1:
             choices = replace(choices, time=times[0])
-        elif rising:
-            questions.append(Question("--time", "the channel with the times", tuple(rising), rising[0]))
+        elif likely := times or rising:
+            questions.append(Question("--time", "the channel with the times", tuple(likely), likely[0]))
         else:
             questions.append(Question("--rate-hz", "the sampling rate in Hz", (), "10000"))
     if choices.time is not None and choices.time not in candidates:
@@ -205,6 +208,42 @@ def settle(
     if choices.gravity is None and any(map(is_height, facts)):
         questions.append(Question("--gravity", _FALLS, ("drop", "none"), "drop"))
     return choices, questions
+
+
+def times_among(channels: Mapping[str, Sequence[ChannelSummary]]) -> list[str]:
+    """The names of those that go up in every file, and are named for times or have a unit of time."""
+    return [
+        name
+        for name, each in channels.items()
+        if all(channel.steps for channel in each) and (_TIME.match(name) or _unit(each, ["time"]))
+    ]
+
+
+def require_steady(file: File, rate: float) -> None:
+    """Refuse a stated sampling rate (Hz) that the times in a file contradict, or by which samples are lost.
+
+    Times may be as coarse as a recorder writes them: several samples may have the same.
+    """
+    problems = []
+    for name in times_among({name: [channel] for name, channel in file.channels.items()}):
+        channel = file.channels[name]
+        steps, unit = channel.steps, _unit([channel], ["time"])
+        if steps is None:
+            continue
+        if steps.gap is not None:
+            words = f"a step of {steps.longest:.6g} where most are {steps.usual:.6g}"
+            problems.append(Problem.stated("sampling-rate.gap", file.name, steps.gap, name, words, name=name))
+            continue
+        # The ends of a span are as coarse as its steps.
+        within = _RATE_WITHIN + steps.usual / (steps.mean * channel.samples)
+        found = None if unit is None else 1 / (steps.mean * to_si(unit, "time"))
+        if found is not None and abs(found / rate - 1) > within:
+            words = {"rate": rate, "name": name}
+            problems.append(
+                Problem.stated("sampling-rate.option", file.name, None, name, f"{found:.4g} Hz", **words)
+            )
+    if problems:
+        raise InputError(problems)
 
 
 def _no_channel(option: str, name: str, names: Iterable[str]) -> Problem:

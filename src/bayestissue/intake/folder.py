@@ -15,6 +15,47 @@ from bayestissue.dataset.tables import TEXT_SUFFIXES
 from bayestissue.errors import InputError, Problem
 
 _DIGITS = re.compile(r"(\d+)")
+# Of the steps of a channel of times in which some samples are out of order.
+_FALLING = 0.05
+
+
+@dataclass(frozen=True)
+class Steps:
+    """From sample to sample of a channel that hardly ever falls, in its unit.
+
+    Attributes:
+        mean: of all steps.
+        usual: the median of those that are not 0.
+        longest: the greatest.
+        rises: whether none is 0 and all are alike, as the steps of times are.
+        gap: the row after the first step that is too long for times of a steady recorder, however coarse;
+            None without one.
+    """
+
+    mean: float
+    usual: float
+    longest: float
+    rises: bool
+    gap: int | None
+
+    @classmethod
+    def of(cls, values: np.ndarray, first_row: int) -> Steps | None:
+        """None of a channel that falls at more than one in twenty steps, or that has no end of numbers."""
+        if values.size < 3 or not np.isfinite(values).all() or not values[-1] > values[0]:
+            return None
+        step = np.diff(values)
+        if np.mean(step < 0) > _FALLING:
+            return None
+        usual = float(np.median(step[step > 0]))
+        low, high = np.quantile(step[step > 0], [0.05, 0.95])
+        gap = np.flatnonzero(step > max(1.5 * usual, usual + 1.5 * (high - low)))
+        return cls(
+            float(np.mean(step)),
+            usual,
+            float(step.max()),
+            bool(step.min() > 0 and step.max() < 1.5 * np.median(step)),
+            first_row + int(gap[0]) + 1 if gap.size else None,
+        )
 
 
 @dataclass(frozen=True)
@@ -25,13 +66,18 @@ class ChannelSummary:
         unit: as the file states it; empty where it states none.
         samples: how many it has.
         clock: whether the file's format carries its times.
-        rising: whether its values rise evenly, as times do.
+        steps: of its values, where these go up as times do.
     """
 
     unit: str
     samples: int
     clock: bool
-    rising: bool
+    steps: Steps | None
+
+    @property
+    def rising(self) -> bool:
+        """Whether its values rise evenly, as times do."""
+        return self.steps is not None and self.steps.rises
 
 
 @dataclass(frozen=True)
@@ -128,7 +174,10 @@ def look(
                 name,
                 {
                     key: ChannelSummary(
-                        channel.unit, channel.values.size, channel.clock is not None, _rises(channel.values)
+                        channel.unit,
+                        channel.values.size,
+                        channel.clock is not None,
+                        Steps.of(channel.values, contents.first_row),
                     )
                     for key, channel in contents.channels.items()
                 },
@@ -150,10 +199,3 @@ def files_within(folder: Path) -> list[Path]:
 
 def _natural(path: Path) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in _DIGITS.split(path.as_posix())]
-
-
-def _rises(values: np.ndarray) -> bool:
-    if values.size < 3 or not np.isfinite(values).all():
-        return False
-    step = np.diff(values)
-    return bool(step.min() > 0 and step.max() < 1.5 * np.median(step))

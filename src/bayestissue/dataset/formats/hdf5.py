@@ -9,21 +9,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bayestissue.dataset.files import require_small
-from bayestissue.dataset.formats.channel import Channel, Contents, Format
+from bayestissue.dataset.formats.channel import Channel, Contents, Format, columns
 
 if TYPE_CHECKING:
     import h5py
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
-# A table of more columns is a picture or the like, and no recording of some channels.
-_MOST_COLUMNS = 64
 
 
 def read(data: bytes, label: str) -> Contents:
     """A channel for every numeric vector, and for every column of a table [sample, channel].
 
     A vector is called by its path within the file, ``trial1/acceleration``, a column by the table's and its
-    number from 1 on, ``trial1/force:3``. The unit is the attribute ``units`` or ``unit`` of the dataset.
+    number from 1 on, ``trial1/force:3`` (see `columns`). The unit is the attribute ``units`` or ``unit`` of
+    the dataset.
 
     Raises:
         InputError: the datasets are too large once they are unpacked.
@@ -36,17 +35,14 @@ def read(data: bytes, label: str) -> Contents:
         numeric = {name: item for name, item in _datasets(file) if item.dtype.kind in "fiu" and item.size}
         require_small(sum(8 * item.size for item in numeric.values()), label)
         for name, item in numeric.items():
-            values, unit = np.asarray(item), _unit(item)
-            if max(values.shape, default=1) == values.size:
-                channels[name] = Channel(np.ravel(values).astype(np.float64), unit=unit)
-            elif values.ndim == 2 and values.shape[1] <= _MOST_COLUMNS:
-                for number, column in enumerate(values.T.astype(np.float64), 1):
-                    channels[f"{name}:{number}"] = Channel(column, unit=unit)
+            unit = _unit(item)
+            for channel, values in columns(name, np.asarray(item)).items():
+                channels[channel] = Channel(values, unit=unit)
     return Contents(channels)
 
 
 def variables(data: bytes, label: str) -> dict[str, np.ndarray]:
-    """The numeric arrays of a MATLAB 7.3 file, by name.
+    """The numeric arrays of a MATLAB 7.3 file that are not empty, by name, fields as ``test.daq.acc``.
 
     Args:
         data: the whole file.
@@ -61,14 +57,17 @@ def variables(data: bytes, label: str) -> dict[str, np.ndarray]:
     with h5py.File(io.BytesIO(data), "r") as file:
         items = {
             name: item
-            for name, item in _datasets(file, deep=False)
-            if item.attrs.get("MATLAB_class", b"double") != b"char"
+            for name, item in _datasets(file)
+            # Of an empty array the file keeps the shape in place of the numbers, and cells in a folder.
+            if item.dtype.kind in "fiu" and item.size and not item.attrs.get("MATLAB_empty", 0)
+            if item.attrs.get("MATLAB_class", b"double") != b"char" and not name.startswith("#")
         }
-        require_small(sum(item.nbytes for item in items.values()), label)
-        return {name: np.asarray(item) for name, item in items.items()}
+        require_small(sum(8 * item.size for item in items.values()), label)
+        # MATLAB counts the dimensions from the other end.
+        return {name.replace("/", "."): np.asarray(item).T for name, item in items.items()}
 
 
-def _datasets(file: h5py.File, *, deep: bool = True) -> Iterator[tuple[str, Any]]:
+def _datasets(file: h5py.File) -> Iterator[tuple[str, Any]]:
     """The datasets whose numbers lie in the file itself: links and external storage lead to other files.
 
     Each comes once: a few groups that hold each other would otherwise have more paths than can be walked.
@@ -88,7 +87,7 @@ def _datasets(file: h5py.File, *, deep: bool = True) -> Iterator[tuple[str, Any]
             visited.add(address)
             if isinstance(item, h5py.Dataset) and not (item.external or item.is_virtual):
                 yield f"{before}{name}", item
-            elif deep and isinstance(item, h5py.Group):
+            elif isinstance(item, h5py.Group):
                 waiting.append((f"{before}{name}/", item))
 
 

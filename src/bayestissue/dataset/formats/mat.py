@@ -1,8 +1,7 @@
-"""MATLAB's ``.mat`` files, versions 5 to 7.3: every numeric vector is a channel."""
+"""MATLAB's ``.mat`` files, versions 5 to 7.3: numeric vectors and columns of matrices are channels."""
 
 from __future__ import annotations
 
-import io
 import math
 import struct
 import zlib
@@ -10,18 +9,20 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from bayestissue.dataset.files import unpacked_size
+from bayestissue.dataset.files import require_small, unpacked_size
 from bayestissue.dataset.formats import hdf5
-from bayestissue.dataset.formats.channel import Channel, Contents, Format
+from bayestissue.dataset.formats.channel import Channel, Contents, Format, columns
 
-_ITEM_BYTES = {1: 1, 2: 1, 3: 2, 4: 2, 5: 4, 6: 4, 7: 4, 9: 8, 12: 8, 13: 8}
+# How numbers are kept, by the type of the data element.
+_KEPT = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 _MATRIX, _COMPRESSED = 14, 15
-_NUMERIC_CLASSES = range(6, 16)
-_OPAQUE = 17
+_STRUCT, _NUMERIC, _OPAQUE = 2, range(6, 16), 17
 
 
 def numeric_variables(data: bytes, label: str = "a .mat file") -> dict[str, np.ndarray]:
-    """The real numeric arrays of a MATLAB 5 file, by name.
+    """The real numeric arrays of a MATLAB 5 file that are not empty, by name, without dimensions of 1.
+
+    A field of a structure is called as in MATLAB, ``test.daq.acc``, or ``trial(2).acc`` in an array of them.
 
     Args:
         data: the whole file.
@@ -31,20 +32,18 @@ def numeric_variables(data: bytes, label: str = "a .mat file") -> dict[str, np.n
         InputError: its variables are too large once they are unpacked.
         ValueError: the file is damaged, or is no MATLAB 5 file.
     """
-    from scipy.io import loadmat
-
     order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
     if order is None:
         raise ValueError("neither a MATLAB 5 nor a MATLAB 7.3 file")
-    names: list[str] = []
+    found: dict[str, np.ndarray] = {}
     size = 0
     for kind, body in _elements(data[128:], order):
         if kind == _COMPRESSED:
             size = unpacked_size(body, label, before=size)
             ((kind, body),) = _elements(zlib.decompress(body), order)
-        names += _numeric_name(kind, body, order)
-    content = loadmat(io.BytesIO(data), squeeze_me=True, variable_names=names)
-    return {name: np.asarray(content[name]) for name in names}
+        found.update(_arrays(kind, body, order))
+    require_small(sum(8 * values.size for values in found.values()), label)
+    return found
 
 
 def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
@@ -60,50 +59,75 @@ def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
             begin, end, step = at + 4, at + 4 + size, 0
             if size > 4:
                 raise ValueError("a small element larger than four bytes")
-        if end > len(data) or (kind in _ITEM_BYTES and size % _ITEM_BYTES[kind]):
+        if end > len(data) or (kind in _KEPT and size % int(_KEPT[kind][1])):
             raise ValueError("an element that is longer than the file, or not whole")
-        if kind not in _ITEM_BYTES and kind not in (_MATRIX, _COMPRESSED, 16, 17, 18):
+        if kind not in _KEPT and kind not in (_MATRIX, _COMPRESSED, 16, 17, 18):
             raise ValueError(f"an element of unknown type {kind}")
         yield kind, data[begin:end]
         at += 8 + step
 
 
-def _numeric_name(kind: int, body: bytes, order: str) -> Iterator[str]:
+def _arrays(kind: int, body: bytes, order: str, name: str | None = None) -> Iterator[tuple[str, np.ndarray]]:
+    """The numeric arrays of a variable, which ``name`` calls where it is a field of a structure."""
     if kind != _MATRIX:
         raise ValueError(f"an element of type {kind} where a variable should be")
     parts = _elements(body, order)
     flags_kind, flags = next(parts, (0, b""))
     if flags_kind != 6 or len(flags) != 8:
+        # MATLAB writes an empty field as a matrix without any part.
+        if name is not None and not body:
+            return
         raise ValueError("a variable without flags")
     word = struct.unpack(f"{order}II", flags)[0]
     variable_class, is_complex = word & 0xFF, bool(word & 0x800)
     if variable_class == _OPAQUE:
         return
-    (shape_kind, shape), (name_kind, name) = next(parts, (0, b"")), next(parts, (0, b""))
+    (shape_kind, shape), (name_kind, own_name) = next(parts, (0, b"")), next(parts, (0, b""))
     if shape_kind != 5 or len(shape) < 8 or name_kind != 1:
         raise ValueError("a variable without shape or name")
-    count = math.prod(struct.unpack(f"{order}{len(shape) // 4}i", shape))
-    if variable_class not in _NUMERIC_CLASSES or is_complex:
+    lengths = struct.unpack(f"{order}{len(shape) // 4}i", shape)
+    count = math.prod(lengths)
+    name = own_name.decode("latin-1") if name is None else name
+    if count < 1:
+        return
+    if variable_class == _STRUCT:
+        yield from _fields(parts, order, name, count)
+    if variable_class not in _NUMERIC or is_complex:
         return
     (values_kind, values), *more = list(parts)
-    if more or count * _ITEM_BYTES.get(values_kind, 0) != len(values) or count < 1:
+    kept = np.dtype(_KEPT.get(values_kind, "V1")).newbyteorder(order)
+    if more or kept.kind == "V" or count * kept.itemsize != len(values):
         raise ValueError("a variable whose values don't fill its shape")
-    yield name.decode("latin-1")
+    yield name, np.frombuffer(values, kept).reshape(lengths, order="F").squeeze()
+
+
+def _fields(
+    parts: Iterator[tuple[int, bytes]], order: str, name: str, count: int
+) -> Iterator[tuple[str, np.ndarray]]:
+    """The numeric arrays in a structure, or in an array of ``count`` structures."""
+    (length_kind, length), (names_kind, text) = next(parts, (0, b"")), next(parts, (0, b""))
+    if length_kind != 5 or len(length) != 4 or names_kind != 1:
+        raise ValueError("a structure without names of fields")
+    each = struct.unpack(f"{order}i", length)[0]
+    if not each > 0 or len(text) % each:
+        raise ValueError("names of fields that don't fill their length")
+    names = [text[at : at + each].split(b"\0")[0].decode("latin-1") for at in range(0, len(text), each)]
+    for number, (kind, body) in enumerate(parts):
+        which = f"({number // len(names) + 1})" if count > 1 else ""
+        yield from _arrays(kind, body, order, f"{name}{which}.{names[number % len(names)]}")
 
 
 def read(data: bytes, label: str) -> Contents:
-    """The vectors by name; such files carry no clock and no units."""
+    """The vectors, and the columns of matrices, by name; such files carry no clock and no units."""
     if data[512:520] == hdf5.SIGNATURE or data[:8] == hdf5.SIGNATURE:
         content = hdf5.variables(data, label)
     else:
         content = numeric_variables(data, label)
     return Contents(
         {
-            name: Channel(np.ravel(values).astype(np.float64))
-            for name, values in content.items()
-            if isinstance(values, np.ndarray)
-            and values.dtype.kind in "fiu"
-            and max(values.shape, default=0) == values.size
+            channel: Channel(values)
+            for name, array in content.items()
+            for channel, values in columns(name, array).items()
         }
     )
 
