@@ -12,10 +12,10 @@ from jaxtyping import Float64
 
 from bayestissue.dataset.dialect import Stated
 from bayestissue.dataset.files import error_line, read_bytes
-from bayestissue.dataset.formats import FORMATS, Channel, Contents, UnfitError, unit_in_name
+from bayestissue.dataset.formats import FORMATS, Channel, Contents, UnfitError, even_clock, unit_in_name
 from bayestissue.dataset.recordings import MIN_SAMPLES
 from bayestissue.dataset.settings import SignalSettings
-from bayestissue.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES, read_numbers, read_table
+from bayestissue.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES, Columns, read_numbers, read_table
 from bayestissue.errors import InputError, Problem
 
 REMEDY = "Correct the cell in column trace of impacts.csv, or put the file there."
@@ -80,10 +80,11 @@ def contents_of(path: Path, label: str, stated: Stated | None = None) -> Content
     if suffix_of(path) not in _TABLES:
         return _contents(path, label)
     numbers = read_numbers(path, label, remedy=REMEDY, stated=stated)
-    channels = {
-        name: Channel(_to_its_end(column.array), unit=column.unit or unit_in_name(name))
-        for name, column in numbers.numbers.items()
-    }
+    channels = {}
+    for name, column in numbers.numbers.items():
+        values = _to_its_end(column.array)
+        clock = _clock(numbers, values.size)
+        channels[name] = Channel(values, clock, column.unit or unit_in_name(name))
     return Contents(channels, numbers.first_row, str(numbers.dialect or ""))
 
 
@@ -91,6 +92,10 @@ def _to_its_end(values: np.ndarray) -> np.ndarray:
     """A column without the empty cells behind its end, where others of the table are longer."""
     filled = np.flatnonzero(np.isfinite(values))
     return values[: filled[-1] + 1] if filled.size else values
+
+
+def _clock(table: Columns, samples: int) -> np.ndarray | None:
+    return even_clock(table.clock[1], table.clock[0], samples) if table.clock else None
 
 
 def long_enough(channels: Mapping[str, Channel]) -> list[str]:
@@ -127,6 +132,7 @@ def _from_table(path: Path, label: str, signal: SignalSettings) -> Recording:
     return Recording(
         value.array,
         None if time is None else time.array,
+        _clock(table, value.array.size),
         first_row=table.first_row,
         text={**(time.text if time else {}), **value.text},
     )
