@@ -9,9 +9,11 @@ import pytest
 
 from bayestissue.dataset.cells import read_cells
 from bayestissue.dataset.dialect import Stated
+from bayestissue.dataset.formats import Channel
 from bayestissue.dataset.recorders import contents_of, read_recording
 from bayestissue.dataset.settings import SignalSettings
 from bayestissue.errors import InputError
+from recorder_files import lvm
 
 STEP = 1e-4
 TIME = STEP * np.arange(60) - 0.001
@@ -144,3 +146,62 @@ def test_a_table_of_facts_has_no_name_twice(tmp_path: Path) -> None:
     (tmp_path / "impacts.csv").write_text("impact,mass_kg,mass_kg\na,1,2\n")
     with pytest.raises(InputError, match="every column name once"):
         read_cells(tmp_path / "impacts.csv", ["impact"])
+
+
+def labview(path: Path, **options: object) -> bytes:
+    lvm(path, TIME, {"Impact": VALUES[0]}, **options)  # type: ignore[arg-type]
+    return path.read_bytes()
+
+
+def assert_whole(path: Path) -> None:
+    for found in (contents_of(path, path.name).channels["Impact"], read_recording(path, path.name, signal())):
+        value = found.values if isinstance(found, Channel) else found.value
+        np.testing.assert_allclose(value, VALUES[0], rtol=1e-11, atol=0)
+        np.testing.assert_allclose(found.clock, TIME, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["a.txt", "a.dat", "a.csv"])
+@pytest.mark.parametrize("mark", [b"", b"\xef\xbb\xbf"])
+def test_a_labview_measurement_is_told_by_its_first_line(name: str, mark: bytes, tmp_path: Path) -> None:
+    data = labview(tmp_path / "a.lvm")
+    (tmp_path / name).write_bytes(mark + data)
+    assert_whole(tmp_path / name)
+
+
+@pytest.mark.parametrize("samples", [1, 20, 30])
+@pytest.mark.parametrize("x_columns", ["One", "Multi"])
+def test_a_header_of_the_first_piece_holds_for_all_rows(samples: int, x_columns: str, tmp_path: Path) -> None:
+    labview(tmp_path / "a.lvm", samples=samples, x_columns=x_columns)
+    assert_whole(tmp_path / "a.lvm")
+
+
+def test_pieces_whose_times_begin_again_are_blocks(tmp_path: Path) -> None:
+    time = np.tile(STEP * np.arange(20), 3)
+    lvm(tmp_path / "a.lvm", time, {"Impact": VALUES[0]}, samples=20)
+    with pytest.raises(InputError, match=r'found "3 blocks"; expected one block of data'):
+        contents_of(tmp_path / "a.lvm", "a.lvm")
+    # Without times nothing says whether the pieces follow each other.
+    labview(tmp_path / "b.lvm", samples=20, x_columns="No")
+    with pytest.raises(InputError, match="60 rows where 20 are stated"):
+        contents_of(tmp_path / "b.lvm", "b.lvm")
+
+
+def test_decimal_commas_are_read_though_the_header_does_not_tell(tmp_path: Path) -> None:
+    data = labview(tmp_path / "a.lvm", decimal=",")
+    for header in (
+        data,
+        data.replace(b"X0\t-0.001", b"X0\t-0,001").replace(b"Delta_X\t0.0001", b"Delta_X\t0,0001"),
+    ):
+        (tmp_path / "a.lvm").write_bytes(header.replace(b"Decimal_Separator\t,\n", b""))
+        assert_whole(tmp_path / "a.lvm")
+
+
+@pytest.mark.parametrize("decimal", [".", ","])
+def test_labview_numbers_without_a_header_are_a_table(decimal: str, tmp_path: Path) -> None:
+    rows = [f"{t:.4f}\t{v}".replace(".", decimal) for t, v in zip(TIME, VALUES[0], strict=True)]
+    (tmp_path / "a.lvm").write_text("\n".join(rows) + "\n")
+    names = signal(time_column="column 1", value_column="column 2")
+    found = read_recording(tmp_path / "a.lvm", "a.lvm", names)
+    np.testing.assert_array_equal(found.value, VALUES[0])
+    np.testing.assert_allclose(found.time, TIME, rtol=0, atol=1e-12)
+    assert list(contents_of(tmp_path / "a.lvm", "a.lvm").channels) == ["column 1", "column 2"]

@@ -42,37 +42,13 @@ _EXPONENT = r"([eE][+-]?\d+)?"
 _ANY_NUMBER = re.compile(
     rf"[+-]?(\d+[.,]?\d*|[.,]\d+|\d{{1,3}}([.,'\u2019 \u00a0\u202f]\d{{3}})+([.,]\d*)?){_EXPONENT}", re.ASCII
 )
-
+# What a row of units may be called in its first cell.
 _CALLED_UNITS = re.compile(r"(\w+ )?(units?|einheit(en)?|eu|sequence):?", re.IGNORECASE)
 # Besides those of times, accelerations and lengths.
-_FURTHER_UNITS = frozenset(
-    [
-        "V",
-        "mV",
-        "Volt",
-        "Volts",
-        "N",
-        "kN",
-        "lbf",
-        "Nm",
-        "N-m",
-        "N.m",
-        "N·m",
-        "N*m",
-        "Hz",
-        "%",
-        "°C",
-        "Pa",
-        "kPa",
-        "MPa",
-        "deg",
-        "°",
-        "deg/s",
-        "°/s",
-        "rad/s",
-        "kg",
-    ]
-)
+_FURTHER_UNITS = frozenset([
+    "V", "mV", "Volt", "Volts", "N", "kN", "lbf", "Nm", "N-m", "N.m", "N·m", "N*m", "kg", "Hz", "%", "°C",
+    "Pa", "kPa", "MPa", "deg", "°", "deg/s", "°/s", "rad/s",
+])  # fmt: skip
 # What an oscilloscope calls the first time and the step, which stand in the first row or that of units.
 _CLOCK = ("start", "increment")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -12,7 +13,15 @@ from jaxtyping import Float64
 
 from bayestissue.dataset.dialect import Stated
 from bayestissue.dataset.files import error_line, read_bytes
-from bayestissue.dataset.formats import FORMATS, Channel, Contents, UnfitError, even_clock, unit_in_name
+from bayestissue.dataset.formats import (
+    FORMATS,
+    Channel,
+    Contents,
+    UnfitError,
+    even_clock,
+    labview,
+    unit_in_name,
+)
 from bayestissue.dataset.recordings import MIN_SAMPLES
 from bayestissue.dataset.settings import SignalSettings
 from bayestissue.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES, Columns, read_numbers, read_table
@@ -56,7 +65,7 @@ def read_recording(path: Path, label: str, signal: SignalSettings) -> Recording:
     Raises:
         InputError: the file is missing, damaged, of an unknown format, or lacks a channel.
     """
-    if suffix_of(path) in _TABLES:
+    if _is_table(path):
         return _from_table(path, label, signal)
     return _pick(_contents(path, label), label, signal)
 
@@ -77,7 +86,7 @@ def contents_of(path: Path, label: str, stated: Stated | None = None) -> Content
     Raises:
         InputError: the file is missing, damaged or of an unknown format.
     """
-    if suffix_of(path) not in _TABLES:
+    if not _is_table(path):
         return _contents(path, label)
     numbers = read_numbers(path, label, remedy=REMEDY, stated=stated)
     channels = {}
@@ -86,6 +95,18 @@ def contents_of(path: Path, label: str, stated: Stated | None = None) -> Content
         clock = _clock(numbers, values.size)
         channels[name] = Channel(values, clock, column.unit or unit_in_name(name))
     return Contents(channels, numbers.first_row, str(numbers.dialect or ""))
+
+
+def _is_table(path: Path) -> bool:
+    """Whether a file is a table of text or cells: by its name, and of LabVIEW's texts by how they begin."""
+    suffix = suffix_of(path)
+    if suffix not in (*_TABLES, labview.SUFFIX):
+        return False
+    begin = b""
+    with suppress(OSError, ValueError), path.open("rb") as file:
+        begin = file.read(labview.HEADER)
+    # Whoever reads a file that is not there, or empty, says so.
+    return not labview.is_measurement(begin) and (suffix != labview.SUFFIX or labview.is_headerless(begin))
 
 
 def _to_its_end(values: np.ndarray) -> np.ndarray:
@@ -104,7 +125,10 @@ def long_enough(channels: Mapping[str, Channel]) -> list[str]:
 
 
 def _contents(path: Path, label: str) -> Contents:
-    if (suffix := suffix_of(path)) not in FORMATS:
+    suffix = suffix_of(path)
+    if suffix in _TABLES:
+        suffix = labview.SUFFIX
+    if suffix not in FORMATS:
         endings = ", ".join((*SUFFIXES, *TEXT_SUFFIXES))
         raise InputError.stated("recorder-format", label, value=path.name, endings=endings)
     data = read_bytes(path, label, REMEDY, share=FORMATS[suffix].share)
