@@ -9,7 +9,7 @@ from pathlib import Path, PurePosixPath
 from bayestissue.dataset.cells import read_cells
 from bayestissue.errors import InputError, Problem, collected
 from bayestissue.intake.folder import File, RecorderFolder
-from bayestissue.intake.names import Pattern, columns, fills, is_height
+from bayestissue.intake.names import Pattern, columns, contradictions, fills, is_height
 
 FILE, NUMBER = "file", "number"
 
@@ -36,7 +36,12 @@ class Facts:
 
 
 def gather(
-    recordings: RecorderFolder, *, pattern: str | None, table: Path | None, shared: dict[str, str]
+    recordings: RecorderFolder,
+    *,
+    pattern: str | None,
+    table: Path | None,
+    shared: dict[str, str],
+    loose: bool = False,
 ) -> Facts:
     """Bring together what names, a table and options say.
 
@@ -46,6 +51,7 @@ def gather(
         table: a CSV file with a column ``file``, the name of a recording with or without its ending, and a
             column for each fact; with a column ``number`` also, a row for each impact of a recording.
         shared: what holds for all recordings.
+        loose: whether nobody said how names are read: what they seem to say must not contradict the rest.
 
     Raises:
         InputError: the pattern or the table can't be used, or a fact is given in two ways.
@@ -68,6 +74,7 @@ def gather(
             from_name = names.read(file.name, file.suffix) if names else {}
             mine = rows.cells_of(file) if rows else {None: {}}
             for number, cells in mine.items():
+                problems += contradictions(file, {**shared, **cells}) if loose else ()
                 filled = columns({**shared, **from_name, **cells}, file.name)
                 of_file[file.name] = filled
                 if number is not None:

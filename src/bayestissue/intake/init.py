@@ -54,7 +54,7 @@ class Intake:
         choices = question.answer(self.choices, text)
         if "{" in text and question.option == "--set subject=":
             choices = replace(self.choices, pattern=text)
-        return replace(_intake_from(self.recordings, choices), guess=self.guess)
+        return _intake_from(self.recordings, choices, self.guess)
 
     def design(self) -> list[str]:
         """How names are read, and of each fact its values with the number of recordings, in lines."""
@@ -127,15 +127,21 @@ def prepare(folder: str | Path, choices: Choices) -> Intake:
     stated = checked(choices.text, Stated, file="--text")
     recordings = look(folder, suffix=max(ends, key=len, default=""), ignore=ignore, stated=stated)
     guess = None
-    if choices.pattern is None and choices.table is None and "subject" not in choices.shared:
+    if choices.pattern is None and choices.table is None:
         guess = guessed(recordings.files, choices.shared)
-    return replace(_intake_from(recordings, replace(choices, pattern=guess or choices.pattern)), guess=guess)
+    return _intake_from(recordings, replace(choices, pattern=guess or choices.pattern), guess)
 
 
-def _intake_from(recordings: RecorderFolder, choices: Choices) -> Intake:
-    facts = gather(recordings, pattern=choices.pattern, table=choices.table, shared=choices.shared)
+def _intake_from(recordings: RecorderFolder, choices: Choices, guess: str | None) -> Intake:
+    facts = gather(
+        recordings,
+        pattern=choices.pattern,
+        table=choices.table,
+        shared=choices.shared,
+        loose=choices.pattern == guess,
+    )
     choices, questions = settle(choices, recordings, facts.columns)
-    return Intake(recordings, choices, facts, tuple(questions))
+    return Intake(recordings, choices, facts, tuple(questions), guess if choices.pattern == guess else None)
 
 
 def write(

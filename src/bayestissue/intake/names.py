@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 import string
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import PurePosixPath
@@ -176,24 +176,32 @@ _UNITS = {
     "mm": "drop_height_mm",
     "mps": "velocity_m_s",
 }
-_SIDES = frozenset(
-    [
-        *("left", "right", "l", "r", "li", "re", "lt", "rt", "links", "rechts"),
-        *("dominant", "nondominant", "operated", "sound", "affected", "unaffected"),
-    ]
+_PAIRS = (
+    ({"left", "l", "li", "lt", "links"}, {"right", "r", "re", "rt", "rechts"}),
+    ({"dominant"}, {"nondominant"}),
+    ({"operated"}, {"sound"}),
+    ({"affected"}, {"unaffected"}),
 )
+_SIDES = frozenset(word for pair in _PAIRS for side in pair for word in side)
 _SESSIONS = frozenset(["session", "ses", "day", "visit", "week", "sitzung", "tag", "termin"])
+# A person's name among parts that are all alike.
+_PERSON = re.compile(
+    r"(?!(rec|run|rep|nr|n|r|day|ses|exp|hit)\d)([^\W\d]{1,3}|subj(ect)?|person|patient)\d{1,3}"
+)
+# Facts that tell recordings apart and say nothing of them.
+_COUNTED = re.compile(r"n|group(_\d+)?")
 _REPEATS = frozenset(["", "r", "n", "nr", "rep", "run", "trial", "drop", "hit", "impact", "wdh", "versuch"])
 
 
 def guessed(files: Sequence[File], known: Collection[str] = ()) -> str | None:
-    """A pattern that all names fit and that names a person, or None.
+    """A pattern that all names fit and that says something of the recordings, or None.
 
     Names such as ``s01_left_2.5kg_1`` are cut at underscores, hyphens, spaces and folders. Where all names
     have the same number of parts, a number before ``kg`` or ``g`` is a mass, before ``cm`` or ``mm`` a drop
-    height, before ``mps`` a velocity; words such as left and right are a side; a number behind ``session``
-    or ``day`` is a session; counts are repeats; and the first other part that varies is the person. A guess
-    is shown and can be replaced. Where no person comes twice there is none.
+    height, before ``mps`` a velocity, also where all have the same; words such as left and right are a side;
+    a number behind ``session`` or ``day`` is a session; counts are repeats; and the first other part that
+    varies is the person, if one comes twice. Where none varies, one such as ``p1`` is. A guess is shown and
+    can be replaced.
 
     Args:
         files: of the folder.
@@ -201,24 +209,62 @@ def guessed(files: Sequence[File], known: Collection[str] = ()) -> str | None:
     """
     cut = [_CUTS.split(file.name[: -len(file.suffix)]) for file in files]
     separators = {tuple(parts[1::2]) for parts in cut}
-    if len(separators) != 1 or len(files) < 2:
+    if len(separators) != 1:
         return None
     columns = list(zip(*(parts[::2] for parts in cut), strict=True))
     pieces = _pieces(columns)
+    people = columns[pieces.index("{subject}")] if "{subject}" in pieces else ()
     filled = {fills(name) for name in known}
-    for name in re.findall(r"\{(\w+)\}", "".join(pieces)):
+    # A person each, or a count: it can't be told.
+    filled |= {"subject"} if 1 < len(set(people)) == len(people) else set()
+    fields = re.findall(r"\{(\w+)\}", "".join(pieces))
+    for name in fields:
         if fills(name) in filled:
             pieces = [piece.replace(f"{{{name}}}", "{}") for piece in pieces]
-    between = [*separators.pop(), ""]
-    if "{subject}" not in pieces:
+    if not [name for name in fields if fills(name) not in filled and not _COUNTED.fullmatch(name)]:
         return None
-    text = "".join(piece + gap for piece, gap in zip(pieces, between, strict=True))
+    text = "".join(piece + gap for piece, gap in zip(pieces, [*separators.pop(), ""], strict=True))
     try:
         pattern = Pattern.parse(text)
-        people = [pattern.read(file.name, file.suffix)["subject"] for file in files]
+        for file in files:
+            pattern.read(file.name, file.suffix)
     except InputError:
         return None
-    return text if len(set(people)) < len(people) else None
+    return text
+
+
+def contradictions(file: File, facts: Mapping[str, str]) -> Iterator[Problem]:
+    """What a file's name says otherwise than facts that are given of it: numbers with a unit, and sides.
+
+    Args:
+        file: whose name is read.
+        facts: by name, as text.
+    """
+    given = {_kind(name): (name, text) for name, text in facts.items() if name == "side" or is_number(name)}
+    for part in _CUTS.split(file.name[: -len(file.suffix)])[::2]:
+        match = _NUMBERED.fullmatch(part)
+        unit = match["after"] if match else ""
+        said = "side" if part.lower() in _SIDES else _UNITS.get(unit, "")
+        if not said or _kind(said) not in given:
+            continue
+        name, text = given[_kind(said)]
+        if said == "side":
+            pairs = [pair for pair in _PAIRS if {part.lower(), text.lower()} <= pair[0] | pair[1]]
+            agree = not pairs or any({part.lower(), text.lower()} <= side for side in pairs[0])
+        else:
+            try:
+                one, other = columns({said: match["number"]}, ""), columns({name: text}, "")  # type: ignore[index]
+            except InputError:
+                continue
+            agree = math.isclose(float(one[fills(said)]), float(other[fills(name)]), rel_tol=1e-9)
+        if not agree:
+            key, value = "facts-of-recordings.name-says", f"{name} = {text}"
+            yield Problem.stated(key, file.name, column=name, value=value, part=part)
+
+
+def _kind(name: str) -> str:
+    """What a fact is of: a height of fall is compared with another, and not with a velocity."""
+    return "drop_height" if is_height(name) else fills(name)
 
 
 def _pieces(columns: Sequence[Sequence[str]]) -> list[str]:
@@ -233,6 +279,10 @@ def _pieces(columns: Sequence[Sequence[str]]) -> list[str]:
             names = [*(["n"] if counted else []), "group", *(f"group_{number}" for number in range(2, 20))]
             name = next(name for name in names if name not in taken)
             pieces[position], taken = f"{{{name}}}", taken | {name}
+    # All of one person: p1_1, p1_2.
+    constant = [len(set(texts)) == 1 and _PERSON.fullmatch(texts[0]) is not None for texts in columns]
+    if "subject" not in taken and taken and True in constant:
+        pieces[constant.index(True)], taken = "{subject}", taken | {"subject"}
     # Counts alone, as in 01_1, 01_2: the first is the person.
     if "subject" not in taken and "{n}" in pieces:
         pieces[pieces.index("{n}")] = "{subject}"
