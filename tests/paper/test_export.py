@@ -71,6 +71,20 @@ def test_numbers_of_the_text_are_those_of_the_tables(folder: Path, exported: Pat
     assert f"{ratio['level']} over {ratio['against']}, ratio | {ratio['ratio']:.3f}"[:-2] in markdown
 
 
+def test_an_interaction_stands_in_text_and_table_and_factors_of_equal_levels_apart(run: FitRun) -> None:
+    names = {"factor": "group:session", "level": "b:after/before", "against": "a:after/before", "note": ""}
+    numbers = {"ratio": 1.22, "low": 1.1, "high": 1.35, "p_direction": 0.98, "p_equivalent": 0.12}
+    sides = run.contrasts[run.contrasts["factor"] == "side"]
+    further = pd.DataFrame([names | numbers | {"quantity": q, "kind": "interaction"} for q in "KC"])
+    several = pd.concat([run.contrasts, sides.assign(factor="shoe"), further], ignore_index=True)
+    text = text_of(replace(run, contrasts=several))
+    words = "Ratio of ratios after over before, b over a: K 1.22 (1.10 to 1.35) and C 1.22 (1.10 to 1.35)."
+    assert any(paragraph.startswith(words) for paragraph in text.sections["Results"])
+    rows = dict(zip(text.table[""], text.table["K, N/m"], strict=True))
+    assert rows["b:after/before over a:after/before, ratio of ratios"] == "1.22 (1.10 to 1.35)"
+    assert rows["left over right of side, ratio"] == rows["left over right of shoe, ratio"]
+
+
 def test_nothing_is_claimed_where_no_element_describes_the_recordings(run: FitRun) -> None:
     verdict = {"passed": True, "warned": True, "headline": "Diagnostics passed.", "words": "No element does."}
     form = {"model_form": {"undescribed": True}}

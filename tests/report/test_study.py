@@ -42,6 +42,28 @@ def test_the_first_screen_says_what_differs(html) -> None:
     assert "comparisons" in page.ids
 
 
+INTERACTION = {"factor": "group:session", "level": "treated:after/before", "against": "control:after/before"}
+RATIO = {"ratio": 1.22, "low": 1.1, "high": 1.35, "p_direction": 0.98, "p_equivalent": 0.12}
+
+
+def test_an_interaction_leads_and_what_goes_with_a_level_is_said(tmp_path) -> None:
+    folder = make_fit_run(tmp_path / "run", two_sides=True)
+    table = pd.read_csv(folder / "contrasts.csv").assign(note="also differs: pad (p1 against p2)")
+    further = pd.DataFrame([INTERACTION | RATIO | {"quantity": q, "kind": "interaction"} for q in "KC"])
+    pd.concat([table, further]).to_csv(folder / "contrasts.csv", index=False)
+    html = write_report(folder).read_text(encoding="utf-8")
+    first = plain(html[html.index('class="first"') : html.index("<nav")])
+    assert "What differs? after over before, treated over control: K × 1.22 1.10 to 1.35" in first
+    words = "K, after over before, is very likely greater for treated than for control (probability 0.980)"
+    assert words in first
+    assert "Between left and right also differs, and can't be told apart: pad (p1 against p2)." in first
+    assert "treated:after/before over control:after/before" in section(html, "comparisons")
+    assert "also differs: pad" in section(html, "comparisons")
+    # An earlier version wrote no such columns.
+    table.drop(columns=["kind", "note"]).to_csv(folder / "contrasts.csv", index=False)
+    assert "What differs? left over right" in plain(write_report(folder).read_text(encoding="utf-8"))
+
+
 def test_every_comparison_stands_in_a_table_and_people_in_a_matrix(html) -> None:
     part = section(html, "comparisons")
     assert "left over right" in part

@@ -11,8 +11,10 @@ and q itself the median of impacts there. What is not given is
   effects of levels that lie in a given one, such as a person's own sides;
 - typical: an effect of 0 of a group's level, such as of a person or a session.
 
-But a column that is the same in all impacts of each level of a given group, as a person's sex is, has that
-level's value; mass, velocity and trial, which are chosen and no property of a level, never follow.
+But a column that is the same in all impacts of each level of a given group, as a person's sex is, or the
+weight of a person in a session, has that level's value; mass, velocity and trial, which are chosen and no
+property of a level, never follow. There is no other way to a value: variables such as K_subject, contrasts,
+answers and predictions are all `log_at_levels`.
 """
 
 from __future__ import annotations
@@ -156,15 +158,20 @@ class Recorded:
     def completed(self, condition: Condition) -> dict[str, Any]:
         """The condition with the columns that follow from it: see the module."""
         complete = dict(condition)
-        for column, value in condition.items():
-            rows = self.matching({column: value}) if self.followers(column) else self.rows[:0]
-            if len(rows):
-                complete = {name: rows[name].iloc[0] for name in self.followers(column)} | complete
+        for factors, followers in self._followers.items():
+            if followers and complete.keys() >= set(factors):
+                rows = self.matching({name: complete[name] for name in factors})
+                if len(rows):
+                    complete = {name: rows[name].iloc[0] for name in followers} | complete
         return complete
 
-    def followers(self, column: str) -> tuple[str, ...]:
-        """The columns that follow from one of a group's levels; none from a number or a covariate."""
-        return self._followers.get(column, ())
+    def followers(self, *columns: str) -> tuple[str, ...]:
+        """The columns that follow from levels of groups in these columns; none from numbers or covariates."""
+        known = set(columns)
+        for factors, followers in self._followers.items():
+            if known >= set(factors):
+                known |= set(followers)
+        return tuple(str(name) for name in self.rows if name in known and name not in columns)
 
     @cached_property
     def named(self) -> tuple[str, ...]:
@@ -237,7 +244,7 @@ class Recorded:
     def averaged(self, response: str, columns: Iterable[str]) -> tuple[str, ...]:
         """The columns whose categories a response is averaged over where these columns are given."""
         columns = set(columns)
-        known = columns.union(*(self.followers(name) for name in columns))
+        known = columns.union(self.followers(*columns))
         formula = self.formulas.get(response, "1")
         within = [name for term in group_terms(formula) for name in self._within(term, formula, known)]
         return tuple(dict.fromkeys(n for n in (*self.categories(response), *within) if n not in known))
@@ -252,40 +259,51 @@ class Recorded:
         return () if len(left) == len(term.factors) or groups & set(left) else left
 
     @cached_property
-    def _followers(self) -> dict[str, tuple[str, ...]]:
+    def _followers(self) -> dict[tuple[str, ...], tuple[str, ...]]:
+        """What follows from a level of each group, those of one column first."""
+        single = [(name,) for name in self.named if name in (*self.factors, "trial")]
+        several = dict.fromkeys(term.factors for term in self.terms if len(term.factors) > 1)
         others = [str(name) for name in self.rows if name not in _CHOSEN]
-        labels = {column: labels_of(self.rows[column]) for column in self.named if column in self.factors}
-        return {
-            column: tuple(
-                name
-                for name in others
-                if name != column and self.rows[name].groupby(by).nunique(dropna=False).eq(1).all()
-            )
-            for column, by in labels.items()
-        }
+        found = {}
+        for factors in (*single, *sorted(several, key=len)):
+            if set(factors) <= set(self.rows):
+                by = grouping_of(self.rows, factors).code
+                alike = self.rows[others].groupby(by).nunique(dropna=False).eq(1).all()
+                found[factors] = tuple(n for n in others if n not in factors and alike[n])
+        return found
 
     def at(
         self, response: str, conditions: Sequence[Condition]
     ) -> tuple[dict[str, np.ndarray], dict[GroupTerm, np.ndarray]]:
         """Covariates and those of the group terms in conditions that are complete, averaged, [condition]."""
-        key = response, tuple(tuple(sorted(condition.items())) for condition in conditions)
-        if key not in self._evaluated:
-            # Asked of the posterior and of the prior; to read a formula takes longer than all draws of it.
-            formula = self.formulas.get(response, "1")
-            at = reference_row(self.rows, self.reference_mass_kg, categories_of_numbers(formula))
-            spread = [self._spread(response, condition) for condition in conditions]
-            new = pd.DataFrame([at | {k: c[k] for k in c if k in self.rows} for part in spread for c in part])
-            for column in self.rows:
-                new[column] = new[column].astype(float if self.is_number(str(column)) else str)
-            covariates, groups = evaluated_at(formula, self.rows, self.reference_mass_kg, new)
-            counts = np.array([len(part) for part in spread])
-            first = np.cumsum(counts) - counts
-            # A formula is linear in its columns, so that their mean is that of log q.
-            self._evaluated[key] = (
-                {name: np.add.reduceat(values, first) / counts for name, values in covariates.items()},
-                {term: np.add.reduceat(values, first) / counts for term, values in groups.items()},
-            )
-        return self._evaluated[key]
+        # Asked of the posterior and of the prior, and as part of other questions; to read a formula takes
+        # longer than all draws of it.
+        known = self._evaluated.setdefault(response, {})
+        keys = [tuple(sorted(condition.items())) for condition in conditions]
+        if missing := {key: c for key, c in zip(keys, conditions, strict=True) if key not in known}:
+            covariates, groups = self._evaluate(response, list(missing.values()))
+            for place, key in enumerate(missing):
+                known[key] = tuple({n: x[place] for n, x in part.items()} for part in (covariates, groups))
+        columns, of_groups = zip(*(known[key] for key in keys), strict=True)
+        return tuple({n: np.array([at[n] for at in part]) for n in part[0]} for part in (columns, of_groups))
+
+    def _evaluate(
+        self, response: str, conditions: Sequence[Condition]
+    ) -> tuple[dict[str, np.ndarray], dict[GroupTerm, np.ndarray]]:
+        formula = self.formulas.get(response, "1")
+        at = reference_row(self.rows, self.reference_mass_kg, categories_of_numbers(formula))
+        spread = [self._spread(response, condition) for condition in conditions]
+        new = pd.DataFrame([at | {k: c[k] for k in c if k in self.rows} for part in spread for c in part])
+        for column in self.rows:
+            new[column] = new[column].astype(float if self.is_number(str(column)) else str)
+        covariates, groups = evaluated_at(formula, self.rows, self.reference_mass_kg, new)
+        counts = np.array([len(part) for part in spread])
+        first = np.cumsum(counts) - counts
+        # A formula is linear in its columns, so that their mean is that of log q.
+        return (
+            {name: np.add.reduceat(values, first) / counts for name, values in covariates.items()},
+            {term: np.add.reduceat(values, first) / counts for term, values in groups.items()},
+        )
 
     def _spread(self, response: str, condition: Condition) -> list[dict[str, Any]]:
         """A condition in each combination of the categories that it does not give."""
@@ -323,7 +341,7 @@ class Recorded:
         return weights
 
     @cached_property
-    def _evaluated(self) -> dict[Any, tuple[dict[str, np.ndarray], dict[GroupTerm, np.ndarray]]]:
+    def _evaluated(self) -> dict[str, dict[Any, Any]]:
         return {}
 
 
@@ -334,7 +352,6 @@ def log_at_levels(
     conditions: Sequence[Condition],
     *,
     new_levels: int | None = None,
-    follow: bool = True,
 ) -> Float[np.ndarray, "chain draw condition"]:
     """The expected log of a response in each condition, for each draw.
 
@@ -347,13 +364,8 @@ def log_at_levels(
             population: its effect is drawn from N(0, s²), the same wherever it stands.
         new_levels: None for typical levels of groups that are not given; a number for new ones, which is also
             the seed of all new levels' effects.
-        follow: whether a given level brings what follows from it, see the module; else all else is equal.
     """
-    complete = (
-        [recorded.completed(condition) for condition in conditions]
-        if follow
-        else [dict(c) for c in conditions]
-    )
+    complete = [recorded.completed(condition) for condition in conditions]
     covariates, groups = recorded.at(response, complete)
     log_response = draws[intercept(parameter_of(response))].to_numpy()[..., None] + np.zeros(len(conditions))
     for name, values in covariates.items():

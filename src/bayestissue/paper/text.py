@@ -12,6 +12,7 @@ import pandas as pd
 from markupsafe import Markup
 
 from bayestissue.declarations import declared
+from bayestissue.inference.answers.contrasts import INTERACTION
 from bayestissue.outline import counted
 from bayestissue.report.answers_page import question_lines
 from bayestissue.report.fit import answers, study, words
@@ -186,7 +187,8 @@ def _levels(run: FitRun) -> str:
 
 def _comparison(contrast: Mapping[str, Any]) -> str:
     ratios = [f"{quantity} {s.value} ({s.range})" for quantity, s in contrast["ratios"]]
-    return f"Ratio of {contrast['what']}: {listed(ratios)}. {contrast['words']}"
+    name = "Ratio of ratios" if contrast["kind"] == INTERACTION else "Ratio of"
+    return f"{name} {contrast['what']}: {listed(ratios)}. {contrast['words']}"
 
 
 def _mass(run: FitRun) -> str:
@@ -210,8 +212,11 @@ def _table(run: FitRun) -> pd.DataFrame:
         who = answers.person_words(run)
         for name in ("typical", "new"):
             rows.append([who[name], *(_cell(getattr(level, name)) for level in levels(run))])
-    for (level, against), part in run.contrasts.groupby(["level", "against"], sort=False):
-        rows.append([f"{level} over {against}, ratio", *_cells(part, "ratio")])
+    for (factor, level, against), part in run.contrasts.groupby(["factor", "level", "against"], sort=False):
+        alike = run.contrasts[(run.contrasts["level"] == level) & (run.contrasts["against"] == against)]
+        of = f" of {factor}" if (alike["factor"] != factor).any() else ""
+        name = "ratio of ratios" if study.kinds(run)[part.index[0]] == INTERACTION else "ratio"
+        rows.append([f"{level} over {against}{of}, {name}", *_cells(part, "ratio")])
     rows.append(["mass exponent", *(_cell(exponent(run, by[q])) for q in QUANTITIES)])
     forms = run.reliability.set_index(["measure", "form", "unit"]).sort_index()
     for (measure, form, unit), title in _REPEATABILITY.items():

@@ -105,8 +105,8 @@ def test_a_person_who_was_not_measured_is_asked_about(study: Finished) -> None:
     assert "was not measured" not in notes[3]
 
 
-def test_comparisons_of_a_group_are_all_else_equal() -> None:
-    """Two sessions of each side: what a session does is compared apart from the side that it was of."""
+def test_what_all_impacts_of_a_level_share_goes_with_it_and_is_said() -> None:
+    """Two sessions of each side: a session is that of its side, in a comparison as in an answer."""
     rows = impacts().assign(velocity_m_s=1.5)
     rows["session"] = np.where(rows["side"] == "left", 1, 3) + np.resize([0, 1], len(rows))
     design = design_of("side + (1|session) + (1|subject)", "1", rows=rows)
@@ -120,6 +120,11 @@ def test_comparisons_of_a_group_are_all_else_equal() -> None:
         },
         {"session": ["1", "2", "3", "4"], "subject": ["s0", "s1", "s2", "s3"]},
     )
-    found = contrasts(draws, design.recorded, ["K"], 0.1).set_index(["factor", "level", "against"])["ratio"]
-    assert np.log(found["session", "4", "1"]) == pytest.approx(0.3)
-    assert np.log(found["side", "left", "right"]) == pytest.approx(-0.3)
+    found = contrasts(draws, design.recorded, ["K"], 0.1).set_index(["factor", "level", "against"])
+    # All else equal is asked for by giving it.
+    asked = numbered(["log(K[session=4 over 1])", "log(K[session=4 over 1, side=left])"])
+    assert ask(Finished(draws, None, design.recorded), asked)["median"].tolist() == pytest.approx([0.6, 0.3])
+    assert np.log(found["ratio"]["session", "4", "1"]) == pytest.approx(0.6)
+    assert found["note"]["session", "4", "1"] == "also differs: side (right against left)"
+    assert found["note"]["session", "2", "1"] == ""
+    assert np.log(found["ratio"]["side", "left", "right"]) == pytest.approx(-0.3)

@@ -171,6 +171,82 @@ def test_conditions_are_compared_at_one_mass_only_where_the_mass_is_in_the_formu
     assert contrasts(draws, recorded("log(mass_kg) + (1|trial)"), ["K"], 0.1).empty
 
 
+GROUP_OF = {f"s{person}": "treated" if person % 2 else "control" for person in range(4)}
+CLINIC = "group*session + side + weight + (1|subject) + (1|subject:side) + (1|subject:session)"
+
+
+def clinic() -> tuple[Recorded, xr.Dataset, dict[str, float]]:
+    """Two groups of two people, before and after, both sides, weighed at each visit; log ratios by hand."""
+    rows = pd.DataFrame(
+        [
+            (person, group, session, side, 60.0 + place + 2 * (session == "after") * place, "t", 0.8)
+            for place, (person, group) in enumerate(GROUP_OF.items())
+            for session in ("before", "after")
+            for side in ("left", "right")
+            for _ in range(2)
+        ],
+        columns=["subject", "group", "session", "side", "weight", "trial", "mass_kg"],
+    ).assign(velocity_m_s=1.5)
+    rows["device"] = rows["session"].map({"before": "old", "after": "new"})
+    visits = [f"{person}:{session}" for person in GROUP_OF for session in ("before", "after")]
+    of_visits = np.linspace(-0.04, 0.05, len(visits))
+    values = {"intercept_K": 7.0, "effect_of_group[treated]_K": 0.05, "effect_of_session[before]_K": 0.04}
+    values |= {"effect_of_group[treated]:session[before]_K": -0.2, "effect_of_side[right]_K": 0.1}
+    values |= {"effect_of_weight_K": 0.03, "subject_effect_K": [0.1, -0.1, 0.2, 0.0]}
+    values |= {"subject_session_effect_K": of_visits.tolist(), "subject_side_effect_K": [0.0] * 8}
+    draws = draws_of(
+        *(np.random.default_rng(5), 0.0, values),
+        subject_effect_K=("subject", list(GROUP_OF)),
+        subject_session_effect_K=("subject:session", visits),
+        subject_side_effect_K=("subject:side", [f"{p}:{s}" for p in GROUP_OF for s in ("left", "right")]),
+    )
+    own = dict(zip(visits, of_visits, strict=True))
+    truth = {
+        person: -0.04 + 0.2 * (group == "treated") + 0.03 * 2 * place
+        + own[f"{person}:after"] - own[f"{person}:before"]
+        for place, (person, group) in enumerate(GROUP_OF.items())
+    }  # fmt: skip
+    return Recorded(rows, {"K": CLINIC}, REFERENCE), draws, truth
+
+
+def test_a_persons_before_and_after_is_of_the_persons_group_and_visits() -> None:
+    known, draws, truth = clinic()
+    table = contrasts(draws, known, ["K"], 0.1)
+    own = rows_of(table, "subject:session")
+    for person, log in truth.items():
+        assert np.log(own[f"{person}:after", f"{person}:before"]["ratio"]) == pytest.approx(log)
+        asked = draws_at(parse(f"log(K[subject={person}, session=after over before])"), draws, known)
+        assert_allclose(asked, log)
+        assert own[f"{person}:after", f"{person}:before"]["kind"] == "combinations"
+
+
+def test_an_interaction_is_a_contrast_and_has_a_short_form() -> None:
+    known, draws, _ = clinic()
+    table = contrasts(draws, known, ["K"], 0.1)
+    (((level, against), row),) = rows_of(table, "group:session").items()
+    assert (level, against, row["kind"]) == ("treated:after/before", "control:after/before", "interaction")
+    assert np.log(row["ratio"]) == pytest.approx(0.2)
+    short = "log(K[group=treated over control, session=after over before])"
+    assert_allclose(draws_at(parse(short), draws, known), 0.2)
+    # A reference stands below, and all of an average is of equal weight.
+    assert np.log(rows_of(table, "session")["after", "before"]["ratio"]) == pytest.approx(-0.04 + 0.1)
+    assert np.log(rows_of(table, "group")["treated", "control"]["ratio"]) == pytest.approx(0.05 - 0.1)
+    asked = contrasts(draws, known, ["K"], 0.1, ["K[session=before over after, group=control over treated]"])
+    (((level, against), row),) = rows_of(asked, "group:session").items()
+    assert (level, against) == ("control:before/after", "treated:before/after")
+    assert np.log(row["ratio"]) == pytest.approx(0.2)
+    assert ("before", "after") in rows_of(asked, "session")
+
+
+def test_what_changes_with_a_factor_is_noted_whether_a_formula_has_it_or_not() -> None:
+    known, draws, _ = clinic()
+    table = contrasts(draws, known, ["K"], 0.1)
+    assert rows_of(table, "session")["after", "before"]["note"] == "also differs: device (new against old)"
+    own = rows_of(table, "subject:session")["s2:after", "s2:before"]["note"]
+    assert own == "also differs: weight (66 against 62), device (new against old)"
+    assert rows_of(table, "side")["left", "right"]["note"] == ""
+
+
 def test_ratios_and_probabilities_of_people_drawn_from_the_prior_are_calibrated() -> None:
     """Effects of sd 0.2 seen with an error of 0.1: their posterior is normal, and its draws exact."""
     rng, people, studies, s, e = np.random.default_rng(9), 4, 100, 0.2, 0.1

@@ -9,7 +9,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bayestissue.hierarchy.levels import Recorded
-from bayestissue.inference.answers.grammar import DEEPEST, LONGEST, Level, Quantity, QuestionError, parse
+from bayestissue.inference.answers.grammar import (
+    DEEPEST,
+    LONGEST,
+    Level,
+    Node,
+    Number,
+    Quantity,
+    QuestionError,
+    parse,
+)
 from bayestissue.inference.answers.meaning import draws_of
 
 A, B = np.array([[1.5, -2.0, 3.0]]), np.array([[0.5, 4.0, -1.0]])
@@ -134,3 +143,26 @@ def _sums() -> st.SearchStrategy[str]:
 def test_arithmetic_is_as_numpy_has_it(left: str, right: str) -> None:
     expected = eval(f"{left} - {right}", {"__builtins__": {}}, {"a": A, "b": B, "abs": np.abs})  # noqa: S307
     np.testing.assert_allclose(worth(f"{left} - {right}"), np.broadcast_to(expected, A.shape))
+
+
+def test_two_levels_with_over_are_a_ratio_and_of_two_columns_a_ratio_of_ratios() -> None:
+    assert text(parse("K[side=left over right]")) == text(parse("K[side=left] / K[side=right]"))
+    long = "(K[b='x y', a=p] / K[b=over, a=p]) / (K[b='x y', a=q] / K[b=over, a=q])"
+    assert text(parse("K[b='x y' over over, a=p over q]")) == text(parse(long))
+    assert text(parse("mean(K[s, a=p over q])")) == text(parse("mean(K[s, a=p] / K[s, a=q])"))
+    with pytest.raises(QuestionError, match="each column once"):
+        parse("K[a=p over q, a=p]")
+    with pytest.raises(QuestionError, match="at most 4"):
+        parse(f"K[{', '.join(f'a{n}=p over q' for n in range(60))}]")
+    for slip in ("K[a=p over]", "K[a over p]", "K[a=p over q over r]"):
+        with pytest.raises(QuestionError):
+            parse(slip)
+
+
+def text(node: Node) -> str:
+    """A tree without its positions."""
+    if isinstance(node, Number):
+        return f"{node.value:g}"
+    if isinstance(node, Quantity):
+        return f"{node.name}[{', '.join(f'{level.column}={level.value}' for level in node.levels)}]"
+    return f"{node.symbol}({', '.join(text(operand) for operand in node.operands)})"

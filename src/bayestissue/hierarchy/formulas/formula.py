@@ -140,6 +140,7 @@ def adapted(rows: pd.DataFrame, reference_mass_kg: float) -> Judged:
     return judge(DEFAULT_FORMULA, rows, reference_mass_kg)
 
 
+@lru_cache
 def group_terms(formula: str | None) -> tuple[GroupTerm, ...]:
     """The group terms of a formula, of the default one where there is none; none if it can't be read."""
     try:
@@ -362,11 +363,26 @@ def evaluated_at(
     return dict(zip(names, columns.T, strict=True)), groups
 
 
+@lru_cache
 def variables_of_terms(formula: str) -> tuple[frozenset[str], ...]:
     """The columns that each of a formula's covariate terms names."""
     return tuple(_read(formula)[0].common.values())
 
 
+@lru_cache
+def interactions(formula: str) -> tuple[tuple[str, str], ...]:
+    """The two columns of each covariate term ``a:b``, as the formula has them, each pair once."""
+    import formulae
+
+    pairs: dict[frozenset[str], tuple[str, str]] = {}
+    for term in formulae.model_description(formula).common_terms:
+        parts = [_columns_of(part) for part in getattr(term, "components", ())]
+        if [len(columns) for columns in parts] == [1, 1] and parts[0] != parts[1]:
+            pairs.setdefault(frozenset().union(*parts), (min(parts[0]), min(parts[1])))
+    return tuple(pairs.values())
+
+
+@lru_cache
 def columns_named(formula: str) -> tuple[str, ...]:
     """The columns that a formula needs: of its covariates, of its slopes and of its groups."""
     terms, _ = _read(formula)

@@ -1,17 +1,21 @@
 """Ratios of K and of C between levels: left over right, women over men, one operator over another.
 
-With the expected log of a response at two levels, all else equal, the ratio is
+With the expected log of a response at levels (see `bayestissue.hierarchy.levels`), the ratio of two is
 
     r = exp(log q(level) - log q(against)),
 
-its probability of direction that of the likelier of r > 1 and r < 1 (Makowski et al. 2019,
-doi:10.3389/fpsyg.2019.02767), and its probability of practical equivalence that of |log r| < log(1 + e)
+and an interaction is a ratio of two such ratios, the difference of differences of the log,
+
+    r = exp((log q(a, b) - log q(a', b)) - (log q(a, b') - log q(a', b'))).
+
+The probability of direction is that of the likelier of r > 1 and r < 1 (Makowski et al. 2019,
+doi:10.3389/fpsyg.2019.02767), and the probability of practical equivalence that of |log r| < log(1 + e)
 (Kruschke 2018, doi:10.1177/2515245918771304), e being 0.1 unless the model file has another.
 
 Compared are, of each response, by its own formula:
 
-- the levels of each category, of numbers in ``C()``, and of each number with two values, averaged over what
-  interacts with it;
+- the levels of each category, of numbers in ``C()``, and of each number with two values;
+- two such columns whose interaction ``a:b`` the formula has;
 - the levels of each group but people, who have a table of their own (`people_compared`);
 - of combinations such as ``subject:side`` those that differ in one column but the person, within each person
   and averaged over the people recorded;
@@ -19,24 +23,26 @@ Compared are, of each response, by its own formula:
   the mass exponent leaves over, and a ratio of two of them would be read as one of masses.
 
 Of more than twelve levels each stands against the mean of all. Of two levels the one goes over the other
-that a question has first; else a category goes over those that follow it in the alphabet, left over right,
-after over before, and a greater number over a smaller one.
+that a question has first; else a level that is called a reference (control, placebo, before) stands below,
+a category goes over those that follow it in the alphabet, left over right, and a greater number over a
+smaller one. What else was one thing in all impacts of the one level and another in all of the other stands
+in ``note``: no ratio tells them apart unless the formula has it.
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from itertools import combinations
-from typing import NamedTuple
+from dataclasses import dataclass, field, replace
+from itertools import combinations, product
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 from jaxtyping import Float
 
-from bayestissue.hierarchy.formulas.formula import group_terms, variables_of_terms
+from bayestissue.hierarchy.formulas.formula import group_terms, interactions, variables_of_terms
 from bayestissue.hierarchy.formulas.group_terms import SUBJECT, labels_of
 from bayestissue.hierarchy.levels import Condition, Recorded, log_at_levels
 from bayestissue.inference.answers.grammar import Node, Number, Quantity, QuestionError, parse
@@ -44,25 +50,71 @@ from bayestissue.inference.answers.meaning import quantities
 from bayestissue.results.tables import joined
 
 ALL = "mean of all"
-_COMPARED = ["factor", "level", "against"]
+ALSO = "also differs: "
+LEVELS, COMBINATIONS, INTERACTION = "levels", "combinations", "interaction"
+_TEXT = ["factor", "level", "against", "kind", "note"]
 _MOST_IN_PAIRS = 12
 _MOST_LEVELS = 400
-_MOST_AVERAGED = 200
 # Numbers that are measured or set, two of which make no factor.
 _PHYSICAL = ("mass_kg", "velocity_m_s", "energy_J", "diameter_m")
 _SAME_MASS = 0.01
+# What others are held against, whatever the alphabet has.
+_REFERENCES = (
+    *("control", "controls", "placebo", "sham", "untreated", "healthy", "reference"),
+    *("baseline", "before", "pre", "none"),
+)
 # What holds its two sides against each other.
 _AGAINST = ("/", "-", "<", "<=", ">", ">=")
 
+Weighted = Sequence[tuple[Condition, float]]
 
-class Contrast(NamedTuple):
-    """A level against another; each is the mean of the log over its conditions."""
 
-    factor: str
-    level: str
-    against: str
-    upper: tuple[Condition, ...]
-    lower: tuple[Condition, ...]
+@dataclass(frozen=True)
+class Contrast:
+    """A weighted sum of the log at levels.
+
+    Attributes:
+        factors: the columns that name it.
+        compared: of these the one that differs, of an interaction both: column, level and against.
+        weighted: conditions and their weights, which add up to 0.
+        shared: the level of each other column, of a combination.
+    """
+
+    factors: tuple[str, ...]
+    compared: tuple[tuple[str, str, str], ...]
+    weighted: Weighted
+    shared: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def kind(self) -> str:
+        """`LEVELS`, `COMBINATIONS` or `INTERACTION`."""
+        if len(self.compared) > 1:
+            return INTERACTION
+        return COMBINATIONS if self.shared else LEVELS
+
+    @property
+    def names(self) -> tuple[str, str, str]:
+        """Factor, level and against: ``side``, left, right; ``group:session``, treated:after/before, ..."""
+        if self.kind == INTERACTION:
+            (_, level, against), (_, upper, lower) = self.compared
+            return ":".join(self.factors), *(f"{one}:{upper}/{lower}" for one in (level, against))
+        ((column, level, against),) = self.compared
+        one, other = (
+            ":".join({**self.shared, column: value}[name] for name in self.factors)
+            for value in (level, against)
+        )
+        return ":".join(self.factors), one, other
+
+    def directed(self, directions: frozenset[tuple[str, str, str]]) -> Contrast:
+        """The contrast, its reciprocal where a question asks for that."""
+        contrast = self
+        for place, (column, level, against) in enumerate(self.compared):
+            if (column, against, level) in directions:
+                compared = list(contrast.compared)
+                compared[place] = column, against, level
+                weighted = [(condition, -weight) for condition, weight in contrast.weighted]
+                contrast = replace(contrast, compared=tuple(compared), weighted=weighted)
+        return contrast
 
 
 def contrasts(
@@ -86,14 +138,16 @@ def contrasts(
     """
     tables, directions = [], asked_directions(questions)
     for response in responses:
-        directed = [_directed(contrast, directions) for contrast in contrasts_of(recorded, response)]
+        directed = [contrast.directed(directions) for contrast in contrasts_of(recorded, response)]
         if directed:
             logs = log_ratios(draws, recorded, response, directed)
-            names = pd.DataFrame([contrast[:3] for contrast in directed], columns=_COMPARED)
+            notes = _notes(recorded, directed)
+            texts = [(*c.names, c.kind, note) for c, note in zip(directed, notes, strict=True)]
+            names = pd.DataFrame(texts, columns=_TEXT)
             tables.append(names.assign(quantity=response, **ratio_summary(logs, equivalence)))
     # K and C of a contrast one below the other.
     table = joined("contrasts", tables)
-    order = table.groupby(_COMPARED, sort=False).ngroup()
+    order = table.groupby(_TEXT, sort=False).ngroup()
     return table.iloc[np.argsort(order, kind="stable")].reset_index(drop=True)
 
 
@@ -125,20 +179,11 @@ def _held_against(node: Node) -> Iterator[tuple[Quantity, Quantity]]:
         return
     if len(node.operands) == 2 and node.symbol in _AGAINST:
         sides = [list(quantities(operand)) for operand in node.operands]
-        if [len(side) for side in sides] == [1, 1]:
-            yield sides[0][0], sides[1][0]
+        # Of a ratio of ratios each of the first with its counterpart of the second.
+        if len(sides[0]) == len(sides[1]) in (1, 2):
+            yield from zip(*sides, strict=True)
     for operand in node.operands:
         yield from _held_against(operand)
-
-
-def _directed(contrast: Contrast, directions: frozenset[tuple[str, str, str]]) -> Contrast:
-    """The contrast, or its reciprocal where a question asks for that."""
-    parts = (contrast.factor.split(":"), contrast.level.split(":"), contrast.against.split(":"))
-    if len({len(part) for part in parts}) == 1:
-        differ = [triple for triple in zip(*parts, strict=True) if triple[1] != triple[2]]
-        if any((name, against, level) in directions for name, level, against in differ):
-            return Contrast(contrast.factor, contrast.against, contrast.level, contrast.lower, contrast.upper)
-    return contrast
 
 
 def ratio_summary(logs: Float[np.ndarray, "draw ratio"], equivalence: float) -> dict[str, np.ndarray]:
@@ -157,19 +202,13 @@ def log_ratios(
     draws: xr.Dataset, recorded: Recorded, response: str, compared: Sequence[Contrast]
 ) -> Float[np.ndarray, "draw ratio"]:
     """The log of each ratio, for each draw."""
-    conditions = {
-        _key(condition): condition
-        for contrast in compared
-        for condition in (*contrast.upper, *contrast.lower)
-    }
+    conditions = {_key(at): at for contrast in compared for at, _ in contrast.weighted}
     row = {key: number for number, key in enumerate(conditions)}
     weights = np.zeros((len(conditions), len(compared)))
     for column, contrast in enumerate(compared):
-        for sign, side in ((1, contrast.upper), (-1, contrast.lower)):
-            for condition in side:
-                weights[row[_key(condition)], column] += sign / len(side)
-    # All else equal: with a session comes nothing of what else was so in it.
-    logs = log_at_levels(draws, recorded, response, list(conditions.values()), follow=False)
+        for at, weight in contrast.weighted:
+            weights[row[_key(at)], column] += weight
+    logs = log_at_levels(draws, recorded, response, list(conditions.values()))
     return logs.reshape(-1, len(conditions)) @ weights
 
 
@@ -182,8 +221,11 @@ def contrasts_of(recorded: Recorded, response: str) -> list[Contrast]:
     formula = recorded.formulas.get(response, "1")
     variables = variables_of_terms(formula)
     named = dict.fromkeys(name for columns in variables for name in sorted(columns))
-    factors = [name for name in named if _is_factor(recorded, name)]
-    compared = [contrast for name in factors for contrast in _of_covariate(recorded, name, variables)]
+    factors = {name: dict(_values(recorded, name)) for name in named if _is_factor(recorded, name)}
+    compared = [one for name, levels in factors.items() for one in _of_levels(name, levels)]
+    for a, b in interactions(formula):
+        if a in factors and b in factors:
+            compared += _of_interaction((a, b), (factors[a], factors[b]))
     for term in group_terms(formula):
         if term.slope or term.grouping == "subject":
             continue
@@ -201,35 +243,40 @@ def _is_factor(recorded: Recorded, name: str) -> bool:
     return name not in _PHYSICAL and recorded.rows[name].nunique() == 2
 
 
-def _of_covariate(recorded: Recorded, name: str, variables: Iterable[frozenset[str]]) -> Iterator[Contrast]:
-    """Levels of a covariate at the reference, or over the recorded values of what interacts with it."""
-    levels = {str(label): value for value, label in _values(recorded, name)}
-    interacting = sorted({column for columns in variables if name in columns for column in columns} - {name})
-    at: list[Condition] = [{}]
-    if interacting:
-        rows = recorded.rows[interacting].drop_duplicates()
-        chosen = np.unique(np.linspace(0, len(rows) - 1, min(len(rows), _MOST_AVERAGED)).astype(int))
-        at = [{str(k): v for k, v in row.items()} for row in rows.iloc[chosen].to_dict("records")]
+def _of_levels(name: str, levels: Mapping[str, str | float]) -> Iterator[Contrast]:
     for level, against in _pairs(list(levels)):
-        yield Contrast(
-            name,
-            level,
-            against,
-            tuple({**condition, name: levels[level]} for condition in at),
-            tuple(
-                {**condition, name: levels[other_level]}
-                for other_level in _meant(against, levels)
-                for condition in at
-            ),
+        yield Contrast((name,), ((name, level, against),), _weighted(name, level, against, levels))
+
+
+def _weighted(name: str, level: str, against: str, levels: Mapping[str, str | float]) -> Weighted:
+    """A level less another, or less the mean of all."""
+    others = list(levels) if against == ALL else [against]
+    return [({name: levels[level]}, 1.0), *(({name: levels[other]}, -1 / len(others)) for other in others)]
+
+
+def _of_interaction(
+    names: tuple[str, str], levels: tuple[Mapping[str, str | float], Mapping[str, str | float]]
+) -> Iterator[Contrast]:
+    """Ratios of the ratios between levels of one column at the levels of another."""
+    pairs = [list(_pairs(list(known))) for known in levels]
+    if len(pairs[0]) * len(pairs[1]) > _MOST_LEVELS:
+        pairs = [[(level, ALL) for level in _ordered(list(known))] for known in levels]
+    if len(pairs[0]) * len(pairs[1]) > _MOST_LEVELS:
+        return
+    for chosen in product(*pairs):
+        one, other = (
+            _weighted(name, *pair, known) for name, pair, known in zip(names, chosen, levels, strict=True)
         )
+        weighted = [({**at, **beside}, w * v) for (at, w), (beside, v) in product(one, other)]
+        compared = tuple((name, *pair) for name, pair in zip(names, chosen, strict=True))
+        yield Contrast(names, compared, weighted)
 
 
 def _of_group(recorded: Recorded, name: str, *, at_one_mass: bool) -> Iterator[Contrast]:
     levels = recorded.levels(name)
     for comparable in _of_equal_mass(recorded, name) if at_one_mass else [levels]:
-        for level, against in _pairs(comparable) if len(comparable) <= _MOST_LEVELS else ():
-            others = tuple({name: other_level} for other_level in _meant(against, comparable))
-            yield Contrast(name, level, against, ({name: level},), others)
+        if len(comparable) <= _MOST_LEVELS:
+            yield from _of_levels(name, {level: level for level in comparable})
 
 
 def _of_equal_mass(recorded: Recorded, name: str) -> list[list[str]]:
@@ -261,24 +308,24 @@ def _of_combinations(
             levels_at[(*combo[:position], *combo[position + 1 :])].append(combo[position])
         single: dict[tuple[str, str], list[Contrast]] = defaultdict(list)
         for others, levels in levels_at.items():
+            shared = dict(zip([n for n in factors if n != name], others, strict=True))
             for level, against in combinations(_ordered(levels), 2):
-                a, b = ((*others[:position], value, *others[position:]) for value in (level, against))
-                upper, lower = (dict(zip(factors, values, strict=True)) for values in (a, b))
-                one = Contrast(":".join(factors), ":".join(a), ":".join(b), (upper,), (lower,))
+                weighted = [({**shared, name: level}, 1.0), ({**shared, name: against}, -1.0)]
+                one = Contrast(factors, ((name, level, against),), weighted, shared)
                 single[(level, against)].append(one)
         for (level, against), pairs in single.items():
             if len(pairs) > 1 and name not in known:
-                upper_all, lower_all = (tuple(c.upper[0] for c in pairs), tuple(c.lower[0] for c in pairs))
-                yield Contrast(name, level, against, upper_all, lower_all)
+                every = [(at, weight / len(pairs)) for pair in pairs for at, weight in pair.weighted]
+                yield Contrast((name,), ((name, level, against),), every)
         yield from (pair for pairs in single.values() for pair in pairs)
 
 
-def _values(recorded: Recorded, name: str) -> Iterator[tuple[str | float, str]]:
-    """The values of a column with what they are called."""
+def _values(recorded: Recorded, name: str) -> Iterator[tuple[str, str | float]]:
+    """What the values of a column are called, and they themselves."""
     column = recorded.rows[name]
     first = ~column.duplicated()
     for value, label in zip(column[first], labels_of(column[first]), strict=True):
-        yield (float(value) if recorded.is_number(name) else str(value)), label
+        yield label, (float(value) if recorded.is_number(name) else str(value))
 
 
 def _pairs(levels: Sequence[str]) -> Iterator[tuple[str, str]]:
@@ -288,16 +335,62 @@ def _pairs(levels: Sequence[str]) -> Iterator[tuple[str, str]]:
     return ((level, ALL) for level in _ordered(levels))
 
 
-def _meant(against: str, levels: Iterable[str]) -> list[str]:
-    return list(levels) if against == ALL else [against]
-
-
 def _ordered(levels: Sequence[str]) -> list[str]:
-    """By the alphabet; numbers from the greatest on."""
+    """By the alphabet, references last; numbers from the greatest on."""
     try:
         return sorted(levels, key=float, reverse=True)
     except ValueError:
-        return sorted(levels)
+        return sorted(levels, key=lambda level: (level.casefold() in _REFERENCES, level))
+
+
+def _notes(recorded: Recorded, compared: Sequence[Contrast]) -> list[str]:
+    """What else goes with the levels of each contrast; empty of interactions and of means of all."""
+    differing = [name for name in (*recorded.needed, *recorded.not_used) if name in recorded.rows]
+    by_factors = {
+        factors: _constants(recorded, factors, [name for name in differing if name not in factors])
+        for factors in dict.fromkeys(
+            tuple(at) for contrast in compared if _has_note(contrast) for at, _ in contrast.weighted
+        )
+    }
+    return [_note(contrast, by_factors) if _has_note(contrast) else "" for contrast in compared]
+
+
+def _has_note(contrast: Contrast) -> bool:
+    return contrast.kind != INTERACTION and contrast.compared[0][2] != ALL
+
+
+Constants = Mapping[tuple[str, ...], Mapping[str, str]]
+
+
+def _constants(recorded: Recorded, factors: tuple[str, ...], names: Sequence[str]) -> Constants:
+    """Of each level the columns that are one in all of its impacts, and what they are there."""
+    labels = pd.DataFrame({name: labels_of(recorded.rows[name]) for name in (*factors, *names)})
+    groups = labels.groupby([labels[name] for name in factors])[list(names)]
+    first, alike = groups.first(), groups.nunique(dropna=False).eq(1)
+    found = {}
+    for level, values, same in zip(first.index, first.to_numpy(), alike.to_numpy(), strict=True):
+        key = level if isinstance(level, tuple) else (level,)
+        found[key] = {n: v for n, v, one in zip(names, values, same, strict=True) if one}
+    return found
+
+
+def _note(contrast: Contrast, constants: Mapping[tuple[str, ...], Constants]) -> str:
+    upper, lower = (
+        [constants[tuple(at)].get(_labels(at), {}) for at, w in contrast.weighted if w * sign > 0]
+        for sign in (1, -1)
+    )
+    words = []
+    for name in upper[0]:
+        pairs = {(one.get(name), other.get(name)) for one, other in zip(upper, lower, strict=True)}
+        if any(None in pair or pair[0] == pair[1] for pair in pairs):
+            continue
+        level, against = min(pairs)
+        words.append(f"{name} ({level} against {against})" if len(pairs) == 1 else name)
+    return f"{ALSO}{', '.join(words)}" if words else ""
+
+
+def _labels(at: Condition) -> tuple[str, ...]:
+    return tuple(f"{value:.12g}" if isinstance(value, float) else str(value) for value in at.values())
 
 
 MOST_PEOPLE = 60

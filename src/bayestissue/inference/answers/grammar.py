@@ -2,6 +2,13 @@
 
     K[side=left] / K[side=right] > 1.1 and mean(K[subject, sex=f]) between 2000 and 3000
 
+Two levels of a column with "over" between them make a ratio, and two columns with such levels a ratio of
+ratios, an interaction:
+
+    K[session=after over before, group=treated over control]
+        = (K[session=after, group=treated] / K[session=before, group=treated])
+        / (K[session=after, group=control] / K[session=before, group=control])
+
 Parsed by Lark as LALR(1), in time proportional to the text and without recursion, so that no text is slow or
 deep; what a tree may be is limited besides. `bayestissue.inference.answers.meaning` works off the tree.
 """
@@ -21,11 +28,13 @@ if TYPE_CHECKING:
 
 LONGEST = 2000
 DEEPEST = 40
+# Each doubles what a quantity stands for.
+MOST_OVER = 4
 OF_ONE = ("abs", "exp", "log")
 OF_MANY = ("max", "mean", "min")
 CLAIMS = ("<", "<=", ">", ">=", "and", "between", "not", "or")
 ALLOWED = (
-    "numbers, quantities such as K or K[subject=s01], + - * / ^ ( ), "
+    "numbers, quantities such as K, K[subject=s01] or K[side=left over right], + - * / ^ ( ), "
     f"{', '.join((*OF_ONE, *OF_MANY))}, < <= > >=, between, and, or, not"
 )
 
@@ -41,8 +50,9 @@ _GRAMMAR = r"""
 ?power: atom | atom POWER sign -> operation
 ?atom: "(" either ")" | NUMBER -> number | NAME "(" either ("," either)* ")" -> call | quantity
 quantity: NAME ["[" level ("," level)* "]"]
-level: (NAME | QUOTED) ["=" (VALUE | QUOTED)]
+level: (NAME | QUOTED) ["=" (VALUE | QUOTED) [OVER (VALUE | QUOTED)]]
 
+OVER: "over"
 OR: "or"
 AND: "and"
 NOT: "not"
@@ -69,6 +79,7 @@ _WORDS = {
     "POWER": "^",
     "AND": "and",
     "OR": "or",
+    "OVER": "over",
     "NOT": "not",
     "LPAR": "(",
     "RPAR": ")",
@@ -208,21 +219,38 @@ class _Maker:
             raise QuestionError(token.start_pos, str(token), "a number below 1e308")
         return Number(value, token.start_pos)
 
-    def level(self, parts: list[Any]) -> Level:
-        column, value = parts
-        position = column.start_pos if value is None else value.start_pos
-        return Level(
-            _unquoted(column), None if value is None else _unquoted(value), column.start_pos, position
+    def level(self, parts: list[Any]) -> tuple[Level, ...]:
+        column, value, _, against = parts
+        name = _unquoted(column)
+        if value is None:
+            return (Level(name, None, column.start_pos, column.start_pos),)
+        return tuple(
+            Level(name, _unquoted(token), column.start_pos, token.start_pos)
+            for token in (value, against)
+            if token is not None
         )
 
     def quantity(self, parts: list[Any]) -> Node:
         name, *brackets = parts
-        levels = tuple(level for level in brackets if level is not None)
-        columns = [level.column for level in levels]
-        twice = [level for index, level in enumerate(levels) if level.column in columns[:index]]
+        levels = [level for level in brackets if level is not None]
+        columns = [level[0].column for level in levels]
+        twice = [level[0] for index, level in enumerate(levels) if level[0].column in columns[:index]]
         if twice:
             raise QuestionError(twice[0].position, twice[0].column, "each column once")
-        return Quantity(_unquoted(name), levels, name.start_pos)
+        over = [level[1] for level in levels if len(level) > 1]
+        if len(over) > MOST_OVER:
+            slip = over[MOST_OVER]
+            raise QuestionError(slip.value_position, f"{len(over)} times over", f"at most {MOST_OVER}")
+        return self._over(name, levels)
+
+    def _over(self, name: Any, levels: list[tuple[Level, ...]]) -> Node:
+        """The quantity, or the ratio of it at the two levels of the last column that has two."""
+        places = [place for place, level in enumerate(levels) if len(level) > 1]
+        if not places:
+            return Quantity(_unquoted(name), tuple(level for (level,) in levels), name.start_pos)
+        last = places[-1]
+        sides = [self._over(name, [*levels[:last], (one,), *levels[last + 1 :]]) for one in levels[last]]
+        return _made("/", sides, levels[last][1].value_position, claim=False)
 
     def call(self, parts: list[Any]) -> Node:
         name, *arguments = parts

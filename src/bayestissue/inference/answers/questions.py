@@ -105,8 +105,10 @@ def _read(question: Question, recorded: Recorded, posterior: xr.Dataset | None) 
         node = parse(question.text)
     except QuestionError as slip:
         raise InputError(problem_of(slip, question)) from None
-    if errors := list(mistakes(node, recorded, posterior)):
-        raise InputError(_problem(slip, question) for slip in errors)
+    # A level that stands once may be part of several quantities.
+    slips = {(s.position, s.actual, s.expected): s for s in mistakes(node, recorded, posterior)}
+    if slips:
+        raise InputError(_problem(slip, question) for slip in slips.values())
     return node
 
 

@@ -9,6 +9,7 @@ import pandas as pd
 
 from bayestissue.errors import Coded
 from bayestissue.hierarchy.formulas.group_terms import stem_of
+from bayestissue.inference.answers.contrasts import ALSO, COMBINATIONS, INTERACTION, LEVELS
 from bayestissue.inference.results.meanings import ICC, MDC, MOSTLY, REPEATS, SEM, UNITS
 from bayestissue.report.fit.population import groupings
 from bayestissue.report.fit.run import FitRun
@@ -25,24 +26,62 @@ _MASSES = (
 
 
 def first_contrasts(run: FitRun) -> list[dict[str, Any]]:
-    """The first comparisons, not of one person's levels: each with K, C and a sentence; empty if none."""
-    simple = run.contrasts[~run.contrasts["factor"].str.contains(":")]
+    """The first comparisons, not of one person's levels: each with K, C and a sentence; empty if none.
+
+    Interactions stand first: where there are some, a difference is another one at another level.
+    """
+    return [*_first(run, INTERACTION), *_first(run, LEVELS)]
+
+
+def _first(run: FitRun, kind: str) -> list[dict[str, Any]]:
+    of_kind = run.contrasts[kinds(run) == kind]
     contrasts = []
-    for (factor, level, against), part in simple.groupby(["factor", "level", "against"], sort=False):
+    for (factor, level, against), part in of_kind.groupby(["factor", "level", "against"], sort=False):
         shown = [line for line in lines(part) if line.quantity in ("K", "C")]
+        words = " ".join(_contrast_words(line, equivalence(run), kind) for line in shown)
         contrasts.append(
             {
-                # A number alone says nothing: session 2 over session 1.
-                "what": f"{factor} {level} over {against}"
-                if _is_number(level)
-                else f"{level} over {against}",
-                "factor": factor,
+                "what": contrast_name(kind, str(factor), str(level), str(against)),
+                "kind": kind,
                 "levels": _level_values(run, str(factor), (str(level), str(against))),
                 "ratios": [(line.quantity, _ratio(line)) for line in shown],
-                "words": " ".join(_contrast_words(line, str(level), equivalence(run)) for line in shown),
+                "words": f"{words} {_note_words(str(level), str(against), shown)}".strip(),
             }
         )
     return contrasts[:_ON_FIRST_SCREEN]
+
+
+def kinds(run: FitRun) -> pd.Series:
+    """The kind of each comparison; of runs of earlier versions by their factor."""
+    if "kind" in run.contrasts:
+        return run.contrasts["kind"]
+    return run.contrasts["factor"].str.contains(":").map({True: COMBINATIONS, False: LEVELS})
+
+
+def contrast_name(kind: str, factor: str, level: str, against: str) -> str:
+    """What is held against what, such as "left over right" or "after over before, treated over control"."""
+    if kind == INTERACTION:
+        (one, inner), (other, _) = _parted(level, against)
+        return f"{inner}, {one} over {other}"
+    # A number alone says nothing: session 2 over session 1.
+    return f"{factor} {level} over {against}" if _is_number(level) else f"{level} over {against}"
+
+
+def _parted(level: str, against: str) -> tuple[tuple[str, str], tuple[str, str]]:
+    """Of treated:after/before and control:after/before the levels, each with "after over before"."""
+    ends = (level[at:] for at, letter in enumerate(level) if letter == ":")
+    inner = next(end for end in ends if against.endswith(end))[1:]
+    over = inner.replace("/", " over ") if inner.count("/") == 1 else inner
+    return tuple((text.removesuffix(f":{inner}"), over) for text in (level, against))  # type: ignore[return-value]
+
+
+def _note_words(level: str, against: str, shown: list[Any]) -> str:
+    """What goes with a difference; empty of runs of earlier versions."""
+    notes = [note for line in shown if (note := getattr(line, "note", ""))]
+    if not notes:
+        return ""
+    what = str(notes[0]).removeprefix(ALSO)
+    return f"Between {level} and {against} also differs, and can't be told apart: {what}."
 
 
 def _level_values(run: FitRun, factor: str, levels: tuple[str, str]) -> list[tuple[str, str, str, Spread]]:
@@ -74,11 +113,19 @@ def _ratio(line: Any) -> Spread:
     return Spread(line.ratio, line.low, line.high)
 
 
-def _contrast_words(line: Any, level: str, near: float) -> str:
+def _contrast_words(line: Any, near: float, kind: str) -> str:
     what = "greater" if line.ratio > 1 else "less"
+    of, level, differs = line.quantity, line.level, f"differs by less than {percent(near)}"
+    if kind == INTERACTION:
+        (one, inner), (other, _) = _parted(line.level, line.against)
+        of, level, differs = (
+            f"{of}, {inner},",
+            f"{one} than for {other}",
+            f"is within {percent(near)} of none",
+        )
     return (
-        f"{line.quantity} is {likelihood_words(line.p_direction)} {what} for {level} (probability "
-        f"{probability(line.p_direction)}); the probability that it differs by less than {percent(near)} is "
+        f"{of} is {likelihood_words(line.p_direction)} {what} for {level} (probability "
+        f"{probability(line.p_direction)}); the probability that it {differs} is "
         f"{probability(line.p_equivalent)}."
     )
 
@@ -93,6 +140,7 @@ def conditions_words(run: FitRun) -> str:
 
 def contrasts_table(run: FitRun) -> Table:
     """The first 300 rows of `contrasts.csv`."""
+    noted = "note" in run.contrasts and bool(run.contrasts["note"].ne("").any())
     return table_of(
         lines(run.contrasts[:MOST_ROWS]),
         Field("of", lambda line: line.factor),
@@ -102,6 +150,7 @@ def contrasts_table(run: FitRun) -> Table:
         Field("90 %", lambda line: _ratio(line).range, "number"),
         Field("direction", lambda line: probability(line.p_direction), "number"),
         Field(f"within {percent(equivalence(run))}", lambda line: probability(line.p_equivalent), "number"),
+        *[Field("note", lambda line: line.note)] * noted,
     )
 
 

@@ -1,0 +1,223 @@
+"""One route to every value: contrasts, questions, variables, predictions and the page agree to rounding.
+
+Designs are random: interactions, nesting, numbers of impacts, of people and of people's sessions, slopes, and
+rows missing at random. Draws of coefficients and effects are made here, without a fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import product
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+from numpy.testing import assert_allclose
+
+from bayestissue.hierarchy import derived
+from bayestissue.hierarchy.design import Design
+from bayestissue.hierarchy.formulas.formula import columns_named, judge
+from bayestissue.hierarchy.formulas.group_terms import stem_of
+from bayestissue.inference.answers.contrasts import ALL, INTERACTION, contrasts, contrasts_of
+from bayestissue.inference.answers.finished import Finished
+from bayestissue.inference.answers.grammar import parse
+from bayestissue.inference.answers.meaning import draws_of
+from bayestissue.inference.answers.predictions import predict
+from bayestissue.inference.answers.questions import ask, numbered
+from bayestissue.inference.results.labels import design_dimensions, labelled
+from bayestissue.report.fit import study
+from designs import REFERENCE, design_of
+
+DRAWS = (2, 4)
+# So many designs in each test, and of each response's contrasts, levels of a variable.
+FEW, MANY, PART = 2, 200, 20
+COMPARED, LEVELS = 8, 3
+PLAIN = ("log(mass_kg)", "group", "session", "side", "sex", "operator", "trained", "age", "room", "weight")
+TWO_WAY = (
+    "group:session",
+    "side:session",
+    "sex:side",
+    "trained:side",
+    "age:session",
+    "room:side",
+    "group:age",
+)
+GROUPS = ("(1|subject)", "(1|subject:side)", "(1|subject:session)", "(1|day)", "(1|trial)", "(1|pad)")
+SLOPES = ("(log(mass_kg)|subject)", "(0 + room|subject)", "(0 + room|day)")
+
+
+def study_of(rng: np.random.Generator) -> pd.DataFrame:
+    """Impacts on people of two groups, some rows missing."""
+    people, sessions = rng.integers(4, 8), ["before", "after", "later"][: rng.integers(2, 4)]
+    rows = pd.DataFrame(
+        product([f"s{n}" for n in range(people)], sessions, ("left", "right"), range(rng.integers(2, 4))),
+        columns=["subject", "session", "side", "repeat"],
+    )
+    person = rows["subject"].str[1:].astype(int)
+    visit = person * len(sessions) + rows["session"].map(sessions.index)
+    rows = rows.assign(
+        group=np.where(person % 2, "treated", "control"),
+        sex=np.where(rng.permutation(people) % 2, "f", "m")[person],
+        trained=rng.permutation(np.arange(people) % 2)[person],
+        age=rng.uniform(20, 60, people)[person],
+        weight=rng.uniform(50, 90, visit.max() + 1)[visit],
+        day=[f"d{n}" for n in visit % 5],
+        operator=rng.choice(["x", "y", "z"], len(rows)),
+        pad=rng.choice(["p1", "p2", "p3", "p4"], len(rows)),
+        room=rng.uniform(15, 25, len(rows)),
+        trial=rng.choice(["t0", "t1", "t2"], len(rows)),
+        velocity_m_s=rng.uniform(1, 2, len(rows)),
+    ).drop(columns="repeat")
+    rows = rows.assign(mass_kg=rows["trial"].map({"t0": 0.5, "t1": 0.8, "t2": 1.2}))
+    rows = rows[rng.uniform(size=len(rows)) < 0.9].sample(frac=1, random_state=rng).reset_index(drop=True)
+    return rows.assign(impact=[f"i{n}" for n in range(len(rows))])
+
+
+def formula_of(rng: np.random.Generator, rows: pd.DataFrame) -> str:
+    """Some terms, less what these rows can't tell."""
+    interactions = [str(term) for term in rng.permutation(TWO_WAY)[: rng.integers(1, 4)]]
+    main = [name for term in interactions for name in term.split(":")]
+    further = [str(term) for term in rng.permutation(PLAIN)[: rng.integers(0, 4)]]
+    groups = [str(term) for term in rng.permutation(GROUPS)[: rng.integers(1, 5)]]
+    slopes = [str(term) for term in rng.permutation(SLOPES)[: rng.integers(0, 2)]]
+    if "(log(mass_kg)|subject)" in slopes:
+        groups = [term for term in groups if term != "(1|subject)"]
+    wanted = " + ".join(dict.fromkeys([*main, *further, *interactions, *groups, *slopes]))
+    return str(judge(wanted, rows, REFERENCE).terms)
+
+
+def drawn(design: Design, rng: np.random.Generator) -> xr.Dataset:
+    """Draws of everything, and what the program makes of them."""
+    sites: dict[str, np.ndarray] = {}
+    for q, part in design.responses.items():
+        sites |= {name: rng.normal(size=DRAWS) for name in (f"intercept_{q}", f"mass_exponent_{q}")}
+        sites[f"covariate_effect_{q}"] = rng.normal(size=(*DRAWS, len(part.names)))
+        # Nothing scatters from impact to impact, so that a predicted impact is at its expectation.
+        sites[f"sd_impact_{q}"] = np.zeros(DRAWS)
+        for term in part.terms:
+            levels = len(design.groupings[term.grouping].levels)
+            sites[term.sd(q)] = rng.uniform(size=DRAWS)
+            sites[term.effect(q)] = rng.normal(size=(*DRAWS, levels))
+    values = derived.reported_sites(design, sites)
+    values |= derived.values_at_levels(design, values)
+    return labelled(values, design_dimensions(design), design.levels())
+
+
+def written(q: str, at: Mapping[str, Any]) -> str:
+    brackets = ", ".join(
+        f'{name}="{float(value)!r}"' if isinstance(value, float) else f'{name}="{value}"'
+        for name, value in at.items()
+    )
+    return f"{q}[{brackets}]" if brackets else q
+
+
+class Made:
+    """A study with draws, and what a question gives in each of them."""
+
+    def __init__(self, seed: int) -> None:
+        rng = np.random.default_rng(seed)
+        rows = study_of(rng)
+        self.design = design_of(formula_of(rng, rows), formula_of(rng, rows), rows=rows)
+        self.draws, self.recorded = drawn(self.design, rng), self.design.recorded
+        self.rng = rng
+
+    def asked(self, text: str) -> np.ndarray:
+        return draws_of(parse(text), self.draws, self.recorded).to_numpy().ravel()
+
+    def log(self, q: str, at: Mapping[str, Any]) -> np.ndarray:
+        return np.log(self.asked(written(q, at)))
+
+
+def logs_of(made: Made, q: str) -> Iterator[tuple[Any, np.ndarray]]:
+    """Each contrast, and the log of its ratio by what is asked of its levels."""
+    every = [one for one in contrasts_of(made.recorded, q) if one.compared[0][2] != ALL]
+    # Of each kind the first, such as an interaction, and some others.
+    first = [next(one for one in every if one.kind == kind) for kind in dict.fromkeys(c.kind for c in every)]
+    for contrast in [*first, *(every[n] for n in made.rng.permutation(len(every))[:COMPARED])]:
+        yield contrast, sum(weight * made.log(q, at) for at, weight in contrast.weighted)
+
+
+def agrees(made: Made) -> None:
+    table = contrasts(made.draws, made.recorded, ["K", "C"], 0.1)
+    by = table.set_index(["factor", "level", "against", "quantity"])
+    assert by.index.is_unique
+    for q in ("K", "C"):
+        for contrast, log in logs_of(made, q):
+            row = by.loc[(*contrast.names, q)]
+            expected = np.exp(np.percentile(log, [50, 5, 95]))
+            assert_allclose(row[["ratio", "low", "high"]].astype(float), expected, rtol=1e-9)
+            if contrast.kind == INTERACTION:
+                over = (f"{name}='{level}' over '{against}'" for name, level, against in contrast.compared)
+                assert_allclose(np.log(made.asked(f"{q}[{', '.join(over)}]")), log, atol=1e-9)
+        variables_agree(made, q)
+        assert_allclose(made.asked(q), made.draws[f"{q}_typical_person"].to_numpy().ravel(), rtol=1e-9)
+    rows_agree(made)
+    page_agrees(made, table)
+
+
+def variables_agree(made: Made, q: str) -> None:
+    """K_subject, K_subject_session, K_side ... are what a question gives."""
+    recorded, groupings = made.recorded, made.design.groupings
+    of = {stem_of(name): recorded.conditions_of(grouping) for name, grouping in groupings.items()}
+    of |= {name: [{name: level} for level in recorded.levels(name)] for name in recorded.named_by(q)}
+    for stem, conditions in of.items():
+        values = made.draws[f"{q}_{stem}"].to_numpy().reshape(-1, len(conditions))
+        for place in made.rng.permutation(len(conditions))[:LEVELS]:
+            at = conditions[place]
+            assert_allclose(made.log(q, at), np.log(values[:, place]), atol=1e-9, err_msg=f"{q}_{stem} {at}")
+
+
+def rows_agree(made: Made) -> None:
+    """Recorded rows are at their expectation, asked and predicted; so is a new person without a spread."""
+    finished = Finished(made.draws, None, made.recorded, discrepancy=True)
+    rows = made.recorded.rows.iloc[:3]
+    conditions = [
+        {str(k): float(v) if made.recorded.is_number(str(k)) else v for k, v in row.items()}
+        for row in rows.to_dict("records")
+    ]
+    predicted = predict(finished, conditions)
+    still = made.draws.assign({n: 0 * v for n, v in made.draws.items() if str(n).startswith("sd_")})
+    somebody = predict(Finished(still, None, made.recorded, discrepancy=True), [{}, {"side": "left"}])
+    for q, column in (("K", "K_N_per_m"), ("C", "C_N_s_per_m")):
+        moved = columns_named(made.recorded.formulas[q])
+        asked = [{k: v for k, v in at.items() if k in moved} for at in conditions]
+        medians = [np.median(made.asked(written(q, at))) for at in asked]
+        assert_allclose(predicted[column], medians, rtol=1e-9)
+        sides = {"side": "left"} if "side" in made.recorded.categories(q) else {}
+        medians = [np.median(made.asked(written(q, at))) for at in ({}, sides)]
+        assert_allclose(somebody[column], medians, rtol=1e-9)
+    (one,) = ask(finished, numbered(["K"])).to_dict("records")
+    assert one["median"] == pytest.approx(np.median(made.asked("K")))
+
+
+def page_agrees(made: Made, table: pd.DataFrame) -> None:
+    run = SimpleNamespace(
+        contrasts=table,
+        record={},
+        has=lambda name: name in made.draws,
+        labels=lambda name: made.draws[name].to_numpy().astype(str).tolist(),
+        draws=lambda name: made.draws[name].to_numpy().reshape(-1, made.draws[name].shape[-1]),
+    )
+    first = study.first_contrasts(run)
+    interactions = {one["what"] for one in first if one["kind"] == INTERACTION}
+    assert len(interactions) == min(2, len({*table[table["kind"] == INTERACTION]["level"]} and interactions))
+    assert bool(interactions) == bool((table["kind"] == INTERACTION).any())
+    for one in first:
+        for level, q, _, shown in one["levels"]:
+            factor = table[table["level"].eq(level) | table["against"].eq(level)]["factor"].iloc[0]
+            assert shown.median == pytest.approx(np.median(made.asked(written(q, {factor: level}))))
+
+
+@pytest.mark.parametrize("seed", range(FEW))
+def test_contrasts_questions_variables_predictions_and_page_agree(seed: int) -> None:
+    agrees(Made(seed))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("first", range(FEW, MANY, PART))
+def test_they_agree_over_200_random_designs(first: int) -> None:
+    for seed in range(first, min(first + PART, MANY)):
+        agrees(Made(seed))
