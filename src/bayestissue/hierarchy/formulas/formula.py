@@ -19,6 +19,7 @@ from bayestissue.hierarchy.formulas.identifiability import (
     Fault,
     aliased,
     lacking,
+    missing,
     unidentified,
     unsuited_columns,
     written_twice,
@@ -220,7 +221,7 @@ def _unknown(terms: Terms, rows: pd.DataFrame) -> list[Fault]:
     for term, variables in terms.common.items():
         strange = sorted(variables - set(usable))
         labels = sorted(variables & set(LABELS))
-        missing = [name for name in sorted(variables & set(usable)) if rows[name].isna().any()]
+        holes = [name for name in sorted(variables & set(usable)) if missing(rows[name]).any()]
         unknown = sorted({*_CALLED.findall(_QUOTED.sub("", term))} - {*FUNCTIONS, "C", "I"})
         if unknown:
             faults.append(Fault(term, _EVALUATED, f"there is no {unknown[0]}()"))
@@ -230,8 +231,8 @@ def _unknown(terms: Terms, rows: pd.DataFrame) -> list[Fault]:
         elif labels:
             wanted = f"{labels[0]} as a group effect, written (1|{labels[0]})"
             faults.append(Fault(term, wanted, f"{labels[0]} is a name and no covariate"))
-        elif missing:
-            faults.append(lacking(term, missing[0], rows))
+        elif holes:
+            faults.append(lacking(term, holes[0], rows))
     return faults
 
 
