@@ -248,13 +248,15 @@ def _unlikely(table: pd.DataFrame, rows: np.ndarray) -> list[Problem]:
 
 
 def _alike_names(table: pd.DataFrame, columns: dict[str, _Column]) -> list[Problem]:
-    """Names of people or conditions that differ only in case, spaces, hyphens or leading zeros.
+    """Names of people, conditions or categories that differ only in case, spaces, hyphens or leading zeros.
 
     A warning for each further way of writing a name: two people where there is one make the spread between
-    people too small, and that within a person too large.
+    people too small, and that within a person too large; two sides where there is one share its impacts.
     """
     warnings = []
-    for column in _GROUPS:
+    for column in table.select_dtypes(exclude="number"):
+        if column in RESERVED and column not in _GROUPS:
+            continue
         first: dict[str, str] = {}
         for text in dict.fromkeys(table[column]):
             usual = first.setdefault(_plain(text), text)

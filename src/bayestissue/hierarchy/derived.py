@@ -51,7 +51,7 @@ def reported_sites(design: Design, sites: Draws) -> dict[str, np.ndarray]:
             reported[f"mass_exponent_{response}"] = sites[f"mass_exponent_{response}"]
         for number, name in enumerate(part.names):
             column = sites[f"covariate_effect_{response}"][..., number]
-            reported[f"effect_of_{name}_{response}"] = column / part.scale[number]
+            reported[common_coefficient(name, response)] = column / part.scale[number]
         for term, group in part.terms.items():
             reported[term.sd(response)] = sites[term.sd(response)] / group.scale
             if not term.slope:

@@ -21,6 +21,7 @@ from scipy import stats
 
 from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.effects import intercept
+from bayestissue.hierarchy.formulas.group_terms import common_coefficient
 from bayestissue.hierarchy.priors import (
     Correlation,
     HalfNormal,
@@ -211,7 +212,7 @@ class Beliefs:
             effects = []
             for column, scale in zip(part.names, part.scale, strict=True):
                 single = self.population.effects.get(q, {}).get(column)
-                effect = drawn(f"effect_of_{column}_{q}", single or known[f"covariate_{q}"])
+                effect = drawn(common_coefficient(column, q), single or known[f"covariate_{q}"])
                 effects.append(effect * scale if single else effect)
             if effects:
                 fixed[f"covariate_effect_{q}"] = np.stack(effects, axis=1)
@@ -274,6 +275,6 @@ class Pilot:
             if part.log_mass is not None and f"mass_exponent_{q}" in drawn:
                 fixed[f"mass_exponent_{q}"] = exponent[:, None]
             for number, (column, scale) in enumerate(zip(part.names, part.scale, strict=True)):
-                if f"effect_of_{column}_{q}" in drawn:
-                    fixed[f"covariate_effect_{q}"][:, number] = drawn[f"effect_of_{column}_{q}"] * scale
+                if (effect := common_coefficient(column, q)) in drawn:
+                    fixed[f"covariate_effect_{q}"][:, number] = drawn[effect] * scale
         return Truths(values, fixed)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -19,6 +19,7 @@ from bayestissue.hierarchy.formulas.identifiability import (
     Fault,
     aliased,
     lacking,
+    missing,
     unidentified,
     unsuited_columns,
     written_twice,
@@ -34,7 +35,9 @@ FUNCTIONS = {"log": np.log, "sqrt": np.sqrt}
 _EVALUATED = "terms that can be evaluated: columns, +, :, {arithmetic}, C(), log() and sqrt()"
 _QUOTED = re.compile(r"`[^`]*`|\"[^\"]*\"|'[^']*'")
 _EVALUATES_TO_NOTHING = "it can't be evaluated: check its numbers, and whether all its columns hold numbers"
-_CALLED = re.compile(r"([^\W\d]\w*)\s*\(")
+# Sums of squares of greater ones are no numbers.
+_GREATEST = 1e100
+_CALLED = re.compile(r"([^\W\d][\w.]*)\s*\(")
 
 
 @dataclass(frozen=True)
@@ -94,7 +97,7 @@ def judge(formula: str, rows: pd.DataFrame, reference_mass_kg: float) -> Judged:
         if "~" in _QUOTED.sub("", formula):
             raise ValueError(formula)
         terms, faults = _read(formula)
-    except Exception as error:  # formulae raises its own scanner and parser errors, which share no base
+    except Exception as error:  # formulae's algebra of terms raises errors that share no base
         wrong = Fault("", f'a formula such as "{DEFAULT_FORMULA}"', _unread(formula, error))
         default = judge(DEFAULT_FORMULA, rows, reference_mass_kg)
         return replace(default, faults=(wrong,))
@@ -119,20 +122,25 @@ def judge(formula: str, rows: pd.DataFrame, reference_mass_kg: float) -> Judged:
 
 
 def _unread(formula: str, error: Exception) -> str:
-    """Why a formula can't be read, which `formulae` says in words of its own."""
+    """Why a formula can't be read, and where."""
+    from bayestissue.hierarchy.formulas.notation import NotationError
+
     bare = _QUOTED.sub("", formula)
     if "~" in bare:
         return "~ says what is explained, which is log K or log C: leave it out, and what is before"
     if isinstance(error, RecursionError):
-        return "too many parentheses within one another"
+        return "it is too long, or has too many parentheses within one another"
     if not formula.strip():
         return "it is empty; 1 stands for no covariate and no group"
+    words = str(error) if isinstance(error, NotationError) else "its terms can't stand together like this"
     if mark := re.search("[\"'`]", bare):
-        return f"a quotation mark is not closed: {mark[0]}"
+        return f"a quotation mark is not closed: {mark[0]}; {words}"
     for opening, closing in ("()", "[]", "{}"):
         if bare.count(opening) != bare.count(closing):
-            return f"it has {bare.count(opening)} of {opening} and {bare.count(closing)} of {closing}"
-    return "it breaks off, or a + or : between two terms is missing"
+            return (
+                f"it has {bare.count(opening)} of {opening} and {bare.count(closing)} of {closing}; {words}"
+            )
+    return words
 
 
 def adapted(rows: pd.DataFrame, reference_mass_kg: float) -> Judged:
@@ -165,9 +173,9 @@ def left_out_words(terms: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _read(formula: str) -> tuple[Terms, list[Fault]]:
-    import formulae
+    from bayestissue.hierarchy.formulas.notation import described, parentheses, parsed, text_of
 
-    description = formulae.model_description(formula)
+    description = described(formula)
     common, faults = {}, []
     if not any(term.name == _INTERCEPT for term in description.common_terms):
         faults.append(
@@ -176,11 +184,14 @@ def _read(formula: str) -> tuple[Terms, list[Fault]]:
     for term in description.common_terms:
         if term.name == _INTERCEPT:
             continue
-        used = _columns_of(term)
-        common[f"`{term.name}`" if used == {term.name} and not term.name.isidentifier() else term.name] = used
-    faults += written_twice([_groups(part) for part in _parentheses(formula)])
+        common[text_of(term)] = _columns_of(term)
+    faults += written_twice([_groups(part) for part in parentheses(parsed(formula))])
     groups = {frozenset((*term.factors, f"|{term.slope}")): term for term in reversed(_groups(description))}
-    slopes = {term.expr.name: _columns_of(term.expr) for term in description.group_terms}
+    slopes = {
+        text_of(term.expr): _columns_of(term.expr)
+        for term in description.group_terms
+        if term.expr.name != _INTERCEPT
+    }
     return Terms(common, tuple(reversed(groups.values())), slopes), faults
 
 
@@ -190,33 +201,15 @@ def _columns_of(term: Any) -> frozenset[str]:
 
 def _groups(description: Any) -> list[GroupTerm]:
     """The group terms of a resolved formula."""
+    from bayestissue.hierarchy.formulas.notation import text_of
+
     return [
         GroupTerm(
             tuple(str(part.name) for part in term.factor.components),
-            "" if term.expr.name == _INTERCEPT else term.expr.name,
+            "" if term.expr.name == _INTERCEPT else text_of(term.expr),
         )
         for term in description.group_terms
     ]
-
-
-def _parentheses(formula: str) -> Iterator[Any]:
-    """What each parenthesis with a bar in it asks for."""
-    from formulae.expr import Binary, Grouping
-    from formulae.parser import Parser
-    from formulae.resolver import Resolver
-    from formulae.scanner import Scanner
-    from formulae.terms import Model
-
-    waiting = [Parser(Scanner(formula).scan()).parse()]
-    while waiting:
-        part = waiting.pop()
-        if isinstance(part, Binary) and part.operator.kind == "PIPE":
-            resolved = Resolver(part).resolve()
-            yield resolved if isinstance(resolved, Model) else Model(resolved)
-        elif isinstance(part, Binary):
-            waiting += [part.right, part.left]
-        elif isinstance(part, Grouping):
-            waiting.append(part.expression)
 
 
 def _unknown(terms: Terms, rows: pd.DataFrame) -> list[Fault]:
@@ -229,7 +222,7 @@ def _unknown(terms: Terms, rows: pd.DataFrame) -> list[Fault]:
     for term, variables in terms.common.items():
         strange = sorted(variables - set(usable))
         labels = sorted(variables & set(LABELS))
-        missing = [name for name in sorted(variables & set(usable)) if rows[name].isna().any()]
+        holes = [name for name in sorted(variables & set(usable)) if missing(rows[name]).any()]
         unknown = sorted({*_CALLED.findall(_QUOTED.sub("", term))} - {*FUNCTIONS, "C", "I"})
         if unknown:
             faults.append(Fault(term, _EVALUATED, f"there is no {unknown[0]}()"))
@@ -239,8 +232,8 @@ def _unknown(terms: Terms, rows: pd.DataFrame) -> list[Fault]:
         elif labels:
             wanted = f"{labels[0]} as a group effect, written (1|{labels[0]})"
             faults.append(Fault(term, wanted, f"{labels[0]} is a name and no covariate"))
-        elif missing:
-            faults.append(lacking(term, missing[0], rows))
+        elif holes:
+            faults.append(lacking(term, holes[0], rows))
     return faults
 
 
@@ -261,9 +254,9 @@ def _covariates_of_groups(
         except Exception:  # as in `judge`
             faults.append(Fault(str(term), expected, _EVALUATES_TO_NOTHING))
             continue
-        if names != [term.slope]:
+        if names != [term.slope.replace("`", "")] and names != [term.slope]:
             faults.append(Fault(str(term), expected, f"{term.slope} is a category"))
-        elif not np.isfinite(columns).all():
+        elif not (np.abs(columns) < _GREATEST).all():
             faults.append(Fault(str(term), expected, f"{term.slope} is not finite for every impact"))
         else:
             values[term] = columns[:, 0]
@@ -299,7 +292,7 @@ def _evaluated(
     faults = []
     for name in dict.fromkeys(owned):
         mine = columns[:, [owner == name for owner in owned]]
-        if not np.isfinite(mine).all():
+        if not (np.abs(mine) < _GREATEST).all():  # not where it is not a number
             faults.append(Fault(name, "finite covariates", "it is not finite for every impact; transform it"))
     return columns, names, owned, faults
 
@@ -330,10 +323,9 @@ def reference_row(
 @lru_cache
 def categories_of_numbers(formula: str) -> frozenset[str]:
     """The columns that a formula takes as categories whatever they hold: ``C(session)``."""
-    import formulae
+    from bayestissue.hierarchy.formulas.notation import described
 
-    description = formulae.model_description(formula)
-    parts = [part for term in description.common_terms for part in getattr(term, "components", ())]
+    parts = [part for term in described(formula).common_terms for part in getattr(term, "components", ())]
     return frozenset().union(*(_columns_of(part) for part in parts if str(part.name).startswith("C(")))
 
 
@@ -399,20 +391,37 @@ def _design(
 
     They are of ``rows``, or of ``new`` ones.
     """
-    import formulae
     from formulae.environment import Environment
+    from formulae.matrices import CommonEffectsMatrix
 
-    environment = Environment([FUNCTIONS])
+    from bayestissue.hierarchy.formulas.notation import described
+
     formula = " + ".join(terms) or "1"
+    description = described(formula)
+    own = [term for term in description.common_terms if term.name != _INTERCEPT]
+    data = rows[[name for name in rows if name in description.var_names]]
+    if data.isna().any(axis=None):
+        raise ValueError(formula)
+    environment = Environment([FUNCTIONS])
     reference = pd.DataFrame([reference_row(rows, reference_mass_kg, categories_of_numbers(formula))])
-    common = formulae.design_matrices(formula, rows, na_action="error", env=environment).common
-    with np.errstate(invalid="ignore", divide="ignore"):  # what is not finite is refused
+    with np.errstate(all="ignore"):  # what is not finite is refused
+        description.eval(data, environment)
+        common = CommonEffectsMatrix(description.common_terms)
+        common.evaluate(data, environment)
         at = common if new is None else common.evaluate_new_data(new)
         columns = at.design_matrix - common.evaluate_new_data(reference).design_matrix
-    labels = [(label, name) for name, term in common.terms.items() for label in term.labels]
-    common_terms = [name for name in common.terms if name != _INTERCEPT]
-    keep = [i for i, (_, name) in enumerate(labels) if name != _INTERCEPT]
-    return columns[:, keep], [labels[i][0] for i in keep], [common_terms.index(labels[i][1]) for i in keep]
+    names, owners, keep = [], [], []
+    owner, place = 0, 0
+    for term in description.common_terms:
+        labels = [_INTERCEPT] if term.name == _INTERCEPT else term.labels
+        if term.name != _INTERCEPT:
+            names += labels
+            owners += [owner] * len(labels)
+            keep += range(place, place + len(labels))
+            # What a:b alone needs besides to be of full rank stands before it.
+            owner += any(term is mine for mine in own)
+        place += len(labels)
+    return columns[:, keep], names, owners
 
 
 def _dependent(

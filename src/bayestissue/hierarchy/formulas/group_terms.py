@@ -44,7 +44,7 @@ class GroupTerm:
         levels = stem_of(self.grouping)
         if not self.slope:
             return levels
-        return f"{levels}_mass_exponent" if self.slope == MASS_TERM else f"{levels}_effect_of_{self.slope}"
+        return f"{levels}_{_coefficient(self.slope)}"
 
     def sd(self, response: str) -> str:
         """The name of the standard deviation of the effects on log K or log C."""
@@ -64,7 +64,17 @@ SUBJECT, TRIAL = GroupTerm(("subject",)), GroupTerm(("trial",))
 
 def common_coefficient(covariate: str, response: str) -> str:
     """The name of the population's coefficient of a covariate."""
-    return f"mass_exponent_{response}" if covariate == MASS_TERM else f"effect_of_{covariate}_{response}"
+    return f"{_coefficient(covariate)}_{response}"
+
+
+def _coefficient(covariate: str) -> str:
+    """By its column, such as ``effect_of_side[left]``: files have no names with / in them."""
+    return "mass_exponent" if covariate == MASS_TERM else f"effect_of_{as_name(covariate).replace('`', '')}"
+
+
+def as_name(text: str) -> str:
+    """A text as part of a variable's name, in which a / would be a path: it becomes a division slash."""
+    return text.replace("/", "\N{DIVISION SLASH}")
 
 
 def stem_of(grouping: str) -> str:

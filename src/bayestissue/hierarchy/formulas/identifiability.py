@@ -43,9 +43,14 @@ class Fault:
     reason: str
 
 
+def missing(column: pd.Series) -> pd.Series:
+    """Where a column has no value: not a number, or a category that is an empty cell."""
+    return column.isna() | column.map(lambda value: isinstance(value, str) and not value.strip()).astype(bool)
+
+
 def lacking(term: str, column: str, rows: pd.DataFrame) -> Fault:
     """A term of a column that is missing in some impacts."""
-    without = rows.loc[rows[column].isna(), "impact" if "impact" in rows else column]
+    without = rows.loc[missing(rows[column]), "impact" if "impact" in rows else column]
     where = f", such as impact {without.iloc[0]}" if "impact" in rows else ""
     reason = f"{column} is missing in {len(without)} of {len(rows)} impacts{where}"
     return Fault(term, f"{column} of every impact", reason)
@@ -70,7 +75,7 @@ def unsuited_columns(terms: Sequence[GroupTerm], rows: pd.DataFrame) -> list[Fau
     taken = (*RESERVED_DIMENSIONS, *RESERVED_STEMS)
     for term in terms:
         strange = [name for name in term.factors if name not in rows.columns]
-        missing = [name for name in term.factors if name not in strange and rows[name].isna().any()]
+        holes = [name for name in term.factors if name not in strange and missing(rows[name]).any()]
         if strange:
             usable = [name for name in rows.columns if name not in RESERVED_DIMENSIONS]
             expected = f"columns of the data: {', '.join(usable)}"
@@ -82,8 +87,8 @@ def unsuited_columns(terms: Sequence[GroupTerm], rows: pd.DataFrame) -> list[Fau
             expected = f"a column of another name than {', '.join(taken[1:])}, without /"
             reason = "results need that name for something else; rename the column"
             faults.append(Fault(str(term), expected, reason))
-        elif missing:
-            faults.append(lacking(str(term), missing[0], rows))
+        elif holes:
+            faults.append(lacking(str(term), holes[0], rows))
         elif term.stem in stems:
             expected, reason = "names that differ", f"{term.stem} would name two terms' effects"
             faults.append(Fault(str(term), expected, reason))
