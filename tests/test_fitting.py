@@ -170,6 +170,7 @@ def test_a_model_is_a_name_a_path_or_a_specification(tmp_path):
 
 def test_the_model_that_is_not_named_follows_what_was_recorded():
     assert resolve(None, "deceleration")[0].likelihood == "impact"
+    assert resolve(None, "acceleration")[0].likelihood == "impact"
     assert resolve(None, "displacement")[0].likelihood == "arma"
 
 

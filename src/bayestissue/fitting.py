@@ -62,7 +62,7 @@ def fit(
         dataset: as `bayestissue.read_dataset` returns it, or its folder.
         model: the name of a model that comes with the program, such as "impact" or "maxwell"; the path of
             your own file; what such a file holds, as a dict; or a `ModelSpecification`. "impact" of recorded
-            decelerations and "arma" of displacements unless given.
+            decelerations and accelerations and "arma" of displacements unless given.
         seed: same seed, same machine: same numbers. A whole number from 0.
         K: what log K depends on, in the notation of R, such as "side + (1|subject)"; as the model has it
             unless given.
@@ -112,8 +112,8 @@ def formulas_of(K: str | None, C: str | None) -> dict[str, str]:
 
 
 def default_model(quantity: str) -> str:
-    """The model of recordings of a quantity: of a deceleration itself, or of displacements."""
-    return "impact" if quantity == "deceleration" else "arma"
+    """The model of recordings of a quantity: of the deceleration itself, in either sign, or of displacements."""
+    return "arma" if quantity == "displacement" else "impact"
 
 
 def resolve(
