@@ -30,7 +30,7 @@
     const by = orders[order.value], rows = shown();
     if (by) rows.sort((a, b) => by(a) - by(b)); else rows.sort((a, b) => a.impact.localeCompare(b.impact, undefined, { numeric: true }));
     list.replaceChildren(...rows.map(row => new Option(row.impact, row.impact)));
-    part.querySelector("#count").textContent = `${rows.length} of ${names.length} impacts`;
+    part.querySelector("#count").textContent = `${rows.length} of ${names.length}`;
     return rows;
   };
 
