@@ -12,6 +12,7 @@ from bayestissue import results
 from bayestissue.commands.options import DatasetFolder, Excel, Json, Overwrite, Quiet, SkipBad
 from bayestissue.errors import Problem
 from bayestissue.remedies import codes_in
+from bayestissue.words import Words
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -73,8 +74,9 @@ def _print(checked: Check) -> None:
     data = checked.dataset
     title = plain(f"{data.name}: {checked.verdict}")
     table = Table(title=title, show_header=False, title_justify="left")
+    nouns = Words(data.words)
     for name, words in (*_summary(checked), *(("note", words) for words in checked.notes)):
-        table.add_row(name, plain(words))
+        table.add_row(nouns(name), plain(nouns(words)))
     show(table)
     for heading, problems in (("Left out", data.left_out), ("Warnings", checked.warnings)):
         if problems:

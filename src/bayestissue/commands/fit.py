@@ -24,6 +24,7 @@ from bayestissue.commands.options import (
     Seed,
     SkipBad,
 )
+from bayestissue.words import Words
 
 if TYPE_CHECKING:
     from bayestissue.dataset import Dataset
@@ -94,7 +95,8 @@ def run(
             data = _without_short(data, specification, source)
         prepared = prepare(data, specification, source=source)
         require_answerable(prepared, specification, source)
-        codes = [] if quiet else _say_what_is_told(prepared)
+        nouns = Words(data.words)
+        codes = [] if quiet else _say_what_is_told(prepared, nouns)
         # What must be the same for a checkpoint to be one of this job.
         content = [data.input_hash, specification.model_dump_json(), seed, runtime.versions()]
         job = hashlib.sha256(json.dumps(content).encode()).hexdigest()
@@ -108,7 +110,7 @@ def run(
         if not quiet:
             if specification.questions:
                 print_answers(fit.questions)
-            echo(f"{headline(fit.diagnostics)} {fit.verdict}")
+            echo(nouns(f"{headline(fit.diagnostics)} {fit.verdict}"))
             explained([*codes, *warned_codes(fit.diagnostics)])
             echo(f"wrote {target.path / 'report.html'}")
         if not fit.diagnostics["passed"]:
@@ -135,7 +137,7 @@ def _without_short(data: Dataset, specification: ModelSpecification, source: str
     )
 
 
-def _say_what_is_told(prepared: Prepared) -> list[Code]:
+def _say_what_is_told(prepared: Prepared, nouns: Words) -> list[Code]:
     """What these data can't tell, before the work begins; the codes of what was said."""
     from bayestissue.commands.console import echo
     from bayestissue.errors import codes_of
@@ -149,5 +151,5 @@ def _say_what_is_told(prepared: Prepared) -> list[Code]:
         *[ONE_IMPACT] * (len(prepared.impacts) == 1),
     ]
     for said in filter(None, words):
-        echo(said)
+        echo(nouns(said))
     return codes_of(words)
