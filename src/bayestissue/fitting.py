@@ -21,6 +21,7 @@ from bayestissue.errors import InputError
 from bayestissue.finished import TABLES, Fit
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification, specification_of
 from bayestissue.hierarchy.trace_data import KINDS, Prepared, assemble, prepare, with_discrepancy
+from bayestissue.hierarchy.untried import untried
 from bayestissue.inference.answers.agreement import agreement
 from bayestissue.inference.checking import model_form
 from bayestissue.inference.checking.measuring_chain import judge
@@ -331,7 +332,7 @@ def _provenance(
         "words": dict(data.words),
         "model": specification.model_dump(mode="json") | prepared.design.resolved(),
         "terms_left_out": prepared.design.terms_left_out(),
-        "columns_not_used": list(prepared.design.recorded.not_used),
+        "columns_not_used": untried(prepared.design.recorded),
         "uncertainty": vars(data.uncertainty),
         "left_out": [str(problem) for problem in data.left_out],
         "seed": seed,

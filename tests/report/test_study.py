@@ -54,14 +54,34 @@ def test_an_interaction_leads_and_what_goes_with_a_level_is_said(tmp_path) -> No
     html = write_report(folder).read_text(encoding="utf-8")
     first = plain(html[html.index('class="first"') : html.index("<nav")])
     assert "What differs? after over before, treated over control: K × 1.22 1.10 to 1.35" in first
-    words = "K, after over before, is very likely greater for treated than for control (probability 0.980)"
+    words = "K, after over before, is very probably greater for treated than for control (probability 0.98)"
     assert words in first
-    assert "Between left and right also differs, and can't be told apart: pad (p1 against p2)." in first
+    assert "Between left and right also differs, and cannot be told apart: pad (p1 against p2)." in first
     assert "treated:after/before over control:after/before" in section(html, "comparisons")
     assert "also differs: pad" in section(html, "comparisons")
     # An earlier version wrote no such columns.
     table.drop(columns=["kind", "note"]).to_csv(folder / "contrasts.csv", index=False)
     assert "What differs? left over right" in plain(write_report(folder).read_text(encoding="utf-8"))
+
+
+def test_columns_in_no_formula_lead_the_first_screen_as_questions(tmp_path) -> None:
+    folder = make_fit_run(tmp_path / "run", two_sides=True)
+    path = folder / "run.json"
+    record = json.loads(path.read_text(encoding="utf-8"))
+    pad = {
+        "column": "pad",
+        "number": False,
+        "varies": "4 levels",
+        "formula": "log(mass_kg) + pad + (1|subject)",
+    }
+    for columns in ([pad], ["pad"]):
+        path.write_text(json.dumps(record | {"columns_not_used": columns}), encoding="utf-8")
+        html = write_report(folder).read_text(encoding="utf-8")
+        first = plain(html[html.index('class="first"') : html.index("<nav")])
+        assert first.index("pad varies") < first.index("What differs?") < first.index("What are K and C?")
+        if columns == [pad]:
+            asked = "pad varies (4 levels) and is not in the formula: does K differ by pad? --K"
+            assert f"{asked} &#34;{pad['formula']}&#34;" in first
 
 
 def test_every_comparison_stands_in_a_table_and_people_in_a_matrix(html) -> None:

@@ -142,11 +142,12 @@ def _say_what_is_told(prepared: Prepared, nouns: Words) -> list[Code]:
     from bayestissue.commands.console import echo
     from bayestissue.errors import codes_of
     from bayestissue.hierarchy.formulas.formula import left_out_words
-    from bayestissue.inference.results.meanings import ONE_IMPACT, few_valued_words, not_used_words
+    from bayestissue.hierarchy.untried import untried, untried_words
+    from bayestissue.inference.results.meanings import ONE_IMPACT, few_valued_words
 
     words = [
         left_out_words(prepared.design.terms_left_out()),
-        not_used_words(prepared.design.recorded.not_used),
+        *untried_words(untried(prepared.design.recorded)),
         *few_valued_words(prepared.design.few_valued()),
         *[ONE_IMPACT] * (len(prepared.impacts) == 1),
     ]

@@ -57,6 +57,7 @@ NEW = "new"
 # What `bayestissue init` fills besides: counts of repeats, and heights that became velocities.
 _COUNTS = ("n", "drop_height_m", "drop_height_cm", "drop_height_mm")
 _USUAL = ("subject", "trial", "mass_kg", "velocity_m_s", "energy_J", "diameter_m", "sampling_rate_hz")
+_DATE = r"(19|20)\d{6}|\d{4}-\d\d?-\d\d?([T ].*)?|\d\d?[./]\d\d?[./]\d{2,4}( .*)?|\d\d?:\d\d(:\d\d.*)?"
 # So many whole numbers may be codes.
 _FEW = 6
 # Chosen by who measures, and no property of a person or a side.
@@ -121,9 +122,17 @@ class Recorded:
 
     @cached_property
     def not_used(self) -> tuple[str, ...]:
-        """The columns that vary and that no formula is of, besides what every study has."""
+        """The columns that vary and that no formula is of, besides what every study has, and mere labels."""
         others = [name for name in map(str, self.rows) if name not in (*_USUAL, *_COUNTS, *self.needed)]
-        return tuple(name for name in others if len(self.levels(name)) > 1)
+        return tuple(n for n in others if len(self.levels(n)) > 1 and not self._is_label(n))
+
+    def _is_label(self, column: str) -> bool:
+        """Whether a column tells impacts apart and no more: a name or a remark of nearly each, or a date."""
+        labels = pd.Series(labels_of(self.rows[column]))
+        if labels.str.fullmatch(_DATE).all():
+            return True
+        counted = not self.is_number(column) or pd.api.types.is_integer_dtype(self.rows[column])
+        return counted and labels.nunique() > max(len(labels) / 2, 2)
 
     @cached_property
     def lacking(self) -> tuple[str, ...]:

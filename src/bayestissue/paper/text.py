@@ -139,8 +139,16 @@ def _formulas(run: FitRun) -> str:
     return (
         f"In R's notation {formulas}; a term such as (1|subject) stands for normally distributed differences "
         f"of people. Numbers are stated at a mass of {run.reference_mass:.3g} kg. The model file is "
-        f"{model['name']}; its priors stand in tables.xlsx."
+        f"{model['name']}; its priors stand in tables.xlsx.{_untried(run)}"
     )
+
+
+def _untried(run: FitRun) -> str:
+    """Which columns varied and are in no formula, as a sentence; empty where none."""
+    columns = [c if isinstance(c, str) else c["column"] for c in run.record.get("columns_not_used", [])]
+    if not columns:
+        return ""
+    return f" No formula is of {listed(columns)}: what differs there counts as scatter between impacts."
 
 
 def _computation(run: FitRun, text: Text) -> str:

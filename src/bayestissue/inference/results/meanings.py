@@ -51,15 +51,6 @@ ONE_IMPACT = Coded(
 )
 
 
-def not_used_words(columns: Sequence[str]) -> str:
-    """Which columns of the impacts no formula is of, as a sentence; empty if none."""
-    if not columns:
-        return ""
-    names = " and ".join(filter(None, [", ".join(columns[:-1]), columns[-1]]))
-    words = f"No formula is of {names}: what differs there counts as scatter between impacts."
-    return Coded(words, "columns-not-used")
-
-
 def few_valued_words(columns: Mapping[str, Sequence[str]]) -> list[str]:
     """Of each column of few whole numbers that it is a straight line, and how it would be categories."""
     return [

@@ -9,7 +9,8 @@ from bayestissue.errors import codes_of
 from bayestissue.figures.impacts import factors
 from bayestissue.hierarchy.formulas.formula import left_out_words
 from bayestissue.hierarchy.formulas.group_terms import stem_of
-from bayestissue.inference.results.meanings import ONE_IMPACT, not_used_words
+from bayestissue.hierarchy.untried import untried_words
+from bayestissue.inference.results.meanings import ONE_IMPACT
 from bayestissue.inference.samplers.diagnostics import warned_codes
 from bayestissue.outline import counted
 from bayestissue.remedies import Code
@@ -75,7 +76,7 @@ def page_of(run: FitRun, **served: Any) -> str:
         record=run.record,
         model=model,
         prior_remark=prior_remark,
-        formula_remarks=_formula_remarks(run),
+        untried=_untried(run),
         one_impact=ONE_IMPACT,
         terms_left_out=left_out_words(run.record.get("terms_left_out", [])),
         # The thesis's estimates stand first where the model file asks for a comparison, and folded elsewhere.
@@ -91,17 +92,14 @@ def page_of(run: FitRun, **served: Any) -> str:
 
 def _codes(run: FitRun) -> list[Code]:
     """The codes of the first screen's warnings, the verdict's first."""
-    said = [*_formula_remarks(run), *[ONE_IMPACT] * (len(run.impacts) == 1)]
+    left_out = left_out_words(run.record.get("terms_left_out", []))
+    said = [*_untried(run), left_out, *[ONE_IMPACT] * (len(run.impacts) == 1)]
     return [*warned_codes(run.diagnostics), *codes_of(said)]
 
 
-def _formula_remarks(run: FitRun) -> list[str]:
-    """What the formulas leave out, of what they might be of: terms and columns."""
-    record = run.record
-    return [
-        left_out_words(record.get("terms_left_out", [])),
-        not_used_words(record.get("columns_not_used", [])),
-    ]
+def _untried(run: FitRun) -> list[str]:
+    """Columns that vary and that no formula is of, each as a question."""
+    return untried_words(run.record.get("columns_not_used", []))
 
 
 def _subtitle(run: FitRun) -> str:

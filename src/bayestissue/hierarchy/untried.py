@@ -1,0 +1,62 @@
+"""Columns that vary and that no formula is of: how they vary, and the formula of K that has them."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from bayestissue.errors import Coded
+from bayestissue.hierarchy.formulas.formula import judge
+from bayestissue.hierarchy.formulas.group_terms import quoted
+from bayestissue.hierarchy.levels import Recorded
+
+# Of more categories a group has an effect for each, and no covariate.
+_MOST_CATEGORIES = 6
+_SHOWN = 4
+
+
+def untried(recorded: Recorded) -> list[dict[str, Any]]:
+    """Each ``column``, how it ``varies``, and ``formula``: K's with it, less what the rows can't tell.
+
+    The formula is empty where the rows can't tell what the column does.
+    """
+    return [_tried(recorded, name) for name in recorded.not_used]
+
+
+def _tried(recorded: Recorded, name: str) -> dict[str, Any]:
+    if number := not recorded.is_category(name):
+        low, high = recorded.rows[name].min(), recorded.rows[name].max()
+        varies, term = f"{low:.4g} to {high:.4g}", quoted([name])
+    else:
+        count = len(recorded.levels(name))
+        varies, term = f"{count} levels", quoted([name])
+        term = f"(1|{term})" if count > _MOST_CATEGORIES else term
+    wanted = f"{recorded.formulas.get('K', '1')} + {term}"
+    terms = judge(wanted, recorded.rows, recorded.reference_mass_kg).terms
+    told = term in (*terms.common, *map(str, terms.groups))
+    return {"column": name, "number": number, "varies": varies, "formula": str(terms) if told else ""}
+
+
+def untried_words(columns: Sequence[Mapping[str, Any] | str]) -> list[str]:
+    """A question for each of the first columns, with the formula to try; of earlier versions names alone."""
+    known = [{"column": column} if isinstance(column, str) else column for column in columns]
+    words = [_question(column) for column in known[:_SHOWN]]
+    if rest := [str(column["column"]) for column in known[_SHOWN:]]:
+        words.append(Coded(f"Also not in the formula: {', '.join(rest)}.", "columns-not-used"))
+    return words
+
+
+def _question(column: Mapping[str, Any]) -> str:
+    name, varies, formula = (column.get(key, "") for key in ("column", "varies", "formula"))
+    words = f"{name} varies{f' ({varies})' if varies else ''} and is not in the formula"
+    if formula:
+        asked = f"change with {name}" if column.get("number") else f"differ by {name}"
+        words += f": does K {asked}? --K {_shell(str(formula))}"
+    else:
+        words += ": what differs there counts as scatter between impacts."
+    return Coded(words, "columns-not-used")
+
+
+def _shell(formula: str) -> str:
+    return shlex.quote(formula) if set(formula) & set('`"$\\') else f'"{formula}"'
