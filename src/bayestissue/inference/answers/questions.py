@@ -23,6 +23,7 @@ import xarray as xr
 from bayestissue.errors import Coded, InputError, Problem, all_of, printable
 from bayestissue.hierarchy.levels import Recorded
 from bayestissue.inference.answers.finished import Finished
+from bayestissue.inference.answers.fixed import fixed_parts
 from bayestissue.inference.answers.grammar import ALLOWED, Node, QuestionError, claims, parse
 from bayestissue.inference.answers.meaning import (
     condition_of,
@@ -105,7 +106,8 @@ def _read(question: Question, recorded: Recorded, posterior: xr.Dataset | None) 
         node = parse(question.text)
     except QuestionError as slip:
         raise InputError(problem_of(slip, question)) from None
-    if errors := list(mistakes(node, recorded, posterior)):
+    errors = list(mistakes(node, recorded, posterior)) or list(fixed_parts(node, recorded, posterior))
+    if errors:
         raise InputError(_problem(slip, question) for slip in errors)
     return node
 
