@@ -9,6 +9,8 @@ import pytest
 
 from bayestissue.errors import InputError
 from bayestissue.hierarchy.levels import Recorded
+from bayestissue.inference.answers.fixed import confounded
+from bayestissue.inference.answers.grammar import parse
 from bayestissue.inference.answers.questions import numbered, require_readable
 
 ROWS = pd.DataFrame(
@@ -92,3 +94,20 @@ def test_what_is_itself_needs_no_term():
 )
 def test_what_a_parameter_moves_is_asked(question):
     assert not refusal(question, MAIN, MAIN)
+
+
+@pytest.mark.parametrize(
+    ("question", "formula", "terms"),
+    [
+        ("mass_exponent_K < 0.5", "log(mass_kg) + (1|subject) + (1|trial)", ["(1|trial)"]),
+        ("K[mass_kg=1] > 1.2 * K[mass_kg=0.5]", "log(mass_kg) + (1|subject) + (1|trial)", ["(1|trial)"]),
+        ("mass_exponent_K < 0.5", "log(mass_kg) + (log(mass_kg)|subject)", []),
+        ("K[side=left] > K[side=right]", "side + (1|subject) + (1|trial)", []),
+        ("K > 2000", "side + (1|subject) + (1|trial)", ["(1|trial)"]),
+        ("K[session=after] > K[session=before]", "session + (1|session:side)", ["(1|session:side)"]),
+        ("sd_subject_K > 0.1", "log(mass_kg) + (1|subject) + (1|trial)", []),
+    ],
+)
+def test_terms_that_no_number_of_people_tells_from_a_question_are_found(question, formula, terms):
+    recorded = Recorded(ROWS, {"K": formula, "C": "1"}, 0.7)
+    assert list(map(str, confounded(parse(question), recorded))) == terms

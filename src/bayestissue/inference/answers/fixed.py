@@ -1,4 +1,4 @@
-"""Comparisons that a formula fixes: whatever its parameters are, the same comes out.
+"""Comparisons that a formula fixes, and those that group terms hold open: found by moving its parameters.
 
 Without a term group:side the ratio of ratios over sides is 1 in every draw, but for rounding. A comparison is
 evaluated at parameters drawn at random, of which no two are related: with more than one outcome it is open
@@ -7,16 +7,24 @@ evaluated at parameters drawn at random, of which no two are related: with more 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 import xarray as xr
+from jaxtyping import Float
 
 from bayestissue.hierarchy.effects import intercept, parameter_of
-from bayestissue.hierarchy.formulas.formula import judge
-from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, common_coefficient, grouping_of, quoted
+from bayestissue.hierarchy.formulas.formula import evaluated_at, judge
+from bayestissue.hierarchy.formulas.group_terms import (
+    MASS_TERM,
+    GroupTerm,
+    common_coefficient,
+    grouping_of,
+    quoted,
+)
+from bayestissue.hierarchy.formulas.identifiability import PRECISION
 from bayestissue.hierarchy.levels import Recorded
 from bayestissue.inference.answers.grammar import Node, Operation, QuestionError, claims
 from bayestissue.inference.answers.meaning import draws_of, is_response, quantities
@@ -24,6 +32,8 @@ from bayestissue.inference.answers.meaning import draws_of, is_response, quantit
 _DRAWS = 5
 # Of the greater side; no parameter of a fit is known as well.
 _ROUNDING = 1e-9
+# Of what is compared: a change of parameters of about 1 that changes it by less is rounding.
+_CHANGED = 1e-6
 # Columns whose products are tried as terms.
 _MOST_COLUMNS = 6
 
@@ -49,6 +59,78 @@ def fixed_parts(node: Node, recorded: Recorded, posterior: xr.Dataset | None) ->
         (response, formula), *_ = missing.values()
         expected = f"a quantity that the formula of {response} leaves open; it has no {' or '.join(missing)}"
         yield QuestionError(position, actual, expected, f'Write the formula of {response} as "{formula}".')
+
+
+def confounded(node: Node, recorded: Recorded) -> tuple[GroupTerm, ...]:
+    """The group terms, of levels that are not of people, that rows do not tell from what a question is of.
+
+    With X of the covariates and Z of a term's levels, what the question compares changes along a direction in
+    which X beta + Z b stays as it is in all rows. However many people are hit in these rows, only the prior
+    N(0, s²) of b then tells of it.
+
+    Args:
+        node: a question without mistakes.
+        recorded: the rows and formulas.
+    """
+    draws = _any_parameters(recorded, list(recorded.formulas))
+    found = []
+    for q, formula in recorded.formulas.items():
+        covariates, groups = evaluated_at(formula, recorded.rows, recorded.reference_mass_kg, recorded.rows)
+        X = np.column_stack([np.ones(len(recorded.rows)), *covariates.values()])
+        names = [intercept(parameter_of(q)), *(common_coefficient(name, q) for name in covariates)]
+        for term, x in groups.items():
+            if "subject" in term.factors:
+                continue
+            grouping = grouping_of(recorded.rows, term.factors)
+            Z = (grouping.code[:, None] == np.arange(len(grouping.levels))) * x[:, None]
+            for direction in _null_space(np.unique(np.hstack([X, Z]), axis=0)):
+                shift = dict(zip(names, direction, strict=False))
+                moved = _moved(draws, q, shift, groups, {term: direction[len(names) :]})
+                if _changes(node, draws, moved, recorded):
+                    found.append(term)
+                    break
+    return tuple(dict.fromkeys(found))
+
+
+def _null_space(matrix: Float[np.ndarray, "row column"]) -> Float[np.ndarray, "direction column"]:
+    _, values, directions = np.linalg.svd(matrix)
+    rank = int((values > PRECISION * values.max()).sum())
+    return directions[rank:]
+
+
+def _moved(
+    draws: xr.Dataset,
+    q: str,
+    shift: Mapping[str, float],
+    terms: Iterable[GroupTerm],
+    levels: Mapping[GroupTerm, Float[np.ndarray, " level"]],
+) -> xr.Dataset:
+    """Draws with other coefficients of covariates, of which levels' own have a part, and other effects."""
+    moved = {name: draws[name] + by for name, by in shift.items()}
+    for term in terms:
+        name = (term.coefficient if term.slope else term.effect)(q)
+        shared = shift.get(common_coefficient(term.slope, q), 0.0) if term.slope else 0.0
+        moved[name] = draws[name] + shared + levels.get(term, 0.0)
+    return draws.assign(moved)
+
+
+def _changes(node: Node, draws: xr.Dataset, moved: xr.Dataset, recorded: Recorded) -> bool:
+    """Whether what a question compares is another in ``moved``, as a difference and as a ratio."""
+    for sides in _comparisons(node):
+        try:
+            before, after = (
+                [draws_of(side, each, recorded).to_numpy() for side in sides] for each in (draws, moved)
+            )
+        except (KeyError, QuestionError):  # of what is no parameter, such as coefficients of reliability
+            continue
+        if len(sides) == 1 or not (before[1].all() and after[1].all()):
+            compared = [(before[0], after[0])]
+        else:
+            compared = [(before[0] - before[1], after[0] - after[1])]
+            compared += [(before[0] / before[1], after[0] / after[1])]
+        if not any(np.allclose(one, other, rtol=_CHANGED) for one, other in compared):
+            return True
+    return False
 
 
 def _comparisons(node: Node) -> Iterator[tuple[Node, ...]]:
