@@ -29,9 +29,7 @@ def table(**columns: list[str]):
 )
 def test_two_ways_to_write_a_name_are_a_warning_in_every_column(column, values, row):
     (found,) = table(**{column: values}).warnings
-    assert [(warning.row, warning.column, warning.code) for warning in found] == [
-        (row, column, "two-spellings")
-    ]
+    assert (found.row, found.column, found.code) == (row, column, "two-spellings")
 
 
 def test_names_that_differ_and_recordings_are_no_two_ways():

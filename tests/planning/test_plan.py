@@ -100,7 +100,20 @@ def test_where_no_design_answers_many_people_are_tried() -> None:
     assert plan.answer.startswith(
         "None of the 2 designs answers with a probability of 0.80. The best: 60 people"
     )
-    assert "240 people would not either, 0.60 ± 0.05" in plan.answer
+    assert (
+        "240 people would not either, 0.60 ± 0.05: however many people there are, what is asked"
+        in plan.answer
+    )
+    assert "can't be told from the effects (1|trial) of its 2 trials. More trials would help" in plan.answer
+
+
+def test_a_design_beyond_a_machine_s_memory_is_refused_with_the_bound() -> None:
+    with pytest.raises(InputError, match="at most 1000 people in a design, and not 1000000"):
+        bt.plan(people=1_000_000, masses_kg=[0.5, 1.0], ask=EXPONENT)
+    with pytest.raises(
+        InputError, match="at most 50000 impacts in a design, and not 20 people with 20000 each"
+    ):
+        bt.plan(people=20, masses_kg=[0.5, 1.0], repeats=10_000, ask=EXPONENT)
 
 
 def test_many_people_may_be_enough() -> None:

@@ -15,17 +15,19 @@ import pandas as pd
 
 from bayestissue import results, runtime
 from bayestissue.fitting import formulas_of, silent
+from bayestissue.hierarchy.design import build_design
 from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.formulas.formula import group_terms
-from bayestissue.hierarchy.formulas.group_terms import SUBJECT
+from bayestissue.hierarchy.formulas.group_terms import SUBJECT, grouping_of
 from bayestissue.hierarchy.specification import ModelSpecification
+from bayestissue.inference.answers.fixed import confounded
 from bayestissue.outline import Outlined, Rows, short
 from bayestissue.planning.analysis import Study, factors_named, study_of
 from bayestissue.planning.assurance import Assessment, Goal, Progress, planner
 from bayestissue.planning.candidates import Candidate
 from bayestissue.planning.population import BLOCK, Beliefs, DesignPrior, Pilot, WithoutSpread
 from bayestissue.planning.running import Running, RunningPrior
-from bayestissue.planning.specification import PlanSpecification, plan_of, read_plan
+from bayestissue.planning.specification import MOST_PEOPLE, PlanSpecification, plan_of, read_plan
 from bayestissue.planning.words import answer, limit_words, paragraph, warning, what_limits
 from bayestissue.report.run_folder import draw_page
 from bayestissue.results.tables import table_of_rows, typed
@@ -291,6 +293,7 @@ def carry_out(
         "chosen": chosen + 1,
         "reaches": bool(reaching),
         "looks": {} if study.running else _looks(cases, assessments, chosen),
+        "held_open": {} if reaching else _held_open(cases[chosen], study.goals),
         "variants": {name: numbers(case) for name, case in variants.items()},
         "limits": {key: {"words": limit_words(key), **numbers(case)} for key, case in limits.items()},
     }
@@ -413,7 +416,8 @@ def _variants(case: Case, *, reaches: bool) -> dict[str, Case]:
     else:
         variants["as it stands"] = replace(case, design=design.with_people(0))
     if not reaches:
-        variants["many people"] = replace(case, design=design.with_people(_MANY_TIMES * design.people))
+        many = max(2 * design.people, min(_MANY_TIMES * design.people, MOST_PEOPLE))
+        variants["many people"] = replace(case, design=design.with_people(many))
     return variants
 
 
@@ -434,6 +438,24 @@ def _limits(case: Case) -> dict[str, Case]:
             better = simulation.model_copy(update={"recording": chain.model_copy(update=changed)})
             limits[name] = replace(case, simulation=better)
     return limits
+
+
+def _held_open(case: Case, goals: Sequence[Goal]) -> dict[str, list[dict[str, Any]]]:
+    """Of each goal, the group terms that people do not tell from it however many there are, with levels."""
+    rows = case.design.rows()
+    if case.running is not None:
+        rows = pd.concat([case.running.rows, rows], ignore_index=True)[list(rows)]
+    reference = case.model.reference_mass_kg
+    recorded = build_design(
+        case.model.formula, rows, reference_mass_kg=reference, source=case.model.name
+    ).recorded
+    return {
+        goal.name: [
+            {"term": str(term), "levels": len(grouping_of(rows, term.factors).levels), "of": term.grouping}
+            for term in confounded(goal.node, recorded)
+        ]
+        for goal in goals
+    }
 
 
 def _looks(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -32,6 +33,8 @@ USUAL = Recording(
 )
 # More designs than a reader compares; a slip of the grid rather than a wish.
 MOST_DESIGNS = 500
+# More need more memory than a machine has: studies are drawn and analysed a hundred at a time.
+MOST_PEOPLE, MOST_IMPACTS = 1000, 50_000
 
 
 def _listed(value: Any) -> Any:
@@ -123,6 +126,16 @@ class Candidates(Table):
         count = sets * len(self.people) * len(self.repeats) * max(len(self.recorders), 1)
         if count > MOST_DESIGNS:
             raise ValueError(f"at most {MOST_DESIGNS} designs, and not the {count} of these lists")
+        conditions = [len(m) * len(v) for m in self.masses_kg for v in self.velocities_m_s]
+        levels = [len(factor.levels) for factor in self.factors if factor.every and factor.within]
+        of_person = max([*conditions, len(self.conditions)]) * math.prod(levels) * max(self.repeats)
+        if (people := max(self.people)) > MOST_PEOPLE:
+            raise ValueError(f"at most {MOST_PEOPLE} people in a design, and not {people}")
+        if (impacts := people * of_person) > MOST_IMPACTS:
+            raise ValueError(
+                f"at most {MOST_IMPACTS} impacts in a design, and not {people} people with {of_person} each, "
+                f"which are {impacts}"
+            )
         return self
 
 

@@ -46,9 +46,39 @@ def answer(content: Content) -> str:
     plateau = (
         f"{people} would: {_shares(many)}."
         if enough
-        else f"{people} would not either, {_shares(many)}: their number is not what limits the answer."
+        else f"{people} would not either, {_shares(many)}: {_what_holds_it_open(content)}."
     )
     return f"{which}{design_words(design, content)}, {_answers(design)}. {plateau}"
+
+
+def _what_holds_it_open(content: Content) -> str:
+    """What limits the answer where the number of people does not."""
+    held = {held["term"]: held for terms in content["held_open"].values() for held in terms}
+    if not held:
+        gaining = _gaining(content)
+        return "their number is not what limits the answer" + (
+            f", but {listed(gaining)} would help" if gaining else ""
+        )
+    levels = {
+        term: "conditions" if x["of"] == "trial" else f"levels of {x['of']}" for term, x in held.items()
+    }
+    which = listed([f"the effects {term} of its {x['levels']} {levels[term]}" for term, x in held.items()])
+    return (
+        f"however many people there are, what is asked can't be told from {which}. More "
+        f"{listed(list(levels.values()))} would help, or a formula without {listed(list(held))} if these "
+        "effects are believed to be 0"
+    )
+
+
+def _gaining(content: Content) -> list[str]:
+    """What would make more studies answer some goal, apart from chance, the most first."""
+    limits = [
+        (limit["goals"][name]["gain"], limit["words"])
+        for key, limit in content["limits"].items()
+        for name in limit["goals"]
+        if key != "people" and limit["goals"][name]["gain"] > _SHOWS * limit["goals"][name]["gain_se"]
+    ]
+    return list(dict.fromkeys(words for _, words in sorted(limits, reverse=True)))
 
 
 def paragraph(content: Content) -> str:

@@ -23,6 +23,7 @@ import xarray as xr
 from bayestissue.errors import Coded, InputError, Problem, all_of, printable
 from bayestissue.hierarchy.levels import Recorded
 from bayestissue.inference.answers.finished import Finished
+from bayestissue.inference.answers.fixed import fixed_parts
 from bayestissue.inference.answers.grammar import ALLOWED, Node, QuestionError, claims, parse
 from bayestissue.inference.answers.meaning import (
     condition_of,
@@ -105,8 +106,9 @@ def _read(question: Question, recorded: Recorded, posterior: xr.Dataset | None) 
         node = parse(question.text)
     except QuestionError as slip:
         raise InputError(problem_of(slip, question)) from None
+    errors = list(mistakes(node, recorded, posterior)) or list(fixed_parts(node, recorded, posterior))
     # A level that stands once may be part of several quantities.
-    slips = {(s.position, s.actual, s.expected): s for s in mistakes(node, recorded, posterior)}
+    slips = {(slip.position, slip.actual, slip.expected): slip for slip in errors}
     if slips:
         raise InputError(_problem(slip, question) for slip in slips.values())
     return node

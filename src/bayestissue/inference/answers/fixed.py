@@ -1,0 +1,228 @@
+"""Comparisons that a formula fixes, and those that group terms hold open: found by moving its parameters.
+
+Without a term group:side the ratio of ratios over sides is 1 in every draw, but for rounding. A comparison is
+evaluated at parameters drawn at random, of which no two are related: with more than one outcome it is open
+(but for a set of parameters of probability 0), and with one it is fixed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Float
+
+from bayestissue.hierarchy.effects import intercept, parameter_of
+from bayestissue.hierarchy.formulas.formula import evaluated_at, judge
+from bayestissue.hierarchy.formulas.group_terms import (
+    MASS_TERM,
+    GroupTerm,
+    common_coefficient,
+    grouping_of,
+    quoted,
+)
+from bayestissue.hierarchy.formulas.identifiability import PRECISION
+from bayestissue.hierarchy.levels import Recorded
+from bayestissue.inference.answers.grammar import Node, Operation, QuestionError, claims
+from bayestissue.inference.answers.meaning import draws_of, is_response, quantities
+
+_DRAWS = 5
+# Of the greater side; no parameter of a fit is known as well.
+_ROUNDING = 1e-9
+# Of what is compared: a change of parameters of about 1 that changes it by less is rounding.
+_CHANGED = 1e-6
+# Columns whose products are tried as terms.
+_MOST_COLUMNS = 6
+
+
+def fixed_parts(node: Node, recorded: Recorded, posterior: xr.Dataset | None) -> Iterator[QuestionError]:
+    """The comparisons of a question, or the expression that it is, that no parameter moves.
+
+    Args:
+        node: a question without mistakes.
+        recorded: of the run.
+        posterior: its draws; None before they are made, when only responses can be judged.
+    """
+    for sides in _comparisons(node):
+        value = _value_if_fixed(sides, recorded, posterior)
+        if value is None:
+            continue
+        position = min(quantity.position for side in sides for quantity in quantities(side))
+        actual = f"{value:.4g}, whatever K and C are"
+        missing = _missing_terms(sides, recorded)
+        if not missing:
+            yield QuestionError(position, actual, "a quantity that data can change")
+            continue
+        (response, formula), *_ = missing.values()
+        expected = f"a quantity that the formula of {response} leaves open; it has no {' or '.join(missing)}"
+        yield QuestionError(position, actual, expected, f'Write the formula of {response} as "{formula}".')
+
+
+def confounded(node: Node, recorded: Recorded) -> tuple[GroupTerm, ...]:
+    """The group terms, of levels that are not of people, that rows do not tell from what a question is of.
+
+    With X of the covariates and Z of a term's levels, what the question compares changes along a direction in
+    which X beta + Z b stays as it is in all rows. However many people are hit in these rows, only the prior
+    N(0, s²) of b then tells of it.
+
+    Args:
+        node: a question without mistakes.
+        recorded: the rows and formulas.
+    """
+    draws = _any_parameters(recorded, list(recorded.formulas))
+    found = []
+    for q, formula in recorded.formulas.items():
+        covariates, groups = evaluated_at(formula, recorded.rows, recorded.reference_mass_kg, recorded.rows)
+        X = np.column_stack([np.ones(len(recorded.rows)), *covariates.values()])
+        names = [intercept(parameter_of(q)), *(common_coefficient(name, q) for name in covariates)]
+        for term, x in groups.items():
+            if "subject" in term.factors:
+                continue
+            grouping = grouping_of(recorded.rows, term.factors)
+            Z = (grouping.code[:, None] == np.arange(len(grouping.levels))) * x[:, None]
+            for direction in _null_space(np.unique(np.hstack([X, Z]), axis=0)):
+                shift = dict(zip(names, direction, strict=False))
+                moved = _moved(draws, q, shift, groups, {term: direction[len(names) :]})
+                if _changes(node, draws, moved, recorded):
+                    found.append(term)
+                    break
+    return tuple(dict.fromkeys(found))
+
+
+def _null_space(matrix: Float[np.ndarray, "row column"]) -> Float[np.ndarray, "direction column"]:
+    _, values, directions = np.linalg.svd(matrix)
+    rank = int((values > PRECISION * values.max()).sum())
+    return directions[rank:]
+
+
+def _moved(
+    draws: xr.Dataset,
+    q: str,
+    shift: Mapping[str, float],
+    terms: Iterable[GroupTerm],
+    levels: Mapping[GroupTerm, Float[np.ndarray, " level"]],
+) -> xr.Dataset:
+    """Draws with other coefficients of covariates, of which levels' own have a part, and other effects."""
+    moved = {name: draws[name] + by for name, by in shift.items()}
+    for term in terms:
+        name = (term.coefficient if term.slope else term.effect)(q)
+        shared = shift.get(common_coefficient(term.slope, q), 0.0) if term.slope else 0.0
+        moved[name] = draws[name] + shared + levels.get(term, 0.0)
+    return draws.assign(moved)
+
+
+def _changes(node: Node, draws: xr.Dataset, moved: xr.Dataset, recorded: Recorded) -> bool:
+    """Whether what a question compares is another in ``moved``, as a difference and as a ratio."""
+    for sides in _comparisons(node):
+        try:
+            before, after = (
+                [draws_of(side, each, recorded).to_numpy() for side in sides] for each in (draws, moved)
+            )
+        except (KeyError, QuestionError):  # of what is no parameter, such as coefficients of reliability
+            continue
+        if len(sides) == 1 or not (before[1].all() and after[1].all()):
+            compared = [(before[0], after[0])]
+        else:
+            compared = [(before[0] - before[1], after[0] - after[1])]
+            compared += [(before[0] / before[1], after[0] / after[1])]
+        if not any(np.allclose(one, other, rtol=_CHANGED) for one, other in compared):
+            return True
+    return False
+
+
+def _comparisons(node: Node) -> Iterator[tuple[Node, ...]]:
+    """The two sides of each comparison that names a quantity; an expression alone."""
+    if not claims(node):
+        sides = [(node,)]
+    elif node.symbol in ("and", "or", "not"):  # type: ignore[union-attr]
+        for operand in node.operands:  # type: ignore[union-attr]
+            yield from _comparisons(operand)
+        return
+    else:
+        first, *others = node.operands  # type: ignore[union-attr]
+        sides = [(first, other) for other in others]
+    for pair in sides:
+        several = any(_has_extremes(side) for side in pair)
+        # What is largest or least may be the same in draws that are near each other.
+        if not several and any(True for side in pair for _ in quantities(side)):
+            yield pair
+
+
+def _has_extremes(node: Node) -> bool:
+    if not isinstance(node, Operation):
+        return False
+    return node.symbol in ("max", "min") or any(map(_has_extremes, node.operands))
+
+
+def _value_if_fixed(sides: Sequence[Node], recorded: Recorded, posterior: xr.Dataset | None) -> float | None:
+    """What is compared, if it is the same whatever the parameters are."""
+    named = [quantity for side in sides for quantity in quantities(side)]
+    if all(is_response(quantity, recorded) for quantity in named):
+        draws = _any_parameters(recorded, list(dict.fromkeys(quantity.name for quantity in named)))
+    elif posterior is not None and len(named) > 1:
+        draws = posterior
+    else:
+        return None
+    try:
+        values = [draws_of(side, draws, recorded).to_numpy() for side in sides]
+    except QuestionError:  # a number that is none in some draws
+        return None
+    left, right = values[0], values[1] if len(values) > 1 else np.zeros(1)
+    scale = max(np.abs(left).max(), np.abs(right).max())
+    if all(np.ptp(side) <= _ROUNDING * np.abs(side).max() for side in (left, right)):
+        return float(left.mean())
+    if np.ptp(left - right) <= _ROUNDING * scale:
+        return float((left - right).mean())
+    ratio = left / right if right.all() else right
+    return float(ratio.mean()) if np.ptp(ratio) <= _ROUNDING * np.abs(ratio).max() and ratio.all() else None
+
+
+def _any_parameters(recorded: Recorded, responses: Sequence[str]) -> xr.Dataset:
+    """Draws of all parameters of some responses, each by itself."""
+    rng, shape = np.random.default_rng(0), (1, _DRAWS)
+    drawn: dict[str, tuple[tuple[str, ...], np.ndarray]] = {}
+    coords: dict[str, object] = {"chain": [0], "draw": np.arange(_DRAWS)}
+    for q in responses:
+        covariates, groups = recorded.at(q, [{}])
+        names = [intercept(parameter_of(q)), *(common_coefficient(name, q) for name in covariates)]
+        drawn |= {name: (("chain", "draw"), 0.3 * rng.standard_normal(shape)) for name in names}
+        for term in groups:
+            levels = list(grouping_of(recorded.rows, term.factors).levels)
+            coords[term.grouping] = levels
+            effects = 0.3 * rng.standard_normal((*shape, len(levels)))
+            name = (term.coefficient if term.slope else term.effect)(q)
+            drawn[name] = ("chain", "draw", term.grouping), effects
+            drawn[term.sd(q)] = ("chain", "draw"), rng.uniform(0.1, 0.3, shape)
+    return xr.Dataset(drawn, coords)
+
+
+def _missing_terms(sides: Sequence[Node], recorded: Recorded) -> dict[str, tuple[str, str]]:
+    """The terms of fewest columns that would move a comparison, and the response and formula with each."""
+    named = [quantity for side in sides for quantity in quantities(side)]
+    columns = dict.fromkeys(level.column for quantity in named for level in quantity.levels)
+    followers = (name for column in columns for name in recorded.followers(column))
+    usable = [name for name in dict.fromkeys([*columns, *followers]) if name in recorded.rows]
+    found: dict[str, tuple[str, str]] = {}
+    for size in range(1, 1 + min(len(usable), 3)):
+        for chosen in combinations(usable[:_MOST_COLUMNS], size):
+            for q in dict.fromkeys(q.name for q in named if is_response(q, recorded)):
+                term = _term(chosen, recorded)
+                formula = f"{recorded.formulas[q]} + {term}"
+                wider = replace(recorded, formulas={**recorded.formulas, q: formula})
+                if not judge(formula, recorded.rows, recorded.reference_mass_kg).faults and (
+                    _value_if_fixed(sides, wider, None) is None
+                ):
+                    found.setdefault(term, (q, formula))
+        if found:
+            return found
+    return found
+
+
+def _term(columns: Sequence[str], recorded: Recorded) -> str:
+    """A product of columns: effects of levels where one of them is what a group term is of."""
+    if recorded.factors & set(columns):
+        return f"(1|{quoted(columns)})"
+    return ":".join(MASS_TERM if name == "mass_kg" else quoted([name]) for name in columns)
