@@ -99,7 +99,8 @@ def warnings(diagnostics: dict[str, Any]) -> list[Coded]:
         (form, _against_all(form) or _against_some(form), law),
         (lines, bool(lines.get("words")), "no-straight-line"),
     ]
-    return [Coded(entry["words"], code) for entry, raised, code in doubts if raised]
+    pooled = [Coded(words, "pooled-parameter") for words in diagnostics.get("pooled_parameters", [])]
+    return [Coded(entry["words"], code) for entry, raised, code in doubts if raised] + pooled
 
 
 def warned_codes(diagnostics: dict[str, Any]) -> list[Code]:
