@@ -116,7 +116,9 @@ def fit_traces(
         sites, draws, correction = corrected_draws(
             prepared, settings, seed, approximation=first, progress=say
         )
-        route = Route(settings.path, correction)
+        stands_out = correction.stands_out
+        spoilt = "" if stands_out is None else str(prepared.impacts["impact"].iloc[stands_out])
+        route = Route(settings.path, correction, spoilt)
         if not route.exact:
             likelihood = LikelihoodApproximation(sites, correction.of_impacts)
             return label(prepared, specification, sites, draws, seed, say, likelihood, route)
