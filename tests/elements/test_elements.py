@@ -85,6 +85,15 @@ def test_a_drops_energy_is_stored_lost_or_still_there(name: str) -> None:
         np.testing.assert_allclose(np.trapezoid(MASS[row] * force, x), taken, rtol=1e-5)
         if name in ("kelvin_voigt", "stiffening", "wall"):
             np.testing.assert_allclose(found.C_equivalent[row], VALUES[name]["C"], rtol=1e-6)
+    # Until it leaves: what it has lost of its kinetic energy, and the work of the force over the path.
+    leaves = np.asarray(impact(name, VALUES[name], MASS, VELOCITY, TIME, gravity=9.80665).leaves)
+    assert np.isfinite(leaves).any()
+    for row in np.flatnonzero(np.isfinite(leaves)):
+        x, v, force = solved(name, row, np.linspace(0, leaves[row], 4001), 9.80665)
+        np.testing.assert_allclose(found.energy_lost[row], 1 - (v[-1] / VELOCITY[row]) ** 2, rtol=1e-5)
+        work = np.trapezoid(MASS[row] * force, x) / (MASS[row] * VELOCITY[row] ** 2 / 2)
+        np.testing.assert_allclose(found.energy_share[row], work, rtol=1e-4)
+    assert (found.energy_share >= found.energy_lost).all()
 
 
 @partial(jax.jit, static_argnames=("name", "count"))
@@ -281,6 +290,7 @@ def test_comparables_are_what_they_say(name: str) -> None:
         np.testing.assert_allclose(found.C_equivalent[row], known[1], rtol=1e-5)
     assert (found.C_equivalent > 0).all()
     assert ((found.energy_lost > 0) & (found.energy_lost < 1)).all()
+    np.testing.assert_allclose(found.energy_share, found.energy_lost, rtol=1e-12)
 
 
 def test_wrong_names_are_told() -> None:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import jax
 import numpy as np
 import pytest
 
+import bayestissue as bt
 from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.population import population_design
 from bayestissue.hierarchy.priors import Priors
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.hierarchy.trace_data import prepare
-from bayestissue.inference.fit import fit_traces
 from bayestissue.inference.posterior.constrained_draws import constrained_draws
 from bayestissue.inference.posterior.recipe import corrected_draws
 from bayestissue.inference.results.labels import design_attributes, design_dimensions, labelled
@@ -110,7 +112,8 @@ def test_a_fit_gives_back_what_a_campaign_was_made_with() -> None:
 
 
 @pytest.mark.long
-def test_a_fit_gives_back_how_a_further_parameter_differs_between_people() -> None:
+def test_a_fit_gives_back_how_a_further_parameter_differs_between_people(tmp_path: Path) -> None:
+    """From the formula of a model file to the posterior, the run folder and its predictions."""
     people, depth = 6, "stiffening_depth_m"
     conditions = [{"trial": f"m{mass}", "mass_kg": mass, "velocity_m_s": 1.5} for mass in (0.4, 0.8, 1.4)]
     tissue = {"K_N_per_m": 2000.0, "C_N_s_per_m": 25.0, "element": "stiffening", "parameters": {depth: 0.02}}
@@ -130,9 +133,10 @@ def test_a_fit_gives_back_how_a_further_parameter_differs_between_people() -> No
             "sampler": {"chains": 2, "warmup": 200, "draws": 300},
         }
     )
-    analysis = fit_traces(prepare(made.dataset("depths"), model, source="m.toml"), model, 1, lambda *_: None)
-    assert analysis.diagnostics["route"]["path"] != "exact"
-    posterior = analysis.tree["posterior"].dataset
+    fit = bt.fit(made.dataset("depths"), model, seed=1)
+    assert fit.diagnostics["route"]["path"] != "exact"
+    assert fit.diagnostics["pooled_parameters"] == []
+    posterior = fit.posterior["posterior"].dataset
     own = posterior[f"subject_effect_{depth}"]
     assert own.dims == ("chain", "draw", "subject")
     true = made.truth.groupby(made.impacts["subject"])[own.name].first().loc[own["subject"].to_numpy()]
@@ -146,5 +150,17 @@ def test_a_fit_gives_back_how_a_further_parameter_differs_between_people() -> No
     z = (logs.mean(("chain", "draw")) - np.log(made.truth[depth].to_numpy())) / logs.std(("chain", "draw"))
     assert np.abs(z).max() < 5
     assert posterior[f"{depth}_subject"].attrs["unit"] == "m"
-    assert f"sd_subject_{depth}" in set(analysis.summary["variable"])
-    assert f"sd_subject_{depth}" in analysis.tree["log_prior"]
+    assert f"sd_subject_{depth}" in set(fit.summary["variable"])
+    assert f"sd_subject_{depth}" in fit.posterior["log_prior"]
+    page = fit.report(tmp_path / "run").read_text(encoding="utf-8")
+    assert f"{depth}" in page
+    # A person's greatest depth follows the person's stiffening depth: K and C of the impacts are known to 5 %.
+    rows = made.impacts.groupby("subject").first().reset_index()
+    at = rows[["subject", "mass_kg", "velocity_m_s"]]
+    table = bt.read_run(tmp_path / "run").predict(at)
+    assert not table["note"].str.contains("mixture").any()
+    width = np.log(table["peak_displacement_m_high"] / table["peak_displacement_m_low"]) / 2 / 1.645
+    reached = made.truth["peak_displacement_m"].loc[made.impacts.groupby("subject").head(1).index]
+    off = np.log(table["peak_displacement_m"].to_numpy() / reached.to_numpy()) / width
+    # A new impact of the same person and the recorded one: normals, each with the impact's scatter.
+    assert np.abs(off).max() < 4 * np.sqrt(2)

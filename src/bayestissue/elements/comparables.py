@@ -27,16 +27,20 @@ class Comparables(NamedTuple):
         K_secant: force over penetration where penetration is greatest and the velocity 0 [N/m].
         C_equivalent: of the damper beside the spring that would have lost the same energy from contact to
             peak: (M V^2 / 2 + M g x - energy stored at the peak) / integral of x'^2 [N s/m].
-        energy_lost: 1 - (v_end^2 - 2 g x_end) / V^2, v_end and x_end being velocity and depth at which the
-            impactor leaves.
+        energy_lost: 1 - (v_end / V)^2, v_end being the velocity at which the impactor leaves: the share of
+            its kinetic energy at contact that it has not got back.
+        energy_share: work done on the tissue over that kinetic energy, 1 - (v_end^2 - 2 g x_end) / V^2, x_end
+            being the depth at which the impactor leaves: the same but along gravity, whose work to there is
+            lost too.
         peak_displacement: greatest penetration [m].
-        time_to_peak: [s]; infinite where there is no peak, and the four above are then those at the end.
+        time_to_peak: [s]; infinite where there is no peak, and the five above are then those at the end.
     """
 
     K_tangent: Float[Array, " impact"]
     K_secant: Float[Array, " impact"]
     C_equivalent: Float[Array, " impact"]
     energy_lost: Float[Array, " impact"]
+    energy_share: Float[Array, " impact"]
     peak_displacement: Float[Array, " impact"]
     time_to_peak: Float[Array, " impact"]
 
@@ -78,6 +82,7 @@ def comparables_of(
         _tangent(element, p, V),
         element.force(x, jnp.zeros_like(v), s, p) / x,
         spent / squares,
+        1 - (last / V) ** 2,
         1 - (last**2 - 2 * fall * end) / V**2,
         x,
         path.time_to_peak,

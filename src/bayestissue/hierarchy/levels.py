@@ -232,13 +232,18 @@ class Recorded:
         return column in self.factors and not any(column in self.categories(q) for q in self.formulas)
 
     def beyond(self, condition: Condition) -> list[Coded]:
-        """Numbers beyond those that were measured: the formula is then drawn out, and the element's law."""
+        """Numbers beyond those that were measured: the formula is then drawn out, and the element's law.
+
+        As tables and this note print them: who asks for a velocity of 1.534 m/s means the 1.53414 measured.
+        """
         notes = []
         for name, value in condition.items():
             if name in self.rows and self.is_number(name) and isinstance(value, float):
-                low, high = self.rows[name].min(), self.rows[name].max()
-                if not low <= value <= high:
-                    words = f"{name} beyond those measured, {low:.4g} to {high:.4g}"
+                low, given, high = (
+                    f"{x:.4g}" for x in (self.rows[name].min(), value, self.rows[name].max())
+                )
+                if not float(low) <= float(given) <= float(high):
+                    words = f"{name} beyond those measured, {low} to {high}"
                     notes.append(Coded(words, "beyond-measured"))
         return notes
 

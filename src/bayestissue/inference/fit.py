@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from bayestissue.elements import element
 from bayestissue.errors import InputError
 from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
@@ -29,6 +30,7 @@ from bayestissue.inference.answers.reliability import (
     variances,
 )
 from bayestissue.inference.checking.model_form import described, misfit_precheck, model_form, with_impacts
+from bayestissue.inference.checking.pooled_parameters import pooled_parameters
 from bayestissue.inference.checking.straight_lines import straight_lines
 from bayestissue.inference.execution.chunks import Progress
 from bayestissue.inference.execution.kept import some_impacts, some_of
@@ -114,7 +116,9 @@ def fit_traces(
         sites, draws, correction = corrected_draws(
             prepared, settings, seed, approximation=first, progress=say
         )
-        route = Route(settings.path, correction)
+        stands_out = correction.stands_out
+        spoilt = "" if stands_out is None else str(prepared.impacts["impact"].iloc[stands_out])
+        route = Route(settings.path, correction, spoilt)
         if not route.exact:
             likelihood = LikelihoodApproximation(sites, correction.of_impacts)
             return label(prepared, specification, sites, draws, seed, say, likelihood, route)
@@ -189,12 +193,19 @@ def label(
     # Functions of standard deviations that are checked themselves.
     checked = summary[~summary["variable"].isin(list(as_variables(repeatable["posterior"])))]
     diagnostics = diagnose(checked, labelled_statistics(draws, of_transitions=True), route.checks())
-    lines = straight_lines(prepared.design, posterior, prepared.model.log_mass_sd)
+    further = {
+        "straight_lines": straight_lines(prepared.design, posterior, prepared.model.log_mass_sd),
+        "pooled_parameters": [
+            str(one.words)
+            for one in pooled_parameters(posterior, recorded, element(specification.element))
+        ],
+        "route": route.record(),
+    }
     responses, near = tuple(prepared.design.responses), specification.practical_equivalence
     return TraceAnalysis(
         tree,
         summary,
-        diagnostics | form | {"straight_lines": lines, "route": route.record()},
+        diagnostics | form | further,
         derived.hypotheses(exponents, near.mass_exponent),
         scores,
         sensitivity,

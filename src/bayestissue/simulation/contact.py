@@ -78,6 +78,7 @@ def what_is_met(
         "K_secant_N_per_m": stiffness,
         "C_equivalent_N_s_per_m": damping,
         "energy_lost": np.asarray(compared.energy_lost),
+        **({"energy_share": np.asarray(compared.energy_share)} if gravity else {}),
     }
 
 

@@ -63,6 +63,18 @@ def test_a_code_that_is_taken_as_a_line_is_noted(formula: str) -> None:
     assert codes_in(found["words"]) == ["no-straight-line"]
 
 
+def test_a_further_parameter_with_a_formula_is_judged_by_its_own_scatter() -> None:
+    """Of it sd_log_thickness_m is the scatter, and no error of mass is part of it."""
+    design = design_of("dose", rows=rows(7), thickness_m="dose + (1|subject)")
+    posterior = drawn(design_of("dose + (1|subject)", rows=rows(7)), np.array([1.0, 1.4, 1.0]), 7)
+    alone = posterior.rename(K="thickness_m", sd_impact_K="sd_log_thickness_m")
+    alone = alone.rename(sd_subject_K="sd_subject_thickness_m")
+    (line,) = straight_lines(design, alone, log_mass_sd=10.0)["lines"]
+    same = straight_lines(design_of("dose + (1|subject)", rows=rows(7)), posterior)["lines"][0]
+    assert line == same | {"of": "thickness_m"}
+    assert line["p"] < 1e-6
+
+
 def test_a_line_that_is_one_is_not_noted() -> None:
     """Of 200 lines none is plainly bent, and p is uniform: the share below a tenth within four errors."""
     p, design = [], design_of("dose + (1|subject)", rows=rows(2))

@@ -7,7 +7,9 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 import pytest
+import xarray as xr
 
 from bayestissue.errors import InputError
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
@@ -17,6 +19,7 @@ from bayestissue.inference.fit import fit_traces
 from bayestissue.inference.posterior import recipe
 from bayestissue.inference.posterior.correction import NEEDED, Correction, Route, duration, needed_size
 from bayestissue.inference.posterior.recipe import Attempt, corrected_draws
+from bayestissue.inference.samplers.diagnostics import diagnose
 from bayestissue.inference.samplers.psis import relative_variance
 from bayestissue.inference.samplers.sampling import Draws
 
@@ -199,9 +202,17 @@ class _Left(NamedTuple):
     said: list[tuple[str, int, int]]
 
 
-def left(monkeypatch, k: float, *, seconds: float = 3.0, contradicted: str = "") -> _Left:
-    """Weights of this Pareto k, 80 draws of them effective; so long for a hundred transitions of 4800."""
-    spent = replace(correction(0.02, k=k), attempts=(correction(0.02).row(),))
+def left(
+    monkeypatch, k: float, *, seconds: float = 3.0, contradicted: str = "", spoilt: bool = False
+) -> _Left:
+    """Weights of this Pareto k, 80 draws of them effective; so long for a hundred transitions of 4800.
+
+    Where an impact is ``spoilt`` the third of twelve makes most of what the weights vary.
+    """
+    of_impacts = 0.1 * np.random.default_rng(1).standard_normal((400, 12))
+    of_impacts[:, 2] *= 10.0 if spoilt else 1.0
+    row = correction(0.02).row()
+    spent = replace(correction(0.02, k=k), attempts=(row,), of_impacts=of_impacts)
     clock = iter([100.0, 100.0 + seconds])
     monkeypatch.setattr(fitting.time, "monotonic", lambda: next(clock))
     for name in ("expanded", "approximate"):
@@ -217,8 +228,9 @@ def left(monkeypatch, k: float, *, seconds: float = 3.0, contradicted: str = "")
     monkeypatch.setattr(fitting, "exact_draws", exact_draws)
     monkeypatch.setattr(fitting, "label", lambda *given: given[-1])
     said: list[tuple[str, int, int]] = []
+    names = pd.DataFrame({"impact": [f"drop {number}" for number in range(12)]})
     route = fit_traces(
-        SimpleNamespace(model=SimpleNamespace(discrepancy=True), impacts=range(3)),  # type: ignore[arg-type]
+        SimpleNamespace(model=SimpleNamespace(discrepancy=True), impacts=names),  # type: ignore[arg-type]
         ModelSpecification(name="m", likelihood="impact", sampler=SETTINGS),
         0,
         lambda *told: said.append(told),
@@ -243,6 +255,30 @@ def test_a_long_exact_path_is_not_begun_unasked(monkeypatch) -> None:
     assert "--path exact" in str(slow.value)
     with pytest.raises(InputError, match=r"The velocity is off\. To go on all the same"):
         left(monkeypatch, k=0.9, contradicted="The velocity is off.")
+
+
+def test_the_impact_that_spoils_the_weights_is_named_and_no_longer_warm_up_is_asked_for(monkeypatch) -> None:
+    named = "of one impact, drop 2: look at its recording"
+    with pytest.raises(InputError, match=named):
+        left(monkeypatch, k=0.9, seconds=30.0, spoilt=True)
+    with pytest.raises(InputError) as unnamed:
+        left(monkeypatch, k=0.9, seconds=30.0)
+    assert "one impact" not in str(unnamed.value)
+    # Of a fit that is finished by the short way, with too few draws.
+    checks = left(monkeypatch, k=0.41, spoilt=True).route.checks()
+    assert [named in check.next_step for check in checks] == [False, True]
+    steps = {check["name"]: check["next_step"] for check in few_draws(checks)["checks"]}
+    assert "more warm-up brings no more" in steps["R-hat"]
+    assert "Raise sampler.warmup" in {c["name"]: c["next_step"] for c in few_draws(())["checks"]}["R-hat"]
+
+
+def few_draws(further: tuple[Any, ...]) -> dict[str, Any]:
+    """The diagnostics of draws that agree badly."""
+    summary = pd.DataFrame({"variable": ["K"], "r_hat": [1.1], "ess_bulk": [30.0], "ess_tail": [20.0]})
+    dims, energy = ("chain", "draw"), np.random.default_rng(1).standard_normal((2, 100))
+    columns = {"energy": energy, "diverging": energy > 9, "tree_depth": np.full((2, 100), 3)}
+    statistics = xr.Dataset({k: (dims, v) for k, v in columns.items()}, attrs={"max_tree_depth": 10})
+    return diagnose(summary, statistics, further)
 
 
 def test_good_weights_are_used_however_few_draws_are_effective(monkeypatch) -> None:

@@ -27,6 +27,7 @@ from bayestissue.errors import Coded, InputError, Problem, has_control_character
 from bayestissue.hierarchy.effects import RESPONSES, intercept, parameter_of, sd_impact
 from bayestissue.hierarchy.levels import NEW, Condition, Recorded, log_at_levels
 from bayestissue.inference.answers.finished import Finished
+from bayestissue.inference.checking.pooled_parameters import pooled_parameters
 
 # Units stand in the names of the columns; each has beside it the ends of the 90 % interval, _low and _high.
 QUANTITIES = {
@@ -72,8 +73,14 @@ def predict(finished: Finished, conditions: Sequence[Condition]) -> pd.DataFrame
     simulated = {name: value[::step] for name, value in parameters.items()}
     values = {"K": parameters["K"], "C": parameters["C"]}
     mass, velocity, diameter = (_numbers(recorded, conditions, name) for name in _GIVEN)
+    mixed = [one.note for one in pooled_parameters(finished.posterior, recorded, which)]
     notes = [
-        [*recorded.beyond(value), *_unknown(recorded, value), *recorded.average_notes(RESPONSES, value)]
+        [
+            *recorded.beyond(value),
+            *_unknown(recorded, value),
+            *recorded.average_notes(RESPONSES, value),
+            *mixed,
+        ]
         for value in conditions
     ]
     if finished.discrepancy:

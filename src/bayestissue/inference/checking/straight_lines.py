@@ -12,6 +12,7 @@ from scipy.linalg import solve_triangular
 from scipy.stats import chi2
 
 from bayestissue.hierarchy.design import Design, ResponseDesign
+from bayestissue.hierarchy.effects import RESPONSES, sd_impact
 from bayestissue.inference.checking import sentence
 from bayestissue.inference.execution.kept import some_impacts
 
@@ -69,7 +70,9 @@ def _covariance(
     design: Design, part: ResponseDesign, posterior: xr.Dataset, rows: np.ndarray, log_mass_sd: float
 ) -> Float[np.ndarray, "row row"]:
     q = part.response
-    cov = (float(posterior[f"sd_impact_{q}"].median()) ** 2 + log_mass_sd**2) * np.eye(len(rows))
+    # K and C are in proportion to the mass.
+    error = log_mass_sd if q in RESPONSES else 0.0
+    cov = (float(posterior[sd_impact(part.parameter)].median()) ** 2 + error**2) * np.eye(len(rows))
     for term, column in part.terms.items():
         code, scaled = design.groupings[term.grouping].code[rows], column.covariate[rows] * column.scale
         sd = float(posterior[term.sd(q)].median())

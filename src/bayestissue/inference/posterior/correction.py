@@ -5,7 +5,7 @@ And the route of a fit that follows from it: by sites and a correction, or by th
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,8 @@ _NEEDED_SHARE = 1 / 3
 # In fits of each element to data of its own kind it was 0.73 to 1; it was 0.02 where a ridge of the
 # likelihood was taken for a peak.
 _LEAST_OF_POINTS = 0.25
+# Of fewer one has more than half of anything too often.
+_FEW_IMPACTS = 4
 
 
 def needed_size(number: int) -> float:
@@ -105,6 +107,18 @@ class Correction:
         failed = [check for check in self.checks() if not check.passed]
         return len(failed) == 1 and self.effective <= self.needed and self.effective > 0
 
+    @property
+    def stands_out(self) -> int | None:
+        """The impact that more of the log weights' scatter is of than of all others together, if one is.
+
+        Of two impacts one always is.
+        """
+        if self.of_impacts is None or self.of_impacts.shape[1] < _FEW_IMPACTS:
+            return None
+        scatter = np.var(self.of_impacts, axis=0)
+        most = int(np.argmax(scatter))
+        return most if scatter[most] > 0.5 * scatter.sum() else None
+
     def row(self) -> dict[str, float | None]:
         """The figures that it is judged by, for the record of a run."""
         return {
@@ -143,10 +157,12 @@ class Route:
     Attributes:
         asked: ``sampler.path`` of the model file: "automatic", "summary" or "exact".
         correction: of the draws made with sites; None where there are none.
+        spoilt: the impact that `Correction.stands_out` is of, by its name; empty where none does.
     """
 
     requested: str
     correction: Correction | None = None
+    spoilt: str = ""
 
     @property
     def exact(self) -> bool:
@@ -173,7 +189,8 @@ class Route:
             return f"as the model file asks, though the correction can't be trusted ({failed}): {words}"
         count = len(self.correction.attempts)
         best = f"; the best of {count} attempts has {words}" if count > 1 else f": {words}"
-        return f"since the correction of the short way can't be trusted ({failed}){best}"
+        named = f". {spoilt_words(self.spoilt)}" if self.spoilt else ""
+        return f"since the correction of the short way can't be trusted ({failed}){best}{named}"
 
     @property
     def words(self) -> str:
@@ -189,7 +206,16 @@ class Route:
 
     def checks(self) -> tuple[Check, ...]:
         """Of the correction, where the draws depend on it."""
-        return () if self.exact or self.correction is None else self.correction.checks()
+        if self.exact or self.correction is None:
+            return ()
+        checks = self.correction.checks()
+        if not self.spoilt:
+            return checks
+        first = spoilt_words(self.spoilt)
+        return tuple(
+            check if check.passed else replace(check, next_step=f"{first} {check.next_step}")
+            for check in checks
+        )
 
     def record(self) -> dict[str, Any]:
         """As it stands in ``run.json`` and ``diagnostics.json``."""
@@ -201,6 +227,14 @@ class Route:
             "attempts": [] if tried is None else list(tried.attempts),
             "steps": [] if tried is None else list(tried.steps),
         }
+
+
+def spoilt_words(impact: str) -> str:
+    """What to look at where one impact spoils the weights of all."""
+    return (
+        f"Most of the weights' scatter is of one impact, {impact}: look at its recording, and leave the impact "
+        "out if it is spoilt."
+    )
 
 
 def duration(seconds: float) -> str:

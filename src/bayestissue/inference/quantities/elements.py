@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from bayestissue.elements import element, element_names
 from bayestissue.elements.comparables import comparables_of
-from bayestissue.elements.element import REFERENCE_DIAMETER_M, Element, Parameters
+from bayestissue.elements.element import GRAVITY, REFERENCE_DIAMETER_M, Element, Parameters
 from bayestissue.hierarchy.traces import (
     TraceData,
     TraceModel,
@@ -31,6 +31,8 @@ from bayestissue.likelihood.element.response import motion
 
 # What compares across elements.
 COMPARABLE = ("K_tangent", "K_secant", "C_equivalent", "energy_lost")
+# Of impacts along gravity; of others it is energy_lost.
+ENERGY_SHARE = "energy_share"
 # Of elements whose stiffness depends on depth, and of any with a discrepancy.
 COMMON_DEPTH = "K_common_depth"
 
@@ -104,6 +106,7 @@ def element_quantities(
         **{name: getattr(comparables, name) * heavier for name in ("K_tangent", "K_secant", "C_equivalent")},
         **({} if common is None else {COMMON_DEPTH: common * heavier}),
         "energy_lost": comparables.energy_lost,
+        **({ENERGY_SHARE: comparables.energy_share} if GRAVITY in record.surroundings else {}),
         "omega_n": jnp.sqrt(comparables.K_secant / record.mass),
         "zeta": comparables.C_equivalent / (2 * jnp.sqrt(comparables.K_secant * record.mass)),
         **further,
@@ -113,7 +116,7 @@ def element_quantities(
 def per_impact() -> tuple[str, ...]:
     """Names of the variables of an impact that elements have besides K and C."""
     extras = (parameter.name for name in element_names() for parameter in element(name).extra)
-    return (*COMPARABLE, COMMON_DEPTH, *dict.fromkeys(extras), "discrepancy", "noise_correlation")
+    return (*COMPARABLE, ENERGY_SHARE, COMMON_DEPTH, *dict.fromkeys(extras), "discrepancy", "noise_correlation")
 
 
 def static_force(element: Element, p: Parameters, depth: Array) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -18,6 +18,8 @@ R_HAT_LIMIT = 1.01
 ESS_LIMIT = 400
 BFMI_LIMIT = 0.3
 _DECLARED = declared(__package__, "checks.toml")
+# What too few effective draws fail.
+_OF_DRAWS: tuple[Code, ...] = ("r-hat", "effective-sample-size")
 # Notes of a summary's rows.
 NO_INTERVAL = Coded("not an interval: no element describes these traces", "undescribed")
 CONTRADICTED = Coded("the traces contradict the measuring chain", "measuring-chain")
@@ -78,8 +80,15 @@ def diagnose(summary: pd.DataFrame, statistics: xr.Dataset, further: Sequence[Ch
         Check.stated("divergences", int(statistics["diverging"].sum())),
         Check.stated("energy-fraction", bfmi, BFMI_LIMIT),
         Check.stated("tree-depth", saturated),
-        *further,
     ]
+    if not all(check.passed for check in further):
+        # Weighted draws are few whatever the chains did before.
+        follows = _DECLARED["correction"]["follows"]["next_step"]
+        checks = [
+            replace(check, next_step=follows) if check.code in _OF_DRAWS and not check.passed else check
+            for check in checks
+        ]
+    checks += further
     return {
         "passed": all(check.passed for check in checks),
         "checks": [asdict(check) for check in checks],
@@ -99,7 +108,8 @@ def warnings(diagnostics: dict[str, Any]) -> list[Coded]:
         (form, _against_all(form) or _against_some(form), law),
         (lines, bool(lines.get("words")), "no-straight-line"),
     ]
-    return [Coded(entry["words"], code) for entry, raised, code in doubts if raised]
+    pooled = [Coded(words, "pooled-parameter") for words in diagnostics.get("pooled_parameters", [])]
+    return [Coded(entry["words"], code) for entry, raised, code in doubts if raised] + pooled
 
 
 def warned_codes(diagnostics: dict[str, Any]) -> list[Code]:

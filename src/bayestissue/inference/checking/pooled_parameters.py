@@ -1,0 +1,152 @@
+"""Whether an element's further parameter differs between levels that its own formula takes as alike."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from jaxtyping import Float, Int
+from scipy.stats import f
+
+from bayestissue.elements.element import Element
+from bayestissue.errors import Coded
+from bayestissue.hierarchy.effects import RESPONSES, intercept, parameter_of, sd_impact
+from bayestissue.hierarchy.formulas.formula import columns_named, group_terms
+from bayestissue.hierarchy.formulas.group_terms import GroupTerm, grouping_of, labels_of
+from bayestissue.hierarchy.levels import Recorded, log_at_levels
+from bayestissue.inference.checking import sentence
+from bayestissue.inference.execution.kept import some_impacts
+
+# Of fits whose parameter is the same at all levels one in a hundred is noted at most.
+_BY_CHANCE = 0.01
+# More tell no more of a median.
+_DRAWS = 200
+
+
+class Pooled(NamedTuple):
+    """A further parameter that is pooled over a factor's levels.
+
+    Attributes:
+        parameter: its name.
+        factor: the levels' columns, such as "pad" or "subject:side".
+        term: what its formula would have of them.
+        p: twice the median p-value: see `pooled_parameters`.
+        medians: at each level, of the impacts' geometric mean.
+        unit: of these.
+    """
+
+    parameter: str
+    factor: str
+    term: str
+    p: float
+    medians: dict[str, float]
+    unit: str
+
+    @property
+    def words(self) -> Coded:
+        """What differs, between which levels, and the line of the model file that lets it."""
+        low, high = (choose(self.medians, key=lambda level: self.medians[level]) for choose in (min, max))
+        ends = {"low": low, "high": high, "least": self.medians[low], "most": self.medians[high]}
+        return self._coded("pooled.differs", **ends)
+
+    @property
+    def note(self) -> Coded:
+        """Of a prediction, in few words."""
+        return self._coded("pooled.note")
+
+    def _coded(self, key: str, **ends: object) -> Coded:
+        return Coded(sentence(key, **self._asdict(), **ends), "pooled-parameter")
+
+
+def pooled_parameters(posterior: xr.Dataset, recorded: Recorded, element: Element) -> list[Pooled]:
+    """The further parameters that differ between levels of what K's or C's formula has and theirs has not.
+
+    Under the model the deviations of an impact's parameter theta_i from what its formula expects,
+
+        z_i = (log theta_i - x_i b) / sd,
+
+    are independent standard normals, in the prior and so in a draw of the posterior too, over all data (a
+    pivotal discrepancy: Yuan and Johnson 2012, doi:10.1111/j.1541-0420.2011.01668.x), whatever the traces say
+    of each. So the p-value of the analysis of variance of z over levels is uniform in each draw, and twice its
+    median over draws is a p-value: of uniform variables, however dependent, more than half lie below a / 2
+    with probability a at most. Traces that hardly tell theta add noise to z, which hides differences and makes
+    none.
+
+    Args:
+        posterior: its draws.
+        recorded: what was measured.
+        element: of the fit.
+
+    Returns:
+        Of each such parameter and factor that differs, the level of chance being shared by all that are asked.
+    """
+    rows, asked = some_impacts(len(recorded.rows)), []
+    for extra in element.extra:
+        if extra.name not in posterior:
+            continue
+        factors = _lacking(recorded, extra.name)
+        groupings = {term: grouping_of(recorded.rows.iloc[rows], names) for term, names in factors.items()}
+        # With one impact of each level among them nothing tells a level from an impact.
+        telling = {k: g for k, g in groupings.items() if 1 < len(g.levels) < len(rows)}
+        if not telling:
+            continue
+        logs, z = _deviations(posterior, recorded, extra.name, rows)
+        for term, grouping in telling.items():
+            p = min(1.0, 2 * float(np.median(_anova(z, grouping.code))))
+            middle = np.exp(np.median(_means(logs, grouping.code), axis=1))
+            medians = dict(zip(map(str, grouping.levels), map(float, middle), strict=True))
+            asked.append(Pooled(extra.name, grouping.name, term, p, medians, extra.unit))
+    return [one for one in asked if one.p < _BY_CHANCE / len(asked)]
+
+
+def _lacking(recorded: Recorded, name: str) -> dict[str, tuple[str, ...]]:
+    """The factors of the formulas of K and C that a parameter's lacks, by the term that it would have."""
+    own = set(columns_named(recorded.formulas.get(name, "1")))
+    terms: dict[tuple[str, ...], str] = {}
+    for response in RESPONSES:
+        for column in recorded.categories(response):
+            terms[(column,)] = f"C({column})" if recorded.is_number(column) else column
+        for term in group_terms(recorded.formulas.get(response, "1")):
+            terms.setdefault(term.factors, str(GroupTerm(term.factors)))
+    return {term: factors for factors, term in terms.items() if not set(factors) <= own}
+
+
+def _deviations(
+    posterior: xr.Dataset, recorded: Recorded, name: str, rows: Int[np.ndarray, " row"]
+) -> tuple[Float[np.ndarray, "row draw"], Float[np.ndarray, "row draw"]]:
+    """Of some draws: log theta of some impacts, and z."""
+    own, draws = posterior[name], posterior
+    if "kept_draw" in own.dims:
+        draws = posterior.isel(draw=posterior["kept_draw"].to_numpy())
+    step = max(1, draws.sizes["chain"] * draws.sizes["draw"] // _DRAWS)
+    draws = draws.isel(draw=slice(None, None, step))
+    logs = np.log(own.transpose("chain", ..., "impact").to_numpy()[:, ::step][..., rows])
+    parameter, formula = parameter_of(name), recorded.formulas.get(name)
+    expected = draws[intercept(parameter)].to_numpy()[..., None]
+    if formula is not None:
+        table = recorded.rows.iloc[rows][list(columns_named(formula))]
+        labels = {c: labels_of(table[c]) if c in recorded.named else table[c].astype(float) for c in table}
+        conditions = pd.DataFrame(labels, index=table.index).to_dict("records")
+        expected = log_at_levels(draws, recorded, name, conditions, follow=False)
+    z = (logs - expected) / draws[sd_impact(parameter)].to_numpy()[..., None]
+    return logs.reshape(-1, len(rows)).T, z.reshape(-1, len(rows)).T
+
+
+def _means(values: Float[np.ndarray, "row draw"], code: Int[np.ndarray, " row"]) -> np.ndarray:
+    """Of each level, [level, draw]."""
+    count = np.bincount(code)
+    member = np.zeros((len(count), len(code)))
+    member[code, np.arange(len(code))] = 1
+    return member @ values / count[:, None]
+
+
+def _anova(z: Float[np.ndarray, "row draw"], code: Int[np.ndarray, " row"]) -> Float[np.ndarray, " draw"]:
+    """The p-value of a one-way analysis of variance, of each draw."""
+    count, means = np.bincount(code), _means(z, code)
+    between = (count[:, None] * (means - z.mean(0)) ** 2).sum(0)
+    within = ((z - means[code]) ** 2).sum(0)
+    levels, left = len(count) - 1, len(code) - len(count)
+    p: Float[np.ndarray, " draw"] = f.sf((between / levels) / (within / left), levels, left)
+    return p
