@@ -147,6 +147,7 @@ def _say_what_is_told(prepared: Prepared) -> list[Code]:
         not_used_words(prepared.design.recorded.not_used),
         *few_valued_words(prepared.design.few_valued()),
         *[ONE_IMPACT] * (len(prepared.impacts) == 1),
+        *[f"contact is taken to be {prepared.signal.phase.words}"] * prepared.signal.phase.known,
     ]
     for said in filter(None, words):
         echo(said)

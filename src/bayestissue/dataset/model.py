@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float64
 
-from bayestissue.dataset.chain import Quantity, Recorder, Uncertainty
+from bayestissue.dataset.chain import Contact, Quantity, Recorder, Uncertainty
 from bayestissue.errors import Problem
 from bayestissue.outline import Outlined, Rows, counted, short, span
 
@@ -56,6 +56,7 @@ class Dataset(Outlined):
             impact. The impactor obeys x'' = g - F / M, and a deceleration in ``traces`` is F / M = g - x'',
             which is 0 in free fall; an acceleration is its negative. A sensor whose zero is at rest reads
             g less of it, which was added as the recordings were read.
+        contact: where contact falls, "between" samples or "on_sample"; None where nothing was declared.
     """
 
     name: str
@@ -73,6 +74,7 @@ class Dataset(Outlined):
     recorder: Recorder | None = None
     gravity: float = 0.0
     whole_hash: str = ""
+    contact: Contact | None = None
 
     def write(self, path: str | Path, *, overwrite: bool = False) -> Path:
         """Write the dataset as a folder that `read_dataset` reads back equal, whole or not at all.
@@ -98,6 +100,8 @@ class Dataset(Outlined):
             "signal": {"quantity": self.quantity, "unit": unit, "gravity": self.gravity or "none"},
             "uncertainty": self.uncertainty.settings(),
         }
+        if self.contact is not None:
+            settings["signal"] |= {"contact": self.contact}
         if self.recorder is not None:
             settings["recorder"] = self.recorder.settings()
         count = [len(trace.time_s) for trace in self.traces]

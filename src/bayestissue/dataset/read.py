@@ -157,6 +157,7 @@ def checked_dataset(
         input_hash=input_hash,
         licence=settings.licence,
         source=settings.source,
+        contact=signal.contact,
         **chain,
     )
 
