@@ -334,6 +334,7 @@ def _provenance(
         "terms_left_out": prepared.design.terms_left_out(),
         "columns_not_used": untried(prepared.design.recorded),
         "uncertainty": vars(data.uncertainty),
+        "contact": prepared.signal.phase.words,
         "left_out": [str(problem) for problem in data.left_out],
         "seed": seed,
         "input_hash": data.input_hash,

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from bayestissue.dataset.arrays import dataset as dataset_of
-from bayestissue.dataset.chain import Recorder, Uncertainty
+from bayestissue.dataset.chain import Contact, Recorder, Uncertainty
 from bayestissue.dataset.model import Dataset
 from bayestissue.dataset.settings import Gravity, Zero
 from bayestissue.figures.theme import Figure
@@ -101,6 +101,7 @@ def impact(
     unit: str = "m/s^2",
     gravity: Gravity = "none",
     zero: Zero = "free_fall",
+    contact: Contact | None = None,
     uncertainty: Mapping[str, float] | Uncertainty | None = None,
     recorder: Mapping[str, Any] | Recorder | None = None,
 ) -> Impact:
@@ -120,6 +121,7 @@ def impact(
         gravity: the part of gravity along the motion: "none", "drop" (straight down), or a number of m/s²,
             positive into the tissue.
         zero: where the sensor read 0: "free_fall" or "rest".
+        contact: where contact falls, "between" samples or "on_sample"; the recording tells unless given.
         uncertainty: standard deviations of the measuring chain by the keys of ``[uncertainty]`` in
             ``dataset.toml``: ``relative_mass_sd``, ``velocity_sd_m_s``, ``relative_gain_sd``, ``offset_sd``.
             Errors that are not stated are taken to be 0, and are not in the intervals.
@@ -144,6 +146,7 @@ def impact(
         unit=unit,
         gravity=gravity,
         zero=zero,
+        contact=contact,
         uncertainty=uncertainty,
         recorder=recorder,
         name="one impact",

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pandas as pd
 
-from bayestissue.dataset.chain import Uncertainty
+from bayestissue.dataset.chain import Contact, Uncertainty
 
 
 @dataclass
@@ -24,6 +24,7 @@ class Lab:
     recorder: None = None
     gravity: float = 0.0
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
+    contact: Contact | None = None
 
 
 @dataclass

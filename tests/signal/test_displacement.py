@@ -109,12 +109,13 @@ def test_a_window_of_few_samples_and_a_missing_stop_are_flagged():
 
 def test_impacts_of_unequal_length_and_in_blocks_give_what_each_gives_alone(monkeypatch):
     impacts = [Impact(40.0, 0.2), Impact(150.0, 0.7), Impact(67.0, 1.3)]
-    lab = record(impacts, 1e4, noise=0.005)
+    # Where contact falls is told by all of them; all else each tells alone.
+    lab = replace(record(impacts, 1e4, noise=0.005), contact="between")
     together = displacements(lab)
     monkeypatch.setattr(displacement, "_BLOCK", 1)
     blocks = displacements(lab)
     for row, n in enumerate(together.n_samples):
-        alone = displacements(Lab(lab.impacts.iloc[[row]], [lab.traces[row]]))
+        alone = displacements(Lab(lab.impacts.iloc[[row]], [lab.traces[row]], contact="between"))
         assert alone.n_samples[0] == n
         # The sums of the same numbers, padded with zeros to another length: rounding only.
         np.testing.assert_allclose(alone.x[0, :n], together.x[row, :n], rtol=1e-9, atol=1e-15)

@@ -99,6 +99,7 @@ def _summary(checked: Check) -> list[tuple[str, str]]:
         ("recorded", data.quantity),
         *([("gravity along the motion", f"{data.gravity:.4g} m/s²")] if data.gravity else []),
         *([("low-pass", str(data.recorder)), ("noise entered", _entry(checked))] if data.recorder else []),
+        *([("contact", checked.signal.phase.words)] if data.quantity != "displacement" else []),
         ("samples per impact", _range(quality["n_samples"], "")),
         ("sampling rate", _range(quality["sampling_rate_hz"], " Hz")),
         ("mass", _range(impacts["mass_kg"], " kg")),

@@ -67,7 +67,7 @@ def run(
         from bayestissue.inference.single.estimates import estimate, method_for
         from bayestissue.report.estimates_page import page_of
         from bayestissue.report.run_folder import draw_page
-        from bayestissue.signal import alternatives, read_signal_options
+        from bayestissue.signal import alternatives, displacements, read_signal_options
         from bayestissue.simulation.centring import centring_table
 
         file = None if model is None else model_file(model, lambda content: "signal" in content)
@@ -99,6 +99,7 @@ def run(
                 method=method,
                 words=dict(data.words),
                 model={"file": file.name if file else None, "signal": options.model_dump()},
+                contact=displacements(data, options).phase.words,
                 input_hash=data.input_hash,
             )
             write_json(record, staging / "run.json")

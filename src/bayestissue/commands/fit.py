@@ -150,6 +150,7 @@ def _say_what_is_told(prepared: Prepared, nouns: Words) -> list[Code]:
         *untried_words(untried(prepared.design.recorded)),
         *few_valued_words(prepared.design.few_valued()),
         *[ONE_IMPACT] * (len(prepared.impacts) == 1),
+        *[f"contact is taken to be {prepared.signal.phase.words}"] * prepared.signal.phase.known,
     ]
     for said in filter(None, words):
         echo(nouns(said))

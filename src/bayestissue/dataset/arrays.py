@@ -15,7 +15,7 @@ import pandas as pd
 
 from bayestissue.dataset.cells import FILE as IMPACTS
 from bayestissue.dataset.cells import cells_of, column_problems
-from bayestissue.dataset.chain import Quantity, Recorder, Uncertainty
+from bayestissue.dataset.chain import Contact, Quantity, Recorder, Uncertainty
 from bayestissue.dataset.impacts import impact_table, wanted
 from bayestissue.dataset.model import Dataset, Trace
 from bayestissue.dataset.read import checked_dataset
@@ -53,6 +53,7 @@ def dataset(
     offset: float = 0.0,
     gravity: Gravity | None = None,
     zero: Zero = "free_fall",
+    contact: Contact | None = None,
     uncertainty: Mapping[str, float] | Uncertainty | None = None,
     recorder: Mapping[str, Any] | Recorder | None = None,
     words: Mapping[str, str] | None = None,
@@ -82,6 +83,8 @@ def dataset(
         gravity: the part of gravity along the motion: "none" (taken unless given), "drop" (straight down), or
             a number of m/s², positive into the tissue.
         zero: where an accelerometer read 0: "free_fall" or "rest".
+        contact: where contact falls, "between" samples or "on_sample"; all recordings together tell unless
+            given.
         uncertainty: standard deviations of the measuring chain, by the keys of ``[uncertainty]``.
         recorder: a known low-pass that the recordings went through, by the keys of ``[recorder]``.
         words: what pages call people, conditions and impacts, by the keys of ``[words]``.
@@ -102,6 +105,7 @@ def dataset(
             **{"time_column": time_column, "value_column": value_column},
             **{"scale": _plain(scale), "offset": _plain(offset)},
             **({} if gravity is None else {"gravity": _plain(gravity)}),
+            **({} if contact is None else {"contact": contact}),
         },
     }
     if uncertainty is not None:
@@ -269,7 +273,7 @@ def _numbers(values: Any, label: str, column: str, impact: str | None) -> Number
 def _hash(settings: Settings, cells: pd.DataFrame, reading: Reading) -> str:
     # What was not stated before there was a key for it leaves the hash as it was.
     signal, fields = settings.signal, SignalSettings.model_fields
-    later = {name for name in ("gravity", "zero") if getattr(signal, name) == fields[name].default}
+    later = {name for name in ("gravity", "zero", "contact") if getattr(signal, name) == fields[name].default}
     unsaid: dict[str, Any] = {"signal": later}
     if settings.recorder is None:
         unsaid["recorder"] = True

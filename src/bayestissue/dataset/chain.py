@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 Quantity = Literal["deceleration", "acceleration", "displacement"]
+Contact = Literal["between", "on_sample"]
 STANDARD_GRAVITY = 9.80665
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float64
 
-from bayestissue.dataset.chain import Quantity, Recorder, Uncertainty
+from bayestissue.dataset.chain import Contact, Quantity, Recorder, Uncertainty
 from bayestissue.errors import Problem
 from bayestissue.outline import Outlined, Rows, counted, short, span
 
@@ -59,6 +59,7 @@ class Dataset(Outlined):
             impact. The impactor obeys x'' = g - F / M, and a deceleration in ``traces`` is F / M = g - x'',
             which is 0 in free fall; an acceleration is its negative. A sensor whose zero is at rest reads
             g less of it, which was added as the recordings were read.
+        contact: where contact falls, "between" samples or "on_sample"; None where nothing was declared.
     """
 
     name: str
@@ -77,6 +78,7 @@ class Dataset(Outlined):
     gravity: float = 0.0
     whole_hash: str = ""
     words: Mapping[str, str] = field(default_factory=dict)
+    contact: Contact | None = None
 
     def write(self, path: str | Path, *, overwrite: bool = False) -> Path:
         """Write the dataset as a folder that `read_dataset` reads back equal, whole or not at all.
@@ -104,6 +106,8 @@ class Dataset(Outlined):
         }
         if self.words:
             settings["words"] = dict(self.words)
+        if self.contact is not None:
+            settings["signal"] |= {"contact": self.contact}
         if self.recorder is not None:
             settings["recorder"] = self.recorder.settings()
         count = [len(trace.time_s) for trace in self.traces]

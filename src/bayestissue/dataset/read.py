@@ -158,6 +158,7 @@ def checked_dataset(
         licence=settings.licence,
         source=settings.source,
         words=settings.words.values(),
+        contact=signal.contact,
         **chain,
     )
 

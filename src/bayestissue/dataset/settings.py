@@ -11,6 +11,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validat
 from bayestissue.dataset.chain import (
     STANDARD_GRAVITY,
     Applied,
+    Contact,
     FilterKind,
     NoiseEntry,
     Quantity,
@@ -121,6 +122,12 @@ class SignalSettings(Stated):
         default="free_fall",
         description="where an accelerometer read 0: free_fall (it reads force over mass; so it does where a "
         "quiet part before contact was taken off), or rest.",
+    )
+    contact: Contact | None = Field(
+        default=None,
+        description="where contact falls: between samples (a free-running recorder) or on_sample (a "
+        "triggered recorder, a simulation whose time begins at contact). Left out, all recordings together tell; the "
+        "velocity must be right for it. Behind a low-pass, and of displacements, it is not asked.",
     )
     crop: Annotated[list[Finite], AfterValidator(_stretch)] | None = Field(
         default=None,

@@ -254,6 +254,7 @@ def _deceleration_record(
         before = np.pad(signal.before, ((0, 0), (max(0, reach - BEFORE), 0)))
         before = before[:, before.shape[1] - reach :]
         n_before = np.minimum(signal.n_before, reach)
+        sample = signal.phase.before if signal.phase.known else None
         share = white_share(dataset, signal) if recorder is not None and white else 1.0
         if recorder is not None and share < 1:
             rows = reach + signal.deceleration.shape[1]
@@ -261,9 +262,9 @@ def _deceleration_record(
             offset_sd = np.where(np.isfinite(signal.offset_sd), longer * offset_sd, offset_sd)
             contact = Contact.anywhere(before, n_before)
         elif white and not discrepancy:
-            contact = Contact.anywhere(before, n_before, np.maximum(signal.noise_sd, 1e-12))
+            contact = Contact.anywhere(before, n_before, np.maximum(signal.noise_sd, 1e-12), sample)
         else:
-            contact = Contact.anywhere(before, np.zeros_like(n_before))
+            contact = Contact.anywhere(before, np.zeros_like(n_before), sample=sample)
     gain_sd, chain_sd = np.full(number, chain.relative_gain_sd), [offset_sd, contact_sd]
     # Of an impact along gravity an error of the gain is not one of the velocity.
     separate = recorder or discrepancy or reach or (dataset.gravity and chain.relative_gain_sd)

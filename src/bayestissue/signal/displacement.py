@@ -9,12 +9,13 @@ from typing import Any, Literal, Protocol
 import numpy as np
 import pandas as pd
 
-from bayestissue.dataset.chain import Recorder, Uncertainty
+from bayestissue.dataset.chain import Contact, Recorder, Uncertainty
 from bayestissue.errors import Coded
 from bayestissue.signal.contact import Onset, displacement_contact, find_onset
 from bayestissue.signal.filters import ahead_s, low_pass
 from bayestissue.signal.integration import cumulative, derivatives
 from bayestissue.signal.options import SignalOptions
+from bayestissue.signal.phase import BETWEEN, Phase, Told, phase_of
 from bayestissue.signal.start import Start, find_start
 from bayestissue.signal.traces import (
     Column,
@@ -34,6 +35,7 @@ from bayestissue.signal.window import Stop, samples_in, slowest, still_pushed, z
 _BLOCK = 1_000_000
 FEWEST_SAMPLES = 8
 NO_OFFSET = Coded("no quiet part before contact: no offset was removed", "no-quiet-part")
+ON_SAMPLE = Coded("contact is taken to be at a sample", "contact-on-sample")
 # Samples before contact that are kept, at the most.
 BEFORE = 60
 
@@ -64,6 +66,10 @@ class RecordedImpacts(Protocol):
     @property
     def uncertainty(self) -> Uncertainty:
         """Standard deviations of the measuring chain, as declared."""
+
+    @property
+    def contact(self) -> Contact | None:
+        """Where contact falls within a sampling interval, as declared; None where nothing was."""
 
 
 @dataclass(frozen=True)
@@ -100,6 +106,7 @@ class Displacements:
         blurred: [impact], where noise hides a jump of the force too: contact was looked for in means.
         flags: per impact, what is wrong with it.
         notes: per impact, what is not wrong, but should be known.
+        phase: where contact falls within a sampling interval.
     """
 
     x: Rows
@@ -128,6 +135,7 @@ class Displacements:
     blurred: Mask
     flags: list[list[Coded]]
     notes: list[list[Coded]]
+    phase: Phase = BETWEEN
 
 
 def displacements(dataset: RecordedImpacts, options: SignalOptions | None = None) -> Displacements:
@@ -145,16 +153,35 @@ def displacements(dataset: RecordedImpacts, options: SignalOptions | None = None
     mass = dataset.impacts["mass_kg"].to_numpy(dtype=float)
     velocity = dataset.impacts["velocity_m_s"].to_numpy(dtype=float)
     gravity = np.full(len(mass), dataset.gravity)
-    make = _recorded if dataset.quantity == "displacement" else _integrated
     sign = -1.0 if dataset.quantity == "acceleration" else 1.0
+    longest = max(len(trace.value) for trace in dataset.traces)
 
-    def block(rows: slice) -> Displacements:
-        recordings = stack(dataset.traces[rows])
-        ahead = float(ahead_s(dataset.recorder, recordings.dt).max())
-        recordings = replace(recordings, value=sign * recordings.value, ahead_s=ahead)
-        return make(recordings, mass[rows], velocity[rows], gravity[rows], options)
+    def recordings(rows: slice) -> tuple[Recordings, Column, Column, Column, SignalOptions]:
+        stacked = stack(dataset.traces[rows])
+        ahead = float(ahead_s(dataset.recorder, stacked.dt).max())
+        stacked = replace(stacked, value=sign * stacked.value, ahead_s=ahead)
+        return stacked, mass[rows], velocity[rows], gravity[rows], options
 
-    return _in_blocks(block, len(mass), max(len(trace.value) for trace in dataset.traces))
+    if dataset.quantity == "displacement":
+        return _in_blocks(lambda rows: _recorded(*recordings(rows)), len(mass), longest)
+    told: list[Told] = []
+
+    def asked(rows: slice) -> Displacements:
+        signal, of_block = _integrated(*recordings(rows))
+        told.append(of_block)
+        return signal
+
+    signal = _in_blocks(asked, len(mass), longest)
+    if dataset.recorder is not None:
+        # No force jumps behind a low-pass, and contact has no interval of its own.
+        return signal
+    sd = np.hypot(dataset.uncertainty.velocity_sd_m_s / velocity, dataset.uncertainty.relative_gain_sd)
+    joined = Told(*map(np.concatenate, zip(*told, strict=True)))
+    phase = phase_of(joined, sd, dataset.contact)
+    if phase.kind != "between":
+        signal = _in_blocks(lambda rows: _integrated(*recordings(rows), phase)[0], len(mass), longest)
+    noted = [[*row, ON_SAMPLE] for row in signal.notes] if phase.known and phase.judged else signal.notes
+    return replace(signal, phase=phase, notes=noted)
 
 
 def integrated(
@@ -175,14 +202,19 @@ def integrated(
     def block(rows: slice) -> Displacements:
         value, n, start, dt = recordings.value, recordings.n, recordings.start, recordings.dt
         part = Recordings(value[rows], n[rows], start[rows], dt[rows], recordings.ahead_s)
-        return _integrated(part, mass[rows], velocity[rows], np.zeros_like(mass[rows]), options)
+        return _integrated(part, mass[rows], velocity[rows], np.zeros_like(mass[rows]), options)[0]
 
     return _in_blocks(block, len(mass), recordings.value.shape[1])
 
 
 def _integrated(
-    recordings: Recordings, mass: Column, velocity: Column, gravity: Column, options: SignalOptions
-) -> Displacements:
+    recordings: Recordings,
+    mass: Column,
+    velocity: Column,
+    gravity: Column,
+    options: SignalOptions,
+    phase: Phase = BETWEEN,
+) -> tuple[Displacements, Told]:
     onset = find_onset(recordings, options)
     offset = onset.offset if options.remove_offset else np.zeros_like(onset.offset)
     removed = onset.quiet & options.remove_offset
@@ -195,8 +227,9 @@ def _integrated(
     slows = d - gravity[:, None]
     first = cumulative(replace(part, value=slows), options.integration)
     second = cumulative(replace(part, value=first), options.integration)
-    cut = (onset.first == 0) & (onset.most > onset.least) & (np.abs(recordings.start) < 1e-6 * dt)
-    start = find_start(d, first, second, inside, dt, velocity, onset.least, onset.most, cut, gravity)
+    asked = (onset.most > onset.least) & (onset.most < 1.5 * dt) & ~onset.blurred
+    at_ends = (np.where(asked, phase.first, 0.0), np.where(asked, phase.before, 0.0))
+    start = find_start(d, first, second, inside, dt, velocity, onset.least, onset.most, gravity, at_ends)
     time = np.arange(d.shape[1]) * dt[:, None]
     v = start.v[:, None] - first
     x = start.x[:, None] + start.v[:, None] * time - second
@@ -208,11 +241,13 @@ def _integrated(
         Coded("velocity does not reach zero", "no-zero-velocity"): ~stop.reached,
         Coded(contact_words, "contact-doubtful"): onset.doubtful,
     }
-    return _windowed(
+    signal = _windowed(
         part, (x, v, d), stop, start, options, flags, {NO_OFFSET: options.remove_offset & ~onset.quiet},
         mass=mass, velocity=velocity, gravity=gravity, offset=offset, offset_sd=offset_sd,
         noise_sd=onset.noise_sd, **_before(recordings, onset, offset),
     )  # fmt: skip
+    at_zero = np.abs(part.start[:, None] - np.array([0.0, 1.0]) * dt[:, None]) < 1e-6 * dt[:, None]
+    return signal, Told(start.free, start.free_sd, start.by_velocity, dt, asked, at_zero)
 
 
 def _before(recordings: Recordings, onset: Onset, offset: Column) -> dict[str, Any]:
@@ -248,8 +283,9 @@ def _recorded(
     slowest_words = "velocity does not reach zero: the window ends where it is least"
     flags = {Coded(slowest_words, "no-zero-velocity"): ~stop.reached}
     sd = np.where(options.contact == "time-zero", 0, noise / np.maximum(velocity, 1e-12))
-    start = Start(since_contact, sd, since_contact, sd, np.zeros(len(sd), bool), x[:, 0], v[:, 0])
-    nothing = np.zeros_like(sd)
+    nothing, known = np.zeros_like(sd), np.zeros(len(sd), bool)
+    free = (since_contact, sd, nothing)
+    start = Start(since_contact, sd, since_contact, sd, known, *free, x[:, 0], v[:, 0])
     return _windowed(
         part, (x, v, d), stop, start, options, flags, {},
         mass=mass, velocity=velocity, gravity=gravity, offset=at_contact, offset_sd=nothing * np.nan,
@@ -315,7 +351,7 @@ def _in_blocks(block: Callable[[slice], Displacements], count: int, longest: int
         "notes": [row for block in blocks for row in block.notes],
     }
     for field in fields(Displacements):
-        if field.name in joined:
+        if field.name in joined or field.name == "phase":
             continue
         parts = [getattr(block, field.name) for block in blocks]
         if parts[0].ndim == 2:

@@ -23,10 +23,6 @@ from bayestissue.signal.traces import Column, Mask, Rows, first_where
 
 _ORDER = 12
 _GRID = 65
-# That a recording which begins in contact begins at that very moment: some are made so. A recorder's clock
-# knows nothing of contact, and with 0.9 intervals of C then held 39 % (200 impacts at 5 kHz); with this they
-# hold 94 % either way.
-_CUT = 0.2
 _SAME = 1 + 1e-6
 
 
@@ -38,6 +34,8 @@ class Start:
         since_contact, since_contact_sd: s, as the samples have it, and its standard deviation.
         bracket, bracket_sd: s, mean and standard deviation before the samples were asked.
         bracket_uniform: whether it then lay anywhere between two moments, no one of them likelier.
+        free, free_sd: s by least squares alone, whatever the bracket, and its standard error.
+        by_velocity: by how much ``free`` grows with the velocity at contact, s per fraction of it.
         x: m.
         v: m/s.
     """
@@ -47,6 +45,9 @@ class Start:
     bracket: Column
     bracket_sd: Column
     bracket_uniform: Mask
+    free: Column
+    free_sd: Column
+    by_velocity: Column
     x: Column
     v: Column
 
@@ -60,8 +61,8 @@ def find_start(
     velocity: Column,
     least: Column,
     most: Column,
-    cut: Mask,
     gravity: Column,
+    at_ends: tuple[Column, Column],
 ) -> Start:
     """The state at the first sample, contact lying between ``least`` and ``most`` seconds before it.
 
@@ -79,10 +80,8 @@ def find_start(
         velocity: [impact], at contact, m/s.
         least: [impact], s; equal to ``most`` where contact is known.
         most: [impact], s.
-        cut: [impact], true where the recording seems to have been cut at contact: its clock starts at 0 with
-            its first sample, and that one is in contact already. Contact at that very sample then has a
-            prior probability of 0.2.
         gravity: [impact], g, along the motion, m/s².
+        at_ends: [impact], probabilities of contact at exactly ``least``, and at exactly ``most``.
     """
     # Some velocity is gone by the first sample; past zero velocity the impactor may have left the tissue.
     fall = np.maximum(deceleration[:, 0] - deceleration[:, min(1, inside.shape[1] - 1)], 0)
@@ -97,8 +96,8 @@ def find_start(
     )
     low, high = least / duration, most / duration
     with np.errstate(all="ignore"):
-        ab, delta, delta_sd = problem.fit(low, high)
-        delta, delta_sd = _mean_within(delta, delta_sd, low, high, np.where(cut, _CUT, 0))
+        ab, free, free_sd, by_velocity = problem.fit(low, high)
+        delta, delta_sd = _mean_within(free, free_sd, low, high, at_ends)
         ab = problem.fit_given(ab, delta)
         x, v = grown(ab[:, 0], ab[:, 1], delta, fall)
     # Too few samples, or a motion no spring and damper makes: d is held constant back to contact.
@@ -110,15 +109,19 @@ def find_start(
     x = np.where(sound, x, delta - d1 * delta**2 / 2)
     v = np.where(sound, v, 1 - d1 * delta)
     delta_sd = np.where(np.isfinite(delta_sd), delta_sd, (high - low) / np.sqrt(12))
-    atom = np.where(cut, _CUT, 0)
-    middle, width = (least + most) / 2, most - least
-    bracket_sd = np.sqrt(atom * (1 - atom) * (middle - least) ** 2 + (1 - atom) * width**2 / 12)
+    at_least, at_most = at_ends
+    middle, width, within = (least + most) / 2, most - least, 1 - at_least - at_most
+    mean = middle + (at_most - at_least) * width / 2
+    variance = width**2 * ((at_least + at_most) / 4 + within / 12) - (mean - middle) ** 2
     return Start(
         delta * duration,
         delta_sd * duration,
-        atom * least + (1 - atom) * middle,
-        bracket_sd,
-        (width > 0) & ~cut,
+        mean,
+        np.sqrt(np.maximum(variance, 0)),
+        (width > 0) & (within == 1),
+        free * duration,
+        free_sd * duration,
+        by_velocity * duration,
         x * velocity * duration,
         v * velocity,
     )
@@ -159,8 +162,8 @@ class _LeastSquares:
         gram = basis @ basis.transpose(0, 2, 1)
         return cls(basis, target, gram, (basis @ target[..., None])[..., 0], used.sum(axis=1), fall)
 
-    def fit(self, low: Column, high: Column) -> tuple[np.ndarray, Column, Column]:
-        """(a, b), δ and the standard error of δ, δ free within twice the bracket around it.
+    def fit(self, low: Column, high: Column) -> tuple[np.ndarray, Column, Column, Column]:
+        """(a, b), δ, its standard error and its slope by log V, δ free within twice the bracket around it.
 
         With strong damping the sum of squares may have a second hollow as deep, where the spring pulls or
         contact is out of the bracket: of three descents the best is taken that is neither, δ moved into the
@@ -177,7 +180,11 @@ class _LeastSquares:
         best = np.take_along_axis(np.stack(tried), least[None, :, None], axis=0)[0]
         _, covariance = self._step(best, free=3)
         variance = self._residual(best) / np.maximum(self.count - 3, 1)
-        return best[:, :2], best[:, 2], np.sqrt(variance * covariance[:, 2, 2])
+        # V multiplies a v₁ + b x₁ and b v₁, which the samples know: the others make up for it.
+        by_velocity = _coefficients(best, self.fall) * np.array([1.0, 1.0, 0.0, 0.0])
+        moment = _jacobian(best, self.fall).transpose(0, 2, 1) @ (self.gram @ by_velocity[..., None])
+        slope = -(covariance @ moment)[:, 2, 0]
+        return best[:, :2], best[:, 2], np.sqrt(variance * covariance[:, 2, 2]), slope
 
     def _descend(self, delta: Column, low: Column, high: Column) -> np.ndarray:
         ab = self.fit_given(self._first_guess(delta), delta)
@@ -261,10 +268,12 @@ def grown(a: np.ndarray, b: np.ndarray, delta: np.ndarray, fall: np.ndarray) -> 
     return x, v
 
 
-def _mean_within(mean: Column, sd: Column, low: Column, high: Column, atom: Column) -> tuple[Column, Column]:
+def _mean_within(
+    mean: Column, sd: Column, low: Column, high: Column, at_ends: tuple[Column, Column]
+) -> tuple[Column, Column]:
     """Posterior mean and standard deviation of δ under N(mean, sd²) as likelihood.
 
-    The prior is uniform over [low, high], but for the probability ``atom`` of δ being exactly ``low``.
+    The prior is uniform over [low, high], but for the probabilities of δ being exactly ``low`` or ``high``.
     """
     width = high - low
     grid = low[:, None] + width[:, None] * np.linspace(0, 1, _GRID)
@@ -278,7 +287,16 @@ def _mean_within(mean: Column, sd: Column, low: Column, high: Column, atom: Colu
     middle = np.where(narrow, np.clip(mean, low, high), middle)
     variance = np.where(narrow, np.minimum(sd, width) ** 2, variance)
     inside = np.maximum(ndtr((high - mean) / sd) - ndtr((low - mean) / sd), 1e-300)
-    at_low = np.exp(-(((low - mean) / sd) ** 2) / 2) / np.sqrt(2 * np.pi) * width / sd
-    certain = np.where(atom > 0, atom * at_low / (atom * at_low + (1 - atom) * inside), 0)
-    spread = certain * (1 - certain) * (middle - low) ** 2 + (1 - certain) * variance
-    return certain * low + (1 - certain) * middle, np.sqrt(spread)
+    density = [np.exp(-(((end - mean) / sd) ** 2) / 2) / np.sqrt(2 * np.pi) / sd for end in (low, high)]
+    shares = [share * width * there for share, there in zip(at_ends, density, strict=True)]
+    shares = np.stack([*shares, (1 - at_ends[0] - at_ends[1]) * inside])
+    # Of an end that is certain, whatever the likelihood has there.
+    sure = np.stack([at_ends[0] == 1, at_ends[1] == 1, np.zeros_like(mean, bool)])
+    none = at_ends[0] + at_ends[1] == 0
+    shares = np.where(
+        sure.any(axis=0), sure, np.where(none, [[0.0], [0.0], [1.0]], shares / shares.sum(axis=0))
+    )
+    values = np.stack([low, high, middle])
+    whole = (shares * values).sum(axis=0)
+    spread = (shares * (values - whole) ** 2).sum(axis=0) + shares[2] * variance
+    return whole, np.sqrt(spread)

@@ -164,7 +164,11 @@ def _truth(
     velocity = impacts["velocity_m_s"].to_numpy() + recording.velocity_sd_m_s * chain.standard_normal(count)
     gain = 1 + recording.relative_gain_sd * chain.standard_normal(count)
     offset = recording.offset_sd_m_s2 * chain.standard_normal(count)
-    contact = recording.before_contact_s + chain.uniform(size=count) / recording.sampling_rate_hz
+    since_sample = chain.uniform(size=count)
+    contact = recording.before_contact_s + since_sample / recording.sampling_rate_hz
+    if recording.contact == "on_sample":
+        before = np.ceil(recording.before_contact_s * recording.sampling_rate_hz)
+        contact = np.full(count, before / recording.sampling_rate_hz)
     size = np.log(mass / simulation.tissue.reference_mass_kg)
     effects = _effects(simulation.tissue, impacts, tissue)
     _add_group_terms(simulation.tissue, impacts, size, groups, effects)
@@ -322,6 +326,8 @@ def write_campaign(folder: Path, campaign: Campaign, simulation: Simulation) -> 
     }
     if campaign.gravity:
         settings["signal"] |= {"gravity": campaign.gravity}
+    if simulation.recording.contact != "between":
+        settings["signal"] |= {"contact": simulation.recording.contact}
     if campaign.recorder is not None:
         settings["recorder"] = campaign.recorder.settings()
     write_dataset(

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
+from bayestissue.dataset.chain import Contact
 from bayestissue.dataset.settings import Finite, Gravity, RecorderSettings, Spread
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, GroupTerm
 from bayestissue.hierarchy.priors import term_of_group, term_of_slope
@@ -184,11 +185,17 @@ class Recording(Table):
     """The measuring chain. Standard deviations of 0 and an absent ``bits`` mean a perfect one.
 
     What is recorded of mass and velocity is the design's; the true values scatter about it. The recorder
-    samples at a phase of its own, so that contact falls anywhere within a sampling interval.
+    samples at a phase of its own, so that contact falls anywhere within a sampling interval, unless it is
+    triggered.
     """
 
     sampling_rate_hz: Positive = Field(default=10_000.0, description="samples in a second.")
     before_contact_s: Spread = Field(default=0.01, description="how long before contact a recording begins.")
+    contact: Contact = Field(
+        default="between",
+        description="between samples, anywhere, or on_sample: at a sample in every recording, which then "
+        "holds the jump of the force.",
+    )
     after_contact_s: Spread = Field(
         default=0.01, description="how long it goes on after the tissue has stopped pushing."
     )

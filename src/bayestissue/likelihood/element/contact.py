@@ -15,6 +15,8 @@ discrepancy, they do not count. Noise that went through a recorder's filter has 
 
 Behind a recorder's low-pass every force rises from 0, and where the filter is fast beside the sampling, an
 interval is divided into as many cells as keep a trace linear in each.
+
+Where contact is known to be at a sample, a cell is the one moment there.
 """
 
 from __future__ import annotations
@@ -42,8 +44,8 @@ def middles(record: DecelerationRecord) -> Float[Array, "cell impact"]:
     """
     if not record.contact.reach:
         return record.first_time[None]
-    interval = jnp.arange(record.contact.reach) + record.phase[:, None] - record.lead
-    return interval.reshape(-1, 1) * record.dt
+    interval = jnp.arange(record.contact.reach)[:, None] + record.phase[:, None] - record.lead
+    return interval.reshape(-1, len(record.dt)) * record.dt
 
 
 def cell_width(record: DecelerationRecord) -> float:
@@ -55,7 +57,8 @@ def error_sd(record: DecelerationRecord) -> Float[Array, "impact error"]:
     """The errors' standard deviations, that of contact within its cell."""
     if not record.contact.reach:
         return record.error_sd
-    return record.error_sd.at[:, CONTACT].set(cell_width(record) * record.dt / _ROOT_12)
+    in_cell = cell_width(record) * record.dt / _ROOT_12
+    return record.error_sd.at[:, CONTACT].set(jnp.where(record.contact.uniform, in_cell, 0.0))
 
 
 def products(response: Response, record: DecelerationRecord, noise: Noise) -> Products:

@@ -44,18 +44,22 @@ class Contact(NamedTuple):
         n_before: how many of these samples were recorded and count.
         quiet_log_density: of these samples as a quiet part of the recorder's noise, which the likelihood is
             relative to where noise is white; else 0.
+        place: where contact lies in an interval of ``before``, from its end and as a fraction of it: its
+            middle, where ``uniform``; 0 or 1 at a sample, the first of which then is in contact.
     """
 
     uniform: Bool[Array, " impact"]
     before: Float[Array, "impact reach"]
     n_before: Int[Array, " impact"]
     quiet_log_density: Float[Array, " impact"]
+    place: Float[Array, " impact"]
 
     @classmethod
     def known(cls, uniform: Bool[Array | np.ndarray, " impact"]) -> Contact:
         """At ``first_time`` but for its error."""
         number = len(uniform)
-        parts: Any = (uniform, np.zeros((number, 0)), np.zeros(number, int), np.zeros(number))
+        nothing = np.zeros(number)
+        parts: Any = (uniform, np.zeros((number, 0)), np.zeros(number, int), nothing, nothing + 0.5)
         return cls(*parts)
 
     @classmethod
@@ -64,13 +68,21 @@ class Contact(NamedTuple):
         before: Float[np.ndarray, "impact reach"],
         n_before: Int[np.ndarray, " impact"],
         quiet_sd: Float[np.ndarray, " impact"] | None = None,
+        sample: float | None = None,
     ) -> Contact:
-        """In any of the intervals of ``before``; with the noise's standard deviation in a quiet part."""
+        """In any of the intervals of ``before``; with the noise's standard deviation in a quiet part.
+
+        At a sample, where it is known to be, with ``sample`` as ``place``.
+        """
         counts = np.arange(before.shape[1]) >= before.shape[1] - np.asarray(n_before)[:, None]
         early, density = np.where(counts, before, 0.0), np.zeros(len(before))
         if quiet_sd is not None:
             density = -(n_before * (LOG_2PI + 2 * np.log(quiet_sd)) + (early**2).sum(1) / quiet_sd**2) / 2
-        parts: Any = (np.ones(len(before), bool), early, n_before, density)
+        uniform, place = (
+            np.full(len(before), sample is None),
+            np.full(len(before), 0.5 if sample is None else sample),
+        )
+        parts: Any = (uniform, early, n_before, density, place)
         return cls(*parts)
 
     @property
@@ -193,9 +205,11 @@ class DecelerationRecord(NamedTuple):
         return self.surroundings.get(GRAVITY, jnp.zeros_like(self.mass))
 
     @property
-    def phase(self) -> Float[Array, " phase"]:
+    def phase(self) -> Float[Array, "phase impact"]:
         """Moments of contact within a sampling interval that are told apart, as fractions of it."""
-        return jnp.full(1, 0.5) if self.low_pass is None else self.low_pass.phase
+        if self.low_pass is None:
+            return self.contact.place[None]
+        return jnp.broadcast_to(self.low_pass.phase[:, None], (len(self.low_pass.phase), len(self.dt)))
 
     @property
     def lead(self) -> int:

@@ -19,9 +19,9 @@ class Response(NamedTuple):
     """An impact as recorded without errors, and how errors change it; all 0 past a trace's end.
 
     Where contact may be in any of several cells it is instead on a grid of the sampling interval that begins
-    half an interval after contact; its end is no trace's. Behind a low-pass that grid is as many times finer
-    as the filter tells moments of contact within an interval apart, and begins as long before contact as the
-    filter looks ahead.
+    half an interval after contact, or where contact is at a sample with the first one. Its end is no trace's.
+    Behind a low-pass that grid is as many times finer as the filter tells moments of contact within an
+    interval apart, and begins as long before contact as the filter looks ahead.
 
     Attributes:
         d: deceleration [m/s^2].
@@ -84,7 +84,7 @@ def response(
     def d_and_jerk(velocity: Array) -> tuple[Array, Array]:
         if record.low_pass is not None:
             return _recorded(element, parameters, velocity, record, record.low_pass)
-        first = record.dt / 2 if record.contact.reach else record.first_time
+        first = record.phase[0] * record.dt if record.contact.reach else record.first_time
         count = record.d.shape[1] + record.contact.reach
         return _on_grid(element, parameters, velocity, record, first, record.dt, count)[2:]
 

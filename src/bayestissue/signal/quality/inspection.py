@@ -9,7 +9,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import pandas as pd
 
-from bayestissue.dataset.chain import Recorder, Uncertainty
+from bayestissue.dataset.chain import Contact, Recorder, Uncertainty
 from bayestissue.declarations import declared
 from bayestissue.errors import Coded
 from bayestissue.remedies import entries
@@ -80,6 +80,7 @@ class _Part:
     recorder: Recorder | None
     gravity: float
     uncertainty: Uncertainty
+    contact: Contact | None
 
 
 def inspect(dataset: RecordedImpacts, options: SignalOptions | None = None) -> list[Finding]:
@@ -108,7 +109,7 @@ def inspect(dataset: RecordedImpacts, options: SignalOptions | None = None) -> l
     for begin in range(0, len(dataset.traces), size):
         rows = slice(begin, begin + size)
         impacts, traces = dataset.impacts.iloc[rows], dataset.traces[rows]
-        chain = dataset.recorder, dataset.gravity, dataset.uncertainty
+        chain = dataset.recorder, dataset.gravity, dataset.uncertainty, dataset.contact
         part = _Part(dataset.quantity, impacts, traces, *chain)
         # A recording that is no impact at all may divide by nothing: what comes of that finds nothing.
         with np.errstate(all="ignore"):

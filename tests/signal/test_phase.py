@@ -1,0 +1,93 @@
+"""Where contact falls within a sampling interval: told by all recordings together."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from impacts_bench import Impact, Lab, Recorded, record
+
+from bayestissue.dataset.chain import Uncertainty
+from bayestissue.signal import displacements
+from bayestissue.signal.phase import BETWEEN
+
+RATE, NUMBER = 2e3, 30
+# K = 3000 N/m, C = 12 N s/m, M = 0.5 kg.
+TISSUE = Impact(np.sqrt(3000 / 0.5), 12 / 2 / np.sqrt(3000 * 0.5))
+
+
+def lab(phase: np.ndarray | float, *, noise: float = 0.002, seed: int = 0, number: int = NUMBER) -> Lab:
+    phases = np.broadcast_to(phase, number).copy()
+    return record([TISSUE] * number, RATE, before=0.01, phase=phases, noise=noise, seed=seed)
+
+
+def with_zero_at_contact(lab: Lab) -> Lab:
+    """The same where whoever wrote it has no force yet at time 0."""
+    traces = [Recorded(t.time_s, np.where(np.abs(t.time_s) < 0.1 / RATE, 0.0, t.value)) for t in lab.traces]
+    return replace(lab, traces=traces)
+
+
+def moved(lab: Lab, by: float) -> Lab:
+    """The same on a clock that knows nothing of contact."""
+    return replace(lab, traces=[Recorded(t.time_s + by, t.value) for t in lab.traces])
+
+
+@pytest.mark.parametrize("clock", [0.0, 0.0137])
+def test_contact_at_a_sample_of_every_recording_is_found(clock):
+    made = displacements(moved(lab(0.0), clock))
+    assert made.phase.kind == "on_sample"
+    assert made.phase.first == 1
+    assert made.phase.judged
+    assert (made.first_sample_s == 0).all()
+    assert (made.bracket_sd == 0).all()
+    assert all("contact is taken to be at a sample" in notes for notes in made.notes)
+
+
+@pytest.mark.parametrize("clock", [0.0, 0.0137])
+def test_a_contact_that_was_written_as_no_force_is_one_sample_earlier(clock):
+    made = displacements(moved(with_zero_at_contact(lab(0.0)), clock))
+    assert made.phase.kind == "on_sample"
+    assert made.phase.before == 1
+    np.testing.assert_allclose(made.first_sample_s, 1 / RATE, rtol=1e-9)
+
+
+def test_contact_anywhere_is_told_to_be_anywhere():
+    random = np.random.default_rng(1)
+    kinds = [displacements(lab(random.uniform(size=NUMBER), seed=seed)).phase.kind for seed in range(20)]
+    # A judgement is one of 95 % at least: of twenty none is wrong but with a probability of 0.36 at the most,
+    # and of recordings with as little noise hardly any can be.
+    assert set(kinds) == {"between"}
+
+
+def test_one_recording_alone_tells_little():
+    here = lab(0.0, noise=0.01, number=1)
+    made = displacements(moved(here, 0.0137))
+    assert made.phase == BETWEEN
+    assert made.bracket_uniform[0]
+    # A clock that begins at contact is a reason: one fifth, and else anywhere.
+    made = displacements(here)
+    assert made.phase.kind == "undecided"
+    assert not made.bracket_uniform[0]
+    share = made.phase.first
+    assert share == pytest.approx(0.2, abs=0.1)
+    assert made.bracket_s[0] * RATE == pytest.approx((1 - share) / 2)
+    assert made.bracket_sd[0] * RATE == pytest.approx(np.sqrt((1 - share) / 3 - (1 - share) ** 2 / 4))
+
+
+def test_a_velocity_that_is_hardly_known_leaves_contact_open():
+    # 1 % of the velocity moves contact by half an interval here, and by as much in every recording.
+    unsure = replace(lab(0.0, noise=0.01), uncertainty=Uncertainty(velocity_sd_m_s=0.03))
+    assert displacements(moved(unsure, 0.0137)).phase.kind == "between"
+    assert displacements(unsure).phase.kind == "undecided"
+
+
+@pytest.mark.parametrize("zero", [False, True])
+def test_what_is_declared_is_not_judged(zero):
+    here = lab(0.0, noise=0.01)
+    here = with_zero_at_contact(here) if zero else here
+    between = displacements(replace(here, contact="between")).phase
+    assert (between.kind, between.judged) == ("between", False)
+    declared = displacements(replace(here, contact="on_sample")).phase
+    assert (declared.kind, declared.judged) == ("on_sample", False)
+    assert declared.before == zero
