@@ -10,8 +10,9 @@ from typing import Any, Self
 
 from bayestissue.remedies import Code, messages
 
-# Control characters, and those that force a direction of writing: a terminal would obey them.
-_CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069]")
+# Control characters, and those that force a direction of writing: a terminal would obey them. And halves of
+# characters, which stand for bytes of a file name that are no UTF-8: no text can be written with them.
+_CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
 
 
 @dataclass(frozen=True)

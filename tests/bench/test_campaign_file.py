@@ -72,17 +72,17 @@ def test_the_order_says_what_is_left_and_a_plan_leaves_the_people_open(tmp_path:
         {"subject": "s02", "mass_kg": 1.2},
     )
     drops = [{"subject": "s01", "mass_kg": 0.5, "n": "1"}, {"subject": "s09", "mass_kg": 0.5}]
-    assert Order(rows).left(drops) == [rows[1], rows[2]]
+    assert Order(rows).left(drops) == {1: rows[1], 2: rows[2]}
     planned = Order(rows, people_named=False)
-    assert planned.left([]) == [{"mass_kg": 0.5}, {"mass_kg": 0.5}, {"mass_kg": 1.2}]
-    assert planned.left([{"subject": "anna", "mass_kg": 0.5}]) == [
-        {"mass_kg": 0.5, "subject": "anna"},
-        {"mass_kg": 1.2},
-    ]
+    assert list(planned.left([]).values()) == [{"mass_kg": 0.5}, {"mass_kg": 0.5}, {"mass_kg": 1.2}]
+    assert planned.left([{"subject": "anna", "mass_kg": 0.5}]) == {
+        1: {"mass_kg": 0.5, "subject": "anna"},
+        2: {"mass_kg": 1.2},
+    }
     plan = {"candidates": {"people": [2], "masses_kg": [0.5, 1.2]}, "questions": {"q": "mass_exponent_K < 1"}}
     (tmp_path / "plan.json").write_text(json.dumps({"plan": {"name": "p", **plan}, "chosen": 1}))
     order = order_of(read_campaign(written(tmp_path, SIGNAL)), tmp_path)
-    assert [row["mass_kg"] for row in order.left([])] == [0.5, 1.2] * 2
+    assert [row["mass_kg"] for row in order.left([]).values()] == [0.5, 1.2] * 2
     with pytest.raises(InputError):
         order_of(read_campaign(tmp_path / "campaign.toml"), tmp_path / "nowhere")
 

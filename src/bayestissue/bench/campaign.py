@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
@@ -66,7 +66,12 @@ class CampaignSpecification(Table):
     order: str | None = Field(
         default=None,
         description="a table of the drops in their order, a row each, relative to the campaign file: a "
-        "column for each fact.",
+        "column for each fact, and `file` where rows say of which recording they are.",
+    )
+    files_by: Literal["times", "names"] | None = Field(
+        default=None,
+        description="what says in which order files were recorded that come together; left out, they are "
+        "refused where their times and their names disagree.",
     )
     signal: SignalSettings | None = Field(default=None, description="as in dataset.toml.")
     uncertainty: UncertaintySettings | None = Field(default=None, description="as in dataset.toml.")
@@ -83,6 +88,7 @@ class Campaign:
         pattern: of file names.
         facts: that hold for all drops, as text.
         order: the facts of the drops that are wanted, in their order, as text.
+        files_by: what says in which order files were recorded that come together; None if that was not said.
         wanted: what a drop has to be.
         like: a dataset of the same recorder.
     """
@@ -92,6 +98,7 @@ class Campaign:
     pattern: Pattern | None
     facts: dict[str, str]
     order: tuple[dict[str, str], ...]
+    files_by: str | None
     wanted: Wanted
     like: Path | None
 
@@ -131,6 +138,13 @@ class Campaign:
             facts |= source
         return columns(facts, file)
 
+    def named(self, file: str, suffix: str) -> Cells:
+        """The cells that the name of a recording fills; none where it does not fit the pattern."""
+        try:
+            return columns(self.pattern.read(file, suffix), file) if self.pattern else {}
+        except InputError:
+            return {}
+
 
 def read_campaign(path: Path) -> Campaign:
     """Read and check a campaign file; one without ``name`` has the file's.
@@ -165,7 +179,7 @@ def read_campaign(path: Path) -> Campaign:
         for name, value in spec.facts.items()
     }
     columns(facts, str(path))
-    return Campaign(content, settings, pattern, facts, order, spec.wanted, like)
+    return Campaign(content, settings, pattern, facts, order, spec.files_by, spec.wanted, like)
 
 
 def _order(path: Path, label: str) -> tuple[dict[str, str], ...]:

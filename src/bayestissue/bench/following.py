@@ -11,14 +11,18 @@ from pathlib import Path
 from typing import NamedTuple
 
 from bayestissue.dataset.recorders import SUFFIXES, suffix_of
-from bayestissue.intake.folder import files_within
+from bayestissue.intake.folder import files_within, natural
 
 
 class Stamp(NamedTuple):
-    """The size of a file in bytes and when it was last changed, ns."""
+    """The size of a file in bytes, when it was last changed, ns, and its number on the disk.
+
+    Two files of one size and time that swap their names differ in the last alone.
+    """
 
     size: int
     modified_ns: int
+    number: int = 0
 
 
 class Changes(NamedTuple):
@@ -58,7 +62,7 @@ class Follower:
         # What was said of a file holds until it is another again.
         self._said &= {*(("empty", n) for n in empty), *(("gone", n) for n in gone)}
         return Changes(
-            tuple(sorted(ready, key=lambda n: (listing[n].modified_ns, n))),
+            tuple(sorted(ready, key=lambda n: (listing[n].modified_ns, natural(n)))),
             self._once("empty", empty),
             self._once("gone", gone),
         )
@@ -82,5 +86,7 @@ def listing(folder: Path, suffixes: tuple[str, ...] = SUFFIXES) -> dict[str, Sta
                 status = path.stat()
             except FileNotFoundError:
                 continue
-            stamps[path.relative_to(folder).as_posix()] = Stamp(status.st_size, status.st_mtime_ns)
+            stamps[path.relative_to(folder).as_posix()] = Stamp(
+                status.st_size, status.st_mtime_ns, status.st_ino
+            )
     return stamps

@@ -44,6 +44,11 @@ class Verdict(NamedTuple):
         return entries()[self.code].advice if self.code else ""
 
 
+def is_spoilt(code: str) -> bool:
+    """Whether the warning of this code is of a recording that another drop would mend."""
+    return code in _SPOILT
+
+
 def verdict(
     flags: Iterable[str],
     *,

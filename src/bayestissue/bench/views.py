@@ -17,6 +17,7 @@ from bayestissue.bench.verdict import verdict
 from bayestissue.bench.watching import Watch, numbers_of
 from bayestissue.dataset import read_dataset
 from bayestissue.dataset.impacts import wanted
+from bayestissue.errors import printable
 from bayestissue.inference.single.estimates import estimate
 from bayestissue.one_impact import Impact, impact_of
 
@@ -90,8 +91,8 @@ class WatchView(DropsView):
             "version": version,
             "back": "Take the last drop back",
             "name": watch.campaign.settings.name,
-            "watching": str(watch.recordings),
-            "dataset": str(watch.drops.folder),
+            "watching": printable(str(watch.recordings)),
+            "dataset": printable(str(watch.drops.folder)),
             "used": len(used),
             "wanted": watch.campaign.wanted.relative_width,
             "people": people,
@@ -100,7 +101,7 @@ class WatchView(DropsView):
             "planned": bool(watch.order.rows),
             "left": len(left),
             "next": left[0] if left else {},
-            "chosen": {name: watch.chosen.get(name, "") for name in _EDITABLE},
+            "chosen": {name: watch.drops.chosen.get(name, "") for name in _EDITABLE},
             "drops": [
                 {
                     **{
@@ -163,7 +164,7 @@ class DatasetView(DropsView):
             "version": version,
             "back": "Undo the last decision",
             "name": self.data.name,
-            "dataset": str(self._decisions.folder),
+            "dataset": printable(str(self._decisions.folder)),
             "used": len(set(self._rows.index) - set(out)),
             "people": [],
             "drops": [

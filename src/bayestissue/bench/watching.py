@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import hashlib
+import re
 import shutil
 import threading
-from collections import OrderedDict, deque
-from collections.abc import Callable
+from collections import Counter, OrderedDict, deque
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
@@ -18,23 +20,27 @@ import pandas as pd
 
 from bayestissue.bench.campaign import Campaign
 from bayestissue.bench.drops import Drop, Drops, dataset_of, several
-from bayestissue.bench.following import Follower, listing
+from bayestissue.bench.following import Follower, Stamp, listing
 from bayestissue.bench.order import Order
 from bayestissue.bench.study import Study
 from bayestissue.bench.verdict import Verdict, verdict
 from bayestissue.dataset import read_dataset
+from bayestissue.dataset.impacts import wanted
 from bayestissue.dataset.recorders import suffix_of
 from bayestissue.errors import InputError, Problem, printable
 from bayestissue.figures.impacts import end
 from bayestissue.inference.results.meanings import COLUMNS, UNITS
 from bayestissue.intake.build import RECORDINGS
 from bayestissue.intake.facts import Cells
+from bayestissue.intake.folder import natural
 from bayestissue.intake.names import columns
 from bayestissue.one_impact import Impact, impact_of
 from bayestissue.one_impact import impact as one_impact
 
 # Traces that pages can be shown at once; of others they are read anew. And lines that pages can catch up on.
 _TRACES, _LINES = 30, 200
+# How often a look that fails is repeated where nobody waits.
+_TRIES = 5
 _INCOMING = f"{RECORDINGS}/.incoming"
 TAKEN_BACK = "taken back"
 
@@ -52,7 +58,6 @@ class Watch:
     Attributes:
         drops: what was taken.
         study: what the drops together tell.
-        chosen: facts of the next drops, as they were set on the page.
         lines: the last ones that were said.
         last: the drop or file that was judged last, and how.
     """
@@ -62,105 +67,295 @@ class Watch:
     ) -> None:
         self.recordings, self.campaign, self.drops, self.order = recordings, campaign, drops, order
         self.study = Study(campaign)
-        self.chosen: dict[str, str] = {}
         self.lines: deque[Line] = deque(maxlen=_LINES)
         self.last = ("", Verdict("look", "no drop yet"))
         self._say, self._lock = say, threading.RLock()
         self._follower = Follower({drop.file: drop.stamp for drop in drops})
         self._impacts: OrderedDict[tuple[str, str], Impact] = OrderedDict()
-        self._away = False
+        # What can't be done for the moment, what is said of that, and why files wait; each is said once.
+        self._trouble: OSError | None = None
+        self._waiting: InputError | None = None
+        self._said = ""
+        # Of recordings that lost their place in the list to another, why they were left out.
+        self._decided: dict[str, str] = {}
+        order.require_same(drops.order, drops.rows)
+        drops.order = list(order.rows) or drops.order
         shutil.rmtree(drops.folder / _INCOMING, ignore_errors=True)
+        if self.drops.chosen:
+            self.drops.notes.append(f"set on the page: {facts_words(dict(self.drops.chosen))}")
 
     def warm_up(self) -> None:
-        """Compile what drops will need: by the last drop, by one of the dataset that is like, or made up."""
-        last = next(iter(reversed(self.drops.all)), None)
-        if last is not None:
-            impact = self.impact(last.impact)
-        elif self.campaign.like is not None:
-            data = read_dataset(self.campaign.like, skip_bad=True)
-            impact = impact_of(replace(data, impacts=data.impacts.iloc[:1], traces=data.traces[:1]))
-        else:
-            time = np.arange(400) / 1e4 - 0.005
-            value = np.where(time > 0, 100 * np.sin(80 * time) * np.exp(-10 * time), 0.0)
-            noise = np.random.default_rng(0).normal(0, 0.3, len(time))
-            impact = one_impact(time, np.maximum(value, 0) + noise, mass_kg=1.0, velocity_m_s=1.5)
-        self.study.site(impact)
+        """Compile what drops will need."""
+        self.study.site(self._example())
         self.study.update(self.drops.used, wait=True)
 
+    def _example(self) -> Impact:
+        """The last drop, or one of the dataset that is like, or one that is made up."""
+        if self.drops.all:
+            with suppress(InputError):
+                return self.impact(self.drops.all[-1].impact)
+        if self.campaign.like is not None:
+            data = read_dataset(self.campaign.like, skip_bad=True)
+            return impact_of(replace(data, impacts=data.impacts.iloc[:1], traces=data.traces[:1]))
+        time = np.arange(400) / 1e4 - 0.005
+        value = np.where(time > 0, 100 * np.sin(80 * time) * np.exp(-10 * time), 0.0)
+        noise = np.random.default_rng(0).normal(0, 0.3, len(time))
+        return one_impact(time, np.maximum(value, 0) + noise, mass_kg=1.0, velocity_m_s=1.5)
+
     def catch_up(self, poll_s: float) -> None:
-        """Look until nothing is new twice over."""
-        quiet = 0
-        while quiet < 2:
-            quiet = 0 if self.look() else quiet + 1
+        """Look until nothing is new twice over.
+
+        Raises:
+            OSError: files can't be read, or the dataset can't be written, however often that is tried.
+            InputError: files are left that can't be taken before a person has said more.
+        """
+        quiet = tries = 0
+        while quiet < 2 and tries < _TRIES:
+            new = self.look()
+            tries = tries + 1 if self._trouble else 0
+            quiet = 0 if new or self._trouble else quiet + 1
             sleep(poll_s)
+        if self._trouble:
+            raise self._trouble
+        if self._waiting:
+            raise self._waiting
 
     def look(self) -> bool:
-        """Look at the folder once, and take what is whole; whether there was anything new."""
+        """Look at the folder once, and take what is whole; whether anything was taken or refused."""
         try:
-            listed = listing(self.recordings, self.campaign.suffixes)
+            new = self._look()
         except OSError as error:
-            if not self._away:
-                self.say(f"{self.recordings} can't be read: {error.strerror}; waiting for it")
-            self._away = True
+            self._trouble = error
+            self._once(f"{error.filename or self.drops.folder}: {error.strerror}; trying again")
             return False
-        self._away = False
+        self._trouble = None
+        if not self._waiting:
+            self._said = ""
+        return new
+
+    def _once(self, text: str) -> None:
+        """Say what holds for a while, once."""
+        if text != self._said:
+            self.say(text)
+        self._said = text
+
+    def _look(self) -> bool:
+        self._waiting = None
+        with self._lock:
+            self._take_corrections()
+        listed = listing(self.recordings, self.campaign.suffixes)
+        for name in filter(_is_no_text, listed):
+            if self._follower.settled.get(name) != listed[name]:
+                self._follower.settled[name] = listed[name]
+                said = printable(name)
+                self._refuse(said, InputError.stated("no-campaign.name", said, value=said))
         ready, empty, gone = self._follower.changes(listed)
         for name in empty:
             self.say(f"{name}: empty so far")
         for name in gone:
             if self.drops.of_file(name):
                 self.say(f"{name}: deleted from the recorder's folder; the dataset keeps it")
+        with self._lock:
+            waiting = self._give_rows(listed)
+        ready = tuple(name for name in ready if name not in waiting)
+        trouble = None
         for name in ready:
             self._follower.settled[name] = listed[name]
-            with self._lock:
-                self._take(name)
+            try:
+                with self._lock:
+                    self._take(name)
+            except OSError as error:
+                # It may be there, or free, at the next look.
+                self._follower.settled.pop(name)
+                trouble = error
+        if trouble:
+            raise trouble
         return bool(ready)
+
+    def _take_corrections(self) -> None:
+        """Take what a person wrote into the dataset, and judge drops anew whose facts were corrected."""
+        try:
+            self.drops.by_hand()
+        except InputError as error:
+            self._waiting = error
+            self._once(f"{_in_short(error.problems[0], place=True)} Its tables wait for that")
+        notes, self.drops.notes = self.drops.notes, []
+        corrected, self.drops.corrected = self.drops.corrected, []
+        for note in notes:
+            self.say(note)
+        for drop in corrected:
+            try:
+                impact = impact_of(dataset_of(self.drops.folder, self.campaign, drop.cells))
+            except InputError as error:
+                self.say(f"{drop.impact}: {_in_short(error.problems[0])}")
+                continue
+            fresh = self._judged(drop.file, drop.cells, impact, drop.sha256)
+            self.drops.version += 1
+            kept = {"stamp": drop.stamp, "taken": drop.taken or fresh.taken, "further": drop.further}
+            kept |= {"changed": self.drops.version}
+            kept |= {"left_out": drop.left_out} if drop.decided or not drop.taken else {}
+            self.drops.all = [replace(fresh, **kept) if each is drop else each for each in self.drops.all]
+            self._impacts[drop.impact, drop.sha256] = impact
+            self.say(self.line(self.drops.named(drop.impact)))
+        if corrected or notes:
+            self.study.update(self.drops.used)
+        if self.drops.pending:
+            self.drops.write()
+
+    def _give_rows(self, listed: Mapping[str, Stamp]) -> set[str]:
+        """Give new files their rows of the order, each for good; those that have to wait for a person."""
+        rows, drops = self.drops.rows, self.drops
+        for name in [name for name in rows if name not in listed and not drops.of_file(name)]:
+            del rows[name]
+        taken = {drop.file for drop in drops}
+        new = [n for n in listed if n not in rows and n not in taken and n not in self._follower.settled]
+        if not new or not self.order.rows:
+            return set()
+        for name in list(new):
+            moved = self._renamed(name, listed)
+            if moved is not None and moved.file in rows:
+                rows[name] = rows[moved.file]
+                new.remove(name)
+        # A name that is unlike all others, but for its numbers, may be no drop's: the others come first.
+        shapes = Counter(_shape(name) for name in new)
+        alone = {name for name in new if shapes[_shape(name)] == 1 < max(shapes.values())}
+        by_name = sorted(new, key=lambda name: (name in alone, natural(name)))
+        by_time = sorted(by_name, key=lambda name: (name in alone, listed[name].modified_ns))
+        given, facts = self._rows_of(by_name if self.campaign.files_by == "names" else by_time)
+        problem = None
+        if self.campaign.files_by is None and facts != self._rows_of(by_name)[1]:
+            words = {"value": _in_a_row(by_time), "names": _in_a_row(by_name)}
+            problem = Problem.stated("no-campaign.sequence", str(self.recordings), **words)
+        elif len(new) > 1 and any(lacking for lacking, _ in facts.values()) and given:
+            problem = Problem.stated("no-campaign.more-files", str(self.recordings), value=_in_a_row(by_time))
+        elif late := self._late(given, listed):
+            problem = Problem.stated("no-campaign.late", str(self.recordings), value=late)
+        if problem:
+            self._waiting = InputError(problem)
+            self.last = str(self.recordings), Verdict("look", _in_short(problem))
+            self._once(f"{self.recordings}: look: {_in_short(problem)}")
+            return set(new)
+        if given:
+            rows.update(given)
+            drops.write()
+        return set()
+
+    def _rows_of(self, names: Sequence[str]) -> tuple[dict[str, int], dict[str, tuple[bool, Any]]]:
+        """The rows that files take one after the other, and whether facts of each lack, and which it has."""
+        people = list(dict.fromkeys(str(drop.cells["subject"]) for drop in self.drops))
+        left = self._left()
+        given: dict[str, int] = {}
+        facts: dict[str, tuple[bool, Any]] = {}
+        for name in names:
+            suffix = suffix_of(Path(name))
+            named = self.campaign.named(name, suffix)
+            if "subject" in named and str(named["subject"]) not in people:
+                people.append(str(named["subject"]))
+            now = self.order.named(people)
+            free = {at: now[at] for at in left if at not in given.values()}
+            at = self.order.row_for(name, free, named, columns(self.drops.chosen, "page"))
+            if at is not None:
+                given[name] = at
+            try:
+                cells = self.campaign.cells(name, suffix, _as_text(now.get(at, {})), self.drops.chosen)
+            except InputError:
+                facts[name] = False, None
+            else:
+                facts[name] = not cells.keys() >= {*wanted(needs_velocity=True)[1:]}, cells
+        return given, facts
+
+    def _late(self, given: Mapping[str, int], listed: Mapping[str, Stamp]) -> str:
+        """Which file comes behind another that has an earlier row, though neither time nor name says so."""
+        rows = self.order.rows
+        for name, at in given.items() if not any(self.order.files) else ():
+            for drop in self.drops:
+                earlier = natural(name) < natural(drop.file)
+                earlier &= listed[name].modified_ns <= drop.stamp.modified_ns
+                before = self.drops.rows.get(drop.file, at)
+                if earlier and before < at and rows[before] != rows[at]:
+                    return f"{name} after {drop.file}"
+        return ""
+
+    def _renamed(self, name: str, listed: Mapping[str, Stamp]) -> Drop | None:
+        """The drop of a recording that now has this name, and is not under its former one any more."""
+        for drop in self.drops:
+            former = listed.get(drop.file)
+            if drop.file != name and drop.stamp.size == listed[name].size and former != drop.stamp:
+                here, there = (_holds(self.recordings / n, drop.sha256) for n in (name, drop.file))
+                if here and not there:
+                    return drop
+        return None
 
     def _take(self, name: str) -> None:
         source, incoming = self.recordings / name, self.drops.folder / _INCOMING / name
-        incoming.parent.mkdir(parents=True, exist_ok=True)
         try:
+            incoming.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(source, incoming)
-            with incoming.open("rb") as file:
-                sha256 = hashlib.file_digest(file, "sha256").hexdigest()
-            self._take_whole(name, incoming, sha256)
-        except OSError as error:
-            # It may be there, or free, at the next look.
-            del self._follower.settled[name]
-            self.say(f"{name}: can't be read: {error.strerror}; trying again")
+            self._take_whole(name, incoming, _sha256(incoming))
         except InputError as error:
-            said = Verdict("again", " ".join(dict.fromkeys(map(_in_short, error.problems))))
-            self.last = name, said
-            self.say(f"{name}: {said.words}")
+            self._refuse(name, error)
         finally:
-            incoming.unlink(missing_ok=True)
+            with suppress(OSError):
+                incoming.unlink(missing_ok=True)
+
+    def _refuse(self, name: str, error: InputError) -> None:
+        said = Verdict("again", " ".join(dict.fromkeys(map(_in_short, error.problems))))
+        self.last = name, said
+        self.say(f"{name}: {said.words}")
 
     def _take_whole(self, name: str, incoming: Path, sha256: str) -> None:
         stamp, earlier = self._follower.settled[name], self.drops.of_file(name)
         same = next((drop for drop in self.drops if drop.sha256 == sha256), None)
-        if same is not None and same.file == name:
-            same.stamp = stamp
+        if earlier is not None and earlier.sha256 == sha256:
+            earlier.stamp = stamp
             return
-        if same is not None:
+        if same is not None and _holds(self.recordings / same.file, sha256):
             self.say(f"{name}: the same recording as {same.file}; not taken twice")
             return
-        row = self.drops.row(name, self.cells(name))
+        moved = same if earlier is None else None
+        row = self.drops.row(name, self.cells(name, moved), moved.file if moved else "")
         destination = self.drops.folder / str(row["trace"])
         impact = impact_of(
             dataset_of(self.drops.folder, self.campaign, {**row, "trace": f"{_INCOMING}/{name}"})
         )
         drop = self._judged(name, row, impact, sha256)
+        known = earlier or moved
+        drop.further = known.further if known else {}
+        if earlier is not None:
+            self._decided[earlier.sha256] = earlier.left_out if earlier.decided else ""
+        drop.left_out = (
+            same.left_out if same and same.decided else self._decided.get(sha256)
+        ) or drop.left_out
         destination.parent.mkdir(parents=True, exist_ok=True)
         incoming.replace(destination)
-        self.drops.taken(drop)
+        self.drops.taken(drop, moved.file if moved else "")
+        if moved is not None:
+            self._forget(moved)
         self.last = drop.impact, Verdict(drop.kind, drop.reason, drop.code)
         self._impacts[drop.impact, sha256] = impact
         while len(self._impacts) > _TRACES:
             self._impacts.popitem(last=False)
         self.study.update(self.drops.used)
-        self.say(
-            f"{'overwritten, taken anew: ' if earlier else ''}{self.line(self.drops.named(drop.impact))}"
-        )
+        words = f"renamed from {moved.file}: " if moved else "overwritten, taken anew: " if earlier else ""
+        self.say(f"{words}{self.line(self.drops.named(drop.impact))}")
+        if earlier is not None:
+            self._say_other_facts(drop)
+
+    def _forget(self, moved: Drop) -> None:
+        """The copy of a recording under the name that it had before."""
+        self._follower.settled.pop(moved.file, None)
+        copy = self.drops.folder / str(moved.cells["trace"])
+        if copy.resolve().is_relative_to((self.drops.folder / RECORDINGS).resolve()):
+            with suppress(OSError):
+                copy.unlink(missing_ok=True)
+
+    def _say_other_facts(self, drop: Drop) -> None:
+        """Facts of a drop that was taken anew and keeps its row, where the page says others of next drops."""
+        named = self.campaign.named(drop.file, suffix_of(Path(drop.file)))
+        for name, value in columns(self.drops.chosen, "page").items():
+            if name not in named and drop.cells.get(name) != value:
+                words = f"keeps {facts_words({name: drop.cells.get(name, 'nothing')})} of its row"
+                self.say(f"{drop.impact}: {words}; the page says {facts_words({name: value})} of new files")
 
     def _judged(self, name: str, row: Cells, impact: Impact, sha256: str) -> Drop:
         numbers = numbers_of(impact.row)
@@ -170,11 +365,11 @@ class Watch:
         wanted = self.campaign.wanted
         site = self.study.site(impact)
         velocity = float(row.get("velocity_m_s", np.nan)), wanted.velocity_m_s, wanted.velocity_within
-        others = [drop for drop in self.drops.used if drop.file != name]
+        others = [drop for drop in self.drops.used if drop.file != name and drop.sha256 != sha256]
         said = verdict(flags, velocity=velocity, unlike=self.study.unlike(row, site, others))
         return Drop(
             file=name,
-            stamp=self._follower.settled[name],
+            stamp=self._follower.settled.get(name, Stamp(0, 0)),
             sha256=sha256,
             cells=row,
             kind=said.kind,
@@ -187,15 +382,40 @@ class Watch:
             taken=f"{datetime.now().astimezone():%Y-%m-%d %H:%M:%S}",
         )
 
-    def cells(self, name: str) -> Cells:
-        """The cells of a file's row that are known: by its name, the page, the order, the campaign."""
-        left = self.left()
-        following = {k: str(v) for k, v in left[0].items()} if left else {}
-        return self.campaign.cells(name, suffix_of(Path(name)), following, self.chosen)
+    def cells(self, name: str, moved: Drop | None = None) -> Cells:
+        """The facts of a file: those of its row of the dataset, else by its name, page, order and campaign.
+
+        Args:
+            name: of the file.
+            moved: the drop of its recording, which had another name; what that said does not hold any more.
+        """
+        suffix = suffix_of(Path(name))
+        if known := self.drops.of_file(name):
+            return known.cells
+        if moved is not None:
+            said = self.campaign.named(moved.file, suffix)
+            kept = {k: v for k, v in moved.cells.items() if k not in said and k not in ("impact", "trace")}
+            return kept | (
+                columns(self.campaign.pattern.read(name, suffix), name) if self.campaign.pattern else {}
+            )
+        at = self.drops.rows.get(name)
+        people = dict.fromkeys(str(drop.cells["subject"]) for drop in self.drops)
+        if "subject" in (named := self.campaign.named(name, suffix)):
+            people[str(named["subject"])] = None
+        following = {} if at is None else self.order.named(people).get(at, {})
+        return self.campaign.cells(name, suffix, _as_text(following), self.drops.chosen)
 
     def left(self) -> list[Cells]:
         """The drops that the order or the plan still has."""
-        return self.order.left(drop.cells for drop in self.drops.used)
+        return list(self._left().values())
+
+    def _left(self) -> dict[int, Cells]:
+        rows = self.drops.rows
+        good = [drop for drop in self.drops if drop.good]
+        held = [rows[drop.file] for drop in good if drop.file in rows]
+        unknown = [drop.cells for drop in good if drop.file not in rows]
+        people = dict.fromkeys(str(drop.cells["subject"]) for drop in self.drops)
+        return self.order.left(unknown, held, people)
 
     def take_back(self) -> Drop | None:
         """Leave the last drop out that is in use; None where there is none."""
@@ -224,8 +444,7 @@ class Watch:
         chosen = {name: text for name, text in facts.items() if text}
         columns(chosen, "page")
         with self._lock:
-            self.chosen = chosen
-            self.drops.version += 1
+            self.drops.choose(chosen)
 
     def impact(self, name: str) -> Impact:
         """One drop with its trace and its fit.
@@ -266,9 +485,43 @@ def facts_words(cells: Cells) -> str:
     return ", ".join(f"{name} {v:g}" if isinstance(v, float) else f"{name} {v}" for name, v in cells.items())
 
 
-def _in_short(problem: Problem) -> str:
-    """What is wrong with a file that can't be used, whose name is said anyway."""
-    return printable(f"found {problem.value}; expected {problem.expected}. {problem.remedy}")
+def _in_short(problem: Problem, *, place: bool = False) -> str:
+    """What is wrong with a file that can't be used; its ``place`` too, where its name isn't said anyway."""
+    short = f"found {problem.value}; expected {problem.expected}. {problem.remedy}"
+    return str(problem) if place else printable(short)
+
+
+def _in_a_row(names: Sequence[str]) -> str:
+    """Names one after the other, cut short where there are many."""
+    return ", ".join([*names[:6], *(["…"] if len(names) > 6 else [])])
+
+
+def _shape(name: str) -> str:
+    """A name but for its numbers."""
+    return re.sub(r"\d+", "0", name)
+
+
+def _is_no_text(name: str) -> bool:
+    """Whether a file's name is no UTF-8, so that no table can have it."""
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        return True
+    return False
+
+
+def _as_text(cells: Mapping[str, Any]) -> dict[str, str]:
+    return {name: str(value) for name, value in cells.items()}
+
+
+def _holds(path: Path, sha256: str) -> bool:
+    """Whether a file is there with these bytes."""
+    return path.exists() and _sha256(path) == sha256
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _number(value: Any) -> float | None:

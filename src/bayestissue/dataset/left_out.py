@@ -40,7 +40,13 @@ def reasons(folder: Path) -> dict[str, str]:
     """
     if not (folder / FILE).exists():
         return {}
-    cells, rows = read_cells(folder / FILE, list(COLUMNS), label=FILE)
+    try:
+        cells, rows = read_cells(folder / FILE, list(COLUMNS), label=FILE)
+    except InputError as error:
+        if [problem.code for problem in error.problems] == ["no-rows"]:
+            # Who takes the last row out uses every impact again.
+            return {}
+        raise
     problems, by_impact = [], dict[str, str]()
     for row, impact, reason in zip(rows, cells["impact"], cells["reason"], strict=True):
         if not impact or not reason or impact in by_impact or has_control_characters(reason):
@@ -71,6 +77,11 @@ def write_left_out(folder: Path, by_impact: Mapping[str, str]) -> None:
     if not by_impact:
         (folder / FILE).unlink(missing_ok=True)
         return
-    table = pd.DataFrame(by_impact.items(), columns=list(COLUMNS))
     with whole_file(folder / FILE) as staging:
-        table.to_csv(staging, index=False, lineterminator="\n")
+        staging.write_bytes(left_out_text(by_impact).encode())
+
+
+def left_out_text(by_impact: Mapping[str, str]) -> str:
+    """What `write_left_out` writes; nothing without any impact."""
+    table = pd.DataFrame(by_impact.items(), columns=list(COLUMNS))
+    return str(table.to_csv(index=False, lineterminator="\n")) if by_impact else ""

@@ -194,8 +194,9 @@ def files_within(folder: Path) -> list[Path]:
     here = [path for path in folder.iterdir() if not path.name.startswith(".")]
     inner = [path for path in here if path.is_dir() and not path.is_symlink()]
     within = [path for part in inner if not (part / "dataset.toml").exists() for path in files_within(part)]
-    return sorted([*(path for path in here if path.is_file()), *within], key=_natural)
+    return sorted([*(path for path in here if path.is_file()), *within], key=lambda p: natural(p.as_posix()))
 
 
-def _natural(path: Path) -> list[tuple[int, str]]:
-    return [(int(part), "") if part.isdecimal() else (-1, part) for part in _DIGITS.split(path.as_posix())]
+def natural(name: str) -> list[tuple[int, str]]:
+    """What orders names as people count: numbers in them by their size."""
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in _DIGITS.split(name)]

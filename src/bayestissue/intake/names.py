@@ -68,7 +68,7 @@ def columns(fields: dict[str, str], file: str) -> dict[str, str | float]:
     problems = []
     for name, text in fields.items():
         if not is_number(name):
-            cells[name] = text
+            cells[name] = text.strip()
             continue
         plain = text.strip().replace(",", ".")
         value = float(plain) if _PLAIN.fullmatch(plain) else math.nan

@@ -1,0 +1,466 @@
+"""Which row of the order a file takes, and what a person writes into the dataset of a watch: both hold."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+from contextlib import suppress
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from bayestissue.bench import drops as drops_module
+from bayestissue.bench import watching
+from bayestissue.bench.campaign import read_campaign
+from bayestissue.bench.drops import LIST, Drops
+from bayestissue.bench.order import order_of
+from bayestissue.bench.watching import TAKEN_BACK, Watch
+from bayestissue.dataset.left_out import reasons
+from bayestissue.errors import InputError
+from bayestissue.inference.results.meanings import COLUMNS
+
+CAMPAIGN = """
+name = "tower"
+order = "order.csv"
+[signal]
+quantity = "deceleration"
+unit = "m/s^2"
+[facts]
+subject = "pad"
+velocity_m_s = 1.5
+"""
+MASSES = [round(0.5 + 0.1 * n, 1) for n in range(12)]
+
+
+class NoStudy:
+    """The study so far, of which nothing is asked here; a site tells nothing."""
+
+    drops = 0
+    site = staticmethod(lambda *_: {"centre": None, "precision": None})
+    unlike = staticmethod(lambda *_: "")
+    words = staticmethod(lambda *_: [])
+    update = staticmethod(lambda *_, **__: None)
+
+
+class Bench:
+    """A folder of recordings and the watch of it; every recording is sound unless it is in ``spoilt``."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.recorded, self.out = folder, folder / "recorded", folder / "set"
+        self.recorded.mkdir()
+        self.spoilt: set[str] = set()
+        self.campaign(CAMPAIGN)
+        self.order(MASSES)
+
+    def campaign(self, text: str) -> None:
+        (self.folder / "campaign.toml").write_text(text)
+
+    def order(self, masses: list[float], files: list[str] | None = None) -> None:
+        table = pd.DataFrame({"mass_kg": masses})
+        (table if files is None else table.assign(file=files)).to_csv(self.folder / "order.csv", index=False)
+
+    def record(self, name: str, value: float | None = None, at_s: float | None = None) -> None:
+        """A recording, another for each name unless ``value`` says which, written at a time."""
+        value = float((sum(name.encode()) + 31 * len(name)) % 400) if value is None else value
+        rows = [f"{t / 1e4:.4f},{(600 + value) * np.sin(t / 60):.3f}" for t in range(60)]
+        (self.recorded / name).write_text("\n".join(["time_s,value", *rows, ""]))
+        if at_s is not None:
+            os.utime(self.recorded / name, (at_s, at_s))
+
+    def begin(self, plan: Path | None = None) -> Watch:
+        campaign = read_campaign(self.folder / "campaign.toml")
+        return Watch(
+            self.recorded, campaign, Drops(self.out, campaign), order_of(campaign, plan), lambda _: None
+        )
+
+    @property
+    def masses(self) -> dict[str, float]:
+        table = pd.read_csv(self.out / "impacts.csv")
+        return dict(zip(table["impact"], table["mass_kg"], strict=True))
+
+    def in_order(self, *names: str) -> dict[str, float]:
+        """The masses of drops that took the rows one after the other."""
+        return dict(zip(names, MASSES, strict=False))
+
+
+@pytest.fixture
+def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Bench:
+    made = Bench(tmp_path)
+    numbers = {name: np.nan for q in COLUMNS for name in watching_columns(q)}
+
+    def judged(data: Any) -> SimpleNamespace:
+        data.warnings = ()
+        return SimpleNamespace(row=pd.Series(numbers), flags=(), dataset=data)
+
+    monkeypatch.setattr(watching, "Study", lambda _: NoStudy())
+    monkeypatch.setattr(watching, "impact_of", judged)
+    monkeypatch.setattr(watching, "dataset_of", lambda *args: checked_row(made, *args))
+    monkeypatch.setattr(watching, "several", lambda data: 1 + (data.impact in made.spoilt))
+    return made
+
+
+def watching_columns(quantity: str) -> list[str]:
+    return [COLUMNS[quantity], *(watching.end(quantity, which) for which in ("low", "high"))]
+
+
+def checked_row(bench: Bench, folder: Path, campaign: Any, row: dict[str, Any]) -> SimpleNamespace:
+    """The drop as a dataset, by the checks of the program, of which only the name is used."""
+    data = drops_module.dataset_of(folder, campaign, row)
+    return SimpleNamespace(impact=row["impact"], data=data)
+
+
+def said(watch: Watch) -> str:
+    return "\n".join(line.text for line in watch.lines)
+
+
+def test_a_file_that_is_taken_twice_keeps_its_row(bench: Bench) -> None:
+    watch = bench.begin()
+    for name in ("d1.csv", "d2.csv", "d3.csv"):
+        bench.record(name)
+        watch.catch_up(0)
+    bench.record("d2.csv", 77.0)
+    watch.catch_up(0)
+    assert "overwritten, taken anew: d2" in said(watch)
+    watch = bench.begin()
+    # In two pieces: the first is no recording, the second is whole.
+    (bench.recorded / "d4.csv").write_text("time_s,value\n0.0,1\n")
+    watch.catch_up(0)
+    assert watch.drops.of_file("d4.csv") is None
+    bench.record("d4.csv")
+    watch.catch_up(0)
+    bench.record("d1.csv", 78.0)
+    bench.record("d5.csv")
+    watch.catch_up(0)
+    assert bench.masses == bench.in_order("d1", "d2", "d3", "d4", "d5")
+
+
+@pytest.mark.parametrize("how", ["spoilt", "unreadable", "taken back", "velocity"])
+@pytest.mark.parametrize("restart", [False, True])
+def test_the_repeat_of_a_drop_gets_its_row(bench: Bench, how: str, restart: bool) -> None:
+    watch = bench.begin()
+    for number in range(1, 6):
+        bench.record(f"d{number}.csv")
+        watch.catch_up(0)
+    bench.record("d6.csv")
+    if how == "spoilt":
+        bench.spoilt.add("d6")
+    if how == "unreadable":
+        (bench.recorded / "d6.csv").write_text("nothing of the kind")
+    watch.catch_up(0)
+    if how == "taken back":
+        watch.take_back()
+    if how == "velocity":
+        watch.drops.named("d6").kind = "again"
+        watch.drops.write()
+    assert watch.left()[0] == {"mass_kg": MASSES[5]}
+    watch = bench.begin() if restart else watch
+    for name in ("d7.csv", "d8.csv"):
+        bench.record(name)
+        watch.catch_up(0)
+    of_drop = bench.masses
+    assert (of_drop["d7"], of_drop["d8"]) == (MASSES[5], MASSES[6])
+    assert len(watch.left()) == 5
+
+
+def test_files_that_lie_there_already_have_rows_of_their_own_whatever_becomes_of_one(bench: Bench) -> None:
+    names = [f"d{number}" for number in range(1, 13)]
+    for name in names:
+        bench.record(f"{name}.csv", at_s=1e9)
+    (bench.recorded / "d3.csv").write_bytes(b"")
+    os.utime(bench.recorded / "d3.csv", (1e9, 1e9))
+    bench.spoilt.add("d6")
+    watch = bench.begin()
+    watch.catch_up(0)
+    bench.record("d3.csv")
+    # A watch that is killed in the middle of them goes on as it would have.
+    bench.begin().catch_up(0)
+    assert bench.masses == bench.in_order(*names)
+
+
+def test_where_times_and_names_disagree_a_person_says_which_hold(bench: Bench) -> None:
+    names = [f"d{number}" for number in range(1, 13)]
+    for number, name in enumerate(names):
+        bench.record(f"{name}.csv", at_s=1e9 - number)
+    watch = bench.begin()
+    with pytest.raises(InputError) as error:
+        watch.catch_up(0)
+    assert "d12.csv, d11.csv" in str(error.value)
+    assert "d1.csv, d2.csv" in str(error.value)
+    assert not watch.drops.all
+    bench.campaign('files_by = "times"\n' + CAMPAIGN)
+    bench.begin().catch_up(0)
+    assert bench.masses == bench.in_order(*reversed(names))
+    # Or the order says it of each.
+    bench.campaign(CAMPAIGN)
+    bench.out = bench.folder / "other"
+    bench.order(MASSES, [*names[6:], *names[:6]])
+    bench.begin().catch_up(0)
+    assert bench.masses == bench.in_order(*names[6:], *names[:6])
+
+
+def test_more_files_than_rows_and_one_that_comes_late_are_refused(bench: Bench) -> None:
+    bench.order(MASSES[:2])
+    for number in range(1, 4):
+        bench.record(f"d{number}.csv", at_s=1e9)
+    with pytest.raises(InputError, match="a row of the order for each"):
+        bench.begin().catch_up(0)
+    (bench.recorded / "d1.csv").unlink()
+    watch = bench.begin()
+    (bench.recorded / "d3.csv").unlink()
+    watch.catch_up(0)
+    bench.record("d1.csv", at_s=1e9)
+    with pytest.raises(InputError, match=r"d1\.csv after d2\.csv"):
+        watch.catch_up(0)
+
+
+def test_rows_of_drops_that_were_taken_stay_as_they_were(bench: Bench) -> None:
+    bench.record("d1.csv")
+    bench.begin().catch_up(0)
+    bench.order([0.7, *MASSES[1:]])
+    with pytest.raises(InputError, match=r"0\.7.*0\.5"):
+        bench.begin()
+    bench.order([*MASSES, 3.0])
+    bench.begin()
+
+
+def by_names(bench: Bench) -> None:
+    bench.campaign(CAMPAIGN.replace('order = "order.csv"', 'pattern = "{n}_{mass_kg}kg"'))
+
+
+def test_files_that_are_renamed_take_the_facts_of_their_new_names(bench: Bench) -> None:
+    by_names(bench)
+    for name, value in (("1_0.5kg.csv", 50.0), ("2_1.2kg.csv", 60.0), ("3_0.9kg.csv", 70.0)):
+        bench.record(name, value, at_s=1e9)
+    watch = bench.begin()
+    watch.catch_up(0)
+    watch.decide("2_1.2kg", "hit the frame")
+    recordings = {drop.impact: drop.sha256 for drop in watch.drops}
+    for old, new in (
+        ("1_0.5kg", "spare"),
+        ("2_1.2kg", "1_0.5kg"),
+        ("spare", "2_1.2kg"),
+        ("3_0.9kg", "3_2kg"),
+    ):
+        (bench.recorded / f"{old}.csv").rename(bench.recorded / f"{new}.csv")
+    watch.catch_up(0)
+    now = {drop.impact: drop.sha256 for drop in watch.drops}
+    assert now["1_0.5kg"] == recordings["2_1.2kg"]
+    assert now["2_1.2kg"] == recordings["1_0.5kg"]
+    assert now["3_2kg"] == recordings["3_0.9kg"]
+    assert bench.masses == {"1_0.5kg": 0.5, "2_1.2kg": 1.2, "3_2kg": 2.0}
+    assert reasons(bench.out) == {"1_0.5kg": "hit the frame"}
+    assert {p.name for p in (bench.out / "recordings").glob("*.csv")} == {f"{name}.csv" for name in now}
+    bench.record("copy_1kg.csv", 50.0)
+    watch.catch_up(0)
+    assert "copy_1kg.csv: the same recording as 2_1.2kg.csv; not taken twice" in said(watch)
+
+
+def test_a_file_renamed_within_an_order_keeps_its_row(bench: Bench) -> None:
+    watch = bench.begin()
+    for name in ("d1.csv", "d2.csv"):
+        bench.record(name)
+        watch.catch_up(0)
+    (bench.recorded / "d1.csv").rename(bench.recorded / "first.csv")
+    bench.record("d3.csv")
+    watch.catch_up(0)
+    assert bench.masses == bench.in_order("first", "d2", "d3")
+
+
+@pytest.mark.parametrize("running", [True, False])
+def test_what_a_person_writes_into_the_tables_is_kept(bench: Bench, running: bool) -> None:
+    watch = bench.begin()
+    for number in range(1, 5):
+        bench.record(f"d{number}.csv")
+        watch.catch_up(0)
+    table = pd.read_csv(bench.out / "impacts.csv", dtype=str).assign(cover="foam")
+    table.loc[1, "mass_kg"], table.loc[2, "impact"] = "2.5", "third"
+    table = pd.concat(
+        [table.drop(index=3), table.iloc[:1].assign(impact="by hand", trace="recordings/d1.csv")]
+    )
+    # As a spreadsheet of another country has it.
+    table.to_csv(bench.out / "impacts.csv", index=False, sep=";", decimal=",")
+    (bench.out / "left_out.csv").write_text("impact,reason\nd1,slipped\nnobody,not there yet\n")
+    watch = watch if running else bench.begin()
+    bench.record("d5.csv")
+    watch.catch_up(0)
+    bench.record("d2.csv", 99.0)
+    watch.catch_up(0)
+    bench.begin()
+    after = pd.read_csv(bench.out / "impacts.csv", dtype=str, keep_default_na=False).set_index("impact")
+    assert list(after.index) == ["d1", "d2", "third", "d4", "d5", "by hand"]
+    assert list(after["mass_kg"].astype(float)) == [0.5, 2.5, 0.7, 0.8, 0.5, 0.5]
+    assert list(after["cover"]) == ["foam", "foam", "foam", "", "", "foam"]
+    assert reasons(bench.out) == {
+        "d1": "slipped",
+        "d4": drops_module.BY_HAND,
+        "nobody": "not there yet",
+    }
+    assert "d2: impacts.csv says mass_kg 2.5 (0.6 before)" in said(watch)
+    assert "left_out.csv: nobody is no impact; its row stays" in said(watch)
+    # And taken back by hand.
+    (bench.out / "left_out.csv").write_text("impact,reason\n")
+    watch = bench.begin()
+    assert len(watch.drops.used) == 5
+
+
+def test_a_table_that_cannot_be_used_waits_and_is_not_overwritten(bench: Bench) -> None:
+    watch = bench.begin()
+    bench.record("d1.csv")
+    watch.catch_up(0)
+    good = (bench.out / "impacts.csv").read_text()
+    for name, text in (
+        ("impacts.csv", good.replace("0.5", "half")),
+        ("left_out.csv", "impact,reason\nd1,\n"),
+    ):
+        (bench.out / name).write_text(text)
+        bench.record(f"d{name}.csv")
+        with pytest.raises(InputError):
+            watch.catch_up(0)
+        with pytest.raises(InputError):
+            bench.begin()
+        assert (bench.out / name).read_text() == text
+        (bench.out / name).write_text(good) if name == "impacts.csv" else (bench.out / name).unlink()
+        watch.catch_up(0)
+        assert f"d{name}" in bench.masses, said(watch)
+
+
+def test_facts_of_the_page_and_names_with_a_space_survive(bench: Bench) -> None:
+    bench.campaign(CAMPAIGN.replace('order = "order.csv"\n', ""))
+    watch = bench.begin()
+    watch.choose({"mass_kg": "0.9"})
+    bench.spoilt.add("d1")
+    bench.record(" d1.csv")
+    watch.catch_up(0)
+    watch.decide("d1", TAKEN_BACK)
+    watch = bench.begin()
+    assert [drop.left_out for drop in watch.drops] == [TAKEN_BACK]
+    bench.record("d2.csv")
+    watch.catch_up(0)
+    assert bench.masses == {"d1": 0.9, "d2": 0.9}
+    watch.choose({"mass_kg": "1.4"})
+    bench.record("d2.csv", 3.0)
+    watch.catch_up(0)
+    assert bench.masses["d2"] == 0.9
+    assert "d2: keeps mass_kg 0.9 of its row; the page says mass_kg 1.4 of new files" in said(watch)
+
+
+def test_settings_that_were_written_by_hand_are_refused_with_both_values(bench: Bench) -> None:
+    bench.record("d1.csv")
+    bench.begin().catch_up(0)
+    with (bench.out / "dataset.toml").open("a") as file:
+        file.write("[uncertainty]\nvelocity_sd_m_s = 0.02\n")
+    with pytest.raises(InputError) as error:
+        bench.begin()
+    (problem,) = error.value.problems
+    assert (problem.column, problem.value) == ("uncertainty.velocity_sd_m_s", 0.02)
+    assert "nothing, as the campaign file says" in problem.expected
+
+
+def test_a_measured_velocity_counts_more_than_a_planned_one(bench: Bench) -> None:
+    plan = {"candidates": {"people": [2], "masses_kg": [[0.5, 1.2]], "velocities_m_s": [2.0]}}
+    plan |= {"questions": {"q": "mass_exponent_K < 1"}}
+    text = json.dumps({"plan": {"name": "p", **plan}, "chosen": 1})
+    (bench.folder / "plan.json").write_text(text)
+    bench.campaign(CAMPAIGN.replace('order = "order.csv"\n', ""))
+    bench.record("d1.csv")
+    watch = bench.begin(bench.folder)
+    watch.catch_up(0)
+    assert watch.drops.all[0].cells["velocity_m_s"] == 1.5
+    assert watch.drops.all[0].cells["mass_kg"] == 0.5
+    assert [row["mass_kg"] for row in watch.left()] == [1.2, 0.5, 1.2]
+    bench.campaign(CAMPAIGN.replace('order = "order.csv"\n', "") + "mass_kg = 0.6\n")
+    with pytest.raises(InputError, match=r"0\.6.*0\.5"):
+        bench.begin(bench.folder)
+    # Whatever else stands in its place, or a part of it.
+    bench.campaign(CAMPAIGN.replace('order = "order.csv"\n', ""))
+    for wrong in (
+        "[]",
+        "3",
+        '{"plan": [], "chosen": 1}',
+        text.replace('"chosen": 1', '"chosen": 0'),
+        "[" * 9900,
+    ):
+        (bench.folder / "plan.json").write_text(wrong)
+        with pytest.raises(InputError):
+            bench.begin(bench.folder)
+    for end in range(0, len(text), 7):
+        (bench.folder / "plan.json").write_text(text[:end])
+        with pytest.raises(InputError):
+            bench.begin(bench.folder)
+
+
+@pytest.mark.parametrize("step", ["copyfile", "list", "tables"])
+def test_a_full_disk_ends_after_some_tries_and_nothing_is_lost(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, step: str
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    bench.record("d1.csv")
+    watch = bench.begin()
+    watch.catch_up(0)
+    bench.record("d2.csv")
+    bench.spoilt.add("d2")
+    owner, name = {
+        "copyfile": (watching.shutil, "copyfile"),
+        "list": (Drops, "_write_list"),
+        "tables": (drops_module, "write_left_out"),
+    }[step]
+    with monkeypatch.context() as patch:
+        patch.setattr(owner, name, full)
+        with pytest.raises(OSError, match="No space left"):
+            watch.catch_up(0)
+        assert said(watch).count("trying again") == 1
+    for begun in (lambda: watch, bench.begin):
+        begun().catch_up(0)
+        assert bench.masses == bench.in_order("d1", "d2")
+        assert list(reasons(bench.out)) == ["d2"]
+
+
+def test_a_list_that_is_damaged_is_made_anew_from_the_tables(bench: Bench) -> None:
+    watch = bench.begin()
+    for number in range(1, 4):
+        bench.record(f"d{number}.csv")
+        watch.catch_up(0)
+    watch.decide("d2", "hit the frame")
+    whole = (bench.out / LIST).read_bytes()
+    tables = {name: (bench.out / name).read_bytes() for name in ("impacts.csv", "left_out.csv")}
+    cuts = [whole[:end] for end in range(0, len(whole), len(whole) // 12)]
+    for damaged in (*cuts, b"[]", b'{"drops": 3}', b'{"drops": [{}]}', b"\xff", b"[" * 9900):
+        (bench.out / LIST).write_bytes(damaged)
+        watch = bench.begin()
+        watch.catch_up(0)
+        assert "watch.json was damaged" in said(watch)
+        assert {name: (bench.out / name).read_bytes() for name in tables} == tables
+        assert [drop.file for drop in watch.drops] == ["d1.csv", "d2.csv", "d3.csv"]
+    bench.record("d4.csv")
+    watch.catch_up(0)
+    # The row of d2 is still to be filled.
+    assert bench.masses == bench.in_order("d1", "d2", "d3") | {"d4": MASSES[1]}
+
+
+def test_campaigns_and_orders_that_are_cut_short_are_refused_or_read(bench: Bench) -> None:
+    for name in ("campaign.toml", "order.csv"):
+        whole = (bench.folder / name).read_bytes()
+        for end in range(0, len(whole), 5):
+            (bench.folder / name).write_bytes(whole[:end])
+            with suppress(InputError):
+                order_of(read_campaign(bench.folder / "campaign.toml"), None)
+        (bench.folder / name).write_bytes(whole)
+
+
+def test_a_name_that_is_no_text_is_refused_and_the_others_are_taken(bench: Bench) -> None:
+    bench.record("d1.csv")
+    try:
+        (Path(os.fsdecode(os.fsencode(bench.recorded) + b"/d\xff2.csv"))).write_text("x")
+    except OSError:
+        pytest.skip("this file system has no such names")
+    watch = bench.begin()
+    watch.catch_up(0)
+    assert "d\\udcff2.csv: again: found d\\udcff2.csv; expected a file name in UTF-8" in said(watch)
+    assert bench.masses == bench.in_order("d1")
