@@ -318,6 +318,7 @@ def text_table(
     wanted: Sequence[str] = (),
     stated: Stated | None = None,
     named: bool = False,
+    sheet: str = "",
 ) -> TextTable:
     """Find how a text table is written, and read the names of its columns.
 
@@ -328,18 +329,19 @@ def text_table(
     there twice gets the number of its column: ``Fx (column 2)``.
 
     Args:
-        data: the file: a text, or an Excel workbook, of which the first sheet with cells is the table.
+        data: the file: a text, or an Excel workbook, of which one sheet is the table.
         label: what to call it in a message.
         wanted: names of columns that should be there.
         stated: what somebody said of it, which is not looked for.
         named: whether the table must name its columns; one that may not calls them ``column 1`` and so on.
+        sheet: of a workbook; the first with cells if empty.
 
     Raises:
         InputError: it is no text and no workbook.
     """
-    stated, sheet = stated or Stated(), ""
+    stated = stated or Stated()
     if is_workbook(data):
-        sheet, data = sheet_text(data, label)
+        sheet, data = sheet_text(data, label, sheet)
         stated = stated.model_copy(update={"encoding": "utf-8", "delimiter": "comma"})
     data, encoding = as_utf8(data, label, stated.encoding)
     first_line(data, label)

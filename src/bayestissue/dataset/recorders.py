@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from bayestissue.dataset.dialect import Stated
-from bayestissue.dataset.files import error_line, read_bytes
+from bayestissue.dataset.files import error_line, of_sheet, read_bytes
 from bayestissue.dataset.formats import (
     FORMATS,
     Channel,
@@ -72,6 +72,7 @@ def read_recording(path: Path, label: str, signal: SignalSettings) -> Recording:
 
 def suffix_of(path: Path) -> str:
     """What a file's name says of its format: how it ends, in small letters."""
+    path, _ = of_sheet(path)
     return "".join(path.suffixes[-2:]).lower() if path.suffix.lower() == ".gz" else path.suffix.lower()
 
 

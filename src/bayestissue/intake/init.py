@@ -16,7 +16,7 @@ from bayestissue.dataset.tables import TEXT_SUFFIXES
 from bayestissue.errors import InputError, Problem
 from bayestissue.intake.build import SEPARATION_S, THRESHOLD, Built, Cutting, build
 from bayestissue.intake.choices import Choices, Question, settle
-from bayestissue.intake.facts import Facts, gather
+from bayestissue.intake.facts import Facts, gather, joins_by_names
 from bayestissue.intake.folder import ChannelSummary, RecorderFolder, look
 from bayestissue.intake.names import guessed
 from bayestissue.outline import first_of
@@ -84,8 +84,13 @@ class Intake:
                 for name, channels in self.recordings.candidates().items()
             ),
             *(f"Texts read as: {words}" for words in self.written()),
+            *(f"Passed over: {words}" for words in self.passed_over()),
             *self.design(),
         ]
+
+    def passed_over(self) -> tuple[str, ...]:
+        """What of the files and of the table was not read and is no problem, in words."""
+        return self.recordings.passed_over + self.facts.passed_over
 
     def written(self) -> list[str]:
         """How texts are written: each way of the recordings with the number of files, then the table."""
@@ -123,11 +128,13 @@ def prepare(folder: str | Path, choices: Choices) -> Intake:
         for suffix in (*SUFFIXES, *TEXT_SUFFIXES)
         if choices.pattern and choices.pattern.lower().endswith(suffix)
     ]
+    sheets = None if choices.pattern is None else "#" in choices.pattern
+    suffix = ".xlsx" if sheets else max(ends, key=len, default="")
     ignore = [choices.table] if choices.table else []
     stated = checked(choices.text, Stated, file="--text")
-    recordings = look(folder, suffix=max(ends, key=len, default=""), ignore=ignore, stated=stated)
+    recordings = look(folder, suffix=suffix, ignore=ignore, stated=stated, sheets=sheets)
     guess = None
-    if choices.pattern is None and choices.table is None:
+    if choices.pattern is None and (choices.table is None or joins_by_names(choices.table)):
         guess = guessed(recordings.files, choices.shared)
     return _intake_from(recordings, replace(choices, pattern=guess or choices.pattern), guess)
 
@@ -314,6 +321,7 @@ def _summary(intake: Intake, cutting: Cutting | None) -> list[tuple[str, str]]:
     return [
         ("files", f"{len(intake.recordings.files)}, with the channels {', '.join(candidates)}"),
         *(("written", words) for words in intake.written()),
+        *(("passed over", words) for words in intake.passed_over()),
         ("values", f"{choices.quantity}, channel {choices.channel}{scaled}, in {choices.unit}"),
         *([("gravity along the motion", falls)] if choices.gravity is not None else []),
         ("times", times),

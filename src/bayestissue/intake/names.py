@@ -132,7 +132,8 @@ class Pattern:
         Args:
             file: its path relative to the folder, with ``/`` between the parts; as many of the last parts are
                 read as the pattern has.
-            suffix: how its name ends; a pattern that does not end so is read as one of the name before it.
+            suffix: how its name ends; a pattern that does not end so is read as one of the name before it. A
+            sheet is read behind ``.xlsx#``, or ``#`` alone.
 
         Raises:
             InputError: the name does not fit, or fits in two ways.
@@ -141,6 +142,8 @@ class Pattern:
         name = "/".join(parts)
         if not self.text.lower().endswith(suffix):
             name = name[: -len(suffix)]
+        if ".xlsx#" not in self.text.lower():
+            name = _SHEET.sub("#", name, count=1)
         # Where the shortest first field is the longest too, and so on for the next, there is one reading.
         shortest, longest = (re.fullmatch(self._expression(lazy), name) for lazy in ("?", ""))
         if shortest is None or longest is None:
@@ -167,7 +170,8 @@ def _unfit(text: str, slip: str) -> InputError:
     return InputError.stated("file-names.pattern", OPTION, value=f"{text}: {slip}", example=_EXAMPLE)
 
 
-_CUTS = re.compile(r"([_\-\s/]+)")
+_SHEET = re.compile(r"\.xlsx#", re.IGNORECASE)
+_CUTS = re.compile(r"(\.xlsx#|[_\-\s/]+)", re.IGNORECASE)
 _NUMBERED = re.compile(r"(?P<before>[^\W\d]*)(?P<number>\d+(?:[.,]\d+)?)(?P<after>[^\W\d]*)")
 _UNITS = {
     "kg": "mass_kg",
@@ -184,6 +188,10 @@ _PAIRS = (
 )
 _SIDES = frozenset(word for pair in _PAIRS for side in pair for word in side)
 _SESSIONS = frozenset(["session", "ses", "day", "visit", "week", "sitzung", "tag", "termin"])
+# Words for sessions, as others are for sides.
+_TIMES = frozenset(
+    ["before", "after", "pre", "post", "baseline", "followup", "vorher", "nachher", "vor", "nach"]
+)
 # A person's name among parts that are all alike.
 _PERSON = re.compile(
     r"(?!(rec|run|rep|nr|n|r|day|ses|exp|hit)\d)([^\W\d]{1,3}|subj(ect)?|person|patient)\d{1,3}"
@@ -193,21 +201,26 @@ _COUNTED = re.compile(r"n|group(_\d+)?")
 _REPEATS = frozenset(["", "r", "n", "nr", "rep", "run", "trial", "drop", "hit", "impact", "wdh", "versuch"])
 
 
+def bare_name(file: File) -> str:
+    """The name of a file without its ending; that of a sheet with the sheet behind ``.xlsx#``."""
+    return file.name[: len(file.name) - len(file.suffix)]
+
+
 def guessed(files: Sequence[File], known: Collection[str] = ()) -> str | None:
     """A pattern that all names fit and that says something of the recordings, or None.
 
     Names such as ``s01_left_2.5kg_1`` are cut at underscores, hyphens, spaces and folders. Where all names
     have the same number of parts, a number before ``kg`` or ``g`` is a mass, before ``cm`` or ``mm`` a drop
-    height, before ``mps`` a velocity, also where all have the same; words such as left and right are a side;
-    a number behind ``session`` or ``day`` is a session; counts are repeats; and the first other part that
-    varies is the person, if one comes twice. Where none varies, one such as ``p1`` is. A guess is shown and
-    can be replaced.
+    height, before ``mps`` a velocity, also where all have the same; words such as left and right are a side,
+    before and after a session; a number behind ``session`` or ``day`` is a session; counts are repeats; and
+    the first other part that varies is the person, if one comes twice. Where none varies, one such as ``p1``
+    is. A guess is shown and can be replaced.
 
     Args:
         files: of the folder.
         known: facts that are given otherwise; what is in names of them does not matter.
     """
-    cut = [_CUTS.split(file.name[: -len(file.suffix)]) for file in files]
+    cut = [_CUTS.split(bare_name(file)) for file in files]
     separators = {tuple(parts[1::2]) for parts in cut}
     if len(separators) != 1:
         return None
@@ -241,7 +254,7 @@ def contradictions(file: File, facts: Mapping[str, str]) -> Iterator[Problem]:
         facts: by name, as text.
     """
     given = {_kind(name): (name, text) for name, text in facts.items() if name == "side" or is_number(name)}
-    for part in _CUTS.split(file.name[: -len(file.suffix)])[::2]:
+    for part in _CUTS.split(bare_name(file))[::2]:
         match = _NUMBERED.fullmatch(part)
         unit = match["after"] if match else ""
         said = "side" if part.lower() in _SIDES else _UNITS.get(unit, "")
@@ -253,7 +266,8 @@ def contradictions(file: File, facts: Mapping[str, str]) -> Iterator[Problem]:
             agree = not pairs or any({part.lower(), text.lower()} <= side for side in pairs[0])
         else:
             try:
-                one, other = columns({said: match["number"]}, ""), columns({name: text}, "")  # type: ignore[index]
+                number = match["number"] if match else ""
+                one, other = columns({said: number}, ""), columns({name: text}, "")
             except InputError:
                 continue
             agree = math.isclose(float(one[fills(said)]), float(other[fills(name)]), rel_tol=1e-9)
@@ -301,6 +315,8 @@ def _recognised(texts: set[str]) -> str | None:
         return texts.pop().replace("{", "{{").replace("}", "}}")
     if {text.lower() for text in texts} <= _SIDES:
         return "{side}"
+    if {text.lower() for text in texts} <= _TIMES:
+        return "{session}"
     if after is None:
         return None
     if not after and before.lower() in _SESSIONS:
