@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 
 import pytest
 
@@ -45,6 +46,17 @@ def test_fields_come_out_of_a_name(pattern: str, file: str, found: dict[str, str
 def test_a_name_that_can_be_read_in_two_ways_is_refused_with_both(pattern: str, file: str, says: str) -> None:
     with pytest.raises(InputError, match=says):
         Pattern.parse(pattern).read(file, ".lvm")
+
+
+@pytest.mark.parametrize("field", ["", "mass_kg", "größe"])
+def test_many_fields_take_no_longer_than_few(field: str) -> None:
+    names = [f"{{{field and field + (str(number) if number else '')}}}" for number in range(24)]
+    pattern = Pattern.parse("{subject}_" + "".join(names) + "x")
+    begin = time.monotonic()
+    with pytest.raises(InputError, match="a name like"):
+        pattern.read(f"s1_{'1' * 200}y.csv", ".csv")
+    # Backtracking would not end within anybody's life.
+    assert time.monotonic() - begin < 2
 
 
 def test_a_name_that_does_not_fit_is_refused() -> None:

@@ -11,9 +11,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float64
 
+from bayestissue.dataset.chain import STANDARD_GRAVITY
 from bayestissue.dataset.motion import Motion, flat_top, motion
-from bayestissue.dataset.recordings import MIN_SAMPLES, Recordings
+from bayestissue.dataset.recordings import MIN_SAMPLES, Recordings, Samples
 from bayestissue.dataset.settings import FILE
 from bayestissue.errors import Problem
 
@@ -33,6 +35,8 @@ _SHORTEST_S = 1e-4
 _DEEPEST_M = 1.0
 # Mean speed from a twentieth of the greatest displacement to the greatest, over that at contact.
 _MEAN_SPEED = (0.03, 3.0)
+# A sensor that is held, or falls, reads g about so closely for longer than any impact lasts.
+_ABOUT_G, _HELD_S = 0.1, 0.1
 _FALLS = "a speed that falls by {:.4g} m/s"
 
 
@@ -193,11 +197,22 @@ def _speeds(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
     # A recording that goes on until the force is gone has not ended early.
     last = np.abs(recordings.samples.value[recordings.samples.end - 1])
     gone = last < _FORCE_IS_GONE * np.maximum(np.abs(moving.high), np.abs(moving.low))
-    loss = moving.loss
-    yield from recordings.where(faster, "sign.speed", "a speed that grows by {:.4g} m/s", moving.gain)
+    loss, held = moving.loss, _seconds_at_g(recordings.samples, moving)
+    grows, carried = "a speed that grows by {:.4g} m/s", held > _HELD_S
+    for key, which in (("sign.speed", faster & ~carried), ("sign.held", faster & carried)):
+        yield from recordings.where(which, key, grows, moving.gain, held=held)
+    yield from recordings.where(absurd & carried, "sign.held", _FALLS, moving.pulse_loss, held=held)
+    absurd &= ~carried
     yield from recordings.where(short & gone, "velocity-off.too-little", _FALLS, loss, velocity=velocity)
     yield from recordings.where(short & ~gone, "ends-early.speed", _FALLS, loss, velocity=velocity)
     yield from recordings.where(absurd, "velocity-off.too-much", _FALLS, moving.pulse_loss, velocity=velocity)
+
+
+def _seconds_at_g(samples: Samples, moving: Motion) -> Float64[np.ndarray, " impact"]:
+    """For how long each recording reads about gravity before its greatest deceleration, s."""
+    earlier = np.arange(samples.time.size) < moving.peak[samples.owner]
+    at_g = np.abs(np.abs(samples.value) / STANDARD_GRAVITY - 1) < _ABOUT_G
+    return np.add.reduceat((earlier & at_g).astype(np.float64), samples.begin) * samples.interval
 
 
 def _same_recordings(recordings: Recordings) -> Iterator[Problem]:

@@ -13,6 +13,7 @@ import pandas as pd
 
 from bayestissue.dataset.chain import Recorder
 from bayestissue.dataset.model import Dataset
+from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.elements import element
 from bayestissue.elements.element import GRAVITY, REFERENCE_DIAMETER_M
 from bayestissue.errors import InputError, Problem
@@ -28,7 +29,7 @@ from bayestissue.likelihood.element.record import Contact, DecelerationRecord
 from bayestissue.likelihood.element.recorder import Colour, LowPass
 from bayestissue.remedies import Code
 from bayestissue.signal import Displacements, displacements
-from bayestissue.signal.displacement import BEFORE, FEWEST_SAMPLES
+from bayestissue.signal.displacement import BEFORE, BELOW_ZERO, FEWEST_SAMPLES
 from bayestissue.signal.filters import ahead_s, autocorrelation, delay
 from bayestissue.signal.filters import modes as filter_modes
 from bayestissue.signal.recorder_noise import white_share
@@ -77,17 +78,23 @@ def prepare(dataset: Dataset, specification: ModelSpecification, *, source: str)
 
 def too_short(dataset: Dataset, signal: Displacements, source: str) -> list[Problem]:
     """Impacts of too few samples for any fit, a problem each; ``source`` is the model file's name."""
+    short = np.flatnonzero(signal.n_samples < FEWEST_SAMPLES)
+    names = dataset.impacts["impact"].astype(str).to_list()
     return [
-        Problem(
+        Problem.stated(
+            "starts-deep.below", SETTINGS, None, "signal.offset", "none of its samples", impact=names[i]
+        )
+        if BELOW_ZERO in signal.flags[i]
+        else Problem(
             source,
             f"at least {FEWEST_SAMPLES} samples between contact and the end of the window",
             "Record faster, widen signal.window in the model, or leave the impact out (--skip-bad).",
             column="signal.window",
-            impact=str(dataset.impacts["impact"].iloc[i]),
+            impact=names[i],
             value=int(signal.n_samples[i]),
             code="too-few-samples",
         )
-        for i in np.flatnonzero(signal.n_samples < FEWEST_SAMPLES)
+        for i in short
     ]
 
 

@@ -10,6 +10,9 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import PurePosixPath
 
+import pyarrow as pa
+import pyarrow.compute as pc
+
 from bayestissue.dataset.chain import STANDARD_GRAVITY
 from bayestissue.errors import InputError, Problem
 from bayestissue.intake.folder import File
@@ -145,16 +148,25 @@ class Pattern:
         if ".xlsx#" not in self.text.lower():
             name = _SHEET.sub("#", name, count=1)
         # Where the shortest first field is the longest too, and so on for the next, there is one reading.
-        shortest, longest = (re.fullmatch(self._expression(lazy), name) for lazy in ("?", ""))
+        shortest, longest = (self._reading(name, lazy) for lazy in ("?", ""))
         if shortest is None or longest is None:
             raise InputError.stated("file-names.unlike", file, value=name, pattern=self.text)
-        if shortest.groupdict() != longest.groupdict():
-            fields = (reading.groupdict().items() for reading in (shortest, longest))
+        if shortest != longest:
+            fields = (reading.items() for reading in (shortest, longest))
             readings = (", ".join(f"{name} {text}" for name, text in reading) for reading in fields)
             raise InputError.stated(
                 "file-names.two-ways", file, value=" or ".join(readings), pattern=self.text
             )
-        return shortest.groupdict()
+        return shortest
+
+    def _reading(self, name: str, lazy: str) -> dict[str, str] | None:
+        """The fields of a name; None where it does not fit.
+
+        RE2 takes time in proportion to the name; an expression of many fields that backtracks has no end.
+        """
+        text = name.encode(errors="replace").decode()
+        (found,) = pc.extract_regex(pa.array([text]), self._expression(lazy)).to_pylist()
+        return None if found is None else dict(zip(self.fields, found.values(), strict=True))
 
     def _expression(self, lazy: str) -> str:
         pieces = []
@@ -162,8 +174,10 @@ class Pattern:
             pieces.append(re.escape(literal))
             if name is not None:
                 what = (_NUMBER if is_number(name) else _TEXT).replace("{lazy}", lazy)
-                pieces.append(f"(?P<{name}>{what})" if name else f"(?:{what})")
-        return "".join(pieces)
+                # Names of columns have letters that those of groups may not have.
+                group = f"?P<f{self.fields.index(name)}>" if name else "?:"
+                pieces.append(f"({group}{what})")
+        return f"^{''.join(pieces)}$"
 
 
 def _unfit(text: str, slip: str) -> InputError:

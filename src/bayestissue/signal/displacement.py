@@ -36,6 +36,9 @@ _BLOCK = 1_000_000
 FEWEST_SAMPLES = 8
 NO_OFFSET = Coded("no quiet part before contact: no offset was removed", "no-quiet-part")
 ON_SAMPLE = Coded("contact is taken to be at a sample", "contact-on-sample")
+BELOW_ZERO = Coded(
+    "stays below zero, where contact is: the sensor has another zero (write signal.offset)", "starts-deep"
+)
 # Samples before contact that are kept, at the most.
 BEFORE = 60
 
@@ -281,7 +284,9 @@ def _recorded(
     x = part.value - at_contact[:, None]
     stop = slowest(v, x, part.inside, part.dt, velocity)
     slowest_words = "velocity does not reach zero: the window ends where it is least"
-    flags = {Coded(slowest_words, "no-zero-velocity"): ~stop.reached}
+    greatest = np.where(recordings.inside, recordings.value, -np.inf).max(axis=1)
+    below = (greatest <= 0) & (options.contact != "time-zero")
+    flags = {BELOW_ZERO: below, Coded(slowest_words, "no-zero-velocity"): ~stop.reached & ~below}
     sd = np.where(options.contact == "time-zero", 0, noise / np.maximum(velocity, 1e-12))
     nothing, known = np.zeros_like(sd), np.zeros(len(sd), bool)
     free = (since_contact, sd, nothing)
