@@ -166,7 +166,6 @@ def impact_of(data: Dataset) -> Impact:
     inside = np.arange(signal.n_samples[0])
     recorded = signal.deceleration[0, inside]
     left = np.full(len(inside), np.nan) if posteriors is None else posteriors.residuals[0, inside]
-    time = signal.first_sample_s[0] + inside * signal.dt[0]
     row = table.iloc[0]
     ends = [float(row[name]) for name in _ENDS]
     return Impact(
@@ -178,7 +177,7 @@ def impact_of(data: Dataset) -> Impact:
         notes=tuple(said_once([row["notes"]])),
         dataset=data,
         row=row,
-        time_s=time,
+        time_s=signal.since_contact_s[0, inside],
         deceleration=recorded,
         fitted=recorded - left,
     )

@@ -139,7 +139,7 @@ def test_the_density_where_contact_is_known_is_that_of_the_whole_covariance(log_
     """Chain and discrepancy are in it too."""
     samples, white = 50, 0.15
     random = np.random.default_rng(2)
-    smooth = discrepancy_modes(np.array([samples]), samples)
+    smooth = discrepancy_modes(np.array([samples]), np.arange(samples)[None])
     given = record(
         2.3 * DT,
         SLOW,
@@ -229,7 +229,7 @@ def test_a_discrepancy_beside_it_takes_up_what_the_element_leaves():
     noise = np.linalg.cholesky(whole(SLOW, 0.3, len(time))) @ np.random.default_rng(3).standard_normal(58)
     trace = seen_directly(SLOW, time + 3.4 * DT) + SIGMA * noise
     colour = colour_of(0.3, [lags(SLOW)], len(time))
-    smooth = discrepancy_modes(np.array([samples]), samples)
+    smooth = discrepancy_modes(np.array([samples]), np.arange(samples)[None])
 
     def density(trace: np.ndarray, log_discrepancy: float) -> float:
         given = with_contact_open(SLOW, colour, trace, reach, 0)

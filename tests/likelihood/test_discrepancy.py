@@ -43,7 +43,7 @@ def measured(name: str, log_s: jax.Array | None = LOG_S, *, uniform: bool = Fals
     d += 0.5 * np.random.default_rng(4).standard_normal(d.shape)
     contact, ball = Contact.known(np.array([uniform, False])), {"diameter_m": np.full(2, 0.0318)}
     traces = DecelerationRecord.from_arrays(d, COUNT, FIRST, DT, VELOCITY, SD, MASS, ball, contact)
-    traces = traces._replace(discrepancy=discrepancy_modes(COUNT, COUNT.max()))
+    traces = traces._replace(discrepancy=discrepancy_modes(COUNT, np.tile(np.arange(COUNT.max()), (2, 1))))
     which = element(name)
     parameters = jnp.array([np.full(2, EXTRA[each.name]) for each in which.parameters])
     return MeasuredImpact(which, parameters, NoiseParameters(LOG_SIGMA, log_s), traces)
@@ -75,7 +75,9 @@ def dense(given: MeasuredImpact, row: int) -> tuple[np.ndarray, np.ndarray, np.n
 
 
 def test_modes_are_those_of_the_kernel() -> None:
-    basis, share = (np.asarray(part) for part in discrepancy_modes(COUNT, 50))
+    basis, share = (
+        np.asarray(part) for part in discrepancy_modes(COUNT, np.tile(np.arange(50), (len(COUNT), 1)))
+    )
     assert basis.shape == (2, 6, 50)
     assert share.shape == (2, 6)
     for row, n in enumerate(COUNT):
@@ -88,7 +90,9 @@ def test_modes_are_those_of_the_kernel() -> None:
 
 
 def test_modes_of_the_shortest_and_of_a_long_trace_are_orthonormal() -> None:
-    basis, share = (np.asarray(part) for part in discrepancy_modes(np.array([8, 3000]), 3000))
+    basis, share = (
+        np.asarray(part) for part in discrepancy_modes(np.array([8, 3000]), np.tile(np.arange(3000), (2, 1)))
+    )
     np.testing.assert_allclose(basis @ basis.swapaxes(1, 2), [np.eye(6)] * 2, atol=1e-10)
     assert (share > 0).all()
 
@@ -209,13 +213,13 @@ def test_samples_have_the_discrepancy_in_them() -> None:
 
 def test_integrals_are_exact_for_a_constant_and_near_for_a_wave() -> None:
     time = FIRST[:, None] + DT[:, None] * np.arange(COUNT.max())
-    velocity, x = integrals(jnp.full(time.shape, 3.0), jnp.asarray(FIRST), jnp.asarray(DT))
+    velocity, x = integrals(jnp.full(time.shape, 3.0), jnp.asarray(FIRST), jnp.asarray(DT)[:, None])
     np.testing.assert_allclose(velocity, 3 * time, rtol=1e-12)
     # Trapezia of a straight line are exact.
     np.testing.assert_allclose(x, 3 * time**2 / 2, rtol=1e-12)
     rate = 100.0
     velocity, x = integrals(
-        jnp.asarray(np.cos(rate * (time - FIRST[:, None]))), jnp.asarray(FIRST), jnp.asarray(DT)
+        jnp.asarray(np.cos(rate * (time - FIRST[:, None]))), jnp.asarray(FIRST), jnp.asarray(DT)[:, None]
     )
     after = time - FIRST[:, None]
     expected = FIRST[:, None] + np.sin(rate * after) / rate

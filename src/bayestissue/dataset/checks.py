@@ -15,13 +15,12 @@ from jaxtyping import Float64
 
 from bayestissue.dataset.chain import STANDARD_GRAVITY
 from bayestissue.dataset.motion import Motion, flat_top, motion
-from bayestissue.dataset.recordings import MIN_SAMPLES, Recordings, Samples
+from bayestissue.dataset.recordings import EVEN_WITHIN, MIN_SAMPLES, Recordings, Samples, uneven
 from bayestissue.dataset.settings import FILE
 from bayestissue.errors import Problem
 
 # With half of a quantity as its standard deviation, none of it at all lies within two of them.
 _MOST = 0.5
-_EVEN_WITHIN = 0.1
 _RATE_WITHIN = 0.01
 _FLAT_SAMPLES = 4
 _FALL_WITHIN = 0.05
@@ -51,8 +50,9 @@ class Findings:
 def check_recordings(recordings: Recordings) -> Findings:
     """Check every recording.
 
-    Errors: samples that are no numbers; fewer than 8 of them; time that stands still, runs back, or strays
-    from even spacing by more than a tenth of a step; a stated sampling rate more than 1 % off; steps too long
+    Errors: samples that are no numbers; fewer than 8 of them; time that stands still or runs back, or, of
+    displacements and behind a declared low-pass, strays from even spacing by more than a tenth of a step; a
+    stated sampling rate more than 1 % off; steps too long
     or recordings too short for an impact, as a wrong unit of time makes them; and what `_movement_problems`
     finds. An impact with an error of one of these kinds is not looked at for the next: it would only raise a
     false alarm.
@@ -94,16 +94,15 @@ def _clock_problems(recordings: Recordings) -> Iterator[Problem]:
         at = begin[which] + np.argmax(step[begin[which] : end[which]] <= 0)
         later = f"{time[at + 1]:.9g} s"
         yield recordings.problem("times-disorder", which, later, at=at + 1, column=column, time=time[at])
-    mean, owner = samples.interval, samples.owner
-    even = time[begin][owner] + mean[owner] * (np.arange(time.size) - begin[owner])
-    stray = np.maximum.reduceat(np.abs(time - even), begin)
-    for which in np.setdiff1d(np.flatnonzero(~(stray <= _EVEN_WITHIN * mean)), back):
+    mean, needs_even = samples.interval, _needs_even(recordings)
+    for which in np.setdiff1d(np.flatnonzero(uneven(time, samples.start)), back) if needs_even else ():
         steps = step[begin[which] : end[which] - 1]
         at = int(np.argmax(np.abs(steps - np.median(steps))))
         words = f"a step of {steps[at]:.6g} s where most are {np.median(steps):.6g} s"
         at += begin[which] + 1
-        yield recordings.problem("uneven-times", which, words, at=at, column=column, within=_EVEN_WITHIN)
-    rate = (samples.count - 1) / samples.duration
+        numbers = {"within": EVEN_WITHIN, "reason": needs_even}
+        yield recordings.problem("uneven-times.recording", which, words, at=at, column=column, **numbers)
+    rate = (samples.count - 1 + samples.lost) / samples.duration
     off = (np.abs(rate / stated - 1) > _RATE_WITHIN) & np.isfinite(stated)
     limits = {"stated": stated, "within": _RATE_WITHIN}
     yield from recordings.where(off, "sampling-rate.impacts", "{:g} Hz", rate, column=column, **limits)
@@ -112,6 +111,15 @@ def _clock_problems(recordings: Recordings) -> Iterator[Problem]:
     yield from recordings.where(slow, "unit.slow-clock", "one every {:.4g} s", mean, column=column, **limits)
     lasts = samples.duration
     yield from recordings.where(short, "unit.short-clock", "one of {:.4g} s", lasts, column=column, **limits)
+
+
+def _needs_even(recordings: Recordings) -> str:
+    """What asks for even times of these recordings; empty where nothing does."""
+    if recordings.recorder is not None:
+        return "the declared low-pass of the recorder is applied to evenly spaced samples"
+    if recordings.quantity == "displacement":
+        return "displacements are read as an evenly sampled ARMA process"
+    return ""
 
 
 def _movement_problems(recordings: Recordings, moving: Motion) -> Iterator[Problem]:

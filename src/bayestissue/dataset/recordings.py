@@ -19,6 +19,48 @@ from bayestissue.errors import Problem
 # The columns of `impacts.csv` that state a stretch, and the fewest samples that are a recording.
 CROP = ("crop_start_s", "crop_stop_s")
 MIN_SAMPLES = 8
+# Of a step: times that stray by no more from even ones are taken as even, as a clock of few digits has them.
+EVEN_WITHIN = 0.1
+# A clock that has rounded its times has one of so many decimals of a second.
+_DECIMALS = range(2, 6)
+
+
+def uneven(
+    time: Float64[np.ndarray, " sample"], start: Int[np.ndarray, " impact+1"]
+) -> Bool[np.ndarray, " impact"]:
+    """Which recordings, end to end, have a sample farther than `EVEN_WITHIN` of a step from even times.
+
+    Even times that a clock of few decimals has rounded are even.
+
+    Args:
+        time: of all samples, s.
+        start: where each recording begins, and last where they all end.
+    """
+    begin, count = start[:-1], np.diff(start)
+    step = (time[start[1:] - 1] - time[begin]) / np.maximum(count - 1, 1)
+    even = np.repeat(time[begin], count) + np.repeat(step, count) * (
+        np.arange(time.size) - np.repeat(begin, count)
+    )
+    stray = np.maximum.reduceat(np.abs(time - even), begin)
+    found = ~(stray <= EVEN_WITHIN * step)
+    for which in np.flatnonzero(found):
+        found[which] = not _rounded(time[start[which] : start[which + 1]], step[which])
+    return found
+
+
+def _rounded(time: Float64[np.ndarray, " sample"], step: float) -> bool:
+    """Whether these are even times to the decimals that they have, half of the last off at the most.
+
+    With a last decimal as large as the step itself a lost sample would look the same.
+    """
+    index = np.arange(time.size)
+    left = time - np.polynomial.Polynomial.fit(index, time, 1)(index)
+    for decimals in _DECIMALS:
+        last = 10.0**-decimals
+        ticks = time / last
+        if (np.abs(ticks - np.rint(ticks)) < 1e-6 * np.maximum(np.abs(ticks), 1.0)).all():
+            return bool(np.ptp(left) < 1.1 * last < 0.45 * step)
+    return False
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +132,15 @@ class Samples:
     def interval(self) -> np.ndarray:
         """The mean sampling interval of each impact, s."""
         return self.duration / (self.count - 1)
+
+    @property
+    def lost(self) -> np.ndarray:
+        """How many samples are missing in longer steps of the recordings whose times are `uneven`, else 0."""
+        missing = np.zeros(self.impact.size, int)
+        for which in np.flatnonzero(uneven(self.time, self.start)):
+            steps = np.diff(self.time[self.begin[which] : self.end[which]])
+            missing[which] = int((np.rint(steps / np.median(steps)) - 1).clip(0).sum())
+        return missing
 
     @property
     def owner(self) -> np.ndarray:

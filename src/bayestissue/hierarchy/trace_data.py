@@ -13,6 +13,7 @@ import pandas as pd
 
 from bayestissue.dataset.chain import Recorder
 from bayestissue.dataset.model import Dataset
+from bayestissue.dataset.recordings import uneven
 from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.elements import element
 from bayestissue.elements.element import GRAVITY, REFERENCE_DIAMETER_M
@@ -25,7 +26,7 @@ from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.traces import Kind, Record, TraceData, TraceModel, nuisance_of
 from bayestissue.likelihood.arma.displacement import displacement_record
 from bayestissue.likelihood.element.noise import colour_of, discrepancy_modes
-from bayestissue.likelihood.element.record import Contact, DecelerationRecord
+from bayestissue.likelihood.element.record import Contact, DecelerationRecord, UnevenTimes
 from bayestissue.likelihood.element.recorder import Colour, LowPass
 from bayestissue.remedies import Code
 from bayestissue.signal import Displacements, displacements
@@ -171,10 +172,35 @@ def unsuited(dataset: Dataset, specification: ModelSpecification, source: str) -
             "Take signal.filter out: the likelihood itself tells impact from noise.",
         ),
     ]
-    return [
+    problems = [
         Problem(source, expected, remedy, column=column, value=value, code=code)
         for applies, (column, value, code), expected, remedy in checks
         if applies
+    ]
+    if of_traces and not problems:
+        if not of_decelerations:
+            problems += uneven_times(dataset, source, "likelihood", likelihood)
+        elif specification.noise != "white":
+            problems += uneven_times(dataset, source, "noise", specification.noise)
+    return problems
+
+
+def uneven_times(dataset: Dataset, source: str, column: str, value: str) -> list[Problem]:
+    """That a model or method asks for evenly sampled recordings, where some are not; else nothing.
+
+    Args:
+        dataset: the recordings.
+        source: the file or command that asks for it.
+        column: the setting that does.
+        value: what it is set to.
+    """
+    start = np.cumsum([0, *(len(trace.time_s) for trace in dataset.traces)])
+    rows = np.flatnonzero(uneven(np.concatenate([trace.time_s for trace in dataset.traces]), start))
+    if not len(rows):
+        return []
+    first = str(dataset.impacts["impact"].iloc[rows[0]])
+    return [
+        Problem.stated("uneven-times.model", source, column=column, value=value, count=len(rows), first=first)
     ]
 
 
@@ -296,7 +322,7 @@ def _deceleration_record(
     )
     if discrepancy:
         # It takes up what a wrong moment of contact does to a trace.
-        modes = discrepancy_modes(signal.n_samples, signal.deceleration.shape[1])
+        modes = discrepancy_modes(signal.n_samples, signal.place)
         record = record._replace(discrepancy=modes)
     return record._replace(
         colour=colour,
@@ -304,7 +330,17 @@ def _deceleration_record(
         quiet=jnp.asarray(np.isfinite(signal.offset_sd)),
         common_depth=jnp.asarray(np.full(number, common_depth(signal))),
         low_pass=low_pass,
+        uneven=_uneven_times(signal, reach),
     )
+
+
+def _uneven_times(signal: Displacements, reach: int) -> UnevenTimes | None:
+    """When the samples were; none where all times are even."""
+    if not signal.uneven.any():
+        return None
+    # Past a row's end any times serve, but none that fall.
+    later = np.maximum.accumulate(signal.place, axis=1) * signal.dt[:, None]
+    return UnevenTimes(jnp.asarray(later), jnp.asarray(signal.before_s[:, BEFORE - reach :]))
 
 
 def _reach(

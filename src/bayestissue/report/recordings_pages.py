@@ -164,7 +164,7 @@ def _check_panel(index: int, *, dataset: Dataset, signal: Displacements) -> Pane
     sign = -1.0 if dataset.quantity == "acceleration" else 1.0
     raw = sign * trace.value - signal.offset[index]
     time = 1e3 * (trace.time_s - signal.contact_time_s[index])
-    inside = 1e3 * (signal.first_sample_s[index] + signal.dt[index] * np.arange(n))
+    inside = 1e3 * signal.since_contact_s[index, :n]
     to_peak = 1e3 * signal.time_to_peak[index]
     near = (time > -to_peak) & (time < 3 * to_peak)
     near = near if near.any() else np.ones_like(near)

@@ -139,22 +139,22 @@ def _onset(recordings: Recordings, options: SignalOptions, noise: Column) -> Ons
     first = last_below(baseline + _CERTAIN * sd) + 1
     last_quiet = _last_quiet(recordings, first, baseline, sd)
     quiet, offset, sd = _quiet_part(recordings, last_quiet - ahead, sd, peak, baseline)
-    least, most = np.zeros(len(peak)), (first - last_quiet) * recordings.dt
+    least, most = np.zeros(len(peak)), recordings.span(last_quiet, first)
     shown, earliest, end = first, most, last_quiet
     passed = (deceleration >= (baseline + 2 * _CERTAIN * sd)[:, None]) & until_peak
     passed &= np.arange(deceleration.shape[1]) >= first[:, None]
-    rise = (first_where(passed, first) - first) * recordings.dt
+    rise = recordings.span(first, first_where(passed, first))
     reach = np.maximum(_REACH * most, _RISES * rise) + 2 * recordings.dt
     if options.contact == "threshold":
         first, least = _crossing(recordings, offset + options.threshold * (peak - offset), last_below)
         most = least
-        reach = reach + np.maximum(first - shown, 0) * recordings.dt
+        reach = reach + np.maximum(recordings.span(shown, first), 0)
     elif options.contact == "time-zero":
         first, least = from_time_zero(recordings)
         end = first - 1
         quiet, offset, sd = _quiet_part(recordings, end - ahead, sd, peak, offset)
         most, reach = least, np.zeros_like(least)
-    later = (first - shown) * recordings.dt - least
+    later = recordings.span(shown, first) - least
     tolerance = np.maximum(_DOUBTFUL_S, 5 * recordings.dt)
     doubtful = (least == most) & ((later > tolerance) | (later < -earliest - tolerance))
     return Onset(
@@ -195,9 +195,12 @@ def displacement_contact(recordings: Recordings, options: SignalOptions) -> tupl
 def from_time_zero(recordings: Recordings) -> tuple[Index, Column]:
     """The first sample at or after time 0, and the seconds from time 0 to it."""
     # Times are sums and quotients in floating point: a millionth of an interval counts as no time.
-    first = np.ceil(-recordings.start / recordings.dt - 1e-6).astype(int)
+    since = -recordings.start / recordings.dt - 1e-6
+    first = np.ceil(since).astype(int)
+    if recordings.place is not None:
+        first = first_where(recordings.inside & (recordings.place >= since[:, None]), recordings.n)
     first = np.clip(first, 0, recordings.n - 1)
-    return first, np.maximum(recordings.start + first * recordings.dt, 0)
+    return first, np.maximum(recordings.start + recordings.place_of(first) * recordings.dt, 0)
 
 
 def _first_baseline(recordings: Recordings, peak: Column, last_below: LastBelow) -> Column:
@@ -238,4 +241,4 @@ def _crossing(recordings: Recordings, level: Column, last_below: LastBelow) -> t
     first = last_below(level) + 1
     above, below = at(recordings.value, first), at(recordings.value, first - 1)
     rise = np.where(above > below, above - below, 1)
-    return first, np.where(first > 0, (above - level) / rise, 0) * recordings.dt
+    return first, np.where(first > 0, (above - level) / rise, 0) * recordings.span(first - 1, first)

@@ -34,6 +34,7 @@ from bayestissue.signal.window import Stop, samples_in, slowest, still_pushed, z
 # Arrays of about this many samples at a time stay in a processor's cache and bound the memory in use.
 _BLOCK = 1_000_000
 FEWEST_SAMPLES = 8
+UNEVEN = Coded("times are uneven: each sample is taken at its own", "uneven-times")
 NO_OFFSET = Coded("no quiet part before contact: no offset was removed", "no-quiet-part")
 ON_SAMPLE = Coded("contact is taken to be at a sample", "contact-on-sample")
 BELOW_ZERO = Coded(
@@ -84,7 +85,10 @@ class Displacements:
         v: [impact, sample], velocity, m/s.
         deceleration: [impact, sample], m/s², offset removed and filtered; along gravity force over mass.
         n_samples: [impact], samples in the window.
-        dt: [impact], sampling interval, s.
+        dt: [impact], sampling interval, s; of uneven times the mean one.
+        place: [impact, sample], when each sample of x was, since the first one, in sampling intervals: 0, 1, 2
+            and so on where times are even.
+        uneven: [impact], whether times are uneven.
         mass: [impact], kg.
         velocity: [impact], at contact, m/s.
         gravity: [impact], along the motion, m/s².
@@ -103,6 +107,7 @@ class Displacements:
         noise_sd: [impact], standard deviation of the recording's white noise, same unit.
         before: [impact, `BEFORE`], the last samples before the first one of x, offset removed, m/s²; 0 where
             there are none, as of a recorded displacement.
+        before_s: [impact, `BEFORE`], when these were, since the first sample of x, negative, s.
         n_before: [impact], how many of these there are; where ``blurred``, after the quiet part.
         reach_s: [impact], for how long before the first sample a force that rises from 0 may have acted
             without showing, s; 0 where contact was given.
@@ -117,6 +122,8 @@ class Displacements:
     deceleration: Rows
     n_samples: Index
     dt: Column
+    place: Rows
+    uneven: Mask
     mass: Column
     velocity: Column
     gravity: Column
@@ -133,12 +140,18 @@ class Displacements:
     offset_sd: Column
     noise_sd: Column
     before: Rows
+    before_s: Rows
     n_before: Index
     reach_s: Column
     blurred: Mask
     flags: list[list[Coded]]
     notes: list[list[Coded]]
     phase: Phase = BETWEEN
+
+    @property
+    def since_contact_s(self) -> Rows:
+        """[impact, sample], when each sample of x was, s."""
+        return self.first_sample_s[:, None] + self.place * self.dt[:, None]
 
 
 def displacements(dataset: RecordedImpacts, options: SignalOptions | None = None) -> Displacements:
@@ -204,7 +217,8 @@ def integrated(
 
     def block(rows: slice) -> Displacements:
         value, n, start, dt = recordings.value, recordings.n, recordings.start, recordings.dt
-        part = Recordings(value[rows], n[rows], start[rows], dt[rows], recordings.ahead_s)
+        place = None if recordings.place is None else recordings.place[rows]
+        part = Recordings(value[rows], n[rows], start[rows], dt[rows], recordings.ahead_s, place)
         return _integrated(part, mass[rows], velocity[rows], np.zeros_like(mass[rows]), options)[0]
 
     return _in_blocks(block, len(mass), recordings.value.shape[1])
@@ -230,22 +244,26 @@ def _integrated(
     slows = d - gravity[:, None]
     first = cumulative(replace(part, value=slows), options.integration)
     second = cumulative(replace(part, value=first), options.integration)
-    asked = (onset.most > onset.least) & (onset.most < 1.5 * dt) & ~onset.blurred
+    asked = (onset.most > onset.least) & (onset.most < 1.5 * dt) & ~onset.blurred & ~part.uneven
     at_ends = (np.where(asked, phase.first, 0.0), np.where(asked, phase.before, 0.0))
-    start = find_start(d, first, second, inside, dt, velocity, onset.least, onset.most, gravity, at_ends)
-    time = np.arange(d.shape[1]) * dt[:, None]
+    place = part.places
+    start = find_start(
+        d, first, second, inside, place, dt, velocity, onset.least, onset.most, gravity, at_ends
+    )
+    time = place * dt[:, None]
     v = start.v[:, None] - first
     x = start.x[:, None] + start.v[:, None] * time - second
     # The last sample clear of great noise is one that the noise has lifted.
     pushed = inside & (still_pushed(d, inside, onset.noise_sd) | onset.blurred[:, None])
-    stop = zero_velocity(slows, v, x, inside, pushed, dt, velocity)
+    stop = zero_velocity(slows, v, x, inside, pushed, place, dt, velocity)
     contact_words = "contact as chosen is more than 1 ms from where the trace shows it"
     flags = {
         Coded("velocity does not reach zero", "no-zero-velocity"): ~stop.reached,
         Coded(contact_words, "contact-doubtful"): onset.doubtful,
     }
     signal = _windowed(
-        part, (x, v, d), stop, start, options, flags, {NO_OFFSET: options.remove_offset & ~onset.quiet},
+        part, (x, v, d), stop, start, options, flags,
+        {NO_OFFSET: options.remove_offset & ~onset.quiet, UNEVEN: part.uneven},
         mass=mass, velocity=velocity, gravity=gravity, offset=offset, offset_sd=offset_sd,
         noise_sd=onset.noise_sd, **_before(recordings, onset, offset),
     )  # fmt: skip
@@ -259,8 +277,10 @@ def _before(recordings: Recordings, onset: Onset, offset: Column) -> dict[str, A
     value = np.take_along_axis(recordings.value, np.maximum(index, 0), axis=1) - offset[:, None]
     # In great noise the quiet part ends well before, and tells the offset: it must not do so twice.
     count = onset.first - np.where(onset.blurred, onset.quiet_samples, 0)
+    since_first = recordings.place_of(index) - recordings.place_of(onset.first)[:, None]
     return {
         "before": np.where(index >= 0, value, 0.0),
+        "before_s": since_first * recordings.dt[:, None],
         "n_before": np.minimum(count, BEFORE),
         "reach_s": onset.reach,
         "blurred": onset.blurred,
@@ -294,7 +314,8 @@ def _recorded(
     return _windowed(
         part, (x, v, d), stop, start, options, flags, {},
         mass=mass, velocity=velocity, gravity=gravity, offset=at_contact, offset_sd=nothing * np.nan,
-        noise_sd=noise, before=np.zeros((len(sd), BEFORE)), n_before=nothing.astype(int), reach_s=nothing,
+        noise_sd=noise, before=np.zeros((len(sd), BEFORE)), before_s=np.zeros((len(sd), BEFORE)),
+        n_before=nothing.astype(int), reach_s=nothing,
         blurred=nothing.astype(bool),
     )  # fmt: skip
 
@@ -312,7 +333,8 @@ def _windowed(
     """The motion (x, v and deceleration) over the window; ``columns`` are attributes as they are."""
     x, _, deceleration = motion
     since_contact, noise = start.since_contact, columns["noise_sd"]
-    n = samples_in(options.window, stop, since_contact, deceleration, x, part.inside, part.dt, noise)
+    clock = part.places, part.dt
+    n = samples_in(options.window, stop, since_contact, deceleration, x, part.inside, *clock, noise)
     used = np.arange(int(n.max())) < n[:, None]
     x, v, deceleration = (np.where(used, rows[:, : used.shape[1]], 0) for rows in motion)
     equilibrium = np.zeros(len(n))
@@ -326,6 +348,8 @@ def _windowed(
         deceleration=deceleration,
         n_samples=n,
         dt=part.dt,
+        place=part.places[:, : used.shape[1]],
+        uneven=part.uneven,
         equilibrium=equilibrium,
         contact_time_s=part.start - since_contact,
         contact_time_sd=start.since_contact_sd,

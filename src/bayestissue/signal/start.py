@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import ndtr
 
-from bayestissue.signal.traces import Column, Mask, Rows, first_where
+from bayestissue.signal.traces import Column, Mask, Rows, at, first_where
 
 _ORDER = 12
 _GRID = 65
@@ -57,6 +57,7 @@ def find_start(
     first_integral: Rows,
     second_integral: Rows,
     inside: Mask,
+    place: Rows,
     dt: Column,
     velocity: Column,
     least: Column,
@@ -76,6 +77,7 @@ def find_start(
         first_integral: [impact, sample], the integral of d − g from that sample, m/s.
         second_integral: [impact, sample], the integral of that, m.
         inside: [impact, sample], true where there is a sample.
+        place: [impact, sample], times since the first sample, in sampling intervals.
         dt: [impact], sampling interval, s.
         velocity: [impact], at contact, m/s.
         least: [impact], s; equal to ``most`` where contact is known.
@@ -89,10 +91,10 @@ def find_start(
     left = np.clip(left - 0.03 * velocity, 0.5 * velocity, velocity)
     stopped = first_where((first_integral >= left[:, None]) & inside, inside.sum(axis=1) - 1)
     used = inside & (np.arange(inside.shape[1]) <= stopped[:, None])
-    duration = np.maximum(stopped, 1) * dt
+    duration = np.where(stopped > 0, at(place, stopped), 1.0) * dt
     fall = gravity * duration / velocity
     problem = _LeastSquares.from_recordings(
-        deceleration, first_integral, second_integral, used, dt, velocity, duration, fall
+        deceleration, first_integral, second_integral, used, place, dt, velocity, duration, fall
     )
     low, high = least / duration, most / duration
     with np.errstate(all="ignore"):
@@ -149,13 +151,14 @@ class _LeastSquares:
         first: Rows,
         second: Rows,
         used: Mask,
+        place: Rows,
         dt: Column,
         velocity: Column,
         duration: Column,
         fall: Column,
     ) -> _LeastSquares:
         unit = (velocity * duration)[:, None]
-        time = np.arange(d.shape[1]) * (dt / duration)[:, None]
+        time = place * (dt / duration)[:, None]
         rows = np.stack([np.ones_like(d), time, first / velocity[:, None], second / unit], axis=1)
         basis = np.where(used[:, None, :], rows, 0)
         target = np.where(used, d * (duration / velocity)[:, None], 0)

@@ -9,6 +9,8 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from bayestissue.dataset.recordings import uneven
+
 type Rows = Float[np.ndarray, "impact sample"]
 type Mask = Bool[np.ndarray, "impact sample"]
 type Column = Float[np.ndarray, " impact"]
@@ -31,7 +33,9 @@ class Trace(Protocol):
 class Recordings:
     """Rows padded with zeros: ``value`` [impact, sample], and per impact length, start and interval (s).
 
-    For ``ahead_s`` before contact a recorder's filter that is run backwards too has an answer.
+    For ``ahead_s`` before contact a recorder's filter that is run backwards too has an answer. Where times
+    are uneven the interval is the mean one, and ``place`` says where each sample lies, [impact, sample],
+    counted in intervals from the first; None where all are even.
     """
 
     value: Rows
@@ -39,6 +43,34 @@ class Recordings:
     start: Column
     dt: Column
     ahead_s: float = 0.0
+    place: Rows | None = None
+
+    @property
+    def places(self) -> Rows:
+        """Where each sample lies, in intervals from the first one; past a row's end evenly on."""
+        if self.place is not None:
+            return self.place
+        return np.broadcast_to(np.arange(self.value.shape[1], dtype=float), self.value.shape)
+
+    def place_of(self, index: Int[np.ndarray, "impact *sample"]) -> Float[np.ndarray, "impact *sample"]:
+        """Where samples of these numbers lie; beyond either end evenly on."""
+        if self.place is None:
+            return index.astype(float)
+        index = index.reshape(len(self.n), -1)
+        inside = np.clip(index, 0, (self.n - 1)[:, None])
+        found = np.take_along_axis(self.place, inside, axis=1) + (index - inside)
+        return found[:, 0] if found.shape[1] == 1 else found
+
+    def span(self, begin: Index, end: Index) -> Column:
+        """From one sample of each row to another, s."""
+        return (self.place_of(end) - self.place_of(begin)) * self.dt
+
+    @property
+    def uneven(self) -> Mask:
+        """Which rows, [impact], have uneven times."""
+        if self.place is None:
+            return np.zeros(len(self.n), bool)
+        return (self.place != np.arange(self.place.shape[1])).any(axis=1)
 
     @property
     def inside(self) -> Mask:
@@ -47,13 +79,25 @@ class Recordings:
 
 
 def stack(traces: Sequence[Trace]) -> Recordings:
-    """Lay recordings under one another; the interval is the mean one, as the times are even."""
+    """Lay recordings under one another; the interval is the mean one."""
     n = np.array([len(trace.value) for trace in traces])
     first = np.array([trace.time_s[0] for trace in traces], dtype=float)
     last = np.array([trace.time_s[-1] for trace in traces], dtype=float)
     value = np.zeros((len(traces), int(n.max())))
     value[np.arange(value.shape[1]) < n[:, None]] = np.concatenate([trace.value for trace in traces])
-    return Recordings(value, n, first, (last - first) / np.maximum(n - 1, 1))
+    dt = (last - first) / np.maximum(n - 1, 1)
+    return Recordings(value, n, first, dt, place=_places(traces, n, first, dt))
+
+
+def _places(traces: Sequence[Trace], n: Index, first: Column, dt: Column) -> Rows | None:
+    """See `Recordings.place`."""
+    bent = uneven(np.concatenate([trace.time_s for trace in traces]), np.concatenate([[0], np.cumsum(n)]))
+    if not bent.any():
+        return None
+    place = np.tile(np.arange(int(n.max()), dtype=float), (len(n), 1))
+    for row in np.flatnonzero(bent):
+        place[row, : n[row]] = (traces[row].time_s - first[row]) / dt[row]
+    return place
 
 
 def last_where(condition: Mask) -> Index:
@@ -78,7 +122,12 @@ def from_sample(recordings: Recordings, first: Index) -> Recordings:
     n = np.maximum(recordings.n - first, 1)
     index = first[:, None] + np.minimum(np.arange(int(n.max())), n[:, None] - 1)
     value = np.take_along_axis(recordings.value, index, axis=1)
-    return Recordings(value, n, recordings.start + first * recordings.dt, recordings.dt)
+    start = recordings.start + recordings.place_of(first) * recordings.dt
+    if recordings.place is None:
+        return Recordings(value, n, start, recordings.dt)
+    place = recordings.place_of(first[:, None] + np.arange(value.shape[1]))
+    place = place.reshape(value.shape) - recordings.place_of(first)[:, None]
+    return Recordings(value, n, start, recordings.dt, place=place)
 
 
 def segment_moments(values: Rows, end: Index) -> tuple[Column, Column]:
@@ -94,14 +143,27 @@ def noise_sd(recordings: Recordings) -> Column:
     """Standard deviation of white noise on each recording, from its third differences.
 
     Third differences take away whatever is a parabola over four samples and multiply the variance of
-    white noise by 1 + 9 + 9 + 1 = 20. Their median size, over the 0.6745 of a normal distribution, does
-    not see the few differences that span the jump at contact.
+    white noise by 1 + 9 + 9 + 1 = 20; of uneven times they are divided differences, scaled to do the same.
+    Their median size, over the 0.6745 of a normal distribution, does not see the few differences that span
+    the jump at contact.
     """
     if recordings.value.shape[1] < 4:
         return np.zeros(len(recordings.n))
-    difference = np.abs(np.diff(recordings.value, n=3, axis=1))
+    difference = np.abs(_third_differences(recordings))
     inside = recordings.inside[:, 3:]
     ordered = np.sort(np.where(inside, difference, np.inf), axis=1)
     middle = np.maximum((inside.sum(axis=1) - 1) // 2, 0)
     median = at(ordered, middle)
     return np.where(np.isfinite(median), median, 0) / (0.6745 * np.sqrt(20))
+
+
+def _third_differences(recordings: Recordings) -> Rows:
+    if recordings.place is None:
+        return np.diff(recordings.value, n=3, axis=1)
+    t, y = (
+        np.lib.stride_tricks.sliding_window_view(rows, 4, axis=1)
+        for rows in (recordings.place, recordings.value)
+    )
+    apart = t[..., :, None] - t[..., None, :] + np.eye(4)
+    weights = 1 / apart.prod(axis=-1)
+    return (weights * y).sum(axis=-1) * np.sqrt(20 / (weights**2).sum(axis=-1))

@@ -38,7 +38,14 @@ def still_pushed(deceleration: Rows, inside: Mask, noise_sd: Column) -> Mask:
 
 
 def zero_velocity(
-    deceleration: Rows, v: Rows, x: Rows, inside: Mask, pushed: Mask, dt: Column, velocity: Column
+    deceleration: Rows,
+    v: Rows,
+    x: Rows,
+    inside: Mask,
+    pushed: Mask,
+    place: Rows,
+    dt: Column,
+    velocity: Column,
 ) -> Stop:
     """Zero velocity by the cubic that has the velocities and decelerations of the samples on either side.
 
@@ -51,7 +58,8 @@ def zero_velocity(
         x: [impact, sample], m.
         inside: [impact, sample], where there is a sample.
         pushed: [impact, sample], where the tissue still pushes or will again.
-        dt: [impact], s.
+        place: [impact, sample], times since the first sample, in sampling intervals.
+        dt: [impact], sampling interval, s.
         velocity: [impact], at contact, m/s.
     """
     last = pushed.sum(axis=1) - 1
@@ -61,18 +69,20 @@ def zero_velocity(
     reached = passed.any(axis=1)
     before = np.maximum(index - 1, 0)
     v0, v1 = at(v, before), at(v, index)
-    m0, m1 = -at(deceleration, before) * dt, -at(deceleration, index) * dt
+    apart = at(place, index) - at(place, before)
+    step = apart * dt
+    m0, m1 = -at(deceleration, before) * step, -at(deceleration, index) * step
     # v(s) = v0 + m0 s + p s² + q s³ over the interval, s from 0 to 1.
     p, q = 3 * (v1 - v0) - 2 * m0 - m1, m0 + m1 - 2 * (v1 - v0)
     s = v0 / np.where(v0 > v1, v0 - v1, 1)
     for _ in range(4):
         slope = m0 + 2 * p * s + 3 * q * s**2
-        step = (v0 + m0 * s + p * s**2 + q * s**3) / np.where(slope < 0, slope, -1)
-        s = np.clip(s - np.where(slope < 0, step, 0), 0, 1)
+        change = (v0 + m0 * s + p * s**2 + q * s**3) / np.where(slope < 0, slope, -1)
+        s = np.clip(s - np.where(slope < 0, change, 0), 0, 1)
     s = np.where(reached & (index > 0), s, index - before)
-    travelled = (v0 * s + m0 * s**2 / 2 + p * s**3 / 3 + q * s**4 / 4) * dt
+    travelled = (v0 * s + m0 * s**2 / 2 + p * s**3 / 3 + q * s**4 / 4) * step
     x_stop = np.where(reached, at(x, before) + travelled, at(x, last))
-    return Stop(index, (before + s) * dt, x_stop, reached | left)
+    return Stop(index, (at(place, before) + s * apart) * dt, x_stop, reached | left)
 
 
 def slowest(v: Rows, x: Rows, inside: Mask, dt: Column, velocity: Column) -> Stop:
@@ -104,6 +114,7 @@ def samples_in(
     deceleration: Rows,
     x: Rows,
     inside: Mask,
+    place: Rows,
     dt: Column,
     noise_sd: Column,
 ) -> Index:
@@ -119,4 +130,4 @@ def samples_in(
         return first_where(over & inside & (samples >= stop.index[:, None]), inside.sum(axis=1))
     fraction = 1.0 if window == "peak" else float(window)
     until = fraction * (since_contact + stop.time) - since_contact
-    return np.sum(inside & (samples * dt[:, None] <= until[:, None] + 1e-9 * dt[:, None]), axis=1)
+    return np.sum(inside & (place * dt[:, None] <= until[:, None] + 1e-9 * dt[:, None]), axis=1)

@@ -55,7 +55,8 @@ def estimates_table(
 ) -> pd.DataFrame:
     """The table of `bayestissue.estimate` by a fit of displacements that are at hand.
 
-    Impacts of fewer than eight samples have a row without numbers.
+    Impacts of fewer than eight samples, and those with uneven times, have a row without numbers: an ARMA(2,1)
+    is of even ones.
 
     Args:
         dataset: the recordings.
@@ -63,7 +64,7 @@ def estimates_table(
         method: "exact" or "dds".
         findings: what `bayestissue.signal.quality.inspect` found; flagged.
     """
-    long_enough = signal.n_samples >= FEWEST_SAMPLES
+    long_enough = (signal.n_samples >= FEWEST_SAMPLES) & ~signal.uneven
     fit = fit_points(
         signal.x[long_enough],
         signal.n_samples[long_enough],

@@ -9,7 +9,7 @@ from typing import Any
 from bayestissue.errors import Coded
 from bayestissue.outline import first_of
 from bayestissue.remedies import entries
-from bayestissue.signal.displacement import NO_OFFSET, ON_SAMPLE
+from bayestissue.signal.displacement import NO_OFFSET, ON_SAMPLE, UNEVEN
 from bayestissue.signal.quality.inspection import KINDS
 
 THETA1 = Coded("theta1 at its limit", "integrated-noise")
@@ -39,7 +39,8 @@ NO_ANSWER = Coded("the fit came to no answer", "sensor-noise")
 _NAMED = 5
 # What `said_once` may meet in the column ``notes``.
 _NOTES = (
-    *(THETA1, NOT_WHITE, ARCCOS, NOT_FILTERED, NOISELESS, NO_ANSWER, ANOTHER_PEAK, NO_OFFSET, ON_SAMPLE),
+    *(THETA1, NOT_WHITE, ARCCOS, NOT_FILTERED, NOISELESS, NO_ANSWER, ANOTHER_PEAK),
+    *(NO_OFFSET, ON_SAMPLE, UNEVEN),
     KINDS["contact-earlier"].flag,
 )
 

@@ -181,7 +181,7 @@ def whole_impact(
     """
     record = measured.record
     element_motion = motion(measured.element, measured.parameters, record, record.velocity + velocity_error)
-    slower, nearer = integrals(delta, record.first_time, record.dt)
+    slower, nearer = integrals(delta, record.first_time, record.step())
     x, v, a = element_motion.x - nearer, element_motion.v - slower, element_motion.d + delta
     last = jnp.argmin(jnp.where(record.inside(), jnp.abs(v), jnp.inf), axis=1)[:, None]
 
@@ -189,17 +189,21 @@ def whole_impact(
         return jnp.take_along_axis(values, inside, axis=1)
 
     middle = jnp.clip(last, 1, record.n_samples[:, None] - 2)
-    before, here, after = (at(a, middle + step) for step in (-1, 0, 1))
-    step = record.dt[:, None]
-    slope, bend = (after - before) / (2 * step), (after - 2 * here + before) / step**2
+    (before, here, after), (early, now, late) = (
+        [at(values, middle + step) for step in (-1, 0, 1)] for values in (a, record.time())
+    )
+    ahead, behind = (after - here) / (late - now), (here - before) / (now - early)
+    bend = 2 * (ahead - behind) / (late - early)
+    slope = ahead - bend * (late - now) / 2
     depth, speed = at(x, last), at(v, last)
-    rate = slope + bend * (last - middle) * step
+    since_middle = at(record.time(), last) - now
+    rate = slope + bend * since_middle
     # Force over mass slows by gravity less than itself.
     fall = record.gravity[:, None]
     slows = at(a, last) - fall
     wait = speed / (slows + rate * (speed / slows) / 2)
     peak = depth + wait * (speed - wait * (slows / 2 + rate * wait / 6))
-    later = (last - middle) * step + wait
+    later = since_middle + wait
     most, steeper = here + slope * later + bend * later**2 / 2, slope + bend * later
     # One more place, so that the greatest depth is there also where the window's last sample comes before it.
     inside = jnp.arange(x.shape[1] + 1) <= last
@@ -215,14 +219,14 @@ def whole_impact(
 def integrals(
     delta: Float[Array, "*batch impact sample"],
     first_time: Float[Array, " impact"],
-    dt: Float[Array, " impact"],
+    step: Float[Array, "impact #step"],
 ) -> tuple[Float[Array, "*batch impact sample"], Float[Array, "*batch impact sample"]]:
     """The velocity and the displacement that delta takes off: its first and second integral from contact.
 
     By trapezia; between contact and the first sample delta is taken as it is there. Past a row's end the
     values mean nothing.
     """
-    first, step = first_time[:, None], dt[:, None]
+    first = first_time[:, None]
     begin = delta[..., :1]
     velocity = begin * first + _integral(delta, step)
     return velocity, begin * first**2 / 2 + _integral(velocity, step)

@@ -12,7 +12,7 @@ from bayestissue.dataset import as_dataset
 from bayestissue.errors import InputError
 from bayestissue.hierarchy.design import build_design
 from bayestissue.hierarchy.specification import Formulas, read_specification
-from bayestissue.hierarchy.trace_data import assemble, unsuited
+from bayestissue.hierarchy.trace_data import assemble, uneven_times, unsuited
 from bayestissue.inference.execution.kept import some_of
 from bayestissue.inference.points.estimates import (
     default_options,
@@ -96,7 +96,8 @@ def estimate(
         when the noise is what an ARMA(2,1) assumes.
 
     Raises:
-        InputError: the method or the options ask for what the recordings can't give.
+        InputError: the method or the options ask for what the recordings can't give, such as "exact" or "dds"
+            for even times.
         ValueError: there is no such method.
     """
     dataset = as_dataset(dataset)
@@ -126,6 +127,8 @@ def estimates(
     if method not in _METHODS:
         raise ValueError(f"method is one of {', '.join(_METHODS)}, not {method!r}")
     if method != "impact":
+        if problems := uneven_times(dataset, f"estimate --method {method}", "method", method):
+            raise InputError(problems)
         return estimates_table(dataset, signal, method, findings)
     return by_impact(dataset, signal, options, findings)[0]
 

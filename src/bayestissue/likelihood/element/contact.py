@@ -44,21 +44,26 @@ def middles(record: DecelerationRecord) -> Float[Array, "cell impact"]:
     """
     if not record.contact.reach:
         return record.first_time[None]
+    if record.uneven is not None:
+        return record.uneven.cells[0].T
     interval = jnp.arange(record.contact.reach)[:, None] + record.phase[:, None] - record.lead
     return interval.reshape(-1, len(record.dt)) * record.dt
 
 
-def cell_width(record: DecelerationRecord) -> float:
-    """Of a cell, in sampling intervals."""
-    return 1 / len(record.phase)
+def cell_width(record: DecelerationRecord) -> Float[Array, "#cell #impact"]:
+    """Of each cell, in sampling intervals."""
+    if record.uneven is not None:
+        return record.uneven.cells[1].T / record.dt
+    return jnp.full((1, 1), 1 / len(record.phase))
 
 
-def error_sd(record: DecelerationRecord) -> Float[Array, "impact error"]:
-    """The errors' standard deviations, that of contact within its cell."""
+def error_sd(record: DecelerationRecord) -> Float[Array, "#cell impact error"]:
+    """The errors' standard deviations, that of contact within each cell."""
     if not record.contact.reach:
-        return record.error_sd
-    in_cell = cell_width(record) * record.dt / _ROOT_12
-    return record.error_sd.at[:, CONTACT].set(jnp.where(record.contact.uniform, in_cell, 0.0))
+        return record.error_sd[None]
+    in_cell = jnp.where(record.contact.uniform, cell_width(record) * record.dt / _ROOT_12, 0.0)
+    every = jnp.broadcast_to(record.error_sd, (len(in_cell), *record.error_sd.shape))
+    return every.at[..., CONTACT].set(in_cell)
 
 
 def products(response: Response, record: DecelerationRecord, noise: Noise) -> Products:
@@ -68,6 +73,8 @@ def products(response: Response, record: DecelerationRecord, noise: Noise) -> Pr
         samples = jnp.concatenate([record.contact.before, record.d], axis=1)[:, ::stride]
         from_contact = (response.by_velocity, response.d, jnp.ones_like(response.d), -response.jerk)
         in_cells = partial(_gram_in_cells, reach, len(record.phase), stride)
+        if record.uneven is not None:
+            in_cells = partial(_gram_of_cells, reach)
         gram = jax.vmap(in_cells, out_axes=-1)(noise, samples, jnp.stack(from_contact, axis=1))
     else:
         residual = jnp.where(record.inside(), record.d - response.d, 0.0)
@@ -100,6 +107,18 @@ def _gram_in_cells(
     else:
         gram = jax.vmap(lambda phase: _gram_by_cell(reach, stride, noise, samples, phase))(by_phase)
     return jnp.moveaxis(gram.reshape(-1, 5, 5), 0, -1)
+
+
+def _gram_of_cells(
+    reach: int, noise: Noise, samples: Float[Array, " row"], parts: Float[Array, "4 cell_and_row"]
+) -> Float[Array, "5 5 cell"]:
+    """The products where the parts are those at the very samples for contact in each cell."""
+
+    def of_cell(rows: Float[Array, "4 row"]) -> Array:
+        by_velocity, d, offset, late = jnp.where(noise.inside, rows, 0.0)
+        return noise.gram(jnp.stack([samples - d, by_velocity, d, offset, late]))
+
+    return jax.vmap(of_cell, in_axes=1, out_axes=-1)(parts.reshape(4, reach, -1))
 
 
 def _gram_by_cell(

@@ -58,7 +58,7 @@ class NoiseParameters(NamedTuple):
             return jnp.zeros_like(self.log_sigma)
         return jnp.exp(self.log_discrepancy - self.log_sigma)
 
-    def error_sd(self, record: DecelerationRecord) -> Float[Array, "impact error"]:
+    def error_sd(self, record: DecelerationRecord) -> Float[Array, "#cell impact error"]:
         """Of the chain; that of a mean of many samples is ((1 + rho) / (1 - rho))^1/2 = e^a times larger."""
         error_sd = contact.error_sd(record)
         if self.atanh_correlation is None:
@@ -70,7 +70,8 @@ class NoiseParameters(NamedTuple):
 def _densities(products: Products, parameters: NoiseParameters, record: DecelerationRecord) -> Array:
     """Log density of each trace by contact in each cell, [cell, impact]."""
     error_sd = parameters.error_sd(record)
-    return marginal_log_likelihood(products, parameters.log_sigma, error_sd, record.contact.uniform)
+    density = marginal_log_likelihood(products, parameters.log_sigma, error_sd, record.contact.uniform)
+    return density + jnp.log(contact.cell_width(record)) if record.contact.reach else density
 
 
 def _log_density(
@@ -79,7 +80,7 @@ def _log_density(
     products = contact.products(predicted, record, parameters.noise(record))
     density = jax.nn.logsumexp(_densities(products, parameters, record), axis=0)
     if record.contact.reach:
-        density = density + jnp.log(contact.cell_width(record)) - record.contact.quiet_log_density
+        density = density - record.contact.quiet_log_density
     # Parameters far from anything seen may send a response beyond all bounds, where the products' digits are
     # lost and a density would be anything.
     greatest = _GREATEST * jnp.abs(record.d).max(-1)
@@ -177,12 +178,13 @@ class MeasuredImpact:
         cell = jax.random.categorical(jax.random.fold_in(key, 2), density, axis=0)
 
         def chosen(values: Array) -> Array:
+            values = jnp.broadcast_to(values, (*values.shape[:-2], *density.shape))
             return jnp.take_along_axis(
                 values, jnp.broadcast_to(cell, (*values.shape[:-2], 1, len(cell))), -2
             )[..., 0, :]
 
         products = products._replace(gram=chosen(products.gram))
-        error_sd = parameters.error_sd(record)
+        error_sd = chosen(jnp.moveaxis(parameters.error_sd(record), -1, 0)).T
         errors = draw_errors(key, products, parameters.log_sigma, error_sd, record.contact.uniform)
         return errors.at[:, CONTACT].add(record.first_time - chosen(contact.middles(record)))
 
@@ -256,7 +258,7 @@ class MeasuredImpact:
         key_of_noise, key_of_errors = jax.random.split(key)
         record, predicted = self.record, self.response()
         shape = (*sample_shape, len(record.d))
-        error_sd = self.noise_parameters.error_sd(record)
+        error_sd = self.noise_parameters.error_sd(record)[0]
         errors = prior_errors(key_of_errors, shape, error_sd, record.contact.uniform)
         shocks = jax.random.normal(key_of_noise, (*shape, record.d.shape[1]))
         if record.colour.root.shape[1]:

@@ -248,7 +248,9 @@ def _root(colour: Colour, width: int) -> Float[Array, "rate mode row"]:
     return jnp.pad(root, ((0, 0), (0, 0), (0, width - root.shape[2])))
 
 
-def discrepancy_modes(n_samples: Int[np.ndarray, " impact"], width: int) -> Discrepancy:
+def discrepancy_modes(
+    n_samples: Int[np.ndarray, " impact"], since_first: Float[np.ndarray, "impact sample"]
+) -> Discrepancy:
     """Eigenvectors U and eigenvalues lambda of a discrepancy's kernel on each impact's samples.
 
     The kernel is taken through its polynomial at Chebyshev's points, so that the eigenvectors of 24 by 24
@@ -256,15 +258,16 @@ def discrepancy_modes(n_samples: Int[np.ndarray, " impact"], width: int) -> Disc
 
     Args:
         n_samples: of each impact, six or more.
-        width: number of samples of the longest row.
+        since_first: when the samples were, since the first of each row, in any unit.
 
     Returns:
         U, orthonormal over each impact's samples and 0 past its end, and lambda, greatest first, with the
         sum n_samples, so that s is the root of delta's mean square.
     """
     count = np.asarray(n_samples)[:, None]
-    index = np.arange(width)
-    time = np.where(index < count, 2 * index / (count - 1) - 1, 0.0)
+    index = np.arange(since_first.shape[1])
+    last = np.take_along_axis(since_first, count - 1, axis=1)
+    time = np.where(index < count, 2 * since_first / last - 1, 0.0)
     nodes = np.polynomial.chebyshev.chebpts1(_NODES)
     to_values = np.polynomial.chebyshev.chebvander(time, _NODES - 1)
     through = to_values @ np.linalg.inv(np.polynomial.chebyshev.chebvander(nodes, _NODES - 1))

@@ -91,6 +91,29 @@ class Contact(NamedTuple):
         return self.before.shape[1]
 
 
+class UnevenTimes(NamedTuple):
+    """When the samples were, since the first one [s].
+
+    Attributes:
+        later: of the samples themselves; past a row's end any times.
+        before: of the samples before the first, as `Contact.before` has them, rising to below 0.
+    """
+
+    later: Float[Array, "impact sample"]
+    before: Float[Array, "impact reach"]
+
+    @property
+    def cells(self) -> tuple[Float[Array, "impact reach"], Float[Array, "impact reach"]]:
+        """Of the intervals between these samples, the last first: from its middle to time 0, and its width."""
+        ends = jnp.pad(self.before, ((0, 0), (0, 1)))[:, ::-1]
+        return -(ends[:, :-1] + ends[:, 1:]) / 2, ends[:, :-1] - ends[:, 1:]
+
+    def since_contact(self) -> Float[Array, "impact cell_and_sample"]:
+        """Of all samples, the earlier among them, since contact in the middle of each such interval."""
+        time = jnp.concatenate([self.before, self.later], axis=1)
+        return (time[:, None] + self.cells[0][..., None]).reshape(len(time), -1)
+
+
 class Discrepancy(NamedTuple):
     """The modes of a smooth force beside the element's: see `bayestissue.likelihood.element.noise`.
 
@@ -127,6 +150,7 @@ class DecelerationRecord(NamedTuple):
             under white noise.
         common_depth: one depth that every impact reaches [m]; no part of the likelihood.
         low_pass: a filter that the traces went through; None where there is none.
+        uneven: when the samples were, where some trace's times are not even; None where all are.
     """
 
     d: Float[Array, "impact sample"]
@@ -144,6 +168,7 @@ class DecelerationRecord(NamedTuple):
     quiet: Bool[Array, " impact"]
     common_depth: Float[Array, " impact"]
     low_pass: LowPass | None = None
+    uneven: UnevenTimes | None = None
 
     @classmethod
     def from_arrays(
@@ -234,7 +259,9 @@ class DecelerationRecord(NamedTuple):
     def padded(self) -> DecelerationRecord:
         """With as many samples, 0 past a row's end, as a `bucket` holds."""
         basis = padded_zeros(self.discrepancy.basis, -1)
-        return self._replace(d=padded_zeros(self.d, 1), discrepancy=self.discrepancy._replace(basis=basis))
+        uneven = self.uneven and self.uneven._replace(later=padded_zeros(self.uneven.later, 1))
+        padded = self._replace(d=padded_zeros(self.d, 1), uneven=uneven)
+        return padded._replace(discrepancy=self.discrepancy._replace(basis=basis))
 
     def with_normal_errors(self) -> DecelerationRecord:
         """The same, every error of the measuring chain taken as normal with its standard deviation.
@@ -255,4 +282,10 @@ class DecelerationRecord(NamedTuple):
 
     def time(self) -> Float[Array, "impact sample"]:
         """Time since contact, also past a row's end [s]."""
+        if self.uneven is not None:
+            return self.first_time[:, None] + self.uneven.later
         return self.first_time[:, None] + jnp.arange(self.d.shape[1]) * self.dt[:, None]
+
+    def step(self) -> Float[Array, "impact #step"]:
+        """From each sample to the next [s]; one for all where times are even."""
+        return self.dt[:, None] if self.uneven is None else jnp.diff(self.uneven.later, axis=1)

@@ -155,7 +155,16 @@ def _of_entries(log_sigma: Array, entries: tuple[Array, ...], record: Decelerati
 
 
 def _motion(omega_n: Array, zeta: Array, record: DecelerationRecord) -> UnitResponse:
+    if record.uneven is not None:
+        # Nothing is shared between times that are on no grid.
+        return response(_in_blocks(record.time(), record), omega_n[:, None], zeta[:, None])
     return response_in_blocks(record.first_time, record.dt, omega_n, zeta, _lanes(record))
+
+
+def _in_blocks(rows: Float[Array, "impact sample"], record: DecelerationRecord) -> Array:
+    """[block, impact, lane], 0 past the rows' end."""
+    longer = jnp.pad(rows, ((0, 0), (0, BLOCKS * _lanes(record) - rows.shape[1])))
+    return longer.reshape(len(rows), BLOCKS, -1).swapaxes(0, 1)
 
 
 def _parts(
@@ -164,8 +173,7 @@ def _parts(
     """Residual, unit deceleration, ones and the column of the contact time, all 0 past a trace's end."""
     p, q, velocity = (2 * zeta * omega_n)[:, None], (omega_n**2)[:, None], record.velocity[:, None]
     gravity = record.gravity[:, None]
-    samples = jnp.pad(record.d, ((0, 0), (0, BLOCKS * _lanes(record) - record.d.shape[1])))
-    blocks = samples.reshape(len(record.d), BLOCKS, -1).swapaxes(0, 1)
+    blocks = _in_blocks(record.d, record)
     block, _, lane = (jax.lax.broadcasted_iota(int, blocks.shape, axis) for axis in range(3))
     inside = jnp.where(lane + block * _lanes(record) < record.n_samples[:, None], 1.0, 0.0)
     unit = inside * (p * motion.v + q * motion.x)

@@ -182,7 +182,7 @@ def _at_rest(recorded: Recorded, to_peak: Column, along: float) -> Iterator[Find
 
 
 def _laws(recorded: Recorded, signal: Displacements, used: Mask) -> Iterator[Finding]:
-    start = law.Start(signal.dt, signal.x[:, 0], signal.v[:, 0], signal.gravity)
+    start = law.Start(signal.place, signal.dt, signal.x[:, 0], signal.v[:, 0], signal.gravity)
     limit = law.saturation(signal.deceleration, used, start, recorded.sd)
     flat = limit > 0
     none = law.no_law(signal.deceleration, used, start, recorded.sd, recorded.freedom, recorded.peak)

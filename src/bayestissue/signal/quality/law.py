@@ -40,14 +40,16 @@ _FEWEST = 16
 
 
 class Start(NamedTuple):
-    """What turns force over mass into motion, each [impact].
+    """What turns force over mass into motion, each [impact] but for the first.
 
     Attributes:
+        place: [impact, sample], times since the first sample, in sampling intervals.
         dt: sampling interval, s.
         x, v: displacement and velocity at the first sample, m and m/s.
         gravity: along the motion, m/s².
     """
 
+    place: Rows
     dt: Column
     x: Column
     v: Column
@@ -56,10 +58,10 @@ class Start(NamedTuple):
 
 def motion(d: Rows, start: Start) -> tuple[Rows, Rows]:
     """Displacement and velocity from the state at the first sample and force over mass, by trapezoids."""
-    dt, x, v, gravity = (column[:, None] for column in start)
-    lost = trapezoids(d - gravity, dt)
-    time = np.arange(d.shape[1]) * dt
-    return x + v * time - trapezoids(lost, dt), v - lost
+    place, (dt, x, v, gravity) = start.place, (column[:, None] for column in start[1:])
+    step = np.diff(place, axis=1) * dt
+    lost = trapezoids(d - gravity, step)
+    return x + v * place * dt - trapezoids(lost, step), v - lost
 
 
 def laws(x: Rows, v: Rows, used: Mask) -> Iterator[Law]:
@@ -190,7 +192,7 @@ def another_gravity(signal: Displacements, used: Mask, sd: Column, freedom: Colu
 
 def _left(signal: Displacements, used: Mask, variance: Column, change: Column) -> Column:
     """The least sum of squares in units of the variance, that of the errors in theirs included."""
-    time = signal.first_sample_s[:, None] + np.arange(used.shape[1]) * signal.dt[:, None]
+    time = signal.since_contact_s[:, : used.shape[1]]
     v = signal.v + change[:, None] * time
     x = signal.x + signal.equilibrium[:, None] + change[:, None] * time**2 / 2
     a, b = np.maximum(_solved(np.stack([v, x], axis=-1), signal.deceleration, used), 0).T

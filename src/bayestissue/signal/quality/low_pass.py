@@ -59,7 +59,9 @@ def suspected(signal: Displacements) -> Suspected:
         signal: decelerations from contact to zero velocity, unfiltered.
     """
     used = np.arange(signal.x.shape[1]) < signal.n_samples[:, None]
-    start = law.Start(signal.dt, signal.x[:, 0] + signal.equilibrium, signal.v[:, 0], signal.gravity)
+    start = law.Start(
+        signal.place, signal.dt, signal.x[:, 0] + signal.equilibrium, signal.v[:, 0], signal.gravity
+    )
     peak = np.where(used, signal.deceleration, 0).max(axis=1)
     with np.errstate(all="ignore"):
         plain = law.best_left(signal.deceleration, used, start, np.ones_like(signal.x))
@@ -68,7 +70,9 @@ def suspected(signal: Displacements) -> Suspected:
     count = np.maximum(signal.n_samples - 4, 1)
     odd = fdtrc(count, freedom, plain / count / variance) < ALARMS
     columns = np.full((len(peak), 3), np.nan)
-    for row in np.flatnonzero(odd & (signal.n_samples >= 12) & (signal.n_before >= 4)):
+    # A filter is tried on even times.
+    asked = odd & (signal.n_samples >= 12) & (signal.n_before >= 4) & ~signal.uneven
+    for row in np.flatnonzero(asked):
         columns[row] = _asked(signal, int(row), plain[row], variance[row], freedom[row])
     return Suspected(*columns.T)
 

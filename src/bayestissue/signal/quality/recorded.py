@@ -34,7 +34,8 @@ class Recorded:
     Attributes:
         value: [impact, sample], as recorded, its offset included.
         inside: [impact, sample], where there is a sample.
-        dt: [impact], s.
+        place: [impact, sample], times since the first sample, in intervals.
+        dt: [impact], sampling interval, s.
         peak: [impact], the greatest value above the median of the rest before contact, or above 0.
         top: [impact], where it is.
         sd: [impact], standard deviation of the noise, that of rounding to the recorder's steps included.
@@ -44,6 +45,7 @@ class Recorded:
 
     value: Rows
     inside: Mask
+    place: Rows
     dt: Column
     peak: Column
     top: Index
@@ -81,6 +83,7 @@ class Recorded:
         return cls(
             value,
             inside,
+            recordings.places,
             recordings.dt,
             peak,
             top,

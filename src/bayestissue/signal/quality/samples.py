@@ -201,7 +201,8 @@ def hum(recorded: Recorded, chosen: Mask) -> Column:
     frequency = np.full(len(recorded.dt), np.nan)
     for which in np.flatnonzero(chosen):
         index = np.flatnonzero(recorded.quiet[which])
-        time, values = index * recorded.dt[which], recorded.value[which, index]
+        time = recorded.place[which, index] * recorded.dt[which]
+        values = recorded.value[which, index]
         line = _left_over(values, time)
         left = [_left_over(values, np.cos(w := 2 * np.pi * f * time), np.sin(w)) for f in _HUM_HZ]
         if min(left) < 0.5 * line and index.size > 2 * FEWEST:
