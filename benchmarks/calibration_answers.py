@@ -1,6 +1,7 @@
 """Whether what a fit answers holds what it promises: reliability, comparisons, questions, predictions.
 
     .venv/bin/python benchmarks/calibration_answers.py
+    .venv/bin/python benchmarks/calibration_answers.py clinic
 
 So often a study is drawn from the model of calibration-answers.toml, top down: eight people, women and men
 in turn, hit on both sides in three conditions, two of them at one mass, in one of three sessions. Of each
@@ -15,14 +16,20 @@ What is true is worked out here from what was drawn, without the program's answe
 solving for the drawn expectations of the impacts, variances from the drawn spreads, and new impacts by
 drawing them, their peaks from the motion of a spring and damper written out.
 
+`clinic` is a trial of ten people, treated and control in turn, before and after, on both sides, by two
+masses: calibration-clinic.toml. Every comparison is asked of it, among them each person's before and after
+and every interaction, and every level.
+
 A row a study has all answers.
 """
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from itertools import product
 from typing import Any
 
 import jax
@@ -66,8 +73,7 @@ from bayestissue.inference.results.labels import design_dimensions, labelled
 from bayestissue.inference.results.predictions import prior_draws
 from bayestissue.inference.samplers.coordinates import unwarped
 
-# A share of 90 % of one answer's intervals is known to 3 %, that of a kind of answer to 1 %.
-STUDIES, SEED, KIND = 100, 2028, "answers"
+SEED = 2028
 DESIGN: dict[str, Any] = {
     "subjects": 8,
     "conditions": [
@@ -79,8 +85,19 @@ DESIGN: dict[str, Any] = {
         {"name": "session", "levels": ["d1", "d2", "d3"], "every": False},
     ),
 }
-PEOPLE = {"sex": ("f", "m")}
-GROUPS = ("subject", "subject:side", "trial", "session")
+# Two masses of each person, before and after, left and right.
+CLINIC: dict[str, Any] = {
+    "subjects": 10,
+    "conditions": [
+        {"trial": trial, "mass_kg": mass, "velocity_m_s": velocity}
+        for trial, mass, velocity in (("t1", 0.575, 1.2), ("t2", 1.1, 0.9))
+    ],
+    "factors": (
+        {"name": "side", "levels": ["left", "right"]},
+        {"name": "session", "levels": ["after", "before"]},
+    ),
+}
+AGES = (31.0, 44.0, 52.0, 27.0, 63.0, 38.0, 55.0, 41.0, 29.0, 60.0)
 REFERENCE_KG = 0.7
 DETECTABLE, EQUIVALENCE = 1.96 * np.sqrt(2), 0.1
 PREDICTED = {
@@ -105,6 +122,41 @@ Levels = Mapping[str, str | float]
 
 
 @dataclass(frozen=True)
+class Trial:
+    """What is simulated and asked.
+
+    Attributes:
+        kind: of the model file.
+        studies: how many; of 100 a share of 90 % of one answer's intervals is known to 3 %, of 200 to 2 %.
+        design: of the simulation, in the place of that of coverage.py.
+        people: further columns, whose values people take in turn.
+        groups: of the formula, which K and C share.
+        averaged: categories over which a value is averaged where they are not given.
+        columns: of the formula's covariates, at levels all of which are given.
+        asked: of a finished fit, its reliability and what is true, what is to be kept.
+    """
+
+    kind: str
+    studies: int
+    design: dict[str, Any]
+    people: Mapping[str, tuple[Any, ...]]
+    groups: tuple[str, ...]
+    averaged: Mapping[str, tuple[str, ...]]
+    columns: Callable[[Levels], np.ndarray]
+    asked: Callable[[Finished, pd.DataFrame, World], Iterator[tuple[str, str, float]]]
+
+    def complete(self, at: Levels) -> dict[str, Any]:
+        """What belongs to a person follows the person; other numbers are at their mean."""
+        known = dict(at)
+        for name, values in self.people.items():
+            if "subject" in at:
+                known[name] = values[(int(str(at["subject"])[1:]) - 1) % len(values)]
+            elif name not in self.averaged:
+                known.setdefault(name, np.mean(values))
+        return known
+
+
+@dataclass(frozen=True)
 class World:
     """What was drawn of one study.
 
@@ -115,6 +167,7 @@ class World:
         measurement: variance that one trace leaves of log K and of log C, the median over impacts.
         sessions: how many a person came to, the median.
         random: of new levels and impacts.
+        trial: what was simulated.
     """
 
     fixed: dict[str, np.ndarray]
@@ -123,19 +176,18 @@ class World:
     measurement: dict[str, float]
     sessions: float
     random: np.random.Generator
+    trial: Trial
 
     def log(self, q: str, new: bool = False, **at: Any) -> float:
-        """Expected log at some levels, averaged over sides and sexes that are not given.
+        """Expected log at some levels, averaged over categories that are not given.
 
         Groups that are not given are typical, or ``new``; of a person's sides the average.
         """
-        if "subject" in at:
-            at["sex"] = PEOPLE["sex"][(int(at["subject"][1:]) - 1) % 2]
-        sides = [at["side"]] if "side" in at else ["left", "right"]
-        sexes = [at["sex"]] if "sex" in at else ["f", "m"]
-        every = [at | {"side": side, "sex": sex} for side in sides for sex in sexes]
-        found = float(np.mean([_columns(each) @ self.fixed[q] for each in every]))
-        for group in GROUPS:
+        at = self.trial.complete(at)
+        free = {name: levels for name, levels in self.trial.averaged.items() if name not in at}
+        every = [at | dict(zip(free, levels, strict=True)) for levels in product(*free.values())]
+        found = float(np.mean([self.trial.columns(each) @ self.fixed[q] for each in every]))
+        for group in self.trial.groups:
             names = group.split(":")
             levels = {":".join(str(each.get(name, "")) for name in names) for each in every}
             known = [
@@ -200,15 +252,15 @@ class World:
 
 
 def _columns(at: Levels) -> np.ndarray:
-    return np.array(
-        [
-            1.0,
-            np.log(float(at.get("mass_kg", REFERENCE_KG)) / REFERENCE_KG),
-            at.get("side", "left") == "right",
-            at.get("sex", "f") == "m",
-        ],
-        float,
-    )
+    log_mass = np.log(float(at.get("mass_kg", REFERENCE_KG)) / REFERENCE_KG)
+    return np.array([1.0, log_mass, at["side"] == "right", at["sex"] == "m"], float)
+
+
+def _clinic_columns(at: Levels) -> np.ndarray:
+    log_mass = np.log(float(at.get("mass_kg", REFERENCE_KG)) / REFERENCE_KG)
+    treated, after, right = at["group"] == "treated", at["session"] == "after", at["side"] == "right"
+    age = float(at["age"]) - np.mean(AGES)
+    return np.array([1.0, log_mass, treated, after, treated * after, right, right * after, age], float)
 
 
 def _roots(K: float, C: float, M: float) -> np.ndarray:
@@ -230,15 +282,17 @@ def peaks(K: float, C: float, M: float, V: float) -> dict[str, float]:
     return {"depth": depth, "force": float(force), "time": time}
 
 
-def world_of(base: Prepared, drawn: Mapping[str, np.ndarray], random: np.random.Generator) -> World:
+def world_of(
+    trial: Trial, base: Prepared, drawn: Mapping[str, np.ndarray], random: np.random.Generator
+) -> World:
     """Of what was drawn of a study, see `World`."""
     rows, model, b = base.impacts, base.model, drawn["locations"]
     about = np.asarray(expected(base.data.design, b))[:2, : len(rows)]
     fixed, effects = {}, {}
-    columns = np.stack([_columns(row) for row in rows.to_dict("records")])
+    columns = np.stack([trial.columns(row) for row in rows.to_dict("records")])
     for place, q in enumerate("KC"):
         left = about[place].copy()
-        for group in GROUPS:
+        for group in trial.groups:
             grouping = base.design.groupings[group]
             own = b[model.locations.parts[f"{group.replace(':', '_')}_effect_{q}"]]
             left -= own[grouping.code]
@@ -248,7 +302,7 @@ def world_of(base: Prepared, drawn: Mapping[str, np.ndarray], random: np.random.
     sd = {name: float(drawn[name]) for name in model.hyperparameters}
     measurement = {q: MEASUREMENT_SD[q] ** 2 for q in "KC"}
     sessions = float(rows.groupby("subject")["session"].nunique().median())
-    return World(fixed, effects, sd, measurement, sessions, random)
+    return World(fixed, effects, sd, measurement, sessions, random, trial)
 
 
 QUESTIONS: dict[str, Callable[[World], bool | float]] = {
@@ -304,7 +358,8 @@ def lines_of(finished: Finished, reliable: pd.DataFrame, world: World) -> Iterat
                 (name, "prior", row["prior"]),
                 (name, "true", float(truth)),
             )
-    yield from _of_levels(finished.posterior, world)
+    stems = ("typical_person", "side", "sex", "subject", "subject_side", "session")
+    yield from _of_levels(finished.posterior, world, stems)
     made = predict(finished, list(PREDICTED.values())).to_dict("records")
     for (which, at), row in zip(PREDICTED.items(), made, strict=True):
         truth = world.new_impact(at)
@@ -313,10 +368,28 @@ def lines_of(finished: Finished, reliable: pd.DataFrame, world: World) -> Iterat
             yield f"prediction|{q} {which}", "interval", _side(low_high, truth[q])
 
 
-def _of_levels(posterior: xr.Dataset, world: World) -> Iterator[tuple[str, str, float]]:
-    """K and C in their units of a typical person, of sides, people, people's sides, sessions."""
+def clinic_lines(finished: Finished, _: pd.DataFrame, world: World) -> Iterator[tuple[str, str, float]]:
+    """The same of a trial: every comparison, its interactions by the differences of what was drawn."""
+    for row in contrasts(finished.posterior, finished.recorded, RESPONSES, EQUIVALENCE).to_dict("records"):
+        q, names = row["quantity"], row["factor"].split(":")
+        if row["kind"] == "interaction":
+            pairs = [row[side].split(":") for side in ("level", "against")]
+            inner = pairs[0][1].split("/")
+            ratios = [
+                world.over(q, *({names[0]: one, names[1]: other} for other in inner)) for one, _ in pairs
+            ]
+            yield from _of_ratio("interaction", row, ratios[0] / ratios[1])
+        else:
+            at = (dict(zip(names, row[side].split(":"), strict=True)) for side in ("level", "against"))
+            yield from _of_ratio(f"comparison of {row['kind']}", row, world.over(q, *at))
+    stems = ("typical_person", "side", "group", "session", "subject", "subject_side", "subject_session")
+    yield from _of_levels(finished.posterior, world, stems)
+
+
+def _of_levels(posterior: xr.Dataset, world: World, stems: Sequence[str]) -> Iterator[tuple[str, str, float]]:
+    """K and C in their units of a typical person, and of levels such as sides, people, people's sides."""
     for q in RESPONSES:
-        for stem in ("typical_person", "side", "sex", "subject", "subject_side", "session"):
+        for stem in stems:
             array = posterior[f"{q}_{stem}"]
             dims = [str(name) for name in array.dims if name not in ("chain", "draw")]
             labels = array[dims[0]].to_numpy().astype(str) if dims else [""]
@@ -365,11 +438,33 @@ def _side(row: Mapping[str, Any], truth: float) -> float:
     return float(truth > row["high"]) - float(truth < row["low"])
 
 
+TRIALS = {
+    "answers": Trial(
+        *("answers", 100, DESIGN, {"sex": ("f", "m")}),
+        groups=("subject", "subject:side", "trial", "session"),
+        averaged={"side": ("left", "right"), "sex": ("f", "m")},
+        columns=_columns,
+        asked=lines_of,
+    ),
+    "clinic": Trial(
+        *("clinic", 200, CLINIC, {"group": ("treated", "control"), "age": AGES}),
+        groups=("subject", "subject:side", "subject:session"),
+        averaged={
+            **{"side": ("left", "right"), "group": ("treated", "control")},
+            "session": ("after", "before"),
+        },
+        columns=_clinic_columns,
+        asked=clinic_lines,
+    ),
+}
+
+
 class Studies:
     """Studies of one design: drawn, sampled and asked."""
 
-    def __init__(self) -> None:
-        self._base = base = blank(KIND, PEOPLE, **DESIGN)
+    def __init__(self, trial: Trial) -> None:
+        self._trial = trial
+        self._base = base = blank(trial.kind, trial.people, **trial.design)
         self._draw, self._sample = drawing(base), jax.jit(jax.vmap(self._chain))
         self._recorded = base.design.recorded
         made, *_ = jax.device_get(prior_draws(base.model, base.data, jax.random.PRNGKey(SEED)))
@@ -405,7 +500,7 @@ class Studies:
         raw = np.asarray(self._sample(begin, laid, jnp.stack(keys)))
         for place, (number, data) in enumerate(zip(numbers, every, strict=True)):
             posterior = self._posterior(raw[place], data, randoms[place])
-            world = world_of(self._base, worlds[place], randoms[place])
+            world = world_of(self._trial, self._base, worlds[place], randoms[place])
             found = self._asked(posterior, world)
             yield {"data_set": number, "rhat": _rhat(raw[place])} | found
 
@@ -467,7 +562,7 @@ class Studies:
             each = {q: of(q, measurement_sd=MEASUREMENT_SD[q]) for q in RESPONSES}
             every.append(coefficients(each, draws))
             groups.append(draws.merge(as_variables(every[-1])))
-        lines = lines_of(Finished(*groups, self._recorded), reliability(*every), world)
+        lines = self._trial.asked(Finished(*groups, self._recorded), reliability(*every), world)
         return {f"{name}|{what}": float(value) for name, what, value in lines}
 
 
@@ -476,10 +571,11 @@ def _rhat(raw: np.ndarray) -> float:
 
 
 def main() -> None:
+    trial = TRIALS[sys.argv[1] if len(sys.argv) > 1 else "answers"]
     runtime.configure(one_core=True)
-    with recorded("calibration_answers") as record:
-        studies = Studies()
-        for first in record.missing(range(0, STUDIES, BLOCK)):
+    with recorded(f"calibration_{trial.kind}") as record:
+        studies = Studies(trial)
+        for first in record.missing(range(0, trial.studies, BLOCK)):
             record.add(first, studies.converged(range(first, first + BLOCK)))
 
 

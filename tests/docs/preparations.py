@@ -144,3 +144,25 @@ def pads(folder: Path) -> None:
             "Force (N)": (mass * value + rng.normal(0, 2, len(time))).round(2),
         }
         pd.DataFrame(columns).to_csv(folder / "tower" / f"{pad}_{height}cm_{repeat}.csv", index=False)
+
+
+def trial(folder: Path) -> None:
+    """Two drops on each side of four treated and four control people, before and after; treated gain a fifth."""
+    (folder / "recorded").mkdir()
+    rng = np.random.default_rng(4)
+    for number in range(8):
+        group, person = ("treated" if number % 2 else "control"), f"p{number + 1}"
+        own = 0.15 * rng.standard_normal()
+        for session, side in product(("before", "after"), ("left", "right")):
+            visit = own + 0.02 * rng.standard_normal() + 0.05 * (session == "after")
+            visit += np.log(1.2) * (session == "after" and group == "treated")
+            for drop in (1, 2):
+                # Of a lighter mass with the same spring the motion is that of a stiffer one.
+                log_K = visit + 0.02 * rng.standard_normal()
+                time, value = deceleration(0.5 / float(np.exp(log_K)), SPEED)
+                table = pd.DataFrame(
+                    {"Time (ms)": (1e3 * time).round(4), "Impact (g)": (value / 9.80665).round(5)}
+                )
+                table.to_csv(
+                    folder / "recorded" / f"{group}_{person}_{session}_{side}_{drop}.csv", index=False
+                )

@@ -41,11 +41,13 @@ def ask(
 
     K alone is that of a typical person at the reference mass and the mean of other numbers, averaged over
     sides and other categories. K[subject=s01, mass_kg=1.2] has these instead; all impacts' columns of the
-    formula can be named, and what belongs to a person, such as sex, follows the person. K[subject=new] is a
-    new person's, mean(K[subject, sex=f]) is over people, K[impact=7] is of one recorded impact. Any other
-    quantity of summary.csv is called by its name: mass_exponent_K, sd_subject_K, K_new,
-    subject_effect_K[subject=s01]. Besides: numbers, + - * / ^ ( ), abs, exp, log, max, min, mean, < <= > >=,
-    between, and, or, not. Odd names stand in quotes, those of quantities in backticks. Without a comparison
+    formula can be named, and what belongs to a person, such as sex, follows the person. K[side=left over
+    right] is a ratio, K[session=after over before, group=treated over control] a ratio of two ratios, the
+    difference in differences. K[subject=new] is a new person's, mean(K[subject, sex=f]) is over people,
+    K[impact=7] is of one recorded impact. Any other quantity of summary.csv is called by its name:
+    mass_exponent_K, sd_subject_K, K_new, subject_effect_K[subject=s01]. Besides: numbers, + - * / ^ ( ), abs,
+    exp, log, max, min, mean, < <= > >=, between, and, or, not. Odd names stand in quotes, those of quantities
+    in backticks. Without a comparison
     the answer is a median and a 90 % interval.
     """
     output = _Output(out, excel, overwrite, quiet, as_json)
