@@ -94,8 +94,7 @@ def test_innovations_undo_the_factor_and_draws_have_the_covariance():
     found = noise.innovations(colour, rate, jnp.asarray(standard @ factor.T))
     assert_allclose(found, standard, atol=1e-3)
     draws = 20_000
-    white = jax.random.normal(jax.random.PRNGKey(0), (draws, 3, 40))
-    drawn = np.asarray(noise.drawn(colour, rate, jax.random.PRNGKey(1), white))[:, 0]
+    drawn = np.asarray(noise.drawn(colour, rate, jax.random.PRNGKey(1), (draws, 3, 40)))[:, 0]
     # Five standard errors of a covariance of numbers whose variances are 1.
     assert_allclose(np.cov(drawn.T), whole(SAE, 0.1, 40), atol=5 * (2 / draws) ** 0.5)
 

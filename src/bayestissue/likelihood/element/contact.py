@@ -28,7 +28,7 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.likelihood.element.noise import Noise
+from bayestissue.likelihood.element.noise import Noise, filtered
 from bayestissue.likelihood.element.record import CONTACT, DecelerationRecord
 from bayestissue.likelihood.element.response import Response, columns
 from bayestissue.likelihood.linear_errors import Products
@@ -124,14 +124,22 @@ def _gram_of_cells(
 def _gram_by_cell(
     reach: int, stride: int, noise: Noise, samples: Float[Array, " row"], parts: Float[Array, "4 time"]
 ) -> Float[Array, "cell 5 5"]:
-    """The products under any noise, cell by cell."""
+    """The products under any noise, cell by cell.
+
+    What a filter's noise makes of the response from its first p samples on is shifted with it, and made once.
+    """
     longer = jnp.pad(parts, ((0, 0), (reach, 0)))
+    shifted = [longer]
+    if noise.is_filtered:
+        shifted.append(filtered(longer, noise.predictor, stride))
+    alike = noise.whitened(jnp.stack([samples, jnp.where(noise.inside, 1.0, 0.0)]))
 
     def of_cell(shift: Array) -> Array:
-        rows = jax.lax.dynamic_slice(longer, (0, shift), parts.shape)[:, ::stride]
-        by_velocity, d, _, late = jnp.where(noise.inside, rows, 0.0)
-        offset = jnp.where(noise.inside, 1.0, 0.0)
-        return noise.gram(jnp.stack([samples - d, by_velocity, d, offset, late]))
+        rows, *later = (jax.lax.dynamic_slice(part, (0, shift), parts.shape)[:, ::stride] for part in shifted)
+        rows = jnp.where(noise.inside, rows, 0.0)
+        white = noise.completed(rows, *later) if later else noise.whitened(rows)
+        by_velocity, d, _, late = white
+        return noise.gram_of_white(jnp.stack([alike[0] - d, by_velocity, d, alike[1], late]))
 
     return jax.vmap(of_cell)(jnp.arange(reach))
 

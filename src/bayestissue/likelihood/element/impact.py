@@ -236,7 +236,7 @@ class MeasuredImpact:
         inside = record.inside()[:, :: record.colour.stride]
         if a is not None:
             left = noise.whitened(left, a, record.inside())
-        elif record.colour.root.shape[1]:
+        elif not record.colour.is_white:
             left = noise.innovations(record.colour, record.rate, left[:, :: record.colour.stride])
         return jnp.where(inside, left, 0.0), inside.sum(-1)
 
@@ -261,8 +261,8 @@ class MeasuredImpact:
         error_sd = self.noise_parameters.error_sd(record)[0]
         errors = prior_errors(key_of_errors, shape, error_sd, record.contact.uniform)
         shocks = jax.random.normal(key_of_noise, (*shape, record.d.shape[1]))
-        if record.colour.root.shape[1]:
-            shocks = noise.drawn(record.colour, record.rate, jax.random.fold_in(key, 4), shocks)
+        if not record.colour.is_white:
+            shocks = noise.drawn(record.colour, record.rate, jax.random.fold_in(key, 4), shocks.shape)
         elif self.noise_parameters.atanh_correlation is not None:
             shocks = noise.correlated(shocks, self.noise_parameters.atanh_correlation)
         scale = (self.sigma * self.noise_parameters.ratio())[:, None] * jnp.sqrt(record.discrepancy.share)

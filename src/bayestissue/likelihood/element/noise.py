@@ -1,10 +1,10 @@
 """A recorder's noise, and what a trace holds beside the impact and the chain's errors.
 
-The covariance of a trace, given impact and errors, is sigma^2 T with T = f (S + A A'): white noise or a
-first-order autoregressive one, and a few modes A besides. By Woodbury's identity, with p~ = S^-1/2 p and
-M = 1 + A~' A~,
+The covariance of a trace, given impact and errors, is sigma^2 T with T = S + A A': white noise, one of a
+first-order autoregression or one that went through a filter, and a few modes A besides. By Woodbury's
+identity, with p~ = S^-1/2 p and M = 1 + A~' A~,
 
-    p' T^-1 q = (p~'q~ - (A~'p~)' M^-1 (A~'q~)) / f,    log det T = N log f + log det S + log det M.
+    p' T^-1 q = p~'q~ - (A~'p~)' M^-1 (A~'q~),    log det T = log det S + log det M.
 
 Three things make modes and S:
 
@@ -16,13 +16,15 @@ log sigma itself; the standard deviation of e, sigma / (1 - rho^2)^1/2, would fo
 stands for rho everywhere, since 1 - rho^2 = 1 / cosh^2 a loses no digits near rho = 1.
 
 Noise that went through the recorder's low-pass, beside a share f of white noise that entered behind it:
-T = f 1 + (1 - f) R, R being the correlations that the filter leaves (`bayestissue.signal.recorder_noise`). R
-has few eigenvalues that count, about two for each period of the filter's corner, so that (1 - f) R = B B'
-with as many columns in B. Samples that a trace lacks are rows that B lacks. Where next to no noise entered
-behind the filter, T has eigenvalues near 0, of what changes faster than the filter lets pass. A likelihood
+S = f 1 + (1 - f) R, R being the correlations that the filter leaves (`bayestissue.signal.recorder_noise`). Of
+a sample the p before it say all, to rounding, that all before it do, p being some periods of the corner. So
+S^-1/2 = L^-1, S = L L', is a dense matrix for the first p samples of a trace, and from there on the same few
+weights at every sample (an autoregression of order p; Box and Jenkins, section 7.4): the work goes with the
+number of samples. Where next to no noise entered
+behind the filter, S has eigenvalues near 0, of what changes faster than the filter lets pass. A likelihood
 would believe those frequencies above all others, and whatever the filter's description leaves out there, and
 it would take the noise's size from them. So only every k-th sample is asked, as far apart as keeps the least
-eigenvalue of T at `LEAST_EIGENVALUE`: some four in a period of the corner.
+eigenvalue of S at `LEAST_EIGENVALUE`: some four in a period of the corner.
 
 A discrepancy, a smooth force of unknown shape: delta(t), a Gaussian process on the force per mass (Kennedy
 and O'Hagan 2001), with the covariance s^2 exp(-(t - t')^2 / (2 l^2)) over the window's own time t in [0, 1]
@@ -33,6 +35,7 @@ and l = 0.3, by its first six eigenvectors on the samples: delta = U c with c_j 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -41,16 +44,20 @@ import numpy as np
 from jax import Array
 from jax.scipy.linalg import solve_triangular
 from jaxtyping import Bool, Float, Int
-from scipy.linalg import toeplitz
+from scipy.linalg import solve_toeplitz, toeplitz
+from scipy.linalg import solve_triangular as solve
 
 from bayestissue.likelihood.element.record import DecelerationRecord, Discrepancy
 from bayestissue.likelihood.element.recorder import Colour
+from bayestissue.padding import bucket
 
 LEAST_EIGENVALUE = 0.02
 # f, at the least: what is divided by it keeps nine digits.
 _LEAST_WHITE = 1e-3
-# Eigenvalues of the filtered part that are left out, over f.
-_LEFT_OUT = 1e-4
+# Weights of samples further back that are left out, together.
+_LEFT_OUT = 1e-7
+# Of a correlation that has died out; and the longest that is waited for, in samples.
+_DIED_OUT, _LONGEST = 1e-6, 2**17
 # Samples of which those eigenvalues are.
 _SAMPLES = 48
 # Half a swing of a force in a window, and no less: what changes faster is not a tissue's law.
@@ -59,6 +66,8 @@ MODES = 6
 # The kernel is a polynomial of this many terms in either time to rounding error.
 _NODES = 24
 _LOG_2 = 0.6931471805599453
+# At lags in samples.
+Correlation = Callable[[Int[np.ndarray, " lag"]], Float[np.ndarray, " lag"]]
 
 
 class Noise(NamedTuple):
@@ -66,40 +75,68 @@ class Noise(NamedTuple):
 
     Attributes:
         inside: where there is a sample; what comes after, and before, is 0 everywhere.
-        white: f.
-        modes: A', 0 where there is no sample; none where noise is white or autoregressive.
+        modes: A', 0 where there is no sample; none without a discrepancy.
+        first, predictor: as `Colour` has them, at the trace's own sampling rate; empty where no filter
+            coloured the noise.
         atanh_correlation: a; None where noise is not autoregressive.
     """
 
     inside: Bool[Array, " row"]
-    white: Float[Array, ""]
     modes: Float[Array, "mode row"]
+    first: Float[Array, "first first"]
+    predictor: Float[Array, " lag"]
     atanh_correlation: Float[Array, ""] | None = None
 
     @property
     def is_white(self) -> bool:
         """Whether no sample shares anything with another."""
-        return not self.modes.shape[-2] and self.atanh_correlation is None
+        return not (self.modes.shape[-2] or self.is_filtered) and self.atanh_correlation is None
+
+    @property
+    def is_filtered(self) -> bool:
+        """Whether the noise went through a filter."""
+        return bool(self.predictor.shape[-1])
 
     def whitened(self, parts: Float[Array, "*part row"]) -> Float[Array, "*part row"]:
-        """S^-1/2 p: (1 - rho^2)^1/2 p_0 and p_t - rho p_{t-1}."""
+        """S^-1/2 p: of autoregressive noise (1 - rho^2)^1/2 p_0 and p_t - rho p_{t-1}."""
+        if self.is_filtered:
+            return self.completed(parts, filtered(parts, self.predictor))
         if self.atanh_correlation is None:
             return parts
         return whitened(parts, self.atanh_correlation, self.inside)
 
+    def completed(
+        self, parts: Float[Array, "*part row"], later: Float[Array, "*part row"]
+    ) -> Float[Array, "*part row"]:
+        """S^-1/2 p from p and what `filtered` makes of it, which is right after the first p samples."""
+        size, rows = self.first.shape[-1], parts.shape[-1]
+        begin = jnp.argmax(self.inside)
+        padding = [(0, 0)] * (parts.ndim - 1) + [(0, size)]
+        longer, whole = jnp.pad(parts, padding), jnp.pad(later, padding)
+        start = jax.lax.dynamic_slice_in_dim(longer, begin, size, axis=-1) @ self.first.T
+        whole = jax.lax.dynamic_update_slice_in_dim(whole, start, begin, axis=-1)
+        return jnp.where(self.inside, whole[..., :rows], 0.0)
+
     def gram(self, parts: Float[Array, "part row"]) -> Float[Array, "part part"]:
         """The products p' T^-1 q of all parts with each other."""
-        white = self.whitened(parts)
+        return self.gram_of_white(self.whitened(parts))
+
+    def gram_of_white(self, white: Float[Array, "part row"]) -> Float[Array, "part part"]:
+        """The same of parts that are `whitened`."""
         products = white @ white.T
         if self.modes.shape[0]:
             modes = self.whitened(self.modes)
             shared = solve_triangular(self._factor(), modes @ white.T, lower=True)
             products = products - shared.T @ shared
-        return products / self.white
+        return products
 
     def log_determinant(self) -> Float[Array, ""]:
         """Of T."""
-        total = self.inside.sum() * jnp.log(self.white)
+        total = jnp.zeros(())
+        if self.is_filtered:
+            size, count = len(self.first), self.inside.sum()
+            of_first = jnp.where(jnp.arange(size) < count, jnp.log(jnp.diagonal(self.first)), 0.0).sum()
+            total = -2 * (of_first + jnp.maximum(count - size, 0) * jnp.log(self.predictor[0]))
         if self.atanh_correlation is not None:
             total = total + log_determinant(self.atanh_correlation)
         if self.modes.shape[0]:
@@ -129,10 +166,19 @@ def noise_of(
     inside = jnp.concatenate([early, record.inside()], axis=1)[:, ::stride]
     basis = jnp.pad(record.discrepancy.basis, ((0, 0), (0, 0), (contact.reach, 0)))[..., ::stride]
     scale = discrepancy_ratio[:, None] * jnp.sqrt(record.discrepancy.share)
-    root = jnp.where(inside[:, None], _root(colour, inside.shape[1])[record.rate], 0.0)
-    modes = jnp.concatenate([root, scale[..., None] * basis], axis=1) / jnp.sqrt(colour.white)
-    white = jnp.broadcast_to(colour.white, len(inside))
-    return Noise(inside, white, modes, atanh_correlation)
+    first, predictor = colour.first[record.rate], colour.predictor[record.rate]
+    return Noise(inside, scale[..., None] * basis, first, predictor, atanh_correlation)
+
+
+def filtered(
+    parts: Float[Array, "*part row"], predictor: Float[Array, " lag"], stride: int = 1
+) -> Float[Array, "*part row"]:
+    """sum_j w_j p_(t - k j) with the weights w of a predictor on every k-th sample; p is 0 before its first."""
+    rows, reach = parts.shape[-1], stride * (predictor.shape[-1] - 1)
+    length = bucket(rows + reach)
+    weights = jnp.zeros(length).at[: reach + 1 : stride].set(predictor)
+    product = jnp.fft.rfft(parts, length) * jnp.fft.rfft(weights)
+    return jnp.fft.irfft(product, length)[..., :rows]
 
 
 def whitened(
@@ -174,11 +220,7 @@ def correlated(
     return jnp.concatenate([first[..., None], jnp.moveaxis(later, 0, -1)], axis=-1)
 
 
-def colour_of(
-    white: float,
-    correlations: Sequence[Callable[[Int[np.ndarray, " lag"]], Float[np.ndarray, " lag"]]],
-    rows: int,
-) -> Colour:
+def colour_of(white: float, correlations: Sequence[Correlation], rows: int) -> Colour:
     """Noise that went through a filter, on so many rows.
 
     Args:
@@ -187,20 +229,43 @@ def colour_of(
         rows: of the longest trace, the samples before its first one included.
     """
     white = max(white, _LEAST_WHITE)
-    roots = []
-    for correlation in correlations:
-        values, vectors = np.linalg.eigh((1 - white) * toeplitz(correlation(np.arange(rows))))
-        counts = values > _LEFT_OUT * white
-        roots.append((vectors[:, counts] * np.sqrt(values[counts])).T)
-    most = max(len(root) for root in roots)
-    filled = [np.pad(root, ((0, most - len(root)), (0, 0))) for root in roots]
     stride = max(_stride(white, correlation) for correlation in correlations)
-    return Colour(jnp.asarray(white), jnp.asarray(np.stack(filled)), jnp.zeros(stride))
+
+    def at(correlation: Correlation, lag: np.ndarray) -> np.ndarray:
+        return np.where(lag == 0, 1.0, (1 - white) * correlation(lag))
+
+    asked = [at(correlation, stride * np.arange(-(-rows // stride))) for correlation in correlations]
+    order = max(_order(of_lags) for of_lags in asked)
+    length = max(_length(partial(at, correlation), rows) for correlation in correlations)
+    wheel = np.minimum(np.arange(2 * length), 2 * length - np.arange(2 * length))
+    firsts, predictors, spectra = [], [], []
+    for of_lags, correlation in zip(asked, correlations, strict=True):
+        factor = np.linalg.cholesky(toeplitz(of_lags[: order + 1]))
+        inverse = solve(factor, np.eye(order + 1), lower=True)
+        firsts.append(inverse[:order, :order])
+        # The weights of a sample, its own first, on those before it.
+        predictors.append(inverse[order, ::-1])
+        spectra.append(np.sqrt(np.maximum(np.fft.rfft(at(correlation, wheel)).real, 0.0)))
+    arrays = (jnp.asarray(np.stack(part)) for part in (firsts, predictors, spectra))
+    return Colour(*arrays, jnp.zeros(stride))
 
 
-def _stride(
-    white: float, correlations: Callable[[Int[np.ndarray, " lag"]], Float[np.ndarray, " lag"]]
-) -> int:
+def _order(of_lags: Float[np.ndarray, " lag"]) -> int:
+    """How many samples before it a sample has to be told by."""
+    weights = solve_toeplitz(of_lags[:-1], of_lags[1:])
+    left_out = np.cumsum(np.abs(weights[::-1]))[::-1]
+    return int((left_out > _LEFT_OUT).sum())
+
+
+def _length(at: Callable[[np.ndarray], np.ndarray], rows: int) -> int:
+    """Samples after which, and after all of a trace, the correlations have died out."""
+    length = bucket(rows)
+    while length < _LONGEST and np.abs(at(length // 2 + np.arange(length // 2))).max() > _DIED_OUT:
+        length *= 2
+    return length
+
+
+def _stride(white: float, correlations: Correlation) -> int:
     """How far apart samples must be for T to have no eigenvalue below `LEAST_EIGENVALUE`."""
     stride = 1
     while True:
@@ -211,15 +276,13 @@ def _stride(
 
 
 def drawn(
-    colour: Colour,
-    rate: Int[Array, " impact"],
-    key: Array,
-    standard: Float[Array, "*batch impact sample"],
+    colour: Colour, rate: Int[Array, " impact"], key: Array, shape: tuple[int, ...]
 ) -> Float[Array, "*batch impact sample"]:
-    """Coloured noise over sigma on all samples; ``standard`` are standard normals for its white part."""
-    root = _root(colour._replace(stride_marks=jnp.zeros(1)), standard.shape[-1])[rate]
-    modes = jax.random.normal(key, (*standard.shape[:-1], root.shape[1]))
-    return jnp.sqrt(colour.white) * standard + jnp.einsum("...im,imr->...ir", modes, root)
+    """Coloured noise over sigma on all samples: part of a circle of them, whose covariance is circulant."""
+    root = colour.spectrum[rate]
+    length = 2 * (root.shape[-1] - 1)
+    white = jnp.fft.rfft(jax.random.normal(key, (*shape[:-1], length)))
+    return jnp.fft.irfft(root * white, length)[..., : shape[-1]]
 
 
 def innovations(
@@ -227,25 +290,19 @@ def innovations(
 ) -> Float[Array, "impact row"]:
     """What each sample has beside what those before it say of it, as white as the noise's model is right.
 
-    L^-1 e with T = L L': L of the first samples is the beginning of L.
+    L^-1 e with T = L L'.
 
     Args:
         colour: the noise.
         rate: which of its sampling rates each impact has.
         left: residuals at every k-th sample: see `Colour.stride`.
     """
-    root = _root(colour, left.shape[1])
-    shape = colour.white * jnp.eye(left.shape[1]) + jnp.einsum("amr,ams->ars", root, root)
-    whitened = solve_triangular(
-        jnp.linalg.cholesky(shape), jnp.broadcast_to(left.T, (len(root), *left.T.shape)), lower=True
-    )
-    return jnp.take_along_axis(whitened, rate[None, None], axis=0)[0].T
 
+    def of_one(left: Array, first: Array, predictor: Array) -> Array:
+        none = jnp.zeros((0, len(left)))
+        return Noise(jnp.ones(len(left), bool), none, first, predictor).whitened(left)
 
-def _root(colour: Colour, width: int) -> Float[Array, "rate mode row"]:
-    """B' on the first so many samples that are asked, 0 beyond those that any trace has."""
-    root = colour.root[:, :, :: colour.stride][:, :, :width]
-    return jnp.pad(root, ((0, 0), (0, 0), (0, width - root.shape[2])))
+    return jax.vmap(of_one)(left, colour.first[rate], colour.predictor[rate])
 
 
 def discrepancy_modes(

@@ -53,22 +53,30 @@ class LowPass(NamedTuple):
 
 
 class Colour(NamedTuple):
-    """Noise that went through the filter, on as many samples as the longest trace has: see `noise`.
+    """Noise that went through the filter, by sampling rate: see `noise`. White noise has no entries.
 
     Attributes:
-        white: f, above 0.
-        root: B', for each sampling rate, on all samples.
+        first: L^-1 of the first p samples that are asked, T = L L'.
+        predictor: what a later one less its prediction from the p before it is in units of its standard
+            deviation: weights of itself and of those before it.
+        spectrum: root of the eigenvalues of the noise's circulant covariance, all samples being asked.
         stride_marks: how many samples lie from one that is asked to the next is the length of this.
     """
 
-    white: Float[Array, ""]
-    root: Float[Array, "rate mode row"]
+    first: Float[Array, "rate first first"]
+    predictor: Float[Array, "rate lag"]
+    spectrum: Float[Array, "rate frequency"]
     stride_marks: Float[Array, " stride"]
 
     @classmethod
     def white_noise(cls) -> Colour:
-        """All of it white: without modes."""
-        return cls(jnp.asarray(1.0), jnp.zeros((1, 0, 0)), jnp.zeros(1))
+        """All of it white."""
+        return cls(jnp.zeros((1, 0, 0)), jnp.zeros((1, 0)), jnp.zeros((1, 0)), jnp.zeros(1))
+
+    @property
+    def is_white(self) -> bool:
+        """Whether nothing went through a filter."""
+        return not self.predictor.shape[1]
 
     @property
     def stride(self) -> int:
