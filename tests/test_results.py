@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import os
+import stat
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -286,6 +288,7 @@ def test_a_second_command_is_refused_and_told_who_writes(tmp_path: Path) -> None
 KILLED = """
 import os, signal, sys
 from pathlib import Path
+from typing import Any
 from bayestissue.results import claim
 with claim(Path(sys.argv[1]), command="fit") as place, place.folder() as folder:
     (folder / "table.csv").write_text("half")
@@ -341,6 +344,29 @@ def test_without_parts_nothing_is_left_and_nothing_promised(tmp_path: Path) -> N
         raise KeyboardInterrupt
     assert not hasattr(raised.value, "__notes__")
     assert names(tmp_path) == []
+
+
+def test_a_power_cut_leaves_the_old_file_or_the_whole_new_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    steps: list[str] = []
+    synced, replaced = os.fsync, os.replace
+
+    def sync(descriptor: int) -> None:
+        is_folder = stat.S_ISDIR(os.fstat(descriptor).st_mode)
+        steps.append("folder" if is_folder else f"{os.fstat(descriptor).st_size} bytes")
+        synced(descriptor)
+
+    def replace(*args: Any) -> None:
+        steps.append("name")
+        replaced(*args)
+
+    monkeypatch.setattr(os, "fsync", sync)
+    monkeypatch.setattr(os, "replace", replace)
+    monkeypatch.setattr(Path, "replace", lambda self, target: replace(self, target))
+    with whole_file(tmp_path / "new" / "table.csv") as staging:
+        staging.write_text("12345")
+    assert steps == ["5 bytes", "name", "folder", "folder"]
 
 
 def test_a_whole_file_appears_only_when_its_block_ends_well(tmp_path: Path) -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import re
+import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -13,14 +15,16 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+import filelock
 import pytest
 from opened import TOKEN, served
 from written_drops import drop, plan_of_drops, write
 
-from bayestissue.bench.decisions import one_line
+from bayestissue.bench.decisions import Decisions, one_line
 from bayestissue.bench.server import HOST
-from bayestissue.bench.views import DropsView, WatchView
+from bayestissue.bench.views import DatasetView, DropsView, WatchView
 from bayestissue.bench.watching import Watch
+from bayestissue.commands import open_page
 from bayestissue.errors import InputError
 
 
@@ -199,3 +203,72 @@ def test_a_page_of_a_thousand_changes_holds_no_more_than_one_of_a_few(
 def test_what_is_typed_becomes_one_line() -> None:
     assert one_line(" a\r\nb\x1b[31m\u202ec ") == "a b [31m c"
     assert len(one_line("x" * 1000)) == 200
+
+
+def test_what_is_no_request_is_refused_and_the_page_goes_on(
+    capfd: pytest.CaptureFixture[str], client: Client
+) -> None:
+    assert client.post("decide", "[" * 9_900).status == 400
+    assert client.post("decide", f'{{"reason": {"[" * 4_000 + "]" * 4_000}}}').status in (204, 400)
+    assert client.ask(f"/state?since={'9' * 5_000}").status == 200
+    with socket.create_connection((HOST, client.port)) as leaves:
+        headers = (
+            f"Host: {HOST}:{client.port}\r\nCookie: {client.cookie}\r\nOrigin: http://{HOST}:{client.port}"
+        )
+        leaves.sendall(f"POST /act/decide HTTP/1.1\r\n{headers}\r\nContent-Length: 900\r\n\r\n{{".encode())
+        time.sleep(0.3)
+    time.sleep(0.3)
+    assert client.ask("/state").status == 200
+    assert capfd.readouterr().err == ""
+
+
+def test_connections_that_ask_for_nothing_do_not_keep_others_out(
+    client: Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with ExitStack() as idle:
+        sockets = [idle.enter_context(socket.create_connection((HOST, client.port))) for _ in range(80)]
+        # Half a request is none either.
+        sockets[-1].sendall(b"GET / HTTP/1.1\r\n")
+        time.sleep(0.5)
+        assert client.ask("/state").status == 200
+        assert client.post("decide", json.dumps({"reason": "x"})).status == 204
+    monkeypatch.setattr("bayestissue.bench.server._PATIENCE_S", 0.2)
+    with socket.create_connection((HOST, client.port), timeout=20) as silent:
+        assert silent.recv(1) == b"", "it is closed after a while"
+
+
+@pytest.mark.parametrize("why", ["beside", "within", "in use"])
+def test_a_dataset_that_cannot_be_written_is_opened_to_look_at(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, why: str
+) -> None:
+    served_views: list[tuple[Path, str]] = []
+    monkeypatch.setattr("bayestissue.bench.views.DatasetView", lambda *args: args)
+    monkeypatch.setattr("bayestissue.bench.server.serve", lambda view, *_: served_views.append(view))
+    (tmp_path / "dataset.toml").write_text("")
+    # As who stands in it calls it.
+    monkeypatch.chdir(tmp_path)
+
+    def refuse(*_: object, **__: object) -> None:
+        if why == "in use":
+            (tmp_path.parent / f".{tmp_path.name}.lock").write_text("process 1")
+            raise filelock.Timeout("lock")
+        raise OSError(errno.EROFS, "Read-only file system")
+
+    if why == "within":
+        monkeypatch.setattr(open_page.os, "access", lambda *_: False)
+    else:
+        monkeypatch.setattr(filelock.FileLock, "acquire", refuse)
+    if why == "in use":
+        with pytest.raises(InputError, match="no other command"):
+            open_page.run(Path(), None, 0)
+        return
+    open_page.run(Path(), None, 0)
+    assert [bool(words) for _, words in served_views] == [True]
+
+
+def test_a_view_of_what_cannot_be_written_refuses_decisions(tmp_path: Path) -> None:
+    view = DatasetView.__new__(DatasetView)
+    view.why_not, view._decisions = "to look at only", Decisions(tmp_path, ["a", "b"])
+    with pytest.raises(InputError, match="can be changed"):
+        view.act("decide", {"impact": "a", "reason": "x"})
+    assert not list(tmp_path.iterdir())

@@ -51,6 +51,34 @@ def test_what_is_written_is_read_again(excel: str, tmp_path: Path) -> None:
     pd.testing.assert_frame_equal(read_table(spreadsheet, "vary"), read_table(plain, "vary"))
 
 
+@pytest.mark.parametrize("excel", EXCELS)
+def test_no_name_is_computed_by_a_spreadsheet(excel: str, tmp_path: Path) -> None:
+    names = [
+        "=1+1",
+        "+A1",
+        "-cmd|' /C calc'!A0",
+        "@SUM(A1)",
+        "\t=1",
+        "'=kept",
+        "-1.5",
+        "+2",
+        "-1,5",
+        "plain",
+        "=a",
+    ]
+    table = pd.DataFrame({"name": names, "=K": np.linspace(-1, 1, len(names))})
+    write_table(table, tmp_path / "vary.csv", excel)  # type: ignore[arg-type]
+    shown = pd.read_csv(tmp_path / "vary.csv", **EXCELS[excel], dtype={"name": str})
+    assert list(shown) == ["name", "'=K"]
+    computed = [name for name in shown["name"] if name.lstrip()[0] in "=+-@"]
+    assert computed == ["-1.5", "+2", "-1,5"]
+    again = read_table(tmp_path, "vary")
+    assert list(again) == ["name", "=K"]
+    np.testing.assert_array_equal(again["=K"], table["=K"])
+    if excel == "point":
+        assert again["name"].tolist() == names
+
+
 def test_the_machine_says_which(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     table = pd.DataFrame({"a": [1.5], "b": ["x"]})
     for mark, written in ((",", "1,5;x"), (".", "1.5,x")):

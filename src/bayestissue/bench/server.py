@@ -36,6 +36,8 @@ _STYLED = f"{_POLICY}; style-src 'self' 'unsafe-inline'"
 _LARGEST_BODY, _MOST_CONNECTIONS = 10_000, 64
 # Between looks at whether there is something new, and between signs of life while there is not.
 _LOOK_S, _SIGN_S = 0.2, 15.0
+# Until whoever connects has asked for something, and until all of that has come.
+_PATIENCE_S = 10.0
 
 
 class View(Protocol):
@@ -74,6 +76,7 @@ def application(view: View, port: int, token: str) -> Starlette:
     """The page of a view for those who know the token, by this machine's name and port alone."""
     from starlette.applications import Starlette
     from starlette.middleware import Middleware
+    from starlette.requests import ClientDisconnect
     from starlette.responses import JSONResponse, PlainTextResponse, Response, StreamingResponse
     from starlette.routing import Route
 
@@ -91,10 +94,14 @@ def application(view: View, port: int, token: str) -> Starlette:
 
     async def act(request: Request) -> Response:
         body = b""
-        async for part in request.stream():
-            body += part
-            if len(body) > _LARGEST_BODY:
-                return PlainTextResponse("too long", 413)
+        try:
+            async with asyncio.timeout(_PATIENCE_S):
+                async for part in request.stream():
+                    body += part
+                    if len(body) > _LARGEST_BODY:
+                        return PlainTextResponse("too long", 413)
+        except (ClientDisconnect, TimeoutError):
+            return PlainTextResponse("the rest is missing", 400)
         try:
             content = json.loads(body)
             await asyncio.to_thread(view.act, request.path_params["action"], content)
@@ -102,7 +109,7 @@ def application(view: View, port: int, token: str) -> Starlette:
             return PlainTextResponse(str(error), 422)
         except OSError as error:
             return PlainTextResponse(f"can't be written: {error.strerror}", 500)
-        except (KeyError, ValueError, TypeError, AttributeError):
+        except (KeyError, ValueError, TypeError, AttributeError, RecursionError):
             return PlainTextResponse("nothing to be done", 400)
         return Response(status_code=204)
 
@@ -173,11 +180,36 @@ class _Guard:
 
 
 def configured(app: Starlette) -> uvicorn.Server:
-    """A server of a page, which ends within a second or two though pages are open."""
+    """A server of a page, which ends within a second or two though pages are open.
+
+    Connections that ask for nothing are closed after a while, or as soon as their place is needed.
+    """
     import uvicorn
+    from uvicorn.protocols.http.h11_impl import H11Protocol
+
+    class Connection(H11Protocol):
+        def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+            open_ones = [each for each in self.connections if isinstance(each, Connection) and each.is_open()]
+            silent = [each for each in open_ones if each.is_silent()]
+            if len(open_ones) >= _MOST_CONNECTIONS - 1 and silent:
+                min(silent, key=lambda each: each.since).transport.close()
+            super().connection_made(transport)
+            self.since = self.loop.time()
+            self.loop.call_later(_PATIENCE_S, self.end_if_nothing_came)
+
+        def is_open(self) -> bool:
+            return not self.transport.is_closing()
+
+        def is_silent(self) -> bool:
+            """Whether it waits for nothing."""
+            return self.cycle is None or self.cycle.response_complete
+
+        def end_if_nothing_came(self) -> None:
+            if self.cycle is None:
+                self.transport.close()
 
     config = uvicorn.Config(
-        app, log_level="error", access_log=False, lifespan="off", server_header=False,
+        app, log_level="error", access_log=False, lifespan="off", server_header=False, http=Connection,
         limit_concurrency=_MOST_CONNECTIONS, timeout_graceful_shutdown=1,
     )  # fmt: skip
     return uvicorn.Server(config)

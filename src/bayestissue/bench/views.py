@@ -17,7 +17,7 @@ from bayestissue.bench.verdict import verdict
 from bayestissue.bench.watching import Watch, numbers_of
 from bayestissue.dataset import read_dataset
 from bayestissue.dataset.impacts import wanted
-from bayestissue.errors import printable
+from bayestissue.errors import InputError, printable
 from bayestissue.inference.single.estimates import estimate
 from bayestissue.one_impact import Impact, impact_of
 
@@ -48,7 +48,7 @@ class DropsView(ABC):
         """
         match name:
             case "state":
-                since = query.get("since", ["0"])[0]
+                since = query.get("since", ["0"])[0][:15]
                 return self.state(int(since) if since.isascii() and since.isdecimal() else 0)
             case "drop":
                 return self.drop(query["impact"][0])
@@ -139,12 +139,17 @@ class WatchView(DropsView):
 class DatasetView(DropsView):
     """A dataset as a page has it: its impacts, each of which is left out or used again."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, why_not: str = "") -> None:
         """Estimate every impact by itself, those that are left out too.
+
+        Args:
+            folder: of the dataset.
+            why_not: why it can only be looked at; empty where it can be changed.
 
         Raises:
             InputError: it is no dataset that can be used.
         """
+        self.why_not = why_not
         self.data = read_dataset(folder, skip_bad=True, whole=True)
         self._rows = estimate(self.data).set_index("impact", drop=False)
         self._decisions = Decisions(folder, self._rows.index)
@@ -159,7 +164,7 @@ class DatasetView(DropsView):
     def state(self, since: int) -> dict[str, Any]:
         """All that is general, and the impacts that changed after a version."""
         version, out = self.version, self._decisions.reasons
-        wrong = [f"{problem}" for problem in self.data.left_out]
+        wrong = [*filter(None, [self.why_not]), *(f"{problem}" for problem in self.data.left_out)]
         return {
             "version": version,
             "back": "Undo the last decision",
@@ -192,6 +197,8 @@ class DatasetView(DropsView):
 
     def act(self, action: str, content: dict[str, Any]) -> None:
         """Leave an impact out, use it again, or undo the last of these decisions."""
+        if self.why_not:
+            raise InputError.stated("no-dataset.read-only", str(self._decisions.folder), value=self.why_not)
         self._decisions.act(action, content)
 
 

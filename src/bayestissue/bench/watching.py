@@ -36,6 +36,7 @@ from bayestissue.intake.folder import natural
 from bayestissue.intake.names import columns
 from bayestissue.one_impact import Impact, impact_of
 from bayestissue.one_impact import impact as one_impact
+from bayestissue.results import put
 
 # Traces that pages can be shown at once; of others they are read anew. And lines that pages can catch up on.
 _TRACES, _LINES = 30, 200
@@ -327,7 +328,7 @@ class Watch:
             same.left_out if same and same.decided else self._decided.get(sha256)
         ) or drop.left_out
         destination.parent.mkdir(parents=True, exist_ok=True)
-        incoming.replace(destination)
+        put(incoming, destination)
         self.drops.taken(drop, moved.file if moved else "")
         if moved is not None:
             self._forget(moved)

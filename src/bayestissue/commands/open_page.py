@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated
@@ -39,7 +40,7 @@ def run(
     from bayestissue.bench.server import require_server, serve
     from bayestissue.commands.console import echo
     from bayestissue.dataset.settings import FILE as SETTINGS
-    from bayestissue.results import locked_folder
+    from bayestissue.results import locked_in_place
 
     is_run = (folder / "run.json").is_file()
     if not is_run and not (folder / SETTINGS).is_file():
@@ -50,8 +51,18 @@ def run(
         if not is_run:
             from bayestissue.bench.views import DatasetView
 
-            locks.enter_context(locked_folder(folder, ()))
-            serve(DatasetView(folder), port, echo)
+            why_not = ""
+            try:
+                locks.enter_context(locked_in_place(folder))
+                writable = os.access(folder, os.W_OK)
+            except InputError as error:
+                if error.problems[0].code != "out-unwritable":
+                    raise
+                writable = False
+            if not writable:
+                why_not = "to look at only: nothing can be written there"
+                echo(f"{folder}: {why_not}")
+            serve(DatasetView(folder, why_not), port, echo)
             return
         from bayestissue.bench.run_view import RunView, decisions_on
         from bayestissue.finished import read_run
@@ -59,7 +70,7 @@ def run(
         fit, decisions, why_not = read_run(folder), None, ""
         try:
             decisions = decisions_on(fit, dataset)
-            locks.enter_context(locked_folder(decisions.folder, (folder,)))
+            locks.enter_context(locked_in_place(decisions.folder))
         except InputError as error:
             decisions, why_not = None, f"Questions only: no impact can be left out here. {error.problems[0]}"
             echo(why_not)

@@ -10,7 +10,7 @@ import pandas as pd
 
 from bayestissue.dataset.cells import read_cells
 from bayestissue.errors import InputError, Problem, has_control_characters
-from bayestissue.results import whole_file
+from bayestissue.results import sync_folder, whole_file
 
 FILE = "left_out.csv"
 COLUMNS = {
@@ -76,6 +76,7 @@ def write_left_out(folder: Path, by_impact: Mapping[str, str]) -> None:
     """Write `left_out.csv`, whole or not at all; without any impact there is no such file."""
     if not by_impact:
         (folder / FILE).unlink(missing_ok=True)
+        sync_folder(folder)
         return
     with whole_file(folder / FILE) as staging:
         staging.write_bytes(left_out_text(by_impact).encode())

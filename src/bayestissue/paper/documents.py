@@ -2,25 +2,36 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 from bayestissue.paper.text import Text
 
+# What stands for itself in a text, and for something else in Markdown or HTML.
+_MARKUP = re.compile(
+    r"[\\`*]|<(?=[A-Za-z/!?])|&(?=#?\w+;)|(?<!\w)_|_(?!\w)|~(?=~)|\](?=[(\[])|^\[(?=[^\]]*\]:)"
+)
+_LONGEST_TITLE = 255
 _CAPTION = "Posterior medians and 90 % intervals."
 
 
 def write_markdown(text: Text, path: Path) -> None:
     """Write the text as Markdown, UTF-8."""
-    parts = [f"# {text.title}"]
+    parts = [f"# {_escaped(text.title)}"]
     for heading, paragraphs in text.sections.items():
-        parts += [f"## {heading}", *paragraphs]
+        parts += [f"## {heading}", *map(_escaped, paragraphs)]
     if len(text.table):
         rows = [list(text.table.columns), ["---"] * text.table.shape[1], *text.table.to_numpy().tolist()]
-        lines = (" | ".join(cell.replace("|", "\\|") for cell in row) for row in rows)
+        lines = (" | ".join(_escaped(cell).replace("|", "\\|") for cell in row) for row in rows)
         parts += ["\n".join(f"| {line} |" for line in lines), f"Table 1. {_CAPTION}"]
-    references = (f"{number}. {words}" for number, words in enumerate(text.references, start=1))
+    references = (f"{number}. {_escaped(words)}" for number, words in enumerate(text.references, start=1))
     parts += ["## References", "\n".join(references)]
     path.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
+
+
+def _escaped(words: str) -> str:
+    """A plain text as a line of Markdown: what a name holds of Markdown or HTML is shown, not obeyed."""
+    return _MARKUP.sub(r"\\\g<0>", " ".join(words.splitlines()))
 
 
 def write_word(text: Text, path: Path) -> None:
@@ -28,7 +39,7 @@ def write_word(text: Text, path: Path) -> None:
     from docx import Document
 
     document = Document()
-    document.core_properties.title = text.title
+    document.core_properties.title = text.title[:_LONGEST_TITLE]
     document.core_properties.author = ""
     document.add_heading(text.title, level=0)
     for heading, paragraphs in text.sections.items():

@@ -1,8 +1,8 @@
 """Result folders: whole or not there, never at the cost of anything but earlier results."""
 
-from bayestissue.results.files import scratch, whole_file, write_json, write_tree
+from bayestissue.results.files import put, scratch, sync_folder, whole_file, write_json, write_tree
 from bayestissue.results.mark import damaged, require_free, require_place
-from bayestissue.results.place import Place, claim, claim_if, locked_folder
+from bayestissue.results.place import Place, claim, claim_if, locked_folder, locked_in_place
 from bayestissue.results.tables import Excel, read_table, read_tables, write_table
 
 __all__ = [
@@ -12,11 +12,14 @@ __all__ = [
     "claim_if",
     "damaged",
     "locked_folder",
+    "locked_in_place",
+    "put",
     "read_table",
     "read_tables",
     "require_free",
     "require_place",
     "scratch",
+    "sync_folder",
     "whole_file",
     "write_json",
     "write_table",

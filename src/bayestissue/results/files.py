@@ -9,7 +9,7 @@ import secrets
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -76,7 +76,34 @@ def whole_file(path: Path) -> Iterator[Path]:
     with passing(staging):
         os.close(os.open(staging, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o644))
         yield staging
-        staging.replace(path)
+        put(staging, path)
+
+
+def put(staging: Path, path: Path) -> None:
+    """Give a file its name; a power cut leaves what had the name before, or all of the file.
+
+    Its bytes are on the disk before it takes the name, and the name is on the disk when this ends.
+
+    Raises:
+        OSError: it can't be written; what had the name still has it.
+    """
+    with staging.open("rb+") as file:
+        os.fsync(file.fileno())
+    staging.replace(path)
+    # The folder itself may be new too.
+    for folder in (path.parent, path.parent.parent):
+        sync_folder(folder)
+
+
+def sync_folder(folder: Path) -> None:
+    """Have the names in a folder on the disk, where the system knows such a thing."""
+    if hasattr(os, "O_DIRECTORY"):
+        with suppress(OSError):
+            opened = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+            try:
+                os.fsync(opened)
+            finally:
+                os.close(opened)
 
 
 @contextmanager

@@ -295,6 +295,18 @@ def locked_folder(out: Path, inputs: Sequence[str | Path | None]) -> Iterator[No
         yield
 
 
+@contextmanager
+def locked_in_place(folder: Path) -> Iterator[None]:
+    """A folder that is there and that one process at a time writes files into, wherever it lies.
+
+    Raises:
+        InputError: nothing can be written beside it, or another command is writing it.
+    """
+    resolved = folder.resolve()
+    with locked(_hidden(resolved, "lock"), resolved):
+        yield
+
+
 def _hidden(out: Path, kind: str) -> Path:
     return out.parent / f".{out.name}.{kind}"
 

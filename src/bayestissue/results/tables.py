@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import locale
+import re
 from collections.abc import Iterable, Sequence
 from functools import cache
 from pathlib import Path
@@ -26,6 +27,9 @@ AGAIN = (
 Excel = Literal["auto", "comma", "point"]
 HELD = "a file that a finished run holds"
 _MARK = "\ufeff"
+# What a spreadsheet takes for the begin of a formula, but for numbers.
+_COMPUTED = ("=", "+", "-", "@", "\t", "\r")
+_NUMBER = r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?|[+-]?(inf|nan)"
 _WITH_COMMA = r"([+-]?\d+(,\d+)?([eE][+-]?\d+)?|nan|[+-]?inf)?"
 
 
@@ -144,9 +148,30 @@ def write_table(table: pd.DataFrame, path: Path, excel: Excel | None = None) -> 
         return
     decimal = {"comma": ",", "point": "."}.get(excel) or _decimal_here()
     separator = ";" if decimal == "," else ","
+    texts = table.select_dtypes(exclude="number")
+    table = table.assign(**{str(name): texts[name].map(as_text) for name in texts}).rename(columns=as_text)
     table.to_csv(
         path, index=False, encoding="utf-8-sig", sep=separator, decimal=decimal, lineterminator="\r\n"
     )
+
+
+def as_text(cell: Any) -> Any:
+    """A cell that a spreadsheet takes as it stands, whatever a name begins with.
+
+    A spreadsheet computes what begins with =, +, - or @, and shows what begins with an apostrophe as text.
+    Numbers stay; `_as_written` is the way back.
+    """
+    return f"'{cell}" if isinstance(cell, str) and _computed(cell) else cell
+
+
+def _as_written(cell: str) -> str:
+    """The text of a cell before `as_text`."""
+    return cell[1:] if cell.startswith("'") and _computed(cell) else cell
+
+
+def _computed(cell: str) -> bool:
+    bare = cell.lstrip("'")
+    return bare.startswith(_COMPUTED) and not re.fullmatch(_NUMBER, bare)
 
 
 def read_table(folder: Path, name: str) -> pd.DataFrame:
@@ -170,6 +195,8 @@ def read_table(folder: Path, name: str) -> pd.DataFrame:
         table = pd.read_csv(path, dtype=str, keep_default_na=False, encoding="utf-8-sig", sep=separator)
     except (OSError, UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
         raise InputError(wrong_in(path, "a table as a run writes it", value=type(error).__name__)) from error
+    if first.startswith(_MARK):
+        table = table.rename(columns=_as_written).map(_as_written)
     if commas:
         for column in table:
             is_text = column in declared and declared[column].kind == "text"
