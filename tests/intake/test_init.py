@@ -16,6 +16,7 @@ from nptdms import ChannelObject, TdmsWriter
 import bayestissue as bt
 from bayestissue.commands import init as command
 from bayestissue.dataset import Recorder
+from bayestissue.dataset.left_out import reasons
 from bayestissue.dataset.recorders import contents_of
 from bayestissue.errors import InputError
 from command_line import bayestissue
@@ -260,6 +261,14 @@ def test_what_is_wrong_may_be_left_out(folder: Callable, tmp_path: Path) -> None
     assert set(data.impacts["impact"]) == kept
     assert set(contents(out / "recordings")) == {f"{each}.tdms" for each in kept}
     assert "Left out:" in (out / "init.html").read_text()
+    # Whoever reads the dataset afterwards knows of them too.
+    why = reasons(out)
+    assert set(why) == {name(2), name(3), "notes of s03"}
+    assert why[name(3)].startswith("not in the dataset: the sign is the other way")
+    assert "damaged" in why[name(2)]
+    assert {problem.impact for problem in data.left_out} == set(why)
+    assert data.warnings == ()
+    assert "without the 3 impacts left out" in bayestissue("check", out).out
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,8 @@ import pandas as pd
 from bayestissue.dataset import Dataset, Trace, read_dataset, write_dataset
 from bayestissue.dataset.dialect import Stated
 from bayestissue.dataset.files import of_sheet
+from bayestissue.dataset.left_out import NEVER_READ, reason_of, write_left_out
+from bayestissue.dataset.recorders import suffix_of
 from bayestissue.dataset.recordings import CROP, in_seconds
 from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.dataset.settings import SignalSettings, parse_settings
@@ -135,8 +137,26 @@ def build(
         raise InputError(problems)
     shutil.rmtree(folder / RECORDINGS)
     _write(folder, settings, rows, recordings)
+    write_left_out(folder, _reasons(problems, recordings, {row["impact"] for row in rows}))
     dataset = read_dataset(folder)
     return Built(dataset, tuple(problems), _notes(dataset, cutting))
+
+
+def _reasons(problems: Iterable[Problem], recordings: RecorderFolder, used: set[str]) -> dict[str, str]:
+    """For each recording or impact that is left out why, as `left_out.csv` has it."""
+    found: dict[str, list[str]] = {}
+    known = {*(file.name for file in recordings.files), *(problem.file for problem in recordings.problems)}
+    for problem in problems:
+        name = problem.impact or _impact_name(problem.file.removesuffix(suffix_of(Path(problem.file))))
+        name = problem.file if name in used else name
+        if problem.impact or problem.file in known:
+            found.setdefault(name, []).append(reason_of(problem))
+    return {name: f"{NEVER_READ}{'; '.join(dict.fromkeys(why))}" for name, why in found.items()}
+
+
+def _impact_name(bare: str) -> str:
+    """What the impact of a recording is called, by the recording's name without its ending."""
+    return bare.replace(".xlsx#", "_")
 
 
 def _settings(choices: Choices, name: str, files: int) -> dict[str, Any]:
@@ -231,7 +251,7 @@ class _Plan:
     def rows(self, problems: list[Problem]) -> Iterator[dict[str, Any]]:
         """The rows; what is wrong with a file goes to ``problems``."""
         files = self.recordings.files
-        bare = {file.name: bare_name(file).replace(".xlsx#", "_") for file in files}
+        bare = {file.name: _impact_name(bare_name(file)) for file in files}
         short = Counter(PurePosixPath(name).name for name in bare.values())
         usual = _usual_units(self.recordings, self.choices)
         for file in files:
