@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float64
 
 # "Impact (m/s^2)", "Impact [g]": text tables have no other place for a unit.
-_UNIT_IN_NAME = re.compile(r".*[(\[]\s*([^()\[\]]+?)\s*[)\]]\s*")
+_UNIT_IN_NAME = re.compile(r".*[(\[]([^()\[\]]+)[)\]]\s*")
 
 
 @dataclass(frozen=True)
@@ -103,4 +103,4 @@ def columns(name: str, values: np.ndarray) -> dict[str, Float64[np.ndarray, " sa
 def unit_in_name(name: str) -> str:
     """The unit in brackets at the end of a column's name, such as ``Impact (m/s^2)``; empty if none."""
     match = _UNIT_IN_NAME.fullmatch(name)
-    return match[1] if match else ""
+    return match[1].strip() if match else ""
