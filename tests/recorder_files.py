@@ -146,8 +146,12 @@ def acq(path: Path, channels: dict[str, np.ndarray], rate: float, units: dict[st
 
 
 def xlsx(path: Path, rows: list[list[object]], *, before: tuple[str, ...] = ()) -> None:
-    """An Excel workbook by hand: numbers as numbers, the rest as text; empty sheets come ``before``."""
-    names = [*before, "Messung"]
+    """An Excel workbook of one sheet with cells; empty sheets come ``before``."""
+    workbook(path, {**{name: [] for name in before}, "Messung": rows})
+
+
+def workbook(path: Path, sheets: dict[str, list[list[object]]], *, hidden: tuple[str, ...] = ()) -> None:
+    """An Excel workbook by hand: numbers as numbers, the rest as text; some sheets are ``hidden``."""
     main = "http://schemas.openxmlformats.org/spreadsheetml/2006/main"
     office = "http://schemas.openxmlformats.org/officeDocument/2006/relationships"
     package = "http://schemas.openxmlformats.org/package/2006"
@@ -157,13 +161,15 @@ def xlsx(path: Path, rows: list[list[object]], *, before: tuple[str, ...] = ()) 
             return f"<c><v>{value!r}</v></c>"
         return f'<c t="inlineStr"><is><t>{escape(str(value))}</t></is></c>'
 
-    body = "".join(f"<row>{''.join(map(cell, row))}</row>" for row in rows)
-    sheets = [f'<worksheet xmlns="{main}"><sheetData/></worksheet>'] * len(before)
-    sheets += [f'<worksheet xmlns="{main}"><sheetData>{body}</sheetData></worksheet>']
-    listed = "".join(f'<sheet name="{name}" sheetId="{n}" r:id="rId{n}"/>' for n, name in enumerate(names, 1))
+    def state(name: str) -> str:
+        return ' state="hidden"' if name in hidden else ""
+
+    listed = "".join(
+        f'<sheet name="{name}" sheetId="{n}" r:id="rId{n}"{state(name)}/>' for n, name in enumerate(sheets, 1)
+    )
     related = "".join(
         f'<Relationship Id="rId{n}" Type="{office}/worksheet" Target="worksheets/sheet{n}.xml"/>'
-        for n in range(1, len(names) + 1)
+        for n in range(1, len(sheets) + 1)
     )
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
         file.writestr("[Content_Types].xml", f'<Types xmlns="{package}/content-types"/>')
@@ -177,5 +183,7 @@ def xlsx(path: Path, rows: list[list[object]], *, before: tuple[str, ...] = ()) 
             "xl/_rels/workbook.xml.rels",
             f'<Relationships xmlns="{package}/relationships">{related}</Relationships>',
         )
-        for n, sheet in enumerate(sheets, 1):
-            file.writestr(f"xl/worksheets/sheet{n}.xml", sheet)
+        for n, rows in enumerate(sheets.values(), 1):
+            body = "".join(f"<row>{''.join(map(cell, row))}</row>" for row in rows)
+            text = f'<worksheet xmlns="{main}"><sheetData>{body}</sheetData></worksheet>'
+            file.writestr(f"xl/worksheets/sheet{n}.xml", text)

@@ -13,7 +13,7 @@ import pytest
 
 import bayestissue as bt
 from bayestissue.intake import Choices, prepare
-from bayestissue.intake.names import guessed
+from bayestissue.intake.names import contradictions, guessed
 from bayestissue.resources import shared
 from command_line import bayestissue
 
@@ -26,7 +26,14 @@ RECORDED = shared("data", "tutorial", "recorded")
         ("p1_operated_0.5kg p1_sound_0.5kg p2_sound_1.0kg", "{subject}_{side}_{mass_kg}kg"),
         ("anna-links-500g-1 anna-rechts-500g-2 bert-links-700g-1", "{subject}-{side}-{mass_g}g-{n}"),
         ("01_1 01_2 02_1", "{subject}_{n}"),
-        ("s01_day1_left_0.5kg_r1 s01_day2_right_0.5kg_r2", None),
+        ("s01_day1_left_0.5kg_r1 s01_day2_right_0.5kg_r2", "{subject}_day{session}_{side}_{mass_kg}kg_r{n}"),
+        # Of one person, or of none who comes twice, what has a unit is still what it is.
+        ("p1_0.5kg p1_1.0kg", "{subject}_{mass_kg}kg"),
+        ("p1_0.5kg", "{subject}_{mass_kg}kg"),
+        ("p1_1 p1_2", "{subject}_{n}"),
+        ("drop_0.5kg drop_1.0kg", "drop_{mass_kg}kg"),
+        ("rec1_0.5kg rec2_0.5kg", "{}_{mass_kg}kg"),
+        ("p1_0.5kg_12cm p2_0.5kg_12cm", "{}_{mass_kg}kg_{drop_height_cm}cm"),
         (
             "s01_day1_left_0.5kg_r1 s01_day2_right_0.5kg_r2 s02_day2_right_0.5kg_r2",
             "{subject}_day{session}_{side}_{mass_kg}kg_r{n}",
@@ -47,6 +54,66 @@ def test_a_pattern_is_what_names_look_like(names: str, pattern: str | None) -> N
 def test_what_is_given_otherwise_does_not_matter_in_names() -> None:
     files = [SimpleNamespace(name=f"p{n}_{s}_500g.csv", suffix=".csv") for n in (1, 2) for s in "lr"]
     assert guessed(files, {"mass_kg", "side"}) == "{subject}_{}_{}g"
+
+
+def test_of_one_person_masses_in_names_are_read(tmp_path: Path) -> None:
+    for path in RECORDED.glob("p1_*"):
+        shutil.copyfile(path, tmp_path / path.name)
+    data = bt.init_dataset(tmp_path, tmp_path / "d", quantity="deceleration", given={"velocity_m_s": 1.5})
+    assert sorted(set(data.impacts["mass_kg"])) == [0.5, 1.0]
+    assert set(data.impacts["subject"]) == {"p1"}
+    given = {"velocity_m_s": 1.5, "subject": "Anna"}
+    data = bt.init_dataset(tmp_path, tmp_path / "e", quantity="deceleration", given=given)
+    assert sorted(set(data.impacts["mass_kg"])) == [0.5, 1.0]
+    assert set(data.impacts["subject"]) == {"Anna"}
+
+
+@pytest.mark.parametrize(
+    ("names", "given", "found"),
+    [
+        ("p1_0.5kg p1_1.0kg", {"mass_kg": "0.5"}, [("p1_1.0kg.csv", "mass_kg = 0.5", "1.0kg")]),
+        ("p1_500g p1_left_1200g", {"mass_kg": "0.5"}, [("p1_left_1200g.csv", "mass_kg = 0.5", "1200g")]),
+        ("p1_0.5kg p1_1.0kg", {"mass_g": "500"}, [("p1_1.0kg.csv", "mass_g = 500", "1.0kg")]),
+        ("p1_12cm", {"drop_height_m": "0.15"}, [("p1_12cm.csv", "drop_height_m = 0.15", "12cm")]),
+        ("p1_1.5mps", {"velocity_m_s": "2"}, [("p1_1.5mps.csv", "velocity_m_s = 2", "1.5mps")]),
+        ("p1_L p1_R", {"side": "left"}, [("p1_R.csv", "side = left", "R")]),
+        ("p1_0.5kg p1_0,5kg", {"mass_g": "500"}, []),
+        # A velocity that was measured is no contradiction to a height, nor one of another kind of side.
+        ("p1_12cm", {"velocity_m_s": "1.5"}, []),
+        ("p1_r", {"side": "operated"}, []),
+    ],
+)
+def test_what_a_name_says_otherwise_is_told_with_both(names: str, given: dict[str, str], found: list) -> None:
+    files = [SimpleNamespace(name=f"{name}.csv", suffix=".csv") for name in names.split()]
+    problems = [problem for file in files for problem in contradictions(file, given)]
+    assert [(p.file, p.value, p.expected.split('"')[1]) for p in problems] == found
+
+
+def test_a_set_fact_or_a_row_that_contradicts_a_name_is_refused(tmp_path: Path) -> None:
+    recorded = tmp_path / "r"
+    recorded.mkdir()
+    for path in RECORDED.glob("p1_*"):
+        shutil.copyfile(path, recorded / path.name)
+    usual = (
+        "init",
+        recorded,
+        "--out",
+        tmp_path / "d",
+        "--quantity",
+        "deceleration",
+        "--set",
+        "velocity_m_s=1.5",
+    )
+    masses = "".join(f"{path.name},0.5\n" for path in recorded.iterdir())
+    (tmp_path / "info.csv").write_text(f"file,mass_kg\n{masses}")
+    for more in (("--set", "mass_kg=0.5"), ("--table", tmp_path / "info.csv")):
+        refused = bayestissue(*usual, "--set", "subject=p1", *more)
+        assert refused.status == 2
+        assert 'found "mass_kg = 0.5"; expected what the name says: "1.0kg"' in refused.err
+        assert not (tmp_path / "d").exists()
+    # Who says how names are read has said that this part does not matter.
+    made = bayestissue(*usual, "--set", "mass_kg=0.5", "--pattern", "{subject}_{side}_{}kg")
+    assert made.status == 0, made.err
 
 
 def test_without_options_init_says_what_it_understood_and_what_it_needs(

@@ -49,7 +49,8 @@ def run(
         typer.Option(
             metavar="FILE.csv",
             help="A table with a column file, the name of a recording, and a column for each fact; with a "
-            "column number too, a row for each impact of a recording.",
+            "column number too, a row for each impact of a recording. Without file it is joined by the "
+            "columns that names have too, such as subject.",
         ),
     ] = None,
     shared: Annotated[
@@ -173,6 +174,8 @@ def run(
         explained(problem.code for problem in built.left_out)
         for words in intake.written():
             echo(f"texts read as: {words}")
+        for words in intake.passed_over():
+            echo(f"passed over: {words}")
         for note in built.notes:
             echo(note)
         echo(f"wrote {path}; look at {path / 'init.html'}")

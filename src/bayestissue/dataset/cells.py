@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import difflib
 import io
+import re
 from collections import Counter
 from collections.abc import Sequence
 from itertools import zip_longest
@@ -15,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from bayestissue.dataset.dialect import text_table
-from bayestissue.dataset.files import read_bytes
+from bayestissue.dataset.files import of_sheet, read_bytes
 from bayestissue.errors import InputError, Problem, has_control_characters
 from bayestissue.outline import counted
 
@@ -48,7 +49,7 @@ def read_cells(
     """
     # Cells that are kept one by one take some twenty times their size.
     data = read_bytes(path, label, remedy, share=0.05)
-    text = text_table(data, label, wanted=[*wanted, *NAMES], named=True)
+    text = text_table(data, label, wanted=[*wanted, *NAMES], named=True, sheet=of_sheet(path)[1])
     reader = csv.reader(
         io.StringIO(text.body.tobytes().decode(), newline=""), strict=True, delimiter=text.delimiter
     )
@@ -124,7 +125,9 @@ def cells_of(
     return pd.DataFrame(body, columns=names, dtype=str), np.array(lines)
 
 
-def column_problems(label: str, names: Sequence[str], wanted: Sequence[str], row: int = 1) -> list[Problem]:
+def column_problems(
+    label: str, names: Sequence[str], wanted: Sequence[str], row: int = 1, *, stated: bool = False
+) -> list[Problem]:
     """What is wrong with a header: columns that are missing or stand there twice.
 
     Args:
@@ -132,23 +135,30 @@ def column_problems(label: str, names: Sequence[str], wanted: Sequence[str], row
         names: the columns that it has.
         wanted: the columns that it must have.
         row: of the names; the first where there are none.
+        stated: whether the row of the names can be stated.
     """
     problems, listed = [], ", ".join(names) or "no column names"
     written = {column.lower(): column for column in reversed(names)}
     for name in [name for name in wanted if name not in names]:
+        place = re.compile(rf"{re.escape(name)} \(column \d+\)")
+        if places := ", ".join(filter(place.fullmatch, names)):
+            problems.append(Problem.stated("column-names.place", label, row or 1, name, name, names=places))
+            continue
         near = difflib.get_close_matches(name.lower(), list(written), n=1)
         hint: dict[str, Any] = {"alike": written[near[0]], "case": ""} if near else {}
         if near == [name.lower()]:
             hint["case"] = " Capital and small letters differ."
-        key = "missing-column.alike" if near else "missing-column.none"
-        problems.append(Problem.stated(key, label, row or 1, value=listed, name=name, **hint))
+        kind = "alike" if near else "recording" if stated else "none"
+        problems.append(
+            Problem.stated(f"missing-column.{kind}", label, row or 1, value=listed, name=name, **hint)
+        )
     named = Counter(name for name in names if name and (name in wanted or not wanted))
     twice = [name for name, count in named.items() if count > 1]
     return problems + [Problem.stated("column-names.twice", label, row or 1, name, name) for name in twice]
 
 
 def ragged_problem(
-    label: str, columns: int, ragged: Sequence[tuple[int, int, str]], delimiter: str
+    label: str, columns: int, ragged: Sequence[tuple[int, int, str]], delimiter: str, header_row: int = 0
 ) -> Problem:
     """What is wrong with rows that have more or fewer cells than the header.
 
@@ -157,9 +167,12 @@ def ragged_problem(
         columns: how many there are.
         ragged: of each such row, at least one, its place, the number of its cells, and its text.
         delimiter: between cells.
+        header_row: of a recording, whose row of names may have been found wrongly.
     """
     row, cells, text = ragged[0]
     comma = "; decimals need a point, not a comma, or quotes" if delimiter == "," else ""
     more = f" {len(ragged) - 1} more rows are like this." if len(ragged) > 1 else ""
     words: dict[str, Any] = {"columns": counted(columns, "cell"), "comma": comma, "more": more}
-    return Problem.stated("cells-in-a-row.number", label, row, value=f"{cells} cells: {text}", **words)
+    key = "cells-in-a-row.recording" if header_row else "cells-in-a-row.number"
+    value = f"{cells} cells: {text}"
+    return Problem.stated(key, label, row, value=value, header_row=header_row, **words)

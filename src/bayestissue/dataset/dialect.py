@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import islice
+from itertools import islice, takewhile
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -42,6 +42,15 @@ _EXPONENT = r"([eE][+-]?\d+)?"
 _ANY_NUMBER = re.compile(
     rf"[+-]?(\d+[.,]?\d*|[.,]\d+|\d{{1,3}}([.,'\u2019 \u00a0\u202f]\d{{3}})+([.,]\d*)?){_EXPONENT}", re.ASCII
 )
+# What a row of units may be called in its first cell.
+_CALLED_UNITS = re.compile(r"(\w+ )?(units?|einheit(en)?|eu|sequence):?", re.IGNORECASE)
+# Besides those of times, accelerations and lengths.
+_FURTHER_UNITS = frozenset([
+    "V", "mV", "Volt", "Volts", "N", "kN", "lbf", "Nm", "N-m", "N.m", "N·m", "N*m", "kg", "Hz", "%", "°C",
+    "Pa", "kPa", "MPa", "deg", "°", "deg/s", "°/s", "rad/s",
+])  # fmt: skip
+# What an oscilloscope calls the first time and the step, which stand in the first row or that of units.
+_CLOCK = ("start", "increment")
 
 
 class Stated(BaseModel):
@@ -132,6 +141,7 @@ class TextTable:
         units: of the columns, as a line below the names states them; empty texts where none does.
         body: the records, UTF-8.
         delimiter: between the cells of ``body``.
+        clock: the first time and the step in s, where columns of the names Start and Increment state them.
     """
 
     dialect: Dialect
@@ -139,6 +149,7 @@ class TextTable:
     units: list[str]
     body: memoryview
     delimiter: str
+    clock: tuple[float, float] | None = None
 
     @property
     def empty(self) -> bool:
@@ -153,6 +164,12 @@ class _Record:
     row: int
     below: int
     cells: list[str]
+
+    @cached_property
+    def bare(self) -> list[str]:
+        """The cells without the spaces around them, and without empty ones at the end."""
+        cells = [cell.strip() for cell in self.cells]
+        return cells[: max((at for at, cell in enumerate(cells, 1) if cell), default=0)]
 
 
 @dataclass(frozen=True)
@@ -196,29 +213,62 @@ class _Lines:
         numeric = [len(record.cells) > at and _is_number(record.cells[at]) for at in columns]
         return 2 * sum(numeric) > len(numeric)
 
+    @cached_property
+    def begin(self) -> int:
+        """Where the data begin: at a time and numbers, without words in any of the columns of numbers.
+
+        Lines above it may hold numbers too, such as the sensitivity of each channel.
+        """
+        data = [self.is_data(record) for record in self.records]
+        plain = [whole and self._is_plain(record) for whole, record in zip(data, self.records, strict=True)]
+        data = plain if any(plain) else data
+        return data.index(True) if any(data) else 0
+
+    def _is_plain(self, record: _Record) -> bool:
+        cells = [record.cells[at].strip() for at in self.number_columns if at < len(record.cells)]
+        return bool(cells[0]) and all(_is_number(cell) for cell in cells if cell)
+
     def names(self, wanted: Sequence[str], *, named: bool) -> _Record | None:
         """The record with the names of the columns; None where there is none."""
-        hits = [len(set(wanted) & {cell.strip() for cell in record.cells}) for record in self.records]
-        if max(hits, default=0):
-            return self.records[hits.index(max(hits))]
+        usual = self._names_above_numbers(named=named)
+        hits = [len(set(wanted) & {*record.bare, *_by_place(record.bare)}) for record in self.records]
+        found = [record for record, hit in zip(self.records, hits, strict=True) if hit == max(hits) > 0]
+        return usual if not found or usual in found else found[0]
+
+    def _names_above_numbers(self, *, named: bool) -> _Record | None:
         if named or not self.number_columns:
             return self.records[0] if self.records else None
-        first = next((i for i, record in enumerate(self.records) if self.is_data(record)), 0)
-        # A line of one cell says something of the table. Above commas it may be the name of a single column
-        # of numbers with decimal commas, which then don't fit below it.
-        single = self.width == 1 or self.delimiter == ","
-        above = [record for record in self.records[:first] if single or len(record.cells) > 1]
+        # Above commas a line of one cell may be the name of a single column of numbers with decimal commas,
+        # which then don't fit below it.
+        above = [
+            record
+            for record in self.records[: self.begin]
+            if not self._is_remark(record) or (self.delimiter == "," and len(record.cells) == 1)
+        ]
         above = [record for record in above if not any(map(_is_number, record.cells))] or above
+        while len(above) > 1 and _are_units(above[-1].cells):
+            above.pop()
         if above:
-            return above[-2] if len(above) > 1 and _are_units(above[-1].cells) else above[-1]
+            return above[-1]
         # The numbers of the columns, as pandas writes them over an array that has no names.
         counted = [str(number) for number in range(self.width)]
         return self.records[0] if len(self.records) > 1 and self.records[0].cells == counted else None
 
+    def _is_remark(self, record: _Record) -> bool:
+        """Whether a line says something of the table: it has one cell, or too few for the columns."""
+        filled = sum(map(bool, record.bare))
+        return self.width > 1 and (filled < 2 or 2 * filled < len(self.number_columns))
+
     def units(self, names: _Record | None) -> _Record | None:
-        """The record of units below that of the names; None where there is none."""
-        below = next((record for record in self.records if names and record.row >= names.below), None)
-        return below if below and not self.is_data(below) and _are_units(below.cells) else None
+        """The record of units below that of the names, or one above it that is called so; None without."""
+        if names is None:
+            return None
+        below = next((record for record in self.records if record.row >= names.below), None)
+        if below and not self.is_data(below) and _are_units(below.cells):
+            return below
+        above = [record for record in self.records if record.row < names.row]
+        called = [record for record in above if _CALLED_UNITS.fullmatch(record.bare[0])]
+        return next((record for record in called if _are_units(record.cells)), None)
 
     def stated(self, key: str, stated: Stated, label: str) -> _Record | None:
         """The record that somebody named by its row; None where nobody did, or said that there is none."""
@@ -230,13 +280,35 @@ class _Lines:
         return record
 
     def first_row(self, above: _Record | None, *, named: bool) -> int:
-        """The row of the first record below the names and units."""
+        """The row of the first record below the names, units and remarks."""
         if above is None:
-            return next((record.row for record in self.records if self.is_data(record)), 1)
+            return self.records[self.begin].row if self.records else 1
         # An empty line of a single column is an empty cell, and in a table with names one may be a row.
         if self.width == 1 or named:
             return above.below
-        return next((record.row for record in self.records if record.row >= above.below), above.below)
+        below = [record for record in self.records if record.row >= above.below]
+        data = self.records[self.begin].row
+        said = takewhile(lambda record: record.row < data and self._is_said(record), below)
+        behind = below[len(list(said)) :]
+        return behind[0].row if behind else above.below
+
+    def _is_said(self, record: _Record) -> bool:
+        """Whether a line below the names is a remark, or has further units."""
+        remark = self._is_remark(record) and not any(map(_is_number, record.bare))
+        return remark or _are_units(record.cells)
+
+    def clock(self, names: _Record | None) -> tuple[float, float] | None:
+        """The first time and the step, of a table with columns for them, as oscilloscopes write."""
+        titles = [cell.casefold() for cell in names.bare] if names else []
+        if names is None or not {*_CLOCK} <= {*titles}:
+            return None
+        first = [record.cells for record in self.records if record.row >= names.below][:2]
+        for cells in first:
+            stated = [cells[at] if at < len(cells) else "" for at in map(titles.index, _CLOCK)]
+            if all(map(_is_number, stated)):
+                start, step = (float(cell.replace(",", ".")) for cell in stated)
+                return start, step
+        return None
 
 
 def text_table(
@@ -246,27 +318,30 @@ def text_table(
     wanted: Sequence[str] = (),
     stated: Stated | None = None,
     named: bool = False,
+    sheet: str = "",
 ) -> TextTable:
     """Find how a text table is written, and read the names of its columns.
 
     The delimiter is the one that cuts most lines into equally many cells, at least two; the decimal mark the
     one in most numbers. A mark between thousands is taken for one only where a number leaves no doubt, as
     ``1.234,5`` and ``1,234,567`` do and ``1.234`` does not. The line of names is the one with most of the
-    ``wanted`` ones; else the last one above the numbers that holds no number itself.
+    ``wanted`` ones; else the last one above the numbers that holds no number itself. A name that stands
+    there twice gets the number of its column: ``Fx (column 2)``.
 
     Args:
-        data: the file: a text, or an Excel workbook, of which the first sheet with cells is the table.
+        data: the file: a text, or an Excel workbook, of which one sheet is the table.
         label: what to call it in a message.
         wanted: names of columns that should be there.
         stated: what somebody said of it, which is not looked for.
         named: whether the table must name its columns; one that may not calls them ``column 1`` and so on.
+        sheet: of a workbook; the first with cells if empty.
 
     Raises:
         InputError: it is no text and no workbook.
     """
-    stated, sheet = stated or Stated(), ""
+    stated = stated or Stated()
     if is_workbook(data):
-        sheet, data = sheet_text(data, label)
+        sheet, data = sheet_text(data, label, sheet)
         stated = stated.model_copy(update={"encoding": "utf-8", "delimiter": "comma"})
     data, encoding = as_utf8(data, label, stated.encoding)
     first_line(data, label)
@@ -277,7 +352,8 @@ def text_table(
     header = None if stated.header_row == 0 else header
     below = lines.stated("units_row", stated, label) or lines.units(header)
     below = None if stated.units_row == 0 else below
-    first_row = lines.first_row(below or header, named=named)
+    last = max(filter(None, (header, below)), key=lambda record: record.row, default=None)
+    first_row = lines.first_row(last, named=named)
     body = memoryview(data)[_offset(head, first_row) :]
     cells = [record.cells for record in lines.records if record.row >= first_row]
     decimal = DECIMALS[stated.decimal] if stated.decimal else _decimal(cells, body)
@@ -292,14 +368,28 @@ def text_table(
         first_row,
         sheet,
     )
-    numbered = [f"column {number}" for number in range(1, lines.width + 1)]
-    names = _fitted([name.strip() for name in header.cells] if header else numbered, cells)
+    columns = [f"column {number}" for number in range(1, lines.width + 1)]
+    names = _fitted([name.strip() for name in header.cells] if header else columns, cells)
+    names = names if named else _by_place(names)
     units = [_bare(cell) for cell in below.cells] if below else []
+    units = ["" if _CALLED_UNITS.fullmatch(unit) else unit for unit in units[:1]] + units[1:]
     units = (units + [""] * len(names))[: len(names)]
+    clock = None if named else lines.clock(header)
     if lines.delimiter != " ":
-        return TextTable(dialect, names, units, body, lines.delimiter)
+        return TextTable(dialect, names, units, body, lines.delimiter, clock)
     tabbed = b"".join(b"\t".join(line.split()) + b"\n" for line in body.tobytes().splitlines())
-    return TextTable(dialect, names, units, memoryview(tabbed), "\t")
+    return TextTable(dialect, names, units, memoryview(tabbed), "\t", clock)
+
+
+def is_clock(name: str) -> bool:
+    """Whether a column of this name states the first time of a recording, or its step, in one cell."""
+    return name.casefold() in _CLOCK
+
+
+def _by_place(names: Sequence[str]) -> list[str]:
+    """The names, those that stand there twice with the number of their column."""
+    count = Counter(names)
+    return [f"{name} (column {at})" if name and count[name] > 1 else name for at, name in enumerate(names, 1)]
 
 
 def _word[Word: str](words: dict[Word, str], mark: str) -> str:
@@ -344,18 +434,19 @@ def _is_number(cell: str) -> bool:
 
 
 def _are_units(cells: Sequence[str]) -> bool:
-    """Whether each cell is a unit or says that there is none, and one of them is a unit of a recording."""
+    """Whether each cell is a unit or says that there is none, and one of them is a unit of a recording.
+
+    The first cell may say that these are units; a first time and a step may stand among them.
+    """
     texts = [cell.strip() for cell in cells]
+    texts = texts[1:] if texts and _CALLED_UNITS.fullmatch(texts[0]) else texts
     bare = [_bare(text) for text in texts]
-    known = [_is_unit(text) for text in bare]
-    others = (
-        not text
-        or text in {"-", "1"}
-        or text != whole
-        or text in {"V", "mV", "N", "kN", "Hz", "%", "°C", "Pa"}
+    known = [text in _FURTHER_UNITS or _is_unit(text) for text in bare]
+    none = (
+        not text or text == "-" or text != whole or _is_number(text)
         for text, whole in zip(bare, texts, strict=True)
     )
-    return any(known) and all(is_unit or is_text for is_unit, is_text in zip(known, others, strict=True))
+    return any(known) and all(is_unit or is_none for is_unit, is_none in zip(known, none, strict=True))
 
 
 def _is_unit(text: str) -> bool:

@@ -7,14 +7,19 @@ import csv
 import gzip
 import io
 import os
+import re
 import stat
 import zipfile
 import zlib
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from bayestissue.errors import InputError
+
+if TYPE_CHECKING:
+    from python_calamine import CalamineWorkbook
 
 LIMIT = "BAYESTISSUE_LARGEST_FILE_MB"
 _LARGEST_MB = 1000.0
@@ -68,7 +73,7 @@ def read_bytes(path: Path, label: str, remedy: str, *, share: float = 1.0) -> by
     """The content of a file, unpacked if its name ends in ``.gz``.
 
     Args:
-        path: where it lies.
+        path: where it lies; of a sheet, the whole workbook is the content.
         label: what to call it in a message.
         remedy: what to do if it is not there.
         share: of the bytes that a file may have; see `require_small`.
@@ -76,6 +81,7 @@ def read_bytes(path: Path, label: str, remedy: str, *, share: float = 1.0) -> by
     Raises:
         InputError: it is missing, no regular file, unreadable, empty, too large, or a broken archive.
     """
+    path, _ = of_sheet(path)
     try:
         status = path.stat()
         if not stat.S_ISREG(status.st_mode):
@@ -215,6 +221,15 @@ def _require(data: bytes, label: str, encoding: str) -> bytes:
     raise InputError.stated("not-text.encoding", label, row=row, value=slip) from None
 
 
+_SHEET = re.compile(r"(.+\.xlsx)#(.+)", re.IGNORECASE | re.DOTALL)
+
+
+def of_sheet(path: Path) -> tuple[Path, str]:
+    """The workbook and the sheet that a path such as ``p1.xlsx#left`` names; else the path and ``""``."""
+    match = _SHEET.fullmatch(str(path))
+    return (Path(match[1]), match[2]) if match and not os.path.exists(path) else (path, "")  # noqa: PTH110
+
+
 _ZIP = b"PK\x03\x04"
 
 
@@ -223,25 +238,54 @@ def is_workbook(data: bytes) -> bool:
     return data.startswith(_ZIP)
 
 
-def sheet_text(data: bytes, label: str) -> tuple[str, bytes]:
-    """The first sheet that is not empty: its name, and its cells as CSV with commas, a row for each row.
+def sheet_names(data: bytes, label: str) -> tuple[list[str], list[str]]:
+    """The names of the sheets of cells that a workbook shows, and of those that it hides.
 
+    Raises:
+        InputError: it is no whole workbook, too large once unpacked, or protected.
+    """
+    with _opened(data, label) as book:
+        return _sheet_names(book)
+
+
+def _sheet_names(book: CalamineWorkbook) -> tuple[list[str], list[str]]:
+    from python_calamine import SheetTypeEnum, SheetVisibleEnum
+
+    of_cells = [sheet for sheet in book.sheets_metadata if sheet.typ == SheetTypeEnum.WorkSheet]
+    shown = [sheet.name for sheet in of_cells if sheet.visible == SheetVisibleEnum.Visible]
+    return shown, [sheet.name for sheet in of_cells if sheet.name not in shown]
+
+
+def sheet_text(data: bytes, label: str, sheet: str = "") -> tuple[str, bytes]:
+    """A sheet: its name, and its cells as CSV with commas, a row for each row.
+
+    Without a name the first that is shown and not empty; where none is, the first of those that are hidden.
     Numbers have the digits that give them back exactly, whatever the sheet shows.
 
     Raises:
-        InputError: it is no whole workbook, too large once unpacked, protected, or empty.
+        InputError: it is no whole workbook, too large once unpacked, protected or empty, or lacks the sheet.
     """
+    with _opened(data, label) as book:
+        shown, hidden = _sheet_names(book)
+        if sheet and sheet not in (*shown, *hidden):
+            names = ", ".join(shown)
+            raise InputError.stated("no-channel.sheet", label, value=sheet, names=names)
+        for name in [sheet] if sheet else [*shown, *hidden]:
+            rows = book.get_sheet_by_name(name).to_python(skip_empty_area=False)
+            if any(cell != "" for row in rows for cell in row):
+                return name, _csv(rows)
+    raise InputError.stated("no-rows.sheets", label, value="empty sheets")
+
+
+@contextmanager
+def _opened(data: bytes, label: str) -> Iterator[CalamineWorkbook]:
     from python_calamine import CalamineWorkbook
 
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as packed:
             size = sum(member.file_size for member in packed.infolist())
         require_small(size, label, share=0.5)
-        book = CalamineWorkbook.from_filelike(io.BytesIO(data))
-        for name in book.sheet_names:
-            rows = book.get_sheet_by_name(name).to_python(skip_empty_area=False)
-            if any(cell != "" for row in rows for cell in row):
-                return name, _csv(rows)
+        yield CalamineWorkbook.from_filelike(io.BytesIO(data))
     except InputError:
         raise
     except BaseException as error:
@@ -249,7 +293,6 @@ def sheet_text(data: bytes, label: str) -> tuple[str, bytes]:
         if isinstance(error, KeyboardInterrupt | SystemExit | MemoryError):
             raise
         raise InputError.stated("damaged-file.workbook", label, value=error_line(error)) from error
-    raise InputError.stated("no-rows.sheets", label, value="empty sheets")
 
 
 def _csv(rows: Sequence[Sequence[object]]) -> bytes:

@@ -47,7 +47,8 @@ COLUMNS = {
     "trial": "the condition; impacts at one mass and velocity share its name. It may be left out",
     "mass_kg": _MEASURED["mass_kg"].meaning,
     "velocity_m_s": f"{_MEASURED['velocity_m_s'].meaning}; of recorded displacements it may be left out",
-    "trace": "the impact's file, relative to the folder and inside it; left out, one table has all samples",
+    "trace": "the impact's file, relative to the folder and inside it, of a workbook with the sheet, such as "
+    "`p1.xlsx#left`; left out, one table has all samples",
     CROP[0]: "where the impact's stretch of the recording begins, in s on the recorder's clock, instead of "
     "signal.crop; several impacts may be stretches of one file that do not overlap",
     CROP[1]: "where the stretch ends",

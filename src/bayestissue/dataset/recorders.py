@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -11,11 +12,19 @@ import numpy as np
 from jaxtyping import Float64
 
 from bayestissue.dataset.dialect import Stated
-from bayestissue.dataset.files import error_line, read_bytes
-from bayestissue.dataset.formats import FORMATS, Channel, Contents, UnfitError, unit_in_name
+from bayestissue.dataset.files import error_line, of_sheet, read_bytes
+from bayestissue.dataset.formats import (
+    FORMATS,
+    Channel,
+    Contents,
+    UnfitError,
+    even_clock,
+    labview,
+    unit_in_name,
+)
 from bayestissue.dataset.recordings import MIN_SAMPLES
 from bayestissue.dataset.settings import SignalSettings
-from bayestissue.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES, read_numbers, read_table
+from bayestissue.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES, Columns, read_numbers, read_table
 from bayestissue.errors import InputError, Problem
 
 REMEDY = "Correct the cell in column trace of impacts.csv, or put the file there."
@@ -56,13 +65,14 @@ def read_recording(path: Path, label: str, signal: SignalSettings) -> Recording:
     Raises:
         InputError: the file is missing, damaged, of an unknown format, or lacks a channel.
     """
-    if suffix_of(path) in _TABLES:
+    if _is_table(path):
         return _from_table(path, label, signal)
     return _pick(_contents(path, label), label, signal)
 
 
 def suffix_of(path: Path) -> str:
     """What a file's name says of its format: how it ends, in small letters."""
+    path, _ = of_sheet(path)
     return "".join(path.suffixes[-2:]).lower() if path.suffix.lower() == ".gz" else path.suffix.lower()
 
 
@@ -77,14 +87,27 @@ def contents_of(path: Path, label: str, stated: Stated | None = None) -> Content
     Raises:
         InputError: the file is missing, damaged or of an unknown format.
     """
-    if suffix_of(path) not in _TABLES:
+    if not _is_table(path):
         return _contents(path, label)
     numbers = read_numbers(path, label, remedy=REMEDY, stated=stated)
-    channels = {
-        name: Channel(_to_its_end(column.array), unit=column.unit or unit_in_name(name))
-        for name, column in numbers.numbers.items()
-    }
+    channels = {}
+    for name, column in numbers.numbers.items():
+        values = _to_its_end(column.array)
+        clock = _clock(numbers, values.size)
+        channels[name] = Channel(values, clock, column.unit or unit_in_name(name))
     return Contents(channels, numbers.first_row, str(numbers.dialect or ""))
+
+
+def _is_table(path: Path) -> bool:
+    """Whether a file is a table of text or cells: by its name, and of LabVIEW's texts by how they begin."""
+    suffix = suffix_of(path)
+    if suffix not in (*_TABLES, labview.SUFFIX):
+        return False
+    begin = b""
+    with suppress(OSError, ValueError), path.open("rb") as file:
+        begin = file.read(labview.HEADER)
+    # Whoever reads a file that is not there, or empty, says so.
+    return not labview.is_measurement(begin) and (suffix != labview.SUFFIX or labview.is_headerless(begin))
 
 
 def _to_its_end(values: np.ndarray) -> np.ndarray:
@@ -93,13 +116,20 @@ def _to_its_end(values: np.ndarray) -> np.ndarray:
     return values[: filled[-1] + 1] if filled.size else values
 
 
+def _clock(table: Columns, samples: int) -> np.ndarray | None:
+    return even_clock(table.clock[1], table.clock[0], samples) if table.clock else None
+
+
 def long_enough(channels: Mapping[str, Channel]) -> list[str]:
     """The channels that can be recordings of an impact: `MIN_SAMPLES` samples or more."""
     return [name for name, channel in channels.items() if channel.values.size >= MIN_SAMPLES]
 
 
 def _contents(path: Path, label: str) -> Contents:
-    if (suffix := suffix_of(path)) not in FORMATS:
+    suffix = suffix_of(path)
+    if suffix in _TABLES:
+        suffix = labview.SUFFIX
+    if suffix not in FORMATS:
         endings = ", ".join((*SUFFIXES, *TEXT_SUFFIXES))
         raise InputError.stated("recorder-format", label, value=path.name, endings=endings)
     data = read_bytes(path, label, REMEDY, share=FORMATS[suffix].share)
@@ -127,7 +157,7 @@ def _from_table(path: Path, label: str, signal: SignalSettings) -> Recording:
     return Recording(
         value.array,
         None if time is None or time.seconds else time.array,
-        time.array if time is not None and time.seconds else None,
+        time.array if time is not None and time.seconds else _clock(table, value.array.size),
         first_row=table.first_row,
         text={**(time.text if time else {}), **value.text},
     )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -15,8 +17,8 @@ from jaxtyping import Float64, Int
 
 from bayestissue.dataset import clock_times
 from bayestissue.dataset.cells import column_problems, ragged_problem
-from bayestissue.dataset.dialect import Dialect, Stated, TextTable, text_table
-from bayestissue.dataset.files import error_line, read_bytes, require_small
+from bayestissue.dataset.dialect import Dialect, Stated, TextTable, is_clock, text_table
+from bayestissue.dataset.files import error_line, of_sheet, read_bytes, require_small
 from bayestissue.errors import InputError, Problem
 
 TABLE_SUFFIXES = (".csv", ".csv.gz", ".tsv", ".xlsx", ".parquet")
@@ -78,12 +80,14 @@ class Columns:
         labels: by name.
         first_row: the row of the first record in the file.
         dialect: how a text table is written; None of other tables.
+        clock: the first time and the step in s, where a text states them beside the numbers.
     """
 
     numbers: dict[str, Numbers]
     labels: dict[str, Labels] = field(default_factory=dict)
     first_row: int = 2
     dialect: Dialect | None = None
+    clock: tuple[float, float] | None = None
 
 
 def read_table(
@@ -112,7 +116,8 @@ def read_table(
     """
     data = read_bytes(path, label, remedy)
     if path.suffix != ".parquet":
-        text = text_table(data, label, wanted=[*labels, *optional, *numbers], stated=stated)
+        wanted, sheet = [*labels, *optional, *numbers], of_sheet(path)[1]
+        text = text_table(data, label, wanted=wanted, stated=stated, sheet=sheet)
         numbers = [*(name for name in optional if name in text.names), *numbers]
         return _parse_text(text, label, numbers, labels)
     schema = _schema(data, label)
@@ -148,8 +153,9 @@ def read_numbers(path: Path, label: str, *, remedy: str, stated: Stated | None =
         names = [field.name for field in schema if _numeric(field.type)]
         table = read_table(path, label, numbers=names, remedy=remedy)
     else:
-        text = text_table(read_bytes(path, label, remedy), label, stated=stated)
-        table = _parse_text(text, label, [name for name in text.names if name], ())
+        text = text_table(read_bytes(path, label, remedy), label, stated=stated, sheet=of_sheet(path)[1])
+        names = [name for name in text.names if name and not (text.clock and is_clock(name))]
+        table = _parse_text(text, label, names, (), whole=False)
     return replace(
         table,
         numbers={name: column for name, column in table.numbers.items() if _holds_numbers(column)},
@@ -162,9 +168,12 @@ def _holds_numbers(column: Numbers) -> bool:
     return numbers > 0 and numbers >= sum(bool(text.strip()) for text in column.text.values())
 
 
-def _parse_text(text: TextTable, label: str, numbers: Sequence[str], labels: Sequence[str]) -> Columns:
+def _parse_text(
+    text: TextTable, label: str, numbers: Sequence[str], labels: Sequence[str], *, whole: bool = True
+) -> Columns:
+    """The columns of a text; where it need not be ``whole``, a row may end before the last of them."""
     wanted = [*labels, *numbers]
-    if problems := column_problems(label, text.names, wanted, text.dialect.header_row):
+    if problems := column_problems(label, text.names, wanted, text.dialect.header_row, stated=True):
         raise InputError(problems)
     if text.empty:
         raise InputError(_no_rows(label))
@@ -172,12 +181,13 @@ def _parse_text(text: TextTable, label: str, numbers: Sequence[str], labels: Seq
     require_small(8 * lines * len(wanted), label)
     name_type = pa.dictionary(pa.int32(), pa.string())
     types: dict[str, pa.DataType] = dict.fromkeys(labels, name_type) | dict.fromkeys(numbers, pa.float64())
+    least = max(map(text.names.index, wanted), default=0) + 1 if whole else 1
     try:
-        table = _parse(text, label, types)
+        table = _parse(text, label, types, least)
         columns = {name: Numbers(_floats(table[name])) for name in numbers}
     except pa.ArrowInvalid:
         # Some cell is no number: read the cells as text, to say which.
-        table = _as_text(text, label, types | dict.fromkeys(numbers, pa.string()))
+        table = _as_text(text, label, types | dict.fromkeys(numbers, pa.string()), least)
         columns = {name: _sifted(table[name].combine_chunks(), text.dialect) for name in numbers}
     if not table.num_rows:
         raise InputError(_no_rows(label))
@@ -187,6 +197,7 @@ def _parse_text(text: TextTable, label: str, numbers: Sequence[str], labels: Seq
         {name: _labels(table[name]) for name in labels},
         text.dialect.first_row,
         text.dialect,
+        text.clock,
     )
 
 
@@ -194,14 +205,15 @@ def _no_rows(label: str) -> Problem:
     return Problem.stated("no-rows.table", label, value="no rows")
 
 
-def _as_text(text: TextTable, label: str, types: dict[str, pa.DataType]) -> pa.Table:
+def _as_text(text: TextTable, label: str, types: dict[str, pa.DataType], least: int) -> pa.Table:
     try:
-        return _parse(text, label, types)
+        return _parse(text, label, types, least)
     except pa.ArrowInvalid as error:
         raise InputError.stated("cells-in-a-row.table", label, value=error_line(error)) from error
 
 
-def _parse(text: TextTable, label: str, types: dict[str, pa.DataType]) -> pa.Table:
+def _parse(text: TextTable, label: str, types: dict[str, pa.DataType], least: int) -> pa.Table:
+    """The columns of a text whose rows have the ``least`` cells or more; those that lack are empty."""
     ragged: list[tuple[int, int, str]] = []
 
     def note(row: pa_csv.InvalidRow) -> str:
@@ -222,9 +234,22 @@ def _parse(text: TextTable, label: str, types: dict[str, pa.DataType]) -> pa.Tab
             decimal_point=text.dialect.decimal,
         ),
     )
+    if wrong := [row for row in ragged if not least <= row[1] < len(text.names)]:
+        header = text.dialect.header_row
+        raise InputError(ragged_problem(label, len(text.names), wrong, text.delimiter, header))
     if ragged:
-        raise InputError(ragged_problem(label, len(text.names), ragged, text.delimiter))
+        return _parse(_filled_up(text), label, types, len(text.names))
     return _without_trailing_blanks(table)
+
+
+def _filled_up(text: TextTable) -> TextTable:
+    """The text with an empty cell in place of each that is missing at the end of a row."""
+    reader = csv.reader(io.StringIO(text.body.tobytes().decode(), newline=""), delimiter=text.delimiter)
+    filled = io.StringIO(newline="")
+    csv.writer(filled, delimiter=text.delimiter, lineterminator="\n").writerows(
+        cells + [""] * (len(text.names) - len(cells)) for cells in reader
+    )
+    return replace(text, body=memoryview(filled.getvalue().encode()))
 
 
 def _without_trailing_blanks(table: pa.Table) -> pa.Table:

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Int
 
-from bayestissue.dataset.files import require_small
+from bayestissue.dataset.files import of_sheet, require_small
 from bayestissue.dataset.recorders import Recording, read_recording
 from bayestissue.dataset.recordings import Reading, Samples, Windows, crop, in_seconds, in_si
 from bayestissue.dataset.settings import SignalSettings
@@ -154,7 +154,9 @@ def read_files(folder: Path, impacts: pd.DataFrame, rows: np.ndarray, signal: Si
             size += piece.time.nbytes + piece.value.nbytes
             require_small(size, "the recordings together")
             pieces.append(piece)
-    return Reading(Samples.joined(pieces, signal), problems, list(taken))
+    return Reading(
+        Samples.joined(pieces, signal), problems, list(dict.fromkeys(of_sheet(p)[0] for p in taken))
+    )
 
 
 def read_one(

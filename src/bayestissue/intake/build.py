@@ -16,6 +16,7 @@ import pandas as pd
 
 from bayestissue.dataset import Dataset, Trace, read_dataset, write_dataset
 from bayestissue.dataset.dialect import Stated
+from bayestissue.dataset.files import of_sheet
 from bayestissue.dataset.recordings import CROP, in_seconds
 from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.dataset.settings import SignalSettings, parse_settings
@@ -24,6 +25,7 @@ from bayestissue.errors import InputError, Problem, collected
 from bayestissue.intake.choices import Choices, require_steady
 from bayestissue.intake.facts import Facts
 from bayestissue.intake.folder import File, RecorderFolder
+from bayestissue.intake.names import bare_name
 from bayestissue.outline import first_of
 from bayestissue.signal.traces import noise_sd, stack
 
@@ -175,11 +177,13 @@ def _write(
     if "uncertainty" not in settings:
         with (folder / SETTINGS).open("a", encoding="utf-8") as settings_file:
             settings_file.write(_TEMPLATE)
+    used = set(table["trace"])
     for file in recordings.files:
-        copy = folder / RECORDINGS / file.name
-        if f"{RECORDINGS}/{file.name}" in set(table["trace"]):
+        if f"{RECORDINGS}/{file.name}" in used:
+            source, sheet = of_sheet(file.path)
+            copy = folder / RECORDINGS / (file.name.removesuffix(f"#{sheet}") if sheet else file.name)
             copy.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(file.path, copy)
+            shutil.copyfile(source, copy)
 
 
 def _in_terms_of_init(problem: Problem) -> Problem:
@@ -227,7 +231,7 @@ class _Plan:
     def rows(self, problems: list[Problem]) -> Iterator[dict[str, Any]]:
         """The rows; what is wrong with a file goes to ``problems``."""
         files = self.recordings.files
-        bare = {file.name: file.name[: -len(file.suffix)] for file in files}
+        bare = {file.name: bare_name(file).replace(".xlsx#", "_") for file in files}
         short = Counter(PurePosixPath(name).name for name in bare.values())
         usual = _usual_units(self.recordings, self.choices)
         for file in files:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from bayestissue.dataset.cells import read_cells
 from bayestissue.errors import InputError, Problem, collected
 from bayestissue.intake.folder import File, RecorderFolder
-from bayestissue.intake.names import Pattern, columns, fills, is_height
+from bayestissue.intake.names import Pattern, bare_name, columns, contradictions, fills, is_height, is_number
+from bayestissue.outline import first_of
 
 FILE, NUMBER = "file", "number"
 
@@ -26,6 +27,7 @@ class Facts:
         columns: the columns that are filled; a height of fall fills that of the velocity besides its own.
         problems: what is wrong.
         written: how the table is written, in words; empty without one.
+        passed_over: what of the table belongs to no recording, in words.
     """
 
     of_file: dict[str, Cells]
@@ -33,25 +35,33 @@ class Facts:
     columns: frozenset[str]
     problems: tuple[Problem, ...]
     written: str = ""
+    passed_over: tuple[str, ...] = ()
 
 
 def gather(
-    recordings: RecorderFolder, *, pattern: str | None, table: Path | None, shared: dict[str, str]
+    recordings: RecorderFolder,
+    *,
+    pattern: str | None,
+    table: Path | None,
+    shared: dict[str, str],
+    loose: bool = False,
 ) -> Facts:
     """Bring together what names, a table and options say.
 
     Args:
         recordings: the files.
         pattern: how their names are read; see `Pattern`.
-        table: a CSV file with a column ``file``, the name of a recording with or without its ending, and a
-            column for each fact; with a column ``number`` also, a row for each impact of a recording.
+        table: with a column ``file``, the name of a recording with or without its ending, and a column for
+            each fact; with a column ``number`` also, a row for each impact of a recording. Without ``file``
+            it is joined by the columns that names have too, such as ``subject``: a row for each person.
         shared: what holds for all recordings.
+        loose: whether nobody said how names are read: what they seem to say must not contradict the rest.
 
     Raises:
         InputError: the pattern or the table can't be used, or a fact is given in two ways.
     """
     names = Pattern.parse(pattern) if pattern else None
-    rows = _Table.read(table) if table else None
+    rows = _Table.read(table, names.fields if names else ()) if table else None
     sources = {
         "--pattern": names.fields if names else (),
         "--table": rows.facts if rows else (),
@@ -66,15 +76,19 @@ def gather(
     for file in recordings.files:
         with collected(problems):
             from_name = names.read(file.name, file.suffix) if names else {}
-            mine = rows.cells_of(file) if rows else {None: {}}
+            mine = rows.cells_of(file, from_name) if rows else {None: {}}
             for number, cells in mine.items():
+                problems += contradictions(file, {**shared, **cells}) if loose else ()
                 filled = columns({**shared, **from_name, **cells}, file.name)
                 of_file[file.name] = filled
                 if number is not None:
                     of_number[file.name, number] = filled
     named = [name for fields in sources.values() for name in fields]
     filled_columns = frozenset([*map(fills, named), *filter(is_height, named)])
-    return Facts(of_file, of_number, filled_columns, tuple(problems), rows.written if rows else "")
+    passed_over = rows.unused(of_file.values()) if rows else ()
+    return Facts(
+        of_file, of_number, filled_columns, tuple(problems), rows.written if rows else "", passed_over
+    )
 
 
 def _once(sources: dict[str, tuple[str, ...]]) -> None:
@@ -99,16 +113,34 @@ class _Table:
     facts: tuple[str, ...]
     rows: tuple[tuple[int, dict[str, str]], ...]
     written: str
+    keys: tuple[str, ...] = ()
 
     @classmethod
-    def read(cls, path: Path) -> _Table:
-        cells, lines = read_cells(path, [FILE], label=path.name)
-        facts = tuple(name for name in cells.columns if name not in (FILE, NUMBER))
+    def read(cls, path: Path, fields: Sequence[str] = ()) -> _Table:
+        cells, lines = read_cells(path, [], label=path.name)
+        names = list(map(str, cells.columns))
+        keys = () if FILE in names else tuple(n for n in fields if n in names and not is_number(n))
         records = tuple(zip((int(line) for line in lines), cells.to_dict("records"), strict=True))
-        return cls(path.name, facts, records, f"{path.name}: {cells.attrs['written']}")  # type: ignore[arg-type]
+        facts = tuple(name for name in names if name not in ((FILE, NUMBER) if FILE in names else keys))
+        table = cls(path.name, facts, records, f"{path.name}: {cells.attrs['written']}", keys)  # type: ignore[arg-type]
+        if FILE not in names and not keys:
+            example = next((name for name in names if not is_number(name)), "subject")
+            raise InputError(
+                Problem.stated(
+                    "facts-of-recordings.no-key", path.name, value=", ".join(names), example=example
+                )
+            )
+        return table
 
-    def cells_of(self, file: File) -> dict[int | None, dict[str, str]]:
-        """The facts of a file; by the number of the impact where the table has a column of that name."""
+    def cells_of(self, file: File, from_name: Mapping[str, str]) -> dict[int | None, dict[str, str]]:
+        """The facts of a file; by the number of the impact where the table has a column of that name.
+
+        Args:
+            file: the recording.
+            from_name: what its name says, by which a table without names of files is joined.
+        """
+        if self.keys:
+            return {None: self._joined(file, from_name)}
         mine = [(line, row) for line, row in self.rows if row[FILE] in _possible_names(file)]
         if not mine:
             raise self._wrong("no-row", None, FILE, "none", name=file.name)
@@ -121,9 +153,37 @@ class _Table:
             facts_of_number[number] = {name: row[name] for name in self.facts if row[name]}
         return facts_of_number
 
+    def _joined(self, file: File, from_name: Mapping[str, str]) -> dict[str, str]:
+        mine = [
+            (line, row)
+            for line, row in self.rows
+            if all(row[key] and _alike(row[key]) == _alike(from_name[key]) for key in self.keys)
+        ]
+        who = ", ".join(f"{key} {from_name[key]}" for key in self.keys)
+        if not mine:
+            raise self._wrong("no-row", None, self.keys[0], "none", name=f"{who} ({file.name})")
+        if len(mine) > 1:
+            line, row = mine[1]
+            raise self._wrong("twice", line, self.keys[0], row[self.keys[0]], which=who)
+        return {name: mine[0][1][name] for name in self.facts if mine[0][1][name]}
+
+    def unused(self, recordings: Iterable[Cells]) -> tuple[str, ...]:
+        """The rows of a table that was joined of which there is no recording, in words."""
+        met = {tuple(_alike(str(cells.get(key, ""))) for key in self.keys) for cells in recordings}
+        alone = [
+            " ".join(row[key] for key in self.keys)
+            for _, row in self.rows
+            if tuple(_alike(row[key]) for key in self.keys) not in met
+        ]
+        return (
+            (f"rows of {self.label} without a recording: {first_of(alone, 3)}",)
+            if self.keys and alone
+            else ()
+        )
+
     def unmatched_rows(self, files: tuple[File, ...]) -> Iterator[Problem]:
         """Rows that belong to no file, and to more than one."""
-        for line, row in self.rows:
+        for line, row in self.rows if not self.keys else ():
             named = [file.name for file in files if row[FILE] in _possible_names(file)]
             if len(named) != 1:
                 value = f"{row[FILE]}: {', '.join(named) or 'no such file'}"
@@ -141,7 +201,18 @@ class _Table:
         return InputError.stated(f"facts-of-recordings.{kind}", self.label, line, column, value, **words)
 
 
+def _alike(name: str) -> str:
+    """A name as tables and files may write it differently: capitals, and zeros before a number."""
+    return name.casefold().lstrip("0") if name.isdigit() else name.casefold()
+
+
+def joins_by_names(table: Path) -> bool:
+    """Whether a table has no column of the names of files, so that it is joined by what names say."""
+    return FILE not in read_cells(table, [], label=table.name)[0]
+
+
 def _possible_names(file: File) -> set[str]:
     """The ways in which a table may call a file."""
-    bare = file.name[: -len(file.suffix)]
-    return {file.name, bare, PurePosixPath(file.name).name, PurePosixPath(bare).name}
+    bare = bare_name(file)
+    names = {file.name, bare, bare.replace(".xlsx#", "#")}
+    return names | {PurePosixPath(name).name for name in names}

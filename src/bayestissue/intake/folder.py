@@ -5,14 +5,18 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
 from bayestissue.dataset.dialect import Stated
+from bayestissue.dataset.files import of_sheet, read_bytes, sheet_names
 from bayestissue.dataset.recorders import SUFFIXES, contents_of, suffix_of
+from bayestissue.dataset.recordings import MIN_SAMPLES
 from bayestissue.dataset.tables import TEXT_SUFFIXES
 from bayestissue.errors import InputError, Problem
+from bayestissue.outline import first_of
 
 _DIGITS = re.compile(r"(\d+)")
 # Of the steps of a channel of times in which some samples are out of order.
@@ -82,10 +86,10 @@ class ChannelSummary:
 
 @dataclass(frozen=True)
 class File:
-    """One recorder file.
+    """One recorder file, or a sheet of a workbook.
 
     Attributes:
-        path: where it lies.
+        path: where it lies; of a sheet as ``p1.xlsx#left``.
         name: its path relative to the folder, with ``/`` between the parts.
         channels: by name, in the order of the file.
         written: how a text is written, in words; empty of other files.
@@ -98,8 +102,8 @@ class File:
 
     @property
     def suffix(self) -> str:
-        """How its name ends."""
-        return suffix_of(self.path)
+        """How its name ends; that of a sheet ends as the sheet is called."""
+        return "" if of_sheet(self.path)[1] else suffix_of(self.path)
 
 
 @dataclass(frozen=True)
@@ -110,11 +114,13 @@ class RecorderFolder:
         folder: as it was named.
         files: those that could be read, in order of their names, numbers in them in order of size.
         problems: what is wrong with the others.
+        passed_over: what was not read and is no problem, in words.
     """
 
     folder: Path
     files: tuple[File, ...]
     problems: tuple[Problem, ...]
+    passed_over: tuple[str, ...] = ()
 
     def candidates(self) -> dict[str, list[ChannelSummary]]:
         """The channels by name, each as it is in every file that has one of that name."""
@@ -126,7 +132,12 @@ class RecorderFolder:
 
 
 def look(
-    folder: str | Path, *, suffix: str = "", ignore: Sequence[Path] = (), stated: Stated | None = None
+    folder: str | Path,
+    *,
+    suffix: str = "",
+    ignore: Sequence[Path] = (),
+    stated: Stated | None = None,
+    sheets: bool | None = None,
 ) -> RecorderFolder:
     """Find the recorder files in a folder and in folders within it, and list their channels.
 
@@ -137,6 +148,8 @@ def look(
         suffix: only files that end so, where a pattern or an option says which.
         ignore: files that are no recordings, such as a table of facts.
         stated: how texts are written, as far as somebody said so.
+        sheets: whether each sheet of a workbook is a recording, or its first one alone; each, if None, where
+            any workbook has several.
 
     Raises:
         InputError: it is no folder, or holds no recorder file.
@@ -161,7 +174,8 @@ def look(
         )
     files: list[File] = []
     problems: list[Problem] = []
-    for path in wanted:
+    books = _Books(sheets)
+    for path in chain.from_iterable(map(books.parts, wanted)):
         name = path.relative_to(root).as_posix()
         try:
             contents = contents_of(path, name, stated)
@@ -184,9 +198,73 @@ def look(
                 contents.written,
             )
         )
+    files, problems = books.sorted_out(files, problems)
     if not files:
         raise InputError(problems)
-    return RecorderFolder(root, tuple(files), tuple(problems))
+    return RecorderFolder(root, tuple(files), tuple(problems), books.words())
+
+
+class _Books:
+    """The workbooks among recorder files, whose sheets may be recordings."""
+
+    def __init__(self, each: bool | None) -> None:
+        """Take ``each`` sheet for a recording, or the first of a workbook alone; see `look`."""
+        self.each, self._passed_over = each, dict[str, list[str]]()
+
+    def parts(self, path: Path) -> list[Path]:
+        """The sheets of a workbook, by their names; another file as it is."""
+        if suffix_of(path) != ".xlsx":
+            return [path]
+        try:
+            shown, hidden = sheet_names(read_bytes(path, path.name, ""), path.name)
+        except InputError:
+            # Whoever reads it says what is wrong.
+            return [path]
+        self._over("hidden sheets", path, hidden)
+        if self.each is False:
+            self._over('sheets behind the first (--pattern "{subject}.xlsx#{}" reads each)', path, shown[1:])
+        if self.each is False or not shown:
+            return [path]
+        return [path.with_name(f"{path.name}#{sheet}") for sheet in shown]
+
+    def _over(self, what: str, path: Path, sheets: Sequence[str]) -> None:
+        if sheets:
+            self._passed_over.setdefault(what, []).append(f"{path.name} ({', '.join(sheets)})")
+
+    def words(self) -> tuple[str, ...]:
+        """What was passed over."""
+        return tuple(f"{what}: {first_of(names, 3)}" for what, names in self._passed_over.items())
+
+    def sorted_out(self, files: list[File], problems: list[Problem]) -> tuple[list[File], list[Problem]]:
+        """The recordings, and what is wrong, without sheets that are empty or hold no recording.
+
+        A workbook of one sheet with cells has its own name, unless ``each`` is to be named or others have
+        several.
+        """
+        of_book: dict[Path, list[File]] = {}
+        for file in files:
+            of_book.setdefault(of_sheet(Path(file.name))[0], []).append(file)
+        blank = [p for p in problems if p.code == "no-rows" and of_sheet(Path(p.file))[0] in of_book]
+        problems = [problem for problem in problems if problem not in blank]
+        if self.each is None and not problems and all(len(sheets) == 1 for sheets in of_book.values()):
+            return [_as_a_whole(file) for file in files], problems
+        recordings: list[File] = []
+        for book, sheets in of_book.items():
+            held = [file for file in sheets if _holds_samples(file)] or sheets
+            recordings += held
+            self._over(
+                "sheets without a recording", book, [of_sheet(f.path)[1] for f in sheets if f not in held]
+            )
+        return recordings, problems
+
+
+def _as_a_whole(file: File) -> File:
+    path, sheet = of_sheet(file.path)
+    return replace(file, path=path, name=file.name.removesuffix(f"#{sheet}")) if sheet else file
+
+
+def _holds_samples(file: File) -> bool:
+    return any(channel.samples >= MIN_SAMPLES for channel in file.channels.values())
 
 
 def files_within(folder: Path) -> list[Path]:

@@ -16,7 +16,7 @@ from bayestissue.dataset.tables import TEXT_SUFFIXES
 from bayestissue.errors import InputError, Problem
 from bayestissue.intake.build import SEPARATION_S, THRESHOLD, Built, Cutting, build
 from bayestissue.intake.choices import Choices, Question, settle
-from bayestissue.intake.facts import Facts, gather
+from bayestissue.intake.facts import Facts, gather, joins_by_names
 from bayestissue.intake.folder import ChannelSummary, RecorderFolder, look
 from bayestissue.intake.names import guessed
 from bayestissue.outline import first_of
@@ -54,7 +54,7 @@ class Intake:
         choices = question.answer(self.choices, text)
         if "{" in text and question.option == "--set subject=":
             choices = replace(self.choices, pattern=text)
-        return replace(_intake_from(self.recordings, choices), guess=self.guess)
+        return _intake_from(self.recordings, choices, self.guess)
 
     def design(self) -> list[str]:
         """How names are read, and of each fact its values with the number of recordings, in lines."""
@@ -84,8 +84,13 @@ class Intake:
                 for name, channels in self.recordings.candidates().items()
             ),
             *(f"Texts read as: {words}" for words in self.written()),
+            *(f"Passed over: {words}" for words in self.passed_over()),
             *self.design(),
         ]
+
+    def passed_over(self) -> tuple[str, ...]:
+        """What of the files and of the table was not read and is no problem, in words."""
+        return self.recordings.passed_over + self.facts.passed_over
 
     def written(self) -> list[str]:
         """How texts are written: each way of the recordings with the number of files, then the table."""
@@ -123,19 +128,27 @@ def prepare(folder: str | Path, choices: Choices) -> Intake:
         for suffix in (*SUFFIXES, *TEXT_SUFFIXES)
         if choices.pattern and choices.pattern.lower().endswith(suffix)
     ]
+    sheets = None if choices.pattern is None else "#" in choices.pattern
+    suffix = ".xlsx" if sheets else max(ends, key=len, default="")
     ignore = [choices.table] if choices.table else []
     stated = checked(choices.text, Stated, file="--text")
-    recordings = look(folder, suffix=max(ends, key=len, default=""), ignore=ignore, stated=stated)
+    recordings = look(folder, suffix=suffix, ignore=ignore, stated=stated, sheets=sheets)
     guess = None
-    if choices.pattern is None and choices.table is None and "subject" not in choices.shared:
+    if choices.pattern is None and (choices.table is None or joins_by_names(choices.table)):
         guess = guessed(recordings.files, choices.shared)
-    return replace(_intake_from(recordings, replace(choices, pattern=guess or choices.pattern)), guess=guess)
+    return _intake_from(recordings, replace(choices, pattern=guess or choices.pattern), guess)
 
 
-def _intake_from(recordings: RecorderFolder, choices: Choices) -> Intake:
-    facts = gather(recordings, pattern=choices.pattern, table=choices.table, shared=choices.shared)
+def _intake_from(recordings: RecorderFolder, choices: Choices, guess: str | None) -> Intake:
+    facts = gather(
+        recordings,
+        pattern=choices.pattern,
+        table=choices.table,
+        shared=choices.shared,
+        loose=choices.pattern == guess,
+    )
     choices, questions = settle(choices, recordings, facts.columns)
-    return Intake(recordings, choices, facts, tuple(questions))
+    return Intake(recordings, choices, facts, tuple(questions), guess if choices.pattern == guess else None)
 
 
 def write(
@@ -308,6 +321,7 @@ def _summary(intake: Intake, cutting: Cutting | None) -> list[tuple[str, str]]:
     return [
         ("files", f"{len(intake.recordings.files)}, with the channels {', '.join(candidates)}"),
         *(("written", words) for words in intake.written()),
+        *(("passed over", words) for words in intake.passed_over()),
         ("values", f"{choices.quantity}, channel {choices.channel}{scaled}, in {choices.unit}"),
         *([("gravity along the motion", falls)] if choices.gravity is not None else []),
         ("times", times),

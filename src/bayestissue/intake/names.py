@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 import string
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import PurePosixPath
@@ -135,7 +135,8 @@ class Pattern:
         Args:
             file: its path relative to the folder, with ``/`` between the parts; as many of the last parts are
                 read as the pattern has.
-            suffix: how its name ends; a pattern that does not end so is read as one of the name before it.
+            suffix: how its name ends; a pattern that does not end so is read as one of the name before it. A
+            sheet is read behind ``.xlsx#``, or ``#`` alone.
 
         Raises:
             InputError: the name does not fit, or fits in two ways.
@@ -144,6 +145,8 @@ class Pattern:
         name = "/".join(parts)
         if not self.text.lower().endswith(suffix):
             name = name[: -len(suffix)]
+        if ".xlsx#" not in self.text.lower():
+            name = _SHEET.sub("#", name, count=1)
         # Where the shortest first field is the longest too, and so on for the next, there is one reading.
         shortest, longest = (self._reading(name, lazy) for lazy in ("?", ""))
         if shortest is None or longest is None:
@@ -181,7 +184,8 @@ def _unfit(text: str, slip: str) -> InputError:
     return InputError.stated("file-names.pattern", OPTION, value=f"{text}: {slip}", example=_EXAMPLE)
 
 
-_CUTS = re.compile(r"([_\-\s/]+)")
+_SHEET = re.compile(r"\.xlsx#", re.IGNORECASE)
+_CUTS = re.compile(r"(\.xlsx#|[_\-\s/]+)", re.IGNORECASE)
 _NUMBERED = re.compile(r"(?P<before>[^\W\d]*)(?P<number>\d+(?:[.,]\d+)?)(?P<after>[^\W\d]*)")
 _UNITS = {
     "kg": "mass_kg",
@@ -190,49 +194,105 @@ _UNITS = {
     "mm": "drop_height_mm",
     "mps": "velocity_m_s",
 }
-_SIDES = frozenset(
-    [
-        *("left", "right", "l", "r", "li", "re", "lt", "rt", "links", "rechts"),
-        *("dominant", "nondominant", "operated", "sound", "affected", "unaffected"),
-    ]
+_PAIRS = (
+    ({"left", "l", "li", "lt", "links"}, {"right", "r", "re", "rt", "rechts"}),
+    ({"dominant"}, {"nondominant"}),
+    ({"operated"}, {"sound"}),
+    ({"affected"}, {"unaffected"}),
 )
+_SIDES = frozenset(word for pair in _PAIRS for side in pair for word in side)
 _SESSIONS = frozenset(["session", "ses", "day", "visit", "week", "sitzung", "tag", "termin"])
+# Words for sessions, as others are for sides.
+_TIMES = frozenset(
+    ["before", "after", "pre", "post", "baseline", "followup", "vorher", "nachher", "vor", "nach"]
+)
+# A person's name among parts that are all alike.
+_PERSON = re.compile(
+    r"(?!(rec|run|rep|nr|n|r|day|ses|exp|hit)\d)([^\W\d]{1,3}|subj(ect)?|person|patient)\d{1,3}"
+)
+# Facts that tell recordings apart and say nothing of them.
+_COUNTED = re.compile(r"n|group(_\d+)?")
 _REPEATS = frozenset(["", "r", "n", "nr", "rep", "run", "trial", "drop", "hit", "impact", "wdh", "versuch"])
 
 
+def bare_name(file: File) -> str:
+    """The name of a file without its ending; that of a sheet with the sheet behind ``.xlsx#``."""
+    return file.name[: len(file.name) - len(file.suffix)]
+
+
 def guessed(files: Sequence[File], known: Collection[str] = ()) -> str | None:
-    """A pattern that all names fit and that names a person, or None.
+    """A pattern that all names fit and that says something of the recordings, or None.
 
     Names such as ``s01_left_2.5kg_1`` are cut at underscores, hyphens, spaces and folders. Where all names
     have the same number of parts, a number before ``kg`` or ``g`` is a mass, before ``cm`` or ``mm`` a drop
-    height, before ``mps`` a velocity; words such as left and right are a side; a number behind ``session``
-    or ``day`` is a session; counts are repeats; and the first other part that varies is the person. A guess
-    is shown and can be replaced. Where no person comes twice there is none.
+    height, before ``mps`` a velocity, also where all have the same; words such as left and right are a side,
+    before and after a session; a number behind ``session`` or ``day`` is a session; counts are repeats; and
+    the first other part that varies is the person, if one comes twice. Where none varies, one such as ``p1``
+    is. A guess is shown and can be replaced.
 
     Args:
         files: of the folder.
         known: facts that are given otherwise; what is in names of them does not matter.
     """
-    cut = [_CUTS.split(file.name[: -len(file.suffix)]) for file in files]
+    cut = [_CUTS.split(bare_name(file)) for file in files]
     separators = {tuple(parts[1::2]) for parts in cut}
-    if len(separators) != 1 or len(files) < 2:
+    if len(separators) != 1:
         return None
     columns = list(zip(*(parts[::2] for parts in cut), strict=True))
     pieces = _pieces(columns)
+    people = columns[pieces.index("{subject}")] if "{subject}" in pieces else ()
     filled = {fills(name) for name in known}
-    for name in re.findall(r"\{(\w+)\}", "".join(pieces)):
+    # A person each, or a count: it can't be told.
+    filled |= {"subject"} if 1 < len(set(people)) == len(people) else set()
+    fields = re.findall(r"\{(\w+)\}", "".join(pieces))
+    for name in fields:
         if fills(name) in filled:
             pieces = [piece.replace(f"{{{name}}}", "{}") for piece in pieces]
-    between = [*separators.pop(), ""]
-    if "{subject}" not in pieces:
+    if not [name for name in fields if fills(name) not in filled and not _COUNTED.fullmatch(name)]:
         return None
-    text = "".join(piece + gap for piece, gap in zip(pieces, between, strict=True))
+    text = "".join(piece + gap for piece, gap in zip(pieces, [*separators.pop(), ""], strict=True))
     try:
         pattern = Pattern.parse(text)
-        people = [pattern.read(file.name, file.suffix)["subject"] for file in files]
+        for file in files:
+            pattern.read(file.name, file.suffix)
     except InputError:
         return None
-    return text if len(set(people)) < len(people) else None
+    return text
+
+
+def contradictions(file: File, facts: Mapping[str, str]) -> Iterator[Problem]:
+    """What a file's name says otherwise than facts that are given of it: numbers with a unit, and sides.
+
+    Args:
+        file: whose name is read.
+        facts: by name, as text.
+    """
+    given = {_kind(name): (name, text) for name, text in facts.items() if name == "side" or is_number(name)}
+    for part in _CUTS.split(bare_name(file))[::2]:
+        match = _NUMBERED.fullmatch(part)
+        unit = match["after"] if match else ""
+        said = "side" if part.lower() in _SIDES else _UNITS.get(unit, "")
+        if not said or _kind(said) not in given:
+            continue
+        name, text = given[_kind(said)]
+        if said == "side":
+            pairs = [pair for pair in _PAIRS if {part.lower(), text.lower()} <= pair[0] | pair[1]]
+            agree = not pairs or any({part.lower(), text.lower()} <= side for side in pairs[0])
+        else:
+            try:
+                number = match["number"] if match else ""
+                one, other = columns({said: number}, ""), columns({name: text}, "")
+            except InputError:
+                continue
+            agree = math.isclose(float(one[fills(said)]), float(other[fills(name)]), rel_tol=1e-9)
+        if not agree:
+            key, value = "facts-of-recordings.name-says", f"{name} = {text}"
+            yield Problem.stated(key, file.name, column=name, value=value, part=part)
+
+
+def _kind(name: str) -> str:
+    """What a fact is of: a height of fall is compared with another, and not with a velocity."""
+    return "drop_height" if is_height(name) else fills(name)
 
 
 def _pieces(columns: Sequence[Sequence[str]]) -> list[str]:
@@ -247,6 +307,10 @@ def _pieces(columns: Sequence[Sequence[str]]) -> list[str]:
             names = [*(["n"] if counted else []), "group", *(f"group_{number}" for number in range(2, 20))]
             name = next(name for name in names if name not in taken)
             pieces[position], taken = f"{{{name}}}", taken | {name}
+    # All of one person: p1_1, p1_2.
+    constant = [len(set(texts)) == 1 and _PERSON.fullmatch(texts[0]) is not None for texts in columns]
+    if "subject" not in taken and taken and True in constant:
+        pieces[constant.index(True)], taken = "{subject}", taken | {"subject"}
     # Counts alone, as in 01_1, 01_2: the first is the person.
     if "subject" not in taken and "{n}" in pieces:
         pieces[pieces.index("{n}")] = "{subject}"
@@ -265,6 +329,8 @@ def _recognised(texts: set[str]) -> str | None:
         return texts.pop().replace("{", "{{").replace("}", "}}")
     if {text.lower() for text in texts} <= _SIDES:
         return "{side}"
+    if {text.lower() for text in texts} <= _TIMES:
+        return "{session}"
     if after is None:
         return None
     if not after and before.lower() in _SESSIONS:

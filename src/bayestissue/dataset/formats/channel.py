@@ -10,7 +10,9 @@ import numpy as np
 from jaxtyping import Float64
 
 # "Impact (m/s^2)", "Impact [g]": text tables have no other place for a unit.
+# A name that stands there twice has its column behind.
 _UNIT_IN_NAME = re.compile(r".*[(\[]([^()\[\]]+)[)\]]\s*")
+_PLACE = re.compile(r" \(column \d+\)$")
 
 
 @dataclass(frozen=True)
@@ -102,5 +104,5 @@ def columns(name: str, values: np.ndarray) -> dict[str, Float64[np.ndarray, " sa
 
 def unit_in_name(name: str) -> str:
     """The unit in brackets at the end of a column's name, such as ``Impact (m/s^2)``; empty if none."""
-    match = _UNIT_IN_NAME.fullmatch(name)
+    match = _UNIT_IN_NAME.fullmatch(_PLACE.sub("", name))
     return match[1].strip() if match else ""

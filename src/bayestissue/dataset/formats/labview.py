@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import logging
+import re
+from codecs import BOM_UTF8
 from typing import Any
 
 import numpy as np
@@ -11,12 +13,29 @@ import numpy as np
 from bayestissue.dataset.files import require_small
 from bayestissue.dataset.formats.channel import Channel, Contents, Format, UnfitError, even_clock
 
+SUFFIX = ".lvm"
+# As many bytes as show whether a text is LabVIEW's: it begins with its name, and a header has an end.
+HEADER = 1 << 14
+_MEASUREMENT, _END = b"LabVIEW Measurement", b"***End_of_Header***"
+
+
+def is_measurement(begin: bytes) -> bool:
+    """Whether a file that begins so is a LabVIEW measurement with its header."""
+    return begin.removeprefix(BOM_UTF8).startswith(_MEASUREMENT)
+
+
+def is_headerless(begin: bytes) -> bool:
+    """Whether a text that begins so has no header, and is a table then."""
+    return bool(begin.strip()) and _END not in begin
+
 
 def read_lvm(data: bytes, label: str) -> Contents:
     """The channels of the one block of data; their clock is ``X_Value``, else ``X0`` and ``Delta_X``.
 
     Channels may differ in the number of samples and in their interval: cells behind the end of a short one
-    are empty.
+    are empty. LabVIEW may have written its one header for the first of many pieces: where ``X_Value`` goes on
+    over more rows than the header states, it is the clock of all of them; where it begins again, each piece
+    is a block.
     """
     import lvm_read
 
@@ -25,16 +44,17 @@ def read_lvm(data: bytes, label: str) -> Contents:
     except UnicodeDecodeError:
         # LabVIEW writes names and units in the code page of its machine; the numbers are plain.
         text = data.decode("latin-1")
-    content: dict[Any, Any] = lvm_read.read_str(text)
+    content: dict[Any, Any] = lvm_read.read_str(_with_decimal_mark(text.removeprefix("\ufeff")))
     if content["Segments"] != 1:
-        raise UnfitError(
-            "one block of data",
-            "Record every impact to a file of its own, and leave no empty line between samples.",
-            f"{content['Segments']} blocks",
-        )
+        raise _several(content["Segments"])
     segment = content[0]
     samples, names = segment["data"], segment["Channel names"]
     stated = [int(count) for count in segment.get("Samples", []) if count == count]
+    if stated and len(samples) > max(stated):
+        if blocks := _begins_again(samples, names):
+            raise _several(blocks)
+        if "X_Value" in names:
+            stated = []
     if stated and max(stated) != len(samples):
         count_words = f"{len(samples)} rows where {max(stated)} are stated"
         raise UnfitError(
@@ -64,6 +84,29 @@ def read_lvm(data: bytes, label: str) -> Contents:
         measured += 1
     lines = text.splitlines()
     return Contents(channels, next(i for i, line in enumerate(lines, 2) if line.startswith("X_Value")))
+
+
+def _with_decimal_mark(text: str) -> str:
+    """The text with an entry of its decimal mark, where it has none and numbers have commas."""
+    begin = text.find("X_Value")
+    header, numbers = text[:begin], text[begin:]
+    commas = re.search(r"\d,\d", numbers) and not re.search(r"\d\.\d", numbers)
+    if begin < 0 or not commas or re.search(r"^(Decimal_Separator|Separator,)", header, re.MULTILINE):
+        return text
+    first, end, rest = text.partition("\n")
+    return f"{first}{end}Decimal_Separator\t,\n{rest}"
+
+
+def _several(blocks: int) -> UnfitError:
+    remedy = "Record every impact to a file of its own, and leave no empty line between samples."
+    return UnfitError("one block of data", remedy, f"{blocks} blocks")
+
+
+def _begins_again(samples: np.ndarray, names: list[str]) -> int:
+    """How many times ``X_Value`` begins, where that is more than once; else 0."""
+    clocks = samples[:, [at for at, name in enumerate(names) if name == "X_Value"]]
+    blocks = 1 + int(np.count_nonzero((np.diff(clocks, axis=0) <= 0).any(axis=1)))
+    return blocks if blocks > 1 else 0
 
 
 def _stated(segment: dict[str, Any], key: str, channel: int, otherwise: Any) -> Any:
@@ -101,6 +144,6 @@ def read_tdms(data: bytes, label: str) -> Contents:
 
 FORMATS = (
     # Lines that are taken apart one by one take many times their size.
-    Format("LabVIEW measurement", ".lvm", read_lvm, share=0.1),
+    Format("LabVIEW measurement", SUFFIX, read_lvm, share=0.1),
     Format("NI TDMS", ".tdms", read_tdms),
 )

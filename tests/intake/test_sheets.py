@@ -1,0 +1,146 @@
+"""Workbooks of several recordings, a sheet each, and tables of one row a person."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bayestissue as bt
+from bayestissue.dataset.files import of_sheet
+from bayestissue.errors import InputError
+from command_line import bayestissue
+from dataset_bench import deceleration
+from recorder_files import workbook, xlsx
+
+SHEETS = ("before_left", "before_right", "after_left", "after_right")
+PEOPLE = ("p1", "p2", "p10")
+VELOCITY = 1.2
+
+
+def recorded(which: int) -> tuple[np.ndarray, np.ndarray]:
+    return deceleration(1 + 0.001 * which, VELOCITY)
+
+
+def rows(which: int) -> list[list[object]]:
+    return [
+        ["Time (s)", "Acc (m/s^2)"],
+        *([t, a] for t, a in zip(*map(np.ndarray.tolist, recorded(which)), strict=True)),
+    ]
+
+
+@pytest.fixture(scope="module")
+def clinic(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A workbook a person with four sheets, one of notes, an empty one and a hidden one."""
+    folder = tmp_path_factory.mktemp("clinic")
+    (folder / "books").mkdir()
+    for person, name in enumerate(PEOPLE):
+        sheets = {sheet: rows(4 * person + n) for n, sheet in enumerate(SHEETS)}
+        notes: list[list[object]] = [["examiner", "A. B."], ["age", 41]]
+        workbook(
+            folder / "books" / f"{name}.xlsx",
+            {"notes": notes, "Sheet9": [], **sheets, "raw": rows(99)},
+            hidden=("raw",),
+        )
+    patients = [
+        ["subject", "group", "mass_kg"],
+        ["P1", "treated", 1],
+        ["p2", "control", 1],
+        ["p10", "control", 1],
+    ]
+    xlsx(folder / "patients.xlsx", [*patients, ["p11", "treated", 1]])
+    return folder
+
+
+def init(clinic: Path, out: Path, *options: str | Path):
+    velocity = ("--set", f"velocity_m_s={VELOCITY}")
+    return bayestissue(
+        "init", clinic / "books", "--out", out, "--quantity", "deceleration", *velocity, *options
+    )
+
+
+@pytest.mark.parametrize("pattern", [None, "{subject}.xlsx#{session}_{side}", "{subject}#{session}_{side}"])
+def test_each_sheet_is_a_recording(pattern: str | None, clinic: Path, tmp_path: Path) -> None:
+    said = ("--pattern", pattern) if pattern else ()
+    made = init(clinic, tmp_path / "d", "--set", "mass_kg=1", *said)
+    assert (made.status, made.err) == (0, "")
+    assert "passed over: hidden sheets: p1.xlsx (raw), p2.xlsx (raw), p10.xlsx (raw)" in made.out
+    assert (
+        "passed over: sheets without a recording: p1.xlsx (notes), p2.xlsx (notes), p10.xlsx (notes)"
+        in made.out
+    )
+    data = bt.read_dataset(tmp_path / "d")
+    table = data.impacts
+    assert table["impact"].iloc[0] == "p1_before_left"
+    assert table["trace"].tolist() == [f"recordings/{who}.xlsx#{sheet}" for who in PEOPLE for sheet in SHEETS]
+    assert (table["session"] + "_" + table["side"]).tolist() == list(SHEETS) * 3
+    for which, trace in enumerate(data.traces):
+        np.testing.assert_array_equal(trace.value, recorded(which)[1])
+    kept = sorted(path.name for path in (tmp_path / "d" / "recordings").iterdir())
+    assert kept == ["p1.xlsx", "p10.xlsx", "p2.xlsx"]
+
+
+def test_a_table_of_one_row_a_person_is_joined(clinic: Path, tmp_path: Path) -> None:
+    made = init(clinic, tmp_path / "d", "--table", clinic / "patients.xlsx")
+    assert (made.status, made.err) == (0, "")
+    assert "passed over: rows of patients.xlsx without a recording: p11" in made.out
+    table = bt.read_dataset(tmp_path / "d").impacts
+    assert table["subject"].tolist() == [who for who in PEOPLE for _ in SHEETS]
+    assert table["group"].tolist() == ["treated"] * 4 + ["control"] * 8
+    (tmp_path / "few.csv").write_text("subject,side,mass_kg\np1,left,1\np1,right,1\np2,left,1\np2,left,2\n")
+    refused = init(clinic, tmp_path / "e", "--table", tmp_path / "few.csv")
+    assert refused.status == 2
+    assert "expected a row for subject p2, side right (p2.xlsx#before_right)" in refused.err
+    assert "expected one row for subject p2, side left" in refused.err
+    (tmp_path / "few.csv").write_text("person,mass_kg\np1,1\n")
+    refused = init(clinic, tmp_path / "e", "--table", tmp_path / "few.csv")
+    assert "expected a column file, or one that the names of the recordings have too" in refused.err
+    assert not (tmp_path / "e").exists()
+
+
+def test_a_pattern_without_sheets_reads_the_first_and_says_so(clinic: Path, tmp_path: Path) -> None:
+    book = tmp_path / "books"
+    book.mkdir()
+    for n, who in enumerate(("p1", "p2")):
+        workbook(book / f"{who}.xlsx", {sheet: rows(2 * n + m) for m, sheet in enumerate(SHEETS[:2])})
+    made = init(tmp_path, tmp_path / "d", "--set", "mass_kg=1", "--pattern", "{subject}.xlsx")
+    assert made.status == 0, made.err
+    how = '--pattern "{subject}.xlsx#{}" reads each'
+    said = f"passed over: sheets behind the first ({how}): p1.xlsx (before_right)"
+    assert said in made.out
+    assert bt.read_dataset(tmp_path / "d").impacts["trace"].tolist() == [
+        f"recordings/{p}.xlsx" for p in ("p1", "p2")
+    ]
+
+
+def test_a_workbook_of_one_recording_has_its_own_name(tmp_path: Path) -> None:
+    (tmp_path / "books").mkdir()
+    for n, who in enumerate(("p1_left", "p1_right")):
+        workbook(tmp_path / "books" / f"{who}.xlsx", {"Sheet1": rows(n), "Sheet2": [], "Sheet3": []})
+    made = init(tmp_path, tmp_path / "d", "--set", "mass_kg=1")
+    assert made.status == 0, made.err
+    assert bt.read_dataset(tmp_path / "d").impacts["impact"].tolist() == ["p1_left", "p1_right"]
+    workbook(tmp_path / "books" / "p1_left.xlsx", {"Sheet1": [], "Sheet2": []})
+    assert (
+        'p1_left.xlsx#Sheet1: found "empty sheets"'
+        in init(tmp_path, tmp_path / "e", "--set", "mass_kg=1").err
+    )
+
+
+def test_a_sheet_that_is_not_there_is_told(clinic: Path, tmp_path: Path) -> None:
+    assert init(clinic, tmp_path / "d", "--set", "mass_kg=1").status == 0
+    impacts = tmp_path / "d" / "impacts.csv"
+    impacts.write_text(impacts.read_text().replace("p1.xlsx#before_left", "p1.xlsx#before"))
+    with pytest.raises(
+        InputError, match=r'found "before"; expected a sheet of the workbook. It has: notes, '
+    ):
+        bt.read_dataset(tmp_path / "d")
+
+
+def test_a_file_may_be_called_like_a_sheet(tmp_path: Path) -> None:
+    path = tmp_path / "a.xlsx#b"
+    assert of_sheet(path) == (tmp_path / "a.xlsx", "b")
+    path.write_text("x")
+    assert of_sheet(path) == (path, "")
+    assert of_sheet(tmp_path / "drop#1.csv") == (tmp_path / "drop#1.csv", "")
