@@ -7,6 +7,7 @@ import time
 
 import pytest
 
+from bayestissue.dataset.formats import unit_in_name
 from bayestissue.errors import InputError
 from bayestissue.intake.names import Pattern, columns
 
@@ -57,6 +58,14 @@ def test_many_fields_take_no_longer_than_few(field: str) -> None:
         pattern.read(f"s1_{'1' * 200}y.csv", ".csv")
     # Backtracking would not end within anybody's life.
     assert time.monotonic() - begin < 2
+
+
+@pytest.mark.parametrize("name", ["(" + 20_000 * " " + "x", 20_000 * "(" + " ", "a(" + 20_000 * " " + ")x"])
+def test_a_long_name_of_a_column_is_looked_through_once(name: str) -> None:
+    begin = time.monotonic()
+    assert not unit_in_name(name)
+    assert time.monotonic() - begin < 2
+    assert unit_in_name("Impact ( m/s^2 ) ") == "m/s^2"
 
 
 def test_a_name_that_does_not_fit_is_refused() -> None:

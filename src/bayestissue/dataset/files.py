@@ -13,6 +13,7 @@ import zipfile
 import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from functools import reduce
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -266,6 +267,7 @@ def sheet_text(data: bytes, label: str, sheet: str = "") -> tuple[str, bytes]:
         InputError: it is no whole workbook, too large once unpacked, protected or empty, or lacks the sheet.
     """
     with _opened(data, label) as book:
+        _require_near(data, label)
         shown, hidden = _sheet_names(book)
         if sheet and sheet not in (*shown, *hidden):
             names = ", ".join(shown)
@@ -284,6 +286,8 @@ def _opened(data: bytes, label: str) -> Iterator[CalamineWorkbook]:
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as packed:
             size = sum(member.file_size for member in packed.infolist())
+            if "xl/workbook.xml" not in packed.namelist():
+                raise ValueError("no workbook of the kind .xlsx in it")
         require_small(size, label, share=0.5)
         yield CalamineWorkbook.from_filelike(io.BytesIO(data))
     except InputError:
@@ -293,6 +297,33 @@ def _opened(data: bytes, label: str) -> Iterator[CalamineWorkbook]:
         if isinstance(error, KeyboardInterrupt | SystemExit | MemoryError):
             raise
         raise InputError.stated("damaged-file.workbook", label, value=error_line(error)) from error
+
+
+# Of a cell while a sheet is read.
+_CELL_BYTES = 40
+_ROW, _COLUMN = (
+    re.compile(rb"\sr\s*=\s*[\"'][A-Za-z]*(\d+)[\"']"),
+    re.compile(rb"\sr\s*=\s*[\"']([A-Za-z]+)\d"),
+)
+
+
+def _require_near(data: bytes, label: str) -> None:
+    """Refuse a sheet with a cell so far out that the rectangle up to it, which is read, is too large."""
+    with zipfile.ZipFile(io.BytesIO(data)) as packed:
+        for member in packed.infolist():
+            content = packed.read(member) if member.filename.endswith(".xml") else b""
+            if b"sheetData" not in content:
+                continue
+            last = max(map(int, set(_ROW.findall(content))), default=1)
+            far = max({name.upper() for name in _COLUMN.findall(content)}, key=_number_of, default=b"A")
+            if last * _number_of(far) * _CELL_BYTES > largest():
+                place = f"cells as far as column {far.decode()} and row {last}"
+                raise InputError.stated("file-too-large.cells", label, value=place)
+
+
+def _number_of(column: bytes) -> int:
+    """Of the letters of a column, from 1 on: those of ``"AA"`` are 27."""
+    return reduce(lambda number, letter: 26 * number + letter - 64, column, 0)
 
 
 def _csv(rows: Sequence[Sequence[object]]) -> bytes:

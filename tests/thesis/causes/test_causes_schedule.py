@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +24,9 @@ from bayestissue.errors import InputError
 from bayestissue.hierarchy.gaussian.arrangement import arrange
 from bayestissue.hierarchy.traces import TraceData
 from bayestissue.inference.execution import chunks
+from bayestissue.inference.execution import workers as execution
 from bayestissue.inference.execution.chunks import in_blocks
-from bayestissue.inference.execution.workers import _PATIENCE_S, on_cluster
+from bayestissue.inference.execution.workers import _PATIENCE_S, computed, on_cluster
 from bayestissue.inference.points import fit
 from bayestissue.likelihood.arma.displacement import displacement_record
 from bayestissue.thesis.causes.batches import Batch, run_batches
@@ -96,8 +98,15 @@ def test_finished_batches_are_not_computed_again(
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, list[int]]]:
     """A scheduler and two workers, started as a user would: its address, and the workers' processes."""
+    with started(tmp_path_factory.mktemp("dask"), workers=2) as (address, pids):
+        yield address, pids[1:]
+
+
+@contextmanager
+def started(folder: Path, *, workers: int) -> Iterator[tuple[str, list[int]]]:
+    """The address of a scheduler, and the processes: its own, then the workers'."""
     pytest.importorskip("distributed")
-    told = tmp_path_factory.mktemp("dask") / "scheduler.json"
+    told = folder / "scheduler.json"
     dask = [sys.executable, "-m", "dask"]
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     begun = [
@@ -112,8 +121,8 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, lis
             time.sleep(0.1)
         address = json.loads(told.read_text())["address"]
         worker = [*dask, "worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard"]
-        begun += [subprocess.Popen(worker, **quiet) for _ in range(2)]  # noqa: S603
-        yield address, [process.pid for process in begun[1:]]
+        begun += [subprocess.Popen(worker, **quiet) for _ in range(workers)]  # noqa: S603
+        yield address, [process.pid for process in begun]
     finally:
         for process in reversed(begun):
             process.kill()
@@ -189,3 +198,28 @@ def test_without_dask_the_next_step_is_told(batches: list[Batch], monkeypatch: p
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(InputError, match=r"bayestissue\[dask\]"):
         run_batches(batches, scheduler="tcp://127.0.0.1:1")
+
+
+def test_a_scheduler_without_workers_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(execution, "_WORKERS_S", 1.0)
+    with (
+        started(tmp_path, workers=0) as (address, _),
+        pytest.raises(InputError, match="a scheduler without workers"),
+        on_cluster(address),
+    ):
+        pass
+
+
+@pytest.mark.parametrize(("victim", "said"), [(0, "answers no longer"), (1, "without workers")])
+def test_a_scheduler_or_its_last_worker_that_is_killed_ends_the_wait(
+    victim: int, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with started(tmp_path, workers=1) as (address, pids):
+        found = computed(time.sleep, [0.01, 30.0, 30.0], scheduler=address)
+        assert next(found) == (0, None)
+        monkeypatch.setattr(execution, "_WORKERS_S", 3.0)
+        os.kill(pids[victim], signal.SIGKILL)
+        begin = time.monotonic()
+        with pytest.raises(InputError, match=said):
+            list(found)
+        assert time.monotonic() - begin < 20

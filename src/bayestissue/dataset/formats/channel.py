@@ -11,7 +11,7 @@ from jaxtyping import Float64
 
 # "Impact (m/s^2)", "Impact [g]": text tables have no other place for a unit.
 # A name that stands there twice has its column behind.
-_UNIT_IN_NAME = re.compile(r".*[(\[]\s*([^()\[\]]+?)\s*[)\]]\s*")
+_UNIT_IN_NAME = re.compile(r".*[(\[]([^()\[\]]+)[)\]]\s*")
 _PLACE = re.compile(r" \(column \d+\)$")
 
 
@@ -105,4 +105,4 @@ def columns(name: str, values: np.ndarray) -> dict[str, Float64[np.ndarray, " sa
 def unit_in_name(name: str) -> str:
     """The unit in brackets at the end of a column's name, such as ``Impact (m/s^2)``; empty if none."""
     match = _UNIT_IN_NAME.fullmatch(_PLACE.sub("", name))
-    return match[1] if match else ""
+    return match[1].strip() if match else ""

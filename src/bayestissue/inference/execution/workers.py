@@ -7,9 +7,10 @@ its items with it, and they are computed again by others.
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import as_completed
-from contextlib import contextmanager
+from concurrent.futures import CancelledError, as_completed
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from typing import Any
 
@@ -20,6 +21,8 @@ from bayestissue.results import scratch
 # Workers that die this often without an item done between are no accident.
 _DEATHS = 5
 _PATIENCE_S = 4
+# A worker that was just started loads for some seconds; between looks at whether there are any, so long.
+_WORKERS_S, _LOOK_S = 20.0, 2.0
 _SCHEDULER: ContextVar[str | None] = ContextVar("scheduler", default=None)
 
 
@@ -97,7 +100,7 @@ def _on_dask(function: Callable[[Any], Any], items: Sequence[Any], address: str)
                 for number in sorted(left)
             }
             try:
-                for future in distributed.as_completed(list(futures), loop=client.loop):
+                for future in _done(client, list(futures)):
                     result = future.result()
                     left.remove(futures[future])
                     deaths = 0
@@ -106,8 +109,47 @@ def _on_dask(function: Callable[[Any], Any], items: Sequence[Any], address: str)
                 deaths += 1
                 if deaths == _DEATHS:
                     raise RuntimeError(f"workers died {deaths} times with nothing done") from death
+            except (asyncio.CancelledError, CancelledError, OSError) as loss:
+                if client.status == "running":
+                    raise
+                raise _lost("the scheduler answers no longer") from loss
     finally:
-        client.close()
+        client.close(timeout=_PATIENCE_S)
+
+
+def _done(client: Any, futures: list[Any]) -> Iterator[Any]:
+    """The futures as they are done, for as long as there is a scheduler and it has workers.
+
+    Raises:
+        InputError: there is none for `_WORKERS_S`.
+    """
+    import distributed
+
+    waiting, seen = set(futures), time.monotonic()
+    while waiting:
+        with suppress(TimeoutError):
+            for future in distributed.as_completed(list(waiting), loop=client.loop, timeout=_LOOK_S):
+                waiting.discard(future)
+                seen = time.monotonic()
+                yield future
+        running = client.status == "running"
+        if running and client.scheduler_info()["workers"]:
+            seen = time.monotonic()
+        if time.monotonic() - seen > _WORKERS_S:
+            raise _lost("a scheduler without workers" if running else "the scheduler answers no longer")
+
+
+def _lost(found: str) -> InputError:
+    return InputError(
+        Problem(
+            "--scheduler",
+            "a running Dask scheduler with workers",
+            "Start `dask scheduler` and `dask worker ADDRESS`, or leave --scheduler out, and give the same "
+            "command again: what was finished is kept.",
+            value=found,
+            code="scheduler",
+        )
+    )
 
 
 def _settled(function: Callable[[Any], Any], item: Any) -> Any:
@@ -132,7 +174,7 @@ def _client(address: str) -> Any:
     try:
         # A client that fails waits for itself, and complains when collected; so a bare connection first.
         asyncio.run(_answers(address))
-        return distributed.Client(address, timeout=_PATIENCE_S, set_as_default=False)
+        client = distributed.Client(address, timeout=_PATIENCE_S, set_as_default=False)
     except Exception:  # whatever another program answers may be read as anything
         raise InputError(
             Problem(
@@ -144,6 +186,12 @@ def _client(address: str) -> Any:
                 code="scheduler",
             )
         ) from None
+    try:
+        client.wait_for_workers(1, timeout=_WORKERS_S)
+    except TimeoutError:
+        client.close(timeout=_PATIENCE_S)
+        raise _lost("a scheduler without workers") from None
+    return client
 
 
 async def _answers(address: str) -> None:
