@@ -147,7 +147,7 @@ def pads(folder: Path) -> None:
 
 
 def trial(folder: Path) -> None:
-    """Two drops on each side of four treated and four control people, before and after; treated gain a fifth."""
+    """Two drops on each side of four treated and four control people, before and after treatment by 1.2."""
     (folder / "recorded").mkdir()
     rng = np.random.default_rng(4)
     for number in range(8):
@@ -160,9 +160,6 @@ def trial(folder: Path) -> None:
                 # Of a lighter mass with the same spring the motion is that of a stiffer one.
                 log_K = visit + 0.02 * rng.standard_normal()
                 time, value = deceleration(0.5 / float(np.exp(log_K)), SPEED)
-                table = pd.DataFrame(
-                    {"Time (ms)": (1e3 * time).round(4), "Impact (g)": (value / 9.80665).round(5)}
-                )
-                table.to_csv(
-                    folder / "recorded" / f"{group}_{person}_{session}_{side}_{drop}.csv", index=False
-                )
+                columns = {"Time (ms)": (1e3 * time).round(4), "Impact (g)": (value / 9.80665).round(5)}
+                name = f"{group}_{person}_{session}_{side}_{drop}.csv"
+                pd.DataFrame(columns).to_csv(folder / "recorded" / name, index=False)

@@ -56,7 +56,7 @@ def test_an_interaction_leads_and_what_goes_with_a_level_is_said(tmp_path) -> No
     assert "What differs? after over before, treated over control: K × 1.22 1.10 to 1.35" in first
     words = "K, after over before, is very probably greater for treated than for control (probability 0.98)"
     assert words in first
-    assert "Between left and right also differs, and cannot be told apart: pad (p1 against p2)." in first
+    assert "Between left and right also differs, and is part of the ratio: pad (p1 against p2)." in first
     assert "treated:after/before over control:after/before" in section(html, "comparisons")
     assert "also differs: pad" in section(html, "comparisons")
     # An earlier version wrote no such columns.

@@ -161,7 +161,7 @@ class Recorded:
         """The recorded rows that have these values."""
         keep = np.ones(len(self.rows), bool)
         for column, value in condition.items():
-            keep &= labels_of(self.rows[column]) == _label(value)
+            keep &= labels_of(self.rows[column]) == label_of(value)
         return self.rows[keep]
 
     def completed(self, condition: Condition) -> dict[str, Any]:
@@ -428,8 +428,9 @@ def _coefficient(draws: xr.Dataset, name: str, response: str) -> np.ndarray:
 
 
 def _combined(term: GroupTerm, condition: Condition) -> str:
-    return ":".join(_label(condition.get(factor, "")) for factor in term.factors)
+    return ":".join(label_of(condition.get(factor, "")) for factor in term.factors)
 
 
-def _label(value: Any) -> str:
+def label_of(value: Any) -> str:
+    """A value as levels are called, see `bayestissue.hierarchy.formulas.group_terms.labels_of`."""
     return f"{value:.12g}" if isinstance(value, float) else str(value)

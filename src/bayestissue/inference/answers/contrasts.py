@@ -44,7 +44,7 @@ from jaxtyping import Float
 
 from bayestissue.hierarchy.formulas.formula import group_terms, interactions, variables_of_terms
 from bayestissue.hierarchy.formulas.group_terms import SUBJECT, labels_of
-from bayestissue.hierarchy.levels import Condition, Recorded, log_at_levels
+from bayestissue.hierarchy.levels import Condition, Recorded, label_of, log_at_levels
 from bayestissue.inference.answers.grammar import Node, Number, Quantity, QuestionError, parse
 from bayestissue.inference.answers.meaning import quantities
 from bayestissue.results.tables import joined
@@ -345,14 +345,12 @@ def _ordered(levels: Sequence[str]) -> list[str]:
 
 def _notes(recorded: Recorded, compared: Sequence[Contrast]) -> list[str]:
     """What else goes with the levels of each contrast; empty of interactions and of means of all."""
-    differing = [name for name in (*recorded.needed, *recorded.not_used) if name in recorded.rows]
+    noted = [contrast for contrast in compared if _has_note(contrast)]
     by_factors = {
-        factors: _constants(recorded, factors, [name for name in differing if name not in factors])
-        for factors in dict.fromkeys(
-            tuple(at) for contrast in compared if _has_note(contrast) for at, _ in contrast.weighted
-        )
+        factors: _constants(recorded, factors)
+        for factors in dict.fromkeys(tuple(at) for contrast in noted for at, _ in contrast.weighted)
     }
-    return [_note(contrast, by_factors) if _has_note(contrast) else "" for contrast in compared]
+    return [_note(recorded, contrast, by_factors) if _has_note(contrast) else "" for contrast in compared]
 
 
 def _has_note(contrast: Contrast) -> bool:
@@ -362,10 +360,13 @@ def _has_note(contrast: Contrast) -> bool:
 Constants = Mapping[tuple[str, ...], Mapping[str, str]]
 
 
-def _constants(recorded: Recorded, factors: tuple[str, ...], names: Sequence[str]) -> Constants:
-    """Of each level the columns that are one in all of its impacts, and what they are there."""
+def _constants(recorded: Recorded, factors: tuple[str, ...]) -> Constants:
+    """Of each level the columns in no formula that are one in all of its impacts, and what they are there."""
+    names = [name for name in recorded.not_used if name not in factors]
+    if not names:
+        return {}
     labels = pd.DataFrame({name: labels_of(recorded.rows[name]) for name in (*factors, *names)})
-    groups = labels.groupby([labels[name] for name in factors])[list(names)]
+    groups = labels.groupby([labels[name] for name in factors])[names]
     first, alike = groups.first(), groups.nunique(dropna=False).eq(1)
     found = {}
     for level, values, same in zip(first.index, first.to_numpy(), alike.to_numpy(), strict=True):
@@ -374,9 +375,9 @@ def _constants(recorded: Recorded, factors: tuple[str, ...], names: Sequence[str
     return found
 
 
-def _note(contrast: Contrast, constants: Mapping[tuple[str, ...], Constants]) -> str:
+def _note(recorded: Recorded, contrast: Contrast, constants: Mapping[tuple[str, ...], Constants]) -> str:
     upper, lower = (
-        [constants[tuple(at)].get(_labels(at), {}) for at, w in contrast.weighted if w * sign > 0]
+        [_goes_with(recorded, at, constants) for at, w in contrast.weighted if w * sign > 0]
         for sign in (1, -1)
     )
     words = []
@@ -389,8 +390,13 @@ def _note(contrast: Contrast, constants: Mapping[tuple[str, ...], Constants]) ->
     return f"{ALSO}{', '.join(words)}" if words else ""
 
 
-def _labels(at: Condition) -> tuple[str, ...]:
-    return tuple(f"{value:.12g}" if isinstance(value, float) else str(value) for value in at.values())
+def _goes_with(
+    recorded: Recorded, at: Condition, constants: Mapping[tuple[str, ...], Constants]
+) -> dict[str, str]:
+    """What follows from a condition by the formulas, and what else was one thing in all of its impacts."""
+    follows = {name: value for name, value in recorded.completed(at).items() if name not in at}
+    labels = {name: label_of(value) for name, value in follows.items() if name in recorded.needed}
+    return labels | dict(constants[tuple(at)].get(tuple(map(label_of, at.values())), {}))
 
 
 MOST_PEOPLE = 60

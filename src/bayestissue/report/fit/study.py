@@ -81,7 +81,7 @@ def _note_words(level: str, against: str, shown: list[Any]) -> str:
     if not notes:
         return ""
     what = str(notes[0]).removeprefix(ALSO)
-    return f"Between {level} and {against} also differs, and cannot be told apart: {what}."
+    return f"Between {level} and {against} also differs, and is part of the ratio: {what}."
 
 
 def _level_values(run: FitRun, factor: str, levels: tuple[str, str]) -> list[tuple[str, str, str, Spread]]:
