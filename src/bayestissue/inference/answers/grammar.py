@@ -14,6 +14,7 @@ from functools import cache
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
+from bayestissue.hierarchy.formulas.group_terms import as_name
 from bayestissue.outline import short
 
 if TYPE_CHECKING:
@@ -222,7 +223,7 @@ class _Maker:
         twice = [level for index, level in enumerate(levels) if level.column in columns[:index]]
         if twice:
             raise QuestionError(twice[0].position, twice[0].column, "each column once")
-        return Quantity(_unquoted(name), levels, name.start_pos)
+        return Quantity(as_name(_unquoted(name)), levels, name.start_pos)
 
     def call(self, parts: list[Any]) -> Node:
         name, *arguments = parts
