@@ -14,7 +14,7 @@ from rich.console import Console
 
 from bayestissue import cli
 from bayestissue.commands import causes, compare, estimate
-from bayestissue.commands.console import echo, plain
+from bayestissue.commands.console import echo, plain, show, table
 from bayestissue.errors import InputError, Problem, has_control_characters, printable
 
 BAD = "[/red]a\x1b]0;title\x07b\x9b2Jc\u202ed\x00"
@@ -98,3 +98,14 @@ def test_a_dataset_folder_of_an_evil_name(tmp_path: Path, monkeypatch, capsys) -
     with pytest.raises(SystemExit):
         cli.main()
     assert tame(capsys.readouterr().err)
+
+
+def test_first_cells_that_begin_alike_are_told_apart_on_a_narrow_terminal(monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "50")
+    starts = "K[side=left, session=before, group=treated] / K[side="
+    cells = [[f"{starts}{end}]", "1.1", "1.0", "1.2"] for end in ("left", "right")]
+    show(table("numbers", ["quantity", "median", "from", "to"], cells, words=("quantity",)))
+    said = re.sub(r"[\s│┃]", "", capsys.readouterr().out)
+    assert "left]" in said
+    assert "right]" in said
+    assert "…" not in said

@@ -6,6 +6,7 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import docx
 import numpy as np
@@ -16,6 +17,7 @@ from PIL import Image
 import bayestissue as bt
 from bayestissue.finished import fit_run_of
 from bayestissue.inference.points.notes import flagged_recordings
+from bayestissue.paper import text
 from bayestissue.paper.documents import write_markdown, write_word
 from bayestissue.paper.text import Text, text_of
 from bayestissue.paper.workbook import people_wide, write_sheets
@@ -220,3 +222,14 @@ def test_exclusions_are_a_sentence(run: FitRun) -> None:
     # A run of an earlier version has no words for a sentence.
     short = f"Of {len(run.impacts) + 1} recordings, 1 was left out of the analysis."
     assert short in said(left_out=["a"], exclusions=[])
+
+
+def test_one_person_is_this_one(monkeypatch):
+    one = SimpleNamespace(value="2000", range="1900 to 2100")
+    monkeypatch.setattr(
+        text, "levels", lambda _: [SimpleNamespace(quantity="K", unit="N/m", typical=one, new=one)]
+    )
+    said = text._levels(SimpleNamespace(impacts=[1, 2], people_count=1))
+    assert said.startswith("Of this person K was 2000 N/m (1900 to 2100). Of a new impact")
+    said = text._levels(SimpleNamespace(impacts=[1, 2], people_count=2))
+    assert said.startswith("Of a typical person K was 2000 N/m (1900 to 2100). Of a new person")

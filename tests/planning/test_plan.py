@@ -100,19 +100,14 @@ def test_where_no_design_answers_many_people_are_tried() -> None:
     assert plan.answer.startswith(
         "None of the 2 designs answers with a probability of 0.80. The best: 60 people"
     )
-    assert (
-        "240 people would not either, 0.60 ± 0.05: however many people there are, what is asked"
-        in plan.answer
-    )
-    assert "can't be told from the effects (1|trial) of its 2 trials. More trials would help" in plan.answer
+    assert "240 people would not either, 0.60 ± 0.05: however many people there are" in plan.answer
+    assert "can't be told from the effects (1|trial) of its 2 conditions. More conditions" in plan.answer
 
 
 def test_a_design_beyond_a_machine_s_memory_is_refused_with_the_bound() -> None:
     with pytest.raises(InputError, match="at most 1000 people in a design, and not 1000000"):
         bt.plan(people=1_000_000, masses_kg=[0.5, 1.0], ask=EXPONENT)
-    with pytest.raises(
-        InputError, match="at most 50000 impacts in a design, and not 20 people with 20000 each"
-    ):
+    with pytest.raises(InputError, match="at most 50000 impacts in a design, and not 20 people"):
         bt.plan(people=20, masses_kg=[0.5, 1.0], repeats=10_000, ask=EXPONENT)
 
 
@@ -163,6 +158,16 @@ noise_relative_to_peak = 0.05
 name = "lab"
 noise_relative_to_peak = 0.001
 """
+
+
+def test_groups_of_people_stand_in_the_answer_the_paragraph_and_the_page() -> None:
+    groups, question = {"group": ["treated", "control"]}, "K[group=treated] > K[group=control]"
+    with kernel():
+        plan = bt.plan(people=[9, 21], masses_kg=0.7, groups=groups, ask=question, repeats=20, studies=100)
+    said = "9 people (group: 5 treated and 4 control), each hit 20 times"
+    assert said in plan.answer
+    assert said in plan.paragraph
+    assert said in page_of(plan.content, plan.designs, plan.about)
 
 
 def test_recorders_are_candidates(tmp_path: Path) -> None:

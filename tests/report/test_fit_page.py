@@ -211,7 +211,12 @@ def test_a_warning_of_the_model_form_has_a_colour_of_its_own(tmp_path):
     about = json.loads(path.read_text(encoding="utf-8"))
     about["verdict"]["warned"] = True
     path.write_text(json.dumps(about), encoding="utf-8")
-    assert '<p class="verdict warned" role="status">Diagnostics passed.' in page_of(folder)
+    about["verdict"]["words"] = f"R-hat at most 1.0.{' WARNING: The zero is off.' * 20}"
+    path.write_text(json.dumps(about), encoding="utf-8")
+    page = page_of(folder)
+    # In a short sentence; what else is to be said is folded under it.
+    assert '<div class="verdict warned" role="status"><p>Diagnostics passed.</p>' in page
+    assert '<p class="verdict-words">The zero is off.</p>' in page
 
 
 def with_diagnostics(folder, **entries):

@@ -61,14 +61,15 @@ def table(
         title: above it.
         headings: of the columns.
         rows: the cells of each.
-        words: the headings of columns that are set to the left; that of the first, which breaks long words,
-            unless given. Others are set to the right.
+        words: the headings of columns that are set to the left; that of the first unless given. Others are
+            set to the right. The first column breaks long words.
     """
     table = Table(title=plain(title), title_justify="left")
     for number, heading in enumerate(headings):
-        left, first = number == 0 if words is None else heading in words, words is None and number == 0
+        left = number == 0 if words is None else heading in words
+        # Two rows whose first cells begin alike are told apart by the ends of these cells.
         table.add_column(
-            heading, justify="left" if left else "right", overflow="fold" if first else "ellipsis"
+            heading, justify="left" if left else "right", overflow="ellipsis" if number else "fold"
         )
     for row in rows:
         table.add_row(*map(plain, row))

@@ -110,7 +110,7 @@ def run(
         if not quiet:
             if specification.questions:
                 print_answers(fit.questions)
-            echo(nouns(f"{headline(fit.diagnostics)} {fit.verdict}"))
+            echo(nouns(f"{headline(fit.diagnostics)}\n{fit.verdict}"))
             explained([*codes, *warned_codes(fit.diagnostics)])
             echo(f"wrote {target.path / 'report.html'}")
         if not fit.diagnostics["passed"]:

@@ -203,7 +203,8 @@ def _levels(run: FitRun) -> str:
     who = answers.person_words(run)
     typical = [f"{x.quantity} was {x.typical.value} {x.unit} ({x.typical.range})" for x in levels(run)]
     new = [f"{x.quantity} {x.new.value} {x.unit} ({x.new.range})" for x in levels(run)]
-    return f"Of a {who['typical']} {listed(typical)}. Of a {who['new']} it is predicted as {listed(new)}."
+    whose = who["typical"] if run.people_count == 1 else f"a {who['typical']}"
+    return f"Of {whose} {listed(typical)}. Of a {who['new']} it is predicted as {listed(new)}."
 
 
 def _comparison(contrast: Mapping[str, Any]) -> str:

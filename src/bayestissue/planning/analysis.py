@@ -16,6 +16,7 @@ from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.design import Design, build_design
 from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.formulas.formula import DEFAULT_FORMULA, judge
+from bayestissue.hierarchy.formulas.group_terms import quoted
 from bayestissue.hierarchy.priors import term_of_group, term_of_slope
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.inference.answers.grammar import Quantity, QuestionError, claims, parse
@@ -174,7 +175,8 @@ def _adapted(
     wanted = DEFAULT_FORMULA
     for factor in plan.candidates.factors:
         if factor.name in named:
-            wanted += f" + {factor.name}" + (f" + (1|subject:{factor.name})" if factor.within else "")
+            name = quoted([factor.name])
+            wanted += f" + {name}" + (f" + (1|subject:{name})" if factor.within else "")
     missing = [q for q in RESPONSES if getattr(model.formula, q) is None]
     return dict.fromkeys(missing, str(judge(wanted, design.rows(), reference).terms)) if missing else {}
 

@@ -167,15 +167,25 @@ def design_words(design: Content, content: Content) -> str:
     factors = content["plan"]["candidates"].get("factors", [])
     levels = "".join(
         f", {factor['name']} {listed(list(factor['levels']))}"
+        + ("" if factor.get("every", True) else " at random")
         for factor in factors
-        if not factor.get("of_people") and factor.get("every", True)
+        if not factor.get("of_people")
     )
+    groups = [_group_words(factor, design["people"]) for factor in factors if factor.get("of_people")]
     times = "once" if design["repeats"] == 1 else f"{design['repeats']} times"
     kind = ("further person", "further people") if "after" in content["plan"] else ("person", "people")
-    people = counted(design["people"], *kind)
+    people = counted(design["people"], *kind) + (f" ({'; '.join(groups)})" if groups else "")
     size = f"{counted(design['impacts'], 'impact')}, about {duration(design['minutes'])}"
     recorder = f", recorded by {design['recorder']}" if design["recorder"] else ""
     return f"{people}, each hit {times} {by}{levels}{recorder} ({size})"
+
+
+def _group_words(factor: Content, people: int) -> str:
+    """How many people belong to each level of a group: "4 treated and 4 control by group"."""
+    levels = list(factor["levels"])
+    each = [people // len(levels) + (number < people % len(levels)) for number in range(len(levels))]
+    named = [f"{count} {level}" for count, level in zip(each, levels, strict=True)]
+    return f"{factor['name']}: {listed(named)}"
 
 
 def duration(minutes: float) -> str:

@@ -55,6 +55,7 @@ def refusal(question: str, formula: str, C: str = "1") -> str:
             MAIN,
             "(1|subject:side)",
         ),
+        (RATIO.format(*SESSIONS) + " > 1", MAIN + " + (1|subject:session)", "group:session"),
         (
             "K[group=treated, mass_kg=1] / K[group=treated, mass_kg=0.5] > "
             "K[group=control, mass_kg=1] / K[group=control, mass_kg=0.5]",
@@ -65,6 +66,7 @@ def refusal(question: str, formula: str, C: str = "1") -> str:
 )
 def test_it_names_the_term_that_would_move_it_and_is_open_with_it(question, formula, term):
     said = refusal(question, formula)
+    assert 'found "1, whatever K and C are"' in said or "log(" in question
     assert f"it has no {term}" in said
     assert f'Write the formula of K as "{formula} + {term}"' in said
     assert not refusal(question, f"{formula} + {term}")
@@ -104,7 +106,7 @@ def test_what_a_parameter_moves_is_asked(question):
         ("mass_exponent_K < 0.5", "log(mass_kg) + (log(mass_kg)|subject)", []),
         ("K[side=left] > K[side=right]", "side + (1|subject) + (1|trial)", []),
         ("K > 2000", "side + (1|subject) + (1|trial)", ["(1|trial)"]),
-        ("K[session=after] > K[session=before]", "session + (1|session:side)", ["(1|session:side)"]),
+        ("K[session=after] > K[session=before]", "session + (1|session:side)", []),
         ("sd_subject_K > 0.1", "log(mass_kg) + (1|subject) + (1|trial)", []),
     ],
 )

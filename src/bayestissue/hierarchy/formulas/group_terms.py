@@ -79,7 +79,7 @@ def as_name(text: str) -> str:
 
 def stem_of(grouping: str) -> str:
     """What quantities of a grouping's levels are named by: ``subject_side`` of ``subject:side``."""
-    return grouping.replace(":", "_")
+    return as_name(grouping.replace(":", "_"))
 
 
 def quoted(factors: Iterable[str]) -> str:

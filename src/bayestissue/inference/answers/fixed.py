@@ -171,13 +171,13 @@ def _value_if_fixed(sides: Sequence[Node], recorded: Recorded, posterior: xr.Dat
     except QuestionError:  # a number that is none in some draws
         return None
     left, right = values[0], values[1] if len(values) > 1 else np.zeros(1)
-    scale = max(np.abs(left).max(), np.abs(right).max())
+    ratio, difference = left / right if right.all() else right, left - right
     if all(np.ptp(side) <= _ROUNDING * np.abs(side).max() for side in (left, right)):
         return float(left.mean())
-    if np.ptp(left - right) <= _ROUNDING * scale:
-        return float((left - right).mean())
-    ratio = left / right if right.all() else right
-    return float(ratio.mean()) if np.ptp(ratio) <= _ROUNDING * np.abs(ratio).max() and ratio.all() else None
+    if ratio.all() and np.ptp(ratio) <= _ROUNDING * np.abs(ratio).max():
+        return float(ratio.mean())
+    greatest = max(np.abs(left).max(), np.abs(right).max())
+    return float(difference.mean()) if np.ptp(difference) <= _ROUNDING * greatest else None
 
 
 def _any_parameters(recorded: Recorded, responses: Sequence[str]) -> xr.Dataset:
@@ -223,6 +223,6 @@ def _missing_terms(sides: Sequence[Node], recorded: Recorded) -> dict[str, tuple
 
 def _term(columns: Sequence[str], recorded: Recorded) -> str:
     """A product of columns: effects of levels where one of them is what a group term is of."""
-    if recorded.factors & set(columns):
+    if any(map(recorded.may_be_new, columns)):
         return f"(1|{quoted(columns)})"
     return ":".join(MASS_TERM if name == "mass_kg" else quoted([name]) for name in columns)

@@ -21,6 +21,7 @@ from functools import cache
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
+from bayestissue.hierarchy.formulas.group_terms import as_name
 from bayestissue.outline import short
 
 if TYPE_CHECKING:
@@ -247,7 +248,7 @@ class _Maker:
         """The quantity, or the ratio of it at the two levels of the last column that has two."""
         places = [place for place, level in enumerate(levels) if len(level) > 1]
         if not places:
-            return Quantity(_unquoted(name), tuple(level for (level,) in levels), name.start_pos)
+            return Quantity(as_name(_unquoted(name)), tuple(level for (level,) in levels), name.start_pos)
         last = places[-1]
         sides = [self._over(name, [*levels[:last], (one,), *levels[last + 1 :]]) for one in levels[last]]
         return _made("/", sides, levels[last][1].value_position, claim=False)

@@ -15,7 +15,7 @@ from bayestissue.elements import element, element_names
 from bayestissue.hierarchy.derived import effect_dimensions
 from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.effects import intercept
-from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, stem_of
+from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, common_coefficient, stem_of
 from bayestissue.inference.results.meanings import NAMES, UNITS, meaning
 from bayestissue.inference.samplers.sampling import Draws
 
@@ -85,7 +85,9 @@ def design_attributes(design: Design) -> dict[str, dict[str, str]]:
         if q not in UNITS:
             table |= _worded("design.further", intercept=intercept(part.parameter), **words_of[q])
         for column in part.names:
-            table |= _worded("design.covariate", column=column, **words_of[q])
+            table |= _worded(
+                "design.covariate", effect=common_coefficient(column, q), column=column, **words_of[q]
+            )
         for name in design.recorded.named_by(q):
             of_levels = f"a typical person at the reference mass, of each {name}"
             table |= _worded("design.level", stem=stem_of(name), level=of_levels, **words_of[q])

@@ -156,6 +156,8 @@ def headline(diagnostics: dict[str, Any]) -> str:
         return "The sampler passed, but the traces obey another law than the model's."
     if _against_some(form):
         return "The sampler passed, but the residuals have structure that the model does not explain."
+    if warnings(diagnostics):
+        return "Diagnostics passed, but a column of few whole numbers counts as a straight line."
     return "Diagnostics passed."
 
 

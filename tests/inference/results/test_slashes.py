@@ -1,0 +1,48 @@
+"""Levels, formulas and columns with a slash, of which files have no names."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from bayestissue.hierarchy import derived
+from bayestissue.inference.answers.finished import Finished
+from bayestissue.inference.answers.questions import ask, numbered
+from bayestissue.inference.results.labels import design_attributes, design_dimensions, labelled
+from designs import design_of, impacts
+
+SHAPE = (2, 200)
+FORMULA = "{1 / mass_kg} + side + (`t/s`|subject) + (1|subject:side)"
+
+
+def test_they_are_kept_in_a_file_and_asked_of(tmp_path):
+    rows = impacts().assign(velocity_m_s=1.5)
+    rows["side"] = rows["side"].map({"left": "n/a", "right": "pre/post: 'x' \"y\""})
+    rows["t/s"] = np.random.default_rng(0).uniform(size=len(rows))
+    design, rng = design_of(FORMULA, "1", rows=rows), np.random.default_rng(1)
+    sites = {"residual_correlation": np.zeros(SHAPE)}
+    for q, part in design.responses.items():
+        sites |= {f"intercept_{q}": rng.normal(size=SHAPE), f"sd_impact_{q}": np.ones(SHAPE)}
+        sites[f"covariate_effect_{q}"] = rng.normal(size=(*SHAPE, len(part.names)))
+        for term in part.terms:
+            levels = len(design.groupings[term.grouping].levels)
+            sites |= {term.sd(q): np.ones(SHAPE), term.effect(q): rng.normal(size=(*SHAPE, levels))}
+    values = derived.reported_sites(design, sites)
+    values |= derived.values_at_levels(design, values)
+    draws = labelled(values, design_dimensions(design), design.levels(), attributes=design_attributes(design))
+    xr.DataTree.from_dict({"posterior": draws}).to_netcdf(tmp_path / "p.nc", engine="h5netcdf")
+    with xr.open_datatree(tmp_path / "p.nc", engine="h5netcdf") as tree:
+        read = tree["posterior"].to_dataset().load()
+    xr.testing.assert_equal(read[list(draws)], draws)
+    assert all("long_name" in read[name].attrs for name in read if "effect_of" in str(name))
+    questions = [
+        "`effect_of_I(1 / mass_kg)_K`",
+        "K[side=n/a]",
+        """K[side="n/a"] / K""",
+        "`sd_subject_effect_of_t/s_K`",
+    ]
+    answers = ask(Finished(read, None, design.recorded), numbered(questions))
+    assert answers["median"].notna().all()
+    np.testing.assert_allclose(
+        answers["median"][0], np.median(draws["effect_of_I(1 \N{DIVISION SLASH} mass_kg)_K"])
+    )
