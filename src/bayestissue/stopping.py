@@ -31,8 +31,8 @@ _PATIENCE_S = 5.0
 _SHOW_CURSOR = "\x1b[?25h\n"
 _REQUESTS = (signal.SIGINT, signal.SIGTERM)
 # loky takes for a leak, and restarts with a warning, a process that has grown by 0.3 GB since its first task.
-# A pool's first task is next to nothing: whatever is imported and compiled for the work itself comes later. All
-# processes end with the work that they were begun for.
+# A pool's first task is next to nothing: whatever is imported and compiled for the work itself comes later.
+# All processes end with the work that they were begun for.
 _NO_RECYCLING = {"LOKY_MAX_MEMORY_LEAK_SIZE": "1e18"}
 
 _step = threading.RLock()

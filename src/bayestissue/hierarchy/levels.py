@@ -223,9 +223,7 @@ class Recorded:
         notes = []
         for name, value in condition.items():
             if name in self.rows and self.is_number(name) and isinstance(value, float):
-                low, given, high = (
-                    f"{x:.4g}" for x in (self.rows[name].min(), value, self.rows[name].max())
-                )
+                low, given, high = (f"{x:.4g}" for x in (self.rows[name].min(), value, self.rows[name].max()))
                 if not float(low) <= float(given) <= float(high):
                     words = f"{name} beyond those measured, {low} to {high}"
                     notes.append(Coded(words, "beyond-measured"))

@@ -77,7 +77,9 @@ def test_a_number_beyond_the_measured_and_an_average_are_noted(study: Finished) 
     assert named["note"].startswith("no prior")
 
 
-@pytest.mark.parametrize(("velocity", "beyond"), [(1.534, False), (1.533, True), (1.981, False), (1.982, True)])
+@pytest.mark.parametrize(
+    ("velocity", "beyond"), [(1.534, False), (1.533, True), (1.981, False), (1.982, True)]
+)
 def test_a_number_as_tables_print_it_is_not_beyond_itself(velocity: float, beyond: bool) -> None:
     """Of drops from 12 and 20 cm, 1.53414 and 1.98057 m/s, tables print four digits."""
     heights = np.resize([0.12, 0.2], len(impacts()))

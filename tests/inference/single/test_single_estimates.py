@@ -138,7 +138,9 @@ def test_an_impact_alone_has_the_same_row(campaign: Campaign, table: pd.DataFram
 
 def test_it_says_how_far_it_is():
     said = []
-    bt.estimate(made(FEW, {"noise_relative_to_peak": 0.005}).dataset("told"), say=lambda *told: said.append(told))
+    bt.estimate(
+        made(FEW, {"noise_relative_to_peak": 0.005}).dataset("told"), say=lambda *told: said.append(told)
+    )
     stages = list(dict.fromkeys(stage for stage, *_ in said))
     assert stages[:3] == [
         "each impact's first guess",

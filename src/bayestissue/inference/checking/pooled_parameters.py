@@ -69,10 +69,10 @@ def pooled_parameters(posterior: xr.Dataset, recorded: Recorded, element: Elemen
 
     are independent standard normals, in the prior and so in a draw of the posterior too, over all data (a
     pivotal discrepancy: Yuan and Johnson 2012, doi:10.1111/j.1541-0420.2011.01668.x), whatever the traces say
-    of each. So the p-value of the analysis of variance of z over levels is uniform in each draw, and twice its
-    median over draws is a p-value: of uniform variables, however dependent, more than half lie below a / 2
-    with probability a at most. Traces that hardly tell theta add noise to z, which hides differences and makes
-    none.
+    of each. So the p-value of the analysis of variance of z over levels is uniform in each draw, and twice
+    its median over draws is a p-value: of uniform variables, however dependent, half and more lie below a / 2
+    with probability a at most. Traces that hardly tell theta add noise to z, which hides differences and
+    makes none.
 
     Args:
         posterior: its draws.
@@ -80,7 +80,7 @@ def pooled_parameters(posterior: xr.Dataset, recorded: Recorded, element: Elemen
         element: of the fit.
 
     Returns:
-        Of each such parameter and factor that differs, the level of chance being shared by all that are asked.
+        Each such parameter and factor that differs; the level of chance is shared by all that are asked.
     """
     rows, asked = some_impacts(len(recorded.rows)), []
     for extra in element.extra:

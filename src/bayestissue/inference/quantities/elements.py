@@ -116,7 +116,14 @@ def element_quantities(
 def per_impact() -> tuple[str, ...]:
     """Names of the variables of an impact that elements have besides K and C."""
     extras = (parameter.name for name in element_names() for parameter in element(name).extra)
-    return (*COMPARABLE, ENERGY_SHARE, COMMON_DEPTH, *dict.fromkeys(extras), "discrepancy", "noise_correlation")
+    return (
+        *COMPARABLE,
+        ENERGY_SHARE,
+        COMMON_DEPTH,
+        *dict.fromkeys(extras),
+        "discrepancy",
+        "noise_correlation",
+    )
 
 
 def static_force(element: Element, p: Parameters, depth: Array) -> Array:

@@ -200,9 +200,7 @@ def _corrected(
         for begin in range(0, POINTS, _TOLD):
             say(stage, begin, POINTS)
             parts.append(log_likelihoods(model, data, u[begin : begin + _TOLD]))
-        log_weight = (
-            np.concatenate(parts) + prior.log_density(u) + _of_damping(u, log_mass) - log_density
-        )
+        log_weight = np.concatenate(parts) + prior.log_density(u) + _of_damping(u, log_mass) - log_density
         smoothed = [pareto_smoothed(column) for column in log_weight.T]
         weight = np.exp(np.stack([log_share for log_share, _ in smoothed], axis=1))
         current = u, weight, np.array([k for _, k in smoothed])
