@@ -114,7 +114,7 @@ def formulas_of(K: str | None, C: str | None) -> dict[str, str]:
 
 
 def default_model(quantity: str) -> str:
-    """The model of recordings of a quantity: of the deceleration itself, in either sign, or of displacements."""
+    """The model of a recorded quantity: of the deceleration itself, of either sign, or of displacements."""
     return "arma" if quantity == "displacement" else "impact"
 
 

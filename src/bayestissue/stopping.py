@@ -30,6 +30,10 @@ _PATIENCE_S = 5.0
 # A terminal's cursor, which a bar of progress has hidden, on a new line.
 _SHOW_CURSOR = "\x1b[?25h\n"
 _REQUESTS = (signal.SIGINT, signal.SIGTERM)
+# loky takes for a leak, and restarts with a warning, a process that has grown by 0.3 GB since its first task.
+# A pool's first task is next to nothing: whatever is imported and compiled for the work itself comes later.
+# All processes end with the work that they were begun for.
+_NO_RECYCLING = {"LOKY_MAX_MEMORY_LEAK_SIZE": "1e18"}
 
 _step = threading.RLock()
 _in_step: set[int] = set()
@@ -105,7 +109,7 @@ def begin_workers(
 
     _begin_trackers()
     first = (os.getpid(), initializer, initargs)
-    pool = ProcessPoolExecutor(workers, initializer=_begin_worker, initargs=first)
+    pool = ProcessPoolExecutor(workers, initializer=_begin_worker, initargs=first, env=_NO_RECYCLING)
     _pools.append(pool)
     blocks = getattr(signal, "pthread_sigmask", None)
     before = blocks(signal.SIG_BLOCK, {signal.SIGINT}) if blocks else set()

@@ -22,3 +22,15 @@ def test_the_time_left_is_told_from_what_follows_compilation(
         "sampling the population: 200 of 1000, about 160 s left",
         "sampling the population: 300 of 1000, about 140 s left",
     ]
+
+
+def test_what_is_soon_over_says_nothing_in_a_log(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = iter([0.0, 0.0, 29.0, 40.0, 41.0])
+    monkeypatch.setattr(console.time, "monotonic", lambda: next(clock))
+    stages = Stages(quiet=False, patience_s=30.0)
+    for done in range(4):
+        stages("each impact's posterior", done, 4)
+    told = capsys.readouterr().err.splitlines()
+    assert told == ["each impact's posterior: 2 of 4, about 22 s left"]

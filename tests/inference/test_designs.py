@@ -153,8 +153,8 @@ def test_a_fit_gives_back_how_a_further_parameter_differs_between_people(tmp_pat
     assert f"sd_subject_{depth}" in set(fit.summary["variable"])
     assert f"sd_subject_{depth}" in fit.posterior["log_prior"]
     page = fit.report(tmp_path / "run").read_text(encoding="utf-8")
-    assert f"{depth}" in page
-    # A person's greatest depth follows the person's stiffening depth: K and C of the impacts are known to 5 %.
+    assert depth in page
+    # A person's greatest depth follows the person's stiffening depth.
     rows = made.impacts.groupby("subject").first().reset_index()
     at = rows[["subject", "mass_kg", "velocity_m_s"]]
     table = bt.read_run(tmp_path / "run").predict(at)

@@ -75,15 +75,27 @@ def test_products_are_those_under_the_inverse_covariance(recorder, white):
     for row in range(3):
         rows = asked[inside[row]]
         shape = whole(recorder, max(white, 1e-3), dt=DT * (1, 1.5)[rate[row]])[np.ix_(rows, rows)]
-        # Eigenvalues below a ten-thousandth of f are left out.
-        assert_allclose(log_determinant[row], np.linalg.slogdet(shape)[1], atol=1e-3 * len(rows))
+        # Weights of 1e-7 together are left out.
+        assert_allclose(log_determinant[row], np.linalg.slogdet(shape)[1], atol=1e-6 * len(rows))
         mine, *other = parts[:, row, inside[row]]
         solved = np.linalg.solve(shape, mine)
         size = np.sqrt(mine @ solved)
-        assert_allclose(gram[row, 0, 0], mine @ solved, rtol=1e-3)
-        assert_allclose(gram[row, 0, 1:], np.array(other) @ solved, atol=1e-3 * size**2)
+        assert_allclose(gram[row, 0, 0], mine @ solved, rtol=1e-6)
+        assert_allclose(gram[row, 0, 1:], np.array(other) @ solved, atol=1e-6 * size**2)
         each = [one @ np.linalg.solve(shape, one) for one in other]
-        assert_allclose(np.diagonal(gram[row])[1:], each, rtol=1e-3)
+        assert_allclose(np.diagonal(gram[row])[1:], each, rtol=1e-6)
+
+
+def test_the_work_goes_with_the_number_of_samples():
+    """How many samples before it tell a sample is the filter's affair, and not the trace's length."""
+    short, long = (colour_of(0.3, [lags(SLOW)], rows) for rows in (300, 1500))
+    assert short.predictor.shape == long.predictor.shape
+    assert short.predictor.shape[1] < 100
+    # Both parts of the whitening, the first samples and the later ones, against the dense covariance.
+    standard = np.random.default_rng(2).standard_normal((1, 300))
+    correlated = standard @ np.linalg.cholesky(whole(SLOW, 0.3, 300)).T
+    found = noise.innovations(long, jnp.zeros(1, int), jnp.asarray(correlated))
+    assert_allclose(found, standard, atol=1e-6)
 
 
 def test_innovations_undo_the_factor_and_draws_have_the_covariance():
@@ -92,7 +104,7 @@ def test_innovations_undo_the_factor_and_draws_have_the_covariance():
     factor = np.linalg.cholesky(whole(SAE, 0.1, 40))
     rate = jnp.zeros(3, int)
     found = noise.innovations(colour, rate, jnp.asarray(standard @ factor.T))
-    assert_allclose(found, standard, atol=1e-3)
+    assert_allclose(found, standard, atol=1e-6)
     draws = 20_000
     drawn = np.asarray(noise.drawn(colour, rate, jax.random.PRNGKey(1), (draws, 3, 40)))[:, 0]
     # Five standard errors of a covariance of numbers whose variances are 1.

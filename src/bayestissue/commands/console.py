@@ -110,17 +110,18 @@ class Stages:
     """Called with a stage, how much of it is done and its total; shows one bar a stage.
 
     Where standard error is no terminal, a line is printed when a stage begins and at most every ten
-    seconds while it lasts, so that a log tells what takes long. ``quiet`` says nothing.
+    seconds while it lasts, so that a log tells what takes long. ``quiet`` says nothing. No line is printed in
+    the first ``patience_s`` seconds: of what is over by then a log needs none.
     """
 
     interval_s = 10.0
 
-    def __init__(self, *, quiet: bool) -> None:
+    def __init__(self, *, quiet: bool, patience_s: float = 0.0) -> None:
         self._quiet = quiet
         self._stage, self._done = "", 0
         self._task: TaskID | None = None
         self._began = self._spoke = time.monotonic()
-        self._done_before = 0
+        self._done_before, self._silent_until = 0, self._began + patience_s
         console = Console(stderr=True)
         self._bars = (
             Progress(
@@ -165,7 +166,7 @@ class Stages:
         # The first part of a stage has what is compiled in it: the time left is told from the others.
         if new or not self._done_before:
             self._began, self._done_before = now, done
-        if new or now - self._spoke > self.interval_s:
+        if now >= self._silent_until and (new or now - self._spoke > self.interval_s):
             self._spoke = now
             count = f": {done} of {total}{self._remaining(now, done, total)}" if total > 1 else ""
             print(f"{stage}{count}", file=sys.stderr, flush=True)  # noqa: T201

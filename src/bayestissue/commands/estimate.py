@@ -23,6 +23,10 @@ if TYPE_CHECKING:
     from bayestissue.signal import SignalOptions
 
 
+# What takes no longer needs no lines in a log.
+_PATIENCE_S = 30.0
+
+
 def run(
     dataset: DatasetFolder,
     out: Out,
@@ -60,7 +64,7 @@ def run(
     start = Start()
     with claim(out, overwrite=overwrite, command="estimate", inputs=(dataset, model)) as target:
         configure()
-        from bayestissue.commands.console import echo
+        from bayestissue.commands.console import Stages, echo
         from bayestissue.dataset import read_dataset
         from bayestissue.inference.execution.workers import on_cluster
         from bayestissue.inference.points.estimates import default_options
@@ -77,8 +81,8 @@ def run(
         choices = {choice: alternatives(choice, options) for choice in vary or ()}
         data = read_dataset(dataset, skip_bad=skip_bad)
         method = method or method_for(data, options)
-        with on_cluster(scheduler):
-            table = estimate(data, method=method, options=options)
+        with on_cluster(scheduler), Stages(quiet=quiet, patience_s=_PATIENCE_S) as say:
+            table = estimate(data, method=method, options=options, say=say)
             varied = _varied(data, method, choices) if choices else None
         with target.folder() as staging:
             tables = {"estimates": table}

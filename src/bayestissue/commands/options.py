@@ -42,7 +42,8 @@ Model = Annotated[
         metavar="NAME|FILE",
         help="What is believed and sampled: the name of a model that comes with the program (impact of "
         "recorded decelerations and accelerations and arma of displacements unless given; maxwell ...), from "
-        "any folder, or a file of your own. A name means the program's model; write ./NAME for a file that is called so.",
+        "any folder, or a file of your own. A name means the program's model; write ./NAME for a file that "
+        "is called so.",
     ),
 ]
 Scheduler = Annotated[

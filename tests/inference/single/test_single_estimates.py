@@ -136,6 +136,21 @@ def test_an_impact_alone_has_the_same_row(campaign: Campaign, table: pd.DataFram
             assert alone[f"{name}{end}_{unit}"] == pytest.approx(among[f"{name}{end}_{unit}"], abs=error)
 
 
+def test_it_says_how_far_it_is():
+    said = []
+    bt.estimate(
+        made(FEW, {"noise_relative_to_peak": 0.005}).dataset("told"), say=lambda *told: said.append(told)
+    )
+    stages = list(dict.fromkeys(stage for stage, *_ in said))
+    assert stages[:3] == [
+        "each impact's first guess",
+        "each impact's most probable values",
+        "each impact's posterior, turn 1 of at most 4",
+    ]
+    counts = [done for stage, done, total in said if stage == stages[2] and total == POINTS]
+    assert counts == list(range(0, POINTS, 64))
+
+
 def test_the_mass_is_as_sure_as_the_dataset_says(campaign: Campaign):
     sure = replace(campaign.dataset("single"), uncertainty=Uncertainty())
     unsure = replace(sure, uncertainty=Uncertainty(relative_mass_sd=0.02))

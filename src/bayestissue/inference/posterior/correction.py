@@ -232,8 +232,8 @@ class Route:
 def spoilt_words(impact: str) -> str:
     """What to look at where one impact spoils the weights of all."""
     return (
-        f"Most of the weights' scatter is of one impact, {impact}: look at its recording, and leave the impact "
-        "out if it is spoilt."
+        f"Most of the weights' scatter is of one impact, {impact}: look at its recording, and leave it out "
+        "if it is spoilt."
     )
 
 

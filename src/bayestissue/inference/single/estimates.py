@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from bayestissue.dataset import Dataset
 
 Method = Literal["impact", "exact", "dds"]
+Say = Callable[[str, int, int], None]
 _METHODS = ("impact", "exact", "dds")
 # Of the peak: below it the likelihood's own approximations, to first order in the moment of contact, count.
 _LEAST_NOISE = 1e-5
@@ -67,7 +68,11 @@ def method_for(dataset: Dataset, options: SignalOptions | None = None) -> Method
 
 
 def estimate(
-    dataset: Dataset | str | Path, *, method: Method | None = None, options: SignalOptions | None = None
+    dataset: Dataset | str | Path,
+    *,
+    method: Method | None = None,
+    options: SignalOptions | None = None,
+    say: Say | None = None,
 ) -> pd.DataFrame:
     """K and C of every impact by itself, with intervals and flags.
 
@@ -80,6 +85,7 @@ def estimate(
             an ARMA(2,1) about the rest position; "dds" for the thesis's conditional least squares about the
             sample mean. `method_for` unless given.
         options: how the displacement is made from the recording; `default_options` unless given.
+        say: told the stage, how much of it is done, and its total.
 
     Returns:
         One row per impact with the columns of `estimates.csv`: the ARMA(2,1) coefficients, omega_n, zeta,
@@ -103,7 +109,8 @@ def estimate(
     dataset = as_dataset(dataset)
     method = method or method_for(dataset, options)
     options = options or default_options("dds" if method == "dds" else "exact")
-    return estimates(dataset, displacements(dataset, options), method, options, inspect(dataset, options))
+    findings = inspect(dataset, options)
+    return estimates(dataset, displacements(dataset, options), method, options, findings, say=say)
 
 
 def estimates(
@@ -112,6 +119,8 @@ def estimates(
     method: Method,
     options: SignalOptions,
     findings: Sequence[Finding] = (),
+    *,
+    say: Say | None = None,
 ) -> pd.DataFrame:
     """The table of `estimate` for displacements that were made with these options.
 
@@ -123,6 +132,7 @@ def estimates(
         method: see `estimate`.
         options: what it was made with.
         findings: what `bayestissue.signal.quality.inspect` found; flagged.
+        say: as of `estimate`.
     """
     if method not in _METHODS:
         raise ValueError(f"method is one of {', '.join(_METHODS)}, not {method!r}")
@@ -130,11 +140,16 @@ def estimates(
         if problems := uneven_times(dataset, f"estimate --method {method}", "method", method):
             raise InputError(problems)
         return estimates_table(dataset, signal, method, findings)
-    return by_impact(dataset, signal, options, findings)[0]
+    return by_impact(dataset, signal, options, findings, say=say)[0]
 
 
 def by_impact(
-    dataset: Dataset, signal: Displacements, options: SignalOptions, findings: Sequence[Finding] = ()
+    dataset: Dataset,
+    signal: Displacements,
+    options: SignalOptions,
+    findings: Sequence[Finding] = (),
+    *,
+    say: Say | None = None,
 ) -> tuple[pd.DataFrame, SinglePosteriors | None]:
     """The table of `estimates` by the method "impact", and the posteriors where there are samples enough.
 
@@ -155,7 +170,7 @@ def by_impact(
         return table.assign(noise_sd_m_s2=np.nan, pareto_k=np.nan), None
     design = build_design(specification.formula, dataset.impacts, reference_mass_kg=None, source="estimate")
     prepared = some_of(assemble(dataset, specification, design, signal), np.flatnonzero(rows))
-    posteriors = single_posteriors(prepared)
+    posteriors = single_posteriors(prepared) if say is None else single_posteriors(prepared, say)
     peak = np.exp(np.asarray(prepared.data.log_peak))
     noiseless = posteriors.sigma.median < _LEAST_NOISE * peak
     untold = _untold(posteriors, noiseless)

@@ -10,6 +10,7 @@ impact, so that what is found of one depends on no other.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
@@ -29,9 +30,11 @@ from bayestissue.hierarchy.traces import (
     physical,
     with_normal_errors,
 )
-from bayestissue.inference.execution.chunks import map_impacts
+from bayestissue.inference.execution.chunks import BLOCK, map_impacts
 from bayestissue.inference.execution.compiling import compiled_quickly
+from bayestissue.inference.execution.workers import cluster
 from bayestissue.inference.factors.conditional import ConditionalPrior, normals
+from bayestissue.inference.factors.likelihoods import POINTS as AT_ONCE
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.inference.factors.noise_left import noise_p
 from bayestissue.inference.factors.sites import laplace_sites
@@ -40,6 +43,8 @@ from bayestissue.inference.samplers.psis import k_threshold, pareto_smoothed
 from bayestissue.padding import padded_impacts
 
 POINTS = 1024
+# Between two words of progress: as many as are computed at once.
+_TOLD = AT_ONCE
 # Degrees of freedom of the proposal.
 _TAILS = 5.0
 _ROUNDS = 4
@@ -97,19 +102,32 @@ class SinglePosteriors(NamedTuple):
     pareto_k: Float[np.ndarray, " impact"]
 
 
-def single_posteriors(prepared: Prepared) -> SinglePosteriors:
+def _nothing(stage: str, done: int, total: int) -> None:
+    """Say nothing."""
+
+
+def single_posteriors(
+    prepared: Prepared, say: Callable[[str, int, int], None] = _nothing
+) -> SinglePosteriors:
     """The posterior of every impact by itself, all of them in one chunked, compiled map.
 
     Args:
         prepared: recorded decelerations under the impact likelihood of a spring and damper with white noise;
             of its population the priors of the intercepts and of the noise alone are used.
+        say: told the stage, how much of it is done, and its total: points of the posteriors, or blocks of
+            impacts where there are many.
     """
     priors = prepared.model.priors
     normal = (priors.intercept.K, priors.intercept.C, priors.noise)
     mean, sd = (np.array([getattr(prior, name) for prior in normal], float) for name in ("mean", "sd"))
+    say("each impact's first guess", 0, 1)
     start = first_guess(prepared)
-    one = partial(_of_block, prepared.model, ConditionalPrior(mean, np.diag(sd**-2.0)))
-    posteriors: SinglePosteriors = map_impacts(one, prepared.data, start)
+    # Blocks may be others' work, who can't say anything here.
+    alone = len(prepared.impacts) <= BLOCK and cluster() is None
+    prior = ConditionalPrior(mean, np.diag(sd**-2.0))
+    one = partial(_of_block, prepared.model, prior, say=say if alone else _nothing)
+    progress = partial(say, "each impact's posterior")
+    posteriors: SinglePosteriors = map_impacts(one, prepared.data, start, progress=progress)
     return posteriors
 
 
@@ -118,11 +136,14 @@ def _of_block(
     prior: ConditionalPrior,
     data: TraceData,
     start: Float[np.ndarray, "impact parameter"],
+    *,
+    say: Callable[[str, int, int], None],
 ) -> SinglePosteriors:
+    say("each impact's most probable values", 0, 1)
     prior = ConditionalPrior(np.broadcast_to(prior.mean, start.shape), prior.precision).of_each()
     sites = laplace_sites(model, with_normal_errors(data), start, prior)
     even, mass_error = _standard(start.shape[1])
-    u, weight, pareto_k = _corrected(model, data, prior, sites, even)
+    u, weight, pareto_k = _corrected(model, data, prior, sites, even, say)
     # A trace shows omega_n and zeta alone: of the mass, to which K and C are in proportion, it says nothing.
     by_mass = np.exp(model.log_mass_sd * mass_error)[:, None]
     oscillator = physical(model, data, list(np.moveaxis(u, -1, 0)))
@@ -157,6 +178,7 @@ def _corrected(
     prior: ConditionalPrior,
     sites: GaussianFactor,
     even: _Even,
+    say: Callable[[str, int, int], None],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points of each impact's posterior, their weights, which sum to 1, and Pareto k.
 
@@ -174,9 +196,11 @@ def _corrected(
             u, log_density = _skewed(prior, sites, even, log_mass)
         else:
             u, log_density = mean + np.einsum("iab,pb->pia", root, z), _log_t(z)[:, None]
-        log_weight = (
-            log_likelihoods(model, data, u) + prior.log_density(u) + _of_damping(u, log_mass) - log_density
-        )
+        stage, parts = f"each impact's posterior, turn {turn + 1} of at most {_ROUNDS}", []
+        for begin in range(0, POINTS, _TOLD):
+            say(stage, begin, POINTS)
+            parts.append(log_likelihoods(model, data, u[begin : begin + _TOLD]))
+        log_weight = np.concatenate(parts) + prior.log_density(u) + _of_damping(u, log_mass) - log_density
         smoothed = [pareto_smoothed(column) for column in log_weight.T]
         weight = np.exp(np.stack([log_share for log_share, _ in smoothed], axis=1))
         current = u, weight, np.array([k for _, k in smoothed])

@@ -20,11 +20,11 @@ S = f 1 + (1 - f) R, R being the correlations that the filter leaves (`bayestiss
 a sample the p before it say all, to rounding, that all before it do, p being some periods of the corner. So
 S^-1/2 = L^-1, S = L L', is a dense matrix for the first p samples of a trace, and from there on the same few
 weights at every sample (an autoregression of order p; Box and Jenkins, section 7.4): the work goes with the
-number of samples. Where next to no noise entered
-behind the filter, S has eigenvalues near 0, of what changes faster than the filter lets pass. A likelihood
-would believe those frequencies above all others, and whatever the filter's description leaves out there, and
-it would take the noise's size from them. So only every k-th sample is asked, as far apart as keeps the least
-eigenvalue of S at `LEAST_EIGENVALUE`: some four in a period of the corner.
+number of samples. Where next to no noise entered behind the filter, S has eigenvalues near 0, of what changes
+faster than the filter lets pass. A likelihood would believe those frequencies above all others, and whatever
+the filter's description leaves out there, and it would take the noise's size from them. So only every k-th
+sample is asked, as far apart as keeps the least eigenvalue of S at `LEAST_EIGENVALUE`: some four in a period
+of the corner.
 
 A discrepancy, a smooth force of unknown shape: delta(t), a Gaussian process on the force per mass (Kennedy
 and O'Hagan 2001), with the covariance s^2 exp(-(t - t')^2 / (2 l^2)) over the window's own time t in [0, 1]
@@ -45,7 +45,6 @@ from jax import Array
 from jax.scipy.linalg import solve_triangular
 from jaxtyping import Bool, Float, Int
 from scipy.linalg import solve_toeplitz, toeplitz
-from scipy.linalg import solve_triangular as solve
 
 from bayestissue.likelihood.element.record import DecelerationRecord, Discrepancy
 from bayestissue.likelihood.element.recorder import Colour
@@ -173,7 +172,7 @@ def noise_of(
 def filtered(
     parts: Float[Array, "*part row"], predictor: Float[Array, " lag"], stride: int = 1
 ) -> Float[Array, "*part row"]:
-    """sum_j w_j p_(t - k j) with the weights w of a predictor on every k-th sample; p is 0 before its first."""
+    """sum_j w_j p_(t - k j) with the weights w of a predictor on every k-th sample; p is 0 before."""
     rows, reach = parts.shape[-1], stride * (predictor.shape[-1] - 1)
     length = bucket(rows + reach)
     weights = jnp.zeros(length).at[: reach + 1 : stride].set(predictor)
@@ -241,7 +240,7 @@ def colour_of(white: float, correlations: Sequence[Correlation], rows: int) -> C
     firsts, predictors, spectra = [], [], []
     for of_lags, correlation in zip(asked, correlations, strict=True):
         factor = np.linalg.cholesky(toeplitz(of_lags[: order + 1]))
-        inverse = solve(factor, np.eye(order + 1), lower=True)
+        inverse = np.linalg.inv(factor)
         firsts.append(inverse[:order, :order])
         # The weights of a sample, its own first, on those before it.
         predictors.append(inverse[order, ::-1])

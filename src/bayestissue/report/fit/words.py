@@ -41,7 +41,8 @@ def likelihood_words(run: FitRun) -> str:
             f"{met.title}; seen through an accelerometer with {noise}. {meanings}. K_secant, "
             "C_equivalent and energy_lost compare across elements: force over depth at the greatest depth, "
             "the damping beside a spring that loses as much by then, and the share of the kinetic "
-            f"energy that is gone when the impactor leaves; ω_n and ζ are those of K_secant and C_equivalent.{additions}"
+            f"energy that is gone when the impactor leaves; ω_n and ζ are those of K_secant and C_equivalent."
+            f"{additions}"
         )
     return _WORDS["likelihoods"].get(run.likelihood, "").format(noise=noise) + additions
 
