@@ -93,7 +93,7 @@ def find_start(
     used = inside & (np.arange(inside.shape[1]) <= stopped[:, None])
     duration = np.where(stopped > 0, at(place, stopped), 1.0) * dt
     fall = gravity * duration / velocity
-    problem = _LeastSquares.from_recordings(
+    problem = LeastSquares.from_recordings(
         deceleration, first_integral, second_integral, used, place, dt, velocity, duration, fall
     )
     low, high = least / duration, most / duration
@@ -130,7 +130,7 @@ def find_start(
 
 
 @dataclass(frozen=True)
-class _LeastSquares:
+class LeastSquares:
     """Products of d and of 1, t, A, B over the samples, in units of the duration and the velocity.
 
     The fitted deceleration is linear in c = (a v₁ + b x₁, b v₁, −a, −b), so these products are all that the
@@ -156,7 +156,7 @@ class _LeastSquares:
         velocity: Column,
         duration: Column,
         fall: Column,
-    ) -> _LeastSquares:
+    ) -> LeastSquares:
         unit = (velocity * duration)[:, None]
         time = place * (dt / duration)[:, None]
         rows = np.stack([np.ones_like(d), time, first / velocity[:, None], second / unit], axis=1)
@@ -188,6 +188,23 @@ class _LeastSquares:
         moment = _jacobian(best, self.fall).transpose(0, 2, 1) @ (self.gram @ by_velocity[..., None])
         slope = -(covariance @ moment)[:, 2, 0]
         return best[:, :2], best[:, 2], np.sqrt(variance * covariance[:, 2, 2]), slope
+
+    def fit_at(
+        self, ratio: Float[np.ndarray, " ratio"], low: Column, high: Column
+    ) -> Float[np.ndarray, "impact ratio 3"]:
+        """(a, b) and δ within the bracket, with so many times the velocity at contact."""
+        scale = np.stack([np.ones_like(ratio), np.ones_like(ratio), 1 / ratio, 1 / ratio], axis=1)
+        units = (1 / ratio[:, None], scale / ratio[:, None], scale[:, :, None] * scale[:, None])
+        parts = (self.target[:, :1], self.moment, self.gram)
+        target, moment, gram = (
+            (part[:, None] * unit).reshape(-1, *part.shape[1:])
+            for part, unit in zip(parts, units, strict=True)
+        )
+        fall, count = (self.fall[:, None] / ratio).ravel(), np.repeat(self.count, len(ratio))
+        scaled = LeastSquares(self.basis[:0], target, gram, moment, count, fall)
+        low, high = np.repeat(low, len(ratio)), np.repeat(high, len(ratio))
+        found = scaled._within(scaled._descend((low + high) / 2, low, high), low, high)
+        return found.reshape(-1, len(ratio), 3)
 
     def _descend(self, delta: Column, low: Column, high: Column) -> np.ndarray:
         ab = self.fit_given(self._first_guess(delta), delta)

@@ -15,7 +15,7 @@ from bayestissue.errors import Coded
 from bayestissue.remedies import entries
 from bayestissue.signal.displacement import Displacements, RecordedImpacts, displacements
 from bayestissue.signal.options import SignalOptions
-from bayestissue.signal.quality import beginning, law, samples
+from bayestissue.signal.quality import beginning, law, samples, velocity
 from bayestissue.signal.quality.recorded import Recorded
 from bayestissue.signal.traces import Column, Mask, Trace, stack
 
@@ -106,6 +106,7 @@ def inspect(dataset: RecordedImpacts, options: SignalOptions | None = None) -> l
     options = options or SignalOptions()
     longest = max((len(trace.value) for trace in dataset.traces), default=1)
     size, joined = max(1, min(_MOST, _BLOCK // longest)), dict[Kind, list[str]]()
+    implied: list[velocity.Implied] = []
     for begin in range(0, len(dataset.traces), size):
         rows = slice(begin, begin + size)
         impacts, traces = dataset.impacts.iloc[rows], dataset.traces[rows]
@@ -113,9 +114,26 @@ def inspect(dataset: RecordedImpacts, options: SignalOptions | None = None) -> l
         part = _Part(dataset.quantity, impacts, traces, *chain)
         # A recording that is no impact at all may divide by nothing: what comes of that finds nothing.
         with np.errstate(all="ignore"):
-            for finding in _inspected(part, options):
+            for finding in _inspected(part, options, implied):
                 joined.setdefault(finding.kind, []).extend(finding.said)
+    if implied:
+        joined[KINDS["velocity-contradicted"]] = said = _velocities(dataset, implied)
+        # Gravity is along the motion of all impacts or of none: what one trace asks of it is its velocity's.
+        for kind in {KINDS["gravity-declared"], KINDS["gravity-undeclared"]} & joined.keys():
+            joined[kind] = ["" if words else other for words, other in zip(said, joined[kind], strict=True)]
     return [Finding(kind, values) for kind, values in joined.items() if any(values)]
+
+
+def _velocities(dataset: RecordedImpacts, implied: Sequence[velocity.Implied]) -> list[str]:
+    """What all recordings together say of the velocities, of each impact."""
+    impacts = dataset.impacts
+    trial = (
+        pd.factorize(impacts["trial"].astype(str))[0] if "trial" in impacts else np.zeros(len(impacts), int)
+    )
+    falls = dataset.gravity > 0 or any(name.startswith("drop_height") for name in impacts)
+    whole = velocity.Implied(*map(np.concatenate, zip(*implied, strict=True)))
+    said = [velocity.in_words(found, impacts, falls=falls) for found in velocity.contradictions(whole, trial)]
+    return ["; ".join(filter(None, words)) for words in zip(*said, strict=True)] or [""] * len(impacts)
 
 
 def raised(findings: Sequence[Finding], count: int, *, notes: bool = False) -> list[list[Coded]]:
@@ -124,7 +142,7 @@ def raised(findings: Sequence[Finding], count: int, *, notes: bool = False) -> l
     return [[finding.kind.flag for finding in of_kind if finding.said[row]] for row in range(count)]
 
 
-def _inspected(part: _Part, options: SignalOptions) -> Iterator[Finding]:
+def _inspected(part: _Part, options: SignalOptions, implied: list[velocity.Implied]) -> Iterator[Finding]:
     sign = -1.0 if part.quantity == "acceleration" else 1.0
     recordings = stack(part.traces)
     recorded = Recorded.from_recordings(replace(recordings, value=sign * recordings.value))
@@ -161,6 +179,11 @@ def _inspected(part: _Part, options: SignalOptions) -> Iterator[Finding]:
         other_gravity, law.gravity_tried(signal)
     )
     named = np.array([[bool(words) for words in finding.said] for finding in findings]).any(axis=0)
+    chain = part.uncertainty
+    velocity_sd = np.hypot(chain.velocity_sd_m_s / signal.velocity, chain.relative_gain_sd)
+    of_part = velocity.implied(signal, recorded.sd, recorded.peak, velocity_sd, chain.offset_sd)
+    # What has another name is no velocity.
+    implied.append(of_part._replace(explained=of_part.explained & ~(named | other_gravity)))
     yield from _laws(recorded, signal, used & ~(named | other_gravity)[:, None])
 
 

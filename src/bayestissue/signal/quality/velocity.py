@@ -1,0 +1,273 @@
+"""The velocity at contact that recordings imply, against the stated one: all together, by condition, and singly.
+
+With u the answer to a unit impulse of u″ + a u′ + b u = 0, a mass that meets a spring and damper at the velocity
+V (1 + f), with gravity g along the motion, has the deceleration (force over mass)
+
+    d = V (1 + f) (a u′ + b u) + g (1 − u′).
+
+S(f) is its least sum of squares over a, b and the moment of contact. Under white noise of unknown size the log likelihood is −(ν − 1) / 2 log S(f),
+ν being the degrees of freedom, and what it gains over f = 0 at its greatest is about half a chi-square of one
+degree of freedom where the stated velocity is right. Log likelihoods of impacts add up, so that a velocity that is wrong in all of them, or in those of
+one condition, shows where no trace by itself shows it. What was declared of the velocity is an error of each
+impact, over which its likelihood is averaged.
+
+A tissue that is no spring and damper bends the traces as another velocity may. Therefore nothing is said of a
+trace that no velocity explains but for noise. A drop of another height lies apart from the others of its
+condition whatever the tissue is: that is asked besides, against their median and their scatter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Bool, Float
+from scipy.special import fdtrc, logsumexp
+from scipy.stats import chi2
+
+from bayestissue.dataset.chain import STANDARD_GRAVITY
+from bayestissue.signal.displacement import Displacements
+from bayestissue.signal.integration import trapezoids
+from bayestissue.signal.start import LeastSquares
+from bayestissue.signal.traces import Column, Mask, Rows, at
+
+# Of a dataset of right velocities: that anything is said.
+ALARMS = 1e-3
+# Fractions of the stated velocity that are tried.
+_STEPS = np.array([0.008, 0.016, 0.03, 0.045, 0.065, 0.09, 0.13, 0.18, 0.25, 0.35, 0.5])
+FRACTIONS = np.concatenate([-_STEPS[::-1], [0.0], _STEPS])
+_STATED = len(_STEPS)
+_ROUNDS, _SMALL, _RIDGE = 4, 1e-5, 1e-3
+# Less than this moves K by less than 5 %; one impact less than this apart may be one of its own condition.
+_LEAST, _APART = 0.02, 0.08
+# Of the peak: what integration and the elements' own laws leave.
+_MISFIT = 0.0015
+_UNEXPLAINED = 1e-3
+_FEWEST, _PARAMETERS = 12, 4
+# What the noise estimate, a median of correlated values, is worth of as many samples.
+_WORTH = 0.3
+# Of a group's impacts, that some velocity has to explain.
+_MAJORITY = 0.5
+# To say that an impact lies apart from the others of its condition.
+_OTHERS, _SPREADS = 4, 6.0
+_NORMAL_MAD = 1.4826
+
+
+class Implied(NamedTuple):
+    """What the traces say of the velocity at contact.
+
+    Attributes:
+        log_likelihood: at each of `FRACTIONS`, [impact, fraction].
+        explained: whether some velocity leaves of the trace no more than noise.
+    """
+
+    log_likelihood: Float[np.ndarray, "impact fraction"]
+    explained: Mask
+
+    @property
+    def fraction(self) -> Column:
+        """Of the stated velocity, by which the implied one is greater."""
+        return np.array([_peak(row)[0] for row in self.log_likelihood])
+
+
+@dataclass(frozen=True)
+class Contradiction:
+    """Velocities that recordings contradict.
+
+    Attributes:
+        kind: "all", "trial" or "impact".
+        which: the impacts concerned.
+        fraction: of each, by which the velocity that the recordings imply is greater than stated: one number
+            of a group.
+    """
+
+    kind: str
+    which: Bool[np.ndarray, " impact"]
+    fraction: Column
+
+
+def implied(
+    signal: Displacements, noise_sd: Column, peak: Column, velocity_sd: Column, offset_sd: float
+) -> Implied:
+    """The velocity that each trace implies.
+
+    Args:
+        signal: over the rebound, its equilibrium at rest.
+        noise_sd: standard deviation of the recorder's noise, m/s².
+        peak: of the deceleration, m/s².
+        velocity_sd: as declared, with that of the gain, as a fraction of the velocity.
+        offset_sd: as declared, where no quiet part tells the zero, m/s².
+    """
+    d, n, dt = signal.deceleration, signal.n_samples, signal.dt
+    steps = np.diff(signal.place, axis=1) * dt[:, None]
+    first = trapezoids(d - signal.gravity[:, None], steps)
+    used = np.arange(d.shape[1]) < n[:, None]
+    duration = np.where(n > 1, at(signal.place, np.maximum(n - 1, 0)), 1.0) * dt
+    fall = signal.gravity * duration / signal.velocity
+    problem = LeastSquares.from_recordings(
+        d, first, trapezoids(first, steps), used, signal.place, dt, signal.velocity, duration, fall
+    )
+    half = np.sqrt(3) * signal.bracket_sd
+    low, high = np.maximum(signal.bracket_s - half, 0) / duration, (signal.bracket_s + half) / duration
+    zero = np.where(np.isfinite(signal.offset_sd), signal.offset_sd, offset_sd)
+    taken = 1 - 1 / np.sqrt(1 + n * np.square(zero / np.maximum(noise_sd, 1e-12)))
+    squares = (
+        _least(problem, used, signal.place * (dt / duration)[:, None], low, high, taken)
+        * np.square(signal.velocity / duration)[:, None]
+    )
+    freedom = np.maximum(n - _PARAMETERS, 1)
+    least = np.maximum([-_peak(-row)[1] for row in squares], 0)
+    floor = noise_sd**2 + (_MISFIT * peak) ** 2
+    explained = fdtrc(freedom, np.maximum(_WORTH * n, 1), least / freedom / floor) > _UNEXPLAINED
+    explained &= (n >= _FEWEST) & np.isfinite(squares[:, _STATED]) & (noise_sd > 0)
+    share = np.maximum(squares - least[:, None], 0) / np.maximum(least, freedom * floor)[:, None]
+    log_likelihood = -np.maximum(freedom - 1, 1)[:, None] / 2 * np.log1p(share)
+    return Implied(_averaged(log_likelihood, velocity_sd), explained)
+
+
+def _least(
+    problem: LeastSquares, used: Mask, time: Rows, low: Column, high: Column, taken: Column
+) -> np.ndarray:
+    """S at each of `FRACTIONS`, by Gauss and Newton's way from where the integrated samples put a, b and contact.
+
+    The integrals have the noise of all samples before, which looks like a velocity: they are a start and no more.
+    An error of the zero is integrated out: (1 + u uᵀ)^(−1/2) takes the share ``taken`` of their mean from residuals.
+    """
+    ratio = (1 + FRACTIONS)[:, None]
+    at = problem.fit_at(1 + FRACTIONS, low, high)
+    pushes = (at[..., :2] > 0).all(axis=-1) & np.isfinite(at).all(axis=-1)
+    at = np.where(pushes[..., None], at, [1.0, 1.0, 0.0])
+    at[..., :2] = np.log(at[..., :2])
+    time = time[:, None]
+    unused, fall = ~used[:, None], problem.fall[:, None, None]
+
+    def left(at: np.ndarray) -> np.ndarray:
+        a, b = np.exp(np.clip(at[..., :2], -20, 20)).swapaxes(0, -1).swapaxes(1, -1)[..., None]
+        t = time + at[..., 2:]
+        root = np.sqrt(a**2 / 4 - b + 0j) + 1e-9
+        p, q = -a / 2 + root, -a / 2 - root
+        rises, falls = np.exp(p * t), np.exp(q * t)
+        u, speed = ((rises - falls) / (p - q)).real, ((p * rises - q * falls) / (p - q)).real
+        d = ratio * (a * speed + b * u) + fall * (1 - speed)
+        residual = np.where(unused, 0.0, problem.target[:, None] - d)
+        mean = residual.sum(axis=-1, keepdims=True) / problem.count[:, None, None]
+        return np.where(unused, 0.0, residual - taken[:, None, None] * mean)
+
+    best = np.full(at.shape[:2], np.inf)
+    for _ in range(_ROUNDS):
+        residual = left(at)
+        best = np.minimum(best, np.nan_to_num((residual**2).sum(axis=-1), nan=np.inf))
+        slope = np.stack([(left(at + _SMALL * axis) - residual) / _SMALL for axis in np.eye(3)], axis=-1)
+        normal = np.nan_to_num(slope.swapaxes(-1, -2) @ slope)
+        normal += (_RIDGE * np.einsum("ifkk->ifk", normal) + 1e-12)[..., None] * np.eye(3)
+        moment = np.nan_to_num((slope * residual[..., None]).sum(axis=-2))
+        change = np.linalg.solve(normal, moment[..., None])[..., 0]
+        # Contact stops at the bracket's ends, and the other two are the best given that.
+        change[..., 2] = at[..., 2] - np.clip(at[..., 2] - change[..., 2], low[:, None], high[:, None])
+        given = moment[..., :2] - normal[..., :2, 2] * change[..., 2:]
+        change[..., :2] = np.linalg.solve(normal[..., :2, :2], given[..., None])[..., 0]
+        at = at - np.clip(change, -0.5, 0.5)
+    return np.where(pushes, np.minimum(best, (left(at) ** 2).sum(axis=-1)), np.inf)
+
+
+def _averaged(log_likelihood: np.ndarray, sd: Column) -> np.ndarray:
+    """Over an error of each impact's velocity, normal with ``sd``."""
+    width = np.gradient(FRACTIONS)
+    distance = (FRACTIONS[:, None] - FRACTIONS) / np.maximum(sd, 1e-6)[:, None, None]
+    log_weight = np.log(width) - distance**2 / 2
+    log_weight = log_weight - logsumexp(log_weight, axis=-1, keepdims=True)
+    return np.asarray(logsumexp(log_likelihood[:, None] + log_weight, axis=-1))
+
+
+def contradictions(implied: Implied, trial: np.ndarray) -> list[Contradiction]:
+    """What the recordings say against the stated velocities: of all, else of conditions, and single impacts.
+
+    Args:
+        implied: see `implied`.
+        trial: of each impact, the number of its condition, from 0.
+    """
+    found, log_likelihood, explained = [], implied.log_likelihood, implied.explained
+    alone = _apart(implied, trial)
+    groups = {"all": np.zeros_like(trial), "trial": trial}
+    tests = 1 + trial.max(initial=0) + 1 + len(trial)
+    said = alone.copy()
+    for kind, codes in groups.items():
+        for code in range(codes.max(initial=-1) + 1):
+            which = (codes == code) & ~said & explained
+            members = (codes == code) & ~said
+            if which.sum() < max(2, _MAJORITY * members.sum()):
+                continue
+            fraction = _greatest(log_likelihood[which].sum(axis=0), tests, _LEAST)
+            if fraction and _common(log_likelihood[which], fraction):
+                found.append(Contradiction(kind, members, np.full(len(trial), fraction)))
+                said |= members
+    each = np.array([_greatest(row, tests, _LEAST) for row in log_likelihood])
+    single = (alone | (explained & (each != 0))) & ~(said & ~alone)
+    if single.any():
+        found.append(Contradiction("impact", single, np.where(alone, implied.fraction, each)))
+    return found
+
+
+def _greatest(log_likelihood: np.ndarray, tests: int, least: float) -> float:
+    """Where it is greatest, if that gains more over the stated velocity than chance does; else 0."""
+    fraction, greatest = _peak(log_likelihood)
+    gain = greatest - log_likelihood[_STATED]
+    return fraction if abs(fraction) >= least and 2 * gain > chi2.isf(ALARMS / tests, 1) else 0.0
+
+
+def _peak(log_likelihood: np.ndarray) -> tuple[float, float]:
+    """Where it is greatest and what it is there, by the parabola through the greatest and its neighbours."""
+    middle = int(log_likelihood.argmax())
+    at, value = float(FRACTIONS[middle]), float(log_likelihood[middle])
+    around = slice(middle - 1, middle + 2)
+    if not 0 < middle < len(FRACTIONS) - 1 or not np.isfinite(log_likelihood[around]).all():
+        return at, value
+    bend, slope, _ = np.polyfit(FRACTIONS[around] - at, log_likelihood[around], 2)
+    if bend >= 0:
+        return at, value
+    return float(at - slope / (2 * bend)), float(value - slope**2 / (4 * bend))
+
+
+def _common(log_likelihood: np.ndarray, fraction: float) -> bool:
+    """Whether one fraction explains the traces of a group about as well as one of each."""
+    nearest = np.abs(FRACTIONS - fraction).argmin()
+    lost = 2 * (log_likelihood.max(axis=1) - log_likelihood[:, nearest]).sum()
+    return bool(lost < chi2.isf(ALARMS, len(log_likelihood)))
+
+
+def _apart(implied: Implied, trial: np.ndarray) -> Mask:
+    """The impacts whose implied velocity lies far from those of the others of their condition."""
+    apart, fraction = np.zeros(len(trial), bool), np.log1p(implied.fraction)
+    for code in np.unique(trial):
+        rows = np.flatnonzero(trial == code)
+        if len(rows) <= _OTHERS:
+            continue
+        away = np.abs(fraction[rows] - np.median(fraction[rows]))
+        apart[rows] = away > np.maximum(_SPREADS * _NORMAL_MAD * np.median(away), np.log1p(_APART))
+    return apart
+
+
+def in_words(found: Contradiction, impacts: pd.DataFrame, *, falls: bool) -> list[str]:
+    """What is said of each impact; nothing of the others.
+
+    Args:
+        found: see `contradictions`.
+        impacts: with ``velocity_m_s`` and, where there are conditions, ``trial``.
+        falls: the velocity is that of a fall, so that a height says the same.
+    """
+    words = []
+    for which, fraction, (_, impact) in zip(found.which, found.fraction, impacts.iterrows(), strict=True):
+        stated = float(impact["velocity_m_s"])
+        met, way = stated * (1 + fraction), "more" if fraction > 0 else "less"
+        said = f"as if met at {met:.3g} m/s, {abs(fraction):.0%} {way} than stated"
+        if falls:
+            cm, its = (50 * v**2 / STANDARD_GRAVITY for v in (met, stated))
+            said = (
+                f"as if dropped from a {'greater' if fraction > 0 else 'smaller'} height "
+                f"(about {cm:.2g} cm, stated {its:.3g} cm): {said[6:]}"
+            )
+        where = {"all": "; so in all impacts", "trial": f"; so in all of condition {impact.get('trial')}"}
+        words.append(said + where.get(found.kind, "") if which else "")
+    return words
