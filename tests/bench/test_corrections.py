@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import shutil
 from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
@@ -171,6 +172,9 @@ def test_files_that_lie_there_already_have_rows_of_their_own_whatever_becomes_of
     names = [f"d{number}" for number in range(1, 13)]
     for name in names:
         bench.record(f"{name}.csv", at_s=1e9)
+    # A copy is no drop.
+    shutil.copy(bench.recorded / "d5.csv", bench.recorded / "a copy of d5.csv")
+    os.utime(bench.recorded / "a copy of d5.csv", (1e9 + 1, 1e9 + 1))
     (bench.recorded / "d3.csv").write_bytes(b"")
     os.utime(bench.recorded / "d3.csv", (1e9, 1e9))
     bench.spoilt.add("d6")
@@ -178,6 +182,21 @@ def test_files_that_lie_there_already_have_rows_of_their_own_whatever_becomes_of
     watch.catch_up(0)
     bench.record("d3.csv")
     # A watch that is killed in the middle of them goes on as it would have.
+    bench.begin().catch_up(0)
+    assert bench.masses == bench.in_order(*names)
+
+
+def test_files_that_come_one_look_after_the_other_have_rows_of_their_own(bench: Bench) -> None:
+    watch = bench.begin()
+    names = [f"d{number}" for number in range(1, 8)]
+    for name in names:
+        bench.record(f"{name}.csv")
+        if name == "d4":
+            (bench.recorded / "d4.csv").write_bytes(b"")
+        watch.look()
+    assert watch.left()[0] == {"mass_kg": MASSES[7]}
+    watch.catch_up(0)
+    bench.record("d4.csv")
     bench.begin().catch_up(0)
     assert bench.masses == bench.in_order(*names)
 

@@ -111,6 +111,7 @@ class _Memory:
     order: list[Cells] = field(default_factory=list)
     chosen: dict[str, str] = field(default_factory=dict)
     tables: dict[str, tuple[str, str]] = field(default_factory=dict)
+    refused: list[str] = field(default_factory=list)
     others: list[Cells] = field(default_factory=list)
     strange: dict[str, str] = field(default_factory=dict)
 
@@ -122,6 +123,7 @@ class Drops:
         folder: of the dataset.
         all: the drops, in the order in which they were taken.
         rows: of each recorder's file that was judged, by its name, the number of its row of the order.
+        refused: those of these files that were no drop as they were.
         order: the rows of the order as they were when the list was last written.
         chosen: facts of the next drops, as they were set on the page.
         version: counts changes of any kind.
@@ -140,6 +142,7 @@ class Drops:
         self.folder, self.campaign, self.version = folder, campaign, 0
         self.all: list[Drop] = []
         self.rows: dict[str, int] = {}
+        self.refused: list[str] = []
         self.order: list[Cells] = []
         self.chosen: dict[str, str] = {}
         self.notes: list[str] = []
@@ -195,7 +198,7 @@ class Drops:
             raise InputError.stated("no-campaign.taken", str(self.folder / LIST), value="a drop twice")
         self.all, self.rows, self.order = memory.drops, memory.rows, memory.order
         self.chosen, self._digests = memory.chosen, memory.tables
-        self._others, self._strange = memory.others, memory.strange
+        self.refused, self._others, self._strange = memory.refused, memory.others, memory.strange
 
     def _recovered(self, row: Cells) -> Drop:
         recording = self.folder / str(row["trace"])
@@ -360,6 +363,7 @@ class Drops:
         drop.changed = self.version = self.version + 1
         known = self.of_file(earlier or drop.file)
         self.all = [drop if each is known else each for each in before] + [drop] * (known is None)
+        self.refused = [name for name in self.refused if name != drop.file]
         self._write_or(lambda: setattr(self, "all", before))
 
     def decide(self, impact: str, reason: str) -> Drop:
@@ -416,7 +420,16 @@ class Drops:
         for name, text in self._wanted.items():
             found, known = _digest(self.folder / name), self._known(name)
             tables[name] = found if found in known else known[1], _digest_of(text.encode())
-        memory = _Memory(self.all, self.rows, self.order, self.chosen, tables, self._others, self._strange)
+        memory = _Memory(
+            self.all,
+            self.rows,
+            self.order,
+            self.chosen,
+            tables,
+            self.refused,
+            self._others,
+            self._strange,
+        )
         with whole_file(self.folder / LIST) as staging:
             staging.write_text(json.dumps(asdict(memory), ensure_ascii=False), encoding="utf-8")
 

@@ -76,7 +76,7 @@ class Watch:
         # What can't be done for the moment, what is said of that, and why files wait; each is said once.
         self._trouble: OSError | None = None
         self._waiting: InputError | None = None
-        self._said = ""
+        self._said: set[str] = set()
         # Of recordings that lost their place in the list to another, why they were left out.
         self._decided: dict[str, str] = {}
         order.require_same(drops.order, drops.rows)
@@ -131,14 +131,14 @@ class Watch:
             return False
         self._trouble = None
         if not self._waiting:
-            self._said = ""
+            self._said.clear()
         return new
 
     def _once(self, text: str) -> None:
         """Say what holds for a while, once."""
-        if text != self._said:
+        if text not in self._said:
             self.say(text)
-        self._said = text
+        self._said.add(text)
 
     def _look(self) -> bool:
         self._waiting = None
@@ -200,7 +200,7 @@ class Watch:
             self.say(self.line(self.drops.named(drop.impact)))
         if corrected or notes:
             self.study.update(self.drops.used)
-        if self.drops.pending:
+        if self.drops.pending and not self._waiting:
             self.drops.write()
 
     def _give_rows(self, listed: Mapping[str, Stamp]) -> set[str]:
@@ -208,15 +208,12 @@ class Watch:
         rows, drops = self.drops.rows, self.drops
         for name in [name for name in rows if name not in listed and not drops.of_file(name)]:
             del rows[name]
+            drops.refused = [other for other in drops.refused if other != name]
         taken = {drop.file for drop in drops}
         new = [n for n in listed if n not in rows and n not in taken and n not in self._follower.settled]
         if not new or not self.order.rows:
             return set()
-        for name in list(new):
-            moved = self._renamed(name, listed)
-            if moved is not None and moved.file in rows:
-                rows[name] = rows[moved.file]
-                new.remove(name)
+        new = self._first_seen(new, listed)
         # A name that is unlike all others, but for its numbers, may be no drop's: the others come first.
         shapes = Counter(_shape(name) for name in new)
         alone = {name for name in new if shapes[_shape(name)] == 1 < max(shapes.values())}
@@ -277,15 +274,23 @@ class Watch:
                     return f"{name} after {drop.file}"
         return ""
 
-    def _renamed(self, name: str, listed: Mapping[str, Stamp]) -> Drop | None:
-        """The drop of a recording that now has this name, and is not under its former one any more."""
-        for drop in self.drops:
-            former = listed.get(drop.file)
-            if drop.file != name and drop.stamp.size == listed[name].size and former != drop.stamp:
-                here, there = (_holds(self.recordings / n, drop.sha256) for n in (name, drop.file))
-                if here and not there:
-                    return drop
-        return None
+    def _first_seen(self, names: Sequence[str], listed: Mapping[str, Stamp]) -> list[str]:
+        """Those files that hold a recording of their own; one that was only renamed takes its row along."""
+        sizes = Counter([listed[name].size for name in names] + [drop.stamp.size for drop in self.drops])
+        known = {drop.sha256: drop.file for drop in self.drops}
+        first = []
+        for name in sorted(names, key=lambda name: (listed[name].modified_ns, natural(name))):
+            sha256 = ""
+            if listed[name].size and sizes[listed[name].size] > 1:
+                sha256 = _sha256(self.recordings / name)
+            former = known.get(sha256)
+            if former is None:
+                first.append(name)
+            elif former in self.drops.rows and not _holds(self.recordings / former, sha256):
+                self.drops.rows[name] = self.drops.rows[former]
+            if sha256:
+                known[sha256] = former or name
+        return first
 
     def _take(self, name: str) -> None:
         source, incoming = self.recordings / name, self.drops.folder / _INCOMING / name
@@ -300,6 +305,9 @@ class Watch:
                 incoming.unlink(missing_ok=True)
 
     def _refuse(self, name: str, error: InputError) -> None:
+        if name in self.drops.rows and name not in self.drops.refused:
+            self.drops.refused.append(name)
+            self.drops.write()
         said = Verdict("again", " ".join(dict.fromkeys(map(_in_short, error.problems))))
         self.last = name, said
         self.say(f"{name}: {said.words}")
@@ -414,6 +422,9 @@ class Watch:
         rows = self.drops.rows
         good = [drop for drop in self.drops if drop.good]
         held = [rows[drop.file] for drop in good if drop.file in rows]
+        # Of files that nobody has judged yet, since they are empty, still grow, or wait for their turn.
+        judged = {*self.drops.refused, *(drop.file for drop in self.drops)}
+        held += [at for name, at in rows.items() if name not in judged]
         unknown = [drop.cells for drop in good if drop.file not in rows]
         people = dict.fromkeys(str(drop.cells["subject"]) for drop in self.drops)
         return self.order.left(unknown, held, people)
