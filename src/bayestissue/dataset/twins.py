@@ -42,8 +42,13 @@ def twins(samples: Samples) -> Iterator[tuple[int, int, bool]]:
             distinct.append(which)
         else:
             yield which, earlier, True
-    found = [which for which in distinct if values[which].size > 2 * _WINDOW and np.ptp(values[which]) > 0]
+    found = [which for which in distinct if values[which].size > 2 * _WINDOW and _varies(values[which])]
     yield from _again([values[which] for which in found], found)
+
+
+def _varies(value: np.ndarray) -> bool:
+    """Whether a recording is no constant, and its squares are numbers."""
+    return bool(np.ptp(value) > 0 and np.isfinite(np.square(value).sum()))
 
 
 def _again(values: list[np.ndarray], places: list[int]) -> Iterator[tuple[int, int, bool]]:
