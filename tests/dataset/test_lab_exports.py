@@ -42,6 +42,12 @@ DTS = [
     "Engineering Units:,g,N,",
     "Time,Scaled data in EU,Scaled data in EU,",
 ]
+LABCHART = [
+    "Interval=\t0.0001 s",
+    "TimeFormat=\tStartOfBlock",
+    "ChannelTitle=\tForce\tAcc",
+    "Range=\t10.000 V\t5.000 V",
+]
 BIOWARE = [
     "BioWare for Windows",
     "Filename:\tdrop7.dat",
@@ -63,6 +69,7 @@ NAMES = "abs time\tFx\tFy\tFz\tMx\tFx\tFz"
          ["s", "N", "N", "N", "N·m", "N", "N"]),
         (["Remark;by hand", "Zeit;Kraft", ";N"], 1, ";", ["Zeit", "Kraft"], ["", "N"]),
         (["Remark,by hand,", "t,Acc,Force", "Units,g,N"], 2, ",", ["t", "Acc", "Force"], ["", "g", "N"]),
+        (LABCHART, 2, "\t", ["ChannelTitle=", "Force", "Acc"], None),
         (["t;a;;", "Begin of data;;;"], 1, ";", ["t", "a"], None),
     ],
 )  # fmt: skip

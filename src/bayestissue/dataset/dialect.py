@@ -42,6 +42,8 @@ _EXPONENT = r"([eE][+-]?\d+)?"
 _ANY_NUMBER = re.compile(
     rf"[+-]?(\d+[.,]?\d*|[.,]\d+|\d{{1,3}}([.,'\u2019 \u00a0\u202f]\d{{3}})+([.,]\d*)?){_EXPONENT}", re.ASCII
 )
+# A number with a unit behind it.
+_VALUE = re.compile(r"[+-]?\d")
 # What a row of units may be called in its first cell.
 _CALLED_UNITS = re.compile(r"(\w+ )?(units?|einheit(en)?|eu|sequence):?", re.IGNORECASE)
 # Besides those of times, accelerations and lengths.
@@ -246,6 +248,7 @@ class _Lines:
             if not self._is_remark(record) or (self.delimiter == "," and len(record.cells) == 1)
         ]
         above = [record for record in above if not any(map(_is_number, record.cells))] or above
+        above = [record for record in above if not _is_setting(record.bare)] or above
         while len(above) > 1 and _are_units(above[-1].cells):
             above.pop()
         if above:
@@ -427,6 +430,11 @@ def _cut(text: str) -> _Lines:
     if cells and spaced.share > 0.5 and all(_is_number(cell) and cell[-1] != "," for cell in cells):
         return spaced
     return next(lines for lines in cut if lines.delimiter == ",")
+
+
+def _is_setting(cells: Sequence[str]) -> bool:
+    """Whether a line is a setting of each channel, such as ``Range=`` before ``10.000 V`` and ``5.000 V``."""
+    return cells[0].endswith(("=", ":")) and all(_VALUE.match(cell) for cell in cells[1:] if cell)
 
 
 def _is_number(cell: str) -> bool:
