@@ -17,6 +17,7 @@ import pandas as pd
 import xarray as xr
 
 from bayestissue import resources, runtime
+from bayestissue.dataset.left_out import reason_of
 from bayestissue.errors import InputError
 from bayestissue.finished import TABLES, Fit
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification, specification_of
@@ -332,6 +333,7 @@ def _provenance(
         "columns_not_used": list(prepared.design.recorded.not_used),
         "uncertainty": vars(data.uncertainty),
         "left_out": [str(problem) for problem in data.left_out],
+        "exclusions": [{"impact": p.impact, "reason": reason_of(p)} for p in data.left_out],
         "seed": seed,
         "input_hash": data.input_hash,
         **({"whole_hash": data.whole_hash} if data.whole_hash else {}),

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from bayestissue.checking import check
 from bayestissue.dataset import read_dataset
-from bayestissue.dataset.left_out import FILE, reasons, write_left_out
+from bayestissue.dataset.left_out import FILE, NEVER_READ, reason_of, reasons, write_left_out
 from bayestissue.errors import InputError
 from dataset_bench import Lab
 
@@ -43,6 +44,24 @@ def test_a_name_that_nobody_has_is_a_warning_and_a_row_without_a_reason_an_error
     with pytest.raises(InputError) as error:
         reasons(lab.folder)
     assert [problem.row for problem in error.value.problems] == [3, 4]
+
+
+def test_a_recording_that_never_came_in_is_left_out_too(lab: Lab) -> None:
+    write_left_out(lab.folder, {"b": "hit the frame", "z": f"{NEVER_READ}a damaged file: no end"})
+    data = read_dataset(lab.folder)
+    assert data.warnings == ()
+    assert [(p.impact, reason_of(p)) for p in data.left_out] == [
+        ("b", "hit the frame"),
+        ("z", "a damaged file: no end"),
+    ]
+    assert len(data.impacts) == 3
+
+
+def test_reasons_of_what_is_wrong_are_words_of_a_sentence(lab: Lab) -> None:
+    lab.samples("c", lambda _, value: np.negative(value, out=value))
+    (problem,) = read_dataset(lab.folder, skip_bad=True).left_out
+    assert reason_of(problem).startswith("the sign is the other way")
+    assert "expected" not in reason_of(problem)
 
 
 def test_all_of_them_are_too_many(lab: Lab) -> None:

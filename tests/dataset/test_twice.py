@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+import numpy as np
 import pandas as pd
 import pytest
 
 from bayestissue.dataset import read_dataset
+from bayestissue.dataset.recordings import Samples
+from bayestissue.dataset.twins import twins
 from dataset_bench import Lab
 
 
@@ -49,6 +54,56 @@ def test_a_recording_under_two_impacts_is_named(lab: Lab) -> None:
     (found,) = warned(lab)
     assert "traces.csv, column value, impact c" in found
     assert "the same samples as impact a" in found
+
+
+def recorded(values: list[np.ndarray]) -> Samples:
+    start = np.cumsum([0, *map(len, values)])
+    numbers = np.arange(len(values))
+    files, time = ["f"] * len(values), np.zeros(start[-1])
+    return Samples(time, np.concatenate(values), start, numbers, files, time.astype(int))
+
+
+def repeats(noise: float, rate: float, count: int = 60) -> list[np.ndarray]:
+    """The same impact again and again, met by a triggered recorder, with noise of this share of the peak."""
+    time = np.arange(int(0.08 * rate)) / rate - 0.01
+    value = np.where(time > 0, 40 * np.exp(-30 * time) * np.sin(60 * time), 0)
+    draw = np.random.default_rng(int(rate)).normal
+    return [value + draw(0, noise * value.max(), value.size) for _ in range(count)]
+
+
+@pytest.mark.parametrize("noise", [1e-4, 1e-3, 1e-2])
+@pytest.mark.parametrize("rate", [500.0, 2000.0, 10_000.0])
+def test_a_recording_exported_anew_is_known_again_and_repeats_are_not(noise: float, rate: float) -> None:
+    values = repeats(noise, rate)
+    # 1,770 pairs of repeats, each less likely than 1e-10 to come so near by chance.
+    assert list(twins(recorded(values))) == []
+    digits = int(np.ceil(-np.log10(noise))) + 1
+    for change in (
+        lambda value: value.round(digits),
+        lambda value: value[1:],
+        lambda value: value[:-3],
+        lambda value: 1.0001 * value,
+        lambda value: (1.0001 * value + 0.5)[1:].round(digits),
+    ):
+        again = list(twins(recorded([*values[:10], *map(change, values[:10])])))
+        assert again == [(10 + which, which, False) for which in range(10)]
+
+
+def test_impacts_that_people_recorded_are_none_again(heel_strikes: Path) -> None:
+    values = [trace.value for trace in read_dataset(heel_strikes).traces]
+    assert list(twins(recorded(values))) == []
+    again = [(1.0001 * value)[1:].round(int(5 - np.log10(np.ptp(value)))) for value in values]
+    found = list(twins(recorded([*values, *again])))
+    assert found == [(len(values) + which, which, False) for which in range(len(values))]
+
+
+def test_a_recording_exported_anew_is_named(lab: Lab) -> None:
+    traces = pd.read_csv(lab.path("traces.csv"))
+    mine, other = ((traces["impact"] == name).to_numpy() for name in "ca")
+    traces.loc[mine, "value"] = (1.0001 * traces.loc[other, "value"].to_numpy()).round(3)
+    traces.to_csv(lab.path("traces.csv"), index=False)
+    (found,) = warned(lab)
+    assert "with other digits, beginning or gain, the recording of impact a" in found
 
 
 def test_a_sound_dataset_has_nothing_twice(lab: Lab) -> None:

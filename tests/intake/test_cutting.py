@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bayestissue.dataset import Trace
-from bayestissue.intake.build import cut
+from bayestissue.intake.build import blow_again, cut
 
 RATE, LENGTH_S = 2000.0, 0.05
 
@@ -55,3 +55,25 @@ def test_nothing_but_noise_has_no_impact() -> None:
     assert cut(Trace(np.arange(3.0), np.ones(3))) == []
     assert cut(Trace(np.arange(20.0), np.full(20, np.nan))) == []
     assert cut(Trace(np.arange(20.0), np.ones(20))) == []
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("apart", [0.16, 0.3])
+def test_another_impact_that_soon_follows_is_said(apart: float, seed: int) -> None:
+    for heights in ([100.0, 90.0], [60.0, 100.0]):
+        trace = recording([0.1, 0.1 + apart], heights, 0.2, seed=seed)
+        assert len(cut(trace)) == 1
+        found = blow_again(trace)
+        assert found is not None
+        # Of a half sine the noise moves the highest sample by some of its 100.
+        assert abs(found - apart) < 0.01
+        assert len(cut(trace, separation_s=float(f"{found / 2:.1g}"))) == 2
+
+
+def test_rebounds_and_swings_are_not() -> None:
+    assert blow_again(recording([0.1], [100.0], 0.2)) is None
+    assert blow_again(recording([0.1, 0.3], [100.0, 45.0], 0.2)) is None
+    # A tissue that swings: half sines a contact apart.
+    assert blow_again(recording([0.1, 0.2, 0.3], [100.0, 80.0, 60.0], 0.2)) is None
+    assert blow_again(recording([], [], 1.0)) is None
+    assert blow_again(Trace(np.arange(3.0), np.ones(3))) is None

@@ -16,6 +16,7 @@ from nptdms import ChannelObject, TdmsWriter
 import bayestissue as bt
 from bayestissue.commands import init as command
 from bayestissue.dataset import Recorder
+from bayestissue.dataset.left_out import reasons
 from bayestissue.dataset.recorders import contents_of
 from bayestissue.errors import InputError
 from command_line import bayestissue
@@ -260,6 +261,14 @@ def test_what_is_wrong_may_be_left_out(folder: Callable, tmp_path: Path) -> None
     assert set(data.impacts["impact"]) == kept
     assert set(contents(out / "recordings")) == {f"{each}.tdms" for each in kept}
     assert "Left out:" in (out / "init.html").read_text()
+    # Whoever reads the dataset afterwards knows of them too.
+    why = reasons(out)
+    assert set(why) == {name(2), name(3), "notes of s03"}
+    assert why[name(3)].startswith("not in the dataset: the sign is the other way")
+    assert "damaged" in why[name(2)]
+    assert {problem.impact for problem in data.left_out} == set(why)
+    assert data.warnings == ()
+    assert "without the 3 impacts left out" in bayestissue("check", out).out
 
 
 @pytest.mark.parametrize(
@@ -440,6 +449,27 @@ def test_a_recording_that_seems_to_hold_several_is_named(tmp_path: Path) -> None
     # Eight impacts together lose more speed than one can have: refused, and with a way out.
     assert made.status == 2
     assert "--several" in made.err
+
+
+def test_impacts_soon_after_each_other_are_told_and_cut_apart(tmp_path: Path) -> None:
+    recorded = tmp_path / "recorded"
+    recorded.mkdir()
+    (_, one), (_, other) = trace(0), trace(1)
+    # The second 0.14 s after the first, and a third after a second.
+    pause = [np.zeros(int(rest * RATE)) for rest in (0.2, 0.1, 1.0, 0.2)]
+    draw = np.random.default_rng(4).normal
+    value = np.concatenate([pause[0], one, pause[1], other, pause[2], one, pause[3]])
+    value += draw(0, 0.05, value.size)
+    write_tdms(recorded / "p1.tdms", np.array([0.0]), value)
+    options = ("init", recorded, "--quantity", "deceleration", *FACTS, "--set", "mass_kg=0.5")
+    options = (*options, "--set", "subject=p1", "--several")
+    merged = bayestissue(*options, "--out", tmp_path / "two")
+    assert merged.status == 0, merged.err
+    assert "p1-1: a blow of half the height or more follows or precedes the highest, by 0.15 s" in merged.out
+    advice = merged.out.split("another impact, add --several ")[1].split(".\n")[0].split()
+    made = bayestissue(*options, *advice, "--out", tmp_path / "three")
+    assert len(bt.read_dataset(tmp_path / "three").impacts) == 3
+    assert "a blow of half the height" not in made.out
 
 
 def test_a_rate_in_the_table_stands_in_for_times(tmp_path: Path) -> None:

@@ -175,3 +175,20 @@ def test_flagged_recordings_are_said_as_a_paper_would(run: FitRun) -> None:
     assert re.search(
         r"Diagnostics passed\. R-hat at most 1\.0, no divergences \[\d+\]\.$", sections["Computation"][0]
     )
+
+
+def test_exclusions_are_a_sentence(run: FitRun) -> None:
+    def said(**record: list) -> list[str]:
+        return text_of(replace(run, record=run.record | record)).sections["Measurements"]
+
+    assert "No recording was left out." in said(left_out=[])
+    why = [("a1", "the impactor touched the frame"), ("a2", "the recording is clipped: 9 samples at 4")]
+    why += [("a3", "the impactor touched the frame"), ("a2", "a narrow peak")]
+    exclusions = [{"impact": impact, "reason": reason} for impact, reason in why]
+    assert (
+        f"Of {len(run.impacts) + 3} recordings, 3 were left out of the analysis: a1 and a3 (the impactor "
+        "touched the frame) and a2 (the recording is clipped: 9 samples at 4; a narrow peak)."
+    ) in said(left_out=["expected impacts that nobody left out"], exclusions=exclusions)
+    # A run of an earlier version has no words for a sentence.
+    short = f"Of {len(run.impacts) + 1} recordings, 1 was left out of the analysis."
+    assert short in said(left_out=["a"], exclusions=[])

@@ -17,6 +17,7 @@ from bayestissue.dataset.chain import STANDARD_GRAVITY
 from bayestissue.dataset.motion import Motion, flat_top, motion
 from bayestissue.dataset.recordings import MIN_SAMPLES, Recordings, Samples
 from bayestissue.dataset.settings import FILE
+from bayestissue.dataset.twins import twins
 from bayestissue.errors import Problem
 
 # With half of a quantity as its standard deviation, none of it at all lies within two of them.
@@ -216,17 +217,14 @@ def _seconds_at_g(samples: Samples, moving: Motion) -> Float64[np.ndarray, " imp
 
 
 def _same_recordings(recordings: Recordings) -> Iterator[Problem]:
-    """Recordings whose samples are, to the last digit, those of an earlier impact.
+    """Recordings of an earlier impact again: see `twins`.
 
-    Noise never repeats itself: such a recording was exported or copied twice. As two impacts it makes K and
-    C of that person seem known better than they are, and wrong where the stated mass or velocity differs.
+    As two impacts such a recording makes K and C of that person seem known better than they are, and wrong
+    where the stated mass or velocity differs.
     """
-    samples, first = recordings.samples, dict[bytes, int]()
-    for which, (begin, end) in enumerate(zip(samples.begin, samples.end, strict=True)):
-        earlier = first.setdefault(samples.value[begin:end].tobytes(), which)
-        if earlier != which:
-            words = f"the same samples as impact {recordings.name[earlier]}"
-            yield recordings.problem("recording-twice", which, words)
+    for which, earlier, exact in twins(recordings.samples):
+        how = "the same samples as" if exact else "with other digits, beginning or gain, the recording of"
+        yield recordings.problem("recording-twice", which, f"{how} impact {recordings.name[earlier]}")
 
 
 def stated_problems(recordings: Recordings) -> Iterator[Problem]:

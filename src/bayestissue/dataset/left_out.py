@@ -9,12 +9,15 @@ from pathlib import Path
 import pandas as pd
 
 from bayestissue.dataset.cells import read_cells
-from bayestissue.errors import InputError, Problem, has_control_characters
+from bayestissue.errors import InputError, Problem, has_control_characters, printable
+from bayestissue.remedies import entries
 from bayestissue.results import whole_file
 
 FILE = "left_out.csv"
+# How the reason of a recording begins that `bayestissue init --skip-bad` left out, and impacts.csv lacks.
+NEVER_READ = "not in the dataset: "
 COLUMNS = {
-    "impact": "an impact of impacts.csv that is left out",
+    "impact": "an impact of impacts.csv that is left out, or a recording that init left out",
     "reason": "why, in words; not empty",
 }
 
@@ -60,10 +63,21 @@ def read_left_out(folder: Path, impacts: pd.Series) -> LeftOut:
     """
     known, stated = set(impacts), {}
     for impact, reason in reasons(folder).items():
-        key = "left-out.stated" if impact in known else "left-out.unknown"
-        stated[impact] = Problem.stated(key, FILE, None, "reason", reason, impact=impact)
+        never = reason.startswith(NEVER_READ)
+        key = "stated" if impact in known else "never-read" if never else "unknown"
+        stated[impact] = Problem.stated(f"left-out.{key}", FILE, None, "reason", reason, impact=impact)
+        known |= {impact} if never else set()
     strange = tuple(problem for impact, problem in stated.items() if impact not in known)
     return LeftOut({impact: p for impact, p in stated.items() if impact in known}, strange)
+
+
+def reason_of(problem: Problem) -> str:
+    """Why an impact is left out, in words that stand in a sentence: what somebody wrote, or what is wrong."""
+    if problem.code == "left-out":
+        return str(problem.value).removeprefix(NEVER_READ)
+    title = entries()[problem.code].title
+    found = "" if problem.value is None else f": {problem.value}"
+    return " ".join(printable(f"{title[:1].lower()}{title[1:]}{found}").split())
 
 
 def write_left_out(folder: Path, by_impact: Mapping[str, str]) -> None:

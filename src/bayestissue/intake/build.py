@@ -17,6 +17,8 @@ import pandas as pd
 from bayestissue.dataset import Dataset, Trace, read_dataset, write_dataset
 from bayestissue.dataset.dialect import Stated
 from bayestissue.dataset.files import of_sheet
+from bayestissue.dataset.left_out import NEVER_READ, reason_of, write_left_out
+from bayestissue.dataset.recorders import suffix_of
 from bayestissue.dataset.recordings import CROP, in_seconds
 from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.dataset.settings import SignalSettings, parse_settings
@@ -135,8 +137,26 @@ def build(
         raise InputError(problems)
     shutil.rmtree(folder / RECORDINGS)
     _write(folder, settings, rows, recordings)
+    write_left_out(folder, _reasons(problems, recordings, {row["impact"] for row in rows}))
     dataset = read_dataset(folder)
     return Built(dataset, tuple(problems), _notes(dataset, cutting))
+
+
+def _reasons(problems: Iterable[Problem], recordings: RecorderFolder, used: set[str]) -> dict[str, str]:
+    """For each recording or impact that is left out why, as `left_out.csv` has it."""
+    found: dict[str, list[str]] = {}
+    known = {*(file.name for file in recordings.files), *(problem.file for problem in recordings.problems)}
+    for problem in problems:
+        name = problem.impact or _impact_name(problem.file.removesuffix(suffix_of(Path(problem.file))))
+        name = problem.file if name in used else name
+        if problem.impact or problem.file in known:
+            found.setdefault(name, []).append(reason_of(problem))
+    return {name: f"{NEVER_READ}{'; '.join(dict.fromkeys(why))}" for name, why in found.items()}
+
+
+def _impact_name(bare: str) -> str:
+    """What the impact of a recording is called, by the recording's name without its ending."""
+    return bare.replace(".xlsx#", "_")
 
 
 def _settings(choices: Choices, name: str, files: int) -> dict[str, Any]:
@@ -202,20 +222,26 @@ def _in_terms_of_init(problem: Problem) -> Problem:
 
 def _notes(dataset: Dataset, cutting: Cutting | None) -> tuple[str, ...]:
     notes = [] if any(asdict(dataset.uncertainty).values()) else [_CHAIN]
-    if several := [] if cutting else _with_several(dataset):
+    sign = -1.0 if dataset.quantity == "acceleration" else 1.0
+    oriented = [Trace(trace.time_s, sign * trace.value) for trace in dataset.traces]
+    named = list(zip(map(str, dataset.impacts["impact"]), oriented, strict=True))
+    several = [] if cutting else [impact for impact, trace in named if len(cut(trace)) > 1]
+    threshold = cutting.threshold if cutting else THRESHOLD
+    alone = {impact: trace for impact, trace in named if impact not in several}
+    later = {impact: blow_again(trace, threshold=threshold) for impact, trace in alone.items()}
+    again = {impact: seconds for impact, seconds in later.items() if seconds is not None}
+    if again:
+        soonest = min(again.values())
+        notes.insert(
+            0,
+            f"{first_of(list(again), 5)}: a blow of half the height or more follows or precedes the highest, "
+            f"by {soonest:.2g} s at the least. It counts as a rebound, and the highest is used; if it is "
+            f"another impact, add --several --separation-s {soonest / 2:.1g}.",
+        )
+    if several:
         advice = "the impact with the highest peak is used; --several cuts them apart"
         notes.insert(0, f"{first_of(several, 5)}: the recording seems to hold several impacts; {advice}.")
     return tuple(notes)
-
-
-def _with_several(dataset: Dataset) -> list[str]:
-    sign = -1.0 if dataset.quantity == "acceleration" else 1.0
-    oriented: Iterable[Trace] = (Trace(trace.time_s, sign * trace.value) for trace in dataset.traces)
-    return [
-        str(impact)
-        for impact, trace in zip(dataset.impacts["impact"], oriented, strict=True)
-        if len(cut(trace)) > 1
-    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,7 +257,7 @@ class _Plan:
     def rows(self, problems: list[Problem]) -> Iterator[dict[str, Any]]:
         """The rows; what is wrong with a file goes to ``problems``."""
         files = self.recordings.files
-        bare = {file.name: bare_name(file).replace(".xlsx#", "_") for file in files}
+        bare = {file.name: _impact_name(bare_name(file)) for file in files}
         short = Counter(PurePosixPath(name).name for name in bare.values())
         usual = _usual_units(self.recordings, self.choices)
         for file in files:
@@ -319,12 +345,7 @@ def cut(
     Returns:
         One stretch for each impact; none where nothing rises above the noise.
     """
-    value, time = trace.value, trace.time_s
-    if value.size < _FEWEST or not (np.isfinite(value).all() and np.isfinite(time).all()):
-        return []
-    above = value - np.median(value)
-    noise = max(float(noise_sd(stack([trace]))[0]), float(np.median(np.abs(above))) / 0.6745)
-    moments = time[above > max(threshold * noise, _SHARE * above.max())]
+    moments = trace.time_s[_loud(trace, threshold)]
     if not moments.size:
         return []
     gap = np.flatnonzero(np.diff(moments) >= separation_s)
@@ -336,6 +357,42 @@ def cut(
             strict=True,
         )
     )
+
+
+def _loud(trace: Trace, threshold: float) -> np.ndarray:
+    """The samples that rise above the noise and a tenth of the highest, in order; see `cut`."""
+    value = trace.value
+    if value.size < _FEWEST or not (np.isfinite(value).all() and np.isfinite(trace.time_s).all()):
+        return np.empty(0, int)
+    above = value - np.median(value)
+    noise = max(float(noise_sd(stack([trace]))[0]), float(np.median(np.abs(above))) / 0.6745)
+    return np.flatnonzero(above > max(threshold * noise, _SHARE * above.max()))
+
+
+def blow_again(trace: Trace, *, threshold: float = THRESHOLD) -> float | None:
+    """The time in s between the highest blow of a recording and another one nearly as high; None without.
+
+    A blow is a run of samples as `cut` takes them. Runs less than twice the longest one apart are one blow,
+    as the swings of a tissue are. Another blow has half of the height or more; it may be a rebound.
+
+    Args:
+        trace: positive while the impactor slows, or into the tissue.
+        threshold: in standard deviations of the noise.
+    """
+    loud, time = _loud(trace, threshold), trace.time_s
+    if not loud.size:
+        return None
+    runs = np.split(loud, np.flatnonzero(np.diff(loud) > 1) + 1)
+    longest = max(time[run[-1]] - time[run[0]] for run in runs)
+    blows = [runs[0]]
+    for run in runs[1:]:
+        apart = time[run[0]] - time[blows[-1][-1]] > 2 * longest
+        blows = [*blows, run] if apart else [*blows[:-1], np.append(blows[-1], run)]
+    value = trace.value - np.median(trace.value)
+    peaks = [int(blow[np.argmax(value[blow])]) for blow in blows]
+    first, *others = sorted(peaks, key=lambda at: -value[at])
+    high = [at for at in others if value[at] >= value[first] / 2]
+    return float(min(abs(time[at] - time[first]) for at in high)) if high else None
 
 
 def _usual_units(recordings: RecorderFolder, choices: Choices) -> dict[str, str]:

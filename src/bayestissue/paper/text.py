@@ -125,8 +125,21 @@ def _unit_of_signal(run: FitRun) -> str:
 
 
 def _left_out(run: FitRun) -> str:
-    left_out = [str(reason) for reason in run.record.get("left_out", [])]
-    return f"Left out: {'; '.join(left_out)}." if left_out else "No recording was left out."
+    if not run.record.get("left_out"):
+        return "No recording was left out."
+    reasons: dict[str, list[str]] = {}
+    names: dict[str, list[str]] = {}
+    for line in run.record.get("exclusions", []):
+        reasons.setdefault(str(line["impact"]), []).append(str(line["reason"]))
+    for impact, why in reasons.items():
+        names.setdefault("; ".join(dict.fromkeys(why)), []).append(impact)
+    count = len(reasons or run.record["left_out"])
+    total = len(run.impacts) + count
+    parts = [f"{listed(impacts)} ({why})" for why, impacts in names.items()]
+    which = f": {listed(parts)}" if parts else ""
+    return (
+        f"Of {total} recordings, {count} {'was' if count == 1 else 'were'} left out of the analysis{which}."
+    )
 
 
 def _formulas(run: FitRun) -> str:

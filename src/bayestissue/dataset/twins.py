@@ -1,0 +1,108 @@
+"""Recordings that stand twice: copied, or exported anew with other digits, another beginning or gain.
+
+Noise never repeats itself. Of two impacts, however alike, the samples differ by the noise of both, σ √2 in
+standard deviation; of one recording that was exported twice, by rounding.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from bayestissue.dataset.recordings import Samples
+
+# Of the noise: with 16 samples or more, two impacts come nearer than this less than once in 10¹⁰ pairs.
+_NEAR = 0.5
+# Fifth differences of a smooth signal are small; those of white noise have this standard deviation, times σ.
+_FIFTH = np.sqrt(252.0)
+_MEDIAN_OF_NORMAL = 0.6744897501960817
+# Samples behind a landmark that are compared first, how far the landmarks may differ, and what is steep.
+_WINDOW, _SHIFTS, _STEEP = 16, (-1, 0, 1), 8
+_GAIN = 0.01
+# Of the peak: what arithmetic leaves of a recording that is scaled and scaled back.
+_ARITHMETIC = 1e-9
+
+
+def twins(samples: Samples) -> Iterator[tuple[int, int, bool]]:
+    """Of each recording that stands twice its place, that of the first one, and whether all digits agree.
+
+    A recording is another one again where, laid upon each other at their highest or steepest samples, give
+    or take one, and with the gain and offset of a straight line between them, the two differ by less than
+    half of the noise. The gain is 1 within 1 %. The noise is white noise, by fifth differences, the smaller
+    one of the two: noise that is smooth from sample to sample makes it too small, and hides rather than
+    raises an alarm.
+    """
+    values = [samples.value[begin:end] for begin, end in zip(samples.begin, samples.end, strict=True)]
+    first: dict[bytes, int] = {}
+    distinct = []
+    for which, value in enumerate(values):
+        earlier = first.setdefault(value.tobytes(), which)
+        if earlier == which:
+            distinct.append(which)
+        else:
+            yield which, earlier, True
+    found = [which for which in distinct if values[which].size > 2 * _WINDOW and np.ptp(values[which]) > 0]
+    yield from _again([values[which] for which in found], found)
+
+
+def _again(values: list[np.ndarray], places: list[int]) -> Iterator[tuple[int, int, bool]]:
+    if len(values) < 2:
+        return
+    noise = np.array([_noise(value) for value in values])
+    height = np.array([np.ptp(value) for value in values])
+    first: dict[int, int] = {}
+    for landmark in (_highest, _steepest):
+        at = np.array([landmark(value) for value in values])
+        for later, earlier, lag in _alike(values, at, _NEAR * noise + _ARITHMETIC * height):
+            limit = _NEAR * min(noise[later], noise[earlier]) + _ARITHMETIC * height[later]
+            if _differ(values[later], values[earlier], lag) < limit:
+                first[later] = min(earlier, first.get(later, earlier))
+    yield from ((places[later], places[first[later]], False) for later in sorted(first))
+
+
+def _highest(value: np.ndarray) -> int:
+    inside = value[1:-_WINDOW]
+    return 1 + int(np.argmax(np.abs(inside - value.mean())))
+
+
+def _steepest(value: np.ndarray) -> int:
+    return 1 + int(np.argmax(np.abs(value[1 + _STEEP : _STEEP - _WINDOW] - value[1:-_WINDOW])))
+
+
+def _alike(values: list[np.ndarray], at: np.ndarray, near: np.ndarray) -> Iterator[tuple[int, int, int]]:
+    """Pairs that are alike behind a landmark, the later first, and by how many samples it lies behind."""
+    from scipy.spatial import KDTree
+
+    def behind(shift: int) -> tuple[np.ndarray, np.ndarray]:
+        windows = np.array(
+            [value[i + shift : i + shift + _WINDOW] for value, i in zip(values, at, strict=True)]
+        )
+        windows -= windows.mean(axis=1, keepdims=True)
+        length = np.maximum(np.linalg.norm(windows, axis=1), np.finfo(float).tiny)
+        return windows / length[:, None], length
+
+    # Of length 1 each: a copy may have another offset and gain.
+    tree = KDTree(behind(0)[0])
+    for shift in _SHIFTS:
+        directions, length = behind(shift)
+        reach = np.minimum(near * np.sqrt(_WINDOW) / length, _NEAR)
+        for later, others in enumerate(tree.query_ball_point(directions, reach)):
+            for earlier in others:
+                if earlier < later:
+                    yield later, earlier, int(at[later] + shift - at[earlier])
+
+
+def _noise(value: np.ndarray) -> float:
+    return float(np.median(np.abs(np.diff(value, 5)))) / (_MEDIAN_OF_NORMAL * _FIFTH)
+
+
+def _differ(one: np.ndarray, other: np.ndarray, lag: int) -> float:
+    """The root mean square of what is left of ``one`` by a line in ``other``, ``lag`` samples before it."""
+    begin, end = max(0, lag), min(one.size, other.size + lag)
+    if 2 * (end - begin) < min(one.size, other.size):
+        return np.inf
+    x, y = other[begin - lag : end - lag], one[begin:end]
+    x, y = x - x.mean(), y - y.mean()
+    gain = float(x @ y) / float(x @ x) if x.any() else 0.0
+    return float(np.sqrt(np.mean((y - gain * x) ** 2))) if abs(gain - 1) < _GAIN else np.inf
