@@ -210,7 +210,7 @@ def settle(
     elif choices.quantity is None:
         what = "what it recorded (a deceleration is positive while the impactor slows)"
         questions.append(Question("--quantity", what, tuple(possible), possible[0]))
-    elif choices.quantity in _QUANTITIES and choices.quantity not in possible:
+    elif choices.unit is None and choices.quantity in _QUANTITIES and choices.quantity not in possible:
         words = {"unit": ", ".join(sorted(units)), "possible": " or ".join(possible)}
         raise InputError.stated("option-value.quantity", "--quantity", value=choices.quantity, **words)
     dimensions = list(dict.fromkeys(_DIMENSION[name] for name in possible))

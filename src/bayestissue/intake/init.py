@@ -12,7 +12,7 @@ from bayestissue.dataset import Dataset, Quantity, Recorder, Uncertainty, read_d
 from bayestissue.dataset.dialect import Stated
 from bayestissue.dataset.recorders import SUFFIXES, suffix_of
 from bayestissue.dataset.settings import Gravity, Zero, stated_table
-from bayestissue.dataset.tables import TEXT_SUFFIXES
+from bayestissue.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES
 from bayestissue.errors import InputError, Problem
 from bayestissue.intake.build import SEPARATION_S, THRESHOLD, Built, Cutting, build
 from bayestissue.intake.choices import Choices, Question, settle
@@ -151,11 +151,17 @@ def _without_companions(recordings: RecorderFolder, choices: Choices) -> Recorde
         return recordings
     common = set.intersection(*(set(file.channels) for file in named))
     files = tuple(file for file in recordings.files if file in named or common <= set(file.channels))
-    problems = tuple(p for p in recordings.problems if pattern.fits(p.file, suffix_of(Path(p.file))))
+    problems = tuple(p for p in recordings.problems if not _is_note(p.file, pattern))
     over = {file.name for file in recordings.files} - {file.name for file in files}
     over |= {p.file for p in recordings.problems} - {p.file for p in problems}
     words = (f"files that --pattern does not name: {first_of(sorted(over), _SHOWN)}",) if over else ()
     return replace(recordings, files=files, problems=problems, passed_over=recordings.passed_over + words)
+
+
+def _is_note(file: str, pattern: Pattern) -> bool:
+    """Whether a file that could not be read is a text that the pattern does not name."""
+    suffix = suffix_of(Path(file))
+    return suffix in (*TABLE_SUFFIXES, *TEXT_SUFFIXES) and not pattern.fits(file, suffix)
 
 
 def _intake_from(recordings: RecorderFolder, choices: Choices, guess: str | None) -> Intake:
