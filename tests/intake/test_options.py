@@ -64,6 +64,10 @@ def test_channels_whose_unit_can_not_be_right_are_not_offered(tmp_path: Path) ->
     recorded = folder(tmp_path, **beside, ax__g=value(2), az__g=value(3))
     said = asked(recorded, tmp_path)["--channel"]
     assert "ax [g] or az [g]" in said
+    recorded.rename(tmp_path / "before")
+    several = asked(folder(tmp_path, z__mm=value(), a__g=value(1)), tmp_path)
+    assert "displacement" in several["--quantity"]
+    assert "--scale" not in several["--unit"]
     assert "Force" not in said
 
 

@@ -202,8 +202,9 @@ def settle(
     if choices.time is not None and choices.time_unit is None:
         choices = replace(choices, time_unit=_unit(candidates[choices.time], ["time"]))
     units = {choices.unit} if choices.unit else {channel.unit for channel in chosen}
-    # A scale makes another unit of the one that the files state.
+    # A scale makes another unit of the one that the files state, and of several channels one is to be chosen.
     kind = _kind_of(units) if choices.unit or abs(choices.scale) == 1 else ""
+    kind = "" if kind == "other" and choices.channel is None else kind
     possible = [name for name in _QUANTITIES if kind not in _DIMENSION.values() or _DIMENSION[name] == kind]
     if choices.quantity is None and len(possible) == 1:
         choices = replace(choices, quantity=possible[0])
