@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -14,8 +15,10 @@ import pytest
 import xarray as xr
 
 from bayestissue import cli
+from bayestissue.errors import InputError
 from bayestissue.report import comparison as comparison_page
-from bayestissue.results import write_tree
+from bayestissue.report.run_folder import read_about
+from bayestissue.results import claim, write_tree
 from make_scored_run import make_scored_run
 
 MORE = "More: bayestissue explain"
@@ -159,6 +162,35 @@ def test_half_a_posterior_is_named(bayestissue, runs, tmp_path: Path) -> None:
         assert status == 2
         assert str(spoilt / "posterior.nc") in said
         assert len(said.splitlines()) == 3
+
+
+def test_a_file_of_a_run_that_was_changed_is_refused_by_its_hash(bayestissue, runs, tmp_path: Path) -> None:
+    """By every command that reads a run; a run of an earlier version has no hashes, and is read."""
+    run = tmp_path / "run"
+    with claim(run, overwrite=False, command="fit") as target, target.folder() as staging:
+        shutil.copytree(make_scored_run(tmp_path / "made", likelihood="a2"), staging, dirs_exist_ok=True)
+    mark = run / ".bayestissue.json"
+    whole = bytearray((run / "posterior.nc").read_bytes())
+    for place in (len(whole) // 3, len(whole) - 5):
+        spoilt = whole.copy()
+        spoilt[place] ^= 1
+        (run / "posterior.nc").write_bytes(spoilt)
+        at = ("--at", run / "summary.csv", "--out", tmp_path / "out")
+        commands = (["report", run], ["ask", run, "K > 0"], ["predict", run, *at], ["open", run])
+        for command in (*commands, ["export", run, *at[2:]], ["compare", runs[0], run, *at[2:]]):
+            status, said = bayestissue(*command)
+            assert status == 2, command
+            assert "posterior.nc: found" in said
+            assert "the bytes that were written" in said
+        assert not (tmp_path / "out").exists()
+    (run / "posterior.nc").write_bytes(whole)
+    assert read_about(run)
+    text = (run / "run.json").read_text()
+    (run / "run.json").write_text(text.replace("0", "1", 1))
+    with pytest.raises(InputError, match="it was edited, or damaged"):
+        read_about(run)
+    mark.write_text(json.dumps({k: v for k, v in json.loads(mark.read_text()).items() if k != "sha256"}))
+    assert read_about(run)
 
 
 def test_a_cache_that_cannot_be_made_is_done_without(tmp_path: Path) -> None:

@@ -125,11 +125,12 @@ def test_without_a_terminal_all_that_is_missing_is_said_at_once(folder: Callable
     refused = bayestissue("init", folder(".c3d"), "--out", tmp_path / "drops")
     assert refused.status == 2
     lines = refused.err.splitlines()
-    assert lines[0] == "4 problems; nothing was written."
-    options = ("--channel", "--quantity", "--unit", "--set velocity_m_s")
+    # A force in newtons can't be the channel: that in m/s^2 is.
+    assert lines[0] == "2 problems; nothing was written."
+    options = ("--quantity", "--set velocity_m_s")
     assert [option for option in options if not any(f"  {option}: " in line for line in lines)] == []
     assert "  Impact [m/s^2]: 400 samples" in lines
-    assert lines[-1].startswith("Options to add, with your own values: --channel Fz --quantity deceleration")
+    assert lines[-1].startswith("Options to add, with your own values: --quantity deceleration --set")
     assert not (tmp_path / "drops").exists()
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, get_args
@@ -16,6 +17,10 @@ from bayestissue.intake.folder import ChannelSummary, File, RecorderFolder
 from bayestissue.intake.names import is_height
 
 _QUANTITIES: tuple[str, ...] = get_args(Quantity)
+_DIMENSION: dict[str, Dimension] = {
+    name: "length" if name == "displacement" else "acceleration" for name in _QUANTITIES
+}
+_VOLTS = {"V", "mV", "Volt", "Volts", "volt", "volts"}
 _TIME = re.compile(
     r"(time|timestamp|elapsed|zeit|uhrzeit|temps|tiempo|tempo|t)\b|time_|seconds_elapsed", re.IGNORECASE
 )
@@ -146,8 +151,9 @@ def settle(
 ) -> tuple[Choices, list[Question]]:
     """Fill in what the files themselves leave no doubt about; what is left are questions.
 
-    The channel is the only one that is no time; times are a channel that goes up, and is named for it or has
-    a unit of time; units are those that all files state for a channel.
+    The channel is the only one that is no time and whose unit can be right; times are a channel that goes up,
+    and is named for it or has a unit of time; units are those that all files state for a channel. Of a name
+    its beginning is enough where no other begins so.
 
     Args:
         choices: so far.
@@ -156,6 +162,9 @@ def settle(
     """
     questions: list[Question] = []
     candidates = recordings.candidates()
+    choices = replace(
+        choices, channel=_in_full(choices.channel, candidates), time=_in_full(choices.time, candidates)
+    )
     rising = [name for name, channels in candidates.items() if all(channel.rising for channel in channels)]
     times = times_among(candidates)
     # What rises evenly is hardly an impact, whatever it is called.
@@ -167,6 +176,10 @@ def settle(
     ]
     if not values:
         raise InputError(_no_values(file, len(recordings.files)) for file in recordings.files)
+    kinds = {name: _kind_of({channel.unit for channel in candidates[name]}) for name in values}
+    # Volts may be any quantity; where a unit is right, a force or a temperature is none.
+    if set(kinds.values()) & {"acceleration", "length"}:
+        values = [name for name in values if kinds[name] != "other"]
     if choices.channel is None and len(values) == 1:
         choices = replace(choices, channel=values[0])
     elif choices.channel is None:
@@ -188,15 +201,29 @@ def settle(
         raise InputError(_no_channel("--time", choices.time, candidates))
     if choices.time is not None and choices.time_unit is None:
         choices = replace(choices, time_unit=_unit(candidates[choices.time], ["time"]))
-    if choices.quantity is None:
+    units = {choices.unit} if choices.unit else {channel.unit for channel in chosen}
+    # A scale makes another unit of the one that the files state, and of several channels one is to be chosen.
+    kind = _kind_of(units) if choices.unit or abs(choices.scale) == 1 else ""
+    kind = "" if kind == "other" and choices.channel is None else kind
+    possible = [name for name in _QUANTITIES if kind not in _DIMENSION.values() or _DIMENSION[name] == kind]
+    if choices.quantity is None and len(possible) == 1:
+        choices = replace(choices, quantity=possible[0])
+    elif choices.quantity is None:
         what = "what it recorded (a deceleration is positive while the impactor slows)"
-        questions.append(Question("--quantity", what, _QUANTITIES, "deceleration"))
-    dimensions: list[Dimension] = ["length" if choices.quantity == "displacement" else "acceleration"]
-    if choices.quantity is None:
-        dimensions = ["acceleration", "length"]
+        questions.append(Question("--quantity", what, tuple(possible), possible[0]))
+    elif choices.unit is None and choices.quantity in _QUANTITIES and choices.quantity not in possible:
+        words = {"unit": ", ".join(sorted(units)), "possible": " or ".join(possible)}
+        raise InputError.stated("option-value.quantity", "--quantity", value=choices.quantity, **words)
+    dimensions = list(dict.fromkeys(_DIMENSION[name] for name in possible))
+    if choices.quantity is not None:
+        dimensions = [_DIMENSION.get(choices.quantity, "acceleration")]
     if choices.unit is None and (unit := _unit(chosen, dimensions)) is None:
-        example = "mm" if dimensions == ["length"] else "g"
-        words = f"its unit after scale and offset, {' or '.join(EXAMPLES[kind] for kind in dimensions)}"
+        stated = ", ".join(sorted(unit for unit in units if unit))
+        scaled = kind in ("other", "voltage")
+        example = "mm" if dimensions == ["length"] else "m/s^2" if scaled else "g"
+        remark = f" (the files state {stated}: give --scale too, by what {stated} is turned into it)"
+        words = f"its unit after scale and offset{remark if scaled else ''}, "
+        words += " or ".join(EXAMPLES[kind] for kind in dimensions)
         questions.append(Question("--unit", words, (), example))
     elif choices.unit is None and choices.channel is not None and choices.quantity is not None:
         choices = replace(choices, unit=unit)
@@ -208,6 +235,28 @@ def settle(
     if choices.gravity is None and any(map(is_height, facts)):
         questions.append(Question("--gravity", _FALLS, ("drop", "none"), "drop"))
     return choices, questions
+
+
+def _in_full(name: str | None, names: Collection[str]) -> str | None:
+    """The one of ``names`` that begins so, in capitals or small; as it is where none or several do."""
+    if name is None or name in names:
+        return name
+    alike = [each for each in names if each.casefold().startswith(name.casefold())]
+    return alike[0] if len(alike) == 1 and name else name
+
+
+def _kind_of(units: Iterable[str]) -> str:
+    """Of which dimension units are: "acceleration", "length", "voltage", "other"; empty where one lacks."""
+    units = set(units)
+    if "" in units:
+        return ""
+    dimensions: tuple[Dimension, ...] = ("acceleration", "length")
+    for dimension in dimensions:
+        with suppress(ValueError):
+            for unit in units:
+                to_si(unit, dimension)
+            return dimension
+    return "voltage" if units <= _VOLTS else "other"
 
 
 def times_among(channels: Mapping[str, Sequence[ChannelSummary]]) -> list[str]:

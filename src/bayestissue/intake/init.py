@@ -10,15 +10,15 @@ from typing import Any
 
 from bayestissue.dataset import Dataset, Quantity, Recorder, Uncertainty, read_dataset
 from bayestissue.dataset.dialect import Stated
-from bayestissue.dataset.recorders import SUFFIXES
+from bayestissue.dataset.recorders import SUFFIXES, suffix_of
 from bayestissue.dataset.settings import Gravity, Zero, stated_table
-from bayestissue.dataset.tables import TEXT_SUFFIXES
+from bayestissue.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES
 from bayestissue.errors import InputError, Problem
 from bayestissue.intake.build import SEPARATION_S, THRESHOLD, Built, Cutting, build
 from bayestissue.intake.choices import Choices, Question, settle
 from bayestissue.intake.facts import Facts, gather, joins_by_names
 from bayestissue.intake.folder import ChannelSummary, RecorderFolder, look
-from bayestissue.intake.names import guessed
+from bayestissue.intake.names import Pattern, guessed
 from bayestissue.outline import first_of
 from bayestissue.results import claim
 from bayestissue.settings import checked
@@ -139,7 +139,33 @@ def prepare(folder: str | Path, choices: Choices) -> Intake:
     return _intake_from(recordings, replace(choices, pattern=guess or choices.pattern), guess)
 
 
+def _without_companions(recordings: RecorderFolder, choices: Choices) -> RecorderFolder:
+    """The recordings without files beside them that the pattern does not name and that hold no such channels.
+
+    An app exports what it knows of the phone and the times of its buttons beside each recording. A file with
+    the channels of a recording and another name stays: its name may be misspelt.
+    """
+    pattern = Pattern.parse(choices.pattern) if choices.pattern else None
+    named = [file for file in recordings.files if pattern and pattern.fits(file.name, file.suffix)]
+    if pattern is None or not named:
+        return recordings
+    common = set.intersection(*(set(file.channels) for file in named))
+    files = tuple(file for file in recordings.files if file in named or common <= set(file.channels))
+    problems = tuple(p for p in recordings.problems if not _is_note(p.file, pattern))
+    over = {file.name for file in recordings.files} - {file.name for file in files}
+    over |= {p.file for p in recordings.problems} - {p.file for p in problems}
+    words = (f"files that --pattern does not name: {first_of(sorted(over), _SHOWN)}",) if over else ()
+    return replace(recordings, files=files, problems=problems, passed_over=recordings.passed_over + words)
+
+
+def _is_note(file: str, pattern: Pattern) -> bool:
+    """Whether a file that could not be read is a text that the pattern does not name."""
+    suffix = suffix_of(Path(file))
+    return suffix in (*TABLE_SUFFIXES, *TEXT_SUFFIXES) and not pattern.fits(file, suffix)
+
+
 def _intake_from(recordings: RecorderFolder, choices: Choices, guess: str | None) -> Intake:
+    recordings = _without_companions(recordings, choices)
     facts = gather(
         recordings,
         pattern=choices.pattern,

@@ -141,12 +141,7 @@ class Pattern:
         Raises:
             InputError: the name does not fit, or fits in two ways.
         """
-        parts = PurePosixPath(file).parts[-1 - self.text.count("/") :]
-        name = "/".join(parts)
-        if not self.text.lower().endswith(suffix):
-            name = name[: -len(suffix)]
-        if ".xlsx#" not in self.text.lower():
-            name = _SHEET.sub("#", name, count=1)
+        name = self._part(file, suffix)
         # Where the shortest first field is the longest too, and so on for the next, there is one reading.
         shortest, longest = (self._reading(name, lazy) for lazy in ("?", ""))
         if shortest is None or longest is None:
@@ -158,6 +153,18 @@ class Pattern:
                 "file-names.two-ways", file, value=" or ".join(readings), pattern=self.text
             )
         return shortest
+
+    def fits(self, file: str, suffix: str) -> bool:
+        """Whether the name of a file has the fields, in one way or in several."""
+        return self._reading(self._part(file, suffix), "") is not None
+
+    def _part(self, file: str, suffix: str) -> str:
+        """What of a file's path is read."""
+        parts = PurePosixPath(file).parts[-1 - self.text.count("/") :]
+        name = "/".join(parts)
+        if not self.text.lower().endswith(suffix):
+            name = name[: -len(suffix)]
+        return name if ".xlsx#" in self.text.lower() else _SHEET.sub("#", name, count=1)
 
     def _reading(self, name: str, lazy: str) -> dict[str, str] | None:
         """The fields of a name; None where it does not fit.

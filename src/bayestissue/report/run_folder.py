@@ -69,15 +69,14 @@ def read_about(folder: Path) -> dict[str, Any]:
 
     Raises:
         InputError: the folder or the file is missing, it isn't the JSON object that a run writes, or a file
-            of the run has another size than it was written with.
+            of the run is not as it was written.
     """
     path = folder / "run.json"
     if not path.is_file():
         expected = "a file that every finished run holds"
         raise InputError(wrong_in(path, expected, value="no such file", code="not-a-run"))
     if problems := [
-        wrong_in(folder / name, f"{size} bytes, as they were written", value=f"{actual} bytes")
-        for name, (size, actual) in damaged(folder).items()
+        wrong_in(folder / name, written, value=found) for name, (written, found) in damaged(folder).items()
     ]:
         raise InputError(problems)
     record = read_json(path)

@@ -1,15 +1,18 @@
 """The mark in every folder that this program writes: what it wrote there, and so what it may replace.
 
-A result folder holds ``.bayestissue.json``: the command, and the name and size of every file. Of a dataset,
-as `simulate` and `Dataset.write` make it, it has a hash of the contents too. Results of earlier versions have
-no mark; their ``run.json`` and the names of their files tell them.
+A result folder holds ``.bayestissue.json``: the command, and of every file its name, size and SHA-256. Of a
+dataset, as `simulate` and `Dataset.write` make it, it has one hash of the contents, since people change it.
+Results of earlier versions have no hashes, or no mark; their ``run.json`` and the names of their files tell
+them.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 from collections.abc import Iterator, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +42,8 @@ def write_mark(folder: Path, command: str) -> None:
     content: dict[str, Any] = {"program": "bayestissue", "command": command, "files": files}
     if _DATASET in files:
         content["content_hash"] = _content_hash(folder, files)
+    else:
+        content["sha256"] = {name: _sha256(folder / name) for name in files if name not in _PAGES}
     (folder / MARK).write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
 
 
@@ -64,15 +69,31 @@ def foreign(folder: Path) -> list[str]:
     return others
 
 
-def damaged(folder: Path) -> dict[str, tuple[int, int]]:
-    """Files that have another size than was written: that size, and the one now."""
-    sizes = {name: (folder / name).stat().st_size for name in _files(folder)}
-    written = _read(folder / MARK).get("files", {})
-    return {
-        name: (size, sizes[name])
-        for name, size in written.items()
-        if name not in _PAGES and sizes.get(name, size) != size
-    }
+def damaged(folder: Path) -> dict[str, tuple[str, str]]:
+    """Files that are not as they were written: what was written, and what is there now, in words.
+
+    A file of the same size is known by its hash, which is computed once in a process.
+    """
+    mark = _read(folder / MARK)
+    sizes, hashes = (mark.get(key, {}) for key in ("files", "sha256"))
+    found: dict[str, tuple[str, str]] = {}
+    for name in (name for name in _files(folder) if name in sizes and name not in _PAGES):
+        about = (folder / name).stat()
+        if about.st_size != sizes[name]:
+            found[name] = f"{sizes[name]} bytes, as they were written", f"{about.st_size} bytes"
+        elif name in hashes and _known(folder / name, about.st_mtime_ns, about.st_size) != hashes[name]:
+            found[name] = "the bytes that were written", "as many others: it was edited, or damaged"
+    return found
+
+
+@cache
+def _known(path: Path, changed_ns: int, size: int) -> str:
+    return _sha256(path)
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _written(folder: Path) -> frozenset[str] | None:
