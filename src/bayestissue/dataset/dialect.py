@@ -296,9 +296,9 @@ class _Lines:
         return behind[0].row if behind else above.below
 
     def _is_said(self, record: _Record) -> bool:
-        """Whether a line below the names is a remark, or has further units."""
+        """Whether a line below the names is a remark or a setting, or has further units."""
         remark = self._is_remark(record) and not any(map(_is_number, record.bare))
-        return remark or _are_units(record.cells)
+        return remark or _are_units(record.cells) or _is_setting(record.bare)
 
     def clock(self, names: _Record | None) -> tuple[float, float] | None:
         """The first time and the step, of a table with columns for them, as oscilloscopes write."""
