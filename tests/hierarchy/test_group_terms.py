@@ -76,6 +76,15 @@ def test_what_the_rows_cannot_tell_is_refused_with_the_formula_that_is_left(
     design_of(left, "1", rows)
 
 
+def test_levels_that_a_colon_gives_one_name_are_refused() -> None:
+    names = {"s0": "a", "s1": "a:left", "s2": "b", "s3": "c"}
+    rows = impacts().assign(subject=lambda t: t["subject"].map(names))
+    rows["side"] = np.where(rows["subject"] == "a", "left:" + rows["side"], rows["side"])
+    (fault,) = judge("(1|subject:side)", rows, REFERENCE).faults
+    assert fault.reason == "two levels would be called a:left:left"
+    assert not judge("(1|subject)", rows, REFERENCE).faults
+
+
 def test_all_that_is_wrong_with_group_terms_is_said_at_once() -> None:
     rows = impacts().assign(nation="x", day=lambda t: t["session"] + 10)
     formula = "hand + (1|hand) + (age|subject) + (1|nation) + (1|session) + (1|day) + (1|subject)"

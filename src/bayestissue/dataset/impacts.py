@@ -255,7 +255,7 @@ def _alike_names(table: pd.DataFrame, columns: dict[str, _Column]) -> list[Probl
     people too small, and that within a person too large; two sides where there is one share its impacts.
     """
     warnings = []
-    for column in table.select_dtypes(exclude="number"):
+    for column in map(str, table.select_dtypes(exclude="number")):
         if column in RESERVED and column not in _GROUPS:
             continue
         first: dict[str, str] = {}

@@ -410,7 +410,9 @@ def _design(
         common.evaluate(data, environment)
         at = common if new is None else common.evaluate_new_data(new)
         columns = at.design_matrix - common.evaluate_new_data(reference).design_matrix
-    names, owners, keep = [], [], []
+    names: list[str] = []
+    owners: list[int] = []
+    keep: list[int] = []
     owner, place = 0, 0
     for term in description.common_terms:
         labels = [_INTERCEPT] if term.name == _INTERCEPT else term.labels

@@ -89,11 +89,20 @@ def unsuited_columns(terms: Sequence[GroupTerm], rows: pd.DataFrame) -> list[Fau
             faults.append(Fault(str(term), expected, reason))
         elif holes:
             faults.append(lacking(str(term), holes[0], rows))
+        elif same := _shared_label(term, rows):
+            expected, reason = "levels without a colon in their names", f"two levels would be called {same}"
+            faults.append(Fault(str(term), expected, reason))
         elif term.stem in stems:
             expected, reason = "names that differ", f"{term.stem} would name two terms' effects"
             faults.append(Fault(str(term), expected, reason))
         stems.add(term.stem)
     return faults
+
+
+def _shared_label(term: GroupTerm, rows: pd.DataFrame) -> str:
+    """What two levels of a term would both be called, as a:b and c, and a and b:c; empty if nothing."""
+    labels = pd.Series(grouping_of(rows, term.factors).levels)
+    return str(labels[labels.duplicated()].iloc[0]) if labels.duplicated().any() else ""
 
 
 def unidentified(values: Mapping[GroupTerm, Float[np.ndarray, " row"]], rows: pd.DataFrame) -> list[Fault]:

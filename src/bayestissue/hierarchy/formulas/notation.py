@@ -157,7 +157,7 @@ def _refuse(formula: str, found: Any) -> NoReturn:
     raise NotationError(f"what begins at character {place + 1}{after} can't be read there: {what!r}")
 
 
-class _Parser(Parser):  # type: ignore[misc]
+class _Parser(Parser):
     """Formulae's, with powers that bind as in arithmetic: ``-x**2`` is -(x²), ``2**3**2`` is 2⁹."""
 
     def multiple_interaction(self) -> Any:
@@ -245,7 +245,7 @@ def _terms(tree: Any) -> Any:
     return terms if isinstance(terms, Model) else Model(terms)
 
 
-class _Resolver(resolver.Resolver):  # type: ignore[misc]
+class _Resolver(resolver.Resolver):
     """Formulae's, with a bound on the number of terms, and nothing taken out that is not there."""
 
     def visitBinaryExpr(self, expr: Any) -> Any:  # noqa: N802 - formulae's name
@@ -288,7 +288,7 @@ def _bound(count: int) -> None:
         raise NotationError(f"it has {count} terms, and a design has {MOST_TERMS} at most")
 
 
-class _CallResolver(CallResolver):  # type: ignore[misc]
+class _CallResolver(CallResolver):
     """Formulae's, with parts whose text is read as the same again."""
 
     def visitBinaryExpr(self, expr: Any) -> Any:  # noqa: N802
@@ -308,7 +308,7 @@ class _CallResolver(CallResolver):  # type: ignore[misc]
         return LazyValue(expr.value, expr.lexeme or _number(expr.value))
 
 
-class _Arithmetic(LazyOperator):  # type: ignore[misc]
+class _Arithmetic(LazyOperator):
     """An operation whose text has the parentheses that it needs."""
 
     @property
@@ -329,7 +329,7 @@ class _Arithmetic(LazyOperator):  # type: ignore[misc]
         return f"({part})" if isinstance(part, _Arithmetic) and part.binding < least else str(part)
 
 
-class _Column(LazyVariable):  # type: ignore[misc]
+class _Column(LazyVariable):
     """A column whose text has the quotes that it needs."""
 
     def __str__(self) -> str:

@@ -135,6 +135,7 @@ def _changes(node: Node, draws: xr.Dataset, moved: xr.Dataset, recorded: Recorde
 
 def _comparisons(node: Node) -> Iterator[tuple[Node, ...]]:
     """The two sides of each comparison that names a quantity; an expression alone."""
+    sides: list[tuple[Node, ...]]
     if not claims(node):
         sides = [(node,)]
     elif node.symbol in ("and", "or", "not"):  # type: ignore[union-attr]
