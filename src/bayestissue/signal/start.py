@@ -154,6 +154,7 @@ class LeastSquares:
         duration: Column,
         fall: Column,
     ) -> LeastSquares:
+        """The products over the ``used`` samples; arguments as of `find_start`, ``fall`` in these units."""
         unit = (velocity * duration)[:, None]
         time = np.arange(d.shape[1]) * (dt / duration)[:, None]
         rows = np.stack([np.ones_like(d), time, first / velocity[:, None], second / unit], axis=1)
