@@ -37,6 +37,7 @@ from bayestissue.intake.names import columns
 from bayestissue.one_impact import Impact, impact_of
 from bayestissue.one_impact import impact as one_impact
 from bayestissue.results import put
+from bayestissue.signal.quality.inspection import KINDS, inspect
 
 # Traces that pages can be shown at once; of others they are read anew. And lines that pages can catch up on.
 _TRACES, _LINES = 30, 200
@@ -366,9 +367,25 @@ class Watch:
                 words = f"keeps {facts_words({name: drop.cells.get(name, 'nothing')})} of its row"
                 self.say(f"{drop.impact}: {words}; the page says {facts_words({name: value})} of new files")
 
+    def _another_velocity(self, impact: Impact) -> str:
+        """What the recordings that are at hand say together of this one's velocity; empty if nothing."""
+        names = {drop.impact for drop in self.drops.used}
+        here = str(impact.dataset.impacts["impact"].iloc[0])
+        others = [known.dataset for (name, _), known in self._impacts.items() if name in names - {here}]
+        together = [*others, impact.dataset]
+        joined = replace(
+            impact.dataset,
+            impacts=pd.concat([data.impacts for data in together], ignore_index=True),
+            traces=[trace for data in together for trace in data.traces],
+        )
+        said = [f for f in inspect(joined) if f.kind is KINDS["velocity-contradicted"] and f.said[-1]]
+        return f"{said[0].kind.flag}: {said[0].said[-1]}" if said else ""
+
     def _judged(self, name: str, row: Cells, impact: Impact, sha256: str) -> Drop:
         numbers = numbers_of(impact.row)
         flags = [*impact.flags, *(w.code for w in impact.dataset.warnings if w.impact)]
+        if another := self._another_velocity(impact):
+            flags.append(another)
         if (count := several(impact.dataset)) > 1:
             flags.insert(0, f"the recording seems to hold several impacts ({count})")
         wanted = self.campaign.wanted

@@ -29,6 +29,8 @@ _FALL_WITHIN = 0.05
 _SLOWEST = 0.15
 # Of the greatest value: a recording that ends below it shows the whole force.
 _FORCE_IS_GONE = 0.1
+# Of the greatest value: more than contact's jump is, of a tissue that is not next to all damper.
+_AMID_FORCE = 0.6
 # An impact on tissue lasts some hundredths of a second: longer steps hold no eight samples of it.
 _LONGEST_STEP_S = 0.02
 _SHORTEST_S = 1e-4
@@ -212,7 +214,12 @@ def _speeds(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
         yield from recordings.where(which, key, grows, moving.gain, held=held)
     yield from recordings.where(absurd & carried, "sign.held", _FALLS, moving.pulse_loss, held=held)
     absurd &= ~carried
-    yield from recordings.where(short & gone, "velocity-off.too-little", _FALLS, loss, velocity=velocity)
+    # What begins amid the force has lost the speed before: contact, or a trigger, came first.
+    first = np.abs(recordings.samples.value[recordings.samples.begin])
+    late = short & gone & (first > _AMID_FORCE * np.maximum(np.abs(moving.high), np.abs(moving.low)))
+    yield from recordings.where(late, "starts-above-zero.late", _FALLS, loss, velocity=velocity)
+    few = short & gone & ~late
+    yield from recordings.where(few, "velocity-off.too-little", _FALLS, loss, velocity=velocity)
     yield from recordings.where(short & ~gone, "ends-early.speed", _FALLS, loss, velocity=velocity)
     yield from recordings.where(absurd, "velocity-off.too-much", _FALLS, moving.pulse_loss, velocity=velocity)
 

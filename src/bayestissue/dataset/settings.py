@@ -126,7 +126,7 @@ class SignalSettings(Stated):
     contact: Contact | None = Field(
         default=None,
         description="where contact falls: between samples (a free-running recorder) or on_sample (a "
-        "triggered recorder, a simulation whose time begins at contact). Left out, all recordings together tell; the "
+        "triggered recorder, a simulation from contact on). Left out, all recordings together tell; the "
         "velocity must be right for it. Behind a low-pass, and of displacements, it is not asked.",
     )
     crop: Annotated[list[Finite], AfterValidator(_stretch)] | None = Field(

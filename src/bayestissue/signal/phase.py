@@ -35,7 +35,7 @@ _LEAST_SD = 2e-3
 # 94 %, cut or not.
 _ON_SAMPLE = 0.2
 _SURE = 0.95
-# Of log evidence: where contact is declared to be at a sample, it is the first one unless the other is clearly
+# Of log evidence: contact that is declared to be at a sample is at the first one unless the other is clearly
 # more likely.
 _CLEAR = 3.0
 # The least squares look for contact in so many sampling intervals.
@@ -47,7 +47,7 @@ class Told(NamedTuple):
     """What each trace by itself says of contact, each [impact].
 
     Attributes:
-        before_s, sd: from contact to the first sample in contact, by least squares, and its standard error, s.
+        before_s, sd: from contact to the first sample in contact, by least squares, and its error, s.
         by_velocity: by how much that grows where the velocity is greater than stated, s per fraction of it.
         dt: the sampling interval, s.
         asked: contact was in the one interval before the first sample in contact.

@@ -157,6 +157,7 @@ class LeastSquares:
         duration: Column,
         fall: Column,
     ) -> LeastSquares:
+        """The products over the ``used`` samples; arguments as of `find_start`, ``fall`` in these units."""
         unit = (velocity * duration)[:, None]
         time = place * (dt / duration)[:, None]
         rows = np.stack([np.ones_like(d), time, first / velocity[:, None], second / unit], axis=1)

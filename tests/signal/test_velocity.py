@@ -1,0 +1,62 @@
+"""The velocity that recordings imply: of all impacts, of a condition, and of one that lies apart."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from impacts_bench import Impact, Lab, record
+
+from bayestissue.signal.quality import inspect
+
+NUMBER = 12
+# K = 3000 N/m, C = 25 N s/m, M = 0.5 kg.
+OMEGA, ZETA = np.sqrt(3000 / 0.5), 25 / 2 / np.sqrt(3000 * 0.5)
+
+
+def lab(rate: float, noise: float, velocity: np.ndarray | float = 1.534, *, seed: int = 0) -> Lab:
+    velocities = np.broadcast_to(velocity, NUMBER)
+    phase = np.random.default_rng(seed).uniform(size=NUMBER)
+    impacts = [Impact(OMEGA, ZETA, velocity=float(v)) for v in velocities]
+    made = record(impacts, rate, before=0.02, phase=phase, noise=noise, seed=seed)
+    return replace(made, impacts=made.impacts.assign(trial="a", velocity_m_s=1.534))
+
+
+def said(lab: Lab) -> list[str]:
+    found = [f.said for f in inspect(lab) if f.kind.flag.code == "velocity-contradicted"]
+    return found[0] if found else [""] * NUMBER
+
+
+@pytest.mark.parametrize(("rate", "noise"), [(1e3, 0.01), (5e3, 0.1), (1e4, 0.01)])
+@pytest.mark.parametrize("ratio", [0.9, 1.1])
+def test_a_velocity_that_no_trace_alone_contradicts_all_together_do(rate, noise, ratio):
+    words = said(lab(rate, noise, 1.534 * ratio))
+    way = "more" if ratio > 1 else "less"
+    assert all(f"{way} than stated; so in all impacts" in text for text in words)
+
+
+@pytest.mark.parametrize(("rate", "noise"), [(1e3, 0.01), (5e3, 0.1)])
+def test_right_velocities_are_not_contradicted(rate, noise):
+    # At most one dataset in a thousand is to be named: of six none.
+    assert not any(any(said(lab(rate, noise, seed=seed))) for seed in range(6))
+
+
+def test_a_drop_from_another_height_lies_apart_from_the_others():
+    velocity = np.full(NUMBER, 1.534)
+    velocity[4] = 1.981
+    here = lab(1e4, 0.01, velocity)
+    words = said(here)
+    assert [bool(text) for text in words] == [row == 4 for row in range(NUMBER)]
+    assert "% more than stated" in words[4]
+    fallen = replace(here, impacts=here.impacts.assign(drop_height_cm=12.0))
+    assert said(fallen)[4].startswith("as if dropped from a greater height (about 20 cm, stated 12 cm)")
+
+
+def test_a_condition_whose_velocity_is_wrong_is_named():
+    velocity = np.where(np.arange(NUMBER) < 6, 1.534, 1.534 * 1.1)
+    here = lab(1e3, 0.01, velocity)
+    here = replace(here, impacts=here.impacts.assign(trial=np.where(np.arange(NUMBER) < 6, "low", "high")))
+    words = said(here)
+    assert not any(words[:6])
+    assert all("so in all of condition high" in text for text in words[6:])
