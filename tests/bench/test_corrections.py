@@ -178,8 +178,12 @@ def test_files_that_lie_there_already_have_rows_of_their_own_whatever_becomes_of
     (bench.recorded / "d3.csv").write_bytes(b"")
     os.utime(bench.recorded / "d3.csv", (1e9, 1e9))
     bench.spoilt.add("d6")
+    # Nor is the order.
+    shutil.copy(bench.folder / "order.csv", bench.recorded)
+    bench.campaign(CAMPAIGN.replace("order.csv", "recorded/order.csv"))
     watch = bench.begin()
     watch.catch_up(0)
+    assert "order.csv" not in said(watch)
     bench.record("d3.csv")
     # A watch that is killed in the middle of them goes on as it would have.
     bench.begin().catch_up(0)

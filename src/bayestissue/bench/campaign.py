@@ -88,6 +88,7 @@ class Campaign:
         pattern: of file names.
         facts: that hold for all drops, as text.
         order: the facts of the drops that are wanted, in their order, as text.
+        order_file: where these stand, which is no recording.
         files_by: what says in which order files were recorded that come together; None if that was not said.
         wanted: what a drop has to be.
         like: a dataset of the same recorder.
@@ -98,6 +99,7 @@ class Campaign:
     pattern: Pattern | None
     facts: dict[str, str]
     order: tuple[dict[str, str], ...]
+    order_file: Path | None
     files_by: str | None
     wanted: Wanted
     like: Path | None
@@ -173,13 +175,14 @@ def read_campaign(path: Path) -> Campaign:
     if settings.signal.quantity == "displacement":
         raise InputError.stated("no-campaign.quantity", str(path), None, "signal.quantity", "displacement")
     pattern = Pattern.parse(spec.pattern) if spec.pattern else None
-    order = _order(path.parent / spec.order, spec.order) if spec.order else ()
+    order_file = path.parent / spec.order if spec.order else None
+    order = _order(order_file, str(spec.order)) if order_file else ()
     facts = {
         name: f"{value:.12g}" if isinstance(value, float) else str(value)
         for name, value in spec.facts.items()
     }
     columns(facts, str(path))
-    return Campaign(content, settings, pattern, facts, order, spec.files_by, spec.wanted, like)
+    return Campaign(content, settings, pattern, facts, order, order_file, spec.files_by, spec.wanted, like)
 
 
 def _order(path: Path, label: str) -> tuple[dict[str, str], ...]:

@@ -146,6 +146,10 @@ class Watch:
         with self._lock:
             self._take_corrections()
         listed = listing(self.recordings, self.campaign.suffixes)
+        if self.campaign.order_file is not None:
+            with suppress(ValueError):
+                order = self.campaign.order_file.resolve().relative_to(self.recordings.resolve())
+                listed.pop(order.as_posix(), None)
         for name in filter(_is_no_text, listed):
             if self._follower.settled.get(name) != listed[name]:
                 self._follower.settled[name] = listed[name]

@@ -20,10 +20,12 @@ const bayestissue = (() => {
     URL.revokeObjectURL(script.src);
   });
 
+  // As `bayestissue.results.tables.as_text`: a spreadsheet computes no name.
+  const plain = value => typeof value === "string" && /^'*[=+@\t\r-]/.test(value) && isNaN(value) ? `'${value}` : value;
   const csv = rows => {
     const names = [...new Set(rows.flatMap(Object.keys))];
     const cell = value => value === null || value === undefined ? "" : /[",\n\r]/.test(value) ? `"${String(value).replaceAll('"', '""')}"` : value;
-    return [names, ...rows.map(row => names.map(name => row[name]))].map(row => row.map(cell).join(",")).join("\n");
+    return [names, ...rows.map(row => names.map(name => row[name]))].map(row => row.map(plain).map(cell).join(",")).join("\n");
   };
   const download = (name, rows) => {
     const link = document.createElement("a");
