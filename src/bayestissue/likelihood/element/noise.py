@@ -126,8 +126,10 @@ def noise_of(
     """
     colour, contact, stride = record.colour, record.contact, record.colour.stride
     early = jnp.arange(contact.reach) >= contact.reach - contact.n_before[:, None]
-    inside = jnp.concatenate([early, record.inside()], axis=1)[:, ::stride]
+    inside = jnp.concatenate([early, record.observed()], axis=1)[:, ::stride]
     basis = jnp.pad(record.discrepancy.basis, ((0, 0), (0, 0), (contact.reach, 0)))[..., ::stride]
+    if record.clipped is not None:
+        basis = jnp.where(inside[:, None], basis, 0.0)
     scale = discrepancy_ratio[:, None] * jnp.sqrt(record.discrepancy.share)
     root = jnp.where(inside[:, None], _root(colour, inside.shape[1])[record.rate], 0.0)
     modes = jnp.concatenate([root, scale[..., None] * basis], axis=1) / jnp.sqrt(colour.white)
