@@ -64,7 +64,7 @@ class Check(Outlined):
         warned = len(kinds(self.warnings))
         fine = f"no errors, {warned} warning{'s' if warned > 1 else ''}" if warned else "fine"
         fine += f" without the {left_out} impacts left out" if left_out else ""
-        too_short = int((self.signal.n_samples < FEWEST_SAMPLES).sum())
+        too_short = int((self.signal.n_below_limit < FEWEST_SAMPLES).sum())
         if not too_short:
             return fine
         count = len(self.dataset.impacts)

@@ -351,7 +351,16 @@ CASES = [
     case("unit too large", _values("a", lambda v: 9.8 * v), T, "impact a", "twice", "signal.unit"),
     case("ends before zero velocity", _from_peak_on, T, "impact a", "zero velocity", "longer recording"),
     case("unit too small", _values("a", lambda v: v / 9.8), T, "impact a", "speed that falls", "signal.unit"),
-    case("clipped", _values("d", lambda v: np.minimum(v, 20)), T, "impact d", "samples at 20", "wider range"),
+    case(
+        "clipped",
+        _behind_a_low_pass(_values("d", lambda v: np.minimum(v, 20))),
+        *(T, "impact d", "samples at 20", "wider range"),
+    ),
+    case(
+        "hardly a sample below the limit",
+        _values("d", lambda v: np.where(v > 2, 20.0, v)),
+        *(T, "impact d", "samples at 20", "8 samples"),
+    ),
     case("dead channel", _values("d", lambda v: 0 * v), T, "impact d", "0 in every sample", "channel"),
     case(
         "one spike",

@@ -51,6 +51,7 @@ def dataset(
     value_column: str = "value",
     scale: float = 1.0,
     offset: float = 0.0,
+    limit: float | None = None,
     gravity: Gravity | None = None,
     zero: Zero = "free_fall",
     contact: Contact | None = None,
@@ -80,6 +81,8 @@ def dataset(
         value_column: the name of the values' column there.
         scale: by which the values are multiplied before the unit.
         offset: added to them after that.
+        limit: the sensor's range in that unit, on either side: samples there are taken as that or beyond.
+            Where it is not given, recordings that share their greatest value, or have a plateau, tell it.
         gravity: the part of gravity along the motion: "none" (taken unless given), "drop" (straight down), or
             a number of m/s², positive into the tissue.
         zero: where an accelerometer read 0: "free_fall" or "rest".
@@ -106,6 +109,7 @@ def dataset(
             **{"scale": _plain(scale), "offset": _plain(offset)},
             **({} if gravity is None else {"gravity": _plain(gravity)}),
             **({} if contact is None else {"contact": contact}),
+            **({} if limit is None else {"limit": _plain(limit)}),
         },
     }
     if uncertainty is not None:
@@ -273,8 +277,11 @@ def _numbers(values: Any, label: str, column: str, impact: str | None) -> Number
 def _hash(settings: Settings, cells: pd.DataFrame, reading: Reading) -> str:
     # What was not stated before there was a key for it leaves the hash as it was.
     signal, fields = settings.signal, SignalSettings.model_fields
-    later = {name for name in ("gravity", "zero", "contact") if getattr(signal, name) == fields[name].default}
+    names = ("gravity", "zero", "contact", "limit")
+    later = {name for name in names if getattr(signal, name) == fields[name].default}
     unsaid: dict[str, Any] = {"signal": later}
+    if not settings.words.values():
+        unsaid["words"] = True
     if settings.recorder is None:
         unsaid["recorder"] = True
     elif settings.recorder.noise is None:

@@ -14,7 +14,8 @@ import numpy as np
 from jaxtyping import Float64
 
 from bayestissue.dataset.chain import STANDARD_GRAVITY
-from bayestissue.dataset.motion import Motion, flat_top, motion
+from bayestissue.dataset.limits import FLAT_SAMPLES
+from bayestissue.dataset.motion import Motion, motion
 from bayestissue.dataset.recordings import EVEN_WITHIN, MIN_SAMPLES, Recordings, Samples, uneven
 from bayestissue.dataset.settings import FILE
 from bayestissue.dataset.twins import twins
@@ -23,7 +24,6 @@ from bayestissue.errors import Problem
 # With half of a quantity as its standard deviation, none of it at all lies within two of them.
 _MOST = 0.5
 _RATE_WITHIN = 0.01
-_FLAT_SAMPLES = 4
 _FALL_WITHIN = 0.05
 # The answer of a low-pass of the second order to the shortest blow of all rises for 0.17 over its corner.
 _SLOWEST = 0.15
@@ -128,8 +128,9 @@ def _needs_even(recordings: Recordings) -> str:
 def _movement_problems(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
     """Recordings that can't be right.
 
-    A channel that never changes; fewer than 8 samples above a tenth of the greatest deceleration; four or
-    more samples at one extreme value and hardly any just below it (a recorder's limit). For decelerations
+    A channel that never changes; fewer than 8 samples above a tenth of the greatest deceleration; so few that
+    do not stand at the sensor's limit, or, of displacements and behind a declared low-pass, four or more at
+    it. For decelerations
     also: an impactor that gains speed (the sign is wrong), one that loses more than three times the speed it
     came with (a unit is wrong), and a recording that ends before it has lost that speed, 5 %, one sample and
     three standard deviations of gain, velocity and offset allowed for. Once for all impacts, a declared
@@ -140,8 +141,7 @@ def _movement_problems(recordings: Recordings, moving: Motion) -> Iterator[Probl
     dead, narrow = moving.high == moving.low, (moving.pulse < MIN_SAMPLES) & (moving.high > moving.low)
     yield from recordings.where(dead, "constant-signal", "{:g} in every sample", moving.high)
     yield from recordings.where(narrow, "narrow-peak", "{} samples", moving.pulse, least=MIN_SAMPLES)
-    for which, at, count, top in flat_top(recordings.samples, moving, recordings.quantity, _FLAT_SAMPLES):
-        yield recordings.problem("clipped", which, f"{count} samples at {top:g}", at=at)
+    yield from _clipped(recordings, moving)
     yield from _impossible_low_pass(recordings, moving)
     yield from (_depths if recordings.quantity == "displacement" else _speeds)(recordings, moving)
 
@@ -160,6 +160,24 @@ def _movement_warnings(recordings: Recordings, moving: Motion) -> Iterator[Probl
         return
     fast = (moving.loss > 2.5 * velocity) & (moving.pulse_loss <= 3 * velocity)
     yield from recordings.where(fast, "velocity-off.much", _FALLS, moving.loss, velocity=velocity)
+
+
+def _clipped(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
+    """Clipped recordings that no likelihood takes: see `bayestissue.likelihood.element.clipped`."""
+    samples = recordings.samples
+    if samples.clipped is None:
+        return
+    limited = samples.clipped != 0
+    slowing = np.abs(samples.value) > 0.1 * np.maximum(np.abs(moving.high), np.abs(moving.low))[samples.owner]
+    left = np.add.reduceat((slowing & ~limited).astype(int), samples.begin)
+    count = np.add.reduceat(limited.astype(int), samples.begin)
+    plateau = count >= FLAT_SAMPLES
+    no_place = recordings.recorder is not None or recordings.quantity == "displacement"
+    for which in np.flatnonzero(plateau & no_place | (count > 0) & (left < MIN_SAMPLES)):
+        at = samples.begin[which] + int(np.argmax(limited[samples.begin[which] : samples.end[which]]))
+        yield recordings.problem(
+            "clipped.recording", which, f"{count[which]} samples at {samples.value[at]:g}", at=at
+        )
 
 
 def _impossible_low_pass(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
@@ -203,7 +221,13 @@ def _speeds(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
     # Contact may precede the first sample by an interval, and its jump may be as high as the peak.
     allowed += (moving.step_loss + 3 * uncertainty.offset_sd * moving.duration) / velocity
     faster = known & (moving.gain > 0.5 * velocity) & (moving.gain > moving.loss)
-    short = known & ~faster & (moving.loss < velocity * (1 - np.minimum(allowed, 0.9)))
+    # How much speed was lost beyond the sensor's limit is not recorded.
+    short = (
+        known
+        & ~faster
+        & ~recordings.samples.limited
+        & (moving.loss < velocity * (1 - np.minimum(allowed, 0.9)))
+    )
     absurd = known & ~faster & ~(moving.pulse_loss <= 3 * velocity)
     # A recording that goes on until the force is gone has not ended early.
     last = np.abs(recordings.samples.value[recordings.samples.end - 1])

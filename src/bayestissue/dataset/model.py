@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Float64
+from jaxtyping import Float64, Int8
 
 from bayestissue.dataset.chain import Contact, Quantity, Recorder, Uncertainty
 from bayestissue.errors import Problem
@@ -24,10 +24,13 @@ class Trace:
         value: deceleration or acceleration in m/s², or displacement in m, after scale and offset. Of an
             impact along gravity a deceleration is force over mass, whatever the sensor's zero was: see
             `Dataset.gravity`.
+        clipped: 1 where a value stands at the sensor's upper limit, -1 at its lower one, else 0; None where
+            none does.
     """
 
     time_s: Float64[np.ndarray, " sample"]
     value: Float64[np.ndarray, " sample"]
+    clipped: Int8[np.ndarray, " sample"] | None = None
 
     def __repr__(self) -> str:
         return f"Trace of {counted(len(self.time_s), 'sample')}, {span(self.time_s, 's')}"
@@ -108,6 +111,9 @@ class Dataset(Outlined):
             settings["words"] = dict(self.words)
         if self.contact is not None:
             settings["signal"] |= {"contact": self.contact}
+        limits = [np.abs(t.value[t.clipped != 0]).min() for t in self.traces if t.clipped is not None]
+        if limits:
+            settings["signal"] |= {"limit": float(min(limits))}
         if self.recorder is not None:
             settings["recorder"] = self.recorder.settings()
         count = [len(trace.time_s) for trace in self.traces]

@@ -14,6 +14,7 @@ from bayestissue.dataset.impacts import FILE as IMPACTS
 from bayestissue.dataset.impacts import ImpactTable, read_impacts
 from bayestissue.dataset.left_out import FILE as LEFT_OUT
 from bayestissue.dataset.left_out import LeftOut, read_left_out
+from bayestissue.dataset.limits import at_limit
 from bayestissue.dataset.model import Dataset, Trace
 from bayestissue.dataset.recordings import Reading, Recordings, Samples, Windows, crop
 from bayestissue.dataset.settings import FILE as SETTINGS
@@ -127,6 +128,9 @@ def checked_dataset(
     signal, impacts = settings.signal, table.table
     # Recorder files are cropped as they are read, for memory's sake: nothing more comes off here.
     samples, outside = crop(reading.samples, Windows.stated(impacts, signal), impacts["impact"].tolist())
+    clipped = at_limit(samples, signal.quantity, signal.limits_si)
+    if clipped.any():
+        samples = replace(samples, clipped=clipped)
     chain: dict[str, Any] = {
         "quantity": signal.quantity,
         "uncertainty": settings.uncertainty.values(),
@@ -205,7 +209,13 @@ def _refuse_none_left(problems: list[Problem], table: ImpactTable) -> None:
 
 def _traces(samples: Samples, keep: np.ndarray) -> list[Trace]:
     return [
-        Trace(samples.time[begin:end], samples.value[begin:end])
+        Trace(
+            samples.time[begin:end],
+            samples.value[begin:end],
+            None
+            if samples.clipped is None or not samples.clipped[begin:end].any()
+            else samples.clipped[begin:end],
+        )
         for impact, begin, end in zip(samples.impact, samples.start[:-1], samples.start[1:], strict=True)
         if keep[impact]
     ]

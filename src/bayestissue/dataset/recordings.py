@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Bool, Float64, Int, Shaped
+from jaxtyping import Bool, Float64, Int, Int8, Shaped
 
 from bayestissue.dataset.chain import Quantity, Recorder, Uncertainty
 from bayestissue.dataset.settings import SignalSettings
@@ -76,6 +76,8 @@ class Samples:
         row: for every sample its row there.
         time_column, value_column: what the columns are called there.
         text: what stood in cells that held no number, by the index of the sample.
+        clipped: 1 where a sample stands at the sensor's upper limit, -1 at its lower one, else 0; None where
+            none does.
     """
 
     time: Float64[np.ndarray, " sample"]
@@ -87,6 +89,7 @@ class Samples:
     time_column: str = "time_s"
     value_column: str = "value"
     text: dict[int, str] = field(default_factory=dict)
+    clipped: Int8[np.ndarray, " sample"] | None = None
 
     @classmethod
     def joined(cls, parts: Sequence[Samples], signal: SignalSettings) -> Samples:
@@ -134,6 +137,13 @@ class Samples:
         return self.duration / (self.count - 1)
 
     @property
+    def limited(self) -> np.ndarray:
+        """Which recordings have a sample at the sensor's limit."""
+        if self.clipped is None:
+            return np.zeros(self.impact.size, bool)
+        return np.logical_or.reduceat(self.clipped != 0, self.begin)
+
+    @property
     def lost(self) -> np.ndarray:
         """How many samples are missing in longer steps of the recordings whose times are `uneven`, else 0."""
         missing = np.zeros(self.impact.size, int)
@@ -162,6 +172,7 @@ class Samples:
             time=self.time[keep],
             value=self.value[keep],
             row=self.row[keep],
+            clipped=None if self.clipped is None else self.clipped[keep],
             start=np.concatenate([[0], np.cumsum(count[count > 0])]),
             impact=self.impact[count > 0],
             file=[file for file, left in zip(self.file, count, strict=True) if left],

@@ -102,6 +102,12 @@ class SignalSettings(Stated):
     unit: Name = Field(
         description="the unit of the recorded values after scale and offset: m/s^2, g, mm, µm ..."
     )
+    limit: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = Field(
+        default=None,
+        description="the sensor's range in that unit, on either side of its zero: samples there are taken as "
+        "that or beyond. Left out, the greatest value that several recordings share is the limit, and a "
+        "plateau in one of them.",
+    )
     time_unit: Name = Field(default="s", description="the unit of the times: s, ms, µs ...")
     time_column: Name = Field(default="time_s", description="the column, channel or variable with the times.")
     value_column: Name = Field(
@@ -151,6 +157,14 @@ class SignalSettings(Stated):
         if self.zero == "free_fall" or self.quantity == "displacement":
             return 0.0
         return -self.gravity_m_s2 if self.quantity == "acceleration" else self.gravity_m_s2
+
+    @property
+    def limits_si(self) -> tuple[float, float] | None:
+        """What a value at the sensor's lower and upper limit is in m/s² or m; None where none is stated."""
+        if self.limit is None:
+            return None
+        limit = self.limit * to_si(self.unit, self.dimension)
+        return self.below_force - limit, self.below_force + limit
 
 
 class UncertaintySettings(_Table):

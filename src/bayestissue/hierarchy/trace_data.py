@@ -79,7 +79,7 @@ def prepare(dataset: Dataset, specification: ModelSpecification, *, source: str)
 
 def too_short(dataset: Dataset, signal: Displacements, source: str) -> list[Problem]:
     """Impacts of too few samples for any fit, a problem each; ``source`` is the model file's name."""
-    short = np.flatnonzero(signal.n_samples < FEWEST_SAMPLES)
+    short = np.flatnonzero(signal.n_below_limit < FEWEST_SAMPLES)
     names = dataset.impacts["impact"].astype(str).to_list()
     return [
         Problem.stated(
@@ -88,11 +88,12 @@ def too_short(dataset: Dataset, signal: Displacements, source: str) -> list[Prob
         if BELOW_ZERO in signal.flags[i]
         else Problem(
             source,
-            f"at least {FEWEST_SAMPLES} samples between contact and the end of the window",
+            f"at least {FEWEST_SAMPLES} samples between contact and the end of the window, and below the sensor's "
+            "limit",
             "Record faster, widen signal.window in the model, or leave the impact out (--skip-bad).",
             column="signal.window",
             impact=names[i],
-            value=int(signal.n_samples[i]),
+            value=int(signal.n_below_limit[i]),
             code="too-few-samples",
         )
         for i in short
@@ -179,14 +180,14 @@ def unsuited(dataset: Dataset, specification: ModelSpecification, source: str) -
     ]
     if of_traces and not problems:
         if not of_decelerations:
-            problems += uneven_times(dataset, source, "likelihood", likelihood)
+            problems += only_by_impact(dataset, source, "likelihood", likelihood)
         elif specification.noise != "white":
-            problems += uneven_times(dataset, source, "noise", specification.noise)
+            problems += only_by_impact(dataset, source, "noise", specification.noise)
     return problems
 
 
-def uneven_times(dataset: Dataset, source: str, column: str, value: str) -> list[Problem]:
-    """That a model or method asks for evenly sampled recordings, where some are not; else nothing.
+def only_by_impact(dataset: Dataset, source: str, column: str, value: str) -> list[Problem]:
+    """That a model or method asks for even times and no sample at a limit, where some are not so.
 
     Args:
         dataset: the recordings.
@@ -195,12 +196,15 @@ def uneven_times(dataset: Dataset, source: str, column: str, value: str) -> list
         value: what it is set to.
     """
     start = np.cumsum([0, *(len(trace.time_s) for trace in dataset.traces)])
-    rows = np.flatnonzero(uneven(np.concatenate([trace.time_s for trace in dataset.traces]), start))
-    if not len(rows):
-        return []
-    first = str(dataset.impacts["impact"].iloc[rows[0]])
+    bent = uneven(np.concatenate([trace.time_s for trace in dataset.traces]), start)
+    limited = np.array([trace.clipped is not None for trace in dataset.traces])
+    names = dataset.impacts["impact"]
     return [
-        Problem.stated("uneven-times.model", source, column=column, value=value, count=len(rows), first=first)
+        Problem.stated(
+            key, source, None, column, value, count=int(rows.sum()), first=names.iloc[int(np.argmax(rows))]
+        )
+        for key, rows in (("uneven-times.model", bent), ("clipped.model", limited))
+        if rows.any()
     ]
 
 
@@ -331,6 +335,7 @@ def _deceleration_record(
         common_depth=jnp.asarray(np.full(number, common_depth(signal))),
         low_pass=low_pass,
         uneven=_uneven_times(signal, reach),
+        clipped=jnp.asarray(signal.clipped) if signal.clipped.any() else None,
     )
 
 

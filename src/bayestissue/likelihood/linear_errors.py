@@ -69,6 +69,32 @@ def marginal_log_likelihood(
     return log_density + jnp.where(uniform, _log_share(factor[-1][-1], solved[-1]), 0.0)
 
 
+def predicted_given(
+    products: Products,
+    log_sigma: Float[Array, " impact"],
+    error_sd: Float[Array, "impact error"],
+    columns: Float[Array, "error row *cell impact"],
+    uniform: Bool[Array, " impact"] | None = None,
+) -> tuple[Float[Array, "row *cell impact"], list[Float[Array, "row *cell impact"]]]:
+    """What the errors add to further values given the trace: their mean, and what is unknown of it.
+
+    Given the trace the errors are normal with mean S M^-1 h and covariance S M^-1 S, so that they add
+    q' S M^-1 h + b' z to a value with the entries q in the columns, z being standard normals that all values
+    share and b = L^-1 S q, L L' = M.
+
+    Args:
+        products: of residual and error columns over the values that are there.
+        log_sigma: log of the noise's standard deviation.
+        error_sd: as of `marginal_log_likelihood`.
+        columns: of the errors, at the further values.
+        uniform: as there; the normal is not cut off at the bounds here.
+    """
+    factor, right, _ = _system(products, log_sigma, error_sd, uniform)
+    unit = scales(error_sd, uniform)
+    along = small.solve_lower(factor, [unit[..., a] * column for a, column in enumerate(columns)])
+    return small.dot(along, small.solve_lower(factor, right)), along
+
+
 def _log_share(half: Array, centre: Array) -> Array:
     """Log of (pi / 2)^1/2 times a standard normal's probability within ``half`` of ``centre``."""
     near, far = log_ndtr(half - jnp.abs(centre)), log_ndtr(-half - jnp.abs(centre))

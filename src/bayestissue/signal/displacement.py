@@ -11,6 +11,7 @@ import pandas as pd
 
 from bayestissue.dataset.chain import Contact, Recorder, Uncertainty
 from bayestissue.errors import Coded
+from bayestissue.signal.beyond_limit import beyond_limit
 from bayestissue.signal.contact import Onset, displacement_contact, find_onset
 from bayestissue.signal.filters import ahead_s, low_pass
 from bayestissue.signal.integration import cumulative, derivatives
@@ -34,7 +35,10 @@ from bayestissue.signal.window import Stop, samples_in, slowest, still_pushed, z
 # Arrays of about this many samples at a time stay in a processor's cache and bound the memory in use.
 _BLOCK = 1_000_000
 FEWEST_SAMPLES = 8
+# With fewer that are not at the sensor's limit until zero velocity, those of the rebound are asked too.
+_FEW_BELOW = 16
 UNEVEN = Coded("times are uneven: each sample is taken at its own", "uneven-times")
+LONGER = Coded("few samples below the sensor's limit: the window goes on to the rebound", "clipped")
 NO_OFFSET = Coded("no quiet part before contact: no offset was removed", "no-quiet-part")
 ON_SAMPLE = Coded("contact is taken to be at a sample", "contact-on-sample")
 BELOW_ZERO = Coded(
@@ -89,6 +93,8 @@ class Displacements:
         place: [impact, sample], when each sample of x was, since the first one, in sampling intervals: 0, 1, 2
             and so on where times are even.
         uneven: [impact], whether times are uneven.
+        clipped: [impact, sample], 1 where the deceleration stands at the sensor's upper limit, -1 at its lower
+            one, else 0; x and v are then of a deceleration that goes on beyond.
         mass: [impact], kg.
         velocity: [impact], at contact, m/s.
         gravity: [impact], along the motion, m/s².
@@ -124,6 +130,7 @@ class Displacements:
     dt: Column
     place: Rows
     uneven: Mask
+    clipped: Rows
     mass: Column
     velocity: Column
     gravity: Column
@@ -147,6 +154,11 @@ class Displacements:
     flags: list[list[Coded]]
     notes: list[list[Coded]]
     phase: Phase = BETWEEN
+
+    @property
+    def n_below_limit(self) -> Index:
+        """[impact], samples in the window that are not at the sensor's limit."""
+        return self.n_samples - (self.clipped != 0).sum(axis=1)
 
     @property
     def since_contact_s(self) -> Rows:
@@ -175,8 +187,13 @@ def displacements(dataset: RecordedImpacts, options: SignalOptions | None = None
     def recordings(rows: slice) -> tuple[Recordings, Column, Column, Column, SignalOptions]:
         stacked = stack(dataset.traces[rows])
         ahead = float(ahead_s(dataset.recorder, stacked.dt).max())
-        stacked = replace(stacked, value=sign * stacked.value, ahead_s=ahead)
-        return stacked, mass[rows], velocity[rows], gravity[rows], options
+        return (
+            replace(stacked.signed(sign), ahead_s=ahead),
+            mass[rows],
+            velocity[rows],
+            gravity[rows],
+            options,
+        )
 
     if dataset.quantity == "displacement":
         return _in_blocks(lambda rows: _recorded(*recordings(rows)), len(mass), longest)
@@ -238,6 +255,12 @@ def _integrated(
     offset_sd = np.where(removed, onset.noise_sd / np.sqrt(np.maximum(onset.quiet_samples, 1)), np.nan)
     part = from_sample(recordings, onset.first)
     part = replace(part, value=part.value - offset[:, None])
+    recorded, clipped = part.value, np.zeros_like(part.value)
+    if recordings.clipped is not None:
+        clipped = from_sample(replace(recordings, value=recordings.clipped), onset.first).value
+        moments = velocity, gravity, onset.least, onset.most
+        through = beyond_limit(recorded, clipped, part.inside, part.places * part.dt[:, None], *moments)
+        part = replace(part, value=through)
     if options.filter != "none":
         part = replace(part, value=low_pass(part.value, part.dt, options.filter))
     d, inside, dt = part.value, part.inside, part.dt
@@ -262,7 +285,7 @@ def _integrated(
         Coded(contact_words, "contact-doubtful"): onset.doubtful,
     }
     signal = _windowed(
-        part, (x, v, d), stop, start, options, flags,
+        part, (x, v, d if recordings.clipped is None else recorded), clipped, stop, start, options, flags,
         {NO_OFFSET: options.remove_offset & ~onset.quiet, UNEVEN: part.uneven},
         mass=mass, velocity=velocity, gravity=gravity, offset=offset, offset_sd=offset_sd,
         noise_sd=onset.noise_sd, **_before(recordings, onset, offset),
@@ -312,7 +335,7 @@ def _recorded(
     free = (since_contact, sd, nothing)
     start = Start(since_contact, sd, since_contact, sd, known, *free, x[:, 0], v[:, 0])
     return _windowed(
-        part, (x, v, d), stop, start, options, flags, {},
+        part, (x, v, d), np.zeros_like(x), stop, start, options, flags, {},
         mass=mass, velocity=velocity, gravity=gravity, offset=at_contact, offset_sd=nothing * np.nan,
         noise_sd=noise, before=np.zeros((len(sd), BEFORE)), before_s=np.zeros((len(sd), BEFORE)),
         n_before=nothing.astype(int), reach_s=nothing,
@@ -323,6 +346,7 @@ def _recorded(
 def _windowed(
     part: Recordings,
     motion: tuple[Rows, Rows, Rows],
+    clipped: Rows,
     stop: Stop,
     start: Start,
     options: SignalOptions,
@@ -333,10 +357,16 @@ def _windowed(
     """The motion (x, v and deceleration) over the window; ``columns`` are attributes as they are."""
     x, _, deceleration = motion
     since_contact, noise = start.since_contact, columns["noise_sd"]
-    clock = part.places, part.dt
-    n = samples_in(options.window, stop, since_contact, deceleration, x, part.inside, *clock, noise)
+    moved = since_contact, deceleration, x, part.inside, part.places, part.dt, noise
+    n = samples_in(options.window, stop, *moved)
+    at_limit = clipped != 0
+    below = (at_limit[:, : int(n.max())] & (np.arange(int(n.max())) < n[:, None])).sum(axis=1)
+    longer = at_limit.any(axis=1) & (n - below < _FEW_BELOW)
+    if longer.any():
+        # What the sensor did not see on the way in stands on the way back.
+        n = np.where(longer, np.maximum(n, samples_in("rebound", stop, *moved)), n)
     used = np.arange(int(n.max())) < n[:, None]
-    x, v, deceleration = (np.where(used, rows[:, : used.shape[1]], 0) for rows in motion)
+    x, v, deceleration, clipped = (np.where(used, rows[:, : used.shape[1]], 0) for rows in (*motion, clipped))
     equilibrium = np.zeros(len(n))
     if options.equilibrium == "sample-mean":
         equilibrium = x.sum(axis=1) / np.maximum(n, 1)
@@ -350,6 +380,7 @@ def _windowed(
         dt=part.dt,
         place=part.places[:, : used.shape[1]],
         uneven=part.uneven,
+        clipped=clipped,
         equilibrium=equilibrium,
         contact_time_s=part.start - since_contact,
         contact_time_sd=start.since_contact_sd,
@@ -359,8 +390,8 @@ def _windowed(
         bracket_uniform=start.bracket_uniform,
         time_to_peak=since_contact + stop.time,
         peak_displacement=stop.x,
-        flags=_raised({**flags, too_few: n < FEWEST_SAMPLES}, len(n)),
-        notes=_raised(notes, len(n)),
+        flags=_raised({**flags, too_few: n - (clipped != 0).sum(axis=1) < FEWEST_SAMPLES}, len(n)),
+        notes=_raised({**notes, LONGER: longer}, len(n)),
         **columns,
     )
 

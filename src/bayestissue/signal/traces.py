@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -35,7 +35,8 @@ class Recordings:
 
     For ``ahead_s`` before contact a recorder's filter that is run backwards too has an answer. Where times
     are uneven the interval is the mean one, and ``place`` says where each sample lies, [impact, sample],
-    counted in intervals from the first; None where all are even.
+    counted in intervals from the first; None where all are even. Where some sample stands at the sensor's
+    limit, ``clipped`` is 1 or -1 there and else 0, [impact, sample]; None where none does.
     """
 
     value: Rows
@@ -44,6 +45,12 @@ class Recordings:
     dt: Column
     ahead_s: float = 0.0
     place: Rows | None = None
+    clipped: Rows | None = None
+
+    def signed(self, sign: float) -> Recordings:
+        """All values times 1 or -1."""
+        clipped = None if self.clipped is None else sign * self.clipped
+        return replace(self, value=sign * self.value, clipped=clipped)
 
     @property
     def places(self) -> Rows:
@@ -52,7 +59,7 @@ class Recordings:
             return self.place
         return np.broadcast_to(np.arange(self.value.shape[1], dtype=float), self.value.shape)
 
-    def place_of(self, index: Int[np.ndarray, "impact *sample"]) -> Float[np.ndarray, "impact *sample"]:
+    def place_of(self, index: Int[np.ndarray, impact * sample]) -> Float[np.ndarray, impact * sample]:
         """Where samples of these numbers lie; beyond either end evenly on."""
         if self.place is None:
             return index.astype(float)
@@ -85,8 +92,15 @@ def stack(traces: Sequence[Trace]) -> Recordings:
     last = np.array([trace.time_s[-1] for trace in traces], dtype=float)
     value = np.zeros((len(traces), int(n.max())))
     value[np.arange(value.shape[1]) < n[:, None]] = np.concatenate([trace.value for trace in traces])
+    limits = [getattr(trace, "clipped", None) for trace in traces]
+    clipped = None
+    if any(limit is not None for limit in limits):
+        clipped = np.zeros_like(value)
+        for row, limit in enumerate(limits):
+            clipped[row, : n[row]] = 0 if limit is None else limit
     dt = (last - first) / np.maximum(n - 1, 1)
-    return Recordings(value, n, first, dt, place=_places(traces, n, first, dt))
+    place = _places(traces, n, first, dt)
+    return Recordings(value, n, first, dt, place=place, clipped=clipped)
 
 
 def _places(traces: Sequence[Trace], n: Index, first: Column, dt: Column) -> Rows | None:

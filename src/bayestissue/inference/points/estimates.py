@@ -55,8 +55,8 @@ def estimates_table(
 ) -> pd.DataFrame:
     """The table of `bayestissue.estimate` by a fit of displacements that are at hand.
 
-    Impacts of fewer than eight samples, and those with uneven times, have a row without numbers: an ARMA(2,1)
-    is of even ones.
+    Impacts of fewer than eight samples, with uneven times or with clipped samples have a row without numbers:
+    an ARMA(2,1) is of a whole displacement at even times.
 
     Args:
         dataset: the recordings.
@@ -64,7 +64,7 @@ def estimates_table(
         method: "exact" or "dds".
         findings: what `bayestissue.signal.quality.inspect` found; flagged.
     """
-    long_enough = (signal.n_samples >= FEWEST_SAMPLES) & ~signal.uneven
+    long_enough = (signal.n_samples >= FEWEST_SAMPLES) & ~signal.uneven & ~signal.clipped.any(axis=1)
     fit = fit_points(
         signal.x[long_enough],
         signal.n_samples[long_enough],
@@ -178,6 +178,8 @@ def flagged(
         another_peak = np.abs(implied / signal.peak_displacement - 1) > PEAK_DISAGREES
         # What is integrated from behind a low-pass has contact, and so its peak, elsewhere.
         another_peak &= method != "impact" or dataset.recorder is None
+        # How deep an impact went is not recorded beyond the sensor's limit.
+        another_peak &= ~signal.clipped.any(axis=1)
         failed = {
             NO_OSCILLATOR: np.isfinite(fit.phi1) & np.isnan(fit.K),
             NOT_POSITIVE: (fit.K <= 0) | (fit.C <= 0),

@@ -9,7 +9,7 @@ from typing import Any
 from bayestissue.errors import Coded
 from bayestissue.outline import first_of
 from bayestissue.remedies import entries
-from bayestissue.signal.displacement import NO_OFFSET, ON_SAMPLE, UNEVEN
+from bayestissue.signal.displacement import LONGER, NO_OFFSET, ON_SAMPLE, UNEVEN
 from bayestissue.signal.quality.inspection import KINDS
 
 THETA1 = Coded("theta1 at its limit", "integrated-noise")
@@ -40,8 +40,9 @@ _NAMED = 5
 # What `said_once` may meet in the column ``notes``.
 _NOTES = (
     *(THETA1, NOT_WHITE, ARCCOS, NOT_FILTERED, NOISELESS, NO_ANSWER, ANOTHER_PEAK),
-    *(NO_OFFSET, ON_SAMPLE, UNEVEN),
+    *(NO_OFFSET, ON_SAMPLE, UNEVEN, LONGER),
     KINDS["contact-earlier"].flag,
+    KINDS["at-limit"].flag,
 )
 
 

@@ -124,7 +124,7 @@ def _of_motion(signal: Displacements) -> Float[np.ndarray, "2 impact"]:
     """K and C by least squares of M d on penetration and velocity, as integrated from d."""
     # Since contact: where x is measured from elsewhere, that is no part of the force.
     moved = np.stack([signal.x + signal.equilibrium[:, None], signal.v], axis=-1)
-    inside = np.arange(moved.shape[1]) < signal.n_samples[:, None]
+    inside = (np.arange(moved.shape[1]) < signal.n_samples[:, None]) & (signal.clipped == 0)
     moved = np.where(inside[..., None], moved, 0.0)
     squares = np.einsum("isa,isb->iab", moved, moved)
     products = np.einsum("isa,is->ia", moved, signal.mass[:, None] * signal.deceleration)

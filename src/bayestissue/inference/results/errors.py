@@ -96,7 +96,10 @@ def as_expected(prepared: Prepared, u: Float[np.ndarray, "impact parameter"]) ->
         record, parts = prepared.data.record, prepared.data.padded
         first_time, d = jax.device_get(_of_element(prepared.model, parts, padded_impacts(u)))
         impacts, samples = record.d.shape
-        record = record.at_contact(first_time[:impacts])._replace(d=d[:impacts, :samples])
+        d = d[:impacts, :samples]
+        if record.clipped is not None:
+            d = np.where(np.asarray(record.clipped) != 0, np.asarray(record.d), d)
+        record = record.at_contact(first_time[:impacts])._replace(d=d)
         # Only a known contact has an error that can be made normal.
         return with_normal_errors(replace(prepared.data, record=record))
     data = with_normal_errors(prepared.data)

@@ -12,7 +12,7 @@ from bayestissue.dataset import as_dataset
 from bayestissue.errors import InputError
 from bayestissue.hierarchy.design import build_design
 from bayestissue.hierarchy.specification import Formulas, read_specification
-from bayestissue.hierarchy.trace_data import assemble, uneven_times, unsuited
+from bayestissue.hierarchy.trace_data import assemble, only_by_impact, unsuited
 from bayestissue.inference.execution.kept import some_of
 from bayestissue.inference.points.estimates import (
     default_options,
@@ -137,7 +137,7 @@ def estimates(
     if method not in _METHODS:
         raise ValueError(f"method is one of {', '.join(_METHODS)}, not {method!r}")
     if method != "impact":
-        if problems := uneven_times(dataset, f"estimate --method {method}", "method", method):
+        if problems := only_by_impact(dataset, f"estimate --method {method}", "method", method):
             raise InputError(problems)
         return estimates_table(dataset, signal, method, findings)
     return by_impact(dataset, signal, options, findings, say=say)[0]
@@ -163,7 +163,7 @@ def by_impact(
     )
     if problems := unsuited(dataset, specification, "estimate --method impact"):
         raise InputError(problems)
-    rows = signal.n_samples >= FEWEST_SAMPLES
+    rows = signal.n_below_limit >= FEWEST_SAMPLES
     if not rows.any():
         # Nothing to ask: the same columns without numbers.
         table = estimates_table(dataset, signal, "exact", findings)

@@ -22,6 +22,7 @@ Where contact is known to be at a sample, a cell is the one moment there.
 from __future__ import annotations
 
 from functools import partial
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -66,15 +67,50 @@ def error_sd(record: DecelerationRecord) -> Float[Array, "#cell impact error"]:
     return every.at[..., CONTACT].set(in_cell)
 
 
+class ByCell(NamedTuple):
+    """A trace, those samples before the first that may count among it, for contact in each cell.
+
+    Attributes:
+        residual: what the impact leaves of it [m/s^2].
+        columns: what a unit of each error adds, as `DecelerationRecord.error_sd` has them.
+    """
+
+    residual: Float[Array, "impact cell row"]
+    columns: Float[Array, "impact cell error row"]
+
+
+def rows_by_cell(response: Response, record: DecelerationRecord) -> ByCell:
+    """The rows of which `products` are, where these are made cell by cell; no recorder's low-pass."""
+    reach = record.contact.reach
+    if not reach:
+        parts = jnp.stack(columns(response, record), axis=1)[:, None]
+        return ByCell((record.d - response.d)[:, None], parts)
+    samples = jnp.concatenate([record.contact.before, record.d], axis=1)
+    of_errors = (response.by_velocity, response.d, jnp.ones_like(response.d), -response.jerk)
+    parts = jnp.stack(of_errors, axis=1)
+    if record.uneven is not None:
+        parts = parts.reshape(*parts.shape[:2], reach, -1).swapaxes(1, 2)
+    else:
+        width = samples.shape[1]
+        longer = jnp.pad(parts, ((0, 0), (0, 0), (reach, 0)))
+        parts = jnp.stack([longer[..., cell : cell + width] for cell in range(reach)], axis=1)
+        parts = parts.at[:, :, 2].set(1.0)
+    return ByCell(samples[:, None] - parts[:, :, 1], parts)
+
+
 def products(response: Response, record: DecelerationRecord, noise: Noise) -> Products:
     """Products of the residual and the errors' columns, each [cell, impact]; of a known contact one cell."""
     reach, stride = record.contact.reach, record.colour.stride
-    if reach:
+    if record.clipped is not None or (reach and record.uneven is not None):
+        by_cell = rows_by_cell(response, record)
+        parts = jnp.concatenate([by_cell.residual[:, :, None], by_cell.columns], axis=2)
+        parts = jnp.where(noise.inside[:, None, None], parts, 0.0)
+        gram = jax.vmap(jax.vmap(Noise.gram, in_axes=(None, 0)), out_axes=-1)(noise, parts)
+        gram = jnp.moveaxis(gram, 0, 2)
+    elif reach:
         samples = jnp.concatenate([record.contact.before, record.d], axis=1)[:, ::stride]
         from_contact = (response.by_velocity, response.d, jnp.ones_like(response.d), -response.jerk)
         in_cells = partial(_gram_in_cells, reach, len(record.phase), stride)
-        if record.uneven is not None:
-            in_cells = partial(_gram_of_cells, reach)
         gram = jax.vmap(in_cells, out_axes=-1)(noise, samples, jnp.stack(from_contact, axis=1))
     else:
         residual = jnp.where(record.inside(), record.d - response.d, 0.0)
@@ -107,18 +143,6 @@ def _gram_in_cells(
     else:
         gram = jax.vmap(lambda phase: _gram_by_cell(reach, stride, noise, samples, phase))(by_phase)
     return jnp.moveaxis(gram.reshape(-1, 5, 5), 0, -1)
-
-
-def _gram_of_cells(
-    reach: int, noise: Noise, samples: Float[Array, " row"], parts: Float[Array, "4 cell_and_row"]
-) -> Float[Array, "5 5 cell"]:
-    """The products where the parts are those at the very samples for contact in each cell."""
-
-    def of_cell(rows: Float[Array, "4 row"]) -> Array:
-        by_velocity, d, offset, late = jnp.where(noise.inside, rows, 0.0)
-        return noise.gram(jnp.stack([samples - d, by_velocity, d, offset, late]))
-
-    return jax.vmap(of_cell, in_axes=1, out_axes=-1)(parts.reshape(4, reach, -1))
 
 
 def _gram_by_cell(

@@ -20,7 +20,7 @@ from jax import Array
 from jaxtyping import Float, Int
 
 from bayestissue.elements import Element
-from bayestissue.likelihood.element import contact, noise, spring_damper
+from bayestissue.likelihood.element import clipped, contact, noise, spring_damper
 from bayestissue.likelihood.element.record import CONTACT, OFFSET, DecelerationRecord
 from bayestissue.likelihood.element.response import Response, columns, response
 from bayestissue.likelihood.linear_errors import (
@@ -67,10 +67,16 @@ class NoiseParameters(NamedTuple):
         return error_sd.at[..., OFFSET].multiply(factor)
 
 
-def _densities(products: Products, parameters: NoiseParameters, record: DecelerationRecord) -> Array:
+def _densities(
+    predicted: Response, products: Products, parameters: NoiseParameters, record: DecelerationRecord
+) -> Array:
     """Log density of each trace by contact in each cell, [cell, impact]."""
     error_sd = parameters.error_sd(record)
     density = marginal_log_likelihood(products, parameters.log_sigma, error_sd, record.contact.uniform)
+    if record.clipped is not None:
+        density = density + clipped.log_probability(
+            predicted, record, error_sd, parameters.log_sigma, parameters.log_discrepancy
+        )
     return density + jnp.log(contact.cell_width(record)) if record.contact.reach else density
 
 
@@ -78,7 +84,7 @@ def _log_density(
     predicted: Response, parameters: NoiseParameters, record: DecelerationRecord
 ) -> Float[Array, " impact"]:
     products = contact.products(predicted, record, parameters.noise(record))
-    density = jax.nn.logsumexp(_densities(products, parameters, record), axis=0)
+    density = jax.nn.logsumexp(_densities(predicted, products, parameters, record), axis=0)
     if record.contact.reach:
         density = density - record.contact.quiet_log_density
     # Parameters far from anything seen may send a response beyond all bounds, where the products' digits are
@@ -163,7 +169,7 @@ class MeasuredImpact:
     def log_density(self) -> Float[Array, " impact"]:
         """Log density of each recorded trace, its errors and its discrepancy integrated out."""
         record = self.record
-        if record.side_by_side:
+        if record.side_by_side and record.clipped is None:
             omega_n, zeta = spring_damper_inverse(*self.parameters, record.mass)
             return spring_damper.log_likelihood(omega_n, zeta, self.noise_parameters.log_sigma, record)
         return element_log_likelihood(self.element, self.parameters, self.noise_parameters, record)
@@ -173,8 +179,9 @@ class MeasuredImpact:
 
         ``predicted`` is `response`, if it is at hand.
         """
+        predicted = self.response() if predicted is None else predicted
         products, record, parameters = self.products(predicted), self.record, self.noise_parameters
-        density = _densities(products, parameters, record)
+        density = _densities(predicted, products, parameters, record)
         cell = jax.random.categorical(jax.random.fold_in(key, 2), density, axis=0)
 
         def chosen(values: Array) -> Array:
@@ -192,7 +199,8 @@ class MeasuredImpact:
         """From contact to the first sample as the traces have it, by the mean over the cells [s]."""
         if not self.record.contact.reach:
             return self.record.first_time
-        density = _densities(self.products(), self.noise_parameters, self.record)
+        predicted = self.response()
+        density = _densities(predicted, self.products(predicted), self.noise_parameters, self.record)
         return (jax.nn.softmax(density, axis=0) * contact.middles(self.record)).sum(0)
 
     def as_drawn(self, contact_error: Float[Array, " impact"]) -> MeasuredImpact:
@@ -219,11 +227,14 @@ class MeasuredImpact:
             record.colour.stride,
         )
         sd = ratio[:, None] * jnp.sqrt(record.discrepancy.share)
+        if record.clipped is not None:
+            left = jnp.where(record.observed(), left, 0.0)
+            basis = jnp.where(record.observed()[:, None], basis, 0.0)
         # Its own noise is that without a discrepancy.
         alone = noise.noise_of(record, jnp.zeros_like(ratio))
         shocks = self.sigma[:, None] * jax.random.normal(key, sd.shape[::-1]).T
         weights = jax.vmap(noise.weights_given)(left[:, ::stride], basis[..., ::stride], alone, sd, shocks)
-        return jnp.einsum("im,imr->ir", weights, basis)
+        return jnp.einsum("im,imr->ir", weights, record.discrepancy.basis)
 
     def innovations(
         self, left: Float[Array, "impact sample"]
@@ -233,7 +244,7 @@ class MeasuredImpact:
         Of coloured noise at the samples that it is asked at.
         """
         record, a = self.record, self.noise_parameters.atanh_correlation
-        inside = record.inside()[:, :: record.colour.stride]
+        inside = record.observed()[:, :: record.colour.stride]
         if a is not None:
             left = noise.whitened(left, a, record.inside())
         elif not record.colour.is_white:

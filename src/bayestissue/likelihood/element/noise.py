@@ -162,8 +162,10 @@ def noise_of(
     """
     colour, contact, stride = record.colour, record.contact, record.colour.stride
     early = jnp.arange(contact.reach) >= contact.reach - contact.n_before[:, None]
-    inside = jnp.concatenate([early, record.inside()], axis=1)[:, ::stride]
+    inside = jnp.concatenate([early, record.observed()], axis=1)[:, ::stride]
     basis = jnp.pad(record.discrepancy.basis, ((0, 0), (0, 0), (contact.reach, 0)))[..., ::stride]
+    if record.clipped is not None:
+        basis = jnp.where(inside[:, None], basis, 0.0)
     scale = discrepancy_ratio[:, None] * jnp.sqrt(record.discrepancy.share)
     first, predictor = colour.first[record.rate], colour.predictor[record.rate]
     return Noise(inside, scale[..., None] * basis, first, predictor, atanh_correlation)

@@ -151,6 +151,8 @@ class DecelerationRecord(NamedTuple):
         common_depth: one depth that every impact reaches [m]; no part of the likelihood.
         low_pass: a filter that the traces went through; None where there is none.
         uneven: when the samples were, where some trace's times are not even; None where all are.
+        clipped: 1 where a sample stands at the sensor's upper limit, -1 at its lower one, else 0: d is that
+            limit, and what was to be measured lies there or beyond. None where no trace has any.
     """
 
     d: Float[Array, "impact sample"]
@@ -169,6 +171,7 @@ class DecelerationRecord(NamedTuple):
     common_depth: Float[Array, " impact"]
     low_pass: LowPass | None = None
     uneven: UnevenTimes | None = None
+    clipped: Float[Array, "impact sample"] | None = None
 
     @classmethod
     def from_arrays(
@@ -260,7 +263,8 @@ class DecelerationRecord(NamedTuple):
         """With as many samples, 0 past a row's end, as a `bucket` holds."""
         basis = padded_zeros(self.discrepancy.basis, -1)
         uneven = self.uneven and self.uneven._replace(later=padded_zeros(self.uneven.later, 1))
-        padded = self._replace(d=padded_zeros(self.d, 1), uneven=uneven)
+        clipped = None if self.clipped is None else padded_zeros(self.clipped, 1)
+        padded = self._replace(d=padded_zeros(self.d, 1), uneven=uneven, clipped=clipped)
         return padded._replace(discrepancy=self.discrepancy._replace(basis=basis))
 
     def with_normal_errors(self) -> DecelerationRecord:
@@ -280,12 +284,23 @@ class DecelerationRecord(NamedTuple):
         """True where there is a sample."""
         return jnp.arange(self.d.shape[1]) < self.n_samples[:, None]
 
+    def observed(self) -> Bool[Array, "impact sample"]:
+        """True where there is a sample that is not clipped."""
+        return self.inside() if self.clipped is None else self.inside() & (self.clipped == 0)
+
     def time(self) -> Float[Array, "impact sample"]:
         """Time since contact, also past a row's end [s]."""
         if self.uneven is not None:
             return self.first_time[:, None] + self.uneven.later
         return self.first_time[:, None] + jnp.arange(self.d.shape[1]) * self.dt[:, None]
 
-    def step(self) -> Float[Array, "impact #step"]:
+    def step(
+        self,
+    ) -> Float[
+        Array,
+        (
+            impact  # step
+        ),
+    ]:
         """From each sample to the next [s]; one for all where times are even."""
         return self.dt[:, None] if self.uneven is None else jnp.diff(self.uneven.later, axis=1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -17,7 +17,7 @@ from bayestissue.signal.displacement import Displacements, RecordedImpacts, disp
 from bayestissue.signal.options import SignalOptions
 from bayestissue.signal.quality import beginning, law, samples, velocity
 from bayestissue.signal.quality.recorded import Recorded
-from bayestissue.signal.traces import Column, Mask, Trace, stack
+from bayestissue.signal.traces import Column, Index, Mask, Trace, stack
 
 # So many samples, and impacts, at a time: their laws' terms then take some hundred megabytes at most.
 _BLOCK, _MOST = 200_000, 256
@@ -145,10 +145,15 @@ def raised(findings: Sequence[Finding], count: int, *, notes: bool = False) -> l
 def _inspected(part: _Part, options: SignalOptions, implied: list[velocity.Implied]) -> Iterator[Finding]:
     sign = -1.0 if part.quantity == "acceleration" else 1.0
     recordings = stack(part.traces)
-    recorded = Recorded.from_recordings(replace(recordings, value=sign * recordings.value))
+    recordings = recordings.signed(sign)
+    recorded = Recorded.from_recordings(recordings)
+    limited = np.zeros(len(recordings.n), int)
+    if recordings.clipped is not None:
+        limited = (recordings.clipped != 0).sum(axis=1)
+    yield KINDS["at-limit"].where(limited > 0, limited)
     known = options.contact == "time-zero"
     start = np.where(known, 0, samples.starts_off_zero(recorded))
-    findings = [*_single_samples(recorded)]
+    findings = [*_single_samples(recorded, limited)]
     if part.quantity == "displacement":
         # A displacement that passes 0 on its way shows its contact.
         early = np.arange(recorded.value.shape[1]) <= recorded.top[:, None]
@@ -161,7 +166,8 @@ def _inspected(part: _Part, options: SignalOptions, implied: list[velocity.Impli
     above, longest = start > _ABOVE, np.zeros_like(start)
     if part.recorder is None:
         # An impact's force may jump at contact; behind a low-pass it can't.
-        above, longest = beginning.beginning(recorded, signal, start > 0, part.uncertainty)
+        asked = (start > 0) & (limited == 0)
+        above, longest = beginning.beginning(recorded, signal, asked, part.uncertainty)
     findings += [
         KINDS["starts-above-zero"].where(above, start),
         KINDS["starts-below-zero"].where(start < -_ABOVE, start),
@@ -173,7 +179,8 @@ def _inspected(part: _Part, options: SignalOptions, implied: list[velocity.Impli
     # What a declared low-pass makes of a law is none.
     if part.recorder is not None:
         return
-    used = np.arange(signal.x.shape[1]) < signal.n_samples[:, None]
+    # A law is asked of whole recordings.
+    used = (np.arange(signal.x.shape[1]) < signal.n_samples[:, None]) & (limited == 0)[:, None]
     other_gravity = law.another_gravity(signal, used, recorded.sd, recorded.freedom)
     yield KINDS["gravity-declared" if part.gravity else "gravity-undeclared"].where(
         other_gravity, law.gravity_tried(signal)
@@ -187,10 +194,12 @@ def _inspected(part: _Part, options: SignalOptions, implied: list[velocity.Impli
     yield from _laws(recorded, signal, used & ~(named | other_gravity)[:, None])
 
 
-def _single_samples(recorded: Recorded) -> Iterator[Finding]:
+def _single_samples(recorded: Recorded, limited: Index) -> Iterator[Finding]:
+    # A plateau repeats its value, and ends at once.
+    sound = limited == 0
     spike, repeated, levels = samples.spikes(recorded), samples.standing(recorded), samples.levels(recorded)
-    yield KINDS["spike"].where(spike >= 0, spike + 1)
-    yield KINDS["repeated-samples"].where(repeated > 0, repeated)
+    yield KINDS["spike"].where((spike >= 0) & sound, spike + 1)
+    yield KINDS["repeated-samples"].where((repeated > 0) & sound, repeated)
     yield KINDS["coarse-steps"].where(np.isfinite(levels), levels)
 
 

@@ -72,6 +72,7 @@ def suspected(signal: Displacements) -> Suspected:
     columns = np.full((len(peak), 3), np.nan)
     # A filter is tried on even times.
     asked = odd & (signal.n_samples >= 12) & (signal.n_before >= 4) & ~signal.uneven
+    asked &= ~signal.clipped.any(axis=1)
     for row in np.flatnonzero(asked):
         columns[row] = _asked(signal, int(row), plain[row], variance[row], freedom[row])
     return Suspected(*columns.T)

@@ -124,6 +124,8 @@ def implied(
     floor = noise_sd**2 + (_MISFIT * peak) ** 2
     explained = fdtrc(freedom, np.maximum(_WORTH * n, 1), least / freedom / floor) > _UNEXPLAINED
     explained &= (n >= _FEWEST) & np.isfinite(squares[:, _STATED]) & (noise_sd > 0)
+    # What a sensor cut off is no part of the integrals.
+    explained &= ~(signal.clipped != 0).any(axis=1)
     share = np.maximum(squares - least[:, None], 0) / np.maximum(least, freedom * floor)[:, None]
     log_likelihood = -np.maximum(freedom - 1, 1)[:, None] / 2 * np.log1p(share)
     return Implied(_averaged(log_likelihood, velocity_sd), explained)

@@ -1,0 +1,78 @@
+"""Which samples stand at the sensor's limit: a plateau, a greatest value that recordings share, or a stated one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import bayestissue as bt
+from bayestissue.errors import InputError
+
+TIME = np.arange(0, 0.06, 5e-4)
+COUNT = 5
+SIGNAL = {"quantity": "deceleration", "unit": "m/s^2"}
+
+
+def force(row: int) -> np.ndarray:
+    """Half a sine over 30 ms in noise, of a peak of its own."""
+    since = TIME - 0.02 - 1e-4 * row
+    pulse = np.where((since > 0) & (since < 0.03), np.sin(np.pi * since / 0.03), 0.0)
+    return (80 + 2 * row) * pulse + 0.3 * np.random.default_rng(row).standard_normal(len(TIME))
+
+
+def read(values: list[np.ndarray], **chosen) -> bt.Dataset:
+    impacts = pd.DataFrame(
+        {
+            "impact": [f"i{row}" for row in range(len(values))],
+            **{"subject": "s", "trial": "t", "mass_kg": 0.5, "velocity_m_s": 1.5},
+        }
+    )
+    return bt.dataset(impacts, [(TIME, value) for value in values], **SIGNAL | chosen)
+
+
+def marked(data: bt.Dataset) -> list[int]:
+    return [0 if trace.clipped is None else int(np.abs(trace.clipped).sum()) for trace in data.traces]
+
+
+def test_the_same_greatest_value_of_several_recordings_is_the_limit() -> None:
+    limit = np.sort(np.array([force(row).max() for row in range(COUNT)]))[1] - 0.05
+    cut = [np.minimum(force(row), limit) for row in range(COUNT)]
+    expected = [int((value == limit).sum()) for value in cut]
+    assert min(expected) < 3
+    assert marked(read(cut)) == expected
+
+
+def test_its_sign_may_be_the_other() -> None:
+    cut = [-np.minimum(force(row), 78.0) for row in range(COUNT)]
+    data = read(cut, quantity="acceleration")
+    assert marked(data) == [int((value == -78.0).sum()) for value in cut]
+    assert all((trace.clipped <= 0).all() for trace in data.traces)
+
+
+def test_a_stated_limit_and_one_that_a_copy_shares() -> None:
+    whole = [force(row) for row in range(2)]
+    assert marked(read([*whole, whole[0]])) == [0, 0, 0]
+    assert marked(read(whole, limit=70.0)) == [int((value >= 70.0).sum()) for value in whole]
+    in_g = read([value / 9.80665 for value in whole], unit="g_0", limit=70.0 / 9.80665)
+    assert marked(in_g) == marked(read(whole, limit=70.0))
+
+
+def test_it_is_written_and_read_again(tmp_path) -> None:
+    data = read([force(row) for row in range(2)], limit=70.0)
+    assert marked(bt.read_dataset(data.write(tmp_path / "again"))) == marked(data)
+
+
+@pytest.mark.parametrize(("model", "noise"), [("arma", "white"), ("impact", "autoregressive")])
+def test_models_that_have_no_place_for_it_say_so(model: str, noise: str) -> None:
+    from bayestissue.hierarchy.specification import read_specification
+    from bayestissue.hierarchy.trace_data import unsuited
+    from bayestissue.resources import shared
+
+    specification = read_specification(shared("models", f"{model}.toml")).model_copy(update={"noise": noise})
+    clipped = read([np.minimum(force(row), 70.0) for row in range(2)])
+    (problem,) = unsuited(clipped, specification, "model.toml")
+    assert problem.code == "clipped"
+    assert "2 of these" in str(problem)
+    with pytest.raises(InputError, match="i0 the first"):
+        bt.estimate(clipped, method="exact")
