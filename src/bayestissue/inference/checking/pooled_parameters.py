@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import pandas as pd
 import xarray as xr
 from jaxtyping import Float, Int
 from scipy.stats import f
@@ -15,7 +14,7 @@ from bayestissue.errors import Coded
 from bayestissue.hierarchy.effects import RESPONSES, intercept, parameter_of, sd_impact
 from bayestissue.hierarchy.formulas.formula import columns_named, group_terms
 from bayestissue.hierarchy.formulas.group_terms import GroupTerm, grouping_of, labels_of
-from bayestissue.hierarchy.levels import Recorded, log_at_levels
+from bayestissue.hierarchy.levels import Condition, Recorded, log_at_levels
 from bayestissue.inference.checking import sentence
 from bayestissue.inference.execution.kept import some_impacts
 
@@ -126,9 +125,14 @@ def _deviations(
     parameter, formula = parameter_of(name), recorded.formulas.get(name)
     expected = draws[intercept(parameter)].to_numpy()[..., None]
     if formula is not None:
-        table = recorded.rows.iloc[rows][list(columns_named(formula))]
-        labels = {c: labels_of(table[c]) if c in recorded.named else table[c].astype(float) for c in table}
-        conditions = pd.DataFrame(labels, index=table.index).to_dict("records")
+        table = recorded.rows.iloc[rows]
+        labels: dict[str, np.ndarray] = {
+            column: labels_of(table[column]) if column in recorded.named else table[column].to_numpy(float)
+            for column in columns_named(formula)
+        }
+        conditions: list[Condition] = [
+            {column: values[row] for column, values in labels.items()} for row in range(len(rows))
+        ]
         expected = log_at_levels(draws, recorded, name, conditions, follow=False)
     z = (logs - expected) / draws[sd_impact(parameter)].to_numpy()[..., None]
     return logs.reshape(-1, len(rows)).T, z.reshape(-1, len(rows)).T
