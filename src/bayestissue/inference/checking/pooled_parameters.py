@@ -49,8 +49,8 @@ class Pooled(NamedTuple):
         ends = " and ".join(f"{self.medians[level]:.3g} {self.unit} at {level}" for level in (low, high))
         return Coded(
             f"{self.parameter} differs between levels of {self.factor} ({ends}), "
-            "and its formula takes them as alike: predictions of depth, force and time there are those of a mixture. Write "
-            f'{self.parameter} = "{self.term}" in [formula] of the model file.',
+            "and its formula takes them as alike: predictions of depth, force and time there are those of a "
+            f'mixture. Write {self.parameter} = "{self.term}" in [formula] of the model file.',
             "pooled-parameter",
         )
 
