@@ -196,7 +196,7 @@ def label(
     further = {
         "straight_lines": straight_lines(prepared.design, posterior, prepared.model.log_mass_sd),
         "pooled_parameters": [
-            str(one.words) for one in pooled_parameters(posterior, recorded, element(specification.element))
+            one.record() for one in pooled_parameters(posterior, recorded, element(specification.element))
         ],
         "route": route.record(),
     }

@@ -60,7 +60,7 @@ def test_a_pad_that_stiffens_more_than_others_is_named_with_the_line_to_write() 
     assert (found.parameter, found.factor, found.term) == (NAME, "pad", "pad")
     assert min(found.medians, key=found.medians.__getitem__) == "a"
     assert f'{NAME} = "pad" in [formula]' in found.words
-    diagnostics = {"checks": [], "pooled_parameters": [str(found.words)]}
+    diagnostics = {"checks": [], "pooled_parameters": [found.record()]}
     assert warnings(diagnostics) == [found.words]
     assert warned_codes(diagnostics) == codes_in(found.words) == codes_in(found.note) == ["pooled-parameter"]
     finished = Finished(posterior, None, design.recorded, "stiffening", discrepancy=True)

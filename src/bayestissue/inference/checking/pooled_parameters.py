@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 import xarray as xr
 from jaxtyping import Float, Int
 from scipy.stats import f
@@ -15,8 +14,7 @@ from bayestissue.errors import Coded
 from bayestissue.hierarchy.effects import RESPONSES, intercept, parameter_of, sd_impact
 from bayestissue.hierarchy.formulas.formula import columns_named, group_terms
 from bayestissue.hierarchy.formulas.group_terms import GroupTerm, grouping_of, labels_of
-from bayestissue.hierarchy.levels import Recorded, log_at_levels
-from bayestissue.inference.checking import sentence
+from bayestissue.hierarchy.levels import Condition, Recorded, log_at_levels
 from bayestissue.inference.execution.kept import some_impacts
 
 # Of fits whose parameter is the same at all levels one in a hundred is noted at most.
@@ -48,16 +46,26 @@ class Pooled(NamedTuple):
     def words(self) -> Coded:
         """What differs, between which levels, and the line of the model file that lets it."""
         low, high = (choose(self.medians, key=lambda level: self.medians[level]) for choose in (min, max))
-        ends = {"low": low, "high": high, "least": self.medians[low], "most": self.medians[high]}
-        return self._coded("pooled.differs", **ends)
+        ends = " and ".join(f"{self.medians[level]:.3g} {self.unit} at {level}" for level in (low, high))
+        return Coded(
+            f"{self.parameter} differs between levels of {self.factor} ({ends}), "
+            "and its formula takes them as alike: predictions of depth, force and time there are those of a "
+            f'mixture. Write {self.parameter} = "{self.term}" in [formula] of the model file.',
+            "pooled-parameter",
+        )
 
     @property
     def note(self) -> Coded:
         """Of a prediction, in few words."""
-        return self._coded("pooled.note")
+        return Coded(
+            f"a mixture: {self.parameter} differs between levels of {self.factor}, "
+            "and its formula takes them as alike",
+            "pooled-parameter",
+        )
 
-    def _coded(self, key: str, **ends: object) -> Coded:
-        return Coded(sentence(key, **self._asdict(), **ends), "pooled-parameter")
+    def record(self) -> dict[str, Any]:
+        """As it stands in ``diagnostics.json``."""
+        return self._asdict() | {"words": str(self.words)}
 
 
 def pooled_parameters(posterior: xr.Dataset, recorded: Recorded, element: Element) -> list[Pooled]:
@@ -126,9 +134,14 @@ def _deviations(
     parameter, formula = parameter_of(name), recorded.formulas.get(name)
     expected = draws[intercept(parameter)].to_numpy()[..., None]
     if formula is not None:
-        table = recorded.rows.iloc[rows][list(columns_named(formula))]
-        labels = {c: labels_of(table[c]) if c in recorded.named else table[c].astype(float) for c in table}
-        conditions = pd.DataFrame(labels, index=table.index).to_dict("records")
+        table = recorded.rows.iloc[rows]
+        labels: dict[str, np.ndarray] = {
+            column: labels_of(table[column]) if column in recorded.named else table[column].to_numpy(float)
+            for column in columns_named(formula)
+        }
+        conditions: list[Condition] = [
+            {column: values[row] for column, values in labels.items()} for row in range(len(rows))
+        ]
         expected = log_at_levels(draws, recorded, name, conditions, follow=False)
     z = (logs - expected) / draws[sd_impact(parameter)].to_numpy()[..., None]
     return logs.reshape(-1, len(rows)).T, z.reshape(-1, len(rows)).T

@@ -247,8 +247,8 @@ def colour_of(white: float, correlations: Sequence[Correlation], rows: int) -> C
         # The weights of a sample, its own first, on those before it.
         predictors.append(inverse[order, ::-1])
         spectra.append(np.sqrt(np.maximum(np.fft.rfft(at(correlation, wheel)).real, 0.0)))
-    arrays = (jnp.asarray(np.stack(part)) for part in (firsts, predictors, spectra))
-    return Colour(*arrays, jnp.zeros(stride))
+    first, predictor, spectrum = (jnp.asarray(np.stack(part)) for part in (firsts, predictors, spectra))
+    return Colour(first, predictor, spectrum, jnp.zeros(stride))
 
 
 def _order(of_lags: Float[np.ndarray, " lag"]) -> int:
