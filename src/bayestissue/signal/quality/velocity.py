@@ -9,8 +9,8 @@ S(f) is its least sum of squares over a, b and contact's moment. Under white noi
 likelihood is −(ν − 1) / 2 log S(f), ν being the degrees of freedom, and what it gains over f = 0 at its
 greatest is about half a chi-square of one degree of freedom where the stated velocity is right. Log
 likelihoods of impacts add up, so that a velocity that is wrong in all of them, or in those of one condition,
-shows where no trace by itself shows it. What was declared of the velocity is an error of each impact, over which its
-likelihood is averaged.
+shows where no trace by itself shows it. What was declared of the velocity is an error of each
+impact, over which its likelihood is averaged.
 
 A tissue that is no spring and damper bends one trace as another velocity may: of 60 impacts on a spring and
 damper in series 8 looked so. Therefore nothing is said of one by itself, nor of a group whose traces no one
