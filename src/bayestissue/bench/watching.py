@@ -260,7 +260,8 @@ class Watch:
             if at is not None:
                 given[name] = at
             try:
-                cells = self.campaign.cells(name, suffix, _as_text(now.get(at, {})), self.drops.chosen)
+                row = {} if at is None else now[at]
+                cells = self.campaign.cells(name, suffix, _as_text(row), self.drops.chosen)
             except InputError:
                 facts[name] = False, None
             else:
