@@ -20,9 +20,9 @@ class Response(NamedTuple):
 
     Where contact may be in any of several cells it is instead on a grid of the sampling interval that begins
     half an interval after contact; its end is no trace's. Of uneven times it is then at all samples, those
-    before the first among them, for contact in the middle of the first cell, of the second and so on. Behind a low-pass that grid is as many times finer
-    as the filter tells moments of contact within an interval apart, and begins as long before contact as the
-    filter looks ahead.
+    before the first among them, for contact in the middle of the first cell, of the second and so on. Behind
+    a low-pass that grid is as many times finer as the filter tells moments of contact within an interval
+    apart, and begins as long before contact as the filter looks ahead.
 
     Attributes:
         d: deceleration [m/s^2].
