@@ -12,8 +12,10 @@ COUNT, MASS, VELOCITY, STEP = 100, 0.5, 1.5, 5e-4
 pytestmark = pytest.mark.long
 
 
-def made(*, jitter: float = 0.0, lost: float = 0.0, share: float = 1.0, C: float = 25.0):
-    """Impacts at 2 kHz in 1 % of noise, contact anywhere between two samples: the truth and the recordings."""
+def made(
+    *, jitter: float = 0.0, lost: float = 0.0, share: float = 1.0, C: float = 25.0
+) -> tuple[np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
+    """Impacts at 2 kHz in 1 % of noise, contact between two samples: the truth and the recordings."""
     random = np.random.default_rng(5)
     truth, traces = [], []
     for _ in range(COUNT):
