@@ -1,4 +1,4 @@
-"""Which samples stand at the sensor's limit: a plateau, a greatest value that recordings share, or a stated one."""
+"""Which samples stand at the sensor's limit: a plateau, a shared greatest value, or a stated one."""
 
 from __future__ import annotations
 

@@ -88,8 +88,8 @@ def too_short(dataset: Dataset, signal: Displacements, source: str) -> list[Prob
         if BELOW_ZERO in signal.flags[i]
         else Problem(
             source,
-            f"at least {FEWEST_SAMPLES} samples between contact and the end of the window, and below the sensor's "
-            "limit",
+            f"at least {FEWEST_SAMPLES} samples between contact and the end of the window, and below the "
+            "sensor's limit",
             "Record faster, widen signal.window in the model, or leave the impact out (--skip-bad).",
             column="signal.window",
             impact=names[i],

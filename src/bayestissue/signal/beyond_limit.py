@@ -1,8 +1,9 @@
 """A deceleration beyond the sensor's limit, enough to tell until when the impactor moves into the tissue.
 
-A spring and damper, d = a v + b x with a = C/M and b = K/M, is fitted to the samples that are not clipped by least
-squares, contact lying between the moments that the recording leaves open; where it is within the limit though the
-sample is clipped, that counts as an error too. No likelihood is asked of what it says beyond the limit.
+A spring and damper, d = a v + b x with a = C/M and b = K/M, is fitted to the samples that are not clipped by
+least squares, contact lying between the moments that the recording leaves open; where it is within the limit
+though the sample is clipped, that counts as an error too. No likelihood is asked of what it says beyond the
+limit.
 """
 
 from __future__ import annotations
@@ -40,7 +41,8 @@ def beyond_limit(
         time: [impact, sample], since the first sample, s.
         velocity: [impact], at contact, m/s.
         gravity: [impact], along the motion, m/s².
-        least, most: [impact], from contact to the first sample, s.
+        least: [impact], from contact to the first sample, s, at the least.
+        most: [impact], and at the most.
     """
     whole = d.copy()
     for row in np.flatnonzero(clipped.any(axis=1)):

@@ -90,11 +90,11 @@ class Displacements:
         deceleration: [impact, sample], m/s², offset removed and filtered; along gravity force over mass.
         n_samples: [impact], samples in the window.
         dt: [impact], sampling interval, s; of uneven times the mean one.
-        place: [impact, sample], when each sample of x was, since the first one, in sampling intervals: 0, 1, 2
-            and so on where times are even.
+        place: [impact, sample], when each sample of x was, since the first one, in sampling intervals: 0, 1,
+            2 and so on where times are even.
         uneven: [impact], whether times are uneven.
-        clipped: [impact, sample], 1 where the deceleration stands at the sensor's upper limit, -1 at its lower
-            one, else 0; x and v are then of a deceleration that goes on beyond.
+        clipped: [impact, sample], 1 where the deceleration stands at the sensor's upper limit, -1 at its
+            lower one, else 0; x and v are then of a deceleration that goes on beyond.
         mass: [impact], kg.
         velocity: [impact], at contact, m/s.
         gravity: [impact], along the motion, m/s².

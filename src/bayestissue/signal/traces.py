@@ -59,7 +59,7 @@ class Recordings:
             return self.place
         return np.broadcast_to(np.arange(self.value.shape[1], dtype=float), self.value.shape)
 
-    def place_of(self, index: Int[np.ndarray, impact * sample]) -> Float[np.ndarray, impact * sample]:
+    def place_of(self, index: Int[np.ndarray, "impact ..."]) -> Float[np.ndarray, "impact ..."]:
         """Where samples of these numbers lie; beyond either end evenly on."""
         if self.place is None:
             return index.astype(float)

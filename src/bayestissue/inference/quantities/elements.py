@@ -226,12 +226,7 @@ def whole_impact(
 def integrals(
     delta: Float[Array, "*batch impact sample"],
     first_time: Float[Array, " impact"],
-    step: Float[
-        Array,
-        (
-            impact  # step
-        ),
-    ],
+    step: Float[Array, "impact _"],
 ) -> tuple[Float[Array, "*batch impact sample"], Float[Array, "*batch impact sample"]]:
     """The velocity and the displacement that delta takes off: its first and second integral from contact.
 

@@ -1,22 +1,23 @@
 """Samples at the sensor's limit, which say of the deceleration that it was there or beyond.
 
-With y the samples that are not clipped and c those that are, p(y, c) = p(y) P(every c beyond its limit | y).
-p(y) has the errors of the measuring chain integrated out as without clipped samples. Given y and the noise's
-sigma a clipped sample is m_i + b_i' z plus noise, z being standard normals that stand for what y leaves open of
-the errors: see `bayestissue.likelihood.linear_errors.predicted_given`. So
+With y the samples that are not clipped and c those that are, p(y, c) = p(y) P(every c beyond its limit |
+y). p(y) has the errors of the measuring chain integrated out as without clipped samples. Given y and the
+noise's sigma a clipped sample is m_i + b_i' z plus noise, z being standard normals that stand for what y
+leaves open of the errors: see `bayestissue.likelihood.linear_errors.predicted_given`. So
 
     P = int N(z; 0, 1) prod_i Phi(s_i (m_i + b_i' z - L) / sigma) dz,
 
-s_i = 1 at an upper limit L and -1 at a lower one. The integrand is log concave in z and nearly constant, y having
-far more samples than there are errors: by Laplace's method from z = 0,
+s_i = 1 at an upper limit L and -1 at a lower one. The integrand is log concave in z and nearly constant, y
+having far more samples than there are errors: by Laplace's method from z = 0,
 
     log P = sum_i log Phi(a_i) + g' H^-1 g / 2 - log det H / 2,   a_i = s_i (m_i - L) / sigma,
-    g = sum_i s_i h_i b_i / sigma,   H = 1 + sum_i h_i (h_i + a_i) b_i b_i' / sigma^2,   h_i = phi(a_i) / Phi(a_i).
+    g = sum_i s_i h_i b_i / sigma,   H = 1 + sum_i h_i (h_i + a_i) b_i b_i' / sigma^2,
+    h_i = phi(a_i) / Phi(a_i).
 
-That is exact far from the limit on either side. A discrepancy's modes are errors like the others. An error of the
-contact time that is uniform is not cut off at its bounds here: near the peak hardly anything depends on it. Noise
-that is not white would have samples beside a plateau say what is in it, and so would a recorder's filter: these
-are not for clipped samples.
+That is exact far from the limit on either side. A discrepancy's modes are errors like the others. An error
+of the contact time that is uniform is not cut off at its bounds here: near the peak hardly anything depends
+on it. Noise that is not white would have samples beside a plateau say what is in it, and so would a
+recorder's filter: these are not for clipped samples.
 """
 
 from __future__ import annotations

@@ -104,7 +104,7 @@ class UnevenTimes(NamedTuple):
 
     @property
     def cells(self) -> tuple[Float[Array, "impact reach"], Float[Array, "impact reach"]]:
-        """Of the intervals between these samples, the last first: from its middle to time 0, and its width."""
+        """Of the intervals between these samples, the last first: from the middle to time 0, and width."""
         ends = jnp.pad(self.before, ((0, 0), (0, 1)))[:, ::-1]
         return -(ends[:, :-1] + ends[:, 1:]) / 2, ends[:, :-1] - ends[:, 1:]
 
@@ -296,11 +296,6 @@ class DecelerationRecord(NamedTuple):
 
     def step(
         self,
-    ) -> Float[
-        Array,
-        (
-            impact  # step
-        ),
-    ]:
+    ) -> Float[Array, "impact _"]:
         """From each sample to the next [s]; one for all where times are even."""
         return self.dt[:, None] if self.uneven is None else jnp.diff(self.uneven.later, axis=1)
