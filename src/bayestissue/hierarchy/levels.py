@@ -295,9 +295,13 @@ class Recorded:
         if missing := {key: c for key, c in zip(keys, conditions, strict=True) if key not in known}:
             covariates, groups = self._evaluate(response, list(missing.values()))
             for place, key in enumerate(missing):
-                known[key] = tuple({n: x[place] for n, x in part.items()} for part in (covariates, groups))
+                of_names = {name: values[place] for name, values in covariates.items()}
+                known[key] = of_names, {term: values[place] for term, values in groups.items()}
         columns, of_groups = zip(*(known[key] for key in keys), strict=True)
-        return tuple({n: np.array([at[n] for at in part]) for n in part[0]} for part in (columns, of_groups))
+        return (
+            {name: np.array([at[name] for at in columns]) for name in columns[0]},
+            {term: np.array([at[term] for at in of_groups]) for term in of_groups[0]},
+        )
 
     def _evaluate(
         self, response: str, conditions: Sequence[Condition]
@@ -353,7 +357,7 @@ class Recorded:
         return weights
 
     @cached_property
-    def _evaluated(self) -> dict[str, dict[Any, Any]]:
+    def _evaluated(self) -> dict[str, dict[Any, tuple[dict[str, float], dict[GroupTerm, float]]]]:
         return {}
 
 

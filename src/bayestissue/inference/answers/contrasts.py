@@ -97,7 +97,7 @@ class Contrast:
         """Factor, level and against: ``side``, left, right; ``group:session``, treated:after/before, ..."""
         if self.kind == INTERACTION:
             (_, level, against), (_, upper, lower) = self.compared
-            return ":".join(self.factors), *(f"{one}:{upper}/{lower}" for one in (level, against))
+            return ":".join(self.factors), f"{level}:{upper}/{lower}", f"{against}:{upper}/{lower}"
         ((column, level, against),) = self.compared
         one, other = (
             ":".join({**self.shared, column: value}[name] for name in self.factors)
