@@ -125,8 +125,8 @@ def phase_of(told: Told, velocity_sd: Column, declared: Contact | None) -> Phase
     for phase, share in ((BETWEEN, between), (_FIRST, first), (_BEFORE, before)):
         if share > _SURE:
             return phase._replace(judged=True)
-    # A clock that begins at contact is a reason to be of two minds; no other is.
-    return Phase(float(first), float(before), judged=True) if begins_there else BETWEEN
+    # To be of two minds takes a reason: a clock that begins at contact, or recordings that rather say so.
+    return Phase(float(first), float(before), judged=True) if begins_there or between < 0.5 else BETWEEN
 
 
 def _log_evidence(told: Told, velocity_sd: Column) -> list[float]:

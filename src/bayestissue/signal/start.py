@@ -309,8 +309,8 @@ def _mean_within(
     variance = np.where(narrow, np.minimum(sd, width) ** 2, variance)
     inside = np.maximum(ndtr((high - mean) / sd) - ndtr((low - mean) / sd), 1e-300)
     density = [np.exp(-(((end - mean) / sd) ** 2) / 2) / np.sqrt(2 * np.pi) / sd for end in (low, high)]
-    shares = [share * width * there for share, there in zip(at_ends, density, strict=True)]
-    shares = np.stack([*shares, (1 - at_ends[0] - at_ends[1]) * inside])
+    at = [share * width * there for share, there in zip(at_ends, density, strict=True)]
+    shares = np.stack([*at, (1 - at_ends[0] - at_ends[1]) * inside])
     # Of an end that is certain, whatever the likelihood has there.
     sure = np.stack([at_ends[0] == 1, at_ends[1] == 1, np.zeros_like(mean, bool)])
     none = at_ends[0] + at_ends[1] == 0

@@ -130,7 +130,7 @@ def _velocities(dataset: RecordedImpacts, implied: Sequence[velocity.Implied]) -
     trial = (
         pd.factorize(impacts["trial"].astype(str))[0] if "trial" in impacts else np.zeros(len(impacts), int)
     )
-    falls = dataset.gravity > 0 or any(name.startswith("drop_height") for name in impacts)
+    falls = dataset.gravity > 0 or any(str(name).startswith("drop_height") for name in impacts)
     whole = velocity.Implied(*map(np.concatenate, zip(*implied, strict=True)))
     said = [velocity.in_words(found, impacts, falls=falls) for found in velocity.contradictions(whole, trial)]
     return ["; ".join(filter(None, words)) for words in zip(*said, strict=True)] or [""] * len(impacts)
