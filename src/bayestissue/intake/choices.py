@@ -212,8 +212,8 @@ def settle(
         what = "what it recorded (a deceleration is positive while the impactor slows)"
         questions.append(Question("--quantity", what, tuple(possible), possible[0]))
     elif choices.unit is None and choices.quantity in _QUANTITIES and choices.quantity not in possible:
-        words = {"unit": ", ".join(sorted(units)), "possible": " or ".join(possible)}
-        raise InputError.stated("option-value.quantity", "--quantity", value=choices.quantity, **words)
+        can_be = {"unit": ", ".join(sorted(units)), "possible": " or ".join(possible)}
+        raise InputError.stated("option-value.quantity", "--quantity", value=choices.quantity, **can_be)
     dimensions = list(dict.fromkeys(_DIMENSION[name] for name in possible))
     if choices.quantity is not None:
         dimensions = [_DIMENSION.get(choices.quantity, "acceleration")]
@@ -287,9 +287,9 @@ def require_steady(file: File, rate: float) -> None:
         within = _RATE_WITHIN + steps.usual / (steps.mean * channel.samples)
         found = None if unit is None else 1 / (steps.mean * to_si(unit, "time"))
         if found is not None and abs(found / rate - 1) > within:
-            words = {"rate": rate, "name": name}
+            numbers = {"rate": rate, "name": name}
             problems.append(
-                Problem.stated("sampling-rate.option", file.name, None, name, f"{found:.4g} Hz", **words)
+                Problem.stated("sampling-rate.option", file.name, None, name, f"{found:.4g} Hz", **numbers)
             )
     if problems:
         raise InputError(problems)

@@ -95,7 +95,7 @@ def _arrays(kind: int, body: bytes, order: str, name: str | None = None) -> Iter
     if variable_class not in _NUMERIC or is_complex:
         return
     (values_kind, values), *more = list(parts)
-    kept = np.dtype(_KEPT.get(values_kind, "V1")).newbyteorder(order)
+    kept = np.dtype(f"{order}{_KEPT.get(values_kind, 'V1')}")
     if more or kept.kind == "V" or count * kept.itemsize != len(values):
         raise ValueError("a variable whose values don't fill its shape")
     yield name, np.frombuffer(values, kept).reshape(lengths, order="F").squeeze()
