@@ -102,7 +102,7 @@ class Order:
                 value, other = (
                     (now.get(name, "nothing"), was.get(name, "nothing")) if differing else (said, file)
                 )
-                words = {"name": name, "other": other, "drop": file}
+                words: dict[str, Any] = {"name": name, "other": other, "drop": file}
                 problems.append(Problem.stated("no-campaign.order", "order", at + 2, name, value, **words))
         if problems:
             raise InputError(problems)

@@ -197,7 +197,11 @@ class Watch:
                 continue
             fresh = self._judged(drop.file, drop.cells, impact, drop.sha256)
             self.drops.version += 1
-            kept = {"stamp": drop.stamp, "taken": drop.taken or fresh.taken, "further": drop.further}
+            kept: dict[str, Any] = {
+                "stamp": drop.stamp,
+                "taken": drop.taken or fresh.taken,
+                "further": drop.further,
+            }
             kept |= {"changed": self.drops.version}
             kept |= {"left_out": drop.left_out} if drop.decided or not drop.taken else {}
             self.drops.all = [replace(fresh, **kept) if each is drop else each for each in self.drops.all]
@@ -227,8 +231,12 @@ class Watch:
         given, facts = self._rows_of(by_name if self.campaign.files_by == "names" else by_time)
         problem = None
         if self.campaign.files_by is None and facts != self._rows_of(by_name)[1]:
-            words = {"value": _in_a_row(by_time), "names": _in_a_row(by_name)}
-            problem = Problem.stated("no-campaign.sequence", str(self.recordings), **words)
+            problem = Problem.stated(
+                "no-campaign.sequence",
+                str(self.recordings),
+                value=_in_a_row(by_time),
+                names=_in_a_row(by_name),
+            )
         elif len(new) > 1 and any(lacking for lacking, _ in facts.values()) and given:
             problem = Problem.stated("no-campaign.more-files", str(self.recordings), value=_in_a_row(by_time))
         elif late := self._late(given, listed):

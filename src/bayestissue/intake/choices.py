@@ -287,10 +287,8 @@ def require_steady(file: File, rate: float) -> None:
         within = _RATE_WITHIN + steps.usual / (steps.mean * channel.samples)
         found = None if unit is None else 1 / (steps.mean * to_si(unit, "time"))
         if found is not None and abs(found / rate - 1) > within:
-            numbers = {"rate": rate, "name": name}
-            problems.append(
-                Problem.stated("sampling-rate.option", file.name, None, name, f"{found:.4g} Hz", **numbers)
-            )
+            where = file.name, None, name, f"{found:.4g} Hz"
+            problems.append(Problem.stated("sampling-rate.option", *where, rate=rate, name=name))
     if problems:
         raise InputError(problems)
 

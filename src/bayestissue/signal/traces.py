@@ -109,7 +109,7 @@ def _places(traces: Sequence[Trace], n: Index, first: Column, dt: Column) -> Row
     if not bent.any():
         return None
     place = np.tile(np.arange(int(n.max()), dtype=float), (len(n), 1))
-    for row in np.flatnonzero(bent):
+    for row in np.flatnonzero(bent).tolist():
         place[row, : n[row]] = (traces[row].time_s - first[row]) / dt[row]
     return place
 

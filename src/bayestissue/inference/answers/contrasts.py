@@ -32,7 +32,7 @@ in ``note``: no ratio tells them apart unless the formula has it.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import combinations, product
@@ -290,7 +290,7 @@ def _of_equal_mass(recorded: Recorded, name: str) -> list[list[str]]:
 
 
 def _of_combinations(
-    recorded: Recorded, factors: tuple[str, ...], known: Sequence[str]
+    recorded: Recorded, factors: tuple[str, ...], known: Collection[str]
 ) -> Iterator[Contrast]:
     """Combinations that differ in one column but the person, each, and averaged over all that are alike.
 

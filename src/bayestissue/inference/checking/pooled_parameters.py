@@ -142,7 +142,7 @@ def _deviations(
         conditions: list[Condition] = [
             {column: values[row] for column, values in labels.items()} for row in range(len(rows))
         ]
-        expected = log_at_levels(draws, recorded, name, conditions, follow=False)
+        expected = log_at_levels(draws, recorded, name, conditions)
     z = (logs - expected) / draws[sd_impact(parameter)].to_numpy()[..., None]
     return logs.reshape(-1, len(rows)).T, z.reshape(-1, len(rows)).T
 
