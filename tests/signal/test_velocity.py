@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from impacts_bench import Impact, Lab, record
 
+import bayestissue as bt
 from bayestissue.signal.quality import inspect
 
 NUMBER = 12
@@ -60,3 +61,15 @@ def test_a_condition_whose_velocity_is_wrong_is_named():
     words = said(here)
     assert not any(words[:6])
     assert all("so in all of condition high" in text for text in words[6:])
+
+
+@pytest.mark.parametrize("late", [True, False])
+def test_a_recording_that_begins_amid_the_force_is_named_as_such_and_not_as_a_wrong_unit(late):
+    impact = Impact(OMEGA, ZETA, velocity=1.534)
+    time = np.arange(14e-3 if late else -1e-2, 0.04, 1e-4)
+    value = impact.deceleration(time) * (1.0 if late else 0.1)
+    row = {"impact": ["i"], "subject": "s", "trial": "t", "mass_kg": 0.5, "velocity_m_s": 1.534}
+    with pytest.raises(bt.InputError) as refused:
+        bt.dataset(row, [(time - time[0], value)], quantity="deceleration", unit="m/s^2")
+    codes = {problem.code for problem in refused.value.problems}
+    assert codes == {"starts-above-zero" if late else "velocity-off"}
