@@ -42,10 +42,10 @@ def uneven(
         np.arange(time.size) - np.repeat(begin, count)
     )
     stray = np.maximum.reduceat(np.abs(time - even), begin)
-    found = ~(stray <= EVEN_WITHIN * step)
-    for which in np.flatnonzero(found):
-        found[which] = not _rounded(time[start[which] : start[which + 1]], step[which])
-    return found
+    is_uneven = ~(stray <= EVEN_WITHIN * step)
+    for which in np.flatnonzero(is_uneven):
+        is_uneven[which] = not _rounded(time[start[which] : start[which + 1]], step[which])
+    return is_uneven
 
 
 def _rounded(time: Float64[np.ndarray, " sample"], step: float) -> bool:

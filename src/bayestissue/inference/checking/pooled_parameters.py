@@ -90,7 +90,7 @@ def pooled_parameters(posterior: xr.Dataset, recorded: Recorded, element: Elemen
     Returns:
         Each such parameter and factor that differs; the level of chance is shared by all that are asked.
     """
-    rows, asked = some_impacts(len(recorded.rows)), []
+    rows, tested = some_impacts(len(recorded.rows)), []
     for extra in element.extra:
         if extra.name not in posterior:
             continue
@@ -105,32 +105,32 @@ def pooled_parameters(posterior: xr.Dataset, recorded: Recorded, element: Elemen
             p = min(1.0, 2 * float(np.median(_anova(z, grouping.code))))
             middle = np.exp(np.median(_means(logs, grouping.code), axis=1))
             medians = dict(zip(map(str, grouping.levels), map(float, middle), strict=True))
-            asked.append(Pooled(extra.name, grouping.name, term, p, medians, extra.unit))
-    return [one for one in asked if one.p < _BY_CHANCE / len(asked)]
+            tested.append(Pooled(extra.name, grouping.name, term, p, medians, extra.unit))
+    return [one for one in tested if one.p < _BY_CHANCE / len(tested)]
 
 
 def _lacking(recorded: Recorded, name: str) -> dict[str, tuple[str, ...]]:
     """The factors of the formulas of K and C that a parameter's lacks, by the term that it would have."""
-    own = set(columns_named(recorded.formulas.get(name, "1")))
+    columns = set(columns_named(recorded.formulas.get(name, "1")))
     terms: dict[tuple[str, ...], str] = {}
     for response in RESPONSES:
         for column in recorded.categories(response):
             terms[(column,)] = f"C({column})" if recorded.is_number(column) else column
         for term in group_terms(recorded.formulas.get(response, "1")):
             terms.setdefault(term.factors, str(GroupTerm(term.factors)))
-    return {term: factors for factors, term in terms.items() if not set(factors) <= own}
+    return {term: factors for factors, term in terms.items() if not set(factors) <= columns}
 
 
 def _deviations(
     posterior: xr.Dataset, recorded: Recorded, name: str, rows: Int[np.ndarray, " row"]
 ) -> tuple[Float[np.ndarray, "row draw"], Float[np.ndarray, "row draw"]]:
     """Of some draws: log theta of some impacts, and z."""
-    own, draws = posterior[name], posterior
-    if "kept_draw" in own.dims:
+    theta, draws = posterior[name], posterior
+    if "kept_draw" in theta.dims:
         draws = posterior.isel(draw=posterior["kept_draw"].to_numpy())
     step = max(1, draws.sizes["chain"] * draws.sizes["draw"] // _DRAWS)
     draws = draws.isel(draw=slice(None, None, step))
-    logs = np.log(own.transpose("chain", ..., "impact").to_numpy()[:, ::step][..., rows])
+    logs = np.log(theta.transpose("chain", ..., "impact").to_numpy()[:, ::step][..., rows])
     parameter, formula = parameter_of(name), recorded.formulas.get(name)
     expected = draws[intercept(parameter)].to_numpy()[..., None]
     if formula is not None:

@@ -66,9 +66,9 @@ def log_probability(
     early = jnp.arange(reach) >= reach - record.contact.n_before[:, None]
     observed = jnp.concatenate([early, record.observed()], axis=1)
     parts = jnp.concatenate([rows.residual[:, :, None], columns], axis=2)
-    seen = jnp.where(observed[:, None, None], parts, 0.0)
+    observed_parts = jnp.where(observed[:, None, None], parts, 0.0)
     # [part, part, cell, impact] and [error, sample, cell, impact]
-    gram = jnp.einsum("icar,icbr->abci", seen, seen)
+    gram = jnp.einsum("icar,icbr->abci", observed_parts, observed_parts)
     count = observed.sum(-1) + 0.0
     products = Products(gram, jnp.zeros_like(count), count)
     further = jnp.transpose(columns[..., reach:], (2, 3, 1, 0))

@@ -60,7 +60,7 @@ def suspected(signal: Displacements) -> Suspected:
     """
     used = np.arange(signal.x.shape[1]) < signal.n_samples[:, None]
     start = law.Start(
-        signal.place, signal.dt, signal.x[:, 0] + signal.equilibrium, signal.v[:, 0], signal.gravity
+        signal.sample_number, signal.dt, signal.x[:, 0] + signal.equilibrium, signal.v[:, 0], signal.gravity
     )
     peak = np.where(used, signal.deceleration, 0).max(axis=1)
     with np.errstate(all="ignore"):
@@ -71,9 +71,9 @@ def suspected(signal: Displacements) -> Suspected:
     odd = fdtrc(count, freedom, plain / count / variance) < ALARMS
     columns = np.full((len(peak), 3), np.nan)
     # A filter is tried on even times.
-    asked = odd & (signal.n_samples >= 12) & (signal.n_before >= 4) & ~signal.uneven
-    asked &= ~signal.clipped.any(axis=1)
-    for row in np.flatnonzero(asked):
+    tried = odd & (signal.n_samples >= 12) & (signal.n_before >= 4) & ~signal.uneven
+    tried &= ~signal.clipped.any(axis=1)
+    for row in np.flatnonzero(tried):
         columns[row] = _asked(signal, int(row), plain[row], variance[row], freedom[row])
     return Suspected(*columns.T)
 

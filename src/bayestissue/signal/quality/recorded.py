@@ -34,7 +34,7 @@ class Recorded:
     Attributes:
         value: [impact, sample], as recorded, its offset included.
         inside: [impact, sample], where there is a sample.
-        place: [impact, sample], times since the first sample, in intervals.
+        sample_number: [impact, sample], times since the first sample, in intervals.
         dt: [impact], sampling interval, s.
         peak: [impact], the greatest value above the median of the rest before contact, or above 0.
         top: [impact], where it is.
@@ -45,7 +45,7 @@ class Recorded:
 
     value: Rows
     inside: Mask
-    place: Rows
+    sample_number: Rows
     dt: Column
     peak: Column
     top: Index
@@ -83,7 +83,7 @@ class Recorded:
         return cls(
             value,
             inside,
-            recordings.places,
+            recordings.sample_numbers,
             recordings.dt,
             peak,
             top,
