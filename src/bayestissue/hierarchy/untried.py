@@ -13,7 +13,6 @@ from bayestissue.hierarchy.levels import Recorded
 
 # Of more categories a group has an effect for each, and no covariate.
 _MOST_CATEGORIES = 6
-_SHOWN = 4
 
 
 def untried(recorded: Recorded) -> list[dict[str, Any]]:
@@ -38,11 +37,11 @@ def _tried(recorded: Recorded, name: str) -> dict[str, Any]:
     return {"column": name, "number": number, "varies": varies, "formula": str(terms) if accepted else ""}
 
 
-def untried_words(columns: Sequence[Mapping[str, Any] | str]) -> list[str]:
+def untried_words(columns: Sequence[Mapping[str, Any] | str], shown: int = 4) -> list[str]:
     """A question for each of the first columns, with the formula to try; of earlier versions names alone."""
     known = [{"column": column} if isinstance(column, str) else column for column in columns]
-    words = [_question(column) for column in known[:_SHOWN]]
-    if further := [str(column["column"]) for column in known[_SHOWN:]]:
+    words = [_question(column) for column in known[:shown]]
+    if further := [str(column["column"]) for column in known[shown:]]:
         words.append(Coded(f"Also not in the formula: {', '.join(further)}.", "columns-not-used"))
     return words
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 from bayestissue.dataset.chain import Quantity
-from bayestissue.dataset.recordings import MIN_SAMPLES
+from bayestissue.dataset.recordings import MIN_SAMPLES, RATE_WITHIN
 from bayestissue.dataset.units import EXAMPLES, Dimension, to_si
 from bayestissue.errors import InputError, Problem
 from bayestissue.intake.folder import ChannelSummary, File, RecorderFolder
@@ -34,7 +34,6 @@ _FALLS = (
     "how it moves at contact: straight down (drop), or across gravity, as a pendulum at its lowest point "
     "does (none)"
 )
-_RATE_WITHIN = 0.01
 _ALIKE = "for all recordings alike, or of each by --pattern or --table"
 
 
@@ -284,7 +283,7 @@ def require_steady(file: File, rate: float) -> None:
             problems.append(Problem.stated("sampling-rate.gap", file.name, steps.gap, name, words, name=name))
             continue
         # The ends of a span are as coarse as its steps.
-        within = _RATE_WITHIN + steps.usual / (steps.mean * channel.samples)
+        within = RATE_WITHIN + steps.usual / (steps.mean * channel.samples)
         measured = None if unit is None else 1 / (steps.mean * to_si(unit, "time"))
         if measured is not None and abs(measured / rate - 1) > within:
             where = file.name, None, name, f"{measured:.4g} Hz"

@@ -19,8 +19,6 @@ from bayestissue.errors import InputError, Problem
 from bayestissue.outline import first_of
 
 _DIGITS = re.compile(r"(\d+)")
-# Of the steps of a channel of times in which some samples are out of order.
-_FALLING = 0.05
 
 
 @dataclass(frozen=True)
@@ -43,12 +41,15 @@ class Steps:
     gap: int | None
 
     @classmethod
-    def from_values(cls, values: np.ndarray, first_row: int) -> Steps | None:
-        """None of a channel that falls at more than one in twenty steps, or that has no end of numbers."""
+    def from_values(cls, values: np.ndarray, first_row: int, falling: float = 0.05) -> Steps | None:
+        """None of a channel that falls at more than a share ``falling`` of steps, or ends in no number.
+
+        A few steps fall in a channel of times of which some samples are out of order.
+        """
         if values.size < 3 or not np.isfinite(values).all() or not values[-1] > values[0]:
             return None
         step = np.diff(values)
-        if np.mean(step < 0) > _FALLING:
+        if np.mean(step < 0) > falling:
             return None
         usual = float(np.median(step[step > 0]))
         low, high = np.quantile(step[step > 0], [0.05, 0.95])

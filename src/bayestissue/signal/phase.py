@@ -38,9 +38,6 @@ _SURE = 0.95
 # Of log evidence: contact that is declared to be at a sample is at the first one unless the other is clearly
 # more likely.
 _CLEAR = 3.0
-# The least squares look for contact in so many sampling intervals.
-_WIDTH = 5.0
-_NODES = 65
 
 
 class ContactEvidence(NamedTuple):
@@ -129,18 +126,27 @@ def phase_of(evidence: ContactEvidence, velocity_sd: Column, declared: Contact |
     return Phase(float(first), float(before), judged=True) if begins_there or between < 0.5 else BETWEEN
 
 
-def _log_evidence(evidence: ContactEvidence, velocity_sd: Column) -> list[float]:
-    """Log evidence of contact at the first sample, at the one before, between, and of anywhere about them."""
+def _log_evidence(
+    evidence: ContactEvidence, velocity_sd: Column, width: float = 5.0, nodes: int = 65
+) -> list[float]:
+    """Log evidence of contact at the first sample, at the one before, between, and of anywhere about them.
+
+    Args:
+        evidence: by each trace.
+        velocity_sd: of the velocity and gain together, as a fraction of it.
+        width: sampling intervals in which the least squares look for contact.
+        nodes: of the integral over the velocity's error.
+    """
     t, s, moved = (
         part[evidence.bracketed] / evidence.dt[evidence.bracketed]
         for part in (evidence.before_s, evidence.sd, evidence.by_velocity)
     )
     s = np.hypot(s, _LEAST_SD)
-    nodes = norm.ppf((np.arange(_NODES) + 0.5) / _NODES)[:, None]
-    shifted = t + nodes * moved * velocity_sd[evidence.bracketed]
+    quantiles = norm.ppf((np.arange(nodes) + 0.5) / nodes)[:, None]
+    shifted = t + quantiles * moved * velocity_sd[evidence.bracketed]
     at = [norm.logpdf(shifted, centre, s) for centre in (0.0, 1.0)]
-    within = [_log_within(shifted - 0.5, width, s) for width in (1.0, _WIDTH)]
-    return [float(logsumexp(part.sum(axis=1)) - np.log(_NODES)) for part in (*at, *within)]
+    within = [_log_within(shifted - 0.5, interval, s) for interval in (1.0, width)]
+    return [float(logsumexp(part.sum(axis=1)) - np.log(nodes)) for part in (*at, *within)]
 
 
 def _log_within(t: np.ndarray, width: float, sd: Column) -> np.ndarray:

@@ -29,7 +29,6 @@ from bayestissue.hierarchy.levels import Recorded
 from bayestissue.inference.answers.grammar import Node, Operation, QuestionError, claims
 from bayestissue.inference.answers.meaning import draws_of, is_response, quantities
 
-_DRAWS = 5
 # Of the greater side; no parameter of a fit is known as well.
 _ROUNDING = 1e-9
 # Of what is compared: a change of parameters of about 1 that changes it by less is rounding.
@@ -182,11 +181,11 @@ def _value_if_fixed(sides: Sequence[Node], recorded: Recorded, posterior: xr.Dat
     return float(difference.mean()) if np.ptp(difference) <= _ROUNDING * greatest else None
 
 
-def _any_parameters(recorded: Recorded, responses: Sequence[str]) -> xr.Dataset:
-    """Draws of all parameters of some responses, each by itself."""
-    rng, shape = np.random.default_rng(0), (1, _DRAWS)
+def _any_parameters(recorded: Recorded, responses: Sequence[str], count: int = 5) -> xr.Dataset:
+    """So many draws of all parameters of some responses, each by itself."""
+    rng, shape = np.random.default_rng(0), (1, count)
     drawn: dict[str, tuple[tuple[str, ...], np.ndarray]] = {}
-    coords: dict[str, object] = {"chain": [0], "draw": np.arange(_DRAWS)}
+    coords: dict[str, object] = {"chain": [0], "draw": np.arange(count)}
     for q in responses:
         covariates, groups = recorded.at(q, [{}])
         names = [intercept(parameter_of(q)), *(common_coefficient(name, q) for name in covariates)]

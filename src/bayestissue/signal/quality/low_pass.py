@@ -24,6 +24,7 @@ from bayestissue.signal.displacement import BEFORE, Displacements
 from bayestissue.signal.filters import answers
 from bayestissue.signal.integration import trapezoids
 from bayestissue.signal.quality import law
+from bayestissue.signal.quality.recorded import WORTH
 from bayestissue.signal.traces import Column
 
 # Of false alarms a sound recording, for each of the two ways in which one may come about.
@@ -66,7 +67,7 @@ def suspected(signal: Displacements) -> Suspected:
     with np.errstate(all="ignore"):
         plain = law.best_left(signal.deceleration, used, start, np.ones_like(signal.x))
     variance = signal.noise_sd**2 + (law.MISFIT * peak) ** 2
-    freedom = np.maximum(0.3 * signal.n_samples, 1)
+    freedom = np.maximum(WORTH * signal.n_samples, 1)
     count = np.maximum(signal.n_samples - 4, 1)
     odd = fdtrc(count, freedom, plain / count / variance) < ALARMS
     columns = np.full((len(peak), 3), np.nan)

@@ -24,7 +24,7 @@ _MEDIAN = 7
 # gone by since contact; a force that only fades takes longer to end than it took to rise.
 _LOW, _FOOT, _TAIL = 0.2, 0.5, 0.6
 # The share of third differences that the noise estimate, a median of correlated values, is worth.
-_WORTH = 0.3
+WORTH = 0.3
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class Recorded:
     @property
     def freedom(self) -> Column:
         """Degrees of freedom of ``sd``, about."""
-        return np.maximum(_WORTH * self.inside.sum(axis=1), 1)
+        return np.maximum(WORTH * self.inside.sum(axis=1), 1)
 
     @property
     def quiet(self) -> Mask:

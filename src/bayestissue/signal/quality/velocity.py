@@ -27,11 +27,13 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float
 from scipy.special import fdtrc, logsumexp
-from scipy.stats import chi2
+from scipy.stats import chi2, median_abs_deviation
 
 from bayestissue.dataset.chain import STANDARD_GRAVITY
 from bayestissue.signal.displacement import Displacements
 from bayestissue.signal.integration import trapezoids
+from bayestissue.signal.quality.law import MISFIT
+from bayestissue.signal.quality.recorded import WORTH
 from bayestissue.signal.start import LeastSquares
 from bayestissue.signal.traces import Column, Mask, Rows, at
 
@@ -44,17 +46,13 @@ _STATED = len(_STEPS)
 _ROUNDS, _SMALL, _RIDGE = 4, 1e-5, 1e-3
 # Less than this moves K by less than 5 %; one impact less than this apart may be one of its own condition.
 _LEAST, _APART = 0.02, 0.08
-# Of the peak: what integration and the elements' own laws leave.
-_MISFIT = 0.0015
+# Below this probability no velocity leaves noise alone.
 _UNEXPLAINED = 1e-3
 _FEWEST, _PARAMETERS = 12, 4
-# What the noise estimate, a median of correlated values, is worth of as many samples.
-_WORTH = 0.3
 # Of a group's impacts, that some velocity has to explain.
 _MAJORITY = 0.5
 # To say that an impact lies apart from the others of its condition.
 _OTHERS, _SPREADS = 4, 6.0
-_NORMAL_MAD = 1.4826
 
 
 class Implied(NamedTuple):
@@ -121,8 +119,8 @@ def implied(
     )
     freedom = np.maximum(n - _PARAMETERS, 1)
     least = np.maximum([-_peak(-row)[1] for row in squares], 0)
-    floor = noise_sd**2 + (_MISFIT * peak) ** 2
-    explained = fdtrc(freedom, np.maximum(_WORTH * n, 1), least / freedom / floor) > _UNEXPLAINED
+    floor = noise_sd**2 + (MISFIT * peak) ** 2
+    explained = fdtrc(freedom, np.maximum(WORTH * n, 1), least / freedom / floor) > _UNEXPLAINED
     explained &= (n >= _FEWEST) & np.isfinite(squares[:, _STATED]) & (noise_sd > 0)
     # What a sensor cut off is no part of the integrals.
     explained &= ~(signal.clipped != 0).any(axis=1)
@@ -247,7 +245,8 @@ def _apart(implied: Implied, trial: np.ndarray) -> Mask:
         if len(rows) <= _OTHERS:
             continue
         deviation = np.abs(fraction[rows] - np.median(fraction[rows]))
-        apart[rows] = deviation > np.maximum(_SPREADS * _NORMAL_MAD * np.median(deviation), np.log1p(_APART))
+        spread = median_abs_deviation(fraction[rows], scale="normal")
+        apart[rows] = deviation > max(_SPREADS * spread, np.log1p(_APART))
     return apart
 
 
