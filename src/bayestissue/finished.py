@@ -321,14 +321,14 @@ def read_run(path: str | Path) -> Fit:
         InputError: it is not such a folder, or its files are damaged.
     """
     folder = Path(path)
-    about = read_about(folder)
-    if about["kind"] != "fit" or not isinstance(about.get("model"), dict):
-        raise InputError(not_a_fit(folder, about, _AGAIN))
+    record = read_about(folder)
+    if record["kind"] != "fit" or not isinstance(record.get("model"), dict):
+        raise InputError(not_a_fit(folder, record, _AGAIN))
     require_files(folder, ["posterior.nc", "diagnostics.json"])
     # An earlier version wrote no draws of the prior.
     needed = {name: () for name in GROUPS if name != "prior"}
     tree = open_tree(folder / "posterior.nc", needed, _AGAIN)
-    return Fit(about, tree, read_json(folder / "diagnostics.json"), cache(partial(_stored, folder)), folder)
+    return Fit(record, tree, read_json(folder / "diagnostics.json"), cache(partial(_stored, folder)), folder)
 
 
 def _stored(folder: Path, name: str) -> pd.DataFrame:
@@ -381,10 +381,10 @@ def write_run(fit: Fit, folder: Path, say: Say | None = None, *, excel: results.
     if fit.folder is not None and (truth := fit.folder / "truth.csv").is_file():
         shutil.copyfile(truth, folder / "truth.csv")
     results.write_json(fit.diagnostics, folder / "diagnostics.json")
-    about, dataset = fit.about, fit.dataset_folder
+    record, dataset = fit.about, fit.dataset_folder
     if dataset is not None:
-        about = about | {"dataset_folder": _from_folder(dataset, folder)}
-    results.write_json(about, folder / "run.json")
+        record = record | {"dataset_folder": _from_folder(dataset, folder)}
+    results.write_json(record, folder / "run.json")
 
 
 def _from_folder(path: Path, folder: Path) -> str:

@@ -37,11 +37,11 @@ class Words:
     Attributes:
         nouns: the table ``[words]`` of ``dataset.toml``: the noun of one by "subject", "trial" and "impact",
             that of several by "subjects", "trials" and "impacts"; with an s unless it is there.
-        kept: the user's own texts, such as names of levels, which stay as they are.
+        unchanged: the user's own texts, such as names of levels, which stay as they are.
     """
 
     nouns: Mapping[str, str]
-    kept: Collection[str] = ()
+    unchanged: Collection[str] = ()
 
     @cached_property
     def _replacements(self) -> dict[str, str]:
@@ -66,10 +66,10 @@ class Words:
         if not self._replacements:
             return None
         nouns = "|".join(self._replacements)
-        own = [text for text in self.kept if re.search(rf"\b({nouns})\b", text, re.IGNORECASE)]
-        kept = "|".join(re.escape(text) for text in sorted(own, key=len, reverse=True))
+        ambiguous = [text for text in self.unchanged if re.search(rf"\b({nouns})\b", text, re.IGNORECASE)]
+        unchanged = "|".join(re.escape(text) for text in sorted(ambiguous, key=len, reverse=True))
         return re.compile(
-            rf"{f'(?P<kept>{kept})|' if kept else ''}"
+            rf"{f'(?P<unchanged>{unchanged})|' if unchanged else ''}"
             rf"(?<![\w`./:-])(?:(?P<article>an?)(?P<space>\s+))?(?P<noun>{nouns})(?![\w`]|[.:]\w|[/=])",
             re.IGNORECASE,
         )
@@ -79,7 +79,7 @@ class Words:
         return self._pattern.sub(self._replaced, text) if self._pattern else text
 
     def _replaced(self, match: re.Match[str]) -> str:
-        if match.groupdict().get("kept"):
+        if match.groupdict().get("unchanged"):
             return match[0]
         noun = self._replacements[match["noun"].lower()]
         noun = noun if match["noun"][0].islower() else noun[:1].upper() + noun[1:]
@@ -95,7 +95,7 @@ class Words:
         parts = _NO_PROSE.split(html)
         # Of each match the split has the whole and the name of its element.
         texts = [self(text) for text in parts[::3]]
-        others = [_TOLD.sub(lambda told: self(told[0]), whole) for whole in parts[1::3]]
+        others = [_TOLD.sub(lambda match: self(match[0]), whole) for whole in parts[1::3]]
         return "".join(piece for pair in zip(texts, [*others, ""], strict=True) for piece in pair)
 
     def chart(self, specification: Any) -> Any:

@@ -100,6 +100,8 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Bench:
 
     monkeypatch.setattr(watching, "Study", lambda _: NoStudy())
     monkeypatch.setattr(watching, "impact_of", judged)
+    # Drops here are no recordings, of which all together say something.
+    monkeypatch.setattr(Watch, "_another_velocity", lambda *_: "")
     monkeypatch.setattr(watching, "dataset_of", lambda *args: checked_row(made, *args))
     monkeypatch.setattr(watching, "several", lambda data: 1 + (data.impact in made.spoilt))
     return made

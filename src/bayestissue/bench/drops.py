@@ -214,16 +214,16 @@ class Drops:
         Raises:
             InputError: a table can't be used; it stays as it is, and the drops as they were.
         """
-        found = {name: _digest(self.folder / name) for name in (IMPACTS, LEFT_OUT)}
-        other = [name for name, digest in found.items() if digest not in self._known(name)]
-        if not other:
+        digests = {name: _digest(self.folder / name) for name in (IMPACTS, LEFT_OUT)}
+        changed = [name for name, digest in digests.items() if digest not in self._known(name)]
+        if not changed:
             return
-        table = self._table() if IMPACTS in other and found[IMPACTS] else None
+        table = self._table() if IMPACTS in changed and digests[IMPACTS] else None
         stated = reasons(self.folder)
         renamed, gone = self._corrected_by(table) if table is not None else ({}, set[str]())
-        if LEFT_OUT in other or renamed:
+        if LEFT_OUT in changed or renamed:
             self._decided_by(stated, renamed, gone)
-        self._digests |= {name: (found[name], found[name]) for name in other}
+        self._digests |= {name: (digests[name], digests[name]) for name in changed}
         self.pending = True
 
     def _known(self, name: str) -> tuple[str, str]:
@@ -362,7 +362,7 @@ class Drops:
         before = self.all
         drop.changed = self.version = self.version + 1
         known = self.of_file(earlier or drop.file)
-        self.all = [drop if each is known else each for each in before] + [drop] * (known is None)
+        self.all = [drop if listed is known else listed for listed in before] + [drop] * (known is None)
         self.refused = [name for name in self.refused if name != drop.file]
         self._write_or(lambda: setattr(self, "all", before))
 
@@ -418,8 +418,8 @@ class Drops:
         self._wanted = self._texts()
         tables = {}
         for name, text in self._wanted.items():
-            found, known = _digest(self.folder / name), self._known(name)
-            tables[name] = found if found in known else known[1], _digest_of(text.encode())
+            digest, known = _digest(self.folder / name), self._known(name)
+            tables[name] = digest if digest in known else known[1], _digest_of(text.encode())
         memory = _Memory(
             self.all,
             self.rows,

@@ -99,10 +99,10 @@ class Order:
             differing = [k for k in {**was, **now} if was.get(k) != now.get(k)]
             if differing or (said and self.row_for(file, {at: {}}) is None):
                 name = differing[0] if differing else FILE
-                value, other = (
+                value, earlier = (
                     (now.get(name, "nothing"), was.get(name, "nothing")) if differing else (said, file)
                 )
-                words: dict[str, Any] = {"name": name, "other": other, "drop": file}
+                words: dict[str, Any] = {"name": name, "other": earlier, "drop": file}
                 problems.append(Problem.stated("no-campaign.order", "order", at + 2, name, value, **words))
         if problems:
             raise InputError(problems)

@@ -189,10 +189,14 @@ def configured(app: Starlette) -> uvicorn.Server:
 
     class Connection(H11Protocol):
         def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-            open_ones = [each for each in self.connections if isinstance(each, Connection) and each.is_open()]
-            silent = [each for each in open_ones if each.is_silent()]
+            open_ones = [
+                connection
+                for connection in self.connections
+                if isinstance(connection, Connection) and connection.is_open()
+            ]
+            silent = [connection for connection in open_ones if connection.is_silent()]
             if len(open_ones) >= _MOST_CONNECTIONS - 1 and silent:
-                min(silent, key=lambda each: each.since).transport.close()
+                min(silent, key=lambda connection: connection.since).transport.close()
             super().connection_made(transport)
             self.since = self.loop.time()
             self.loop.call_later(_PATIENCE_S, self.end_if_nothing_came)

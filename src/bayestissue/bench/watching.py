@@ -184,7 +184,7 @@ class Watch:
             self.drops.by_hand()
         except InputError as error:
             self._waiting = error
-            self._once(f"{_in_short(error.problems[0], place=True)} Its tables wait for that")
+            self._once(f"{_in_short(error.problems[0], located=True)} Its tables wait for that")
         notes, self.drops.notes = self.drops.notes, []
         corrected, self.drops.corrected = self.drops.corrected, []
         for note in notes:
@@ -197,14 +197,16 @@ class Watch:
                 continue
             fresh = self._judged(drop.file, drop.cells, impact, drop.sha256)
             self.drops.version += 1
-            kept: dict[str, Any] = {
+            fields: dict[str, Any] = {
                 "stamp": drop.stamp,
                 "taken": drop.taken or fresh.taken,
                 "further": drop.further,
             }
-            kept |= {"changed": self.drops.version}
-            kept |= {"left_out": drop.left_out} if drop.decided or not drop.taken else {}
-            self.drops.all = [replace(fresh, **kept) if each is drop else each for each in self.drops.all]
+            fields |= {"changed": self.drops.version}
+            fields |= {"left_out": drop.left_out} if drop.decided or not drop.taken else {}
+            self.drops.all = [
+                replace(fresh, **fields) if earlier is drop else earlier for earlier in self.drops.all
+            ]
             self._impacts[drop.impact, drop.sha256] = impact
             self.say(self.line(self.drops.named(drop.impact)))
         if corrected or notes:
@@ -217,7 +219,7 @@ class Watch:
         rows, drops = self.drops.rows, self.drops
         for name in [name for name in rows if name not in listed and not drops.of_file(name)]:
             del rows[name]
-            drops.refused = [other for other in drops.refused if other != name]
+            drops.refused = [refused for refused in drops.refused if refused != name]
         taken = {drop.file for drop in drops}
         new = [n for n in listed if n not in rows and n not in taken and n not in self._follower.settled]
         if not new or not self.order.rows:
@@ -228,7 +230,7 @@ class Watch:
         alone = {name for name in new if shapes[_shape(name)] == 1 < max(shapes.values())}
         by_name = sorted(new, key=lambda name: (name in alone, natural(name)))
         by_time = sorted(by_name, key=lambda name: (name in alone, listed[name].modified_ns))
-        given, facts = self._rows_of(by_name if self.campaign.files_by == "names" else by_time)
+        row_of, facts = self._rows_of(by_name if self.campaign.files_by == "names" else by_time)
         problem = None
         if self.campaign.files_by is None and facts != self._rows_of(by_name)[1]:
             problem = Problem.stated(
@@ -237,17 +239,17 @@ class Watch:
                 value=_in_a_row(by_time),
                 names=_in_a_row(by_name),
             )
-        elif len(new) > 1 and any(lacking for lacking, _ in facts.values()) and given:
+        elif len(new) > 1 and any(lacking for lacking, _ in facts.values()) and row_of:
             problem = Problem.stated("no-campaign.more-files", str(self.recordings), value=_in_a_row(by_time))
-        elif late := self._late(given, listed):
+        elif late := self._late(row_of, listed):
             problem = Problem.stated("no-campaign.late", str(self.recordings), value=late)
         if problem:
             self._waiting = InputError(problem)
             self.last = str(self.recordings), Verdict("look", _in_short(problem))
             self._once(f"{self.recordings}: look: {_in_short(problem)}")
             return set(new)
-        if given:
-            rows.update(given)
+        if row_of:
+            rows.update(row_of)
             drops.write()
         return set()
 
@@ -255,7 +257,7 @@ class Watch:
         """The rows that files take one after the other, and whether facts of each lack, and which it has."""
         people = list(dict.fromkeys(str(drop.cells["subject"]) for drop in self.drops))
         left = self._left()
-        given: dict[str, int] = {}
+        row_of: dict[str, int] = {}
         facts: dict[str, tuple[bool, Any]] = {}
         for name in names:
             suffix = suffix_of(Path(name))
@@ -263,10 +265,10 @@ class Watch:
             if "subject" in named and str(named["subject"]) not in people:
                 people.append(str(named["subject"]))
             now = self.order.named(people)
-            free = {at: now[at] for at in left if at not in given.values()}
+            free = {at: now[at] for at in left if at not in row_of.values()}
             at = self.order.row_for(name, free, named, columns(self.drops.chosen, "page"))
             if at is not None:
-                given[name] = at
+                row_of[name] = at
             try:
                 row = {} if at is None else now[at]
                 cells = self.campaign.cells(name, suffix, _as_text(row), self.drops.chosen)
@@ -274,12 +276,12 @@ class Watch:
                 facts[name] = False, None
             else:
                 facts[name] = not cells.keys() >= {*wanted(needs_velocity=True)[1:]}, cells
-        return given, facts
+        return row_of, facts
 
-    def _late(self, given: Mapping[str, int], listed: Mapping[str, Stamp]) -> str:
+    def _late(self, row_of: Mapping[str, int], listed: Mapping[str, Stamp]) -> str:
         """Which file comes behind another that has an earlier row, though neither time nor name says so."""
         rows = self.order.rows
-        for name, at in given.items() if not any(self.order.files) else ():
+        for name, at in row_of.items() if not any(self.order.files) else ():
             for drop in self.drops:
                 earlier = natural(name) < natural(drop.file)
                 earlier &= listed[name].modified_ns <= drop.stamp.modified_ns
@@ -433,8 +435,8 @@ class Watch:
             return known.cells
         if moved is not None:
             said = self.campaign.named(moved.file, suffix)
-            kept = {k: v for k, v in moved.cells.items() if k not in said and k not in ("impact", "trace")}
-            return kept | (
+            cells = {k: v for k, v in moved.cells.items() if k not in said and k not in ("impact", "trace")}
+            return cells | (
                 columns(self.campaign.pattern.read(name, suffix), name) if self.campaign.pattern else {}
             )
         at = self.drops.rows.get(name)
@@ -527,10 +529,10 @@ def facts_words(cells: Cells) -> str:
     return ", ".join(f"{name} {v:g}" if isinstance(v, float) else f"{name} {v}" for name, v in cells.items())
 
 
-def _in_short(problem: Problem, *, place: bool = False) -> str:
-    """What is wrong with a file that can't be used; its ``place`` too, where its name isn't said anyway."""
+def _in_short(problem: Problem, *, located: bool = False) -> str:
+    """What is wrong with a file that can't be used; ``located`` where its name isn't said anyway."""
     short = f"found {problem.value}; expected {problem.expected}. {problem.remedy}"
-    return str(problem) if place else printable(short)
+    return str(problem) if located else printable(short)
 
 
 def _in_a_row(names: Sequence[str]) -> str:

@@ -23,10 +23,6 @@ if TYPE_CHECKING:
     from bayestissue.signal import SignalOptions
 
 
-# What takes no longer needs no lines in a log.
-_PATIENCE_S = 30.0
-
-
 def run(
     dataset: DatasetFolder,
     out: Out,
@@ -81,7 +77,7 @@ def run(
         choices = {choice: alternatives(choice, options) for choice in vary or ()}
         data = read_dataset(dataset, skip_bad=skip_bad)
         method = method or method_for(data, options)
-        with on_cluster(scheduler), Stages(quiet=quiet, patience_s=_PATIENCE_S) as say:
+        with on_cluster(scheduler), Stages(quiet=quiet, patience_s=30.0) as say:
             table = estimate(data, method=method, options=options, say=say)
             varied = _varied(data, method, choices) if choices else None
         with target.folder() as staging:

@@ -140,8 +140,8 @@ def column_problems(
     problems, listed = [], ", ".join(names) or "no column names"
     written = {column.lower(): column for column in reversed(names)}
     for name in [name for name in wanted if name not in names]:
-        place = re.compile(rf"{re.escape(name)} \(column \d+\)")
-        if places := ", ".join(filter(place.fullmatch, names)):
+        numbered = re.compile(rf"{re.escape(name)} \(column \d+\)")
+        if places := ", ".join(filter(numbered.fullmatch, names)):
             problems.append(Problem.stated("column-names.place", label, row or 1, name, name, names=places))
             continue
         near = difflib.get_close_matches(name.lower(), list(written), n=1)

@@ -16,14 +16,13 @@ from jaxtyping import Float64
 from bayestissue.dataset.chain import STANDARD_GRAVITY
 from bayestissue.dataset.limits import FLAT_SAMPLES
 from bayestissue.dataset.motion import Motion, motion
-from bayestissue.dataset.recordings import EVEN_WITHIN, MIN_SAMPLES, Recordings, Samples, uneven
+from bayestissue.dataset.recordings import EVEN_WITHIN, MIN_SAMPLES, RATE_WITHIN, Recordings, Samples, uneven
 from bayestissue.dataset.settings import FILE
 from bayestissue.dataset.twins import twins
 from bayestissue.errors import Problem
 
 # With half of a quantity as its standard deviation, none of it at all lies within two of them.
 _MOST = 0.5
-_RATE_WITHIN = 0.01
 _FALL_WITHIN = 0.05
 # The answer of a low-pass of the second order to the shortest blow of all rises for 0.17 over its corner.
 _SLOWEST = 0.15
@@ -106,8 +105,8 @@ def _clock_problems(recordings: Recordings) -> Iterator[Problem]:
         numbers = {"within": EVEN_WITHIN, "reason": needs_even}
         yield recordings.problem("uneven-times.recording", which, words, at=at, column=column, **numbers)
     rate = (samples.count - 1 + samples.lost) / samples.duration
-    off = (np.abs(rate / stated - 1) > _RATE_WITHIN) & np.isfinite(stated)
-    limits = {"stated": stated, "within": _RATE_WITHIN}
+    off = (np.abs(rate / stated - 1) > RATE_WITHIN) & np.isfinite(stated)
+    limits = {"stated": stated, "within": RATE_WITHIN}
     yield from recordings.where(off, "sampling-rate.impacts", "{:g} Hz", rate, column=column, **limits)
     slow, short = mean > _LONGEST_STEP_S, (samples.duration > 0) & (samples.duration < _SHORTEST_S)
     limits = {"longest": _LONGEST_STEP_S, "shortest": _SHORTEST_S}

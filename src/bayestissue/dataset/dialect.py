@@ -234,8 +234,8 @@ class _Lines:
         """The record with the names of the columns; None where there is none."""
         usual = self._names_above_numbers(named=named)
         hits = [len(set(wanted) & {*record.bare, *_by_place(record.bare)}) for record in self.records]
-        found = [record for record, hit in zip(self.records, hits, strict=True) if hit == max(hits) > 0]
-        return usual if not found or usual in found else found[0]
+        best = [record for record, hit in zip(self.records, hits, strict=True) if hit == max(hits) > 0]
+        return usual if not best or usual in best else best[0]
 
     def _names_above_numbers(self, *, named: bool) -> _Record | None:
         if named or not self.number_columns:

@@ -317,8 +317,8 @@ def _require_near(data: bytes, label: str) -> None:
             last = max(map(int, set(_ROW.findall(content))), default=1)
             far = max({name.upper() for name in _COLUMN.findall(content)}, key=_number_of, default=b"A")
             if last * _number_of(far) * _CELL_BYTES > largest():
-                place = f"cells as far as column {far.decode()} and row {last}"
-                raise InputError.stated("file-too-large.cells", label, value=place)
+                extent = f"cells as far as column {far.decode()} and row {last}"
+                raise InputError.stated("file-too-large.cells", label, value=extent)
 
 
 def _number_of(column: bytes) -> int:

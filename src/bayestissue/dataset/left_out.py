@@ -82,8 +82,8 @@ def reason_of(problem: Problem) -> str:
     if problem.code == "left-out":
         return str(problem.value).removeprefix(NEVER_READ)
     title = entries()[problem.code].title
-    found = "" if problem.value is None else f": {problem.value}"
-    return " ".join(printable(f"{title[:1].lower()}{title[1:]}{found}").split())
+    value = "" if problem.value is None else f": {problem.value}"
+    return " ".join(printable(f"{title[:1].lower()}{title[1:]}{value}").split())
 
 
 def write_left_out(folder: Path, by_impact: Mapping[str, str]) -> None:

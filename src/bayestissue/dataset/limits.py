@@ -32,9 +32,9 @@ def at_limit(
         quantity: what was recorded.
         stated: the lower and the upper limit, m/s² or m; None where none is known.
     """
-    found = np.zeros(samples.value.size, np.int8)
+    clipped = np.zeros(samples.value.size, np.int8)
     if not samples.impact.size:
-        return found
+        return clipped
     with np.errstate(invalid="ignore"):
         if stated is not None:
             low, high = (
@@ -46,18 +46,18 @@ def at_limit(
             limit = _shared(samples, sign)
             if limit is not None:
                 close = np.abs(samples.value - limit) <= _SAME * np.abs(limit)
-                found[close] = sign
+                clipped[close] = sign
     whole = samples.only(np.logical_and.reduceat(np.isfinite(samples.value), samples.begin))
     if not whole.impact.size:
-        return found
+        return clipped
     names = {impact: which for which, impact in enumerate(samples.impact)}
     with np.errstate(all="ignore"):
         moving = motion(whole, quantity)
         for which, _, _, limit in flat_top(whole, moving, quantity, FLAT_SAMPLES):
             mine = names[whole.impact[which]]
             here = slice(samples.begin[mine], samples.end[mine])
-            found[here][samples.value[here] == limit] = 1 if limit == moving.high[which] else -1
-    return found
+            clipped[here][samples.value[here] == limit] = 1 if limit == moving.high[which] else -1
+    return clipped
 
 
 def _shared(samples: Samples, sign: int) -> float | None:

@@ -21,6 +21,8 @@ CROP = ("crop_start_s", "crop_stop_s")
 MIN_SAMPLES = 8
 # Of a step: times that stray by no more from even ones are taken as even, as a clock of few digits has them.
 EVEN_WITHIN = 0.1
+# Of a stated sampling rate, by which that of the times may differ.
+RATE_WITHIN = 0.01
 # A clock that has rounded its times has one of so many decimals of a second.
 _DECIMALS = range(2, 6)
 
@@ -42,10 +44,10 @@ def uneven(
         np.arange(time.size) - np.repeat(begin, count)
     )
     stray = np.maximum.reduceat(np.abs(time - even), begin)
-    found = ~(stray <= EVEN_WITHIN * step)
-    for which in np.flatnonzero(found):
-        found[which] = not _rounded(time[start[which] : start[which + 1]], step[which])
-    return found
+    is_uneven = ~(stray <= EVEN_WITHIN * step)
+    for which in np.flatnonzero(is_uneven):
+        is_uneven[which] = not _rounded(time[start[which] : start[which + 1]], step[which])
+    return is_uneven
 
 
 def _rounded(time: Float64[np.ndarray, " sample"], step: float) -> bool:

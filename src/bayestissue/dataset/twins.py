@@ -42,8 +42,8 @@ def twins(samples: Samples) -> Iterator[tuple[int, int, bool]]:
             distinct.append(which)
         else:
             yield which, earlier, True
-    found = [which for which in distinct if values[which].size > 2 * _WINDOW and _varies(values[which])]
-    yield from _again([values[which] for which in found], found)
+    candidates = [which for which in distinct if values[which].size > 2 * _WINDOW and _varies(values[which])]
+    yield from _again([values[which] for which in candidates], candidates)
 
 
 def _varies(value: np.ndarray) -> bool:
@@ -102,12 +102,12 @@ def _noise(value: np.ndarray) -> float:
     return float(np.median(np.abs(np.diff(value, 5)))) / (_MEDIAN_OF_NORMAL * _FIFTH)
 
 
-def _differ(one: np.ndarray, other: np.ndarray, lag: int) -> float:
-    """The root mean square of what is left of ``one`` by a line in ``other``, ``lag`` samples before it."""
-    begin, end = max(0, lag), min(one.size, other.size + lag)
-    if 2 * (end - begin) < min(one.size, other.size):
+def _differ(first: np.ndarray, second: np.ndarray, lag: int) -> float:
+    """The root mean square of what a line in ``second``, ``lag`` samples before, leaves of ``first``."""
+    begin, end = max(0, lag), min(first.size, second.size + lag)
+    if 2 * (end - begin) < min(first.size, second.size):
         return np.inf
-    x, y = other[begin - lag : end - lag], one[begin:end]
+    x, y = second[begin - lag : end - lag], first[begin:end]
     x, y = x - x.mean(), y - y.mean()
     gain = float(x @ y) / float(x @ x) if x.any() else 0.0
     return float(np.sqrt(np.mean((y - gain * x) ** 2))) if abs(gain - 1) < _GAIN else np.inf

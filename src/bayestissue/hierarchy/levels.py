@@ -239,8 +239,10 @@ class Recorded:
         notes = []
         for name, value in condition.items():
             if name in self.rows and self.is_number(name) and isinstance(value, float):
-                low, given, high = (f"{x:.4g}" for x in (self.rows[name].min(), value, self.rows[name].max()))
-                if not float(low) <= float(given) <= float(high):
+                low, stated, high = (
+                    f"{x:.4g}" for x in (self.rows[name].min(), value, self.rows[name].max())
+                )
+                if not float(low) <= float(stated) <= float(high):
                     words = f"{name} beyond those measured, {low} to {high}"
                     notes.append(Coded(words, "beyond-measured"))
         return notes
@@ -276,13 +278,13 @@ class Recorded:
         single = [(name,) for name in self.named if name in (*self.factors, "trial")]
         several = dict.fromkeys(term.factors for term in self.terms if len(term.factors) > 1)
         others = [str(name) for name in self.rows if name not in _CHOSEN]
-        found = {}
+        followers = {}
         for factors in (*single, *sorted(several, key=len)):
             if set(factors) <= set(self.rows):
                 by = grouping_of(self.rows, factors).code
-                alike = self.rows[others].groupby(by).nunique(dropna=False).eq(1).all()
-                found[factors] = tuple(n for n in others if n not in factors and alike[n])
-        return found
+                constant = self.rows[others].groupby(by).nunique(dropna=False).eq(1).all()
+                followers[factors] = tuple(n for n in others if n not in factors and constant[n])
+        return followers
 
     def at(
         self, response: str, conditions: Sequence[Condition]
@@ -294,9 +296,9 @@ class Recorded:
         keys = [tuple(sorted(condition.items())) for condition in conditions]
         if missing := {key: c for key, c in zip(keys, conditions, strict=True) if key not in known}:
             covariates, groups = self._evaluate(response, list(missing.values()))
-            for place, key in enumerate(missing):
-                of_names = {name: values[place] for name, values in covariates.items()}
-                known[key] = of_names, {term: values[place] for term, values in groups.items()}
+            for row, key in enumerate(missing):
+                of_names = {name: values[row] for name, values in covariates.items()}
+                known[key] = of_names, {term: values[row] for term, values in groups.items()}
         columns, of_groups = zip(*(known[key] for key in keys), strict=True)
         return (
             {name: np.array([at[name] for at in columns]) for name in columns[0]},

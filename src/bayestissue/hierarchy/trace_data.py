@@ -326,7 +326,7 @@ def _deceleration_record(
     )
     if discrepancy:
         # It takes up what a wrong moment of contact does to a trace.
-        modes = discrepancy_modes(signal.n_samples, signal.place)
+        modes = discrepancy_modes(signal.n_samples, signal.sample_number)
         record = record._replace(discrepancy=modes)
     return record._replace(
         colour=colour,
@@ -344,7 +344,7 @@ def _uneven_times(signal: Displacements, reach: int) -> UnevenTimes | None:
     if not signal.uneven.any():
         return None
     # Past a row's end any times serve, but none that fall.
-    later = np.maximum.accumulate(signal.place, axis=1) * signal.dt[:, None]
+    later = np.maximum.accumulate(signal.sample_number, axis=1) * signal.dt[:, None]
     return UnevenTimes(jnp.asarray(later), jnp.asarray(signal.before_s[:, BEFORE - reach :]))
 
 

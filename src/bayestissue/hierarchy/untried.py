@@ -13,7 +13,6 @@ from bayestissue.hierarchy.levels import Recorded
 
 # Of more categories a group has an effect for each, and no covariate.
 _MOST_CATEGORIES = 6
-_SHOWN = 4
 
 
 def untried(recorded: Recorded) -> list[dict[str, Any]]:
@@ -34,16 +33,16 @@ def _tried(recorded: Recorded, name: str) -> dict[str, Any]:
         term = f"(1|{term})" if count > _MOST_CATEGORIES else term
     wanted = f"{recorded.formulas.get('K', '1')} + {term}"
     terms = judge(wanted, recorded.rows, recorded.reference_mass_kg).terms
-    told = term in (*terms.common, *map(str, terms.groups))
-    return {"column": name, "number": number, "varies": varies, "formula": str(terms) if told else ""}
+    accepted = term in (*terms.common, *map(str, terms.groups))
+    return {"column": name, "number": number, "varies": varies, "formula": str(terms) if accepted else ""}
 
 
-def untried_words(columns: Sequence[Mapping[str, Any] | str]) -> list[str]:
+def untried_words(columns: Sequence[Mapping[str, Any] | str], shown: int = 4) -> list[str]:
     """A question for each of the first columns, with the formula to try; of earlier versions names alone."""
     known = [{"column": column} if isinstance(column, str) else column for column in columns]
-    words = [_question(column) for column in known[:_SHOWN]]
-    if rest := [str(column["column"]) for column in known[_SHOWN:]]:
-        words.append(Coded(f"Also not in the formula: {', '.join(rest)}.", "columns-not-used"))
+    words = [_question(column) for column in known[:shown]]
+    if further := [str(column["column"]) for column in known[shown:]]:
+        words.append(Coded(f"Also not in the formula: {', '.join(further)}.", "columns-not-used"))
     return words
 
 
@@ -51,8 +50,8 @@ def _question(column: Mapping[str, Any]) -> str:
     name, varies, formula = (column.get(key, "") for key in ("column", "varies", "formula"))
     words = f"{name} varies{f' ({varies})' if varies else ''} and is not in the formula"
     if formula:
-        asked = f"change with {name}" if column.get("number") else f"differ by {name}"
-        words += f": does K {asked}? --K {_shell(str(formula))}"
+        difference = f"change with {name}" if column.get("number") else f"differ by {name}"
+        words += f": does K {difference}? --K {_shell(str(formula))}"
     else:
         words += ": what differs there counts as scatter between impacts."
     return Coded(words, "columns-not-used")

@@ -144,14 +144,14 @@ def build(
 
 def _reasons(problems: Iterable[Problem], recordings: RecorderFolder, used: set[str]) -> dict[str, str]:
     """For each recording or impact that is left out why, as `left_out.csv` has it."""
-    found: dict[str, list[str]] = {}
+    reasons: dict[str, list[str]] = {}
     known = {*(file.name for file in recordings.files), *(problem.file for problem in recordings.problems)}
     for problem in problems:
         name = problem.impact or _impact_name(problem.file.removesuffix(suffix_of(Path(problem.file))))
         name = problem.file if name in used else name
         if problem.impact or problem.file in known:
-            found.setdefault(name, []).append(reason_of(problem))
-    return {name: f"{NEVER_READ}{'; '.join(dict.fromkeys(why))}" for name, why in found.items()}
+            reasons.setdefault(name, []).append(reason_of(problem))
+    return {name: f"{NEVER_READ}{'; '.join(dict.fromkeys(why))}" for name, why in reasons.items()}
 
 
 def _impact_name(bare: str) -> str:

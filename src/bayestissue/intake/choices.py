@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 from bayestissue.dataset.chain import Quantity
-from bayestissue.dataset.recordings import MIN_SAMPLES
+from bayestissue.dataset.recordings import MIN_SAMPLES, RATE_WITHIN
 from bayestissue.dataset.units import EXAMPLES, Dimension, to_si
 from bayestissue.errors import InputError, Problem
 from bayestissue.intake.folder import ChannelSummary, File, RecorderFolder
@@ -34,7 +34,6 @@ _FALLS = (
     "how it moves at contact: straight down (drop), or across gravity, as a pendulum at its lowest point "
     "does (none)"
 )
-_RATE_WITHIN = 0.01
 _ALIKE = "for all recordings alike, or of each by --pattern or --table"
 
 
@@ -241,8 +240,8 @@ def _in_full(name: str | None, names: Collection[str]) -> str | None:
     """The one of ``names`` that begins so, in capitals or small; as it is where none or several do."""
     if name is None or name in names:
         return name
-    alike = [each for each in names if each.casefold().startswith(name.casefold())]
-    return alike[0] if len(alike) == 1 and name else name
+    matches = [candidate for candidate in names if candidate.casefold().startswith(name.casefold())]
+    return matches[0] if len(matches) == 1 and name else name
 
 
 def _kind_of(units: Iterable[str]) -> str:
@@ -263,8 +262,8 @@ def times_among(channels: Mapping[str, Sequence[ChannelSummary]]) -> list[str]:
     """The names of those that go up in every file, and are named for times or have a unit of time."""
     return [
         name
-        for name, each in channels.items()
-        if all(channel.steps for channel in each) and (_TIME.match(name) or _unit(each, ["time"]))
+        for name, summaries in channels.items()
+        if all(channel.steps for channel in summaries) and (_TIME.match(name) or _unit(summaries, ["time"]))
     ]
 
 
@@ -284,10 +283,10 @@ def require_steady(file: File, rate: float) -> None:
             problems.append(Problem.stated("sampling-rate.gap", file.name, steps.gap, name, words, name=name))
             continue
         # The ends of a span are as coarse as its steps.
-        within = _RATE_WITHIN + steps.usual / (steps.mean * channel.samples)
-        found = None if unit is None else 1 / (steps.mean * to_si(unit, "time"))
-        if found is not None and abs(found / rate - 1) > within:
-            where = file.name, None, name, f"{found:.4g} Hz"
+        within = RATE_WITHIN + steps.usual / (steps.mean * channel.samples)
+        measured = None if unit is None else 1 / (steps.mean * to_si(unit, "time"))
+        if measured is not None and abs(measured / rate - 1) > within:
+            where = file.name, None, name, f"{measured:.4g} Hz"
             problems.append(Problem.stated("sampling-rate.option", *where, rate=rate, name=name))
     if problems:
         raise InputError(problems)

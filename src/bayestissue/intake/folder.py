@@ -19,8 +19,6 @@ from bayestissue.errors import InputError, Problem
 from bayestissue.outline import first_of
 
 _DIGITS = re.compile(r"(\d+)")
-# Of the steps of a channel of times in which some samples are out of order.
-_FALLING = 0.05
 
 
 @dataclass(frozen=True)
@@ -43,12 +41,15 @@ class Steps:
     gap: int | None
 
     @classmethod
-    def of(cls, values: np.ndarray, first_row: int) -> Steps | None:
-        """None of a channel that falls at more than one in twenty steps, or that has no end of numbers."""
+    def from_values(cls, values: np.ndarray, first_row: int, falling: float = 0.05) -> Steps | None:
+        """None of a channel that falls at more than a share ``falling`` of steps, or ends in no number.
+
+        A few steps fall in a channel of times of which some samples are out of order.
+        """
         if values.size < 3 or not np.isfinite(values).all() or not values[-1] > values[0]:
             return None
         step = np.diff(values)
-        if np.mean(step < 0) > _FALLING:
+        if np.mean(step < 0) > falling:
             return None
         usual = float(np.median(step[step > 0]))
         low, high = np.quantile(step[step > 0], [0.05, 0.95])
@@ -191,7 +192,7 @@ def look(
                         channel.unit,
                         channel.values.size,
                         channel.clock is not None,
-                        Steps.of(channel.values, contents.first_row),
+                        Steps.from_values(channel.values, contents.first_row),
                     )
                     for key, channel in contents.channels.items()
                 },
@@ -207,9 +208,9 @@ def look(
 class _Books:
     """The workbooks among recorder files, whose sheets may be recordings."""
 
-    def __init__(self, each: bool | None) -> None:
-        """Take ``each`` sheet for a recording, or the first of a workbook alone; see `look`."""
-        self.each, self._passed_over = each, dict[str, list[str]]()
+    def __init__(self, each_sheet: bool | None) -> None:
+        """Where ``each_sheet`` is False, take the first sheet of a workbook alone; see `look`."""
+        self.each_sheet, self._passed_over = each_sheet, dict[str, list[str]]()
 
     def parts(self, path: Path) -> list[Path]:
         """The sheets of a workbook, by their names; another file as it is."""
@@ -221,9 +222,9 @@ class _Books:
             # Whoever reads it says what is wrong.
             return [path]
         self._over("hidden sheets", path, hidden)
-        if self.each is False:
+        if self.each_sheet is False:
             self._over('sheets behind the first (--pattern "{subject}.xlsx#{}" reads each)', path, shown[1:])
-        if self.each is False or not shown:
+        if self.each_sheet is False or not shown:
             return [path]
         return [path.with_name(f"{path.name}#{sheet}") for sheet in shown]
 
@@ -238,7 +239,7 @@ class _Books:
     def sorted_out(self, files: list[File], problems: list[Problem]) -> tuple[list[File], list[Problem]]:
         """The recordings, and what is wrong, without sheets that are empty or hold no recording.
 
-        A workbook of one sheet with cells has its own name, unless ``each`` is to be named or others have
+        A workbook of one sheet with cells has its own name, unless each sheet is to be named or others have
         several.
         """
         of_book: dict[Path, list[File]] = {}
@@ -246,7 +247,7 @@ class _Books:
             of_book.setdefault(of_sheet(Path(file.name))[0], []).append(file)
         blank = [p for p in problems if p.code == "no-rows" and of_sheet(Path(p.file))[0] in of_book]
         problems = [problem for problem in problems if problem not in blank]
-        if self.each is None and not problems and all(len(sheets) == 1 for sheets in of_book.values()):
+        if self.each_sheet is None and not problems and all(len(sheets) == 1 for sheets in of_book.values()):
             return [_as_a_whole(file) for file in files], problems
         recordings: list[File] = []
         for book, sheets in of_book.items():

@@ -172,8 +172,8 @@ class Pattern:
         RE2 takes time in proportion to the name; an expression of many fields that backtracks has no end.
         """
         text = name.encode(errors="replace").decode()
-        (found,) = pc.extract_regex(pa.array([text]), self._expression(lazy)).to_pylist()
-        return None if found is None else dict(zip(self.fields, found.values(), strict=True))
+        (groups,) = pc.extract_regex(pa.array([text]), self._expression(lazy)).to_pylist()
+        return None if groups is None else dict(zip(self.fields, groups.values(), strict=True))
 
     def _expression(self, lazy: str) -> str:
         pieces = []
@@ -274,24 +274,24 @@ def contradictions(file: File, facts: Mapping[str, str]) -> Iterator[Problem]:
         file: whose name is read.
         facts: by name, as text.
     """
-    given = {_kind(name): (name, text) for name, text in facts.items() if name == "side" or is_number(name)}
+    stated = {_kind(name): (name, text) for name, text in facts.items() if name == "side" or is_number(name)}
     for part in _CUTS.split(bare_name(file))[::2]:
         match = _NUMBERED.fullmatch(part)
         unit = match["after"] if match else ""
         said = "side" if part.lower() in _SIDES else _UNITS.get(unit, "")
-        if not said or _kind(said) not in given:
+        if not said or _kind(said) not in stated:
             continue
-        name, text = given[_kind(said)]
+        name, text = stated[_kind(said)]
         if said == "side":
             pairs = [pair for pair in _PAIRS if {part.lower(), text.lower()} <= pair[0] | pair[1]]
             agree = not pairs or any({part.lower(), text.lower()} <= side for side in pairs[0])
         else:
             try:
                 number = match["number"] if match else ""
-                one, other = columns({said: number}, ""), columns({name: text}, "")
+                from_name, from_facts = columns({said: number}, ""), columns({name: text}, "")
             except InputError:
                 continue
-            agree = math.isclose(float(one[fills(said)]), float(other[fills(name)]), rel_tol=1e-9)
+            agree = math.isclose(float(from_name[fills(said)]), float(from_facts[fills(name)]), rel_tol=1e-9)
         if not agree:
             key, value = "facts-of-recordings.name-says", f"{name} = {text}"
             yield Problem.stated(key, file.name, column=name, value=value, part=part)

@@ -235,10 +235,10 @@ def _table(run: FitRun) -> pd.DataFrame:
         for name in ("typical", "new"):
             rows.append([who[name], *(_cell(getattr(level, name)) for level in levels(run))])
     for (factor, level, against), part in run.contrasts.groupby(["factor", "level", "against"], sort=False):
-        alike = run.contrasts[(run.contrasts["level"] == level) & (run.contrasts["against"] == against)]
-        of = f" of {factor}" if (alike["factor"] != factor).any() else ""
+        same_levels = run.contrasts[(run.contrasts["level"] == level) & (run.contrasts["against"] == against)]
+        of_factor = f" of {factor}" if (same_levels["factor"] != factor).any() else ""
         name = "ratio of ratios" if study.kinds(run)[part.index[0]] == INTERACTION else "ratio"
-        rows.append([f"{level} over {against}{of}, {name}", *_cells(part, "ratio")])
+        rows.append([f"{level} over {against}{of_factor}, {name}", *_cells(part, "ratio")])
     rows.append(["mass exponent", *(_cell(exponent(run, by[q])) for q in QUANTITIES)])
     forms = run.reliability.set_index(["measure", "form", "unit"]).sort_index()
     for (measure, form, unit), title in _REPEATABILITY.items():

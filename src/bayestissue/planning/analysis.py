@@ -85,13 +85,13 @@ def study_of(plan: PlanSpecification, source: str) -> Study:
         InputError: a question or a belief is about what a design can't tell, a formula asks for it, or the
             model or the pilot does not suit: all that is wrong at once.
     """
-    begun = None if plan.after is None else begun_study(plan.after, Beliefs(plan.population), source)
+    earlier = None if plan.after is None else begun_study(plan.after, Beliefs(plan.population), source)
     designs = tuple(grid(plan.candidates))
-    if begun is None:
+    if earlier is None:
         model, model_source = resolve(plan.model, formulas=plan.formula)
         reference = plan.reference_mass_kg or model.reference_mass_kg or REFERENCE_MASS_KG
     else:
-        model, model_source, designs = begun.model, begun.run, begun.named(designs)
+        model, model_source, designs = earlier.model, earlier.run, earlier.named(designs)
         reference = model.reference_mass_kg or REFERENCE_MASS_KG
     problems: list[Problem] = []
     if model.likelihood != "impact":
@@ -105,21 +105,21 @@ def study_of(plan: PlanSpecification, source: str) -> Study:
             questions.append(question)
     largest = largest_of_each(designs)
     adapted = {
-        conditions: {} if begun else _adapted(model, design, questions, plan, reference)
+        conditions: {} if earlier else _adapted(model, design, questions, plan, reference)
         for conditions, design in largest.items()
     }
     judged: list[Design] = []
     for conditions, candidate in largest.items():
         formulas = model.formula.model_copy(update=adapted[conditions])
-        rows = begun.all_rows(candidate) if begun else candidate.rows()
+        rows = earlier.all_rows(candidate) if earlier else candidate.rows()
         named = source if plan.formula else model_source
         with collected(problems):
             design = build_design(formulas, rows, reference_mass_kg=reference, source=named)
             judged.append(design)
             problems += _unanswerable(design, sorted(set(rows["mass_kg"])), questions, model, source)
     problems += _unknown_beliefs(plan, judged, source)
-    prior: DesignPrior = Beliefs(plan.population) if begun is None else begun.prior
-    if begun is None and plan.pilot is not None:
+    prior: DesignPrior = Beliefs(plan.population) if earlier is None else earlier.prior
+    if earlier is None and plan.pilot is not None:
         with collected(problems):
             prior = _pilot(plan.pilot, Beliefs(plan.population), model, source)
     if problems:
@@ -129,7 +129,7 @@ def study_of(plan: PlanSpecification, source: str) -> Study:
         together.setdefault(tuple(adapted[candidate.conditions].items()), []).append(number)
     analyses = []
     for further, numbers in together.items():
-        if begun is None:
+        if earlier is None:
             model, _ = resolve(plan.model, formulas={**plan.formula, **dict(further)})
             model = model.model_copy(update={"reference_mass_kg": reference})
         analyses.append(Analysis(model, tuple(numbers)))
@@ -137,7 +137,7 @@ def study_of(plan: PlanSpecification, source: str) -> Study:
         name: simulation_of(recording, recorder=plan.recorder, gravity=plan.gravity)
         for name, recording in plan.recordings.items()
     }
-    running = None if begun is None else begun.running
+    running = None if earlier is None else earlier.running
     return Study(plan, designs, tuple(analyses), _goals(plan), prior, simulations, running)
 
 

@@ -183,8 +183,8 @@ def design_words(design: Content, content: Content) -> str:
 def _group_words(factor: Content, people: int) -> str:
     """How many people belong to each level of a group: "4 treated and 4 control by group"."""
     levels = list(factor["levels"])
-    each = [people // len(levels) + (number < people % len(levels)) for number in range(len(levels))]
-    named = [f"{count} {level}" for count, level in zip(each, levels, strict=True)]
+    sizes = [people // len(levels) + (number < people % len(levels)) for number in range(len(levels))]
+    named = [f"{count} {level}" for count, level in zip(sizes, levels, strict=True)]
     return f"{factor['name']}: {listed(named)}"
 
 

@@ -248,8 +248,8 @@ def init_page(
 
 def _nouns(dataset: Dataset) -> Words:
     names = dataset.impacts.select_dtypes(exclude="number")
-    own = {str(value) for name in names for value in names[name].unique()}
-    return Words(dataset.words, {dataset.name, dataset.description, *own})
+    labels = {str(value) for name in names for value in names[name].unique()}
+    return Words(dataset.words, {dataset.name, dataset.description, *labels})
 
 
 def _init_panel(index: int, *, dataset: Dataset, signal: Displacements) -> Panel:

@@ -76,7 +76,8 @@ def read_about(folder: Path) -> dict[str, Any]:
         expected = "a file that every finished run holds"
         raise InputError(wrong_in(path, expected, value="no such file", code="not-a-run"))
     if problems := [
-        wrong_in(folder / name, written, value=found) for name, (written, found) in damaged(folder).items()
+        wrong_in(folder / name, written, value=current)
+        for name, (written, current) in damaged(folder).items()
     ]:
         raise InputError(problems)
     record = read_json(path)

@@ -18,9 +18,9 @@ PREDICTED = {
 }
 
 
-def nouns_of(record: Mapping[str, Any], kept: Iterable[str] = ()) -> Words:
-    """What a run's dataset calls people, conditions and impacts; its name and ``kept`` stay as they are."""
-    return Words(record.get("words", {}), {str(record.get("dataset", "")), *map(str, kept)})
+def nouns_of(record: Mapping[str, Any], unchanged: Iterable[str] = ()) -> Words:
+    """What a run's dataset calls people, conditions and impacts; its name and ``unchanged`` stay."""
+    return Words(record.get("words", {}), {str(record.get("dataset", "")), *map(str, unchanged)})
 
 
 def decimals_of(width: float) -> int:

@@ -76,14 +76,14 @@ def damaged(folder: Path) -> dict[str, tuple[str, str]]:
     """
     mark = _read(folder / MARK)
     sizes, hashes = (mark.get(key, {}) for key in ("files", "sha256"))
-    found: dict[str, tuple[str, str]] = {}
+    changes: dict[str, tuple[str, str]] = {}
     for name in (name for name in _files(folder) if name in sizes and name not in _PAGES):
-        about = (folder / name).stat()
-        if about.st_size != sizes[name]:
-            found[name] = f"{sizes[name]} bytes, as they were written", f"{about.st_size} bytes"
-        elif name in hashes and _known(folder / name, about.st_mtime_ns, about.st_size) != hashes[name]:
-            found[name] = "the bytes that were written", "as many others: it was edited, or damaged"
-    return found
+        status = (folder / name).stat()
+        if status.st_size != sizes[name]:
+            changes[name] = f"{sizes[name]} bytes, as they were written", f"{status.st_size} bytes"
+        elif name in hashes and _known(folder / name, status.st_mtime_ns, status.st_size) != hashes[name]:
+            changes[name] = "the bytes that were written", "as many others: it was edited, or damaged"
+    return changes
 
 
 @cache

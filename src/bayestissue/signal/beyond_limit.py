@@ -97,9 +97,9 @@ def _fitted(
         wide = 1e-9 * lasts
         low = np.array([np.log(1e-3 * omega), 2 * np.log(0.1 * omega), bounds[0] - wide])
         high = np.array([np.log(1e2 * omega), 2 * np.log(1e2 * omega), bounds[1] + wide])
-        found = least_squares(left, start, bounds=(low, high), x_scale=[1.0, 1.0, lasts])
-        if found.cost < least_left:
-            best, least_left = found.x, found.cost
+        fit = least_squares(left, start, bounds=(low, high), x_scale=[1.0, 1.0, lasts])
+        if fit.cost < least_left:
+            best, least_left = fit.x, fit.cost
         if least_left < _WELL * stop:
             break
     return None if best is None else model(best, time + best[2])

@@ -197,10 +197,10 @@ def from_time_zero(recordings: Recordings) -> tuple[Index, Column]:
     # Times are sums and quotients in floating point: a millionth of an interval counts as no time.
     since = -recordings.start / recordings.dt - 1e-6
     first = np.ceil(since).astype(int)
-    if recordings.place is not None:
-        first = first_where(recordings.inside & (recordings.place >= since[:, None]), recordings.n)
+    if recordings.sample_number is not None:
+        first = first_where(recordings.inside & (recordings.sample_number >= since[:, None]), recordings.n)
     first = np.clip(first, 0, recordings.n - 1)
-    return first, np.maximum(recordings.start + recordings.place_of(first) * recordings.dt, 0)
+    return first, np.maximum(recordings.start + recordings.sample_number_of(first) * recordings.dt, 0)
 
 
 def _first_baseline(recordings: Recordings, peak: Column, last_below: LastBelow) -> Column:

@@ -16,7 +16,7 @@ from bayestissue.signal.contact import Onset, displacement_contact, find_onset
 from bayestissue.signal.filters import ahead_s, low_pass
 from bayestissue.signal.integration import cumulative, derivatives
 from bayestissue.signal.options import SignalOptions
-from bayestissue.signal.phase import BETWEEN, Phase, Told, phase_of
+from bayestissue.signal.phase import BETWEEN, ContactEvidence, Phase, phase_of
 from bayestissue.signal.start import Start, find_start
 from bayestissue.signal.traces import (
     Column,
@@ -90,8 +90,8 @@ class Displacements:
         deceleration: [impact, sample], m/s², offset removed and filtered; along gravity force over mass.
         n_samples: [impact], samples in the window.
         dt: [impact], sampling interval, s; of uneven times the mean one.
-        place: [impact, sample], when each sample of x was, since the first one, in sampling intervals: 0, 1,
-            2 and so on where times are even.
+        sample_number: [impact, sample], times of x since the first sample, in sampling intervals: 0, 1, 2 and
+            so on where times are even, else between whole numbers.
         uneven: [impact], whether times are uneven.
         clipped: [impact, sample], 1 where the deceleration stands at the sensor's upper limit, -1 at its
             lower one, else 0; x and v are then of a deceleration that goes on beyond.
@@ -128,7 +128,7 @@ class Displacements:
     deceleration: Rows
     n_samples: Index
     dt: Column
-    place: Rows
+    sample_number: Rows
     uneven: Mask
     clipped: Rows
     mass: Column
@@ -163,7 +163,7 @@ class Displacements:
     @property
     def since_contact_s(self) -> Rows:
         """[impact, sample], when each sample of x was, s."""
-        return self.first_sample_s[:, None] + self.place * self.dt[:, None]
+        return self.first_sample_s[:, None] + self.sample_number * self.dt[:, None]
 
 
 def displacements(dataset: RecordedImpacts, options: SignalOptions | None = None) -> Displacements:
@@ -197,19 +197,19 @@ def displacements(dataset: RecordedImpacts, options: SignalOptions | None = None
 
     if dataset.quantity == "displacement":
         return _in_blocks(lambda rows: _recorded(*recordings(rows)), len(mass), longest)
-    told: list[Told] = []
+    evidence: list[ContactEvidence] = []
 
-    def asked(rows: slice) -> Displacements:
+    def with_evidence(rows: slice) -> Displacements:
         signal, of_block = _integrated(*recordings(rows))
-        told.append(of_block)
+        evidence.append(of_block)
         return signal
 
-    signal = _in_blocks(asked, len(mass), longest)
+    signal = _in_blocks(with_evidence, len(mass), longest)
     if dataset.recorder is not None:
         # No force jumps behind a low-pass, and contact has no interval of its own.
         return signal
     sd = np.hypot(dataset.uncertainty.velocity_sd_m_s / velocity, dataset.uncertainty.relative_gain_sd)
-    joined = Told(*map(np.concatenate, zip(*told, strict=True)))
+    joined = ContactEvidence(*map(np.concatenate, zip(*evidence, strict=True)))
     phase = phase_of(joined, sd, dataset.contact)
     if phase.kind != "between":
         signal = _in_blocks(lambda rows: _integrated(*recordings(rows), phase)[0], len(mass), longest)
@@ -234,8 +234,8 @@ def integrated(
 
     def block(rows: slice) -> Displacements:
         value, n, start, dt = recordings.value, recordings.n, recordings.start, recordings.dt
-        place = None if recordings.place is None else recordings.place[rows]
-        part = Recordings(value[rows], n[rows], start[rows], dt[rows], recordings.ahead_s, place)
+        sample_number = None if recordings.sample_number is None else recordings.sample_number[rows]
+        part = Recordings(value[rows], n[rows], start[rows], dt[rows], recordings.ahead_s, sample_number)
         return _integrated(part, mass[rows], velocity[rows], np.zeros_like(mass[rows]), options)[0]
 
     return _in_blocks(block, len(mass), recordings.value.shape[1])
@@ -248,7 +248,7 @@ def _integrated(
     gravity: Column,
     options: SignalOptions,
     phase: Phase = BETWEEN,
-) -> tuple[Displacements, Told]:
+) -> tuple[Displacements, ContactEvidence]:
     onset = find_onset(recordings, options)
     offset = onset.offset if options.remove_offset else np.zeros_like(onset.offset)
     removed = onset.quiet & options.remove_offset
@@ -259,7 +259,9 @@ def _integrated(
     if recordings.clipped is not None:
         clipped = from_sample(replace(recordings, value=recordings.clipped), onset.first).value
         moments = velocity, gravity, onset.least, onset.most
-        through = beyond_limit(recorded, clipped, part.inside, part.places * part.dt[:, None], *moments)
+        through = beyond_limit(
+            recorded, clipped, part.inside, part.sample_numbers * part.dt[:, None], *moments
+        )
         part = replace(part, value=through)
     if options.filter != "none":
         part = replace(part, value=low_pass(part.value, part.dt, options.filter))
@@ -267,18 +269,18 @@ def _integrated(
     slows = d - gravity[:, None]
     first = cumulative(replace(part, value=slows), options.integration)
     second = cumulative(replace(part, value=first), options.integration)
-    asked = (onset.most > onset.least) & (onset.most < 1.5 * dt) & ~onset.blurred & ~part.uneven
-    at_ends = (np.where(asked, phase.first, 0.0), np.where(asked, phase.before, 0.0))
-    place = part.places
+    bracketed = (onset.most > onset.least) & (onset.most < 1.5 * dt) & ~onset.blurred & ~part.uneven
+    at_ends = (np.where(bracketed, phase.first, 0.0), np.where(bracketed, phase.before, 0.0))
+    sample_number = part.sample_numbers
     start = find_start(
-        d, first, second, inside, place, dt, velocity, onset.least, onset.most, gravity, at_ends
+        d, first, second, inside, sample_number, dt, velocity, onset.least, onset.most, gravity, at_ends
     )
-    time = place * dt[:, None]
+    time = sample_number * dt[:, None]
     v = start.v[:, None] - first
     x = start.x[:, None] + start.v[:, None] * time - second
     # The last sample clear of great noise is one that the noise has lifted.
     pushed = inside & (still_pushed(d, inside, onset.noise_sd) | onset.blurred[:, None])
-    stop = zero_velocity(slows, v, x, inside, pushed, place, dt, velocity)
+    stop = zero_velocity(slows, v, x, inside, pushed, sample_number, dt, velocity)
     contact_words = "contact as chosen is more than 1 ms from where the trace shows it"
     flags = {
         Coded("velocity does not reach zero", "no-zero-velocity"): ~stop.reached,
@@ -291,7 +293,7 @@ def _integrated(
         noise_sd=onset.noise_sd, **_before(recordings, onset, offset),
     )  # fmt: skip
     at_zero = np.abs(part.start[:, None] - np.array([0.0, 1.0]) * dt[:, None]) < 1e-6 * dt[:, None]
-    return signal, Told(start.free, start.free_sd, start.by_velocity, dt, asked, at_zero)
+    return signal, ContactEvidence(start.free, start.free_sd, start.by_velocity, dt, bracketed, at_zero)
 
 
 def _before(recordings: Recordings, onset: Onset, offset: Column) -> dict[str, Any]:
@@ -300,7 +302,7 @@ def _before(recordings: Recordings, onset: Onset, offset: Column) -> dict[str, A
     value = np.take_along_axis(recordings.value, np.maximum(index, 0), axis=1) - offset[:, None]
     # In great noise the quiet part ends well before, and tells the offset: it must not do so twice.
     count = onset.first - np.where(onset.blurred, onset.quiet_samples, 0)
-    since_first = recordings.place_of(index) - recordings.place_of(onset.first)[:, None]
+    since_first = recordings.sample_number_of(index) - recordings.sample_number_of(onset.first)[:, None]
     return {
         "before": np.where(index >= 0, value, 0.0),
         "before_s": since_first * recordings.dt[:, None],
@@ -357,7 +359,7 @@ def _windowed(
     """The motion (x, v and deceleration) over the window; ``columns`` are attributes as they are."""
     x, _, deceleration = motion
     since_contact, noise = start.since_contact, columns["noise_sd"]
-    moved = since_contact, deceleration, x, part.inside, part.places, part.dt, noise
+    moved = since_contact, deceleration, x, part.inside, part.sample_numbers, part.dt, noise
     n = samples_in(options.window, stop, *moved)
     at_limit = clipped != 0
     below = (at_limit[:, : int(n.max())] & (np.arange(int(n.max())) < n[:, None])).sum(axis=1)
@@ -378,7 +380,7 @@ def _windowed(
         deceleration=deceleration,
         n_samples=n,
         dt=part.dt,
-        place=part.places[:, : used.shape[1]],
+        sample_number=part.sample_numbers[:, : used.shape[1]],
         uneven=part.uneven,
         clipped=clipped,
         equilibrium=equilibrium,

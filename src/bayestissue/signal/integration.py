@@ -38,7 +38,7 @@ def cumulative(recordings: Recordings, rule: Rule) -> Rows:
     spline through the samples takes the quintics' place; its error is of fourth order in the step.
     """
     y, dt = recordings.value, recordings.dt[:, None]
-    if recordings.place is not None:
+    if recordings.sample_number is not None:
         return _of_uneven(recordings, rule)
     if rule == "trapezoidal" or y.shape[1] < 6:
         return trapezoids(y, dt)
@@ -49,7 +49,7 @@ def cumulative(recordings: Recordings, rule: Rule) -> Rows:
 
 
 def _of_uneven(recordings: Recordings, rule: Rule) -> Rows:
-    y, time = recordings.value, recordings.places * recordings.dt[:, None]
+    y, time = recordings.value, recordings.sample_numbers * recordings.dt[:, None]
     if rule == "trapezoidal" or y.shape[1] < 6:
         return trapezoids(y, np.diff(time, axis=1))
     # Imported here as in `derivatives`.

@@ -38,19 +38,16 @@ _SURE = 0.95
 # Of log evidence: contact that is declared to be at a sample is at the first one unless the other is clearly
 # more likely.
 _CLEAR = 3.0
-# The least squares look for contact in so many sampling intervals.
-_WIDTH = 5.0
-_NODES = 65
 
 
-class Told(NamedTuple):
+class ContactEvidence(NamedTuple):
     """What each trace by itself says of contact, each [impact].
 
     Attributes:
         before_s, sd: from contact to the first sample in contact, by least squares, and its error, s.
         by_velocity: by how much that grows where the velocity is greater than stated, s per fraction of it.
         dt: the sampling interval, s.
-        asked: contact was in the one interval before the first sample in contact.
+        bracketed: contact was in the one interval before the first sample in contact.
         at_zero: the clock's 0 is at the first sample in contact (column 0), or at the one before (column 1).
     """
 
@@ -58,7 +55,7 @@ class Told(NamedTuple):
     sd: Column
     by_velocity: Column
     dt: Column
-    asked: Mask
+    bracketed: Mask
     at_zero: Float[np.ndarray, "impact 2"]
 
 
@@ -100,21 +97,21 @@ class Phase(NamedTuple):
 BETWEEN, _FIRST, _BEFORE = Phase(), Phase(first=1.0), Phase(before=1.0)
 
 
-def phase_of(told: Told, velocity_sd: Column, declared: Contact | None) -> Phase:
+def phase_of(evidence: ContactEvidence, velocity_sd: Column, declared: Contact | None) -> Phase:
     """Where contact falls in all recordings.
 
     Args:
-        told: by each trace.
+        evidence: by each trace.
         velocity_sd: of the velocity and gain together, as a fraction of it.
         declared: what ``dataset.toml`` says, if it does.
     """
-    if declared == "between" or not (told.asked.any() or declared):
+    if declared == "between" or not (evidence.bracketed.any() or declared):
         return BETWEEN
-    prior = np.where(told.at_zero[told.asked].all(axis=0), _ON_SAMPLE, 0.0)
+    prior = np.where(evidence.at_zero[evidence.bracketed].all(axis=0), _ON_SAMPLE, 0.0)
     begins_there = prior.any()
     if not begins_there:
         prior[:] = _ON_SAMPLE / 2
-    *accounts, anywhere = _log_evidence(told, velocity_sd)
+    *accounts, anywhere = _log_evidence(evidence, velocity_sd)
     if declared:
         return _BEFORE if accounts[1] > accounts[0] + _CLEAR else _FIRST
     if max(accounts) < anywhere:
@@ -129,17 +126,27 @@ def phase_of(told: Told, velocity_sd: Column, declared: Contact | None) -> Phase
     return Phase(float(first), float(before), judged=True) if begins_there or between < 0.5 else BETWEEN
 
 
-def _log_evidence(told: Told, velocity_sd: Column) -> list[float]:
-    """Log evidence of contact at the first sample, at the one before, between, and of anywhere about them."""
+def _log_evidence(
+    evidence: ContactEvidence, velocity_sd: Column, width: float = 5.0, nodes: int = 65
+) -> list[float]:
+    """Log evidence of contact at the first sample, at the one before, between, and of anywhere about them.
+
+    Args:
+        evidence: by each trace.
+        velocity_sd: of the velocity and gain together, as a fraction of it.
+        width: sampling intervals in which the least squares look for contact.
+        nodes: of the integral over the velocity's error.
+    """
     t, s, moved = (
-        part[told.asked] / told.dt[told.asked] for part in (told.before_s, told.sd, told.by_velocity)
+        part[evidence.bracketed] / evidence.dt[evidence.bracketed]
+        for part in (evidence.before_s, evidence.sd, evidence.by_velocity)
     )
     s = np.hypot(s, _LEAST_SD)
-    nodes = norm.ppf((np.arange(_NODES) + 0.5) / _NODES)[:, None]
-    shifted = t + nodes * moved * velocity_sd[told.asked]
+    quantiles = norm.ppf((np.arange(nodes) + 0.5) / nodes)[:, None]
+    shifted = t + quantiles * moved * velocity_sd[evidence.bracketed]
     at = [norm.logpdf(shifted, centre, s) for centre in (0.0, 1.0)]
-    within = [_log_within(shifted - 0.5, width, s) for width in (1.0, _WIDTH)]
-    return [float(logsumexp(part.sum(axis=1)) - np.log(_NODES)) for part in (*at, *within)]
+    within = [_log_within(shifted - 0.5, interval, s) for interval in (1.0, width)]
+    return [float(logsumexp(part.sum(axis=1)) - np.log(nodes)) for part in (*at, *within)]
 
 
 def _log_within(t: np.ndarray, width: float, sd: Column) -> np.ndarray:

@@ -57,7 +57,7 @@ def find_start(
     first_integral: Rows,
     second_integral: Rows,
     inside: Mask,
-    place: Rows,
+    sample_number: Rows,
     dt: Column,
     velocity: Column,
     least: Column,
@@ -77,7 +77,7 @@ def find_start(
         first_integral: [impact, sample], the integral of d − g from that sample, m/s.
         second_integral: [impact, sample], the integral of that, m.
         inside: [impact, sample], true where there is a sample.
-        place: [impact, sample], times since the first sample, in sampling intervals.
+        sample_number: [impact, sample], times since the first sample, in sampling intervals.
         dt: [impact], sampling interval, s.
         velocity: [impact], at contact, m/s.
         least: [impact], s; equal to ``most`` where contact is known.
@@ -91,10 +91,10 @@ def find_start(
     left = np.clip(left - 0.03 * velocity, 0.5 * velocity, velocity)
     stopped = first_where((first_integral >= left[:, None]) & inside, inside.sum(axis=1) - 1)
     used = inside & (np.arange(inside.shape[1]) <= stopped[:, None])
-    duration = np.where(stopped > 0, at(place, stopped), 1.0) * dt
+    duration = np.where(stopped > 0, at(sample_number, stopped), 1.0) * dt
     fall = gravity * duration / velocity
     problem = LeastSquares.from_recordings(
-        deceleration, first_integral, second_integral, used, place, dt, velocity, duration, fall
+        deceleration, first_integral, second_integral, used, sample_number, dt, velocity, duration, fall
     )
     low, high = least / duration, most / duration
     with np.errstate(all="ignore"):
@@ -151,7 +151,7 @@ class LeastSquares:
         first: Rows,
         second: Rows,
         used: Mask,
-        place: Rows,
+        sample_number: Rows,
         dt: Column,
         velocity: Column,
         duration: Column,
@@ -159,7 +159,7 @@ class LeastSquares:
     ) -> LeastSquares:
         """The products over the ``used`` samples; arguments as of `find_start`, ``fall`` in these units."""
         unit = (velocity * duration)[:, None]
-        time = place * (dt / duration)[:, None]
+        time = sample_number * (dt / duration)[:, None]
         rows = np.stack([np.ones_like(d), time, first / velocity[:, None], second / unit], axis=1)
         basis = np.where(used[:, None, :], rows, 0)
         target = np.where(used, d * (duration / velocity)[:, None], 0)
@@ -204,8 +204,8 @@ class LeastSquares:
         fall, count = (self.fall[:, None] / ratio).ravel(), np.repeat(self.count, len(ratio))
         scaled = LeastSquares(self.basis[:0], target, gram, moment, count, fall)
         low, high = np.repeat(low, len(ratio)), np.repeat(high, len(ratio))
-        found = scaled._within(scaled._descend((low + high) / 2, low, high), low, high)
-        return found.reshape(-1, len(ratio), 3)
+        parameters = scaled._within(scaled._descend((low + high) / 2, low, high), low, high)
+        return parameters.reshape(-1, len(ratio), 3)
 
     def _descend(self, delta: Column, low: Column, high: Column) -> np.ndarray:
         ab = self.fit_given(self._first_guess(delta), delta)

@@ -34,8 +34,8 @@ class Recordings:
     """Rows padded with zeros: ``value`` [impact, sample], and per impact length, start and interval (s).
 
     For ``ahead_s`` before contact a recorder's filter that is run backwards too has an answer. Where times
-    are uneven the interval is the mean one, and ``place`` says where each sample lies, [impact, sample],
-    counted in intervals from the first; None where all are even. Where some sample stands at the sensor's
+    are uneven the interval is the mean one, and ``sample_number`` is the time of each sample since the first
+    in intervals, [impact, sample]; None where all are even. Where some sample stands at the sensor's
     limit, ``clipped`` is 1 or -1 there and else 0, [impact, sample]; None where none does.
     """
 
@@ -44,7 +44,7 @@ class Recordings:
     start: Column
     dt: Column
     ahead_s: float = 0.0
-    place: Rows | None = None
+    sample_number: Rows | None = None
     clipped: Rows | None = None
 
     def signed(self, sign: float) -> Recordings:
@@ -53,31 +53,31 @@ class Recordings:
         return replace(self, value=sign * self.value, clipped=clipped)
 
     @property
-    def places(self) -> Rows:
-        """Where each sample lies, in intervals from the first one; past a row's end evenly on."""
-        if self.place is not None:
-            return self.place
+    def sample_numbers(self) -> Rows:
+        """The ``sample_number`` of even times too: 0, 1, 2 and so on; past a row's end evenly on."""
+        if self.sample_number is not None:
+            return self.sample_number
         return np.broadcast_to(np.arange(self.value.shape[1], dtype=float), self.value.shape)
 
-    def place_of(self, index: Int[np.ndarray, "impact ..."]) -> Float[np.ndarray, "impact ..."]:
-        """Where samples of these numbers lie; beyond either end evenly on."""
-        if self.place is None:
+    def sample_number_of(self, index: Int[np.ndarray, "impact ..."]) -> Float[np.ndarray, "impact ..."]:
+        """The ``sample_number`` at these indices; beyond either end evenly on."""
+        if self.sample_number is None:
             return index.astype(float)
         index = index.reshape(len(self.n), -1)
         inside = np.clip(index, 0, (self.n - 1)[:, None])
-        found = np.take_along_axis(self.place, inside, axis=1) + (index - inside)
-        return found[:, 0] if found.shape[1] == 1 else found
+        number = np.take_along_axis(self.sample_number, inside, axis=1) + (index - inside)
+        return number[:, 0] if number.shape[1] == 1 else number
 
     def span(self, begin: Index, end: Index) -> Column:
         """From one sample of each row to another, s."""
-        return (self.place_of(end) - self.place_of(begin)) * self.dt
+        return (self.sample_number_of(end) - self.sample_number_of(begin)) * self.dt
 
     @property
     def uneven(self) -> Mask:
         """Which rows, [impact], have uneven times."""
-        if self.place is None:
+        if self.sample_number is None:
             return np.zeros(len(self.n), bool)
-        return (self.place != np.arange(self.place.shape[1])).any(axis=1)
+        return (self.sample_number != np.arange(self.sample_number.shape[1])).any(axis=1)
 
     @property
     def inside(self) -> Mask:
@@ -99,19 +99,19 @@ def stack(traces: Sequence[Trace]) -> Recordings:
         for row, limit in enumerate(limits):
             clipped[row, : n[row]] = 0 if limit is None else limit
     dt = (last - first) / np.maximum(n - 1, 1)
-    place = _places(traces, n, first, dt)
-    return Recordings(value, n, first, dt, place=place, clipped=clipped)
+    sample_number = _sample_numbers(traces, n, first, dt)
+    return Recordings(value, n, first, dt, sample_number=sample_number, clipped=clipped)
 
 
-def _places(traces: Sequence[Trace], n: Index, first: Column, dt: Column) -> Rows | None:
-    """See `Recordings.place`."""
+def _sample_numbers(traces: Sequence[Trace], n: Index, first: Column, dt: Column) -> Rows | None:
+    """See `Recordings.sample_number`."""
     bent = uneven(np.concatenate([trace.time_s for trace in traces]), np.concatenate([[0], np.cumsum(n)]))
     if not bent.any():
         return None
-    place = np.tile(np.arange(int(n.max()), dtype=float), (len(n), 1))
+    sample_number = np.tile(np.arange(int(n.max()), dtype=float), (len(n), 1))
     for row in np.flatnonzero(bent).tolist():
-        place[row, : n[row]] = (traces[row].time_s - first[row]) / dt[row]
-    return place
+        sample_number[row, : n[row]] = (traces[row].time_s - first[row]) / dt[row]
+    return sample_number
 
 
 def last_where(condition: Mask) -> Index:
@@ -136,12 +136,12 @@ def from_sample(recordings: Recordings, first: Index) -> Recordings:
     n = np.maximum(recordings.n - first, 1)
     index = first[:, None] + np.minimum(np.arange(int(n.max())), n[:, None] - 1)
     value = np.take_along_axis(recordings.value, index, axis=1)
-    start = recordings.start + recordings.place_of(first) * recordings.dt
-    if recordings.place is None:
+    start = recordings.start + recordings.sample_number_of(first) * recordings.dt
+    if recordings.sample_number is None:
         return Recordings(value, n, start, recordings.dt)
-    place = recordings.place_of(first[:, None] + np.arange(value.shape[1]))
-    place = place.reshape(value.shape) - recordings.place_of(first)[:, None]
-    return Recordings(value, n, start, recordings.dt, place=place)
+    sample_number = recordings.sample_number_of(first[:, None] + np.arange(value.shape[1]))
+    sample_number = sample_number.reshape(value.shape) - recordings.sample_number_of(first)[:, None]
+    return Recordings(value, n, start, recordings.dt, sample_number=sample_number)
 
 
 def segment_moments(values: Rows, end: Index) -> tuple[Column, Column]:
@@ -172,11 +172,11 @@ def noise_sd(recordings: Recordings) -> Column:
 
 
 def _third_differences(recordings: Recordings) -> Rows:
-    if recordings.place is None:
+    if recordings.sample_number is None:
         return np.diff(recordings.value, n=3, axis=1)
     t, y = (
         np.lib.stride_tricks.sliding_window_view(rows, 4, axis=1)
-        for rows in (recordings.place, recordings.value)
+        for rows in (recordings.sample_number, recordings.value)
     )
     apart = t[..., :, None] - t[..., None, :] + np.eye(4)
     weights = 1 / apart.prod(axis=-1)

@@ -43,7 +43,7 @@ def zero_velocity(
     x: Rows,
     inside: Mask,
     pushed: Mask,
-    place: Rows,
+    sample_number: Rows,
     dt: Column,
     velocity: Column,
 ) -> Stop:
@@ -58,7 +58,7 @@ def zero_velocity(
         x: [impact, sample], m.
         inside: [impact, sample], where there is a sample.
         pushed: [impact, sample], where the tissue still pushes or will again.
-        place: [impact, sample], times since the first sample, in sampling intervals.
+        sample_number: [impact, sample], times since the first sample, in sampling intervals.
         dt: [impact], sampling interval, s.
         velocity: [impact], at contact, m/s.
     """
@@ -69,7 +69,7 @@ def zero_velocity(
     reached = passed.any(axis=1)
     before = np.maximum(index - 1, 0)
     v0, v1 = at(v, before), at(v, index)
-    apart = at(place, index) - at(place, before)
+    apart = at(sample_number, index) - at(sample_number, before)
     step = apart * dt
     m0, m1 = -at(deceleration, before) * step, -at(deceleration, index) * step
     # v(s) = v0 + m0 s + p s² + q s³ over the interval, s from 0 to 1.
@@ -82,7 +82,7 @@ def zero_velocity(
     s = np.where(reached & (index > 0), s, index - before)
     travelled = (v0 * s + m0 * s**2 / 2 + p * s**3 / 3 + q * s**4 / 4) * step
     x_stop = np.where(reached, at(x, before) + travelled, at(x, last))
-    return Stop(index, (at(place, before) + s * apart) * dt, x_stop, reached | left)
+    return Stop(index, (at(sample_number, before) + s * apart) * dt, x_stop, reached | left)
 
 
 def slowest(v: Rows, x: Rows, inside: Mask, dt: Column, velocity: Column) -> Stop:
@@ -114,7 +114,7 @@ def samples_in(
     deceleration: Rows,
     x: Rows,
     inside: Mask,
-    place: Rows,
+    sample_number: Rows,
     dt: Column,
     noise_sd: Column,
 ) -> Index:
@@ -130,4 +130,4 @@ def samples_in(
         return first_where(over & inside & (samples >= stop.index[:, None]), inside.sum(axis=1))
     fraction = 1.0 if window == "peak" else float(window)
     until = fraction * (since_contact + stop.time) - since_contact
-    return np.sum(inside & (place * dt[:, None] <= until[:, None] + 1e-9 * dt[:, None]), axis=1)
+    return np.sum(inside & (sample_number * dt[:, None] <= until[:, None] + 1e-9 * dt[:, None]), axis=1)

@@ -93,8 +93,8 @@ def _with_decimal_mark(text: str) -> str:
     commas = re.search(r"\d,\d", numbers) and not re.search(r"\d\.\d", numbers)
     if begin < 0 or not commas or re.search(r"^(Decimal_Separator|Separator,)", header, re.MULTILINE):
         return text
-    first, end, rest = text.partition("\n")
-    return f"{first}{end}Decimal_Separator\t,\n{rest}"
+    first, end, following = text.partition("\n")
+    return f"{first}{end}Decimal_Separator\t,\n{following}"
 
 
 def _several(blocks: int) -> UnfitError:

@@ -35,15 +35,15 @@ def numeric_variables(data: bytes, label: str = "a .mat file") -> dict[str, np.n
     order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
     if order is None:
         raise ValueError("neither a MATLAB 5 nor a MATLAB 7.3 file")
-    found: dict[str, np.ndarray] = {}
+    arrays: dict[str, np.ndarray] = {}
     size = 0
     for kind, body in _elements(data[128:], order):
         if kind == _COMPRESSED:
             size = unpacked_size(body, label, before=size)
             ((kind, body),) = _elements(zlib.decompress(body), order)
-        found.update(_arrays(kind, body, order))
-    require_small(sum(8 * values.size for values in found.values()), label)
-    return found
+        arrays.update(_arrays(kind, body, order))
+    require_small(sum(8 * values.size for values in arrays.values()), label)
+    return arrays
 
 
 def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
@@ -95,10 +95,10 @@ def _arrays(kind: int, body: bytes, order: str, name: str | None = None) -> Iter
     if variable_class not in _NUMERIC or is_complex:
         return
     (values_kind, values), *more = list(parts)
-    kept = np.dtype(f"{order}{_KEPT.get(values_kind, 'V1')}")
-    if more or kept.kind == "V" or count * kept.itemsize != len(values):
+    dtype = np.dtype(f"{order}{_KEPT.get(values_kind, 'V1')}")
+    if more or dtype.kind == "V" or count * dtype.itemsize != len(values):
         raise ValueError("a variable whose values don't fill its shape")
-    yield name, np.frombuffer(values, kept).reshape(lengths, order="F").squeeze()
+    yield name, np.frombuffer(values, dtype).reshape(lengths, order="F").squeeze()
 
 
 def _fields(
@@ -108,10 +108,10 @@ def _fields(
     (length_kind, length), (names_kind, text) = next(parts, (0, b"")), next(parts, (0, b""))
     if length_kind != 5 or len(length) != 4 or names_kind != 1:
         raise ValueError("a structure without names of fields")
-    each = struct.unpack(f"{order}i", length)[0]
-    if not each > 0 or len(text) % each:
+    width = struct.unpack(f"{order}i", length)[0]
+    if not width > 0 or len(text) % width:
         raise ValueError("names of fields that don't fill their length")
-    names = [text[at : at + each].split(b"\0")[0].decode("latin-1") for at in range(0, len(text), each)]
+    names = [text[at : at + width].split(b"\0")[0].decode("latin-1") for at in range(0, len(text), width)]
     for number, (kind, body) in enumerate(parts):
         which = f"({number // len(names) + 1})" if count > 1 else ""
         yield from _arrays(kind, body, order, f"{name}{which}.{names[number % len(names)]}")

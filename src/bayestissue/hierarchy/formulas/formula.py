@@ -398,7 +398,7 @@ def _design(
 
     formula = " + ".join(terms) or "1"
     description = described(formula)
-    own = [term for term in description.common_terms if term.name != _INTERCEPT]
+    covariates = [term for term in description.common_terms if term.name != _INTERCEPT]
     data = rows[[name for name in rows if name in description.var_names]]
     if data.isna().any(axis=None):
         raise ValueError(formula)
@@ -413,16 +413,16 @@ def _design(
     names: list[str] = []
     owners: list[int] = []
     keep: list[int] = []
-    owner, place = 0, 0
+    owner, column = 0, 0
     for term in description.common_terms:
         labels = [_INTERCEPT] if term.name == _INTERCEPT else term.labels
         if term.name != _INTERCEPT:
             names += labels
             owners += [owner] * len(labels)
-            keep += range(place, place + len(labels))
+            keep += range(column, column + len(labels))
             # What a:b alone needs besides to be of full rank stands before it.
-            owner += any(term is mine for mine in own)
-        place += len(labels)
+            owner += any(term is mine for mine in covariates)
+        column += len(labels)
     return columns[:, keep], names, owners
 
 

@@ -122,19 +122,19 @@ def text_of(term: Any) -> str:
 
 
 def _tokens(formula: str) -> Iterator[Token]:
-    place = 0
-    while place < len(formula):
-        if formula[place].isspace():
-            place += 1
+    position = 0
+    while position < len(formula):
+        if formula[position].isspace():
+            position += 1
             continue
-        found = _TOKENS.match(formula, place)
-        if found is None:
-            _refuse(formula, place)
-        text, kind = found[0], str(found.lastgroup)
+        match = _TOKENS.match(formula, position)
+        if match is None:
+            _refuse(formula, position)
+        text, kind = match[0], str(match.lastgroup)
         token = Token(_SYMBOLS.get(text, kind), text, _value(kind, text))
-        token.place = place
+        token.position = position
         yield token
-        place = found.end()
+        position = match.end()
 
 
 def _value(kind: str, text: str) -> float | str | None:
@@ -146,15 +146,15 @@ def _value(kind: str, text: str) -> float | str | None:
     return value
 
 
-def _refuse(formula: str, found: Any) -> NoReturn:
-    """What can't be used, a place or a token: the last one if the formula ends too early."""
-    place = found if isinstance(found, int) else getattr(found, "place", len(formula))
-    before = formula[:place].rstrip()
-    if not formula[place:].strip():
+def _refuse(formula: str, unusable: Any) -> NoReturn:
+    """What can't be used, a position or a token: the last one if the formula ends too early."""
+    position = unusable if isinstance(unusable, int) else getattr(unusable, "position", len(formula))
+    before = formula[:position].rstrip()
+    if not formula[position:].strip():
         raise NotationError(f"it breaks off after {before[-_SHOWN:]!r}")
-    what = formula[place : place + _SHOWN]
+    what = formula[position : position + _SHOWN]
     after = f", after {before[-_SHOWN:]!r}," if before else ""
-    raise NotationError(f"what begins at character {place + 1}{after} can't be read there: {what!r}")
+    raise NotationError(f"what begins at character {position + 1}{after} can't be read there: {what!r}")
 
 
 class _Parser(Parser):

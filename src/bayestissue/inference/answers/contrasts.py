@@ -99,19 +99,19 @@ class Contrast:
             (_, level, against), (_, upper, lower) = self.compared
             return ":".join(self.factors), f"{level}:{upper}/{lower}", f"{against}:{upper}/{lower}"
         ((column, level, against),) = self.compared
-        one, other = (
+        one, reference = (
             ":".join({**self.shared, column: value}[name] for name in self.factors)
             for value in (level, against)
         )
-        return ":".join(self.factors), one, other
+        return ":".join(self.factors), one, reference
 
     def directed(self, directions: frozenset[tuple[str, str, str]]) -> Contrast:
         """The contrast, its reciprocal where a question asks for that."""
         contrast = self
-        for place, (column, level, against) in enumerate(self.compared):
+        for position, (column, level, against) in enumerate(self.compared):
             if (column, against, level) in directions:
                 compared = list(contrast.compared)
-                compared[place] = column, against, level
+                compared[position] = column, against, level
                 weighted = [(condition, -weight) for condition, weight in contrast.weighted]
                 contrast = replace(contrast, compared=tuple(compared), weighted=weighted)
         return contrast
@@ -251,7 +251,10 @@ def _of_levels(name: str, levels: Mapping[str, str | float]) -> Iterator[Contras
 def _weighted(name: str, level: str, against: str, levels: Mapping[str, str | float]) -> Weighted:
     """A level less another, or less the mean of all."""
     others = list(levels) if against == ALL else [against]
-    return [({name: levels[level]}, 1.0), *(({name: levels[other]}, -1 / len(others)) for other in others)]
+    return [
+        ({name: levels[level]}, 1.0),
+        *(({name: levels[reference]}, -1 / len(others)) for reference in others),
+    ]
 
 
 def _of_interaction(
@@ -264,10 +267,10 @@ def _of_interaction(
     if len(pairs[0]) * len(pairs[1]) > _MOST_LEVELS:
         return
     for chosen in product(*pairs):
-        one, other = (
+        first, second = (
             _weighted(name, *pair, known) for name, pair, known in zip(names, chosen, levels, strict=True)
         )
-        weighted = [({**at, **beside}, w * v) for (at, w), (beside, v) in product(one, other)]
+        weighted = [({**at, **further}, w * v) for (at, w), (further, v) in product(first, second)]
         compared = tuple((name, *pair) for name, pair in zip(names, chosen, strict=True))
         yield Contrast(names, compared, weighted)
 
@@ -315,8 +318,8 @@ def _of_combinations(
                 single[(level, against)].append(one)
         for (level, against), pairs in single.items():
             if len(pairs) > 1 and name not in known:
-                every = [(at, weight / len(pairs)) for pair in pairs for at, weight in pair.weighted]
-                yield Contrast((name,), ((name, level, against),), every)
+                averaged = [(at, weight / len(pairs)) for pair in pairs for at, weight in pair.weighted]
+                yield Contrast((name,), ((name, level, against),), averaged)
         yield from (pair for pairs in single.values() for pair in pairs)
 
 
@@ -367,12 +370,12 @@ def _constants(recorded: Recorded, factors: tuple[str, ...]) -> Constants:
         return {}
     labels = pd.DataFrame({name: labels_of(recorded.rows[name]) for name in (*factors, *names)})
     groups = labels.groupby([labels[name] for name in factors])[names]
-    first, alike = groups.first(), groups.nunique(dropna=False).eq(1)
-    found = {}
-    for level, values, same in zip(first.index, first.to_numpy(), alike.to_numpy(), strict=True):
+    first, constant = groups.first(), groups.nunique(dropna=False).eq(1)
+    constants = {}
+    for level, values, same in zip(first.index, first.to_numpy(), constant.to_numpy(), strict=True):
         key = level if isinstance(level, tuple) else (level,)
-        found[key] = {n: v for n, v, one in zip(names, values, same, strict=True) if one}
-    return found
+        constants[key] = {n: v for n, v, one in zip(names, values, same, strict=True) if one}
+    return constants
 
 
 def _note(recorded: Recorded, contrast: Contrast, constants: Mapping[tuple[str, ...], Constants]) -> str:
@@ -382,7 +385,7 @@ def _note(recorded: Recorded, contrast: Contrast, constants: Mapping[tuple[str, 
     )
     words = []
     for name in upper[0]:
-        pairs = {(one.get(name), other.get(name)) for one, other in zip(upper, lower, strict=True)}
+        pairs = {(first.get(name), second.get(name)) for first, second in zip(upper, lower, strict=True)}
         if any(None in pair or pair[0] == pair[1] for pair in pairs):
             continue
         level, against = min(pairs)

@@ -29,7 +29,6 @@ from bayestissue.hierarchy.levels import Recorded
 from bayestissue.inference.answers.grammar import Node, Operation, QuestionError, claims
 from bayestissue.inference.answers.meaning import draws_of, is_response, quantities
 
-_DRAWS = 5
 # Of the greater side; no parameter of a fit is known as well.
 _ROUNDING = 1e-9
 # Of what is compared: a change of parameters of about 1 that changes it by less is rounding.
@@ -73,7 +72,7 @@ def confounded(node: Node, recorded: Recorded) -> tuple[GroupTerm, ...]:
         recorded: the rows and formulas.
     """
     draws = _any_parameters(recorded, list(recorded.formulas))
-    found = []
+    terms = []
     for q, formula in recorded.formulas.items():
         covariates, groups = evaluated_at(formula, recorded.rows, recorded.reference_mass_kg, recorded.rows)
         X = np.column_stack([np.ones(len(recorded.rows)), *covariates.values()])
@@ -87,9 +86,9 @@ def confounded(node: Node, recorded: Recorded) -> tuple[GroupTerm, ...]:
                 shift = dict(zip(names, direction, strict=False))
                 moved = _moved(draws, q, shift, groups, {term: direction[len(names) :]})
                 if _changes(node, draws, moved, recorded):
-                    found.append(term)
+                    terms.append(term)
                     break
-    return tuple(dict.fromkeys(found))
+    return tuple(dict.fromkeys(terms))
 
 
 def _null_space(matrix: Float[np.ndarray, "row column"]) -> Float[np.ndarray, "direction column"]:
@@ -119,7 +118,8 @@ def _changes(node: Node, draws: xr.Dataset, moved: xr.Dataset, recorded: Recorde
     for sides in _comparisons(node):
         try:
             before, after = (
-                [draws_of(side, each, recorded).to_numpy() for side in sides] for each in (draws, moved)
+                [draws_of(side, parameters, recorded).to_numpy() for side in sides]
+                for parameters in (draws, moved)
             )
         except (KeyError, QuestionError):  # of what is no parameter, such as coefficients of reliability
             continue
@@ -128,7 +128,7 @@ def _changes(node: Node, draws: xr.Dataset, moved: xr.Dataset, recorded: Recorde
         else:
             compared = [(before[0] - before[1], after[0] - after[1])]
             compared += [(before[0] / before[1], after[0] / after[1])]
-        if not any(np.allclose(one, other, rtol=_CHANGED) for one, other in compared):
+        if not any(np.allclose(first, second, rtol=_CHANGED) for first, second in compared):
             return True
     return False
 
@@ -144,7 +144,7 @@ def _comparisons(node: Node) -> Iterator[tuple[Node, ...]]:
         return
     else:
         first, *others = node.operands  # type: ignore[union-attr]
-        sides = [(first, other) for other in others]
+        sides = [(first, second) for second in others]
     for pair in sides:
         several = any(_has_extremes(side) for side in pair)
         # What is largest or least may be the same in draws that are near each other.
@@ -181,11 +181,11 @@ def _value_if_fixed(sides: Sequence[Node], recorded: Recorded, posterior: xr.Dat
     return float(difference.mean()) if np.ptp(difference) <= _ROUNDING * greatest else None
 
 
-def _any_parameters(recorded: Recorded, responses: Sequence[str]) -> xr.Dataset:
-    """Draws of all parameters of some responses, each by itself."""
-    rng, shape = np.random.default_rng(0), (1, _DRAWS)
+def _any_parameters(recorded: Recorded, responses: Sequence[str], count: int = 5) -> xr.Dataset:
+    """So many draws of all parameters of some responses, each by itself."""
+    rng, shape = np.random.default_rng(0), (1, count)
     drawn: dict[str, tuple[tuple[str, ...], np.ndarray]] = {}
-    coords: dict[str, object] = {"chain": [0], "draw": np.arange(_DRAWS)}
+    coords: dict[str, object] = {"chain": [0], "draw": np.arange(count)}
     for q in responses:
         covariates, groups = recorded.at(q, [{}])
         names = [intercept(parameter_of(q)), *(common_coefficient(name, q) for name in covariates)]
@@ -206,7 +206,7 @@ def _missing_terms(sides: Sequence[Node], recorded: Recorded) -> dict[str, tuple
     columns = dict.fromkeys(level.column for quantity in named for level in quantity.levels)
     followers = (name for column in columns for name in recorded.followers(column))
     usable = [name for name in dict.fromkeys([*columns, *followers]) if name in recorded.rows]
-    found: dict[str, tuple[str, str]] = {}
+    missing: dict[str, tuple[str, str]] = {}
     for size in range(1, 1 + min(len(usable), 3)):
         for chosen in combinations(usable[:_MOST_COLUMNS], size):
             for q in dict.fromkeys(q.name for q in named if is_response(q, recorded)):
@@ -216,10 +216,10 @@ def _missing_terms(sides: Sequence[Node], recorded: Recorded) -> dict[str, tuple
                 if not judge(formula, recorded.rows, recorded.reference_mass_kg).faults and (
                     _value_if_fixed(sides, wider, None) is None
                 ):
-                    found.setdefault(term, (q, formula))
-        if found:
-            return found
-    return found
+                    missing.setdefault(term, (q, formula))
+        if missing:
+            return missing
+    return missing
 
 
 def _term(columns: Sequence[str], recorded: Recorded) -> str:

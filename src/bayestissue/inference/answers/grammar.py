@@ -246,7 +246,7 @@ class _Maker:
 
     def _over(self, name: Any, levels: list[tuple[Level, ...]]) -> Node:
         """The quantity, or the ratio of it at the two levels of the last column that has two."""
-        places = [place for place, level in enumerate(levels) if len(level) > 1]
+        places = [position for position, level in enumerate(levels) if len(level) > 1]
         if not places:
             return Quantity(as_name(_unquoted(name)), tuple(level for (level,) in levels), name.start_pos)
         last = places[-1]

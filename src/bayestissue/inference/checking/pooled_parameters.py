@@ -17,11 +17,6 @@ from bayestissue.hierarchy.formulas.group_terms import GroupTerm, grouping_of, l
 from bayestissue.hierarchy.levels import Condition, Recorded, log_at_levels
 from bayestissue.inference.execution.kept import some_impacts
 
-# Of fits whose parameter is the same at all levels one in a hundred is noted at most.
-_BY_CHANCE = 0.01
-# More tell no more of a median.
-_DRAWS = 200
-
 
 class Pooled(NamedTuple):
     """A further parameter that is pooled over a factor's levels.
@@ -68,7 +63,9 @@ class Pooled(NamedTuple):
         return self._asdict() | {"words": str(self.words)}
 
 
-def pooled_parameters(posterior: xr.Dataset, recorded: Recorded, element: Element) -> list[Pooled]:
+def pooled_parameters(
+    posterior: xr.Dataset, recorded: Recorded, element: Element, level: float = 0.01
+) -> list[Pooled]:
     """The further parameters that differ between levels of what K's or C's formula has and theirs has not.
 
     Under the model the deviations of an impact's parameter theta_i from what its formula expects,
@@ -86,11 +83,12 @@ def pooled_parameters(posterior: xr.Dataset, recorded: Recorded, element: Elemen
         posterior: its draws.
         recorded: what was measured.
         element: of the fit.
+        level: of significance: the probability that anything differs by chance, at most.
 
     Returns:
-        Each such parameter and factor that differs; the level of chance is shared by all that are asked.
+        Each such parameter and factor that differs; all that are tested share the level (Bonferroni).
     """
-    rows, asked = some_impacts(len(recorded.rows)), []
+    rows, tested = some_impacts(len(recorded.rows)), []
     for extra in element.extra:
         if extra.name not in posterior:
             continue
@@ -105,32 +103,32 @@ def pooled_parameters(posterior: xr.Dataset, recorded: Recorded, element: Elemen
             p = min(1.0, 2 * float(np.median(_anova(z, grouping.code))))
             middle = np.exp(np.median(_means(logs, grouping.code), axis=1))
             medians = dict(zip(map(str, grouping.levels), map(float, middle), strict=True))
-            asked.append(Pooled(extra.name, grouping.name, term, p, medians, extra.unit))
-    return [one for one in asked if one.p < _BY_CHANCE / len(asked)]
+            tested.append(Pooled(extra.name, grouping.name, term, p, medians, extra.unit))
+    return [one for one in tested if one.p < level / len(tested)]
 
 
 def _lacking(recorded: Recorded, name: str) -> dict[str, tuple[str, ...]]:
     """The factors of the formulas of K and C that a parameter's lacks, by the term that it would have."""
-    own = set(columns_named(recorded.formulas.get(name, "1")))
+    columns = set(columns_named(recorded.formulas.get(name, "1")))
     terms: dict[tuple[str, ...], str] = {}
     for response in RESPONSES:
         for column in recorded.categories(response):
             terms[(column,)] = f"C({column})" if recorded.is_number(column) else column
         for term in group_terms(recorded.formulas.get(response, "1")):
             terms.setdefault(term.factors, str(GroupTerm(term.factors)))
-    return {term: factors for factors, term in terms.items() if not set(factors) <= own}
+    return {term: factors for factors, term in terms.items() if not set(factors) <= columns}
 
 
 def _deviations(
-    posterior: xr.Dataset, recorded: Recorded, name: str, rows: Int[np.ndarray, " row"]
+    posterior: xr.Dataset, recorded: Recorded, name: str, rows: Int[np.ndarray, " row"], count: int = 200
 ) -> tuple[Float[np.ndarray, "row draw"], Float[np.ndarray, "row draw"]]:
-    """Of some draws: log theta of some impacts, and z."""
-    own, draws = posterior[name], posterior
-    if "kept_draw" in own.dims:
+    """Of about ``count`` draws, enough for a median: log theta of some impacts, and z."""
+    theta, draws = posterior[name], posterior
+    if "kept_draw" in theta.dims:
         draws = posterior.isel(draw=posterior["kept_draw"].to_numpy())
-    step = max(1, draws.sizes["chain"] * draws.sizes["draw"] // _DRAWS)
+    step = max(1, draws.sizes["chain"] * draws.sizes["draw"] // count)
     draws = draws.isel(draw=slice(None, None, step))
-    logs = np.log(own.transpose("chain", ..., "impact").to_numpy()[:, ::step][..., rows])
+    logs = np.log(theta.transpose("chain", ..., "impact").to_numpy()[:, ::step][..., rows])
     parameter, formula = parameter_of(name), recorded.formulas.get(name)
     expected = draws[intercept(parameter)].to_numpy()[..., None]
     if formula is not None:

@@ -125,28 +125,28 @@ def _done(client: Any, futures: list[Any]) -> Iterator[Any]:
     """
     import distributed
 
-    waiting, seen = set(futures), time.monotonic()
+    waiting, last_seen = set(futures), time.monotonic()
     while waiting:
         with suppress(TimeoutError):
             for future in distributed.as_completed(list(waiting), loop=client.loop, timeout=_LOOK_S):
                 waiting.discard(future)
-                seen = time.monotonic()
+                last_seen = time.monotonic()
                 yield future
         running = client.status == "running"
         if running and client.scheduler_info()["workers"]:
-            seen = time.monotonic()
-        if time.monotonic() - seen > _WORKERS_S:
+            last_seen = time.monotonic()
+        if time.monotonic() - last_seen > _WORKERS_S:
             raise _lost("a scheduler without workers" if running else "the scheduler answers no longer")
 
 
-def _lost(found: str) -> InputError:
+def _lost(status: str) -> InputError:
     return InputError(
         Problem(
             "--scheduler",
             "a running Dask scheduler with workers",
             "Start `dask scheduler` and `dask worker ADDRESS`, or leave --scheduler out, and give the same "
             "command again: what was finished is kept.",
-            value=found,
+            value=status,
             code="scheduler",
         )
     )

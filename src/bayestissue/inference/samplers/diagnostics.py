@@ -108,7 +108,10 @@ def warnings(diagnostics: dict[str, Any]) -> list[Coded]:
         (form, _against_all(form) or _against_some(form), law),
         (lines, bool(lines.get("words")), "no-straight-line"),
     ]
-    pooled = [Coded(each["words"], "pooled-parameter") for each in diagnostics.get("pooled_parameters", [])]
+    pooled = [
+        Coded(parameter["words"], "pooled-parameter")
+        for parameter in diagnostics.get("pooled_parameters", [])
+    ]
     return [Coded(entry["words"], code) for entry, raised, code in doubts if raised] + pooled
 
 

@@ -31,9 +31,7 @@ from bayestissue.likelihood import small
 from bayestissue.likelihood.element import contact
 from bayestissue.likelihood.element.record import DecelerationRecord
 from bayestissue.likelihood.element.response import Response
-from bayestissue.likelihood.linear_errors import Products, predicted_given
-
-_LOG_ROOT_2_PI = 0.9189385332046727
+from bayestissue.likelihood.linear_errors import LOG_2PI, Products, predicted_given
 
 
 def log_probability(
@@ -66,9 +64,9 @@ def log_probability(
     early = jnp.arange(reach) >= reach - record.contact.n_before[:, None]
     observed = jnp.concatenate([early, record.observed()], axis=1)
     parts = jnp.concatenate([rows.residual[:, :, None], columns], axis=2)
-    seen = jnp.where(observed[:, None, None], parts, 0.0)
+    observed_parts = jnp.where(observed[:, None, None], parts, 0.0)
     # [part, part, cell, impact] and [error, sample, cell, impact]
-    gram = jnp.einsum("icar,icbr->abci", seen, seen)
+    gram = jnp.einsum("icar,icbr->abci", observed_parts, observed_parts)
     count = observed.sum(-1) + 0.0
     products = Products(gram, jnp.zeros_like(count), count)
     further = jnp.transpose(columns[..., reach:], (2, 3, 1, 0))
@@ -79,7 +77,7 @@ def log_probability(
     at_limit, scaled = sign != 0, sign * jnp.exp(-log_sigma)
     a = jnp.where(at_limit, scaled * above, 0.0)
     log_phi = jnp.where(at_limit, log_ndtr(a), 0.0)
-    h = jnp.where(at_limit, jnp.exp(-(a**2) / 2 - _LOG_ROOT_2_PI - log_phi), 0.0)
+    h = jnp.where(at_limit, jnp.exp(-(a**2 + LOG_2PI) / 2 - log_phi), 0.0)
     b = [scaled * part for part in along]
     slope = [(h * part).sum(0) for part in b]
     bend = h * (h + a)

@@ -63,8 +63,8 @@ def error_sd(record: DecelerationRecord) -> Float[Array, "#cell impact error"]:
     if not record.contact.reach:
         return record.error_sd[None]
     in_cell = jnp.where(record.contact.uniform, cell_width(record) * record.dt / _ROOT_12, 0.0)
-    every = jnp.broadcast_to(record.error_sd, (len(in_cell), *record.error_sd.shape))
-    return every.at[..., CONTACT].set(in_cell)
+    by_cell = jnp.broadcast_to(record.error_sd, (len(in_cell), *record.error_sd.shape))
+    return by_cell.at[..., CONTACT].set(in_cell)
 
 
 class ByCell(NamedTuple):
@@ -156,14 +156,14 @@ def _gram_by_cell(
     shifted = [longer]
     if noise.is_filtered:
         shifted.append(filtered(longer, noise.predictor, stride))
-    alike = noise.whitened(jnp.stack([samples, jnp.where(noise.inside, 1.0, 0.0)]))
+    whitened = noise.whitened(jnp.stack([samples, jnp.where(noise.inside, 1.0, 0.0)]))
 
     def of_cell(shift: Array) -> Array:
         rows, *later = (jax.lax.dynamic_slice(part, (0, shift), parts.shape)[:, ::stride] for part in shifted)
         rows = jnp.where(noise.inside, rows, 0.0)
         white = noise.completed(rows, *later) if later else noise.whitened(rows)
         by_velocity, d, _, late = white
-        return noise.gram_of_white(jnp.stack([alike[0] - d, by_velocity, d, alike[1], late]))
+        return noise.gram_of_white(jnp.stack([whitened[0] - d, by_velocity, d, whitened[1], late]))
 
     return jax.vmap(of_cell)(jnp.arange(reach))
 

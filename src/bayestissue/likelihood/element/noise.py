@@ -235,12 +235,14 @@ def colour_of(white: float, correlations: Sequence[Correlation], rows: int) -> C
     def at(correlation: Correlation, lag: np.ndarray) -> np.ndarray:
         return np.where(lag == 0, 1.0, (1 - white) * correlation(lag))
 
-    asked = [at(correlation, stride * np.arange(-(-rows // stride))) for correlation in correlations]
-    order = max(_order(of_lags) for of_lags in asked)
+    autocorrelations = [
+        at(correlation, stride * np.arange(-(-rows // stride))) for correlation in correlations
+    ]
+    order = max(_order(of_lags) for of_lags in autocorrelations)
     length = max(_length(partial(at, correlation), rows) for correlation in correlations)
     wheel = np.minimum(np.arange(2 * length), 2 * length - np.arange(2 * length))
     firsts, predictors, spectra = [], [], []
-    for of_lags, correlation in zip(asked, correlations, strict=True):
+    for of_lags, correlation in zip(autocorrelations, correlations, strict=True):
         factor = np.linalg.cholesky(toeplitz(of_lags[: order + 1]))
         inverse = np.linalg.inv(factor)
         firsts.append(inverse[:order, :order])

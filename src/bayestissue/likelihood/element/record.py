@@ -44,7 +44,7 @@ class Contact(NamedTuple):
         n_before: how many of these samples were recorded and count.
         quiet_log_density: of these samples as a quiet part of the recorder's noise, which the likelihood is
             relative to where noise is white; else 0.
-        place: where contact lies in an interval of ``before``, from its end and as a fraction of it: its
+        fraction: where contact lies in an interval of ``before``, from its end and as a fraction of it: its
             middle, where ``uniform``; 0 or 1 at a sample, the first of which then is in contact.
     """
 
@@ -52,7 +52,7 @@ class Contact(NamedTuple):
     before: Float[Array, "impact reach"]
     n_before: Int[Array, " impact"]
     quiet_log_density: Float[Array, " impact"]
-    place: Float[Array, " impact"]
+    fraction: Float[Array, " impact"]
 
     @classmethod
     def known(cls, uniform: Bool[Array | np.ndarray, " impact"]) -> Contact:
@@ -72,17 +72,17 @@ class Contact(NamedTuple):
     ) -> Contact:
         """In any of the intervals of ``before``; with the noise's standard deviation in a quiet part.
 
-        At a sample, where it is known to be, with ``sample`` as ``place``.
+        At a sample, where it is known to be, with ``sample`` as ``fraction``.
         """
         counts = np.arange(before.shape[1]) >= before.shape[1] - np.asarray(n_before)[:, None]
         early, density = np.where(counts, before, 0.0), np.zeros(len(before))
         if quiet_sd is not None:
             density = -(n_before * (LOG_2PI + 2 * np.log(quiet_sd)) + (early**2).sum(1) / quiet_sd**2) / 2
-        uniform, place = (
+        uniform, fraction = (
             np.full(len(before), sample is None),
             np.full(len(before), 0.5 if sample is None else sample),
         )
-        parts: Any = (uniform, early, n_before, density, place)
+        parts: Any = (uniform, early, n_before, density, fraction)
         return cls(*parts)
 
     @property
@@ -236,7 +236,7 @@ class DecelerationRecord(NamedTuple):
     def phase(self) -> Float[Array, "phase impact"]:
         """Moments of contact within a sampling interval that are told apart, as fractions of it."""
         if self.low_pass is None:
-            return self.contact.place[None]
+            return self.contact.fraction[None]
         return jnp.broadcast_to(self.low_pass.phase[:, None], (len(self.low_pass.phase), len(self.dt)))
 
     @property

@@ -183,15 +183,15 @@ def _at_times(
     begin = at_contact(element, velocity)[..., None]
     y = jnp.concatenate([begin, _states(element, parameters, velocity, record, dt, dt, count - 1)], axis=-1)
     slope = _rates(element, parameters, record, y)
-    place = jnp.clip(time / dt[:, None], 0.0, count - 1.0)
-    index = jnp.minimum(place.astype(int), count - 2)
+    steps = jnp.clip(time / dt[:, None], 0.0, count - 1.0)
+    index = jnp.minimum(steps.astype(int), count - 2)
     here, there = ((part[..., :-1], part[..., 1:]) for part in (y, slope))
 
     def taken(values: Array) -> Array:
         return jnp.take_along_axis(values, index[None], axis=2)
 
     y = solver.cubic(
-        (taken(here[0]), taken(here[1])), (taken(there[0]), taken(there[1])), place - index, dt[:, None]
+        (taken(here[0]), taken(here[1])), (taken(there[0]), taken(there[1])), steps - index, dt[:, None]
     )
     x, v, d, jerk = _of_states(element, parameters, record, y)
     flies = time < 0

@@ -97,8 +97,8 @@ class FitRun(PosteriorRun):
         record, table = self.record, self.impacts_table.select_dtypes(exclude="number")
         names = {str(value) for name in table for value in table[name].unique()}
         model = record.get("model", {}).get("name", "")
-        own = {str(record.get("dataset", "")), str(record.get("description", "")), f"“{model}”", *names}
-        return Words(record.get("words", {}), own)
+        labels = {str(record.get("dataset", "")), str(record.get("description", "")), f"“{model}”", *names}
+        return Words(record.get("words", {}), labels)
 
     @cached_property
     def impacts_table(self) -> pd.DataFrame:

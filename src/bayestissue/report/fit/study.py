@@ -61,8 +61,8 @@ def kinds(run: FitRun) -> pd.Series:
 def contrast_name(kind: str, factor: str, level: str, against: str) -> str:
     """What is held against what, such as "left over right" or "after over before, treated over control"."""
     if kind == INTERACTION:
-        (one, inner), (other, _) = _parted(level, against)
-        return f"{inner}, {one} over {other}"
+        (first, inner), (second, _) = _parted(level, against)
+        return f"{inner}, {first} over {second}"
     # A number alone says nothing: session 2 over session 1.
     return f"{factor} {level} over {against}" if _is_number(level) else f"{level} over {against}"
 
@@ -115,16 +115,16 @@ def _ratio(line: Any) -> Spread:
 
 def _contrast_words(line: Any, near: float, kind: str) -> str:
     what = "greater" if line.ratio > 1 else "less"
-    of, level, differs = line.quantity, line.level, f"differs by less than {percent(near)}"
+    quantity, level, differs = line.quantity, line.level, f"differs by less than {percent(near)}"
     if kind == INTERACTION:
-        (one, inner), (other, _) = _parted(line.level, line.against)
-        of, level, differs = (
-            f"{of}, {inner},",
-            f"{one} than for {other}",
+        (first, inner), (second, _) = _parted(line.level, line.against)
+        quantity, level, differs = (
+            f"{quantity}, {inner},",
+            f"{first} than for {second}",
             f"is within {percent(near)} of none",
         )
     return (
-        f"{of} is {likelihood_words(line.p_direction)} {what} for {level} (probability "
+        f"{quantity} is {likelihood_words(line.p_direction)} {what} for {level} (probability "
         f"{probability(line.p_direction)}); the probability that it {differs} is "
         f"{probability(line.p_equivalent)}."
     )

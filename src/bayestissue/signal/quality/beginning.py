@@ -153,8 +153,8 @@ def _blocks(recorded: Recorded, signal: Displacements, rows: Index) -> tuple[_Bl
     d, dt, to_peak = signal.deceleration[rows], signal.dt[rows, None], signal.time_to_peak[rows, None]
     velocity, peak = signal.velocity[rows, None], recorded.peak[rows, None]
     sample = np.arange(d.shape[1])
-    place = signal.place[rows]
-    time, unit = place * dt, velocity / to_peak
+    sample_number = signal.sample_number[rows]
+    time, unit = sample_number * dt, velocity / to_peak
     over = np.cumsum((time > to_peak) & (d < _ENDS * peak), axis=1) > 0
     count = ((sample < signal.n_samples[rows, None]) & ~over).sum(axis=1)
     v, x = signal.v[rows], signal.x[rows]
@@ -170,7 +170,7 @@ def _blocks(recorded: Recorded, signal: Displacements, rows: Index) -> tuple[_Bl
         return np.diff(sums, axis=1) / np.maximum(size, 1)
 
     sd = np.hypot(recorded.sd[rows, None] / np.sqrt(np.maximum(size, 1)), _MISFIT * peak) / unit
-    columns = (t, d / unit, fall * t - v, v, x, trapezoids(x, np.diff(place, axis=1) * dt / to_peak))
+    columns = (t, d / unit, fall * t - v, v, x, trapezoids(x, np.diff(sample_number, axis=1) * dt / to_peak))
     t, d, lost, v, x, x_integral = (means(column) for column in columns)
     weight = np.where(size > 0, 1 / sd, 0)
     return _Blocks(t, d, lost, v, x, x_integral, weight, fall), unit[:, 0]

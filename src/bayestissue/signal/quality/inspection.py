@@ -120,7 +120,7 @@ def inspect(dataset: RecordedImpacts, options: SignalOptions | None = None) -> l
         joined[KINDS["velocity-contradicted"]] = said = _velocities(dataset, implied)
         # Gravity is along the motion of all impacts or of none: what one trace asks of it is its velocity's.
         for kind in {KINDS["gravity-declared"], KINDS["gravity-undeclared"]} & joined.keys():
-            joined[kind] = ["" if words else other for words, other in zip(said, joined[kind], strict=True)]
+            joined[kind] = ["" if words else remark for words, remark in zip(said, joined[kind], strict=True)]
     return [Finding(kind, values) for kind, values in joined.items() if any(values)]
 
 
@@ -132,7 +132,10 @@ def _velocities(dataset: RecordedImpacts, implied: Sequence[velocity.Implied]) -
     )
     falls = dataset.gravity > 0 or any(str(name).startswith("drop_height") for name in impacts)
     whole = velocity.Implied(*map(np.concatenate, zip(*implied, strict=True)))
-    said = [velocity.in_words(found, impacts, falls=falls) for found in velocity.contradictions(whole, trial)]
+    said = [
+        velocity.in_words(contradiction, impacts, falls=falls)
+        for contradiction in velocity.contradictions(whole, trial)
+    ]
     return ["; ".join(filter(None, words)) for words in zip(*said, strict=True)] or [""] * len(impacts)
 
 
@@ -166,8 +169,8 @@ def _inspected(part: _Part, options: SignalOptions, implied: list[velocity.Impli
     above, longest = start > _ABOVE, np.zeros_like(start)
     if part.recorder is None:
         # An impact's force may jump at contact; behind a low-pass it can't.
-        asked = (start > 0) & (limited == 0)
-        above, longest = beginning.beginning(recorded, signal, asked, part.uncertainty)
+        candidate = (start > 0) & (limited == 0)
+        above, longest = beginning.beginning(recorded, signal, candidate, part.uncertainty)
     findings += [
         KINDS["starts-above-zero"].where(above, start),
         KINDS["starts-below-zero"].where(start < -_ABOVE, start),
@@ -214,7 +217,7 @@ def _at_rest(recorded: Recorded, to_peak: Column, along: float) -> Iterator[Find
 
 
 def _laws(recorded: Recorded, signal: Displacements, used: Mask) -> Iterator[Finding]:
-    start = law.Start(signal.place, signal.dt, signal.x[:, 0], signal.v[:, 0], signal.gravity)
+    start = law.Start(signal.sample_number, signal.dt, signal.x[:, 0], signal.v[:, 0], signal.gravity)
     limit = law.saturation(signal.deceleration, used, start, recorded.sd)
     flat = limit > 0
     none = law.no_law(signal.deceleration, used, start, recorded.sd, recorded.freedom, recorded.peak)

@@ -43,13 +43,13 @@ class Start(NamedTuple):
     """What turns force over mass into motion, each [impact] but for the first.
 
     Attributes:
-        place: [impact, sample], times since the first sample, in sampling intervals.
+        sample_number: [impact, sample], times since the first sample, in sampling intervals.
         dt: sampling interval, s.
         x, v: displacement and velocity at the first sample, m and m/s.
         gravity: along the motion, m/s².
     """
 
-    place: Rows
+    sample_number: Rows
     dt: Column
     x: Column
     v: Column
@@ -58,10 +58,10 @@ class Start(NamedTuple):
 
 def motion(d: Rows, start: Start) -> tuple[Rows, Rows]:
     """Displacement and velocity from the state at the first sample and force over mass, by trapezoids."""
-    place, (dt, x, v, gravity) = start.place, (column[:, None] for column in start[1:])
-    step = np.diff(place, axis=1) * dt
+    sample_number, (dt, x, v, gravity) = start.sample_number, (column[:, None] for column in start[1:])
+    step = np.diff(sample_number, axis=1) * dt
     lost = trapezoids(d - gravity, step)
-    return x + v * place * dt - trapezoids(lost, step), v - lost
+    return x + v * sample_number * dt - trapezoids(lost, step), v - lost
 
 
 def laws(x: Rows, v: Rows, used: Mask) -> Iterator[Law]:

@@ -24,6 +24,7 @@ from bayestissue.signal.displacement import BEFORE, Displacements
 from bayestissue.signal.filters import answers
 from bayestissue.signal.integration import trapezoids
 from bayestissue.signal.quality import law
+from bayestissue.signal.quality.recorded import WORTH
 from bayestissue.signal.traces import Column
 
 # Of false alarms a sound recording, for each of the two ways in which one may come about.
@@ -60,20 +61,20 @@ def suspected(signal: Displacements) -> Suspected:
     """
     used = np.arange(signal.x.shape[1]) < signal.n_samples[:, None]
     start = law.Start(
-        signal.place, signal.dt, signal.x[:, 0] + signal.equilibrium, signal.v[:, 0], signal.gravity
+        signal.sample_number, signal.dt, signal.x[:, 0] + signal.equilibrium, signal.v[:, 0], signal.gravity
     )
     peak = np.where(used, signal.deceleration, 0).max(axis=1)
     with np.errstate(all="ignore"):
         plain = law.best_left(signal.deceleration, used, start, np.ones_like(signal.x))
     variance = signal.noise_sd**2 + (law.MISFIT * peak) ** 2
-    freedom = np.maximum(0.3 * signal.n_samples, 1)
+    freedom = np.maximum(WORTH * signal.n_samples, 1)
     count = np.maximum(signal.n_samples - 4, 1)
     odd = fdtrc(count, freedom, plain / count / variance) < ALARMS
     columns = np.full((len(peak), 3), np.nan)
     # A filter is tried on even times.
-    asked = odd & (signal.n_samples >= 12) & (signal.n_before >= 4) & ~signal.uneven
-    asked &= ~signal.clipped.any(axis=1)
-    for row in np.flatnonzero(asked):
+    tried = odd & (signal.n_samples >= 12) & (signal.n_before >= 4) & ~signal.uneven
+    tried &= ~signal.clipped.any(axis=1)
+    for row in np.flatnonzero(tried):
         columns[row] = _asked(signal, int(row), plain[row], variance[row], freedom[row])
     return Suspected(*columns.T)
 

@@ -24,7 +24,7 @@ _MEDIAN = 7
 # gone by since contact; a force that only fades takes longer to end than it took to rise.
 _LOW, _FOOT, _TAIL = 0.2, 0.5, 0.6
 # The share of third differences that the noise estimate, a median of correlated values, is worth.
-_WORTH = 0.3
+WORTH = 0.3
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Recorded:
     Attributes:
         value: [impact, sample], as recorded, its offset included.
         inside: [impact, sample], where there is a sample.
-        place: [impact, sample], times since the first sample, in intervals.
+        sample_number: [impact, sample], times since the first sample, in intervals.
         dt: [impact], sampling interval, s.
         peak: [impact], the greatest value above the median of the rest before contact, or above 0.
         top: [impact], where it is.
@@ -45,7 +45,7 @@ class Recorded:
 
     value: Rows
     inside: Mask
-    place: Rows
+    sample_number: Rows
     dt: Column
     peak: Column
     top: Index
@@ -57,7 +57,7 @@ class Recorded:
     @property
     def freedom(self) -> Column:
         """Degrees of freedom of ``sd``, about."""
-        return np.maximum(_WORTH * self.inside.sum(axis=1), 1)
+        return np.maximum(WORTH * self.inside.sum(axis=1), 1)
 
     @property
     def quiet(self) -> Mask:
@@ -83,7 +83,7 @@ class Recorded:
         return cls(
             value,
             inside,
-            recordings.places,
+            recordings.sample_numbers,
             recordings.dt,
             peak,
             top,

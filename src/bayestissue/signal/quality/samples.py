@@ -201,7 +201,7 @@ def hum(recorded: Recorded, chosen: Mask) -> Column:
     frequency = np.full(len(recorded.dt), np.nan)
     for which in np.flatnonzero(chosen):
         index = np.flatnonzero(recorded.quiet[which])
-        time = recorded.place[which, index] * recorded.dt[which]
+        time = recorded.sample_number[which, index] * recorded.dt[which]
         values = recorded.value[which, index]
         line = _left_over(values, time)
         left = [_left_over(values, np.cos(w := 2 * np.pi * f * time), np.sin(w)) for f in _HUM_HZ]

@@ -27,11 +27,13 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float
 from scipy.special import fdtrc, logsumexp
-from scipy.stats import chi2
+from scipy.stats import chi2, median_abs_deviation
 
 from bayestissue.dataset.chain import STANDARD_GRAVITY
 from bayestissue.signal.displacement import Displacements
 from bayestissue.signal.integration import trapezoids
+from bayestissue.signal.quality.law import MISFIT
+from bayestissue.signal.quality.recorded import WORTH
 from bayestissue.signal.start import LeastSquares
 from bayestissue.signal.traces import Column, Mask, Rows, at
 
@@ -44,17 +46,13 @@ _STATED = len(_STEPS)
 _ROUNDS, _SMALL, _RIDGE = 4, 1e-5, 1e-3
 # Less than this moves K by less than 5 %; one impact less than this apart may be one of its own condition.
 _LEAST, _APART = 0.02, 0.08
-# Of the peak: what integration and the elements' own laws leave.
-_MISFIT = 0.0015
+# Below this probability no velocity leaves noise alone.
 _UNEXPLAINED = 1e-3
 _FEWEST, _PARAMETERS = 12, 4
-# What the noise estimate, a median of correlated values, is worth of as many samples.
-_WORTH = 0.3
 # Of a group's impacts, that some velocity has to explain.
 _MAJORITY = 0.5
 # To say that an impact lies apart from the others of its condition.
 _OTHERS, _SPREADS = 4, 6.0
-_NORMAL_MAD = 1.4826
 
 
 class Implied(NamedTuple):
@@ -103,26 +101,26 @@ def implied(
         offset_sd: as declared, where no quiet part tells the zero, m/s².
     """
     d, n, dt = signal.deceleration, signal.n_samples, signal.dt
-    steps = np.diff(signal.place, axis=1) * dt[:, None]
+    steps = np.diff(signal.sample_number, axis=1) * dt[:, None]
     first = trapezoids(d - signal.gravity[:, None], steps)
     used = np.arange(d.shape[1]) < n[:, None]
-    duration = np.where(n > 1, at(signal.place, np.maximum(n - 1, 0)), 1.0) * dt
+    duration = np.where(n > 1, at(signal.sample_number, np.maximum(n - 1, 0)), 1.0) * dt
     fall = signal.gravity * duration / signal.velocity
     problem = LeastSquares.from_recordings(
-        d, first, trapezoids(first, steps), used, signal.place, dt, signal.velocity, duration, fall
+        d, first, trapezoids(first, steps), used, signal.sample_number, dt, signal.velocity, duration, fall
     )
     half = np.sqrt(3) * signal.bracket_sd
     low, high = np.maximum(signal.bracket_s - half, 0) / duration, (signal.bracket_s + half) / duration
     zero = np.where(np.isfinite(signal.offset_sd), signal.offset_sd, offset_sd)
     taken = 1 - 1 / np.sqrt(1 + n * np.square(zero / np.maximum(noise_sd, 1e-12)))
     squares = (
-        _least(problem, used, signal.place * (dt / duration)[:, None], low, high, taken)
+        _least(problem, used, signal.sample_number * (dt / duration)[:, None], low, high, taken)
         * np.square(signal.velocity / duration)[:, None]
     )
     freedom = np.maximum(n - _PARAMETERS, 1)
     least = np.maximum([-_peak(-row)[1] for row in squares], 0)
-    floor = noise_sd**2 + (_MISFIT * peak) ** 2
-    explained = fdtrc(freedom, np.maximum(_WORTH * n, 1), least / freedom / floor) > _UNEXPLAINED
+    floor = noise_sd**2 + (MISFIT * peak) ** 2
+    explained = fdtrc(freedom, np.maximum(WORTH * n, 1), least / freedom / floor) > _UNEXPLAINED
     explained &= (n >= _FEWEST) & np.isfinite(squares[:, _STATED]) & (noise_sd > 0)
     # What a sensor cut off is no part of the integrals.
     explained &= ~(signal.clipped != 0).any(axis=1)
@@ -172,8 +170,8 @@ def _least(
         change = np.linalg.solve(normal, moment[..., None])[..., 0]
         # Contact stops at the bracket's ends, and the other two are the best given that.
         change[..., 2] = at[..., 2] - np.clip(at[..., 2] - change[..., 2], low[:, None], high[:, None])
-        given = moment[..., :2] - normal[..., :2, 2] * change[..., 2:]
-        change[..., :2] = np.linalg.solve(normal[..., :2, :2], given[..., None])[..., 0]
+        reduced = moment[..., :2] - normal[..., :2, 2] * change[..., 2:]
+        change[..., :2] = np.linalg.solve(normal[..., :2, :2], reduced[..., None])[..., 0]
         at = at - np.clip(change, -0.5, 0.5)
     return np.where(pushes, np.minimum(best, (left(at) ** 2).sum(axis=-1)), np.inf)
 
@@ -201,7 +199,7 @@ def contradictions(implied: Implied, trial: np.ndarray) -> list[Contradiction]:
         implied: see `implied`.
         trial: of each impact, the number of its condition, from 0.
     """
-    found, log_likelihood, explained = [], implied.log_likelihood, implied.explained
+    contradictory, log_likelihood, explained = [], implied.log_likelihood, implied.explained
     alone = _apart(implied, trial)
     groups = {"all": np.zeros_like(trial), "trial": trial}
     tests = 2 + trial.max(initial=0)
@@ -214,11 +212,11 @@ def contradictions(implied: Implied, trial: np.ndarray) -> list[Contradiction]:
                 continue
             fraction = _greatest(log_likelihood[which].sum(axis=0), tests)
             if fraction and _common(log_likelihood[which], fraction):
-                found.append(Contradiction(kind, members, np.full(len(trial), fraction)))
+                contradictory.append(Contradiction(kind, members, np.full(len(trial), fraction)))
                 said |= members
     if alone.any():
-        found.append(Contradiction("impact", alone, implied.fraction))
-    return found
+        contradictory.append(Contradiction("impact", alone, implied.fraction))
+    return contradictory
 
 
 def _greatest(log_likelihood: np.ndarray, tests: int) -> float:
@@ -255,21 +253,24 @@ def _apart(implied: Implied, trial: np.ndarray) -> Mask:
         rows = np.flatnonzero(trial == code)
         if len(rows) <= _OTHERS:
             continue
-        away = np.abs(fraction[rows] - np.median(fraction[rows]))
-        apart[rows] = away > np.maximum(_SPREADS * _NORMAL_MAD * np.median(away), np.log1p(_APART))
+        deviation = np.abs(fraction[rows] - np.median(fraction[rows]))
+        spread = median_abs_deviation(fraction[rows], scale="normal")
+        apart[rows] = deviation > max(_SPREADS * spread, np.log1p(_APART))
     return apart
 
 
-def in_words(found: Contradiction, impacts: pd.DataFrame, *, falls: bool) -> list[str]:
+def in_words(contradiction: Contradiction, impacts: pd.DataFrame, *, falls: bool) -> list[str]:
     """What is said of each impact; nothing of the others.
 
     Args:
-        found: see `contradictions`.
+        contradiction: see `contradictions`.
         impacts: with ``velocity_m_s`` and, where there are conditions, ``trial``.
         falls: the velocity is that of a fall, so that a height says the same.
     """
     words = []
-    for which, fraction, (_, impact) in zip(found.which, found.fraction, impacts.iterrows(), strict=True):
+    for which, fraction, (_, impact) in zip(
+        contradiction.which, contradiction.fraction, impacts.iterrows(), strict=True
+    ):
         stated = float(impact["velocity_m_s"])
         met, way = stated * (1 + fraction), "more" if fraction > 0 else "less"
         said = f"as if met at {met:.3g} m/s, {abs(fraction):.0%} {way} than stated"
@@ -280,5 +281,5 @@ def in_words(found: Contradiction, impacts: pd.DataFrame, *, falls: bool) -> lis
                 f"(about {cm:.2g} cm, stated {its:.3g} cm): {said[6:]}"
             )
         where = {"all": "; so in all impacts", "trial": f"; so in all of condition {impact.get('trial')}"}
-        words.append(said + where.get(found.kind, "") if which else "")
+        words.append(said + where.get(contradiction.kind, "") if which else "")
     return words
