@@ -18,7 +18,8 @@ ROOMS = (
     ("samplers", "points"),
     ("factors", "quantities"),
     ("posterior", "results"),
-    ("comparing", "checking", "answers", "single"),
+    ("comparing", "checking", "single"),
+    ("answers",),
     ("published", "fit"),
 )
 

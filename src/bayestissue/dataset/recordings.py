@@ -148,10 +148,12 @@ class Samples:
     @property
     def lost(self) -> np.ndarray:
         """How many samples are missing in longer steps of the recordings whose times are `uneven`, else 0."""
-        missing = np.zeros(self.impact.size, int)
+        # Not whole numbers: steps of damaged times are greater than those can be.
+        missing = np.zeros(self.impact.size)
         for which in np.flatnonzero(uneven(self.time, self.start)):
             steps = np.diff(self.time[self.begin[which] : self.end[which]])
-            missing[which] = int((np.rint(steps / np.median(steps)) - 1).clip(0).sum())
+            with np.errstate(all="ignore"):
+                missing[which] = (np.rint(steps / np.median(steps)) - 1).clip(0).sum()
         return missing
 
     @property
