@@ -7,6 +7,7 @@ import json
 import os
 import shutil
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -21,6 +22,7 @@ from bayestissue.bench.campaign import read_campaign
 from bayestissue.bench.drops import LIST, Drops
 from bayestissue.bench.order import order_of
 from bayestissue.bench.watching import TAKEN_BACK, Watch
+from bayestissue.dataset import Dataset
 from bayestissue.dataset.left_out import reasons
 from bayestissue.errors import InputError
 from bayestissue.inference.results.meanings import COLUMNS
@@ -95,15 +97,13 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Bench:
     numbers = {name: np.nan for q in COLUMNS for name in watching_columns(q)}
 
     def judged(data: Any) -> SimpleNamespace:
-        data.warnings = ()
         return SimpleNamespace(row=pd.Series(numbers), flags=(), dataset=data)
 
     monkeypatch.setattr(watching, "Study", lambda _: NoStudy())
     monkeypatch.setattr(watching, "impact_of", judged)
-    # Drops here are no recordings, of which all together say something.
-    monkeypatch.setattr(Watch, "_another_velocity", lambda *_: "")
-    monkeypatch.setattr(watching, "dataset_of", lambda *args: checked_row(made, *args))
-    monkeypatch.setattr(watching, "several", lambda data: 1 + (data.impact in made.spoilt))
+    monkeypatch.setattr(watching, "inspect", lambda _: [])
+    monkeypatch.setattr(watching, "dataset_of", checked_row)
+    monkeypatch.setattr(watching, "several", lambda data: 1 + (data.impacts["impact"].item() in made.spoilt))
     return made
 
 
@@ -111,10 +111,9 @@ def watching_columns(quantity: str) -> list[str]:
     return [COLUMNS[quantity], *(watching.end(quantity, which) for which in ("low", "high"))]
 
 
-def checked_row(bench: Bench, folder: Path, campaign: Any, row: dict[str, Any]) -> SimpleNamespace:
-    """The drop as a dataset, by the checks of the program, of which only the name is used."""
-    data = drops_module.dataset_of(folder, campaign, row)
-    return SimpleNamespace(impact=row["impact"], data=data)
+def checked_row(*args: Any) -> Dataset:
+    """The drop as a dataset, by the checks of the program, but for what they warn of."""
+    return replace(drops_module.dataset_of(*args), warnings=())
 
 
 def said(watch: Watch) -> str:

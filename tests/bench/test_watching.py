@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.stats import norm
 from written_drops import by_init, drop, plan_of_drops, write
 
 import bayestissue as bt
@@ -47,9 +48,10 @@ def test_drops_are_judged_and_the_dataset_grows(begin: Callable[[], Watch], reco
         write(recorded, name, drop(name, **spoilt))
     watch.catch_up(0)
     assert watch.last[1].kind == "good"
-    # What a recorder cut off is no recording of an impact; a late one is, and is left out with the reason.
-    assert watch.drops.of_file(NAMES[1]) is None
-    assert any(line.startswith(f"{NAMES[1]}: again: found") for line in lines(watch))
+    # What a recorder cut off is taken as that or more; a late one is left out with the reason.
+    clipped, late = watch.drops.of_file(NAMES[1]), watch.drops.of_file(NAMES[4])
+    assert clipped is not None
+    assert clipped.good
     late = watch.drops.of_file(NAMES[4])
     assert late is not None
     assert (late.kind, late.code) == ("again", "starts-above-zero")
@@ -129,8 +131,11 @@ def test_the_same_files_by_init_give_the_same_numbers(
     said = pd.DataFrame(
         {d.impact: d.K for d in watch.drops}, ["K_N_per_m", "K_low_N_per_m", "K_high_N_per_m"]
     ).T
-    # A search for a mode ends where 1e-6 of log likelihood is left, one drop at a time or many.
-    pd.testing.assert_frame_equal(said.sort_index(), ours[list(said)], check_names=False, rtol=1e-6)
+    # A search for a mode ends where 1e-6 of log likelihood is left, one drop at a time or many: the modes are
+    # that part of a standard deviation apart.
+    low, high = (ours[f"K_{end}_N_per_m"] for end in ("low", "high"))
+    apart = (said.sort_index() - ours[list(said)]).abs().max(axis=1) / ((high - low) / 2 / norm.isf(0.05))
+    assert (apart < np.sqrt(2e-6)).all()
 
 
 @pytest.mark.long

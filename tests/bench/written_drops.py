@@ -18,6 +18,7 @@ pattern = "{PATTERN}"
 [signal]
 quantity = "deceleration"
 unit = "m/s^2"
+contact = "on_sample"
 
 [uncertainty]
 velocity_sd_m_s = 0.01
@@ -75,4 +76,6 @@ def by_init(recorded: Path, out: Path) -> Path:
         given={"velocity_m_s": VELOCITY},
         uncertainty={"velocity_sd_m_s": 0.01},
     )
+    settings = out / "dataset.toml"
+    settings.write_text(settings.read_text().replace("[signal]\n", '[signal]\ncontact = "on_sample"\n'))
     return out

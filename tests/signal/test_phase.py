@@ -52,6 +52,13 @@ def test_a_contact_that_was_written_as_no_force_is_one_sample_earlier(clock):
     np.testing.assert_allclose(made.first_sample_s, 1 / RATE, rtol=1e-9)
 
 
+def test_contact_declared_to_be_at_a_sample_is_where_the_clock_begins_unless_the_recording_says_otherwise():
+    # One recording alone hardly tells the first sample from the one before.
+    here = replace(with_zero_at_contact(lab(0.0, noise=0.01, number=1)), contact="on_sample")
+    assert displacements(here).phase.before == 1
+    assert displacements(replace(lab(0.0, noise=0.01, number=1), contact="on_sample")).phase.first == 1
+
+
 def test_contact_anywhere_is_told_to_be_anywhere():
     random = np.random.default_rng(1)
     kinds = [displacements(lab(random.uniform(size=NUMBER), seed=seed)).phase.kind for seed in range(20)]

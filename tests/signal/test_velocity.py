@@ -9,6 +9,11 @@ import pytest
 from impacts_bench import Impact, Lab, record
 
 import bayestissue as bt
+from bayestissue.fitting import point_estimates
+from bayestissue.inference.points.estimates import default_options
+from bayestissue.inference.points.notes import flagged_recordings
+from bayestissue.inference.samplers.diagnostics import warnings
+from bayestissue.signal import displacements
 from bayestissue.signal.quality import inspect
 
 NUMBER = 12
@@ -52,6 +57,30 @@ def test_a_drop_from_another_height_lies_apart_from_the_others():
     assert "% more than stated" in words[4]
     fallen = replace(here, impacts=here.impacts.assign(drop_height_cm=12.0))
     assert said(fallen)[4].startswith("as if dropped from a greater height (about 20 cm, stated 12 cm)")
+
+
+def test_a_clipped_recording_is_of_no_other_height():
+    here = lab(1e4, 0.003)
+    trace = here.traces[4]
+    limit = 0.8 * trace.value.max()
+    trace.value, trace.clipped = np.minimum(trace.value, limit), (trace.value > limit).astype(float)
+    assert not any(said(here))
+
+
+@pytest.mark.parametrize("ratio", [1.0, 0.9, 1.1])
+def test_a_fit_warns_of_another_velocity_where_its_own_test_is_blind(ratio):
+    here = lab(5e3, 0.1, 1.534 * ratio)
+    traces = [(trace.time_s, trace.value) for trace in here.traces]
+    table = here.impacts.assign(subject="s", impact=[f"i{n}" for n in range(NUMBER)], mass_kg=0.5)
+    data = bt.dataset(table, traces, quantity="deceleration", unit="m/s^2")
+    options = default_options("exact")
+    points = point_estimates(data, options, displacements(data, options))["exact"]
+    recordings = flagged_recordings(points["impact"].tolist(), points["flags"].tolist())
+    warned = [warning.code for warning in warnings({"recordings": recordings})]
+    assert warned == ([] if ratio == 1 else ["velocity-contradicted"])
+    # Where the measuring chain's own test speaks, it does so alone.
+    chain = {"passed": False, "words": "of the chain"}
+    assert [w.code for w in warnings({"recordings": recordings, "measuring_chain": chain})] == ["measuring-chain"]
 
 
 def test_a_condition_whose_velocity_is_wrong_is_named():

@@ -41,6 +41,8 @@ from bayestissue.signal.quality.inspection import KINDS, inspect
 
 # Traces that pages can be shown at once; of others they are read anew. And lines that pages can catch up on.
 _TRACES, _LINES = 30, 200
+# Recordings of its condition that a new one is asked with: they tell another velocity, and more would wait.
+_TOGETHER = 11
 # How often a look that fails is repeated where nobody waits.
 _TRIES = 5
 _INCOMING = f"{RECORDINGS}/.incoming"
@@ -383,11 +385,12 @@ class Watch:
                 self.say(f"{drop.impact}: {words}; the page says {facts_words({name: value})} of new files")
 
     def _another_velocity(self, impact: Impact) -> str:
-        """What the recordings that are at hand say together of this one's velocity; empty if nothing."""
-        names = {drop.impact for drop in self.drops.used}
-        here = str(impact.dataset.impacts["impact"].iloc[0])
-        others = [known.dataset for (name, _), known in self._impacts.items() if name in names - {here}]
-        together = [*others, impact.dataset]
+        """What the last recordings of its condition say together of this one's velocity; empty if nothing."""
+        (here,), (trial,) = (impact.dataset.impacts[name] for name in ("impact", "trial"))
+        names = {drop.impact for drop in self.drops.used} - {here}
+        others = [known.dataset for (name, _), known in self._impacts.items() if name in names]
+        together = [data for data in others if data.impacts["trial"].item() == trial][-_TOGETHER:]
+        together.append(impact.dataset)
         joined = replace(
             impact.dataset,
             impacts=pd.concat([data.impacts for data in together], ignore_index=True),

@@ -144,7 +144,8 @@ def _climb(samples: Samples, rate: np.ndarray, step: np.ndarray) -> np.ndarray:
 
 def _rest(samples: Samples, values: np.ndarray) -> np.ndarray:
     # Of a recording's two ends, the level of the one nearer to zero: an offset, or less than one.
-    begin, end, few = samples.start[:-1], samples.start[1:], np.maximum(samples.count // 50, 3)
+    begin, end = samples.start[:-1], samples.start[1:]
+    few = np.minimum(np.maximum(samples.count // 50, 3), samples.count)
     total = np.concatenate([[0], np.cumsum(values)])
     first = (total[begin + few] - total[begin]) / few
     last = (total[end] - total[end - few]) / few

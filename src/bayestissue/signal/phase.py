@@ -35,8 +35,8 @@ _LEAST_SD = 2e-3
 # 94 %, cut or not.
 _ON_SAMPLE = 0.2
 _SURE = 0.95
-# Of log evidence: contact that is declared to be at a sample is at the first one unless the other is clearly
-# more likely.
+# Of log evidence: contact that is declared to be at a sample is at the first one, or where the clock begins,
+# unless the other is clearly more likely.
 _CLEAR = 3.0
 
 
@@ -113,7 +113,8 @@ def phase_of(evidence: ContactEvidence, velocity_sd: Column, declared: Contact |
         prior[:] = _ON_SAMPLE / 2
     *accounts, anywhere = _log_evidence(evidence, velocity_sd)
     if declared:
-        return _BEFORE if accounts[1] > accounts[0] + _CLEAR else _FIRST
+        needed = -_CLEAR if prior[1] > prior[0] else _CLEAR
+        return _BEFORE if accounts[1] > accounts[0] + needed else _FIRST
     if max(accounts) < anywhere:
         return BETWEEN
     with np.errstate(divide="ignore"):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bayestissue.inference.points.notes import AT_A_LIMIT, flagged_recordings
+from bayestissue.inference.points.notes import ANOTHER_VELOCITY, AT_A_LIMIT, flagged_recordings
 from bayestissue.inference.samplers.diagnostics import headline, verdict_in_words
 
 SOUND = {
@@ -24,3 +24,9 @@ def test_flagged_recordings_are_named_in_the_verdict() -> None:
     assert "of 9 recordings 8 are flagged: hum (7), a spike (2); a, c, d, e, f and 3 more" in words
     # One in a hundred sound recordings is flagged too: the headline is of the fit.
     assert headline(SOUND | {"recordings": found}) == "Diagnostics passed."
+
+
+def test_another_velocity_is_a_warning_and_in_the_headline() -> None:
+    found = flagged_recordings(list("abc"), [ANOTHER_VELOCITY, ANOTHER_VELOCITY, ""])
+    assert "WARNING: The recordings imply another velocity" in verdict_in_words(SOUND | {"recordings": found})
+    assert "another velocity at contact" in headline(SOUND | {"recordings": found})

@@ -36,6 +36,7 @@ FAILED = (K_UNTOLD, C_UNTOLD, NO_OSCILLATOR, NOT_POSITIVE, AT_A_LIMIT, ANOTHER_P
 # The same of a displacement, where sound recordings come to it too.
 NO_ANSWER = Coded("the fit came to no answer", "sensor-noise")
 
+ANOTHER_VELOCITY = KINDS["velocity-contradicted"].flag
 _NAMED = 5
 # What `said_once` may meet in the column ``notes``.
 _NOTES = (
@@ -54,6 +55,10 @@ def flagged_recordings(impacts: Sequence[str], flags: Sequence[str]) -> dict[str
     Args:
         impacts: their names.
         flags: of each, joined by "; ", as in the column ``flags`` of `estimates.csv`.
+
+    Returns:
+        ``flagged``, the flags of each impact that has some; ``of`` how many; ``words``; and, where recordings
+        imply another velocity at contact than was stated, ``velocity``, the words of a warning.
     """
     flags_of = {
         impact: [flag for flag in text.split("; ") if flag and flag not in FAILED]
@@ -69,7 +74,13 @@ def flagged_recordings(impacts: Sequence[str], flags: Sequence[str]) -> dict[str
         f"NOTE: of {len(flags_of)} recordings {len(named)} {are} flagged: {commonest}; "
         f"{first_of(list(named), _NAMED)}. {their} K and C may be wrong. `bayestissue check` says what to do."
     )
-    return {"flagged": named, "of": len(flags_of), "words": words}
+    found = {"flagged": named, "of": len(flags_of), "words": words}
+    if count := counts[ANOTHER_VELOCITY]:
+        found["velocity"] = (
+            f"The recordings imply another velocity at contact than was stated: {count} of {len(flags_of)}. "
+            "Every error of the velocity is in K and C. `bayestissue check` says which velocity."
+        )
+    return found
 
 
 def said_once(notes: Iterable[str]) -> list[str]:

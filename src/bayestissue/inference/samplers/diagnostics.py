@@ -99,12 +99,13 @@ def diagnose(summary: pd.DataFrame, statistics: xr.Dataset, further: Sequence[Ch
 def warnings(diagnostics: dict[str, Any]) -> list[Coded]:
     """What the model or its data leave in doubt, whatever the sampler did; the measuring chain first."""
     chain, form = diagnostics.get("measuring_chain", {}), diagnostics.get("model_form", {})
-    lines = diagnostics.get("straight_lines", {})
+    lines, velocity = diagnostics.get("straight_lines", {}), _velocity(diagnostics)
     law: Code = "undescribed" if form.get("undescribed") else "model-form"
     if not _against_all(form):
         law = "structured-residuals"
     doubts: list[tuple[dict[str, Any], bool, Code]] = [
         (chain, chain.get("passed") is False, "measuring-chain"),
+        ({"words": velocity}, bool(velocity), "velocity-contradicted"),
         (form, _against_all(form) or _against_some(form), law),
         (lines, bool(lines.get("words")), "no-straight-line"),
     ]
@@ -155,6 +156,8 @@ def headline(diagnostics: dict[str, Any]) -> str:
         return "No element of this program describes these traces: there are no intervals of K and C."
     if chain.get("passed") is False:
         return "The sampler passed, but the traces contradict the measuring chain."
+    if _velocity(diagnostics):
+        return "The sampler passed, but the recordings imply another velocity at contact than was stated."
     if form.get("structured"):
         return "The sampler passed, but the traces obey another law than the model's."
     if _against_some(form):
@@ -178,6 +181,12 @@ def verdict_in_words(diagnostics: dict[str, Any]) -> str:
             f"no divergences.{warning}"
         )
     return f"Failed: {', '.join(failed)}. Do not use these numbers yet.{warning}"
+
+
+def _velocity(diagnostics: dict[str, Any]) -> str:
+    """What recordings say against the stated velocity, in words; empty where the measuring chain has it."""
+    contradicted = diagnostics.get("measuring_chain", {}).get("passed") is False
+    return "" if contradicted else diagnostics.get("recordings", {}).get("velocity", "")
 
 
 def _against_all(form: dict[str, Any]) -> bool:

@@ -60,10 +60,12 @@ class Implied(NamedTuple):
 
     Attributes:
         log_likelihood: at each of `FRACTIONS`, [impact, fraction].
-        explained: whether some velocity leaves of the trace no more than noise.
+        asked: whether the trace is whole, and nothing else is wrong with it.
+        explained: whether some velocity leaves of it no more than noise.
     """
 
     log_likelihood: Float[np.ndarray, "impact fraction"]
+    asked: Mask
     explained: Mask
 
     @property
@@ -123,10 +125,10 @@ def implied(
     explained = fdtrc(freedom, np.maximum(WORTH * n, 1), least / freedom / floor) > _UNEXPLAINED
     explained &= (n >= _FEWEST) & np.isfinite(squares[:, _STATED]) & (noise_sd > 0)
     # What a sensor cut off is no part of the integrals.
-    explained &= ~(signal.clipped != 0).any(axis=1)
+    whole = ~(signal.clipped != 0).any(axis=1)
     share = np.maximum(squares - least[:, None], 0) / np.maximum(least, freedom * floor)[:, None]
     log_likelihood = -np.maximum(freedom - 1, 1)[:, None] / 2 * np.log1p(share)
-    return Implied(_averaged(log_likelihood, velocity_sd), explained)
+    return Implied(_averaged(log_likelihood, velocity_sd), whole, explained & whole)
 
 
 def _least(
@@ -250,7 +252,7 @@ def _apart(implied: Implied, trial: np.ndarray) -> Mask:
     """The impacts whose implied velocity lies far from those of the others of their condition."""
     apart, fraction = np.zeros(len(trial), bool), np.log1p(implied.fraction)
     for code in np.unique(trial):
-        rows = np.flatnonzero(trial == code)
+        rows = np.flatnonzero((trial == code) & implied.asked)
         if len(rows) <= _OTHERS:
             continue
         deviation = np.abs(fraction[rows] - np.median(fraction[rows]))
