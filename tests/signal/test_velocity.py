@@ -54,6 +54,18 @@ def test_a_drop_from_another_height_lies_apart_from_the_others():
     assert said(fallen)[4].startswith("as if dropped from a greater height (about 20 cm, stated 12 cm)")
 
 
+def test_what_a_sensor_cut_off_is_no_other_velocity():
+    here = lab(1e4, 0.01)
+    cut = here.traces[4]
+    limit = 0.7 * cut.value.max()
+    at_limit = (cut.value >= limit).astype(np.int8)
+    clipped = replace(cut, value=np.minimum(cut.value, limit), clipped=at_limit)
+    traces = [clipped if row == 4 else trace for row, trace in enumerate(here.traces)]
+    assert not any(said(replace(here, traces=traces)))
+    # Without a word of the limit its integral is that of a slower impactor.
+    assert said(replace(here, traces=[replace(t, clipped=None) for t in traces]))[4]
+
+
 def test_a_condition_whose_velocity_is_wrong_is_named():
     velocity = np.where(np.arange(NUMBER) < 6, 1.534, 1.534 * 1.1)
     here = lab(1e3, 0.01, velocity)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bayestissue.inference.points.notes import AT_A_LIMIT, flagged_recordings
+from bayestissue.inference.points.notes import AT_A_LIMIT, clipped_recordings, flagged_recordings
 from bayestissue.inference.samplers.diagnostics import headline, verdict_in_words
 
 SOUND = {
@@ -24,3 +24,17 @@ def test_flagged_recordings_are_named_in_the_verdict() -> None:
     assert "of 9 recordings 8 are flagged: hum (7), a spike (2); a, c, d, e, f and 3 more" in words
     # One in a hundred sound recordings is flagged too: the headline is of the fit.
     assert headline(SOUND | {"recordings": found}) == "Diagnostics passed."
+
+
+def test_clipped_recordings_are_named_beside_the_flagged() -> None:
+    assert clipped_recordings(["a", "b"], [False, False]) == {}
+    found = {
+        "recordings": flagged_recordings(["a", "b"], ["hum", ""]),
+        "clipped": clipped_recordings(["a", "b"], [False, True]),
+    }
+    words = verdict_in_words(SOUND | found)
+    assert found["recordings"]["words"] in words
+    assert words.endswith(
+        "Of 2 recordings 1 is clipped: b. Samples at the sensor's limit count as that much or more."
+    )
+    assert headline(SOUND | found) == "Diagnostics passed."

@@ -63,10 +63,12 @@ class Implied(NamedTuple):
     Attributes:
         log_likelihood: at each of `FRACTIONS`, [impact, fraction].
         explained: whether some velocity leaves of the trace no more than noise.
+        whole: whether the sensor's limit cut nothing off the trace. What it cut off looks like a velocity.
     """
 
     log_likelihood: Float[np.ndarray, "impact fraction"]
     explained: Mask
+    whole: Mask
 
     @property
     def fraction(self) -> Column:
@@ -124,11 +126,10 @@ def implied(
     floor = noise_sd**2 + (_MISFIT * peak) ** 2
     explained = fdtrc(freedom, np.maximum(_WORTH * n, 1), least / freedom / floor) > _UNEXPLAINED
     explained &= (n >= _FEWEST) & np.isfinite(squares[:, _STATED]) & (noise_sd > 0)
-    # What a sensor cut off is no part of the integrals.
-    explained &= ~(signal.clipped != 0).any(axis=1)
+    whole = ~(signal.clipped != 0).any(axis=1)
     share = np.maximum(squares - least[:, None], 0) / np.maximum(least, freedom * floor)[:, None]
     log_likelihood = -np.maximum(freedom - 1, 1)[:, None] / 2 * np.log1p(share)
-    return Implied(_averaged(log_likelihood, velocity_sd), explained)
+    return Implied(_averaged(log_likelihood, velocity_sd), explained & whole, whole)
 
 
 def _least(
@@ -243,7 +244,7 @@ def _apart(implied: Implied, trial: np.ndarray) -> Mask:
     """The impacts whose implied velocity lies far from those of the others of their condition."""
     apart, fraction = np.zeros(len(trial), bool), np.log1p(implied.fraction)
     for code in np.unique(trial):
-        rows = np.flatnonzero(trial == code)
+        rows = np.flatnonzero((trial == code) & implied.whole)
         if len(rows) <= _OTHERS:
             continue
         away = np.abs(fraction[rows] - np.median(fraction[rows]))
