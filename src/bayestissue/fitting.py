@@ -352,6 +352,7 @@ def _provenance(
             "headline": Words(data.words)(headline(diagnostics)),
             "words": Words(data.words)(verdict_in_words(diagnostics)),
             "warned": bool(warnings(diagnostics)),
+            "remarks": Words(data.words)(diagnostics.get("clipped", {}).get("words", "")),
         },
     }
 
