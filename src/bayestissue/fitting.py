@@ -27,7 +27,7 @@ from bayestissue.inference.answers.agreement import agreement
 from bayestissue.inference.checking import model_form
 from bayestissue.inference.checking.measuring_chain import judge
 from bayestissue.inference.fit import Say, TraceAnalysis, fit_traces
-from bayestissue.inference.points.notes import flagged_recordings
+from bayestissue.inference.points.notes import clipped_recordings, flagged_recordings
 from bayestissue.inference.posterior.approximate import expanded
 from bayestissue.inference.results.meanings import COLUMNS
 from bayestissue.inference.samplers.diagnostics import headline, noted, verdict_in_words, warnings
@@ -237,6 +237,9 @@ def fit_prepared(
     summary = noted(analysis.summary, diagnostics)
     if flagged := flagged_recordings(*(points["exact"][name].tolist() for name in ("impact", "flags"))):
         diagnostics["recordings"] = flagged
+    names, limited = prepared.impacts["impact"].astype(str).tolist(), prepared.signal.clipped.any(axis=1)
+    if clipped := clipped_recordings(names, limited.tolist()):
+        diagnostics["clipped"] = clipped
     analysis = replace(analysis, diagnostics=diagnostics, summary=summary)
     return finished_fit(dataset, specification, prepared, analysis, points, seed, start.time, start.seconds)
 
@@ -349,6 +352,7 @@ def _provenance(
             "headline": Words(data.words)(headline(diagnostics)),
             "words": Words(data.words)(verdict_in_words(diagnostics)),
             "warned": bool(warnings(diagnostics)),
+            "remarks": Words(data.words)(diagnostics.get("clipped", {}).get("words", "")),
         },
     }
 

@@ -106,3 +106,14 @@ def test_without_a_clipped_sample_it_is_the_density_of_all() -> None:
     record = traces(SEPARATE, sign=1.0)
     none = record._replace(clipped=jnp.zeros_like(record.d))
     np.testing.assert_allclose(log_density(none), log_density(record._replace(clipped=None)), rtol=1e-12)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_replicate_is_cut_where_the_trace_was(sign: float) -> None:
+    record = traces(SEPARATE, sign=sign)
+    replicate = sign * np.asarray(measured(record).replicate(jax.random.PRNGKey(1))["deceleration"])
+    limit = (sign * np.asarray(record.d)).max(axis=1)
+    # Both would go beyond: by a quarter of the peak, and by the noise of many samples near it.
+    np.testing.assert_array_equal(replicate.max(axis=1), limit)
+    uncut = measured(record._replace(clipped=None)).replicate(jax.random.PRNGKey(1))["deceleration"]
+    np.testing.assert_allclose(replicate, np.minimum(sign * np.asarray(uncut), limit[:, None]), rtol=1e-12)

@@ -16,7 +16,7 @@ from PIL import Image
 
 import bayestissue as bt
 from bayestissue.finished import fit_run_of
-from bayestissue.inference.points.notes import flagged_recordings
+from bayestissue.inference.points.notes import clipped_recordings, flagged_recordings
 from bayestissue.paper import text
 from bayestissue.paper.documents import write_markdown, write_word
 from bayestissue.paper.text import Text, text_of
@@ -195,12 +195,15 @@ def test_what_is_there_is_not_replaced(folder: Path, exported: Path) -> None:
 
 def test_flagged_recordings_are_said_as_a_paper_would(run: FitRun) -> None:
     recordings = flagged_recordings([f"i{n}" for n in range(1, 10)], ["", "", "spikes", *[""] * 6])
-    words = f"R-hat at most 1.0, no divergences. {recordings['words']}"
+    clipped = clipped_recordings(["i1", "i2"], [True, False])
+    words = f"R-hat at most 1.0, no divergences. {recordings['words']} {clipped['words']}"
     verdict = {"passed": True, "headline": "Diagnostics passed.", "words": words, "warned": False}
-    record, diagnostics = run.record | {"verdict": verdict}, run.diagnostics | {"recordings": recordings}
+    said = {"recordings": recordings, "clipped": clipped}
+    record, diagnostics = run.record | {"verdict": verdict}, run.diagnostics | said
     sections = text_of(replace(run, record=record, diagnostics=diagnostics)).sections
     assert sections["Measurements"][-1] == (
-        "Of 9 recordings 1 is flagged: spikes (1); i3. Its K and C may be wrong."
+        "Of 9 recordings 1 is flagged: spikes (1); i3. Its K and C may be wrong. "
+        "Of 2 recordings 1 is clipped: i1. Samples at the sensor's limit count as that much or more."
     )
     assert re.search(
         r"Diagnostics passed\. R-hat at most 1\.0, no divergences \[\d+\]\.$", sections["Computation"][0]

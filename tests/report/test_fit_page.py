@@ -219,6 +219,15 @@ def test_a_warning_of_the_model_form_has_a_colour_of_its_own(tmp_path):
     assert '<p class="verdict-words">The zero is off.</p>' in page
 
 
+def test_a_clipped_recording_is_named_on_the_first_screen_of_a_sound_fit(tmp_path):
+    folder = make_fit_run(tmp_path / "run")
+    path = folder / "run.json"
+    about = json.loads(path.read_text(encoding="utf-8"))
+    about["verdict"] |= {"passed": True, "warned": False, "remarks": "1 is clipped: a1."}
+    path.write_text(json.dumps(about), encoding="utf-8")
+    assert "The computation worked. 1 is clipped: a1." in plain(first_screen(page_of(folder)))
+
+
 def with_diagnostics(folder, **entries):
     """The run with more in its diagnostics, and the headline that follows."""
     for name in ("diagnostics", "run"):

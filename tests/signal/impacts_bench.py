@@ -14,6 +14,7 @@ from bayestissue.dataset.chain import Contact, Uncertainty
 class Recorded:
     time_s: np.ndarray
     value: np.ndarray
+    clipped: np.ndarray | None = None
 
 
 @dataclass

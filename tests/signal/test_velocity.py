@@ -59,14 +59,6 @@ def test_a_drop_from_another_height_lies_apart_from_the_others():
     assert said(fallen)[4].startswith("as if dropped from a greater height (about 20 cm, stated 12 cm)")
 
 
-def test_a_clipped_recording_is_of_no_other_height():
-    here = lab(1e4, 0.003)
-    trace = here.traces[4]
-    limit = 0.8 * trace.value.max()
-    trace.value, trace.clipped = np.minimum(trace.value, limit), (trace.value > limit).astype(float)
-    assert not any(said(here))
-
-
 @pytest.mark.parametrize("ratio", [1.0, 0.9, 1.1])
 def test_a_fit_warns_of_another_velocity_where_its_own_test_is_blind(ratio):
     here = lab(5e3, 0.1, 1.534 * ratio)
@@ -80,7 +72,21 @@ def test_a_fit_warns_of_another_velocity_where_its_own_test_is_blind(ratio):
     assert warned == ([] if ratio == 1 else ["velocity-contradicted"])
     # Where the measuring chain's own test speaks, it does so alone.
     chain = {"passed": False, "words": "of the chain"}
-    assert [w.code for w in warnings({"recordings": recordings, "measuring_chain": chain})] == ["measuring-chain"]
+    assert [w.code for w in warnings({"recordings": recordings, "measuring_chain": chain})] == [
+        "measuring-chain"
+    ]
+
+
+def test_what_a_sensor_cut_off_is_no_other_velocity():
+    here = lab(1e4, 0.01)
+    cut = here.traces[4]
+    limit = 0.7 * cut.value.max()
+    at_limit = (cut.value >= limit).astype(np.int8)
+    clipped = replace(cut, value=np.minimum(cut.value, limit), clipped=at_limit)
+    traces = [clipped if row == 4 else trace for row, trace in enumerate(here.traces)]
+    assert not any(said(replace(here, traces=traces)))
+    # Without a word of the limit its integral is that of a slower impactor.
+    assert said(replace(here, traces=[replace(t, clipped=None) for t in traces]))[4]
 
 
 def test_a_condition_whose_velocity_is_wrong_is_named():

@@ -13,6 +13,7 @@ from markupsafe import Markup
 
 from bayestissue.declarations import declared
 from bayestissue.inference.answers.contrasts import INTERACTION
+from bayestissue.inference.samplers.diagnostics import OF_RECORDINGS
 from bayestissue.outline import counted
 from bayestissue.report.answers_page import question_lines
 from bayestissue.report.fit import answers, study, words
@@ -180,15 +181,21 @@ def _computation(run: FitRun, text: Text) -> str:
 
 
 def _verdict(run: FitRun) -> str:
-    """Whether the run can be trusted; what is said of flagged recordings stands with the measurements."""
-    verdict, recordings = run.record.get("verdict", {}), run.diagnostics.get("recordings", {})
-    checks = verdict.get("words", "").replace(recordings.get("words", ""), "")
+    """Whether the run can be trusted; what is said of single recordings stands with the measurements."""
+    verdict = run.record.get("verdict", {})
+    checks = verdict.get("words", "")
+    for said in _of_recordings(run):
+        checks = checks.replace(said, "")
     return f"{verdict.get('headline', '')} {_without_commands(checks)}".strip()
 
 
 def _flags(run: FitRun) -> str:
-    words = run.diagnostics.get("recordings", {}).get("words", "").removeprefix("NOTE: ")
-    return _without_commands(words[:1].upper() + words[1:])
+    sentences = (said.removeprefix("NOTE: ") for said in _of_recordings(run))
+    return " ".join(_without_commands(said[:1].upper() + said[1:]) for said in sentences)
+
+
+def _of_recordings(run: FitRun) -> list[str]:
+    return [run.diagnostics[key]["words"] for key in OF_RECORDINGS if key in run.diagnostics]
 
 
 def _without_commands(words: str) -> str:

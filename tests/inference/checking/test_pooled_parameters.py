@@ -12,7 +12,7 @@ from bayestissue.hierarchy.design import Design
 from bayestissue.inference.answers import predictions
 from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.checking.pooled_parameters import pooled_parameters
-from bayestissue.inference.samplers.diagnostics import warned_codes, warnings
+from bayestissue.inference.samplers.diagnostics import headline, warned_codes, warnings
 from bayestissue.remedies import codes_in
 from designs import design_of
 
@@ -63,6 +63,7 @@ def test_a_pad_that_stiffens_more_than_others_is_named_with_the_line_to_write() 
     diagnostics = {"checks": [], "pooled_parameters": [found.record()]}
     assert warnings(diagnostics) == [found.words]
     assert warned_codes(diagnostics) == codes_in(found.words) == codes_in(found.note) == ["pooled-parameter"]
+    assert "differs between levels" in headline({"passed": True, **diagnostics})
     finished = Finished(posterior, None, design.recorded, "stiffening", discrepancy=True)
     table = predictions.predict(finished, [{"pad": "a"}, {"pad": "b"}])
     assert all(found.note in note for note in table["note"])

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
-from bayestissue.inference.points.notes import ANOTHER_VELOCITY, AT_A_LIMIT, flagged_recordings
+from bayestissue.inference.points.notes import (
+    ANOTHER_VELOCITY,
+    AT_A_LIMIT,
+    clipped_recordings,
+    flagged_recordings,
+)
 from bayestissue.inference.samplers.diagnostics import headline, verdict_in_words
 
 SOUND = {
@@ -30,3 +35,17 @@ def test_another_velocity_is_a_warning_and_in_the_headline() -> None:
     found = flagged_recordings(list("abc"), [ANOTHER_VELOCITY, ANOTHER_VELOCITY, ""])
     assert "WARNING: The recordings imply another velocity" in verdict_in_words(SOUND | {"recordings": found})
     assert "another velocity at contact" in headline(SOUND | {"recordings": found})
+
+
+def test_clipped_recordings_are_named_beside_the_flagged() -> None:
+    assert clipped_recordings(["a", "b"], [False, False]) == {}
+    found = {
+        "recordings": flagged_recordings(["a", "b"], ["hum", ""]),
+        "clipped": clipped_recordings(["a", "b"], [False, True]),
+    }
+    words = verdict_in_words(SOUND | found)
+    assert found["recordings"]["words"] in words
+    assert words.endswith(
+        "Of 2 recordings 1 is clipped: b. Samples at the sensor's limit count as that much or more."
+    )
+    assert headline(SOUND | found) == "Diagnostics passed."

@@ -227,5 +227,7 @@ def judged_at(
     keys = jax.random.split(key, PREDICTIVE_DRAWS)
     draws = np.broadcast_to(u, (PREDICTIVE_DRAWS, *u.shape))
     replicated = replicates(prepared.model, data, draws, keys)["deceleration"]
-    inside = np.arange(replicated.shape[-1]) < prepared.signal.n_samples[:, None]
-    return judged(np.where(inside, prepared.signal.deceleration - offset, np.nan), replicated)
+    signal = prepared.signal
+    # An offset does not move samples at the sensor's limit.
+    used = (np.arange(replicated.shape[-1]) < signal.n_samples[:, None]) & (signal.clipped == 0)
+    return judged(np.where(used, signal.deceleration - offset, np.nan), replicated)

@@ -83,6 +83,23 @@ def flagged_recordings(impacts: Sequence[str], flags: Sequence[str]) -> dict[str
     return found
 
 
+def clipped_recordings(impacts: Sequence[str], clipped: Sequence[bool]) -> dict[str, Any]:
+    """Recordings with samples at the sensor's limit, for a fit's diagnostics; empty where none is.
+
+    Args:
+        impacts: their names.
+        clipped: whether the part of each that the fit is of holds such samples.
+    """
+    named = [impact for impact, is_clipped in zip(impacts, clipped, strict=True) if is_clipped]
+    if not named:
+        return {}
+    words = (
+        f"Of {len(impacts)} recordings {len(named)} {'is' if len(named) == 1 else 'are'} clipped: "
+        f"{first_of(named, _NAMED)}. Samples at the sensor's limit count as that much or more."
+    )
+    return {"impacts": named, "of": len(impacts), "words": words}
+
+
 def said_once(notes: Iterable[str]) -> list[str]:
     """Sentences on the column ``notes`` of `estimates.csv`: how many impacts, and what it means for K and C.
 

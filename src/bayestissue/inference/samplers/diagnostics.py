@@ -20,6 +20,8 @@ BFMI_LIMIT = 0.3
 _DECLARED = declared(__package__, "checks.toml")
 # What too few effective draws fail.
 _OF_DRAWS: tuple[Code, ...] = ("r-hat", "effective-sample-size")
+# What is said of single recordings, by the keys of a fit's diagnostics.
+OF_RECORDINGS = ("recordings", "clipped")
 # Notes of a summary's rows.
 NO_INTERVAL = Coded("not an interval: no element describes these traces", "undescribed")
 CONTRADICTED = Coded("the traces contradict the measuring chain", "measuring-chain")
@@ -162,16 +164,19 @@ def headline(diagnostics: dict[str, Any]) -> str:
         return "The sampler passed, but the traces obey another law than the model's."
     if _against_some(form):
         return "The sampler passed, but the residuals have structure that the model does not explain."
-    if warnings(diagnostics):
+    if diagnostics.get("straight_lines", {}).get("words"):
         return "Diagnostics passed, but a column of few whole numbers counts as a straight line."
+    if diagnostics.get("pooled_parameters"):
+        return "Diagnostics passed, but a parameter that differs between levels is taken as alike."
     return "Diagnostics passed."
 
 
 def verdict_in_words(diagnostics: dict[str, Any]) -> str:
     """Whether the run can be trusted, in a sentence; and where the model can't, in another."""
     warning = "".join(f" WARNING: {words}" for words in warnings(diagnostics))
-    if recordings := diagnostics.get("recordings"):
-        warning += f" {recordings['words']}"
+    for key in OF_RECORDINGS:
+        if key in diagnostics:
+            warning += f" {diagnostics[key]['words']}"
     failed = [check["name"] for check in diagnostics["checks"] if not check["passed"]]
     if not failed:
         worst = diagnostics["worst"]

@@ -287,9 +287,13 @@ class MeasuredImpact:
         return {"sigma_d": self.sigma}
 
     def replicate(self, key: Array) -> dict[str, Float[Array, "impact sample"]]:
-        """A replicate of every trace, the deceleration [m/s^2] with its discrepancy; NaN past its end."""
+        """A replicate of every trace, the deceleration [m/s^2] with its discrepancy; NaN past its end.
+
+        Of a clipped trace the sensor's limit cuts it too.
+        """
         known = self.with_contact_found(key)
-        return {"deceleration": jnp.where(known.record.inside(), known.sample(key), jnp.nan)}
+        recorded = known.record.within_limits(known.sample(key))
+        return {"deceleration": jnp.where(known.record.inside(), recorded, jnp.nan)}
 
 
 def _added(

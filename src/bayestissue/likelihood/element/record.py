@@ -288,6 +288,14 @@ class DecelerationRecord(NamedTuple):
         """True where there is a sample that is not clipped."""
         return self.inside() if self.clipped is None else self.inside() & (self.clipped == 0)
 
+    def within_limits(self, d: Float[Array, "impact sample"]) -> Float[Array, "impact sample"]:
+        """What the sensor makes of such decelerations: where it clipped a trace its limit is the trace's."""
+        if self.clipped is None:
+            return d
+        highest = jnp.where(self.clipped > 0, self.d, jnp.inf).min(axis=1, keepdims=True)
+        lowest = jnp.where(self.clipped < 0, self.d, -jnp.inf).max(axis=1, keepdims=True)
+        return jnp.clip(d, lowest, highest)
+
     def time(self) -> Float[Array, "impact sample"]:
         """Time since contact, also past a row's end [s]."""
         if self.uneven is not None:

@@ -193,8 +193,8 @@ def _inspected(part: _Part, options: SignalOptions, implied: list[velocity.Impli
     velocity_sd = np.hypot(chain.velocity_sd_m_s / signal.velocity, chain.relative_gain_sd)
     of_part = velocity.implied(signal, recorded.sd, recorded.peak, velocity_sd, chain.offset_sd)
     # What has another name is no velocity.
-    asked = of_part.asked & ~named
-    implied.append(of_part._replace(asked=asked, explained=of_part.explained & asked & ~other_gravity))
+    usable = of_part.usable & ~named
+    implied.append(of_part._replace(usable=usable, explained=of_part.explained & usable & ~other_gravity))
     yield from _laws(recorded, signal, used & ~(named | other_gravity)[:, None])
 
 

@@ -60,12 +60,12 @@ class Implied(NamedTuple):
 
     Attributes:
         log_likelihood: at each of `FRACTIONS`, [impact, fraction].
-        asked: whether the trace is whole, and nothing else is wrong with it.
+        usable: whether the trace is whole, and nothing else is wrong with it.
         explained: whether some velocity leaves of it no more than noise.
     """
 
     log_likelihood: Float[np.ndarray, "impact fraction"]
-    asked: Mask
+    usable: Mask
     explained: Mask
 
     @property
@@ -252,7 +252,7 @@ def _apart(implied: Implied, trial: np.ndarray) -> Mask:
     """The impacts whose implied velocity lies far from those of the others of their condition."""
     apart, fraction = np.zeros(len(trial), bool), np.log1p(implied.fraction)
     for code in np.unique(trial):
-        rows = np.flatnonzero((trial == code) & implied.asked)
+        rows = np.flatnonzero((trial == code) & implied.usable)
         if len(rows) <= _OTHERS:
             continue
         deviation = np.abs(fraction[rows] - np.median(fraction[rows]))
