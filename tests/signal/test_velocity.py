@@ -80,7 +80,9 @@ def test_a_fit_warns_of_another_velocity_where_its_own_test_is_blind(ratio):
     assert warned == ([] if ratio == 1 else ["velocity-contradicted"])
     # Where the measuring chain's own test speaks, it does so alone.
     chain = {"passed": False, "words": "of the chain"}
-    assert [w.code for w in warnings({"recordings": recordings, "measuring_chain": chain})] == ["measuring-chain"]
+    assert [w.code for w in warnings({"recordings": recordings, "measuring_chain": chain})] == [
+        "measuring-chain"
+    ]
 
 
 def test_a_condition_whose_velocity_is_wrong_is_named():
