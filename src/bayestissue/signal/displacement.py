@@ -290,7 +290,7 @@ def _integrated(
         mass=mass, velocity=velocity, gravity=gravity, offset=offset, offset_sd=offset_sd,
         noise_sd=onset.noise_sd, **_before(recordings, onset, offset),
     )  # fmt: skip
-    # Beyond the sensor's limit a trace is what a spring and damper makes of it, which tells nothing of contact.
+    # Beyond the sensor's limit a trace is what a spring and damper makes of it: it tells nothing of contact.
     asked &= (clipped == 0).all(axis=1)
     at_zero = np.abs(part.start[:, None] - np.array([0.0, 1.0]) * dt[:, None]) < 1e-6 * dt[:, None]
     return signal, Told(start.free, start.free_sd, start.by_velocity, dt, asked, at_zero)
