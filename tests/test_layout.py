@@ -18,7 +18,8 @@ ROOMS = (
     ("samplers", "points"),
     ("factors", "quantities"),
     ("posterior", "results"),
-    ("comparing", "checking", "answers", "single"),
+    ("checking",),
+    ("comparing", "answers", "single"),
     ("published", "fit"),
 )
 
