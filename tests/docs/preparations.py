@@ -91,12 +91,13 @@ def sides(folder: Path) -> None:
 
 
 def recorder_at_work(folder: Path) -> None:
-    """What a recorder has written so far: a pilot, and six drops of two people, one of them cut off."""
+    """What a recorder has written so far: a pilot, and six drops of two people, one of which ends amid the blow."""
     for name, people, repeats in (("pilot-recorded", ("p1",), 2), ("recorded", ("s01", "s02"), 3)):
         (folder / name).mkdir()
         for person, number in product(people, range(1, repeats + 1)):
             time, value = deceleration(0.5 + 0.001 * number + 0.01 * (person == "s02"), SPEED)
-            value = np.minimum(value, 60.0) if (person, number) == ("s02", 2) else value
+            if (person, number) == ("s02", 2):
+                time, value = time[:120], value[:120]
             table = pd.DataFrame(
                 {"Time (ms)": (1e3 * time).round(4), "Impact (g)": (value / 9.80665).round(5)}
             )
