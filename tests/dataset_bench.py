@@ -14,17 +14,19 @@ import pandas as pd
 STIFFNESS, DAMPING, RATE, SAMPLES = 3000.0, 25.0, 10_000.0, 400
 
 
-def deceleration(mass: float, velocity: float) -> tuple[np.ndarray, np.ndarray]:
-    """A spring and damper met 5 ms after the recording begins, with a little noise; SI units."""
+def deceleration(
+    mass: float, velocity: float, late: float = 0.0, *, K: float = STIFFNESS, C: float = DAMPING
+) -> tuple[np.ndarray, np.ndarray]:
+    """A spring and damper met 5 ms and ``late`` after the recording begins, with a little noise; SI units."""
     time = np.arange(SAMPLES) / RATE - 0.005
-    since = np.maximum(time, 0)
-    frequency = np.sqrt(STIFFNESS / mass)
-    ratio = DAMPING / (2 * np.sqrt(STIFFNESS * mass))
+    since = np.maximum(time - late, 0)
+    frequency = np.sqrt(K / mass)
+    ratio = C / (2 * np.sqrt(K * mass))
     damped = frequency * np.sqrt(1 - ratio**2)
     decay = velocity * np.exp(-ratio * frequency * since)
     x = decay / damped * np.sin(damped * since)
     v = decay * (np.cos(damped * since) - ratio * frequency / damped * np.sin(damped * since))
-    force = np.where(time >= 0, np.maximum(STIFFNESS * x + DAMPING * v, 0), 0)
+    force = np.where(time >= late, np.maximum(K * x + C * v, 0), 0)
     noise = np.random.default_rng(int(1e6 * mass)).normal(0, 0.05, SAMPLES)
     return time.round(9), (force / mass + noise).round(4)
 

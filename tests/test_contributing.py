@@ -45,6 +45,7 @@ data = SimpleNamespace(
     traces=[SimpleNamespace(time_s=time, value=pulse)],
     recorder=None,
     gravity=0.0,
+    contact=None,
     uncertainty=Uncertainty(),
 )
 found = {each.kind.flag: each for each in inspect(data)}

@@ -13,7 +13,7 @@ from scipy.io import savemat
 from scipy.signal import lsim, lti
 
 import bayestissue as bt
-from dataset_bench import RATE, deceleration
+from dataset_bench import DAMPING, RATE, STIFFNESS, deceleration
 from made_once import made_once
 from make_scored_run import make_scored_run
 from recorder_files import c3d, lvm
@@ -36,13 +36,19 @@ DROPS = [("s01", "left", 0.5), ("s01", "right", 0.5), ("s02", "left", 1.2)]
 SPEED = np.sqrt(2 * 9.80665 * 0.12)
 
 
+def free_running(mass: float, velocity: float) -> tuple[np.ndarray, np.ndarray]:
+    """`deceleration`, met anywhere between two samples."""
+    late = np.random.default_rng(int(1e7 * mass)).uniform(0, 1 / RATE)
+    return deceleration(mass, velocity, late)
+
+
 def recorders(folder: Path) -> None:
     """The same three drops from 12 cm in a folder of each recorder's files."""
     for name in ("labview", "tdms", "matlab", "c3d", "csv", "excel-de"):
         (folder / name).mkdir()
     for who, side, mass in DROPS:
         stem = f"{who}_{side}_{mass}kg"
-        time, value = deceleration(mass * (1.01 if side == "right" else 1.0), SPEED)
+        time, value = free_running(mass * (1.01 if side == "right" else 1.0), SPEED)
         in_g = value / 9.80665
         lvm(folder / "labview" / f"{stem}.lvm", time, {"Force": value, "Impact": in_g}, unit="g")
         with TdmsWriter(folder / "tdms" / f"{stem}.tdms") as writer:
@@ -85,12 +91,13 @@ def sides(folder: Path) -> None:
 
 
 def recorder_at_work(folder: Path) -> None:
-    """What a recorder has written so far: a pilot, and six drops of two people, one of them cut off."""
+    """What a recorder has written so far: a pilot, and six drops of two people, one of which ends amid the blow."""
     for name, people, repeats in (("pilot-recorded", ("p1",), 2), ("recorded", ("s01", "s02"), 3)):
         (folder / name).mkdir()
         for person, number in product(people, range(1, repeats + 1)):
             time, value = deceleration(0.5 + 0.001 * number + 0.01 * (person == "s02"), SPEED)
-            value = np.minimum(value, 60.0) if (person, number) == ("s02", 2) else value
+            if (person, number) == ("s02", 2):
+                time, value = time[:120], value[:120]
             table = pd.DataFrame(
                 {"Time (ms)": (1e3 * time).round(4), "Impact (g)": (value / 9.80665).round(5)}
             )
@@ -116,7 +123,7 @@ def one_table(folder: Path) -> None:
     """All samples of three drops in one long table, ms and g."""
     parts = []
     for number, (_, _, mass) in enumerate(DROPS, start=1):
-        time, value = deceleration(mass * (1 + 0.001 * number), SPEED)
+        time, value = free_running(mass * (1 + 0.001 * number), SPEED)
         columns = {"time_s": (1e3 * time).round(4), "value": (value / 9.80665).round(4)}
         parts.append(pd.DataFrame({"impact": f"d{number}", **columns}))
     (folder / "drops").mkdir()
@@ -147,19 +154,20 @@ def pads(folder: Path) -> None:
 
 
 def trial(folder: Path) -> None:
-    """Two drops on each side of four treated and four control people, before and after treatment by 1.2."""
+    """A drop on each side of three treated and three control people, before and after K and C grew by 1.2."""
     (folder / "recorded").mkdir()
     rng = np.random.default_rng(4)
-    for number in range(8):
+    for number in range(6):
         group, person = ("treated" if number % 2 else "control"), f"p{number + 1}"
-        own = 0.15 * rng.standard_normal()
-        for session, side in product(("before", "after"), ("left", "right")):
-            visit = own + 0.02 * rng.standard_normal() + 0.05 * (session == "after")
+        own = 0.15 * rng.standard_normal(2)
+        for session in ("before", "after"):
+            visit = own + 0.03 * rng.standard_normal(2) + 0.05 * (session == "after")
             visit += np.log(1.2) * (session == "after" and group == "treated")
-            for drop in (1, 2):
-                # Of a lighter mass with the same spring the motion is that of a stiffer one.
-                log_K = visit + 0.02 * rng.standard_normal()
-                time, value = deceleration(0.5 / float(np.exp(log_K)), SPEED)
+            for side in ("left", "right"):
+                K, C = np.array([STIFFNESS, DAMPING]) * np.exp(visit + 0.03 * rng.standard_normal(2))
+                late = rng.uniform(0, 1 / RATE)
+                time, value = deceleration(0.5, SPEED, late, K=K, C=C)
+                value += rng.normal(0, 0.05, len(value))
                 columns = {"Time (ms)": (1e3 * time).round(4), "Impact (g)": (value / 9.80665).round(5)}
-                name = f"{group}_{person}_{session}_{side}_{drop}.csv"
+                name = f"{group}_{person}_{session}_{side}.csv"
                 pd.DataFrame(columns).to_csv(folder / "recorded" / name, index=False)
