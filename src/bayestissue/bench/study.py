@@ -233,7 +233,8 @@ class Study:
         spread = posterior.covariance + np.linalg.inv(np.array(site["precision"]))
         deviation = np.array(site["centre"]) - mean
         distance = np.vecdot(deviation, np.linalg.solve(spread, deviation[..., None])[..., 0])
-        if (posterior.weight * chdtrc(2, distance)).sum() >= _ALARM:
+        # A study whose draws have no finite expectation of this drop says nothing against it.
+        if not (posterior.weight * chdtrc(2, distance)).sum() < _ALARM:
             return ""
         sd = np.sqrt(np.diagonal(spread, axis1=1, axis2=2))
         k = int(np.abs((posterior.weight[:, None] * deviation / sd).sum(0)).argmax())
