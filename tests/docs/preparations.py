@@ -91,7 +91,7 @@ def sides(folder: Path) -> None:
 
 
 def recorder_at_work(folder: Path) -> None:
-    """What a recorder has written so far: a pilot, and six drops of two people, one of them cut short."""
+    """What a recorder has written: a pilot, and six drops of two people, one of which ends amid the blow."""
     for name, people, repeats in (("pilot-recorded", ("p1",), 2), ("recorded", ("s01", "s02"), 3)):
         (folder / name).mkdir()
         for person, number in product(people, range(1, repeats + 1)):
