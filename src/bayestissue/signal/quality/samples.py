@@ -102,14 +102,17 @@ def standing(recorded: Recorded) -> Index:
 
     Counted where the values four samples on either side differ by more than the recorder's step and the noise
     can account for; two neighbours of independent noise there share a value with a probability of at most
-    step / (2 pi^(1/2) sd).
+    step / (2 pi^(1/2) sd). Samples at the greatest value are left out: a limit of the recorder repeats it.
     """
     value, sd = recorded.value, recorded.sd
     step = np.where(np.isfinite(recorded.step), recorded.step, 0)
-    equal = (np.diff(value, axis=1) == 0) & recorded.inside[:, 1:]
+    below = recorded.inside[:, 1:] & (
+        value[:, 1:] < np.where(recorded.inside, value, -np.inf).max(axis=1, keepdims=True)
+    )
+    equal = (np.diff(value, axis=1) == 0) & below
     padded = np.pad(value, ((0, 0), (8, 8)), mode="edge")
     change = np.abs(padded[:, 16:] - padded[:, :-16])[:, 1:]
-    moving = recorded.inside[:, 1:] & (change > (8 * step + 6 * sd)[:, None])
+    moving = below & (change > (8 * step + 6 * sd)[:, None])
     chance = np.minimum(step / (2 * np.sqrt(np.pi) * sd), 1.0) * 0.5 + 0.01
     count, repeated = moving.sum(axis=1), (moving & equal).sum(axis=1)
     limit = count * chance + 3.1 * np.sqrt(count * chance) + 2
