@@ -56,10 +56,10 @@ def run(
         ),
     ] = None,
     path: Annotated[
-        Literal["automatic", "exact", "summary"] | None,
+        Literal["automatic", "exact", "summary", "chain"] | None,
         typer.Option(
             help="How draws are made, as sampler.path of a model file; exact goes on where a fit was given "
-            "up because it would take long.",
+            "up because it would take long, and so does chain, which adds draws until there are enough.",
         ),
     ] = None,
     scheduler: Scheduler = None,

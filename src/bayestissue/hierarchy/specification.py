@@ -89,11 +89,12 @@ class Sampler(Table):
     max_tree_depth: Annotated[int, Field(ge=3, le=15)] = Field(
         default=10, description="a transition has at most 2 to this power steps."
     )
-    path: Literal["automatic", "exact", "summary"] = Field(
+    path: Literal["automatic", "exact", "summary", "chain"] = Field(
         default="automatic",
         description="exact: every trace in every step. summary: each trace summarised once, then the "
         "hierarchy, then a correction by importance sampling. automatic: summary, and exact where no "
-        "correction can be trusted. Only for traces.",
+        "correction can be trusted. chain: one Markov chain from values of the likelihood alone, exact too, "
+        "which ends when it is done. Only for traces.",
     )
 
     @property

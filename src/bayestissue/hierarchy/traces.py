@@ -257,8 +257,18 @@ def sample_warped(
     anything = dist.ImproperUniform(dist.constraints.real_vector, (), warp.location.shape)
     y = numpyro.sample(COORDINATES, anything)
     raw = warp(y)
+    count = len(model.hyperparameters)
+    sites, density = hyperparameters_at(model, raw[:count])
+    numpyro.factor("hyperparameters", density + jnp.log(warp.slope(y)).sum())
+    return sites, raw[count:]
+
+
+def hyperparameters_at(
+    model: Hyperparameters, raw: Float[Array, " hyperparameter"]
+) -> tuple[dict[str, Array], Float[Array, ""]]:
+    """All standard deviations and the correlation, and the log prior density of unconstrained coordinates."""
     sites: dict[str, Array] = {}
-    density = jnp.log(warp.slope(y)).sum()
+    density = jnp.zeros(())
     # Alike priors in one call: dozens of operations on single numbers take long to compile.
     for prior, names in _grouped(model):
         values = raw[jnp.array([model.hyperparameters.index(name) for name in names])]
@@ -268,8 +278,7 @@ def sample_warped(
             prior.log_prob(constrained_values) + transform.log_abs_det_jacobian(values, constrained_values)
         ).sum()
         sites |= dict(zip(names, constrained_values, strict=True))
-    numpyro.factor("hyperparameters", density)
-    return sites, raw[len(model.hyperparameters) :]
+    return sites, density
 
 
 def _grouped(model: Hyperparameters) -> list[tuple[dist.Distribution, list[str]]]:

@@ -29,14 +29,17 @@ from bayestissue.inference.answers.reliability import (
     reliability,
     variances,
 )
+from bayestissue.inference.chain.ending import r_hat_limit
+from bayestissue.inference.chain.explanations import explanations
+from bayestissue.inference.chain.run import chain_draws
 from bayestissue.inference.checking.model_form import described, misfit_precheck, model_form, with_impacts
 from bayestissue.inference.checking.pooled_parameters import pooled_parameters
 from bayestissue.inference.checking.straight_lines import straight_lines
 from bayestissue.inference.execution.chunks import Progress
-from bayestissue.inference.execution.kept import some_impacts, some_of
+from bayestissue.inference.execution.kept import kept_draws, some_impacts, some_of
 from bayestissue.inference.factors.noise_left import noise_p
 from bayestissue.inference.posterior.approximate import Approximation, approximate, expanded, rows_of
-from bayestissue.inference.posterior.constrained_draws import constrained_draws
+from bayestissue.inference.posterior.constrained_draws import constrained_draws, quantities_of_draws
 from bayestissue.inference.posterior.correction import Route, duration
 from bayestissue.inference.posterior.exact import exact_draws
 from bayestissue.inference.posterior.recipe import corrected_draws
@@ -44,7 +47,7 @@ from bayestissue.inference.posterior.scores import LikelihoodApproximation
 from bayestissue.inference.quantities.elements import COMMON_DEPTH
 from bayestissue.inference.quantities.secants import of_secant
 from bayestissue.inference.results.cross_validation import cross_validation, prior_sensitivity
-from bayestissue.inference.results.labels import labelled_statistics
+from bayestissue.inference.results.labels import labelled, labelled_statistics
 from bayestissue.inference.results.summary import summarise as summary_table
 from bayestissue.inference.results.tree import posterior_tree
 from bayestissue.inference.results.uncertainty_budget import measurement_sd, uncertainty_budget
@@ -105,6 +108,18 @@ def fit_traces(
     done = partial(say, "summarising each trace")
     done(0, 1)
     settings, route, sites, first = specification.sampler, Route("exact"), None, None
+
+    def of_standard(
+        approximation: Approximation, draws: Draws, likelihood: LikelihoodApproximation, route: Route
+    ) -> TraceAnalysis:
+        """Of draws that are in this approximation's coordinates."""
+        say("predicting", 0, 1)
+        key, transitions = jax.random.PRNGKey(seed), labelled_statistics(draws, of_transitions=True)
+        drawn = constrained_draws(prepared, approximation, draws, key, likelihood=likelihood)
+        verdict = partial(diagnose, statistics=transitions, further=route.checks())
+        sampler = SamplerRun(labelled_statistics(draws), route.record(), verdict)
+        return label(prepared, specification, drawn, sampler, seed, say)
+
     if settings.path != "exact":
         expansions = expansions or expanded(prepared)
         if specification.may_add_discrepancy and not prepared.model.discrepancy:
@@ -112,6 +127,8 @@ def fit_traces(
             wrong = misfit_precheck(some_of(prepared, rows), rows_of(expansions, rows), seed)
             if wrong is not None:
                 return wrong
+        if settings.path == "chain":
+            return _by_chain(prepared, specification, expansions, seed, say, checkpoints)
         first = approximate(prepared, expansions=expansions, progress=done)
         sites, draws, correction = corrected_draws(
             prepared, settings, seed, approximation=first, progress=say
@@ -121,7 +138,7 @@ def fit_traces(
         route = Route(settings.path, correction, spoilt)
         if not route.exact:
             likelihood = LikelihoodApproximation(sites, correction.of_impacts)
-            return label(prepared, specification, sites, draws, seed, say, likelihood, route)
+            return of_standard(sites, draws, likelihood, route)
     automatic = settings.path == "automatic"
     if automatic and (words := contradicted()):
         raise InputError.stated("exact-path", "fit", why=words, route=route.why)
@@ -131,7 +148,50 @@ def fit_traces(
     draws = exact_draws(prepared, whitening, settings, seed, progress=progress, checkpoints=checkpoints)
     # Scores ask for sites that stand for the traces; those of the chains only whiten.
     likelihood = LikelihoodApproximation(sites or whitening)
-    return label(prepared, specification, whitening, draws, seed, say, likelihood, route)
+    return of_standard(whitening, draws, likelihood, route)
+
+
+@dataclass(frozen=True)
+class SamplerRun:
+    """What a sampler tells besides its draws.
+
+    Attributes:
+        statistics: of the draws that are kept.
+        route: as it stands in ``run.json``.
+        diagnose: the verdict, of a summary.
+    """
+
+    statistics: xr.Dataset
+    route: dict[str, Any]
+    diagnose: Callable[[pd.DataFrame], dict[str, Any]]
+
+
+def _by_chain(
+    prepared: Prepared,
+    specification: ModelSpecification,
+    expansions: GaussianFactor,
+    seed: int,
+    say: Say,
+    checkpoints: Path | None,
+) -> TraceAnalysis:
+    """The fit by one Markov chain over everything; see `bayestissue.inference.chain`."""
+    settings = specification.sampler
+    sites = explanations(prepared, expansions, partial(say, "looking for other explanations of each trace"))
+    chains = chain_draws(prepared, sites, settings, seed, progress=say, checkpoints=checkpoints)
+    chains = chains.thinned(settings.draws)
+    shape = chains.y.shape[:2]
+    u = chains.u[:, kept_draws(*shape, len(prepared.impacts))]
+    u = u.reshape(-1, *u.shape[2:])
+    say("predicting", 0, 1)
+    population, key = chains.population(prepared.model), jax.random.PRNGKey(seed)
+    likelihood = LikelihoodApproximation(Approximation.of_sites(chains.sites))
+    drawn = quantities_of_draws(prepared, population, lambda rows: u[:, rows], shape, key, likelihood)
+    statistics = labelled({"lp": chains.log_likelihood}, {}, {})
+
+    def verdict(summary: pd.DataFrame) -> dict[str, Any]:
+        return diagnose(summary, None, (), r_hat_limit(len(summary), *shape))
+
+    return label(prepared, specification, drawn, SamplerRun(statistics, chains.record(), verdict), seed, say)
 
 
 def _with_estimate(say: Say, unasked: Route | None) -> Progress:
@@ -158,19 +218,14 @@ def _with_estimate(say: Say, unasked: Route | None) -> Progress:
 def label(
     prepared: Prepared,
     specification: ModelSpecification,
-    approximation: Approximation,
-    draws: Draws,
+    drawn: ConstrainedDraws,
+    sampler: SamplerRun,
     seed: int,
     say: Say,
-    likelihood: LikelihoodApproximation,
-    route: Route,
 ) -> TraceAnalysis:
-    """Labels, tables, checks and scores of the draws, which are in this approximation's coordinates."""
-    say("predicting", 0, 1)
-    key = jax.random.PRNGKey(seed)
-    drawn = constrained_draws(prepared, approximation, draws, key, likelihood=likelihood)
+    """Labels, tables, checks and scores of the draws."""
     constrained = of_secant(prepared, drawn)
-    tree = posterior_tree(prepared, specification, draws, constrained, seed)
+    tree = posterior_tree(prepared, specification, sampler.statistics, constrained, seed)
     posterior = tree["posterior"].dataset
     exponents = {
         q: posterior[f"mass_exponent_{q}"].to_numpy()
@@ -192,13 +247,13 @@ def label(
     summary = summary_table(posterior)
     # Functions of standard deviations that are checked themselves.
     checked = summary[~summary["variable"].isin(list(as_variables(repeatable["posterior"])))]
-    diagnostics = diagnose(checked, labelled_statistics(draws, of_transitions=True), route.checks())
+    diagnostics = sampler.diagnose(checked)
     further = {
         "straight_lines": straight_lines(prepared.design, posterior, prepared.model.log_mass_sd),
         "pooled_parameters": [
             one.record() for one in pooled_parameters(posterior, recorded, element(specification.element))
         ],
-        "route": route.record(),
+        "route": sampler.route,
     }
     responses, near = tuple(prepared.design.responses), specification.practical_equivalence
     return TraceAnalysis(

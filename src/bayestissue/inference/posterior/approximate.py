@@ -161,6 +161,11 @@ class Approximation:
     second_order: GaussianFactor | None = None
     expansions: GaussianFactor | None = None
 
+    @classmethod
+    def of_sites(cls, sites: GaussianFactor) -> Approximation:
+        """Of sites alone: what scores ask, which need no coordinates."""
+        return cls(sites, coordinates=None, grid=None)  # type: ignore[arg-type]
+
     def data(self, data: TraceData) -> Data:
         """What the marginal density asks of the dataset."""
         return replace(gaussian(data, self.sites), second_order=self.second_order)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -21,7 +21,12 @@ from bayestissue.hierarchy.traces import TraceData, TraceModel, physical, popula
 from bayestissue.inference.execution.chunks import in_blocks
 from bayestissue.inference.execution.compiling import by_row
 from bayestissue.inference.execution.kept import kept_draws
-from bayestissue.inference.factors.conditional import normals, of_cells, population_draws
+from bayestissue.inference.factors.conditional import (
+    PopulationDraws,
+    normals,
+    of_cells,
+    population_draws,
+)
 from bayestissue.inference.posterior.approximate import Approximation
 from bayestissue.inference.posterior.scores import LikelihoodApproximation, of_draws
 from bayestissue.inference.quantities.elements import element_quantities, measured_of
@@ -51,21 +56,59 @@ def constrained_draws(
     """
     model, design = prepared.model, prepared.data.design
     chains, number = next(iter(draws.sites.values())).shape[:2]
-    shape, cell = (chains, number), np.asarray(design.cell)
     flat = {name: np.asarray(v).reshape(-1, *v.shape[2:]) for name, v in draws.sites.items()}
     z_u = draws.sites["standard_impacts"]
     population = population_draws(model, approximation.data(prepared.data), flat, flat["standard_locations"])
-    keys = jax.random.split(jax.random.fold_in(key, 11), len(population.b))
-    kept_numbers = kept_draws(*shape, len(cell))
+    kept_numbers = kept_draws(chains, number, len(design.cell))
     z_u = z_u if z_u.shape[1] == len(kept_numbers) else z_u[:, kept_numbers]
     z_u = np.asarray(z_u).reshape(-1, *z_u.shape[2:])
+    priors = _kept(population, (chains, number), kept_numbers)[0].priors(design)
+    cell = np.asarray(design.cell)
+
+    def impacts(rows: np.ndarray) -> np.ndarray:
+        here = of_cells(priors, cell[rows])
+        return normals(approximation.of_rows(rows)[0], here).at(z_u[:, rows])
+
+    likelihood = likelihood or LikelihoodApproximation(approximation)
+    return quantities_of_draws(prepared, population, impacts, (chains, number), key, likelihood)
+
+
+def _kept(
+    population: PopulationDraws, shape: tuple[int, int], kept_numbers: np.ndarray
+) -> tuple[PopulationDraws, np.ndarray]:
+    """Of the population the draws that are kept of impacts, and which of all these are."""
     which = (np.arange(shape[0])[:, None] * shape[1] + kept_numbers).ravel()
-    kept_population, people = population.rows(which), keys[which]
+    return population.rows(which), which
+
+
+def quantities_of_draws(
+    prepared: Prepared,
+    population: PopulationDraws,
+    impacts_of: Callable[[np.ndarray], Float[np.ndarray, "draw impact parameter"]],
+    shape: tuple[int, int],
+    key: Array,
+    likelihood: LikelihoodApproximation,
+) -> ConstrainedDraws:
+    """Everything that draws of the population and of impacts' parameters stand for.
+
+    Args:
+        prepared: the fit.
+        population: all chains' draws, one chain's after the other's.
+        impacts_of: parameters of the impacts of these rows, of those draws that `kept_draws` keeps.
+        shape: the numbers of chains and of draws of each.
+        key: of what is drawn besides.
+        likelihood: of the traces' likelihoods, for the log densities.
+    """
+    model, design = prepared.model, prepared.data.design
+    cell = np.asarray(design.cell)
+    keys = jax.random.split(jax.random.fold_in(key, 11), len(population.b))
+    kept_numbers = kept_draws(*shape, len(cell))
+    kept_population, which = _kept(population, shape, kept_numbers)
+    people = keys[which]
     priors = kept_population.priors(design)
 
     def one(part: TraceData, rows: np.ndarray) -> dict[str, np.ndarray]:
-        here = of_cells(priors, cell[rows])
-        u = normals(approximation.of_rows(rows)[0], here).at(z_u[:, rows])
+        here, u = of_cells(priors, cell[rows]), impacts_of(rows)
         of_block = jax.vmap(partial(jax.random.fold_in, data=rows[0]))(people)
         of_errors, of_mass = np.moveaxis(np.asarray(jax.vmap(jax.random.split)(of_block)), 1, 0)
         shared = people if model.mass_error == "subject" else of_mass
@@ -87,7 +130,7 @@ def constrained_draws(
         for name, v in impacts_by_name.items()
     }
     b = _at_true_masses(model, population.sites, population.b, keys)
-    scores = of_draws(prepared, likelihood or LikelihoodApproximation(approximation), population)
+    scores = of_draws(prepared, likelihood, population)
     values, b, scores = jax.tree.map(
         lambda v: np.asarray(v).reshape(*shape, *v.shape[1:]), (population.sites, b, scores)
     )

@@ -27,7 +27,6 @@ from bayestissue.inference.results.labels import (
     design_attributes,
     design_dimensions,
     labelled,
-    labelled_statistics,
     of_one_person,
 )
 from bayestissue.inference.results.predictions import (
@@ -36,7 +35,7 @@ from bayestissue.inference.results.predictions import (
     prior_draws,
     replicates,
 )
-from bayestissue.inference.samplers.sampling import ConstrainedDraws, Draws
+from bayestissue.inference.samplers.sampling import ConstrainedDraws
 
 PER_IMPACT = ("K", "C", "omega_n", "zeta", "theta1", "sigma_a", "sigma_d", "mass", *per_impact())
 
@@ -44,7 +43,7 @@ PER_IMPACT = ("K", "C", "omega_n", "zeta", "theta1", "sigma_a", "sigma_d", "mass
 def posterior_tree(
     prepared: Prepared,
     specification: ModelSpecification,
-    draws: Draws,
+    statistics: xr.Dataset,
     constrained: ConstrainedDraws,
     seed: int,
 ) -> xr.DataTree:
@@ -76,7 +75,7 @@ def posterior_tree(
     log_likelihood = constrained.log_likelihood
     groups = {
         "posterior": of_all_impacts(quantities),
-        "sample_stats": labelled_statistics(draws),
+        "sample_stats": statistics,
         "log_likelihood": of_impacts({"trace": log_likelihood["trace"]}),
         "log_likelihood_of_groups": of_impacts({k: v for k, v in log_likelihood.items() if k != "trace"}),
         "log_prior": of_impacts({name: np.asarray(v) for name, v in priors.items()}),

@@ -59,7 +59,12 @@ class Check:
         return cls(value=value, passed=bool(passed[side]), code=code, **words)
 
 
-def diagnose(summary: pd.DataFrame, statistics: xr.Dataset, further: Sequence[Check] = ()) -> dict[str, Any]:
+def diagnose(
+    summary: pd.DataFrame,
+    statistics: xr.Dataset | None,
+    further: Sequence[Check] = (),
+    r_hat_limit: float = R_HAT_LIMIT,
+) -> dict[str, Any]:
     """The verdict on a run, as it is written to ``diagnostics.json``.
 
     R̂ and bulk and tail effective sample sizes are rank-normalised (Vehtari et al. 2021,
@@ -67,21 +72,16 @@ def diagnose(summary: pd.DataFrame, statistics: xr.Dataset, further: Sequence[Ch
 
     Args:
         summary: as `inference.results.summary.summarise` makes it; what it leaves open is not judged.
-        statistics: of the sampler's transitions.
+        statistics: of the transitions of the No-U-Turn sampler, if it is what drew.
         further: checks to be added.
+        r_hat_limit: what the greatest R-hat is to be below.
     """
     worst = {column: _worst(summary, column) for column in ("r_hat", "ess_bulk", "ess_tail")}
-    energy = statistics["energy"].to_numpy()
-    # E[(E_t - E_{t-1})^2] / Var(E) of each chain.
-    bfmi = float((np.mean(np.diff(energy, axis=1) ** 2, axis=1) / np.var(energy, axis=1)).min())
-    saturated = int((statistics["tree_depth"] >= statistics.attrs["max_tree_depth"]).sum())
     checks = [
-        Check.stated("r-hat", limit=R_HAT_LIMIT, **worst["r_hat"]),
+        Check.stated("r-hat", limit=r_hat_limit, **worst["r_hat"]),
         Check.stated("effective-sample-size", limit=ESS_LIMIT, part="bulk", **worst["ess_bulk"]),
         Check.stated("effective-sample-size", limit=ESS_LIMIT, part="tail", **worst["ess_tail"]),
-        Check.stated("divergences", int(statistics["diverging"].sum())),
-        Check.stated("energy-fraction", bfmi, BFMI_LIMIT),
-        Check.stated("tree-depth", saturated),
+        *([] if statistics is None else _of_trajectories(statistics)),
     ]
     if not all(check.passed for check in further):
         # Weighted draws are few whatever the chains did before.
@@ -96,6 +96,19 @@ def diagnose(summary: pd.DataFrame, statistics: xr.Dataset, further: Sequence[Ch
         "checks": [asdict(check) for check in checks],
         "worst": worst,
     }
+
+
+def _of_trajectories(statistics: xr.Dataset) -> list[Check]:
+    """What the No-U-Turn sampler's own statistics say."""
+    energy = statistics["energy"].to_numpy()
+    # E[(E_t - E_{t-1})^2] / Var(E) of each chain.
+    bfmi = float((np.mean(np.diff(energy, axis=1) ** 2, axis=1) / np.var(energy, axis=1)).min())
+    saturated = int((statistics["tree_depth"] >= statistics.attrs["max_tree_depth"]).sum())
+    return [
+        Check.stated("divergences", int(statistics["diverging"].sum())),
+        Check.stated("energy-fraction", bfmi, BFMI_LIMIT),
+        Check.stated("tree-depth", saturated),
+    ]
 
 
 def warnings(diagnostics: dict[str, Any]) -> list[Coded]:

@@ -1,0 +1,82 @@
+"""When a run of the chain is done: a rule that perfect draws pass in 99 of 100 runs.
+
+R-hat below 1.01 for a thousand quantities is failed by independent draws: of R̂² = (n − 1 + B / W) / n the
+ratio B / W is an F variable where nothing is wrong, and the greatest of many grows with their number. The
+limit here is 1.01 or what independent draws of the same length exceed in one run of a hundred, whichever is
+greater; see Vehtari et al. (2021, doi:10.1214/20-BA1221) for the statistics themselves.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import f as fisher
+
+from bayestissue.inference.samplers.convergence import Convergence, Draws, convergence
+from bayestissue.inference.samplers.diagnostics import ESS_LIMIT, R_HAT_LIMIT
+
+# That a run of independent draws fails, all of its quantities together.
+FALSE_ALARMS = 0.01
+# Of the impacts' own parameters: the share that may be above the limit, and what none may be above.
+_MANY, _MOST = 0.01, 1.05
+
+
+def r_hat_limit(quantities: int, chains: int, draws: int) -> float:
+    """What the greatest rank-normalised split R-hat of so many quantities is to be below.
+
+    Of each there are two, of the draws and of their distance from the median, and of each chain two halves.
+    """
+    halves, length = 2 * chains, max(draws // 2, 2)
+    alone = FALSE_ALARMS / (2 * max(quantities, 1))
+    ratio = float(fisher.isf(alone, halves - 1, halves * (length - 1)))
+    return max(R_HAT_LIMIT, float(np.sqrt((length - 1 + ratio) / length)))
+
+
+class Verdict(NamedTuple):
+    """What one look at the draws says.
+
+    Attributes:
+        passed: whether they are enough.
+        r_hat: the greatest of hyperparameters and effects.
+        effective: the least effective number of these, in bulk or tails.
+        slowest: the number of the quantity that has the greater shortage, among hyperparameters and effects,
+            or behind them the impacts.
+        limit: of R-hat.
+    """
+
+    passed: bool
+    r_hat: float
+    effective: float
+    slowest: int
+    limit: float
+
+
+def look(population: Draws, impacts: Draws, effective: float = ESS_LIMIT) -> Verdict:
+    """Whether draws are enough.
+
+    Args:
+        population: hyperparameters and effects, [quantity, chain, draw].
+        impacts: the same of the impacts' own parameters.
+        effective: the least effective number that is wanted of every quantity, in bulk and tails.
+    """
+    of_population, of_impacts = convergence(population), convergence(impacts)
+    chains, draws = population.shape[1:]
+    limit = r_hat_limit(len(population) + len(impacts), chains, draws)
+    least, least_of_impacts = _least(of_population), _least(of_impacts)
+    above = of_impacts.r_hat > limit
+    agree = bool((of_population.r_hat < limit).all())
+    agree &= bool(above.mean() <= _MANY and (of_impacts.r_hat < _MOST).all())
+    enough = min(least.min(), least_of_impacts.min()) > effective
+    shortage = np.concatenate([least, least_of_impacts])
+    return Verdict(
+        agree and bool(enough),
+        float(of_population.r_hat.max()),
+        float(least.min()),
+        int(shortage.argmin()),
+        limit,
+    )
+
+
+def _least(of: Convergence) -> np.ndarray:
+    return np.minimum(of.ess_bulk, of.ess_tail)

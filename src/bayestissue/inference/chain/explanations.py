@@ -1,0 +1,81 @@
+"""Every explanation of each trace: the maxima of its likelihood that dispersed starts lead to."""
+
+from __future__ import annotations
+
+from functools import partial
+from itertools import product
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from bayestissue.hierarchy.gaussian.factor import GaussianFactor
+from bayestissue.hierarchy.trace_data import Prepared
+from bayestissue.hierarchy.traces import with_normal_errors
+from bayestissue.inference.execution.chunks import Progress, map_impacts, silent
+from bayestissue.inference.factors.sites import laplace_sites, weak_prior
+from bayestissue.inference.posterior.approximate import first_guess
+
+# Starts are at the first guess and at so many units of log K and log C from it.
+APART = 1.2
+# A maximum so many nats below the greatest is none that a posterior visits, and one nearer to another than
+# so many of its standard deviations is the same.
+LEAST, DISTINCT = 10.0, 4.0
+# Of one trace.
+MOST = 3
+
+
+def explanations(prepared: Prepared, first: GaussianFactor, progress: Progress = silent) -> GaussianFactor:
+    """Laplace sites of all explanations, [site, impact, ...], those of each impact by falling likelihood.
+
+    Where an impact has fewer than others, its further sites say nothing: their log scale is minus infinity.
+
+    Args:
+        prepared: model and data.
+        first: the expansions from the first guess.
+        progress: told how many starts are done, and of how many.
+    """
+    data, guess = with_normal_errors(prepared.data), first_guess(prepared)
+    shifts = [np.array(shift) * APART for shift in product((-1.0, 1.0), repeat=2)]
+    prior, expanded = weak_prior(guess), [first]
+    for number, shift in enumerate(shifts):
+        progress(number, len(shifts))
+        start = guess.copy()
+        start[:, :2] += shift
+        search = partial(laplace_sites, prepared.model)
+        expanded.append(map_impacts(search, data, start, prior.of_each()))
+    tried = GaussianFactor(*(np.stack(leaves) for leaves in zip(*expanded, strict=True)))
+    return _distinct(tried)
+
+
+def _distinct(tried: GaussianFactor) -> GaussianFactor:
+    """The different ones among the expansions of all starts, the best of each impact first."""
+    order = np.argsort(-tried.log_scale, axis=0, kind="stable")
+    rows = np.arange(order.shape[1])
+    ordered = GaussianFactor(*(leaf[order, rows] for leaf in tried))
+    kept: list[Bool[np.ndarray, " impact"]] = []
+    for number in range(len(order)):
+        centre, value = ordered.centre[number], ordered.log_scale[number]
+        another = np.isfinite(value) & (value > ordered.log_scale[0] - LEAST)
+        for earlier, was_kept in enumerate(kept):
+            another &= ~(was_kept & (_distance(ordered, earlier, centre) < DISTINCT))
+        kept.append(another | (number == 0))
+    keep = np.array(kept)
+    rank = np.cumsum(keep, axis=0) - 1
+    number = min(MOST, int(keep.sum(0).max()))
+    sites = GaussianFactor(*(np.repeat(leaf[:1], number, axis=0).copy() for leaf in ordered))
+    sites.log_scale[1:] = -np.inf
+    for row in range(len(order)):
+        for place in range(1, number):
+            here = keep[row] & (rank[row] == place)
+            for whole, part in zip(sites, ordered, strict=True):
+                whole[place, here] = part[row, here]
+    return sites
+
+
+def _distance(
+    sites: GaussianFactor, number: int, u: Float[np.ndarray, "impact parameter"]
+) -> Float[np.ndarray, " impact"]:
+    """Of ``u`` from one of the sites' centres, in its standard deviations."""
+    deviation = u - sites.centre[number]
+    squares = np.vecdot(deviation, np.matvec(sites.precision[number], deviation))
+    return np.asarray(np.sqrt(np.maximum(squares, 0.0)))

@@ -1,0 +1,270 @@
+"""The chain's moves, each of which leaves the posterior as it is.
+
+A move proposes a whole state; the traces' likelihoods there are asked for in one place, and each impact's
+part, or the whole, is accepted by the ratio of the target to the proposal:
+
+`by_site`: every u at once from its site times the population's prior. Accepted impact by impact by
+L' q / (L q'), q being the site.
+
+`by_walk`: u + s L z with the impact's own covariance L L' and step s, accepted by its own likelihood and
+prior.
+
+`by_population`: y and b by a reversible walk on the sites' own posterior, in which every u is integrated
+out; each u moves along, so that its standard normal z = R'(u − m) − h given its site stays. The target in
+(y, b, z) is the sites' posterior times Π L / q, which is what accepts it (surrogate transitions: Liu 2001;
+Christen and Fox 2005, doi:10.1198/106186005X76983).
+
+`centred` asks for no trace: y by a walk with every u fixed and b integrated out, then b from its conditional.
+
+The last two are the non-centred and the centred parametrisation of the hierarchy, interwoven (Yu and Meng
+2011, doi:10.1198/jcgs.2011.203main). A trace with several explanations has several sites: q is their sum, and
+one of them, drawn by its share in q at u, makes the proposal.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+from jax.scipy.special import logsumexp
+from jaxtyping import Float
+
+from bayestissue.hierarchy.gaussian.factor import GaussianFactor
+from bayestissue.inference.chain.target import Effects, Target
+
+# Of one transition: evaluations of the traces by each move, walks of `centred`, and of `by_population`'s
+# surrogate.
+WALKS, SURROGATES = 1, 1
+CENTRED, INNER = 5, 20
+_BY_SITE, _BY_WALK, _BY_POPULATION = range(3)
+EVALUATIONS = 1 + WALKS + SURROGATES
+# The acceptances that steps are adapted to: of an impact's own walk, and of those of y.
+_OF_IMPACT, _OF_POPULATION = 0.3, 0.25
+
+
+class State(NamedTuple):
+    """Where a chain is.
+
+    Attributes:
+        y: hyperparameters, unconstrained.
+        b: fixed and group effects.
+        u: each impact's parameters.
+        log_likelihood: of each trace there.
+    """
+
+    y: Float[Array, " hyperparameter"]
+    b: Float[Array, " location"]
+    u: Float[Array, "parameter impact"]
+    log_likelihood: Float[Array, " impact"]
+
+
+class Steps(NamedTuple):
+    """Lengths of the walks, in units of the posterior's own: of each impact, and of y by either move."""
+
+    impact: Float[Array, " impact"]
+    centred: Float[Array, ""]
+    population: Float[Array, ""]
+
+
+class Tuning(NamedTuple):
+    """What the warm-up found, for all chains alike.
+
+    Attributes:
+        sites: of the traces; where some have several explanations, of each, along the first axis.
+        root: Cholesky factor of y's covariance.
+        impact_root: of that of each impact's parameters.
+    """
+
+    sites: GaussianFactor
+    root: Float[Array, "hyperparameter hyperparameter"]
+    impact_root: Float[Array, "impact parameter parameter"]
+
+
+class Acceptances(NamedTuple):
+    """Shares of one transition's proposals that were accepted; of impacts the mean.
+
+    Attributes:
+        site: of `by_site`.
+        walk: of `by_walk`, of each impact.
+        population: of `by_population`.
+        inner: of the surrogate's own walk.
+        centred: of `centred`'s.
+    """
+
+    site: Float[Array, ""]
+    walk: Float[Array, " impact"]
+    population: Float[Array, ""]
+    inner: Float[Array, ""]
+    centred: Float[Array, ""]
+
+
+class Proposal(NamedTuple):
+    """What a move proposes.
+
+    Attributes:
+        state: the new state, its likelihood the old one's.
+        log_ratio: what is to be added to each trace's own log ratio of likelihoods.
+        inner: acceptance of the surrogate's walk, if the move has one.
+    """
+
+    state: State
+    log_ratio: Float[Array, " impact"]
+    inner: Float[Array, ""]
+
+
+def log_sites(tuning: Tuning, u: Float[Array, "parameter impact"]) -> Float[Array, " impact"]:
+    """Log q of every impact, the sum over its sites."""
+    log_density = tuning.sites.log_density(u.T)
+    return log_density[0] if len(log_density) == 1 else logsumexp(log_density, axis=0)
+
+
+def _one_each(sites: GaussianFactor, log_weight: Any, key: Array) -> GaussianFactor:
+    """Of each impact one of its sites, drawn by these weights [site, impact]."""
+    if len(sites.centre) == 1:
+        return jax.tree.map(lambda leaf: leaf[0], sites)
+    chosen = jax.random.categorical(key, log_weight(), axis=0)
+    return jax.tree.map(lambda leaf: leaf[chosen, jnp.arange(leaf.shape[1])], sites)
+
+
+def by_site(target: Target, tuning: Tuning, steps: Steps, state: State, key: Array) -> Proposal:
+    """Every impact's parameters from its site and the population."""
+    keys, mean = jax.random.split(key), target.prior_mean(state.b)
+
+    def log_evidence() -> Array:
+        of_each = [
+            target.impact_given(state.y, jax.tree.map(lambda leaf: leaf[n], tuning.sites))  # noqa: B023
+            for n in range(len(tuning.sites.centre))
+        ]
+        return jnp.stack([conditional.marginal(list(mean)).log_scale for conditional in of_each])
+
+    conditional = target.impact_given(state.y, _one_each(tuning.sites, log_evidence, keys[0]))
+    standard = jax.random.normal(keys[1], state.u.shape)
+    u = jnp.stack(conditional.draw(list(mean), list(standard)))
+    log_ratio = log_sites(tuning, state.u) - log_sites(tuning, u)
+    return Proposal(state._replace(u=u), log_ratio, jnp.zeros(()))
+
+
+def by_walk(target: Target, tuning: Tuning, steps: Steps, state: State, key: Array) -> Proposal:
+    """Every impact's parameters a step further, by its own covariance."""
+    mean, D = target.prior_mean(state.b), target.covariances(state.y).of_impact()
+    standard = jax.random.normal(key, state.u.shape)
+    u = state.u + steps.impact * jnp.einsum("iab,bi->ai", tuning.impact_root, standard)
+
+    def log_prior(u: Array) -> Array:
+        return -((u - mean) * jnp.einsum("ab,bi->ai", D, u - mean)).sum(0) / 2
+
+    return Proposal(state._replace(u=u), log_prior(u) - log_prior(state.u), jnp.zeros(()))
+
+
+def by_population(target: Target, tuning: Tuning, steps: Steps, state: State, key: Array) -> Proposal:
+    """Hyperparameters and effects by the sites' own posterior, every impact's parameters along with them."""
+    keys = jax.random.split(key, 3)
+    sites = _one_each(tuning.sites, lambda: tuning.sites.log_density(state.u.T), keys[0])
+    here, mean = target.impact_given(state.y, sites), target.prior_mean(state.b)
+    size, deviation = range(len(state.u)), state.u - here.factor.centre
+    pulled = [sum(here.root[r][c] * deviation[r] for r in size[c:]) for c in size]
+    standard = [p - h for p, h in zip(pulled, here.half(list(mean)), strict=True)]
+    density = partial(target.given_sites, blocked=target.blocked(sites))
+    scale = steps.population * tuning.root
+    y, effects, inner = _walk(density, state.y, scale, INNER, keys[1])
+    b = target.draw_effects(effects, keys[2])
+    there = target.impact_given(y, sites)
+    u = jnp.stack(there.draw(list(target.prior_mean(b)), standard))
+    log_ratio = log_sites(tuning, state.u) - log_sites(tuning, u)
+    return Proposal(state._replace(y=y, b=b, u=u), log_ratio, inner)
+
+
+PROPOSALS = (by_site, by_walk, by_population)
+
+
+def centred(target: Target, tuning: Tuning, steps: Steps, state: State, key: Array) -> tuple[State, Array]:
+    """Hyperparameters and effects with every impact's parameters fixed."""
+    keys, sums = jax.random.split(key), target.cell_sums(state.u)
+    density = partial(target.given_impacts, sums=sums)
+    y, effects, rate = _walk(density, state.y, steps.centred * tuning.root, CENTRED, keys[0])
+    return state._replace(y=y, b=target.draw_effects(effects, keys[1])), rate
+
+
+def _walk(density: Any, y: Array, scale: Array, number: int, key: Array) -> tuple[Array, Effects, Array]:
+    """Some steps of a random walk of y, and what b is given the last; the share that was accepted."""
+
+    def step(index: Array, at: Any) -> Any:
+        y, effects, rate = at
+        of_step = jax.random.split(jax.random.fold_in(key, index))
+        proposed = y + scale @ jax.random.normal(of_step[0], y.shape)
+        there = density(proposed)
+        accepted = _accept(of_step[1], there.log_density - effects.log_density)
+        return *_either(accepted, (proposed, there), (y, effects)), rate + accepted / number
+
+    return jax.lax.fori_loop(0, number, step, (y, density(y), jnp.zeros(())))
+
+
+def _accept(key: Array, log_ratio: Array) -> Array:
+    return jnp.log(jax.random.uniform(key, log_ratio.shape)) < log_ratio
+
+
+def _either(accepted: Array, new: Any, old: Any) -> Any:
+    return jax.tree.map(lambda a, b: jnp.where(accepted, a, b), new, old)
+
+
+def decided(
+    target: Target, state: State, proposal: Proposal, key: Array, *, whole: Any
+) -> tuple[State, Float[Array, " impact"]]:
+    """The state after a proposal, and of each impact that there is 1 where its part was accepted, else 0.
+
+    Args:
+        target: the posterior.
+        state: before it.
+        proposal: what is proposed.
+        key: of the decisions.
+        whole: whether all of it is accepted or nothing, else each impact's part by itself.
+    """
+    value = target.log_likelihood(proposal.state.u)
+    log_ratio = jnp.where(target.present, value - state.log_likelihood + proposal.log_ratio, 0.0)
+    uniform = jnp.log(jax.random.uniform(key, log_ratio.shape))
+    together = uniform[0] < log_ratio.sum()
+    accepted = jnp.where(whole, together, uniform < log_ratio)
+    u, value = _either(accepted, (proposal.state.u, value), (state.u, state.log_likelihood))
+    y, b = _either(whole & together, proposal.state[:2], state[:2])
+    return State(y, b, u, value), jnp.where(target.present, accepted, 0.0)
+
+
+def transition(
+    target: Target, tuning: Tuning, gain: Float[Array, ""], carried: tuple[State, Steps], key: Array
+) -> tuple[tuple[State, Steps], tuple[State, Acceptances]]:
+    """Every move once or more; then steps follow their acceptances, unless ``gain`` is 0."""
+    state, steps = carried
+    keys = jax.random.split(key)
+    state, of_centred = centred(target, tuning, steps, state, keys[0])
+
+    def move(index: Array, at: tuple[State, Acceptances]) -> tuple[State, Acceptances]:
+        # One copy of the likelihood serves all moves: each more would be compiled again.
+        state, rates = at
+        kind = jnp.where(index == 0, _BY_SITE, jnp.where(index <= WALKS, _BY_WALK, _BY_POPULATION))
+        of_move = jax.random.split(jax.random.fold_in(keys[1], index))
+        moves = [partial(move, target, tuning, steps) for move in PROPOSALS]
+        proposal = jax.lax.switch(kind, moves, state, of_move[0])
+        whole = kind == _BY_POPULATION
+        state, accepted = decided(target, state, proposal, of_move[1], whole=whole)
+        mean = accepted.sum() / target.present.sum()
+        rates = Acceptances(
+            rates.site + jnp.where(kind == _BY_SITE, mean, 0.0),
+            rates.walk + jnp.where(kind == _BY_WALK, accepted, 0.0) / WALKS,
+            rates.population + jnp.where(whole, mean, 0.0) / SURROGATES,
+            rates.inner + proposal.inner / SURROGATES,
+            rates.centred,
+        )
+        return state, rates
+
+    none, of_impacts = jnp.zeros(()), jnp.zeros(len(target.present))
+    rates = Acceptances(none, of_impacts, none, none, of_centred)
+    state, rates = jax.lax.fori_loop(0, EVALUATIONS, move, (state, rates))
+    steps = Steps(
+        jnp.clip(steps.impact * jnp.exp(gain * (rates.walk - _OF_IMPACT)), 1e-3, 20.0),
+        jnp.clip(steps.centred * jnp.exp(gain * (rates.centred - _OF_POPULATION)), 1e-2, 5.0),
+        jnp.clip(steps.population * jnp.exp(gain * (rates.inner - _OF_POPULATION)), 1e-3, 5.0),
+    )
+    return (state, steps), (state, rates)

@@ -1,0 +1,141 @@
+"""The posterior of a fit in the pieces that the chain's moves ask for.
+
+The hyperparameters ψ have unconstrained coordinates y; b are the fixed and group effects, u each impact's
+parameters, and p(ψ, b, u, traces) = p(y) p(b | ψ) Π N(u; X b, D⁻¹) p(trace | u). It is the density of
+`bayestissue.hierarchy.traces.plain_model`, but that standard deviations below `LEAST` are left out: of a log
+that is no physics, and the algebra would lose its digits there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple, Self
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Bool, Float
+
+from bayestissue.hierarchy.gaussian.arrangement import expected, expected_by_cell
+from bayestissue.hierarchy.gaussian.conditional import Data
+from bayestissue.hierarchy.gaussian.covariances import Covariances
+from bayestissue.hierarchy.gaussian.effects import (
+    EffectsConditional,
+    effects_from_standard,
+    integrate_effects,
+)
+from bayestissue.hierarchy.gaussian.factor import Conditional, GaussianFactor
+from bayestissue.hierarchy.trace_data import Prepared
+from bayestissue.hierarchy.traces import TraceData, TraceModel, hyperparameters_at, log_likelihood, population
+
+LEAST = 1e-4
+_MOST_CORRELATION = 1 - 1e-9
+
+
+class CellSums(NamedTuple):
+    """Number, sum and squares, by cell of the design, of u about its mean under b's prior."""
+
+    number: Float[Array, " entry"]
+    deviation: Float[Array, "parameter entry"]
+    squares: Float[Array, "parameter parameter entry"]
+
+
+class Effects(NamedTuple):
+    """b given the hyperparameters and what stands for the data, and the log density of these together."""
+
+    conditional: EffectsConditional
+    log_density: Float[Array, ""]
+
+
+@partial(jax.tree_util.register_dataclass, data_fields=["model", "data", "present"], meta_fields=[])
+@dataclass(frozen=True)
+class Target:
+    """The posterior of one prepared dataset.
+
+    Attributes:
+        model: what is assumed.
+        data: the traces and the design, as many impacts as a `bucket` holds.
+        present: which of them there are.
+    """
+
+    model: TraceModel
+    data: TraceData
+    present: Bool[Array, " impact"]
+
+    @classmethod
+    def of(cls, prepared: Prepared) -> Self:
+        """The posterior of a fit."""
+        data = prepared.data.padded
+        present = np.arange(len(data.log_mass)) < len(prepared.impacts)
+        return cls(prepared.model, jax.tree.map(jnp.asarray, data), jnp.asarray(present))
+
+    def covariances(self, y: Float[Array, " hyperparameter"]) -> Covariances:
+        """Of an impact's parameters about X b, and of b."""
+        return population(self.model, hyperparameters_at(self.model, y)[0])
+
+    def log_prior(self, y: Float[Array, " hyperparameter"]) -> Float[Array, ""]:
+        """Log density of the hyperparameters' coordinates."""
+        values, density = hyperparameters_at(self.model, y)
+        correlation = values.get("residual_correlation", jnp.zeros(()))
+        sd = jnp.stack([value for name, value in values.items() if name != "residual_correlation"])
+        allowed = (sd > LEAST).all() & (jnp.abs(correlation) < _MOST_CORRELATION)
+        return jnp.where(allowed, density, -jnp.inf)
+
+    def log_likelihood(self, u: Float[Array, "parameter impact"]) -> Float[Array, " impact"]:
+        """Of each trace, 0 of those that are not present."""
+        # Without the barrier the algebra that made u is done again at every sample of a trace.
+        value = log_likelihood(self.model, self.data, list(jax.lax.optimization_barrier(u)))
+        return jnp.where(self.present, jnp.where(jnp.isfinite(value), value, -jnp.inf), 0.0)
+
+    def prior_mean(self, b: Float[Array, " location"]) -> Float[Array, "parameter impact"]:
+        """X b of every impact."""
+        return expected(self.data.design, b)
+
+    def cell_sums(self, u: Float[Array, "parameter impact"]) -> CellSums:
+        """What the population's density asks of the impacts where these are known."""
+        design = self.data.design
+        mean = expected_by_cell(design, self.data.location_mean)
+        deviation = jnp.where(self.present, u - mean[:, design.cell], 0.0)
+        squares = deviation[:, None] * deviation[None]
+        number = jnp.where(self.present, 1.0, 0.0)
+        return CellSums(*(design.to_cells(values) for values in (number, deviation, squares)))
+
+    def given_impacts(self, y: Float[Array, " hyperparameter"], sums: CellSums) -> Effects:
+        """B given ψ and u, and log p(y, u) with b integrated out, up to a constant."""
+        covariances, mean = self.covariances(y), expected_by_cell(self.data.design, self.data.location_mean)
+        D = covariances.of_impact()
+        log_scale = (
+            sums.number * jnp.linalg.slogdet(D)[1] - jnp.einsum("ab,ab...->...", D, sums.squares)
+        ) / 2
+        shift = jnp.einsum("ab,b...->a...", D, sums.deviation)
+        cells = GaussianFactor(mean, shift, D[:, :, None] * sums.number, log_scale)
+        return self._integrated(y, covariances, cells)
+
+    def given_sites(self, y: Float[Array, " hyperparameter"], blocked: GaussianFactor) -> Effects:
+        """The same where a site stands for every trace, and u is integrated out too; see `blocked`."""
+        covariances, data = self.covariances(y), Data(self.data.design, self.data.location_mean, blocked)
+        return self._integrated(y, covariances, data.sums(covariances))
+
+    def blocked(self, sites: GaussianFactor) -> GaussianFactor:
+        """Impacts' sites as the design arranges them."""
+        said = jax.tree.map(
+            lambda leaf: jnp.where(self.present.reshape(-1, *[1] * (leaf.ndim - 1)), leaf, 0.0), sites
+        )
+        return self.data.design.blocked(said)
+
+    def _integrated(self, y: Array, covariances: Covariances, sums: GaussianFactor) -> Effects:
+        conditional, log_density = integrate_effects(self.data.design, covariances, sums)
+        log_density = self.log_prior(y) + log_density
+        return Effects(conditional, jnp.where(jnp.isfinite(log_density), log_density, -jnp.inf))
+
+    def draw_effects(self, effects: Effects, key: Array) -> Float[Array, " location"]:
+        """A draw of b."""
+        standard = jax.random.normal(key, (self.model.locations.size,))
+        mean = self.data.location_mean
+        return effects_from_standard(self.data.design, effects.conditional, mean, standard)
+
+    def impact_given(self, y: Float[Array, " hyperparameter"], sites: GaussianFactor) -> Conditional:
+        """Every impact's u given ψ, its expectation and its site."""
+        return Conditional(self.covariances(y).of_impact()[:, :, None], sites.batch_last())
