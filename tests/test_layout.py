@@ -18,7 +18,7 @@ ROOMS = (
     ("samplers", "points"),
     ("factors", "quantities"),
     ("posterior", "results"),
-    ("comparing", "checking", "single"),
+    ("comparing", "checking", "single", "chain"),
     ("answers",),
     ("published", "fit"),
 )

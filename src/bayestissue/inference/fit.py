@@ -177,9 +177,9 @@ def _by_chain(
     """The fit by one Markov chain over everything; see `bayestissue.inference.chain`."""
     settings = specification.sampler
     sites = explanations(prepared, expansions, partial(say, "looking for other explanations of each trace"))
-    chains = chain_draws(prepared, sites, settings, seed, progress=say, checkpoints=checkpoints)
+    chains = chain_draws(prepared, sites, settings.chains, seed, progress=say, checkpoints=checkpoints)
     chains = chains.thinned(settings.draws)
-    shape = chains.y.shape[:2]
+    shape = chains.shape
     u = chains.u[:, kept_draws(*shape, len(prepared.impacts))]
     u = u.reshape(-1, *u.shape[2:])
     say("predicting", 0, 1)
@@ -189,7 +189,7 @@ def _by_chain(
     statistics = labelled({"lp": chains.log_likelihood}, {}, {})
 
     def verdict(summary: pd.DataFrame) -> dict[str, Any]:
-        return diagnose(summary, None, (), r_hat_limit(len(summary), *shape))
+        return diagnose(summary, None, (), r_hat_limit(len(summary), *chains.shape))
 
     return label(prepared, specification, drawn, SamplerRun(statistics, chains.record(), verdict), seed, say)
 

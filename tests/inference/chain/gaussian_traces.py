@@ -11,10 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 from jax import Array
+from jax.scipy.special import logsumexp
 from numpyro import handlers
 from numpyro.distributions import biject_to
 
-import bayestissue as bt
+from bayestissue.dataset.arrays import dataset
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import impacts_model
@@ -36,6 +37,17 @@ class GaussianTarget(Target):
         return jnp.where(self.present, self.traces.log_density(u.T), 0.0)
 
 
+@partial(jax.tree_util.register_dataclass, data_fields=["model", "data", "present", "traces"], meta_fields=[])
+@dataclass(frozen=True)
+class MixtureTarget(Target):
+    """A posterior whose traces' likelihoods are the sum of several ``traces``, along their first axis."""
+
+    traces: Any = None
+
+    def log_likelihood(self, u: Array) -> Array:
+        return jnp.where(self.present, logsumexp(self.traces.log_density(u.T), axis=0), 0.0)
+
+
 def prepared(K: str, table: dict[str, Any], **uncertainty: Any) -> Prepared:
     """A small campaign of short traces, whose values no test here reads."""
     time = np.arange(-1e-2, 0.04, 1e-3)
@@ -46,7 +58,7 @@ def prepared(K: str, table: dict[str, Any], **uncertainty: Any) -> Prepared:
     rng = np.random.default_rng(0)
     traces = [(time, trace + rng.normal(size=len(time))) for _ in range(len(rows))]
     rows = rows.assign(impact=[f"i{n}" for n in range(len(rows))], velocity_m_s=V)
-    data = bt.dataset(rows, traces, quantity="deceleration", unit="m/s^2", **uncertainty)
+    data = dataset(rows, traces, quantity="deceleration", unit="m/s^2", **uncertainty)
     from bayestissue.fitting import resolve
 
     specification, source = resolve("impact", formulas={"K": K, "C": K})

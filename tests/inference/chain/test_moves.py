@@ -21,6 +21,7 @@ from scipy.stats import norm
 
 from bayestissue.inference.chain import moves
 from bayestissue.inference.chain.moves import State
+from bayestissue.inference.chain.run import SETTINGS
 
 PEOPLE = {"subject": list("aabb"), "trial": ["x", "y"] * 2, "mass_kg": [0.5, 1.0] * 2}
 STRUCTURES: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
@@ -37,8 +38,8 @@ def by(name: str, several: int, target: GaussianTarget, state: State, key: Array
     """The state after one move."""
     keys, (tuning, steps) = jax.random.split(key), bad_tuning(target, several)
     if name == "centred":
-        return moves.centred(target, tuning, steps, state, keys[0])[0]
-    proposal = getattr(moves, name)(target, tuning, steps, state, keys[0])
+        return moves.centred(target, SETTINGS, tuning, steps, state, keys[0])[0]
+    proposal = getattr(moves, name)(target, SETTINGS, tuning, steps, state, keys[0])
     return moves.decided(target, state, proposal, keys[1], whole=name == "by_population")[0]
 
 

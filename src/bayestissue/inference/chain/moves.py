@@ -33,16 +33,10 @@ from jax.scipy.special import logsumexp
 from jaxtyping import Float
 
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
+from bayestissue.inference.chain.settings import ChainSettings
 from bayestissue.inference.chain.target import Effects, Target
 
-# Of one transition: evaluations of the traces by each move, walks of `centred`, and of `by_population`'s
-# surrogate.
-WALKS, SURROGATES = 1, 1
-CENTRED, INNER = 5, 20
 _BY_SITE, _BY_WALK, _BY_POPULATION = range(3)
-EVALUATIONS = 1 + WALKS + SURROGATES
-# The acceptances that steps are adapted to: of an impact's own walk, and of those of y.
-_OF_IMPACT, _OF_POPULATION = 0.3, 0.25
 
 
 class State(NamedTuple):
@@ -129,7 +123,9 @@ def _one_each(sites: GaussianFactor, log_weight: Any, key: Array) -> GaussianFac
     return jax.tree.map(lambda leaf: leaf[chosen, jnp.arange(leaf.shape[1])], sites)
 
 
-def by_site(target: Target, tuning: Tuning, steps: Steps, state: State, key: Array) -> Proposal:
+def by_site(
+    target: Target, settings: ChainSettings, tuning: Tuning, steps: Steps, state: State, key: Array
+) -> Proposal:
     """Every impact's parameters from its site and the population."""
     keys, mean = jax.random.split(key), target.prior_mean(state.b)
 
@@ -147,7 +143,9 @@ def by_site(target: Target, tuning: Tuning, steps: Steps, state: State, key: Arr
     return Proposal(state._replace(u=u), log_ratio, jnp.zeros(()))
 
 
-def by_walk(target: Target, tuning: Tuning, steps: Steps, state: State, key: Array) -> Proposal:
+def by_walk(
+    target: Target, settings: ChainSettings, tuning: Tuning, steps: Steps, state: State, key: Array
+) -> Proposal:
     """Every impact's parameters a step further, by its own covariance."""
     mean, D = target.prior_mean(state.b), target.covariances(state.y).of_impact()
     standard = jax.random.normal(key, state.u.shape)
@@ -159,7 +157,9 @@ def by_walk(target: Target, tuning: Tuning, steps: Steps, state: State, key: Arr
     return Proposal(state._replace(u=u), log_prior(u) - log_prior(state.u), jnp.zeros(()))
 
 
-def by_population(target: Target, tuning: Tuning, steps: Steps, state: State, key: Array) -> Proposal:
+def by_population(
+    target: Target, settings: ChainSettings, tuning: Tuning, steps: Steps, state: State, key: Array
+) -> Proposal:
     """Hyperparameters and effects by the sites' own posterior, every impact's parameters along with them."""
     keys = jax.random.split(key, 3)
     sites = _one_each(tuning.sites, lambda: tuning.sites.log_density(state.u.T), keys[0])
@@ -169,7 +169,7 @@ def by_population(target: Target, tuning: Tuning, steps: Steps, state: State, ke
     standard = [p - h for p, h in zip(pulled, here.half(list(mean)), strict=True)]
     density = partial(target.given_sites, blocked=target.blocked(sites))
     scale = steps.population * tuning.root
-    y, effects, inner = _walk(density, state.y, scale, INNER, keys[1])
+    y, effects, inner = _walk(density, state.y, scale, settings.inner, keys[1])
     b = target.draw_effects(effects, keys[2])
     there = target.impact_given(y, sites)
     u = jnp.stack(there.draw(list(target.prior_mean(b)), standard))
@@ -180,11 +180,13 @@ def by_population(target: Target, tuning: Tuning, steps: Steps, state: State, ke
 PROPOSALS = (by_site, by_walk, by_population)
 
 
-def centred(target: Target, tuning: Tuning, steps: Steps, state: State, key: Array) -> tuple[State, Array]:
+def centred(
+    target: Target, settings: ChainSettings, tuning: Tuning, steps: Steps, state: State, key: Array
+) -> tuple[State, Array]:
     """Hyperparameters and effects with every impact's parameters fixed."""
     keys, sums = jax.random.split(key), target.cell_sums(state.u)
     density = partial(target.given_impacts, sums=sums)
-    y, effects, rate = _walk(density, state.y, steps.centred * tuning.root, CENTRED, keys[0])
+    y, effects, rate = _walk(density, state.y, steps.centred * tuning.root, settings.centred, keys[0])
     return state._replace(y=y, b=target.draw_effects(effects, keys[1])), rate
 
 
@@ -194,12 +196,15 @@ def _walk(density: Any, y: Array, scale: Array, number: int, key: Array) -> tupl
     def step(index: Array, at: Any) -> Any:
         y, effects, rate = at
         of_step = jax.random.split(jax.random.fold_in(key, index))
-        proposed = y + scale @ jax.random.normal(of_step[0], y.shape)
+        # The first step stays where it is, and is taken: what is compiled has the density once.
+        moved = jnp.where(index > 0, 1.0, 0.0)
+        proposed = y + moved * (scale @ jax.random.normal(of_step[0], y.shape))
         there = density(proposed)
-        accepted = _accept(of_step[1], there.log_density - effects.log_density)
-        return *_either(accepted, (proposed, there), (y, effects)), rate + accepted / number
+        accepted = _accept(of_step[1], there.log_density - effects.log_density) | (index == 0)
+        return *_either(accepted, (proposed, there), (y, effects)), rate + moved * accepted / number
 
-    return jax.lax.fori_loop(0, number, step, (y, density(y), jnp.zeros(())))
+    nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(density, y))
+    return jax.lax.fori_loop(0, number + 1, step, (y, nothing, jnp.zeros(())))
 
 
 def _accept(key: Array, log_ratio: Array) -> Array:
@@ -233,38 +238,44 @@ def decided(
 
 
 def transition(
-    target: Target, tuning: Tuning, gain: Float[Array, ""], carried: tuple[State, Steps], key: Array
+    target: Target,
+    settings: ChainSettings,
+    tuning: Tuning,
+    gain: Float[Array, ""],
+    carried: tuple[State, Steps],
+    key: Array,
 ) -> tuple[tuple[State, Steps], tuple[State, Acceptances]]:
     """Every move once or more; then steps follow their acceptances, unless ``gain`` is 0."""
     state, steps = carried
     keys = jax.random.split(key)
-    state, of_centred = centred(target, tuning, steps, state, keys[0])
+    state, of_centred = centred(target, settings, tuning, steps, state, keys[0])
 
     def move(index: Array, at: tuple[State, Acceptances]) -> tuple[State, Acceptances]:
         # One copy of the likelihood serves all moves: each more would be compiled again.
         state, rates = at
-        kind = jnp.where(index == 0, _BY_SITE, jnp.where(index <= WALKS, _BY_WALK, _BY_POPULATION))
+        kind = jnp.where(index == 0, _BY_SITE, jnp.where(index <= settings.walks, _BY_WALK, _BY_POPULATION))
         of_move = jax.random.split(jax.random.fold_in(keys[1], index))
-        moves = [partial(move, target, tuning, steps) for move in PROPOSALS]
+        moves = [partial(move, target, settings, tuning, steps) for move in PROPOSALS]
         proposal = jax.lax.switch(kind, moves, state, of_move[0])
         whole = kind == _BY_POPULATION
         state, accepted = decided(target, state, proposal, of_move[1], whole=whole)
         mean = accepted.sum() / target.present.sum()
         rates = Acceptances(
             rates.site + jnp.where(kind == _BY_SITE, mean, 0.0),
-            rates.walk + jnp.where(kind == _BY_WALK, accepted, 0.0) / WALKS,
-            rates.population + jnp.where(whole, mean, 0.0) / SURROGATES,
-            rates.inner + proposal.inner / SURROGATES,
+            rates.walk + jnp.where(kind == _BY_WALK, accepted, 0.0) / settings.walks,
+            rates.population + jnp.where(whole, mean, 0.0) / settings.surrogates,
+            rates.inner + proposal.inner / settings.surrogates,
             rates.centred,
         )
         return state, rates
 
     none, of_impacts = jnp.zeros(()), jnp.zeros(len(target.present))
     rates = Acceptances(none, of_impacts, none, none, of_centred)
-    state, rates = jax.lax.fori_loop(0, EVALUATIONS, move, (state, rates))
+    state, rates = jax.lax.fori_loop(0, settings.evaluations, move, (state, rates))
+    of_population = settings.population_acceptance
     steps = Steps(
-        jnp.clip(steps.impact * jnp.exp(gain * (rates.walk - _OF_IMPACT)), 1e-3, 20.0),
-        jnp.clip(steps.centred * jnp.exp(gain * (rates.centred - _OF_POPULATION)), 1e-2, 5.0),
-        jnp.clip(steps.population * jnp.exp(gain * (rates.inner - _OF_POPULATION)), 1e-3, 5.0),
+        jnp.clip(steps.impact * jnp.exp(gain * (rates.walk - settings.impact_acceptance)), 1e-3, 20.0),
+        jnp.clip(steps.centred * jnp.exp(gain * (rates.centred - of_population)), 1e-2, 5.0),
+        jnp.clip(steps.population * jnp.exp(gain * (rates.inner - of_population)), 1e-3, 5.0),
     )
     return (state, steps), (state, rates)

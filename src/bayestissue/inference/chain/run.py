@@ -19,13 +19,13 @@ from jax import Array
 from jaxtyping import Float
 
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
-from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceModel, constrained, population
 from bayestissue.inference.chain.ending import Verdict, look
 from bayestissue.inference.chain.moves import Acceptances, State, Steps, Tuning, transition
+from bayestissue.inference.chain.settings import ChainSettings
 from bayestissue.inference.chain.target import Target
-from bayestissue.inference.chain.warm_up import begin, retuned
+from bayestissue.inference.chain.warm_up import Start, begin, retuned
 from bayestissue.inference.execution.compiling import FULLY, by_row
 from bayestissue.inference.factors.conditional import DRAWS, PopulationDraws
 from bayestissue.inference.samplers.convergence import convergence
@@ -33,16 +33,7 @@ from bayestissue.padding import padded_impacts
 from bayestissue.results import whole_file
 
 Say = Callable[[str, int, int], None]
-SEGMENT = 100
-# Segments of the first rounds, then of each further one; steps follow acceptances by so much.
-_ROUNDS, _FURTHER = (2, 2, 3), 3
-_GAIN, _LAST_GAIN = 0.1, 0.03
-# The warm-up is over where the hyperparameters' R-hat over its last round is below this.
-_AGREE, _MOST_ROUNDS = 1.05, 20
-# Looks begin after so many segments, and come at lengths that grow by a quarter; two in a row are to pass.
-_FIRST_LOOK, _GROWTH, _IN_A_ROW = 10, 1.25, 2
-# Of the segments since the warm-up: the most.
-_MOST = 400
+SETTINGS = ChainSettings()
 
 
 @dataclass(frozen=True)
@@ -57,6 +48,7 @@ class ChainDraws:
         acceptance: of each move, the mean.
         sites: of the traces, the first of each, as the warm-up left them.
         segments: of the warm-up, and since.
+        segment: transitions of one.
         verdict: of the last look.
     """
 
@@ -67,7 +59,13 @@ class ChainDraws:
     acceptance: dict[str, float]
     sites: GaussianFactor
     segments: tuple[int, int]
+    segment: int
     verdict: Verdict
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """The numbers of chains and of draws of each."""
+        return self.y.shape[0], self.y.shape[1]
 
     def thinned(self, draws: int) -> ChainDraws:
         """The same with at most so many draws of each chain, evenly spaced, the last among them."""
@@ -89,8 +87,9 @@ class ChainDraws:
         return {
             "path": "chain",
             "words": (
-                f"Sampled by one Markov chain over hyperparameters, effects and impacts, {since * SEGMENT} "
-                f"transitions of each chain after {warm * SEGMENT} of warm-up; accepted: {moves}."
+                "Sampled by one Markov chain over hyperparameters, effects and impacts, "
+                f"{since * self.segment} transitions of each chain after {warm * self.segment} of warm-up; "
+                f"accepted: {moves}."
             ),
             "segments": since,
             "warm_up_segments": warm,
@@ -114,20 +113,26 @@ def _constrained(model: TraceModel, y: Float[Array, " hyperparameter"]) -> tuple
     return sites, population(model, sites).of_impact()
 
 
-@partial(jax.jit, compiler_options=FULLY)
-def _segment(
-    target: Target, tuning: Tuning, carried: tuple[State, Steps], key: Array, gain: Float[Array, ""]
+@partial(jax.jit, static_argnames="settings", compiler_options=FULLY)
+def _advanced(
+    target: Target,
+    settings: ChainSettings,
+    tuning: Tuning,
+    carried: tuple[State, Steps],
+    key: Array,
+    gain: Float[Array, ""],
 ) -> Any:
-    keys = jax.random.split(key, SEGMENT)
-    return jax.lax.scan(partial(transition, target, tuning, gain), carried, keys)
+    keys = jax.random.split(key, settings.segment)
+    return jax.lax.scan(partial(transition, target, settings, tuning, gain), carried, keys)
 
 
 def chain_draws(
     prepared: Prepared,
     sites: GaussianFactor,
-    settings: Sampler,
+    chains: int,
     seed: int,
     *,
+    settings: ChainSettings = SETTINGS,
     progress: Say = lambda *_: None,
     checkpoints: Path | None = None,
 ) -> ChainDraws:
@@ -137,81 +142,128 @@ def chain_draws(
         prepared: model and data.
         sites: of the traces, [site, impact, ...]; the chain is exact whatever they are, and faster the
             nearer they are.
-        settings: how many chains there are.
+        chains: how many there are.
         seed: of all of it.
+        settings: how long its parts are.
         progress: told the stage, how much of it is done, and its total.
         checkpoints: an existing folder to which finished segments are written, and in which those of an
             earlier run of the same job are looked for.
     """
     target, count = Target.of(prepared), len(prepared.impacts)
-    keys = jax.random.split(jax.random.PRNGKey(seed), settings.chains)
+    keys = jax.random.split(jax.random.PRNGKey(seed), chains)
     # Filled up with copies of the first, which count nowhere.
-    start = begin(target, GaussianFactor(*map(jnp.asarray, padded_impacts(sites, 1))), keys)
-    chains = [(state, steps) for state, steps in zip(start.states, start.steps, strict=True)]
-    tuning, number = start.tuning, 0
+    start = begin(target, settings, GaussianFactor(*map(jnp.asarray, padded_impacts(sites, 1))), keys)
+    chains_at = list(zip(start.states, start.steps, strict=True))
+    run = _Run(target, settings, keys, chains_at, checkpoints)
+    tuning = _warmed_up(run, start, progress)
+    warm = run.number
+    kept, rates, verdict = _sampled(run, tuning, count, progress)
+    first = GaussianFactor(*(np.asarray(leaf)[0, :count] for leaf in tuning.sites))
+    acceptance = {name: float(np.mean([getattr(r, name) for r in rates])) for name in Acceptances._fields}
+    return ChainDraws(
+        y=kept.y,
+        b=kept.b,
+        u=kept.u.transpose(0, 1, 3, 2),
+        log_likelihood=kept.log_likelihood.sum(-1),
+        acceptance=acceptance,
+        sites=first,
+        segments=(warm, run.number - warm),
+        segment=settings.segment,
+        verdict=verdict,
+    )
 
-    def advance(gain: float) -> list[_Segment]:
+
+@dataclass
+class _Run:
+    """All chains, as far as they have come.
+
+    Attributes:
+        target: the posterior.
+        settings: of the run.
+        keys: of each chain.
+        carried: each chain's state and steps.
+        checkpoints: where finished segments are kept, if anywhere.
+        number: of the next segment.
+    """
+
+    target: Target
+    settings: ChainSettings
+    keys: Array
+    carried: list[tuple[State, Steps]]
+    checkpoints: Path | None
+    number: int = 0
+
+    def advance(self, tuning: Tuning, gain: float) -> list[_Segment]:
         """The next segment of every chain."""
-        nonlocal number
-        done = []
-        for chain, key in enumerate(keys):
-            path = checkpoints and checkpoints / f"chain-{chain}-segment-{number:04d}.npz"
-            like = chains[chain]
-            segment = _kept(path, like) if path is not None and path.is_file() else None
-            if segment is None:
-                of_segment = jax.random.fold_in(key, 1000 + number)
-                (state, steps), (visited, rates) = _segment(target, tuning, like, of_segment, gain)
-                segment = jax.device_get(_Segment(state, steps, visited, rates))
-                if path is not None:
-                    _keep(path, segment)
-            chains[chain] = (segment.state, segment.steps)
-            done.append(segment)
-        number += 1
-        return done
+        segments = [self._segment(chain, tuning, gain) for chain in range(len(self.keys))]
+        self.carried = [(segment.state, segment.steps) for segment in segments]
+        self.number += 1
+        return segments
 
-    total = sum(_ROUNDS) + 2 * _FURTHER
-    for turn in range(len(_ROUNDS) + _MOST_ROUNDS):
-        further = turn >= len(_ROUNDS)
-        round_: list[list[_Segment]] = []
-        for _ in range(_FURTHER if further else _ROUNDS[turn]):
-            progress("warming up", number, max(total, number + _FURTHER))
-            round_.append(advance(_GAIN))
-        visited = _joined([[segment.path for segment in part] for part in round_])
+    def _segment(self, chain: int, tuning: Tuning, gain: float) -> _Segment:
+        path = self.checkpoints and self.checkpoints / f"chain-{chain}-segment-{self.number:04d}.npz"
+        if path is not None and path.is_file():
+            return _kept(path, self.carried[chain])
+        # The numbers below are the beginning's.
+        key = jax.random.fold_in(self.keys[chain], 1000 + self.number)
+        (state, steps), (visited, rates) = _advanced(
+            self.target, self.settings, tuning, self.carried[chain], key, gain
+        )
+        segment: _Segment = jax.device_get(_Segment(state, steps, visited, rates))
+        if path is not None:
+            _keep(path, segment)
+        return segment
+
+
+def _warmed_up(run: _Run, start: Start, progress: Say) -> Tuning:
+    """Rounds until the chains agree, and one more that adapts steps alone; what they found."""
+    settings, tuning = run.settings, start.tuning
+    rounds = (*settings.first_rounds, *(settings.round,) * settings.most_rounds)
+    for turn, length in enumerate(rounds):
+        segments = []
+        for _ in range(length):
+            least = sum(settings.first_rounds) + 2 * settings.round
+            progress("warming up", run.number, max(least, run.number + settings.round))
+            segments.append(run.advance(tuning, settings.gain))
+        visited = _joined(segments)
         half = jax.tree.map(lambda leaf: leaf[:, leaf.shape[1] // 2 :].reshape(-1, *leaf.shape[2:]), visited)
         tuning = retuned(tuning, start.tuning, half, refit=turn > 0)
-        if further and np.nanmax(convergence(np.moveaxis(visited.y, -1, 0)).r_hat) < _AGREE:
+        r_hat = convergence(np.moveaxis(np.asarray(visited.y), -1, 0)).r_hat
+        if turn >= len(settings.first_rounds) and np.nanmax(r_hat) < settings.agreement:
             break
-    for _ in range(_FURTHER):
-        progress("warming up", number, number + _FURTHER)
-        advance(_LAST_GAIN)
-    warm = number
+    for _ in range(settings.round):
+        progress("warming up", run.number, run.number + settings.round)
+        run.advance(tuning, settings.last_gain)
+    return tuning
+
+
+def _sampled(
+    run: _Run, tuning: Tuning, count: int, progress: Say
+) -> tuple[State, list[Acceptances], Verdict]:
+    """Segments until there are draws enough: the last half of them, acceptances, and the last look."""
+    settings, next_look, in_a_row = run.settings, run.settings.first_look, 0
     paths: list[State] = []
     rates: list[Acceptances] = []
-    next_look, passed, verdict = max(_FIRST_LOOK, 2), 0, None
     while True:
-        progress("sampling", number - warm, next_look)
-        segments = advance(0.0)
-        paths.append(_trimmed(_joined([[segment.path for segment in segments]]), count))
+        progress("sampling", len(paths), next_look)
+        segments = run.advance(tuning, 0.0)
+        paths.append(_trimmed(_joined([segments]), count))
         rates.append(jax.tree.map(lambda *values: np.mean(values), *[s.rates for s in segments]))
-        if number - warm < next_look:
+        if len(paths) < next_look:
             continue
-        kept = jax.tree.map(
-            lambda *parts: np.concatenate(parts, axis=1), *paths[len(paths) - -(-len(paths) // 2) :]
-        )
+        last_half = paths[len(paths) // 2 :]
+        kept: State = jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *last_half)
         verdict = look(*_quantities(kept))
-        passed = passed + 1 if verdict.passed else 0
-        if passed >= _IN_A_ROW or number - warm >= _MOST:
-            break
-        next_look = min(int(np.ceil(_GROWTH * next_look)), _MOST)
-    acceptance = {name: float(np.mean([getattr(r, name) for r in rates])) for name in Acceptances._fields}
-    first = GaussianFactor(*(np.asarray(leaf)[0, :count] for leaf in tuning.sites))
-    u, log_likelihood = kept.u.transpose(0, 1, 3, 2), kept.log_likelihood.sum(-1)
-    return ChainDraws(kept.y, kept.b, u, log_likelihood, acceptance, first, (warm, number - warm), verdict)
+        in_a_row = in_a_row + 1 if verdict.passed else 0
+        if in_a_row >= settings.in_a_row or len(paths) >= settings.most:
+            return kept, rates, verdict
+        next_look = min(int(np.ceil(settings.growth * next_look)), settings.most)
 
 
-def _joined(parts: list[list[State]]) -> State:
+def _joined(segments: list[list[_Segment]]) -> State:
     """Segments one after the other, chains along the first axis."""
-    stacked = [jax.tree.map(lambda *chains: np.stack(chains), *part) for part in parts]
+    paths = [[segment.path for segment in chains] for chains in segments]
+    stacked = [jax.tree.map(lambda *chains: np.stack(chains), *part) for part in paths]
     return jax.tree.map(lambda *each: np.concatenate(each, axis=1), *stacked)
 
 
@@ -224,7 +276,7 @@ def _trimmed(visited: State, count: int) -> State:
 def _quantities(kept: State) -> tuple[np.ndarray, np.ndarray]:
     """Hyperparameters and effects, and impacts' parameters, [quantity, chain, draw]."""
     population = np.concatenate([kept.y, kept.b], axis=-1)
-    impacts = kept.u.reshape(*kept.u.shape[:2], -1)
+    impacts = np.reshape(kept.u, (*kept.u.shape[:2], -1))
     return np.moveaxis(population, -1, 0), np.moveaxis(impacts, -1, 0)
 
 
@@ -236,7 +288,7 @@ def _keep(path: Path, segment: _Segment) -> None:
 
 def _kept(path: Path, like: tuple[State, Steps]) -> _Segment:
     state, steps = like
-    none = np.zeros(())
+    none = jnp.zeros(())
     structure = jax.tree.structure(_Segment(state, steps, state, Acceptances(*[none] * 5)))
     with np.load(path, allow_pickle=False) as stored:
         leaves = [stored[f"{number}"] for number in range(len(stored.files))]

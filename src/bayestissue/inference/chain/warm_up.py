@@ -8,6 +8,7 @@ nearest to the log likelihoods at those points, which are known already.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -17,7 +18,8 @@ from jax import Array
 from jaxtyping import Float
 
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
-from bayestissue.inference.chain.moves import _OF_POPULATION, State, Steps, Tuning, centred
+from bayestissue.inference.chain.moves import State, Steps, Tuning, centred
+from bayestissue.inference.chain.settings import ChainSettings
 from bayestissue.inference.chain.target import Target
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.factors.sites import _DEEPEST, _POINTS_A_TERM, _nearest
@@ -42,11 +44,12 @@ class Start(NamedTuple):
     tuning: Tuning
 
 
-def begin(target: Target, sites: GaussianFactor, keys: Array) -> Start:
+def begin(target: Target, settings: ChainSettings, sites: GaussianFactor, keys: Array) -> Start:
     """Chains at the best explanation of each impact, another one in each chain where there are several.
 
     Args:
         target: the posterior.
+        settings: of the run.
         sites: of all impacts, [site, impact, ...]; where an impact has fewer the others say nothing.
         keys: of each chain.
     """
@@ -64,7 +67,7 @@ def begin(target: Target, sites: GaussianFactor, keys: Array) -> Start:
         tuning, paths = Tuning(sites, root, impact_root), []
         for chain, key in enumerate(keys):
             states[chain], lengths[chain], path = _centred_alone(
-                target, tuning, states[chain], lengths[chain], jax.random.fold_in(key, turn)
+                target, settings, tuning, states[chain], lengths[chain], jax.random.fold_in(key, turn)
             )
             paths.append(np.asarray(path)[_FIRST // 2 :])
         covariance = np.cov(np.concatenate(paths).T.reshape(number, -1))
@@ -73,20 +76,20 @@ def begin(target: Target, sites: GaussianFactor, keys: Array) -> Start:
     states = [state._replace(log_likelihood=log_likelihood(target, state.u)) for state in states]
     middle = jnp.stack([state.y for state in states]).mean(0)
     D = np.asarray(target.covariances(middle).of_impact())
-    impact_root = np.linalg.cholesky(np.linalg.inv(np.asarray(sites.precision[0]) + D))
+    of_impact = np.linalg.cholesky(np.linalg.inv(np.asarray(sites.precision[0]) + D))
     steps = [Steps(jnp.full(len(like), 0.7), length, step) for length in lengths]
-    return Start(states, steps, Tuning(sites, root, jnp.asarray(impact_root)))
+    return Start(states, steps, Tuning(sites, root, jnp.asarray(of_impact)))
 
 
-@compiled_quickly
+@partial(compiled_quickly, static_argnames="settings")
 def _centred_alone(
-    target: Target, tuning: Tuning, state: State, length: Array, key: Array
+    target: Target, settings: ChainSettings, tuning: Tuning, state: State, length: Array, key: Array
 ) -> tuple[State, Array, Float[Array, "transition hyperparameter"]]:
     def one(carried: tuple[State, Array], key: Array) -> Any:
         state, length = carried
         steps = Steps(jnp.zeros(()), length, length)
-        state, rate = centred(target, tuning, steps, state, key)
-        return (state, length * jnp.exp(0.2 * (rate - _OF_POPULATION))), state.y
+        state, rate = centred(target, settings, tuning, steps, state, key)
+        return (state, length * jnp.exp(0.2 * (rate - settings.population_acceptance))), state.y
 
     (state, length), path = jax.lax.scan(one, (state, length), jax.random.split(key, _FIRST))
     return state, length, path

@@ -1,0 +1,56 @@
+"""The numbers that a run of the chain is made of, each with what it was chosen by."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class ChainSettings:
+    """How long the parts of a run are; the posterior is the same whatever they are.
+
+    Attributes:
+        walks: of every impact by itself, in a transition. Its site is accepted so often that one does.
+        surrogates: moves of the whole population in a transition, each an evaluation of all traces.
+        inner: steps of a surrogate's own walk. As many as make its end nearly independent of its
+            beginning, where they still cost no more than that evaluation.
+        centred: steps of the population with the impacts fixed, which cost next to nothing.
+        impact_acceptance: that an impact's walk is adapted to.
+        population_acceptance: that the walks of hyperparameters are adapted to, about the best for a dozen
+            (Roberts, Gelman and Gilks 1997, doi:10.1214/aoap/1034625254).
+        segment: transitions of one compiled call, after which a run can stop.
+        first_rounds: segments of the warm-up's first rounds, while sites and covariances are still poor.
+        round: segments of each further one, and of the last, which adapts steps alone.
+        most_rounds: further rounds at most.
+        agreement: R-hat of the hyperparameters over a round, below which the warm-up is over.
+        gain: by how much the log of a step follows its acceptance, in the last round ``last_gain``.
+        last_gain: see ``gain``.
+        first_look: segments since the warm-up before the first look at the draws. Chains that are each in
+            one of two modes look alike early.
+        growth: of the number of segments from look to look.
+        in_a_row: looks that are to pass.
+        most: segments since the warm-up at most.
+    """
+
+    walks: int = 1
+    surrogates: int = 1
+    inner: int = 20
+    centred: int = 5
+    impact_acceptance: float = 0.3
+    population_acceptance: float = 0.25
+    segment: int = 100
+    first_rounds: tuple[int, ...] = (2, 2, 3)
+    round: int = 3
+    most_rounds: int = 20
+    agreement: float = 1.05
+    gain: float = 0.1
+    last_gain: float = 0.03
+    first_look: int = 10
+    growth: float = 1.25
+    in_a_row: int = 2
+    most: int = 400
+
+    @property
+    def evaluations(self) -> int:
+        """Of all traces, in one transition."""
+        return 1 + self.walks + self.surrogates

@@ -1,0 +1,109 @@
+"""A run of the chain: its draws follow from the seed, a stop changes nothing, both explanations are seen."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from gaussian_traces import TOLD, GaussianTarget, MixtureTarget, from_prior, prepared, target_of
+from jax import Array
+from numpy.testing import assert_array_equal
+from numpyro.distributions import biject_to
+
+from bayestissue.hierarchy.gaussian.factor import GaussianFactor
+from bayestissue.inference.chain import run
+from bayestissue.inference.chain.run import ChainDraws, chain_draws
+from bayestissue.inference.chain.settings import ChainSettings
+from bayestissue.inference.chain.target import Target
+from bayestissue.inference.samplers.convergence import convergence
+
+PEOPLE = {"subject": list("aabb"), "trial": ["x", "y"] * 2, "mass_kg": [0.5, 1.0] * 2}
+K = "log(mass_kg) + (1|subject)"
+# What is asked of a stop needs few transitions.
+SHORT = ChainSettings(segment=20, most_rounds=1, first_look=2, most=4)
+
+
+@pytest.fixture(scope="module")
+def people() -> GaussianTarget:
+    """Two people, each hit twice, whose traces were drawn from the prior."""
+    return from_prior(target_of(prepared(K, PEOPLE)), jax.random.PRNGKey(4))[0]
+
+
+def drawn(
+    target: Target, sites: GaussianFactor, monkeypatch: pytest.MonkeyPatch, seed: int = 1, **options: Any
+) -> ChainDraws:
+    """Draws of a target that stands for that of a fit; its sites [site, impact, ...]."""
+    monkeypatch.setattr(run.Target, "of", lambda _: target)
+    count = int(target.present.sum())
+    here = GaussianFactor(*(np.asarray(leaf)[:, :count] for leaf in sites))
+    table = {name: values[:count] for name, values in PEOPLE.items()}
+    return chain_draws(prepared(K if count > 1 else "1", table), here, 2, seed, **options)
+
+
+def test_draws_follow_from_the_seed_and_a_stop_changes_none(people, monkeypatch, tmp_path: Path):
+    sites = jax.tree.map(lambda leaf: leaf[None], people.traces)
+    whole = drawn(people, sites, monkeypatch, settings=SHORT, checkpoints=tmp_path)
+    segments = sorted(tmp_path.iterdir())
+    assert len(segments) == 2 * sum(whole.segments)
+    # As if killed amid the warm-up, and amid what follows; and with nothing to do.
+    for left in (3, len(segments) - 5, len(segments)):
+        for path in sorted(tmp_path.iterdir(), key=lambda path: path.name[-8:])[left:]:
+            path.unlink()
+        again = drawn(people, sites, monkeypatch, settings=SHORT, checkpoints=tmp_path)
+        for name in ("y", "b", "u", "log_likelihood"):
+            assert_array_equal(getattr(again, name), getattr(whole, name))
+    other = drawn(people, sites, monkeypatch, seed=2, settings=SHORT)
+    assert not np.array_equal(other.y, whole.y)
+    few = whole.thinned(10)
+    assert few.y.shape[:2] == (2, 10)
+    assert_array_equal(few.u[:, -1], whole.u[:, -1])
+
+
+@pytest.mark.long
+def test_a_trace_with_two_explanations_gets_both_with_their_probabilities(monkeypatch):
+    plain = from_prior(target_of(prepared("1", {"subject": ["a"], "mass_kg": [0.8]})), jax.random.PRNGKey(5))[
+        0
+    ]
+    apart = jnp.asarray(12 * TOLD)
+    traces = plain.traces
+    both = GaussianFactor(
+        jnp.stack([traces.centre, traces.centre + apart]),
+        jnp.zeros((2, *traces.shift.shape)),
+        jnp.stack([traces.precision, traces.precision]),
+        jnp.stack([traces.log_scale, traces.log_scale - 1.0]),
+    )
+    target = MixtureTarget(plain.model, plain.data, plain.present, both)
+    draws = drawn(target, both, monkeypatch, settings=ChainSettings(first_look=20))
+    nearer = ((draws.u[..., 0, :] - np.asarray(both.centre[0, 0])) / apart).mean(-1) > 0.5
+    size = convergence(nearer[None].astype(float)).ess_mean[0]
+    expected, error = probability_of_second(target)
+    assert 0.02 < expected < 0.98
+    assert abs(nearer.mean() - expected) < 4 * np.hypot(np.sqrt(expected * (1 - expected) / size), error)
+
+
+def probability_of_second(target: MixtureTarget) -> tuple[float, float]:
+    """By the evidence of either, averaged over the prior of the hyperparameters; and its standard error."""
+
+    def evidence(key: Array) -> Array:
+        keys = jax.random.split(key, len(target.model.hyperparameters))
+        values = [
+            (biject_to(prior.support).inv(prior.sample(key)))
+            for prior, key in zip(map(target.model.prior_of, target.model.hyperparameters), keys, strict=True)
+        ]
+        y = jnp.stack(values)
+        of_each = [
+            target.given_sites(y, target.blocked(jax.tree.map(lambda leaf: leaf[n], target.traces)))  # noqa: B023
+            for n in range(2)
+        ]
+        return jnp.stack([each.log_density - target.log_prior(y) for each in of_each])
+
+    log_evidence = np.asarray(jax.jit(jax.vmap(evidence))(jax.random.split(jax.random.PRNGKey(8), 20_000)))
+    weights = np.exp(log_evidence - np.nanmax(log_evidence))
+    weights = np.where(np.isfinite(weights), weights, 0.0)
+    second = weights[:, 1].sum() / weights.sum()
+    residual = weights[:, 1] - second * weights.sum(1)
+    return float(second), float(residual.std() / weights.sum(1).mean() / np.sqrt(len(weights)))
