@@ -2,6 +2,7 @@
 
     .venv/bin/python benchmarks/posteriors.py draw example
     .venv/bin/python benchmarks/posteriors.py
+    .venv/bin/python benchmarks/posteriors.py chain
 
 `draw` samples a case by numpyro's NUTS, four chains of 2,500 draws on the density that has every trace in
 every step, and refuses those whose R-hat is not below 1.01 or that diverge. Kept in posteriors.csv are mean,
@@ -10,7 +11,8 @@ a campaign of each element (`evidence.references`). A case is to be drawn again 
 density change, which the samplers of the program do not touch.
 
 Without it a fit of each case that was drawn, by the default path, is compared: a row a case, quantity and
-statistic.
+statistic. `chain` instead of it compares the fit by one chain, and prints the greatest differences of each
+case in their Monte Carlo errors.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from __future__ import annotations
 import sys
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
@@ -131,10 +133,11 @@ def draw(case: str) -> None:
     table.to_csv(TABLE, index=False, float_format="%.7g", lineterminator="\n")
 
 
-def compared(case: str) -> pd.DataFrame:
+def compared(case: str, path: Literal["automatic", "chain"] = "automatic") -> pd.DataFrame:
     """What a fit of a case gives, less the reference, and the Monte Carlo error of the difference."""
     dataset, specification = case_of(case)
-    summary = bt.fit(dataset, specification).summary
+    sampler = specification.sampler.model_copy(update={"path": path})
+    summary = bt.fit(dataset, specification.model_copy(update={"sampler": sampler})).summary
     keys = ["variable", "label"]
     reference = pd.read_csv(TABLE, dtype={"label": str}).fillna({"label": ""}).query("case == @case")
     merged = reference.merge(
@@ -157,6 +160,13 @@ def main() -> None:
     runtime.configure(one_core=True)
     if sys.argv[1:2] == ["draw"]:
         draw(sys.argv[2])
+        return
+    if sys.argv[1:2] == ["chain"]:
+        for case in CASES:
+            table = compared(case, "chain")
+            z = (table["difference"] / table["mcse"]).where(table["mcse"] > 0)
+            print(case, f"{len(table)} statistics, root mean square of z {np.sqrt((z**2).mean()):.2f}")
+            print(table.assign(z=z).nlargest(3, "z", keep="all").to_string(index=False), flush=True)
         return
     with recorded("posteriors") as record:
         for case in record.missing(pd.read_csv(TABLE)["case"].unique()):

@@ -161,10 +161,10 @@ def chain_draws(
     first = GaussianFactor(*(np.asarray(leaf)[0, :count] for leaf in tuning.sites))
     acceptance = {name: float(np.mean([getattr(r, name) for r in rates])) for name in Acceptances._fields}
     return ChainDraws(
-        y=kept.y,
-        b=kept.b,
-        u=kept.u.transpose(0, 1, 3, 2),
-        log_likelihood=kept.log_likelihood.sum(-1),
+        y=np.asarray(kept.y),
+        b=np.asarray(kept.b),
+        u=np.moveaxis(np.asarray(kept.u), -1, -2),
+        log_likelihood=np.asarray(kept.log_likelihood).sum(-1),
         acceptance=acceptance,
         sites=first,
         segments=(warm, run.number - warm),

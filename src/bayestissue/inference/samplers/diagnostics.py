@@ -194,9 +194,11 @@ def verdict_in_words(diagnostics: dict[str, Any]) -> str:
     if not failed:
         worst = diagnostics["worst"]
         size = min(worst["ess_bulk"]["value"], worst["ess_tail"]["value"])
+        # The one chain follows no trajectories that could diverge.
+        none = ", no divergences" * any(check.get("code") == "divergences" for check in diagnostics["checks"])
         return (
-            f"R-hat at most {worst['r_hat']['value']:.4f}, effective sample sizes at least {size:.0f}, "
-            f"no divergences.{warning}"
+            f"R-hat at most {worst['r_hat']['value']:.4f}, effective sample sizes at least {size:.0f}{none}."
+            f"{warning}"
         )
     return f"Failed: {', '.join(failed)}. Do not use these numbers yet.{warning}"
 

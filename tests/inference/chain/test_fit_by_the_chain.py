@@ -1,0 +1,74 @@
+"""A fit by one chain: whole results, and the posterior that the exact path gives."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.stats import norm
+
+import bayestissue as bt
+from bayestissue.dataset import Dataset
+from bayestissue.simulation import Simulation, simulate
+
+MODEL: dict[str, Any] = {
+    "name": "m",
+    "likelihood": "impact",
+    "discrepancy": "none",
+    "formula": {"K": "log(mass_kg) + (1|subject)", "C": "log(mass_kg) + (1|subject)"},
+}
+TISSUE = {"K_N_per_m": 3000.0, "C_N_s_per_m": 25.0}
+
+
+def campaign(people: int, masses: tuple[float, ...], rate: float = 2000.0) -> Dataset:
+    """Clean impacts of some people with some masses."""
+    conditions = [{"trial": f"m{mass}", "mass_kg": mass, "velocity_m_s": 1.5} for mass in masses]
+    spreads = {f"sd_{group}_{q}": sd for group, sd in (("subject", 0.2), ("impact", 0.05)) for q in "KC"}
+    recording = {
+        "sampling_rate_hz": rate,
+        "before_contact_s": 0.01,
+        "noise_relative_to_peak": 0.005,
+        "relative_mass_sd": 0.002,
+        "velocity_sd_m_s": 0.005,
+    }
+    content = {
+        "name": "small",
+        "seed": 5,
+        "design": {"subjects": people, "conditions": conditions},
+        "tissue": TISSUE | spreads,
+        "recording": recording,
+        "output": {"traces": "csv"},
+    }
+    return simulate(Simulation.model_validate(content)).dataset("small")
+
+
+def fit_by(path: str, dataset: Dataset, chains: int = 4, **model: Any) -> bt.Fit:
+    return bt.fit(dataset, MODEL | model | {"sampler": {"path": path, "chains": chains}}, seed=3)
+
+
+def test_one_impact_has_every_result():
+    made = fit_by("chain", campaign(1, (0.8,), 1000.0), chains=2, formula={"K": "1", "C": "1"})
+    assert made.diagnostics["passed"]
+    assert "no divergences" not in made.verdict
+    assert made.diagnostics["route"]["path"] == "chain"
+    posterior = made.posterior["posterior"].dataset
+    assert posterior.sizes["chain"] == 2
+    K = made.summary.set_index("variable").loc["K"]
+    assert K["eti90_low"] < TISSUE["K_N_per_m"] * np.exp(0.5)
+    assert set(made.posterior["sample_stats"].dataset) == {"lp"}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("model", [{}, {"noise": "autoregressive"}, {"discrepancy": "always"}])
+def test_it_draws_from_the_posterior_of_the_exact_path(model):
+    here = campaign(3, (0.5, 0.8, 1.2))
+    chain, exact = (
+        fit_by(path, here, **model).summary.set_index(["variable", "label"]) for path in ("chain", "exact")
+    )
+    both = chain.index.intersection(exact.index)
+    error = np.hypot(chain.loc[both, "mcse_mean"], exact.loc[both, "mcse_mean"])
+    z = pd.Series((chain.loc[both, "mean"] - exact.loc[both, "mean"]) / error).dropna()
+    # Once in ten thousand such tests a difference this great is chance.
+    assert z.abs().max() < norm.isf(1e-4 / 2 / len(z))
