@@ -66,7 +66,7 @@ def prepared(K: str, table: dict[str, Any], **uncertainty: Any) -> Prepared:
 
 
 def target_of(made: Prepared) -> GaussianTarget:
-    plain = Target.of(made)
+    plain = Target.from_prepared(made)
     count, size = len(plain.present), 2 + len(made.model.nuisance)
     precision = jnp.broadcast_to(jnp.diag(TOLD[:size] ** -2.0), (count, size, size))
     nothing = jnp.zeros((count, size))

@@ -37,7 +37,7 @@ def drawn(
     target: Target, sites: GaussianFactor, monkeypatch: pytest.MonkeyPatch, seed: int = 1, **options: Any
 ) -> ChainDraws:
     """Draws of a target that stands for that of a fit; its sites [site, impact, ...]."""
-    monkeypatch.setattr(run.Target, "of", lambda _: target)
+    monkeypatch.setattr(run.Target, "from_prepared", lambda _: target)
     count = int(target.present.sum())
     here = GaussianFactor(*(np.asarray(leaf)[:, :count] for leaf in sites))
     table = {name: values[:count] for name, values in PEOPLE.items()}

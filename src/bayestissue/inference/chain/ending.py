@@ -78,5 +78,5 @@ def look(population: Draws, impacts: Draws, effective: float = ESS_LIMIT) -> Ver
     )
 
 
-def _least(of: Convergence) -> np.ndarray:
-    return np.minimum(of.ess_bulk, of.ess_tail)
+def _least(sizes: Convergence) -> np.ndarray:
+    return np.minimum(sizes.ess_bulk, sizes.ess_tail)

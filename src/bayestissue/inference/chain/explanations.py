@@ -52,14 +52,14 @@ def _distinct(tried: GaussianFactor) -> GaussianFactor:
     order = np.argsort(-tried.log_scale, axis=0, kind="stable")
     rows = np.arange(order.shape[1])
     ordered = GaussianFactor(*(leaf[order, rows] for leaf in tried))
-    kept: list[Bool[np.ndarray, " impact"]] = []
+    maxima: list[Bool[np.ndarray, " impact"]] = []
     for number in range(len(order)):
         centre, value = ordered.centre[number], ordered.log_scale[number]
         another = np.isfinite(value) & (value > ordered.log_scale[0] - LEAST)
-        for earlier, was_kept in enumerate(kept):
-            another &= ~(was_kept & (_distance(ordered, earlier, centre) < DISTINCT))
-        kept.append(another | (number == 0))
-    keep = np.array(kept)
+        for earlier, is_one in enumerate(maxima):
+            another &= ~(is_one & (_distance(ordered, earlier, centre) < DISTINCT))
+        maxima.append(another | (number == 0))
+    keep = np.array(maxima)
     rank = np.cumsum(keep, axis=0) - 1
     number = min(MOST, int(keep.sum(0).max()))
     sites = GaussianFactor(*(np.repeat(leaf[:1], number, axis=0).copy() for leaf in ordered))

@@ -70,9 +70,9 @@ class ChainDraws:
     def thinned(self, draws: int) -> ChainDraws:
         """The same with at most so many draws of each chain, evenly spaced, the last among them."""
         number = self.y.shape[1]
-        kept = np.unique(np.linspace(number - 1, 0, min(draws, number)).round().astype(int))
-        each = {name: getattr(self, name)[:, kept] for name in ("y", "b", "u", "log_likelihood")}
-        return replace(self, **each)
+        rows = np.unique(np.linspace(number - 1, 0, min(draws, number)).round().astype(int))
+        thinned = {name: getattr(self, name)[:, rows] for name in ("y", "b", "u", "log_likelihood")}
+        return replace(self, **thinned)
 
     def population(self, model: TraceModel) -> PopulationDraws:
         """Hyperparameters and effects of all draws, one chain's after the other's."""
@@ -149,7 +149,7 @@ def chain_draws(
         checkpoints: an existing folder to which finished segments are written, and in which those of an
             earlier run of the same job are looked for.
     """
-    target, count = Target.of(prepared), len(prepared.impacts)
+    target, count = Target.from_prepared(prepared), len(prepared.impacts)
     keys = jax.random.split(jax.random.PRNGKey(seed), chains)
     # Filled up with copies of the first, which count nowhere.
     start = begin(target, settings, GaussianFactor(*map(jnp.asarray, padded_impacts(sites, 1))), keys)
@@ -157,14 +157,14 @@ def chain_draws(
     run = _Run(target, settings, keys, chains_at, checkpoints)
     tuning = _warmed_up(run, start, progress)
     warm = run.number
-    kept, rates, verdict = _sampled(run, tuning, count, progress)
+    drawn, rates, verdict = _sampled(run, tuning, count, progress)
     first = GaussianFactor(*(np.asarray(leaf)[0, :count] for leaf in tuning.sites))
     acceptance = {name: float(np.mean([getattr(r, name) for r in rates])) for name in Acceptances._fields}
     return ChainDraws(
-        y=np.asarray(kept.y),
-        b=np.asarray(kept.b),
-        u=np.moveaxis(np.asarray(kept.u), -1, -2),
-        log_likelihood=np.asarray(kept.log_likelihood).sum(-1),
+        y=np.asarray(drawn.y),
+        b=np.asarray(drawn.b),
+        u=np.moveaxis(np.asarray(drawn.u), -1, -2),
+        log_likelihood=np.asarray(drawn.log_likelihood).sum(-1),
         acceptance=acceptance,
         sites=first,
         segments=(warm, run.number - warm),
@@ -203,7 +203,7 @@ class _Run:
     def _segment(self, chain: int, tuning: Tuning, gain: float) -> _Segment:
         path = self.checkpoints and self.checkpoints / f"chain-{chain}-segment-{self.number:04d}.npz"
         if path is not None and path.is_file():
-            return _kept(path, self.carried[chain])
+            return _read(path, self.carried[chain])
         # The numbers below are the beginning's.
         key = jax.random.fold_in(self.keys[chain], 1000 + self.number)
         (state, steps), (visited, rates) = _advanced(
@@ -211,7 +211,7 @@ class _Run:
         )
         segment: _Segment = jax.device_get(_Segment(state, steps, visited, rates))
         if path is not None:
-            _keep(path, segment)
+            _write(path, segment)
         return segment
 
 
@@ -252,11 +252,11 @@ def _sampled(
         if len(paths) < next_look:
             continue
         last_half = paths[len(paths) // 2 :]
-        kept: State = jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *last_half)
-        verdict = look(*_quantities(kept))
+        drawn: State = jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *last_half)
+        verdict = look(*_quantities(drawn))
         in_a_row = in_a_row + 1 if verdict.passed else 0
         if in_a_row >= settings.in_a_row or len(paths) >= settings.most:
-            return kept, rates, verdict
+            return drawn, rates, verdict
         next_look = min(int(np.ceil(settings.growth * next_look)), settings.most)
 
 
@@ -264,7 +264,7 @@ def _joined(segments: list[list[_Segment]]) -> State:
     """Segments one after the other, chains along the first axis."""
     paths = [[segment.path for segment in chains] for chains in segments]
     stacked = [jax.tree.map(lambda *chains: np.stack(chains), *part) for part in paths]
-    return jax.tree.map(lambda *each: np.concatenate(each, axis=1), *stacked)
+    return jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *stacked)
 
 
 def _trimmed(visited: State, count: int) -> State:
@@ -273,20 +273,20 @@ def _trimmed(visited: State, count: int) -> State:
     return visited._replace(u=u, log_likelihood=log_likelihood)
 
 
-def _quantities(kept: State) -> tuple[np.ndarray, np.ndarray]:
+def _quantities(drawn: State) -> tuple[np.ndarray, np.ndarray]:
     """Hyperparameters and effects, and impacts' parameters, [quantity, chain, draw]."""
-    population = np.concatenate([kept.y, kept.b], axis=-1)
-    impacts = np.reshape(kept.u, (*kept.u.shape[:2], -1))
+    population = np.concatenate([drawn.y, drawn.b], axis=-1)
+    impacts = np.reshape(drawn.u, (*drawn.u.shape[:2], -1))
     return np.moveaxis(population, -1, 0), np.moveaxis(impacts, -1, 0)
 
 
-def _keep(path: Path, segment: _Segment) -> None:
+def _write(path: Path, segment: _Segment) -> None:
     arrays = {f"{number}": leaf for number, leaf in enumerate(jax.tree.leaves(segment))}
     with whole_file(path) as staging, staging.open("wb") as stream:
         np.savez(stream, allow_pickle=False, **arrays)
 
 
-def _kept(path: Path, like: tuple[State, Steps]) -> _Segment:
+def _read(path: Path, like: tuple[State, Steps]) -> _Segment:
     state, steps = like
     none = jnp.zeros(())
     structure = jax.tree.structure(_Segment(state, steps, state, Acceptances(*[none] * 5)))

@@ -65,7 +65,7 @@ class Target:
     present: Bool[Array, " impact"]
 
     @classmethod
-    def of(cls, prepared: Prepared) -> Self:
+    def from_prepared(cls, prepared: Prepared) -> Self:
         """The posterior of a fit."""
         data = prepared.data.padded
         present = np.arange(len(data.log_mass)) < len(prepared.impacts)

@@ -112,7 +112,7 @@ def retuned(tuning: Tuning, first: Tuning, visited: State, *, refit: bool) -> Tu
     deviation = u - u.mean(0)
     of_impact = np.einsum("dia,dib->iab", deviation, deviation) / len(u)
     first_impact = np.asarray(first.impact_root @ first.impact_root.mT)
-    size, first_size = (np.trace(each, axis1=1, axis2=2) for each in (of_impact, first_impact))
+    size, first_size = (np.trace(matrix, axis1=1, axis2=2) for matrix in (of_impact, first_impact))
     shrunk = np.minimum(1.0, size / first_size)[:, None, None] * first_impact
     impact_root = np.linalg.cholesky((1 - _OF_IMPACT) * of_impact + _OF_IMPACT * shrunk)
     sites = _refitted(tuning.sites, u, value) if refit else tuning.sites
