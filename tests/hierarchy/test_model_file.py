@@ -143,3 +143,11 @@ def test_a_model_file_without_a_name_has_its_own(tmp_path: Path) -> None:
     path = tmp_path / "calves.toml"
     path.write_text('likelihood = "impact"\n', encoding="utf-8")
     assert read_specification(path).name == "calves"
+
+
+def test_the_chain_is_of_traces(tmp_path: Path) -> None:
+    path = tmp_path / "model.toml"
+    path.write_text('likelihood = "published-estimates"\n[sampler]\npath = "chain"\n')
+    with pytest.raises(InputError, match="posteriors of traces") as refused:
+        read_specification(path)
+    assert [problem.column for problem in refused.value.problems] == ["sampler"]

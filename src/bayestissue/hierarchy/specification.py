@@ -213,6 +213,13 @@ class ModelSpecification(Table):
             raise ValueError("no questions beside this likelihood: they are asked of fits of traces")
         return questions
 
+    @field_validator("sampler")
+    @classmethod
+    def _chain_of_traces(cls, sampler: Sampler, info: ValidationInfo) -> Sampler:
+        if sampler.path == "chain" and info.data.get("likelihood") == "published-estimates":
+            raise ValueError('another path: "chain" draws from posteriors of traces')
+        return sampler
+
     @field_validator("element")
     @classmethod
     def _known(cls, name: str) -> str:
