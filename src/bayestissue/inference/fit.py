@@ -98,8 +98,9 @@ def fit_traces(
 
     By the summary path the population is sampled with each trace's site in its place, and the draws are then
     corrected; "automatic" goes on to the exact path, every trace in every step, where no correction can be
-    trusted: see `Correction.checks`. Where the model file leaves a discrepancy to the program, and the best
-    fits show plainly that one is needed, this is all that is returned: see `misfit_precheck`.
+    trusted: see `Correction.checks`. "chain" draws everything by one Markov chain. Where the model file
+    leaves a discrepancy to the program, and the best fits show plainly that one is needed, this is all that
+    is returned: see `misfit_precheck`.
 
     Raises:
         InputError: by "automatic", where the exact path would take longer than five minutes, or the traces
@@ -108,18 +109,6 @@ def fit_traces(
     done = partial(say, "summarising each trace")
     done(0, 1)
     settings, route, sites, first = specification.sampler, Route("exact"), None, None
-
-    def of_standard(
-        approximation: Approximation, draws: Draws, likelihood: LikelihoodApproximation, route: Route
-    ) -> TraceAnalysis:
-        """Of draws that are in this approximation's coordinates."""
-        say("predicting", 0, 1)
-        key, transitions = jax.random.PRNGKey(seed), labelled_statistics(draws, of_transitions=True)
-        drawn = constrained_draws(prepared, approximation, draws, key, likelihood=likelihood)
-        verdict = partial(diagnose, statistics=transitions, further=route.checks())
-        sampler = SamplerRun(labelled_statistics(draws), route.record(), verdict)
-        return label(prepared, specification, drawn, sampler, seed, say)
-
     if settings.path != "exact":
         expansions = expansions or expanded(prepared)
         if specification.may_add_discrepancy and not prepared.model.discrepancy:
@@ -138,7 +127,7 @@ def fit_traces(
         route = Route(settings.path, correction, spoilt)
         if not route.exact:
             likelihood = LikelihoodApproximation(sites, correction.of_impacts)
-            return of_standard(sites, draws, likelihood, route)
+            return label_standard(prepared, specification, sites, draws, seed, say, likelihood, route)
     automatic = settings.path == "automatic"
     if automatic and (words := contradicted()):
         raise InputError.stated("exact-path", "fit", why=words, route=route.why)
@@ -148,7 +137,7 @@ def fit_traces(
     draws = exact_draws(prepared, whitening, settings, seed, progress=progress, checkpoints=checkpoints)
     # Scores ask for sites that stand for the traces; those of the chains only whiten.
     likelihood = LikelihoodApproximation(sites or whitening)
-    return of_standard(whitening, draws, likelihood, route)
+    return label_standard(prepared, specification, whitening, draws, seed, say, likelihood, route)
 
 
 @dataclass(frozen=True)
@@ -164,6 +153,25 @@ class SamplerRun:
     statistics: xr.Dataset
     route: dict[str, Any]
     diagnose: Callable[[pd.DataFrame], dict[str, Any]]
+
+
+def label_standard(
+    prepared: Prepared,
+    specification: ModelSpecification,
+    approximation: Approximation,
+    draws: Draws,
+    seed: int,
+    say: Say,
+    likelihood: LikelihoodApproximation,
+    route: Route,
+) -> TraceAnalysis:
+    """`label` of draws that are in this approximation's coordinates."""
+    say("predicting", 0, 1)
+    key, transitions = jax.random.PRNGKey(seed), labelled_statistics(draws, of_transitions=True)
+    drawn = constrained_draws(prepared, approximation, draws, key, likelihood=likelihood)
+    verdict = partial(diagnose, statistics=transitions, further=route.checks())
+    sampler = SamplerRun(labelled_statistics(draws), route.record(), verdict)
+    return label(prepared, specification, drawn, sampler, seed, say)
 
 
 def _by_chain(

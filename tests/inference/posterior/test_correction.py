@@ -226,7 +226,7 @@ def left(
         return Draws({}, {}, 10)
 
     monkeypatch.setattr(fitting, "exact_draws", exact_draws)
-    monkeypatch.setattr(fitting, "label", lambda *given: given[-1])
+    monkeypatch.setattr(fitting, "label_standard", lambda *given: given[-1])
     said: list[tuple[str, int, int]] = []
     names = pd.DataFrame({"impact": [f"drop {number}" for number in range(12)]})
     route = fit_traces(
