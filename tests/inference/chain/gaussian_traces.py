@@ -48,8 +48,8 @@ class MixtureTarget(Target):
         return jnp.where(self.present, logsumexp(self.traces.log_density(u.T), axis=0), 0.0)
 
 
-def prepared(K: str, table: dict[str, Any], **uncertainty: Any) -> Prepared:
-    """A small campaign of short traces, whose values no test here reads."""
+def prepared(K: str, table: dict[str, Any], **model: Any) -> Prepared:
+    """A small campaign of short traces, whose values no test here reads; ``model`` has a model's keys."""
     time = np.arange(-1e-2, 0.04, 1e-3)
     omega, V = 80.0, 1.5
     trace = np.where(time > 0, V * omega * np.sin(omega * np.maximum(time, 0)), 0.0)
@@ -58,10 +58,12 @@ def prepared(K: str, table: dict[str, Any], **uncertainty: Any) -> Prepared:
     rng = np.random.default_rng(0)
     traces = [(time, trace + rng.normal(size=len(time))) for _ in range(len(rows))]
     rows = rows.assign(impact=[f"i{n}" for n in range(len(rows))], velocity_m_s=V)
-    data = dataset(rows, traces, quantity="deceleration", unit="m/s^2", **uncertainty)
+    uncertainty = {"relative_mass_sd": 0.2}
+    data = dataset(rows, traces, quantity="deceleration", unit="m/s^2", uncertainty=uncertainty)
     from bayestissue.fitting import resolve
 
-    specification, source = resolve("impact", formulas={"K": K, "C": K})
+    content = {"likelihood": "impact", "formula": {"K": K, "C": K}, **model}
+    specification, source = resolve(content)
     return prepare(data, specification, source=source)
 
 
