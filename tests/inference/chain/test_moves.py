@@ -24,10 +24,11 @@ from bayestissue.inference.chain.moves import State
 from bayestissue.inference.chain.run import SETTINGS
 
 PEOPLE = {"subject": list("aabb"), "trial": ["x", "y"] * 2, "mass_kg": [0.5, 1.0] * 2}
+THRICE = {"subject": list("aaabbb"), "trial": list("xyz") * 2, "mass_kg": [0.5, 0.8, 1.2] * 2}
 STRUCTURES: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
     "one impact": ("1", {"subject": ["a"], "mass_kg": [0.8]}, {}),
     "people": ("log(mass_kg) + (1|subject)", PEOPLE, {}),
-    "slopes": ("log(mass_kg) + (log(mass_kg)|subject) + (1|trial)", PEOPLE, {}),
+    "slopes": ("log(mass_kg) + (log(mass_kg)|subject) + (1|trial)", THRICE, {}),
     "a person's mass": ("(1|subject)", PEOPLE, {"mass_error": "subject"}),
 }
 # Of all statistics of a test together: that it fails where nothing is wrong.
