@@ -166,7 +166,8 @@ def main() -> None:
             table = compared(case, "chain")
             z = (table["difference"] / table["mcse"]).where(table["mcse"] > 0)
             print(case, f"{len(table)} statistics, root mean square of z {np.sqrt((z**2).mean()):.2f}")
-            print(table.assign(z=z).nlargest(3, "z", keep="all").to_string(index=False), flush=True)
+            greatest = table.assign(z=z).sort_values("z", key=abs, ascending=False).head(3)
+            print(greatest.to_string(index=False), flush=True)
         return
     with recorded("posteriors") as record:
         for case in record.missing(pd.read_csv(TABLE)["case"].unique()):

@@ -56,7 +56,10 @@ def test_one_impact_has_every_result():
     posterior = made.posterior["posterior"].dataset
     assert posterior.sizes["chain"] == 2
     K = made.summary.set_index("variable").loc["K"]
+    # The impact's own K is within 2.4 standard deviations of the tissue's, and told to some per cent.
     assert K["eti90_low"] < TISSUE["K_N_per_m"] * np.exp(0.5)
+    assert K["eti90_high"] > TISSUE["K_N_per_m"] * np.exp(-0.5)
+    assert K["eti90_high"] / K["eti90_low"] < 1.2
     assert set(made.posterior["sample_stats"].dataset) == {"lp"}
 
 

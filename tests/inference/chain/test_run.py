@@ -65,9 +65,8 @@ def test_draws_follow_from_the_seed_and_a_stop_changes_none(people, monkeypatch,
 
 @pytest.mark.long
 def test_a_trace_with_two_explanations_gets_both_with_their_probabilities(monkeypatch):
-    plain = from_prior(target_of(prepared("1", {"subject": ["a"], "mass_kg": [0.8]})), jax.random.PRNGKey(5))[
-        0
-    ]
+    alone = prepared("1", {"subject": ["a"], "mass_kg": [0.8]})
+    plain = from_prior(target_of(alone), jax.random.PRNGKey(5))[0]
     apart = jnp.asarray(12 * TOLD)
     traces = plain.traces
     both = GaussianFactor(
