@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from itertools import product
 
 import numpy as np
@@ -11,9 +10,9 @@ from jaxtyping import Bool, Float
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import with_normal_errors
-from bayestissue.inference.execution.chunks import Progress, map_impacts, silent
-from bayestissue.inference.factors.sites import laplace_sites, weak_prior
-from bayestissue.inference.posterior.approximate import first_guess
+from bayestissue.inference.execution.chunks import Progress, silent
+from bayestissue.inference.factors.sites import weak_prior
+from bayestissue.inference.posterior.approximate import first_guess, laplace_of_all
 
 # Starts are at the first guess and at so many units of log K and log C from it.
 APART = 1.2
@@ -41,8 +40,7 @@ def explanations(prepared: Prepared, first: GaussianFactor, progress: Progress =
         progress(number, len(shifts))
         start = guess.copy()
         start[:, :2] += shift
-        search = partial(laplace_sites, prepared.model)
-        expanded.append(map_impacts(search, data, start, prior.of_each()))
+        expanded.append(laplace_of_all(prepared.model, data, start, prior, silent))
     tried = GaussianFactor(*(np.stack(leaves) for leaves in zip(*expanded, strict=True)))
     return _distinct(tried)
 

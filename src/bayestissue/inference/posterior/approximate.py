@@ -303,12 +303,13 @@ def expanded(prepared: Prepared, progress: Progress = silent) -> GaussianFactor:
     start = first_guess(prepared)
     # A uniform error leaves its likelihood flat on top, which no expansion can describe.
     smooth = with_normal_errors(prepared.data)
-    return _laplace(prepared.model, smooth, start, weak_prior(start), progress)
+    return laplace_of_all(prepared.model, smooth, start, weak_prior(start), progress)
 
 
-def _laplace(
+def laplace_of_all(
     model: TraceModel, smooth: TraceData, start: np.ndarray, prior: ConditionalPrior, progress: Progress
 ) -> GaussianFactor:
+    """`laplace_sites` of all impacts, block by block; errors of the traces are to be normal."""
     return map_impacts(partial(laplace_sites, model), smooth, start, prior.of_each(), progress=progress)
 
 
@@ -369,7 +370,7 @@ def approximate(
     density = MarginalDensity(model, gaussian(data, expansions), flat)
     mode = density.mode()
     prior = density.conditional_prior(mode, data.design)
-    sites = _laplace(model, with_normal_errors(data), expansions.centre, prior, report(1))
+    sites = laplace_of_all(model, with_normal_errors(data), expansions.centre, prior, report(1))
     density = density.with_sites(data, sites)
     mode = density.mode(mode)
     if model.may_have_grid and not (last_is_normal(prepared, sites) if normal is None else normal):
@@ -400,7 +401,7 @@ def _fitted_grid(
         return grid, sites, mode, density
     # The first sites were made where a search along the last parameter had stopped.
     prior = density.conditional_prior(mode, data.design).with_last_at(density.last_mean(mode))
-    sites = without_last(_laplace(model, with_normal_errors(data), prior.mean, prior, silent))
+    sites = without_last(laplace_of_all(model, with_normal_errors(data), prior.mean, prior, silent))
     density = density.with_sites(data, sites)
     grid = _grid(model, data, sites, density.conditional_prior(mode, data.design), silent)
     if grid.resolved:
