@@ -68,7 +68,7 @@ from bayestissue.inference.answers.reliability import (
     variances,
 )
 from bayestissue.inference.factors.conditional import population_draws
-from bayestissue.inference.posterior.approximate import marginal_model
+from bayestissue.inference.factors.expansions import marginal_model
 from bayestissue.inference.results.labels import design_dimensions, labelled
 from bayestissue.inference.results.predictions import prior_draws
 from bayestissue.inference.samplers.coordinates import unwarped

@@ -37,7 +37,7 @@ from bayestissue.hierarchy.traces import (
     sampled_model,
     trace_likelihood,
 )
-from bayestissue.inference.posterior.approximate import Approximation, approximate
+from bayestissue.inference.factors.expansions import Approximation, approximate
 from bayestissue.inference.posterior.constrained_draws import constrained_draws
 from bayestissue.inference.posterior.exact import model_arguments, start_of, straightened
 from bayestissue.inference.posterior.recipe import (

@@ -38,7 +38,7 @@ from bayestissue.fitting import resolve
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import COORDINATES, sampled_model
-from bayestissue.inference.posterior.approximate import approximate
+from bayestissue.inference.factors.expansions import approximate
 from bayestissue.inference.posterior.constrained_draws import constrained_draws
 from bayestissue.inference.posterior.exact import start_of, straightened
 from bayestissue.inference.samplers.sampling import Draws

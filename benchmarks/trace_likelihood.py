@@ -21,7 +21,7 @@ from bayestissue.dataset import read_dataset
 from bayestissue.hierarchy.specification import read_specification
 from bayestissue.hierarchy.trace_data import KINDS, prepare
 from bayestissue.hierarchy.traces import Kind, trace_likelihood
-from bayestissue.inference.posterior.approximate import first_guess
+from bayestissue.inference.factors.expansions import first_guess
 from bayestissue.runtime import configure
 
 ROUNDS, BURST = 100, 10

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from datetime import datetime
@@ -26,9 +26,9 @@ from bayestissue.hierarchy.untried import untried
 from bayestissue.inference.answers.agreement import agreement
 from bayestissue.inference.checking import model_form
 from bayestissue.inference.checking.measuring_chain import judge
+from bayestissue.inference.factors.expansions import expanded
 from bayestissue.inference.fit import Say, TraceAnalysis, fit_traces
 from bayestissue.inference.points.notes import clipped_recordings, flagged_recordings
-from bayestissue.inference.posterior.approximate import expanded
 from bayestissue.inference.results.meanings import COLUMNS
 from bayestissue.inference.samplers.diagnostics import headline, noted, verdict_in_words, warnings
 from bayestissue.settings import parse_toml, read_text
@@ -70,8 +70,7 @@ def fit(
             unless given.
         C: the same of log C; that of ``K`` unless given.
         ask: questions, as `Fit.ask` takes them, beside those of the model; a dict names them.
-        path: how draws are made, "automatic", "exact" or "summary"; as the model has it unless given. By
-            "exact" a fit goes on that was given up because it would take long.
+        path: of an earlier version, which had several samplers; without effect.
         say: told the stage, how much of it is done, and its total.
 
     Returns:
@@ -133,7 +132,7 @@ def resolve(
         quantity: what was recorded.
         formulas: in place of the model's own, by response.
         questions: beside the model's own; those without names are question_1 and so on.
-        path: in place of the model's ``sampler.path``.
+        path: of an earlier version, without effect.
 
     Raises:
         InputError: there is no such model or file (see `resources.model_file`), or it is wrong.
@@ -207,10 +206,6 @@ def fit_prepared(
         """What the traces say of their measuring chain; nothing of displacements."""
         return {} if dataset.quantity == "displacement" else judge(plain, expansions)
 
-    def contradicted() -> str:
-        """What the traces contradict of it, in words; empty where nothing."""
-        return str(chain()["words"]) if chain().get("passed") is False else ""
-
     outcome = fit_traces(
         prepared,
         specification,
@@ -218,12 +213,11 @@ def fit_prepared(
         say,
         expansions=expansions if plain is prepared else None,
         checkpoints=checkpoints,
-        contradicted=contradicted,
     )
     form = outcome if isinstance(outcome, dict) else outcome.diagnostics.get("model_form", {})
     if isinstance(outcome, dict) or (specification.may_add_discrepancy and form.get("structured", False)):
         prepared = with_discrepancy(dataset, specification, prepared)
-        analysis = _second_fit(prepared, specification, seed, say, checkpoints, contradicted)
+        analysis = _second_fit(prepared, specification, seed, say, checkpoints)
         of_both = model_form.with_discrepancy(form, analysis.tree)
         of_both |= {"impacts": analysis.diagnostics.get("model_form", {}).get("impacts", {})}
         diagnostics = analysis.diagnostics | {"model_form": of_both}
@@ -305,7 +299,6 @@ def _second_fit(
     seed: int,
     say: Say,
     checkpoints: Path | None,
-    contradicted: Callable[[], str],
 ) -> TraceAnalysis:
     """The fit of ``prepared``, its stages told and its checkpoints kept apart from those of the first."""
     parts = None if checkpoints is None else checkpoints / "discrepancy"
@@ -315,7 +308,7 @@ def _second_fit(
     def again(stage: str, done: int, total: int) -> None:
         say(f"again with a discrepancy: {stage}", done, total)
 
-    analysis = fit_traces(prepared, specification, seed, again, checkpoints=parts, contradicted=contradicted)
+    analysis = fit_traces(prepared, specification, seed, again, checkpoints=parts)
     assert isinstance(analysis, TraceAnalysis)  # noqa: S101 - with a discrepancy there is no other
     return analysis
 
@@ -358,15 +351,9 @@ def _provenance(
 
 
 def _kept_of_impacts(tree: xr.DataTree) -> dict[str, Any]:
-    """Of many impacts: how many draws of a single one there are, and what drew the population."""
+    """Of many impacts: how many draws of a single one there are."""
     sizes = tree["posterior"].sizes
-    if "kept_draw" not in sizes:
-        return {}
-    alone = int(tree["sample_stats"]["n_steps"].max()) == 1
-    return {
-        "kept_draws_of_an_impact": sizes["chain"] * sizes["kept_draw"],
-        "sampler_of_population": "independence chains" if alone else "No-U-Turn",
-    }
+    return {"kept_draws_of_an_impact": sizes["chain"] * sizes["kept_draw"]} if "kept_draw" in sizes else {}
 
 
 def _discrepancy(

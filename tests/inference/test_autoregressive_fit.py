@@ -16,7 +16,7 @@ from bayestissue.hierarchy.specification import ModelSpecification, Sampler, rea
 from bayestissue.hierarchy.trace_data import prepare
 from bayestissue.hierarchy.traces import with_normal_errors
 from bayestissue.inference.factors.sites import laplace_sites, weak_prior
-from bayestissue.inference.posterior.approximate import first_guess
+from bayestissue.inference.factors.expansions import first_guess
 from bayestissue.simulation import Campaign, Simulation, simulate
 
 RHO, NOISE = 0.6, 0.005

@@ -17,7 +17,7 @@ from bayestissue.hierarchy.specification import ModelSpecification, Sampler, rea
 from bayestissue.hierarchy.trace_data import Prepared, prepare, with_discrepancy
 from bayestissue.inference.checking.model_form import misfit_precheck
 from bayestissue.inference.fit import fit_traces
-from bayestissue.inference.posterior.approximate import approximate, expanded
+from bayestissue.inference.factors.expansions import approximate, expanded
 from bayestissue.inference.posterior.constrained_draws import constrained_draws
 from bayestissue.inference.posterior.recipe import corrected_draws
 from bayestissue.inference.quantities.elements import COMPARABLE, static_force

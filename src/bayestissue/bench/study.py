@@ -33,7 +33,7 @@ from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.gaussian.arrangement import expected
 from bayestissue.hierarchy.specification import Formulas
 from bayestissue.hierarchy.trace_data import prepare
-from bayestissue.inference.posterior.approximate import expanded
+from bayestissue.inference.factors.expansions import expanded
 from bayestissue.intake.facts import Cells
 from bayestissue.intake.init import COUNTS
 from bayestissue.one_impact import Impact

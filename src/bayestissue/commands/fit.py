@@ -6,7 +6,7 @@ import hashlib
 import json
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -56,11 +56,8 @@ def run(
         ),
     ] = None,
     path: Annotated[
-        Literal["automatic", "exact", "summary", "chain"] | None,
-        typer.Option(
-            help="How draws are made, as sampler.path of a model file; exact goes on where a fit was given "
-            "up because it would take long, and so does chain, which adds draws until there are enough.",
-        ),
+        str | None,
+        typer.Option(hidden=True, help="Of an earlier version, which had several samplers; without effect."),
     ] = None,
     scheduler: Scheduler = None,
     seed: Seed = 0,
@@ -91,6 +88,8 @@ def run(
         )
         if model is None and not quiet:
             echo(f"model {specification.name}, that of a recorded {data.quantity}; --model takes another")
+        if specification.sampler.ignored and not quiet:
+            echo(f"without effect, of an earlier sampler: {', '.join(specification.sampler.ignored)}")
         if skip_bad:
             data = _without_short(data, specification, source)
         prepared = prepare(data, specification, source=source)

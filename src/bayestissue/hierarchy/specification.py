@@ -7,7 +7,16 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    ModelWrapValidatorHandler,
+    PrivateAttr,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
 from bayestissue.elements.registry import element, element_names
 from bayestissue.hierarchy import SIDE_BY_SIDE
@@ -64,43 +73,39 @@ class PracticalEquivalence(Table):
     )
 
 
+# Of a sampler that there was: read, without effect.
+_OF_AN_EARLIER_SAMPLER = ("warmup", "thinning", "target_accept", "max_tree_depth", "path")
+
+
 class Sampler(Table):
-    """The No-U-Turn sampler's settings."""
+    """Of the Markov chains that draw from the posterior."""
 
     chains: Annotated[int, Field(ge=2, le=64)] = Field(
         default=4, description="independent chains, which convergence is judged by."
     )
-    warmup: Annotated[int, Field(ge=100, le=100_000)] = Field(
-        default=1000, description="transitions of a chain that adapt the sampler and are thrown away."
-    )
     draws: Annotated[int, Field(ge=100, le=100_000)] = Field(
-        default=1000, description="draws of a chain that are kept."
+        default=1000, description="draws of a chain that are kept, at most."
     )
-    thinning: Annotated[int, Field(ge=1, le=100)] = Field(
-        default=1,
-        description="transitions of a chain for each draw that is kept. What follows the chains takes time "
-        "for every draw; a few that are nearly independent are worth as much as many that are not.",
+    effective: Annotated[int, Field(ge=50, le=100_000)] = Field(
+        default=400,
+        description="effective draws of every quantity, in its middle and its tails, with which the chains "
+        "end.",
     )
-    target_accept: Annotated[float, Field(gt=0.5, lt=1)] = Field(
-        default=0.9,
-        description="the mean acceptance that the step size is adapted to. Nearer to 1 is slower and has "
-        "fewer divergences.",
-    )
-    max_tree_depth: Annotated[int, Field(ge=3, le=15)] = Field(
-        default=10, description="a transition has at most 2 to this power steps."
-    )
-    path: Literal["automatic", "exact", "summary", "chain"] = Field(
-        default="automatic",
-        description="exact: every trace in every step. summary: each trace summarised once, then the "
-        "hierarchy, then a correction by importance sampling. automatic: summary, and exact where no "
-        "correction can be trusted. chain: one Markov chain from values of the likelihood alone, exact too, "
-        "which ends when it is done. Only for traces.",
-    )
+    _ignored: tuple[str, ...] = PrivateAttr(())
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _without_old_keys(cls, content: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        old = [key for key in _OF_AN_EARLIER_SAMPLER if isinstance(content, Mapping) and key in content]
+        made = handler({key: content[key] for key in content if key not in old} if old else content)
+        if old:
+            made._ignored = tuple(old)
+        return made
 
     @property
-    def transitions(self) -> int:
-        """Of each chain after its warm-up."""
-        return self.draws * self.thinning
+    def ignored(self) -> tuple[str, ...]:
+        """Keys of the file that an earlier version's sampler had, and that do nothing."""
+        return self._ignored
 
 
 class Comparison(Table):
@@ -212,13 +217,6 @@ class ModelSpecification(Table):
         if questions and info.data.get("likelihood") == "published-estimates":
             raise ValueError("no questions beside this likelihood: they are asked of fits of traces")
         return questions
-
-    @field_validator("sampler")
-    @classmethod
-    def _chain_of_traces(cls, sampler: Sampler, info: ValidationInfo) -> Sampler:
-        if sampler.path == "chain" and info.data.get("likelihood") == "published-estimates":
-            raise ValueError('another path: "chain" draws from posteriors of traces')
-        return sampler
 
     @field_validator("element")
     @classmethod

@@ -18,21 +18,18 @@ import numpy as np
 import numpyro
 import numpyro.distributions as dist
 from jax import Array
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from numpyro.distributions import biject_to
 
 from bayestissue.elements import element as element_named
 from bayestissue.hierarchy import SIDE_BY_SIDE
-from bayestissue.hierarchy.effects import intercept
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expected
 from bayestissue.hierarchy.gaussian.conditional import Data
 from bayestissue.hierarchy.gaussian.covariances import Covariances
-from bayestissue.hierarchy.gaussian.effects import effects_from_standard, integrate_effects
-from bayestissue.hierarchy.gaussian.factor import Conditional, GaussianFactor
+from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.half_normal import HalfNormalSpread
 from bayestissue.hierarchy.population import Effects, MassError, covariances_of, of_impacts
 from bayestissue.hierarchy.priors import HalfNormal, Priors
-from bayestissue.hierarchy.warp import SinhArcsinh
 from bayestissue.likelihood.arma.displacement import DisplacementRecord, MeasuredDisplacement
 from bayestissue.likelihood.element.impact import MeasuredImpact, NoiseParameters
 from bayestissue.likelihood.element.record import DecelerationRecord
@@ -143,28 +140,9 @@ class TraceModel(Hyperparameters):
         return nuisance_of(self.kind, self.element, **noise_model)
 
     @property
-    def weakly_identified(self) -> bool:
-        """Whether traces may leave an impact's last parameter open on one side.
-
-        They do so of a theta1 near -1, and of an element's further parameter where the tissue is as good as
-        a spring and damper side by side: no finite value of it is then needed.
-        """
-        extra = [f"log_{parameter.name}" for parameter in element_named(self.element).extra]
-        return self.nuisance[-1] in {"atanh_theta1", *extra}
-
-    @property
     def depends_on_depth(self) -> bool:
         """Whether force over depth is another at every depth, so that impacts compare at a common one."""
         return self.discrepancy or not element_named(self.element).linear
-
-    @property
-    def may_have_grid(self) -> bool:
-        """Whether a grid may stand for what traces say of that parameter: one that has no formula of its own.
-
-        All impacts then share its mean, the last element of b, which is sampled beside the hyperparameters.
-        Effects of people and covariates on it are integrated out in closed form, which takes a Gaussian site.
-        """
-        return self.weakly_identified and self.locations.blocks[-1].name == intercept(self.nuisance[-1])
 
 
 class Physical(NamedTuple):
@@ -202,10 +180,7 @@ def element_parameters(model: TraceModel, u: list[Array]) -> Float[Array, "param
 def nuisance_of(
     kind: Kind, element: str, *, discrepancy: bool = False, autoregressive: bool = False
 ) -> tuple[str, ...]:
-    """Names of an impact's parameters besides log K and log C, a discrepancy's or a correlation's last.
-
-    Without these two an element's further parameter is the last: see `TraceModel.weakly_identified`.
-    """
+    """Names of an impact's parameters besides log K and log C, a discrepancy's or a correlation's last."""
     which = element_named(element)
     element_logs = [f"log_{parameter.name}" for parameter in which.extra]
     last = ["discrepancy"] * discrepancy + ["atanh_noise_correlation"] * autoregressive
@@ -244,23 +219,6 @@ def with_normal_errors(data: TraceData) -> TraceData:
 def sample_hyperparameters(model: Hyperparameters) -> dict[str, Array]:
     """Sample all standard deviations and the correlation from their priors."""
     return {name: numpyro.sample(name, model.prior_of(name)) for name in model.hyperparameters}
-
-
-def sample_warped(
-    model: Hyperparameters, warp: SinhArcsinh
-) -> tuple[dict[str, Array], Float[Array, " rest"]]:
-    """The same on coordinates of one site, `COORDINATES`, in which the posterior is nearly normal.
-
-    ``warp`` maps them to the unconstrained ones in the order of `TraceModel.hyperparameters`, and to any
-    others that the caller has a density for: those are returned as well.
-    """
-    anything = dist.ImproperUniform(dist.constraints.real_vector, (), warp.location.shape)
-    y = numpyro.sample(COORDINATES, anything)
-    raw = warp(y)
-    count = len(model.hyperparameters)
-    sites, density = hyperparameters_at(model, raw[:count])
-    numpyro.factor("hyperparameters", density + jnp.log(warp.slope(y)).sum())
-    return sites, raw[count:]
 
 
 def hyperparameters_at(
@@ -330,77 +288,6 @@ def impacts_model(model: TraceModel, data: TraceData) -> list[Array]:
     return [logs[..., 0], logs[..., 1], *nuisance]
 
 
-def sampled_model(
-    model: TraceModel,
-    data: TraceData,
-    sites: GaussianFactor,
-    warp: SinhArcsinh | None = None,
-    present: Bool[Array, " impact"] | None = None,
-) -> None:
-    """The same density over standard normals; `from_standard` gives b and u back.
-
-    The factor is log p(b, u) + log |d(b, u) / d(standard normals)| less the standard normals' own density.
-    ``warp`` is the map from the coordinates that are sampled to the hyperparameters' unconstrained ones, and
-    to the last location's standard normal if that is far from normal in the posterior: see `sample_warped`.
-    Of the traces those that are not ``present`` are left out, whose sites must be zero.
-    """
-    count = len(model.hyperparameters)
-    sampled = (
-        sample_hyperparameters(model) if warp is None else sample_warped(model, warp.part(slice(count)))[0]
-    )
-    number, size = sites.centre.shape
-    z_b = numpyro.sample("standard_locations", _standard(model.locations.size))
-    z_u = numpyro.sample("standard_impacts", _standard(number, size))
-    if warp is not None and warp.location.shape[0] > count:
-        y, z_b = z_b[-1], warped(z_b, warp)
-        numpyro.factor("warp", jnp.log(warp.part(-1).slope(y)) + (y**2 - z_b[-1] ** 2) / 2)
-    draw = from_standard(model, data, sites, sampled, z_b, z_u)
-    density = draw.log_marginal - sites.log_density(jnp.stack(draw.u, axis=-1)).sum()
-    numpyro.factor("change_of_variables", density)
-    u = draw.u
-    if present is not None:
-        # Slopes of what is left out must be numbers too.
-        u = [jnp.where(present, values, values[:1]) for values in u]
-    of_traces = log_likelihood(model, data, u)
-    numpyro.factor("traces", (of_traces if present is None else jnp.where(present, of_traces, 0.0)).sum())
-
-
-def warped(z_b: Float[Array, "*batch location"], warp: SinhArcsinh) -> Float[Array, "*batch location"]:
-    """The locations' standard normals with the last one warped by the last part of ``warp``."""
-    return z_b.at[..., -1].set(warp.part(-1)(z_b[..., -1]))
-
-
-def _standard(*shape: int) -> dist.Distribution:
-    return dist.Normal().expand(list(shape)).to_event(len(shape))
-
-
 def gaussian(data: TraceData, sites: GaussianFactor) -> Data:
     """What the hierarchy's closed forms ask of the dataset, a site standing for each trace."""
     return Data.from_sites(data.design, data.location_mean, sites)
-
-
-class Drawn(NamedTuple):
-    """b, each impact's parameters and their expectation X b, from standard normals."""
-
-    b: Array
-    u: list[Array]
-    prior_mean: Array
-    log_marginal: Array
-
-
-def from_standard(
-    model: TraceModel,
-    data: TraceData,
-    sites: GaussianFactor,
-    sampled: dict[str, Array],
-    z_b: Float[Array, " location"],
-    z_u: Float[Array, "impact parameter"],
-) -> Drawn:
-    """The conditionals' affine maps, the standard deviations given, and the sites' `log_marginal`."""
-    covariances = population(model, sampled)
-    sums = gaussian(data, sites).sums(covariances)
-    effects, log_marginal = integrate_effects(data.design, covariances, sums)
-    b = effects_from_standard(data.design, effects, data.location_mean, z_b)
-    prior_mean = expected(data.design, b)
-    conditional = Conditional(covariances.of_impact(), sites.batch_last())
-    return Drawn(b, list(conditional.draw(prior_mean, z_u.T)), prior_mean, log_marginal)

@@ -29,8 +29,8 @@ from bayestissue.hierarchy.trace_data import prepare
 from bayestissue.hierarchy.traces import with_normal_errors
 from bayestissue.inference.execution.chunks import map_impacts
 from bayestissue.inference.factors.conditional import ConditionalPrior
+from bayestissue.inference.factors.expansions import first_guess
 from bayestissue.inference.factors.sites import laplace_sites
-from bayestissue.inference.posterior.approximate import first_guess
 from bayestissue.simulation.campaign import simulate
 from bayestissue.simulation.specification import Condition, Design, Recording, Simulation, Tissue
 

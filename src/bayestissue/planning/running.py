@@ -20,7 +20,7 @@ from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.formulas.group_terms import common_coefficient
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.inference.posterior.approximate import approximate
+from bayestissue.inference.factors.expansions import expanded
 from bayestissue.planning.information import spreads_of_nuisance, without_nuisance
 from bayestissue.planning.model import PlannedModel
 from bayestissue.planning.population import Pilot, Streams, Truths
@@ -51,7 +51,7 @@ def running_study(prepared: Prepared, specification: ModelSpecification) -> Runn
         prepared: the dataset under the running fit's model.
         specification: that model.
     """
-    sites = approximate(prepared, normal=True).sites
+    sites = expanded(prepared)
     spread = spreads_of_nuisance(specification, prepared.model.nuisance)
     centre, precision = without_nuisance(sites, spread)
     return Running(prepared.design.recorded.rows, centre, precision)

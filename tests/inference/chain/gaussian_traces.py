@@ -33,6 +33,9 @@ class GaussianTarget(Target):
 
     traces: Any = None
 
+    def log_likelihoods(self, u: Any) -> Any:
+        return np.asarray([self.log_likelihood(one) for one in u])
+
     def log_likelihood(self, u: Array) -> Array:
         return jnp.where(self.present, self.traces.log_density(u.T), 0.0)
 
@@ -43,6 +46,9 @@ class MixtureTarget(Target):
     """A posterior whose traces' likelihoods are the sum of several ``traces``, along their first axis."""
 
     traces: Any = None
+
+    def log_likelihoods(self, u: Any) -> Any:
+        return np.asarray([self.log_likelihood(one) for one in u])
 
     def log_likelihood(self, u: Array) -> Array:
         return jnp.where(self.present, logsumexp(self.traces.log_density(u.T), axis=0), 0.0)

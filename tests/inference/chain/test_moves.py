@@ -37,11 +37,12 @@ FALSE_ALARM = 1e-4
 
 def by(name: str, several: int, target: GaussianTarget, state: State, key: Array) -> State:
     """The state after one move."""
-    keys, (tuning, steps) = jax.random.split(key), bad_tuning(target, several)
+    numbers, (tuning, steps) = moves.random_numbers(target, SETTINGS, key), bad_tuning(target, several)
     if name == "centred":
-        return moves.centred(target, SETTINGS, tuning, steps, state, keys[0])[0]
-    proposal = getattr(moves, name)(target, SETTINGS, tuning, steps, state, keys[0])
-    return moves.decided(target, state, proposal, keys[1], whole=name == "by_population")[0]
+        return moves.centred(target, tuning, steps, state, numbers.centred)[0]
+    of_move = jax.tree.map(lambda leaf: leaf[0], numbers.moves)
+    proposal = getattr(moves, name)(target, tuning, steps, state, of_move)
+    return moves.decided(target, state, proposal, of_move.decision, whole=name == "by_population")[0]
 
 
 def statistics(target: GaussianTarget, state: State) -> Array:

@@ -28,7 +28,7 @@ from bayestissue.inference.factors.conditional import (
     population_draws,
 )
 from bayestissue.inference.factors.likelihoods import POINTS, densities_at, log_likelihoods
-from bayestissue.inference.posterior.approximate import _value_and_slope, first_guess
+from bayestissue.inference.factors.expansions import _value_and_slope, first_guess
 from bayestissue.inference.posterior.constrained_draws import constrained_draws, constrained_impacts
 from bayestissue.inference.posterior.recipe import corrected_draws
 from bayestissue.inference.samplers import independence

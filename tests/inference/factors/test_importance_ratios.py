@@ -15,7 +15,7 @@ from bayestissue.inference.factors.importance_ratios import (
     log_evidence_corrections,
     ratios_among,
 )
-from bayestissue.inference.posterior.approximate import approximate
+from bayestissue.inference.factors.expansions import approximate
 from bayestissue.inference.posterior.recipe import Problem, population_attempt
 from bayestissue.simulation import simulate
 from bayestissue.simulation.specification import Simulation

@@ -28,7 +28,7 @@ from bayestissue.inference.execution.kept import kept_draws, some_impacts
 from bayestissue.inference.factors.conditional import population_draws
 from bayestissue.inference.factors.grid import LikelihoodGrid, surface_of
 from bayestissue.inference.factors.sites import laplace_sites, weak_prior
-from bayestissue.inference.posterior.approximate import Approximation, first_guess
+from bayestissue.inference.factors.expansions import Approximation, first_guess
 from bayestissue.inference.posterior.constrained_draws import constrained_draws
 from bayestissue.inference.results.summary import summarise
 from bayestissue.inference.samplers.sampling import Draws

@@ -22,7 +22,7 @@ from bayestissue.hierarchy.specification import Formulas, ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import from_standard, plain_model, sampled_model
 from bayestissue.inference.posterior import constrained_draws as constrained
-from bayestissue.inference.posterior.approximate import Approximation
+from bayestissue.inference.factors.expansions import Approximation
 from bayestissue.inference.posterior.constrained_draws import constrained_draws
 from bayestissue.inference.samplers.sampling import Draws
 from bayestissue.oscillator import impact_motion

@@ -37,7 +37,7 @@ from bayestissue.inference.factors.importance_ratios import (
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.inference.posterior import approximate as approximation_module
 from bayestissue.inference.posterior import recipe
-from bayestissue.inference.posterior.approximate import Approximation, approximate
+from bayestissue.inference.factors.expansions import Approximation, approximate
 from bayestissue.inference.posterior.constrained_draws import constrained_draws
 from bayestissue.inference.posterior.correction import Correction
 from bayestissue.inference.posterior.exact import exact_draws

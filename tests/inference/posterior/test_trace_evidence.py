@@ -25,7 +25,7 @@ from bayestissue.inference.factors.importance_ratios import (
     ratios_among,
 )
 from bayestissue.inference.factors.likelihoods import log_likelihoods
-from bayestissue.inference.posterior.approximate import approximate
+from bayestissue.inference.factors.expansions import approximate
 from bayestissue.inference.posterior.constrained_draws import constrained_draws
 from bayestissue.inference.posterior.recipe import Problem, population_attempt, with_impacts
 from bayestissue.inference.posterior.scores import LikelihoodApproximation, of_draws

@@ -30,14 +30,11 @@ class Data:
         design: X, arranged.
         mean: b's prior mean.
         sites: of the impacts, see `PopulationDesign.blocked`.
-        second_order: what the sites leave out of each entry, to second order, where that is part of the
-            density: a factor of X b and, behind it, of `flat_covariances`.
     """
 
     design: PopulationDesign
     mean: Float[Array, " location"]
     sites: GaussianFactor
-    second_order: GaussianFactor | None = None
 
     @classmethod
     def from_sites(
@@ -50,22 +47,7 @@ class Data:
     def sums(self, covariances: Covariances) -> GaussianFactor:
         """What the impacts of each entry say of X b, their own parameters integrated out."""
         prior_mean = expected_by_cell(self.design, self.mean)
-        sums = cell_factors(covariances.of_impact(), prior_mean, self.sites)
-        if self.second_order is None:
-            return sums
-        return sums.product(given_covariances(self.second_order, covariances))
-
-
-def given_covariances(second_order: GaussianFactor, covariances: Covariances) -> GaussianFactor:
-    """The second-order factor as one of X b alone."""
-    flat = flat_covariances(covariances)[:, None]
-    entries = second_order.log_scale.shape
-    return second_order.condition(jnp.broadcast_to(flat, (len(flat), *entries)))
-
-
-def flat_covariances(covariances: Covariances) -> Float[Array, "*draw variance"]:
-    """The covariance (KK, KC, CC) of log K and log C about X b, then the other parameters' variances."""
-    return jnp.stack([*covariances.pair, *(sd**2 for sd in covariances.nuisance)], axis=-1)
+        return cell_factors(covariances.of_impact(), prior_mean, self.sites)
 
 
 def log_marginal(data: Data, covariances: Covariances) -> Float[Array, ""]:

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from operator import add
 from typing import Any, NamedTuple
 
 import jax
@@ -57,20 +56,6 @@ class GaussianFactor(NamedTuple):
         curved = jnp.stack(small.times(self.precision, deviation))
         log_scale = self.log_scale + small.dot(deviation, self.shift - curved / 2)
         return GaussianFactor(centre, self.shift - curved, self.precision, log_scale)
-
-    def condition(self, last: Array) -> GaussianFactor:
-        """The factor of the first elements where these are the last ones, parameters first."""
-        size = len(self.centre) - len(last)
-        moved = self.recentred(jnp.concatenate([self.centre[:size], last]))
-        first = slice(size)
-        return GaussianFactor(
-            moved.centre[first], moved.shift[first], moved.precision[first, first], moved.log_scale
-        )
-
-    def product(self, factor: GaussianFactor) -> GaussianFactor:
-        """Of this factor and another, about this one's centre, parameters first."""
-        sums = map(add, self[1:], factor.recentred(self.centre)[1:])
-        return GaussianFactor(self.centre, *sums)
 
 
 @dataclass(frozen=True)

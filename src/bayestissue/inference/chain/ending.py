@@ -14,7 +14,7 @@ import numpy as np
 from scipy.stats import f as fisher
 
 from bayestissue.inference.samplers.convergence import Convergence, Draws, convergence
-from bayestissue.inference.samplers.diagnostics import ESS_LIMIT, R_HAT_LIMIT
+from bayestissue.inference.samplers.diagnostics import R_HAT_LIMIT
 
 # That a run of independent draws fails, all of its quantities together.
 FALSE_ALARMS = 0.01
@@ -52,7 +52,7 @@ class Verdict(NamedTuple):
     limit: float
 
 
-def look(population: Draws, impacts: Draws, effective: float = ESS_LIMIT) -> Verdict:
+def look(population: Draws, impacts: Draws, effective: float) -> Verdict:
     """Whether draws are enough.
 
     Args:
@@ -60,20 +60,18 @@ def look(population: Draws, impacts: Draws, effective: float = ESS_LIMIT) -> Ver
         impacts: the same of the impacts' own parameters.
         effective: the least effective number that is wanted of every quantity, in bulk and tails.
     """
-    of_population, of_impacts = convergence(population), convergence(impacts)
-    chains, draws = population.shape[1:]
-    limit = r_hat_limit(len(population) + len(impacts), chains, draws)
-    least, least_of_impacts = _least(of_population), _least(of_impacts)
-    above = of_impacts.r_hat > limit
+    of_all = convergence(np.concatenate([population, impacts]))
+    parts = slice(len(population)), slice(len(population), None)
+    of_population, of_impacts = (Convergence(*(sizes[part] for sizes in of_all)) for part in parts)
+    limit = r_hat_limit(len(population) + len(impacts), *population.shape[1:])
+    least, above = _least(of_all), (of_impacts.r_hat > limit).sum()
     agree = bool((of_population.r_hat < limit).all())
-    agree &= bool(above.mean() <= _MANY and (of_impacts.r_hat < _MOST).all())
-    enough = min(least.min(), least_of_impacts.min()) > effective
-    shortage = np.concatenate([least, least_of_impacts])
+    agree &= bool(above <= _MANY * len(impacts) and (of_impacts.r_hat < _MOST).all())
     return Verdict(
-        agree and bool(enough),
+        agree and bool(least.min() > effective),
         float(of_population.r_hat.max()),
-        float(least.min()),
-        int(shortage.argmin()),
+        float(_least(of_population).min()),
+        int(least.argmin()),
         limit,
     )
 

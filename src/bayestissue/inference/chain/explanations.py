@@ -11,8 +11,8 @@ from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import with_normal_errors
 from bayestissue.inference.execution.chunks import Progress, silent
+from bayestissue.inference.factors.expansions import first_guess, laplace_of_all
 from bayestissue.inference.factors.sites import weak_prior
-from bayestissue.inference.posterior.approximate import first_guess, laplace_of_all
 
 # Starts are at the first guess and at so many units of log K and log C from it.
 APART = 1.2

@@ -16,6 +16,9 @@ Christen and Fox 2005, doi:10.1198/106186005X76983).
 
 `centred` asks for no trace: y by a walk with every u fixed and b integrated out, then b from its conditional.
 
+Every random number of a transition is drawn before its first move: calls for a few at a time cost more, in
+the compiler and in every step, than what is done with them.
+
 The last two are the non-centred and the centred parametrisation of the hierarchy, interwoven (Yu and Meng
 2011, doi:10.1198/jcgs.2011.203main). A trace with several explanations has several sites: q is their sum, and
 one of them, drawn by its share in q at u, makes the proposal.
@@ -23,18 +26,20 @@ one of them, drawn by its share in q at u, makes the proposal.
 
 from __future__ import annotations
 
+import math
 from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jax.scipy.special import logsumexp
 from jaxtyping import Float
 
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.inference.chain.settings import ChainSettings
-from bayestissue.inference.chain.target import Effects, Target
+from bayestissue.inference.chain.target import Target
 
 _BY_SITE, _BY_WALK, _BY_POPULATION = range(3)
 
@@ -95,6 +100,73 @@ class Acceptances(NamedTuple):
     centred: Float[Array, ""]
 
 
+class WalkNumbers(NamedTuple):
+    """Random numbers of a walk of the hyperparameters, and of b given its last step."""
+
+    step: Float[Array, "step hyperparameter"]
+    decision: Float[Array, " step"]
+    effects: Float[Array, " location"]
+
+
+class MoveNumbers(NamedTuple):
+    """Random numbers of one move of the impacts: normal ones, and uniform ones for choice and decision.
+
+    Attributes:
+        impacts: normal, of every impact's parameters.
+        label: uniform, which of an impact's explanations makes the proposal.
+        decision: uniform, whether an impact's part is accepted, or the whole by the first.
+        walk: of the hyperparameters.
+    """
+
+    impacts: Float[Array, "parameter impact"]
+    label: Float[Array, " impact"]
+    decision: Float[Array, " impact"]
+    walk: WalkNumbers
+
+
+class Numbers(NamedTuple):
+    """All random numbers of one transition: of `centred`, and of each evaluation of the traces."""
+
+    centred: WalkNumbers
+    moves: MoveNumbers
+
+
+def random_numbers(target: Target, settings: ChainSettings, key: Array) -> Numbers:
+    """The random numbers of one transition, from one call for each kind."""
+    size, impacts = 2 + len(target.model.nuisance), len(target.present)
+    number, locations = len(target.model.hyperparameters), target.model.locations.size
+    evaluations, inner, centred = settings.evaluations, settings.inner + 1, settings.centred + 1
+    keys = jax.random.split(key)
+    of_impacts, *steps_and_effects = _parts(
+        partial(jax.random.normal, keys[0]),
+        (evaluations, size, impacts),
+        (evaluations, inner, number),
+        (evaluations, locations),
+        (centred, number),
+        (locations,),
+    )
+    label, decision, of_inner, of_centred = _parts(
+        partial(jax.random.uniform, keys[1]),
+        (evaluations, impacts),
+        (evaluations, impacts),
+        (evaluations, inner),
+        (centred,),
+    )
+    inner_steps, inner_effects, centred_steps, centred_effects = steps_and_effects
+    walk = WalkNumbers(inner_steps, of_inner, inner_effects)
+    return Numbers(
+        WalkNumbers(centred_steps, of_centred, centred_effects),
+        MoveNumbers(of_impacts, label, decision, walk),
+    )
+
+
+def _parts(draw: Any, *shapes: tuple[int, ...]) -> list[Array]:
+    """Arrays of these shapes, of one call's numbers."""
+    ends = np.cumsum([math.prod(shape) for shape in shapes])
+    parts = jnp.split(draw((int(ends[-1]),)), ends[:-1])
+    return [part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)]
+
+
 class Proposal(NamedTuple):
     """What a move proposes.
 
@@ -115,19 +187,18 @@ def log_sites(tuning: Tuning, u: Float[Array, "parameter impact"]) -> Float[Arra
     return log_density[0] if len(log_density) == 1 else logsumexp(log_density, axis=0)
 
 
-def _one_each(sites: GaussianFactor, log_weight: Any, key: Array) -> GaussianFactor:
+def _one_each(sites: GaussianFactor, log_weight: Any, uniform: Float[Array, " impact"]) -> GaussianFactor:
     """Of each impact one of its sites, drawn by these weights [site, impact]."""
     if len(sites.centre) == 1:
         return jax.tree.map(lambda leaf: leaf[0], sites)
-    chosen = jax.random.categorical(key, log_weight(), axis=0)
+    below = jnp.cumsum(jax.nn.softmax(log_weight(), axis=0), axis=0)
+    chosen = (uniform > below[:-1]).sum(0)
     return jax.tree.map(lambda leaf: leaf[chosen, jnp.arange(leaf.shape[1])], sites)
 
 
-def by_site(
-    target: Target, settings: ChainSettings, tuning: Tuning, steps: Steps, state: State, key: Array
-) -> Proposal:
+def by_site(target: Target, tuning: Tuning, steps: Steps, state: State, numbers: MoveNumbers) -> Proposal:
     """Every impact's parameters from its site and the population."""
-    keys, mean = jax.random.split(key), target.prior_mean(state.b)
+    mean = target.prior_mean(state.b)
 
     def log_evidence() -> Array:
         of_each = [
@@ -136,20 +207,16 @@ def by_site(
         ]
         return jnp.stack([conditional.marginal(list(mean)).log_scale for conditional in of_each])
 
-    conditional = target.impact_given(state.y, _one_each(tuning.sites, log_evidence, keys[0]))
-    standard = jax.random.normal(keys[1], state.u.shape)
-    u = jnp.stack(conditional.draw(list(mean), list(standard)))
+    conditional = target.impact_given(state.y, _one_each(tuning.sites, log_evidence, numbers.label))
+    u = jnp.stack(conditional.draw(list(mean), list(numbers.impacts)))
     log_ratio = log_sites(tuning, state.u) - log_sites(tuning, u)
     return Proposal(state._replace(u=u), log_ratio, jnp.zeros(()))
 
 
-def by_walk(
-    target: Target, settings: ChainSettings, tuning: Tuning, steps: Steps, state: State, key: Array
-) -> Proposal:
+def by_walk(target: Target, tuning: Tuning, steps: Steps, state: State, numbers: MoveNumbers) -> Proposal:
     """Every impact's parameters a step further, by its own covariance."""
     mean, D = target.prior_mean(state.b), target.covariances(state.y).of_impact()
-    standard = jax.random.normal(key, state.u.shape)
-    u = state.u + steps.impact * jnp.einsum("iab,bi->ai", tuning.impact_root, standard)
+    u = state.u + steps.impact * jnp.einsum("iab,bi->ai", tuning.impact_root, numbers.impacts)
 
     def log_prior(u: Array) -> Array:
         return -((u - mean) * jnp.einsum("ab,bi->ai", D, u - mean)).sum(0) / 2
@@ -158,19 +225,18 @@ def by_walk(
 
 
 def by_population(
-    target: Target, settings: ChainSettings, tuning: Tuning, steps: Steps, state: State, key: Array
+    target: Target, tuning: Tuning, steps: Steps, state: State, numbers: MoveNumbers
 ) -> Proposal:
     """Hyperparameters and effects by the sites' own posterior, every impact's parameters along with them."""
-    keys = jax.random.split(key, 3)
-    sites = _one_each(tuning.sites, lambda: tuning.sites.log_density(state.u.T), keys[0])
+    sites = _one_each(tuning.sites, lambda: tuning.sites.log_density(state.u.T), numbers.label)
     here, mean = target.impact_given(state.y, sites), target.prior_mean(state.b)
     size, deviation = range(len(state.u)), state.u - here.factor.centre
     pulled = [sum(here.root[r][c] * deviation[r] for r in size[c:]) for c in size]
     standard = [p - h for p, h in zip(pulled, here.half(list(mean)), strict=True)]
     density = partial(target.given_sites, blocked=target.blocked(sites))
     scale = steps.population * tuning.root
-    y, effects, inner = _walk(density, state.y, scale, settings.inner, keys[1])
-    b = target.draw_effects(effects, keys[2])
+    y, effects, inner = walk(density, state.y, scale, numbers.walk)
+    b = target.effects_at(effects, numbers.walk.effects)
     there = target.impact_given(y, sites)
     u = jnp.stack(there.draw(list(target.prior_mean(b)), standard))
     log_ratio = log_sites(tuning, state.u) - log_sites(tuning, u)
@@ -181,34 +247,37 @@ PROPOSALS = (by_site, by_walk, by_population)
 
 
 def centred(
-    target: Target, settings: ChainSettings, tuning: Tuning, steps: Steps, state: State, key: Array
+    target: Target, tuning: Tuning, steps: Steps, state: State, numbers: WalkNumbers
 ) -> tuple[State, Array]:
     """Hyperparameters and effects with every impact's parameters fixed."""
-    keys, sums = jax.random.split(key), target.cell_sums(state.u)
-    density = partial(target.given_impacts, sums=sums)
-    y, effects, rate = _walk(density, state.y, steps.centred * tuning.root, settings.centred, keys[0])
-    return state._replace(y=y, b=target.draw_effects(effects, keys[1])), rate
+    density = partial(target.given_impacts, sums=target.cell_sums(state.u))
+    y, effects, rate = walk(density, state.y, steps.centred * tuning.root, numbers)
+    return state._replace(y=y, b=target.effects_at(effects, numbers.effects)), rate
 
 
-def _walk(density: Any, y: Array, scale: Array, number: int, key: Array) -> tuple[Array, Effects, Array]:
-    """Some steps of a random walk of y, and what b is given the last; the share that was accepted."""
+def walk(density: Any, y: Array, scale: Array, numbers: WalkNumbers) -> tuple[Array, Any, Array]:
+    """A random walk of y, what ``density`` gives at its end, and the share of the steps that was accepted.
+
+    Args:
+        density: what has a ``log_density``, of y.
+        y: where it begins.
+        scale: of a step, a matrix.
+        numbers: one step more than are tried.
+    """
+    number = len(numbers.decision) - 1
 
     def step(index: Array, at: Any) -> Any:
         y, effects, rate = at
-        of_step = jax.random.split(jax.random.fold_in(key, index))
         # The first step stays where it is, and is taken: what is compiled has the density once.
         moved = jnp.where(index > 0, 1.0, 0.0)
-        proposed = y + moved * (scale @ jax.random.normal(of_step[0], y.shape))
+        proposed = y + moved * (scale @ numbers.step[index])
         there = density(proposed)
-        accepted = _accept(of_step[1], there.log_density - effects.log_density) | (index == 0)
+        likelier = jnp.log(numbers.decision[index]) < there.log_density - effects.log_density
+        accepted = likelier | (index == 0)
         return *_either(accepted, (proposed, there), (y, effects)), rate + moved * accepted / number
 
     nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(density, y))
     return jax.lax.fori_loop(0, number + 1, step, (y, nothing, jnp.zeros(())))
-
-
-def _accept(key: Array, log_ratio: Array) -> Array:
-    return jnp.log(jax.random.uniform(key, log_ratio.shape)) < log_ratio
 
 
 def _either(accepted: Array, new: Any, old: Any) -> Any:
@@ -216,7 +285,7 @@ def _either(accepted: Array, new: Any, old: Any) -> Any:
 
 
 def decided(
-    target: Target, state: State, proposal: Proposal, key: Array, *, whole: Any
+    target: Target, state: State, proposal: Proposal, uniform: Float[Array, " impact"], *, whole: Any
 ) -> tuple[State, Float[Array, " impact"]]:
     """The state after a proposal, and of each impact that there is 1 where its part was accepted, else 0.
 
@@ -224,14 +293,14 @@ def decided(
         target: the posterior.
         state: before it.
         proposal: what is proposed.
-        key: of the decisions.
+        uniform: random numbers that decide.
         whole: whether all of it is accepted or nothing, else each impact's part by itself.
     """
     value = target.log_likelihood(proposal.state.u)
     log_ratio = jnp.where(target.present, value - state.log_likelihood + proposal.log_ratio, 0.0)
-    uniform = jnp.log(jax.random.uniform(key, log_ratio.shape))
-    together = uniform[0] < log_ratio.sum()
-    accepted = jnp.where(whole, together, uniform < log_ratio)
+    decision = jnp.log(uniform)
+    together = decision[0] < log_ratio.sum()
+    accepted = jnp.where(whole, together, decision < log_ratio)
     u, value = _either(accepted, (proposal.state.u, value), (state.u, state.log_likelihood))
     y, b = _either(whole & together, proposal.state[:2], state[:2])
     return State(y, b, u, value), jnp.where(target.present, accepted, 0.0)
@@ -247,18 +316,18 @@ def transition(
 ) -> tuple[tuple[State, Steps], tuple[State, Acceptances]]:
     """Every move once or more; then steps follow their acceptances, unless ``gain`` is 0."""
     state, steps = carried
-    keys = jax.random.split(key)
-    state, of_centred = centred(target, settings, tuning, steps, state, keys[0])
+    numbers = random_numbers(target, settings, key)
+    state, of_centred = centred(target, tuning, steps, state, numbers.centred)
 
     def move(index: Array, at: tuple[State, Acceptances]) -> tuple[State, Acceptances]:
         # One copy of the likelihood serves all moves: each more would be compiled again.
         state, rates = at
         kind = jnp.where(index == 0, _BY_SITE, jnp.where(index <= settings.walks, _BY_WALK, _BY_POPULATION))
-        of_move = jax.random.split(jax.random.fold_in(keys[1], index))
-        moves = [partial(move, target, settings, tuning, steps) for move in PROPOSALS]
-        proposal = jax.lax.switch(kind, moves, state, of_move[0])
+        of_move = jax.tree.map(lambda leaf: leaf[index], numbers.moves)
+        moves = [partial(move, target, tuning, steps) for move in PROPOSALS]
+        proposal = jax.lax.switch(kind, moves, state, of_move)
         whole = kind == _BY_POPULATION
-        state, accepted = decided(target, state, proposal, of_move[1], whole=whole)
+        state, accepted = decided(target, state, proposal, of_move.decision, whole=whole)
         mean = accepted.sum() / target.present.sum()
         rates = Acceptances(
             rates.site + jnp.where(kind == _BY_SITE, mean, 0.0),

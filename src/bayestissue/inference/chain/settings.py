@@ -20,7 +20,8 @@ class ChainSettings:
             (Roberts, Gelman and Gilks 1997, doi:10.1214/aoap/1034625254).
         segment: transitions of one compiled call, after which a run can stop.
         first_rounds: segments of the warm-up's first rounds, while sites and covariances are still poor.
-        round: segments of each further one, and of the last, which adapts steps alone.
+        round: segments of each further one.
+        last_round: segments of the last one, which adapts steps alone.
         most_rounds: further rounds at most.
         agreement: R-hat of the hyperparameters over a round, below which the warm-up is over.
         gain: by how much the log of a step follows its acceptance, in the last round ``last_gain``.
@@ -38,9 +39,10 @@ class ChainSettings:
     centred: int = 5
     impact_acceptance: float = 0.3
     population_acceptance: float = 0.25
-    segment: int = 100
-    first_rounds: tuple[int, ...] = (2, 2, 3)
-    round: int = 3
+    segment: int = 50
+    first_rounds: tuple[int, ...] = (2, 3, 4)
+    round: int = 5
+    last_round: int = 3
     most_rounds: int = 20
     agreement: float = 1.05
     gain: float = 0.1
@@ -48,7 +50,7 @@ class ChainSettings:
     first_look: int = 10
     growth: float = 1.25
     in_a_row: int = 2
-    most: int = 400
+    most: int = 800
 
     @property
     def evaluations(self) -> int:

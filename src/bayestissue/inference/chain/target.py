@@ -8,7 +8,7 @@ that is no physics, and the algebra would lose its digits there.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple, Self
 
@@ -29,6 +29,7 @@ from bayestissue.hierarchy.gaussian.effects import (
 from bayestissue.hierarchy.gaussian.factor import Conditional, GaussianFactor
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, hyperparameters_at, log_likelihood, population
+from bayestissue.inference.factors.likelihoods import densities_at
 
 LEAST = 1e-4
 _MOST_CORRELATION = 1 - 1e-9
@@ -89,6 +90,13 @@ class Target:
         value = log_likelihood(self.model, self.data, list(jax.lax.optimization_barrier(u)))
         return jnp.where(self.present, jnp.where(jnp.isfinite(value), value, -jnp.inf), 0.0)
 
+    def log_likelihoods(
+        self, u: Float[np.ndarray, "point parameter impact"]
+    ) -> Float[np.ndarray, "point impact"]:
+        """The same at several points, of all that fill up as well."""
+        traces = replace(self.data, design=None)  # type: ignore[arg-type]
+        return densities_at(self.model, traces, np.moveaxis(u, 1, 2))
+
     def prior_mean(self, b: Float[Array, " location"]) -> Float[Array, "parameter impact"]:
         """X b of every impact."""
         return expected(self.data.design, b)
@@ -130,11 +138,9 @@ class Target:
         log_density = self.log_prior(y) + log_density
         return Effects(conditional, jnp.where(jnp.isfinite(log_density), log_density, -jnp.inf))
 
-    def draw_effects(self, effects: Effects, key: Array) -> Float[Array, " location"]:
-        """A draw of b."""
-        standard = jax.random.normal(key, (self.model.locations.size,))
-        mean = self.data.location_mean
-        return effects_from_standard(self.data.design, effects.conditional, mean, standard)
+    def effects_at(self, effects: Effects, standard: Float[Array, " location"]) -> Float[Array, " location"]:
+        """B from standard normals."""
+        return effects_from_standard(self.data.design, effects.conditional, self.data.location_mean, standard)
 
     def impact_given(self, y: Float[Array, " hyperparameter"], sites: GaussianFactor) -> Conditional:
         """Every impact's u given ψ, its expectation and its site."""

@@ -8,24 +8,18 @@ nearest to the log likelihoods at those points, which are known already.
 
 from __future__ import annotations
 
-from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
-from jaxtyping import Float
 
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
-from bayestissue.inference.chain.moves import State, Steps, Tuning, centred
-from bayestissue.inference.chain.settings import ChainSettings
+from bayestissue.inference.chain.moves import State, Steps, Tuning
 from bayestissue.inference.chain.target import Target
-from bayestissue.inference.execution.compiling import compiled_quickly
-from bayestissue.inference.factors.sites import _DEEPEST, _POINTS_A_TERM, _nearest
+from bayestissue.inference.factors.sites import DEEPEST, nearest_parabolas
 
-# Transitions of `centred` alone with which a chain begins, three times over.
-_FIRST, _TURNS = 200, 3
+# Where hyperparameters begin, and how far apart: a fifth of a prior's scale, give or take a few times.
+_BEGIN, _APART = -1.5, 1.0
 # What keeps an estimated covariance from being singular, of the first one.
 _SHRUNK, _OF_IMPACT = 0.02, 0.2
 
@@ -44,55 +38,29 @@ class Start(NamedTuple):
     tuning: Tuning
 
 
-def begin(target: Target, settings: ChainSettings, sites: GaussianFactor, keys: Array) -> Start:
+def begin(target: Target, sites: GaussianFactor, chains: int, rng: np.random.Generator) -> Start:
     """Chains at the best explanation of each impact, another one in each chain where there are several.
 
     Args:
         target: the posterior.
-        settings: of the run.
         sites: of all impacts, [site, impact, ...]; where an impact has fewer the others say nothing.
-        keys: of each chain.
+        chains: how many there are.
+        rng: for where the hyperparameters begin.
     """
-    number, size = len(target.model.hyperparameters), sites.centre.shape[2]
-    present = np.asarray(sites.log_scale) > -np.inf
-    count = present.sum(0)
-    best = [chain % np.maximum(count, 1) for chain in range(len(keys))]
-    starts = [jnp.asarray(sites.centre[which, np.arange(len(which))].T) for which in best]
-    impact_root = jnp.broadcast_to(jnp.eye(size), (sites.centre.shape[1], size, size))
-    root, step = 0.5 * jnp.eye(number), jnp.asarray(2.4 / np.sqrt(number))
-    like = jnp.zeros(len(target.present))
-    states = [State(jnp.full(number, -1.5), target.data.location_mean, u, like) for u in starts]
-    lengths = [step] * len(keys)
-    for turn in range(_TURNS):
-        tuning, paths = Tuning(sites, root, impact_root), []
-        for chain, key in enumerate(keys):
-            states[chain], lengths[chain], path = _centred_alone(
-                target, settings, tuning, states[chain], lengths[chain], jax.random.fold_in(key, turn)
-            )
-            paths.append(np.asarray(path)[_FIRST // 2 :])
-        covariance = np.cov(np.concatenate(paths).T.reshape(number, -1))
-        root = jnp.linalg.cholesky(covariance.reshape(number, number) + 1e-3 * np.eye(number))
-    log_likelihood = compiled_quickly(Target.log_likelihood)
-    states = [state._replace(log_likelihood=log_likelihood(target, state.u)) for state in states]
-    middle = jnp.stack([state.y for state in states]).mean(0)
-    D = np.asarray(target.covariances(middle).of_impact())
-    of_impact = np.linalg.cholesky(np.linalg.inv(np.asarray(sites.precision[0]) + D))
-    steps = [Steps(jnp.full(len(like), 0.7), length, step) for length in lengths]
-    return Start(states, steps, Tuning(sites, root, jnp.asarray(of_impact)))
-
-
-@partial(compiled_quickly, static_argnames="settings")
-def _centred_alone(
-    target: Target, settings: ChainSettings, tuning: Tuning, state: State, length: Array, key: Array
-) -> tuple[State, Array, Float[Array, "transition hyperparameter"]]:
-    def one(carried: tuple[State, Array], key: Array) -> Any:
-        state, length = carried
-        steps = Steps(jnp.zeros(()), length, length)
-        state, rate = centred(target, settings, tuning, steps, state, key)
-        return (state, length * jnp.exp(0.2 * (rate - settings.population_acceptance))), state.y
-
-    (state, length), path = jax.lax.scan(one, (state, length), jax.random.split(key, _FIRST))
-    return state, length, path
+    number, (impacts, size) = len(target.model.hyperparameters), sites.centre.shape[1:]
+    explained = (np.asarray(sites.log_scale) > -np.inf).sum(0)
+    best = [chain % np.maximum(explained, 1) for chain in range(chains)]
+    u = np.stack([np.asarray(sites.centre)[which, np.arange(impacts)].T for which in best])
+    y = _BEGIN + _APART * rng.standard_normal((chains, number))
+    states = [
+        State(jnp.asarray(y_of), target.data.location_mean, jnp.asarray(u_of), jnp.asarray(of_traces))
+        for y_of, u_of, of_traces in zip(y, u, target.log_likelihoods(u), strict=True)
+    ]
+    of_impact = np.linalg.cholesky(np.linalg.inv(np.asarray(sites.precision[0]) + np.eye(size)))
+    # Arrays of numpy: those that jax makes of a number have another type, and would be compiled for apart.
+    step = np.asarray(2.4 / np.sqrt(number))
+    steps = Steps(np.full(impacts, 0.7), step, step)  # type: ignore[arg-type]
+    return Start(states, [steps] * chains, Tuning(sites, 0.5 * jnp.eye(number), jnp.asarray(of_impact)))
 
 
 def retuned(tuning: Tuning, first: Tuning, visited: State, *, refit: bool) -> Tuning:
@@ -122,13 +90,14 @@ def retuned(tuning: Tuning, first: Tuning, visited: State, *, refit: bool) -> Tu
 def _refitted(sites: GaussianFactor, u: np.ndarray, value: np.ndarray) -> GaussianFactor:
     size = u.shape[2]
     distinct = np.array([len(np.unique(column)) for column in value.T])
-    enough = distinct > _POINTS_A_TERM * (1 + size) * (2 + size) / 2
+    # A parabola has (1 + size) (2 + size) / 2 terms.
+    enough = distinct > (1 + size) * (2 + size)
     if len(sites.centre) > 1:
         enough &= np.isneginf(np.asarray(sites.log_scale)[1])
     if not enough.any():
         return sites
-    weight = (value > value.max(0) - _DEEPEST).astype(float)
-    nearest = _nearest(u[:, enough], value[:, enough], weight[:, enough])
+    weight = (value > value.max(0) - DEEPEST).astype(float)
+    nearest = nearest_parabolas(u[:, enough], value[:, enough], weight[:, enough])
     refitted = [np.array(leaf) for leaf in sites]
     for whole, part in zip(refitted, nearest, strict=True):
         whole[0, enough] = part

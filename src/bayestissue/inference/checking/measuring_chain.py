@@ -36,8 +36,8 @@ from bayestissue.inference.checking.incredible import Groups, Pattern
 from bayestissue.inference.checking.model_form import LIMIT, judged_at
 from bayestissue.inference.execution.compiling import by_row
 from bayestissue.inference.execution.kept import some_impacts, some_of
+from bayestissue.inference.factors.expansions import expanded, first_guess, rows_of
 from bayestissue.inference.factors.sites import laplace_sites, weak_prior
-from bayestissue.inference.posterior.approximate import expanded, first_guess, rows_of
 from bayestissue.outline import first_of
 from bayestissue.padding import padded_impacts
 

@@ -204,7 +204,7 @@ def misfit_precheck(prepared: Prepared, expansions: GaussianFactor, seed: int) -
 
     Args:
         prepared: the model and its data, decelerations.
-        expansions: each trace's own, as `bayestissue.inference.posterior.approximate.expanded` finds them.
+        expansions: each trace's own, as `bayestissue.inference.factors.expansions.expanded` finds them.
         seed: of the replicates.
     """
     best = np.asarray(expansions.centre)

@@ -6,32 +6,19 @@ With the sites they give normals to draw from and each trace's evidence. The alg
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 from jax import Array
-from jaxtyping import Float, Int
-from scipy.stats import norm, qmc
+from jaxtyping import Float
 
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expected_by_cell
-from bayestissue.hierarchy.gaussian.conditional import Data
-from bayestissue.hierarchy.gaussian.effects import effects_from_standard, integrate_effects
 from bayestissue.hierarchy.gaussian.factor import Conditional, GaussianFactor
-from bayestissue.hierarchy.traces import TraceModel, constrained, population
 from bayestissue.inference.execution.compiling import by_row
 
-POINTS = 64
-# Precision of a parameter that is held.
-_HELD = 1e8
 # Draws of one call.
 DRAWS = 64
-
-
-def evenly_spaced(count: int, number: int = POINTS) -> Int[np.ndarray, " number"]:
-    """Places of so many draws among ``count`` of them."""
-    return np.linspace(0, count - 1, number).astype(int)
 
 
 class ConditionalPrior(NamedTuple):
@@ -50,25 +37,12 @@ class ConditionalPrior(NamedTuple):
         shape = (*self.mean.shape, self.mean.shape[-1])
         return self._replace(precision=np.broadcast_to(self.precision, shape))
 
-    def with_last_at(self, value: float) -> ConditionalPrior:
-        """The same, the last parameter held at a value."""
-        mean, precision = (np.array(part) for part in self)
-        mean[:, -1], precision[-1, -1] = value, _HELD
-        return ConditionalPrior(mean, precision)
-
     def log_density(
         self, u: Float[np.ndarray, "*point impact parameter"]
     ) -> Float[np.ndarray, "*point impact"]:
         """Up to a constant."""
         deviation = u - self.mean
         return -np.vecdot(deviation, np.matvec(self.precision, deviation)) / 2
-
-
-def standard_points(size: int, number: int = POINTS) -> Float[np.ndarray, "point parameter"]:
-    """Normal points that fill the space evenly: Sobol's sequence and its mirror image."""
-    uniform = qmc.Sobol(size, seed=20).random(number // 2)
-    half = norm.ppf(np.clip(uniform, 1e-9, 1 - 1e-9))
-    return np.concatenate([half, -half])
 
 
 class Normals(NamedTuple):
@@ -120,10 +94,6 @@ class PopulationDraws(NamedTuple):
         """Some of them."""
         return jax.tree.map(lambda values: values[chosen], self)
 
-    def subset(self, number: int) -> PopulationDraws:
-        """So many of them, evenly spaced."""
-        return self.rows(evenly_spaced(len(self.b), number))
-
     def priors(self, design: PopulationDesign) -> ConditionalPrior:
         """The conditional prior of an impact at every place of the design; see `of_cells`."""
         # Without each impact's place, so that what is compiled serves other numbers of impacts.
@@ -134,33 +104,6 @@ class PopulationDraws(NamedTuple):
 def of_cells(priors: ConditionalPrior, cell: np.ndarray) -> ConditionalPrior:
     """Of impacts at these places."""
     return priors._replace(mean=priors.mean[:, cell])
-
-
-def population_draws(
-    model: TraceModel, data: Data, raw: Mapping[str, Any], z_b: Float[np.ndarray, "draw location"]
-) -> PopulationDraws:
-    """Draws of the population from those of the hyperparameters.
-
-    Args:
-        model: the model.
-        data: what the marginal density asks of the dataset.
-        raw: the hyperparameters, unconstrained, [draw].
-        z_b: standard effects: with 0 b has its conditional mean.
-    """
-    raw = {name: np.asarray(raw[name]) for name in model.hyperparameters}
-    return PopulationDraws(raw, *population_draw(model, data, raw, z_b))
-
-
-@by_row(DRAWS, constant=2)
-def population_draw(
-    model: TraceModel, data: Data, raw: dict[str, Array], z_b: Float[Array, " location"]
-) -> tuple[dict[str, Array], Float[Array, " location"], Float[Array, "parameter parameter"]]:
-    """What is compiled of `population_draws`."""
-    sites = constrained(model, raw)
-    covariances = population(model, sites)
-    effects, _ = integrate_effects(data.design, covariances, data.sums(covariances))
-    b = effects_from_standard(data.design, effects, data.mean, z_b)
-    return sites, b, covariances.of_impact()
 
 
 @by_row(DRAWS, constant=1)

@@ -1,24 +1,20 @@
 """Gaussian sites of traces: log likelihoods to second order, for all impacts together.
 
-A Laplace site is the expansion about the maximum, at one value of the hyperparameters. It is poor in a
-direction that a trace leaves open, as most do beside a discrepancy, where the likelihood is level about one
-value and falls off about another; of dozens of impacts such errors add up. A regression site is the parabola
-l + g (u - m) - (u - m)' P (u - m) / 2 nearest to log L(u) over draws of u from the current approximation,
-weighted by likelihood over site (Salimans and Knowles 2013 for the regression; Minka 2001 for the passes):
-it serves all draws.
+A Laplace site is the expansion about the maximum. It is poor in a direction that a trace leaves open, as
+most do beside a discrepancy, where the likelihood is level about one value and falls off about another.
+The parabola l + g (u - m) - (u - m)' P (u - m) / 2 nearest to log L(u) at points of the posterior serves all
+of it (Salimans and Knowles 2013).
 """
 
 from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import softmax
 
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.traces import TraceData, TraceModel
-from bayestissue.inference.factors.conditional import ConditionalPrior, normals
+from bayestissue.inference.factors.conditional import ConditionalPrior
 from bayestissue.inference.factors.likelihoods import log_likelihoods
-from bayestissue.inference.samplers.psis import effective_size
 
 ITERATIONS = 60
 # By how much an expansion may exceed its value at the centre, along one axis. One of too little curvature, or
@@ -33,14 +29,10 @@ _LEAST_PRECISION = 1e-3
 _STEP, _SHORTEST, _LONGEST = 0.03, 1e-6, 0.003
 # A search is over where no step promises so much log likelihood, or only the least steps gain.
 _NOTHING_LEFT, _STUCK = 1e-6, 1e6
-# Draws of each impact's parameters under every one of the population.
-_EACH = 4
 # Of a regression site, in units of what the posterior leaves open.
 _LEAST_REGRESSED = 1e-3
 # Points at which a trace is so much less likely than at its best are no part of the posterior.
-_DEEPEST = 30.0
-# A parabola in so many parameters has a number of terms, and wants twice as many points.
-_POINTS_A_TERM = 2
+DEEPEST = 30.0
 _RIDGE = 1e-6
 
 
@@ -171,39 +163,7 @@ def weak_prior(start: Float[np.ndarray, "impact parameter"], sd: float = 2.0) ->
     return ConditionalPrior(np.asarray(start), np.eye(start.shape[1]) / sd**2)
 
 
-def regression_sites(
-    model: TraceModel,
-    data: TraceData,
-    sites: GaussianFactor,
-    priors: ConditionalPrior,
-    rng: np.random.Generator,
-) -> GaussianFactor:
-    """The parabola nearest to each log likelihood over the posterior.
-
-    Points are drawn by the old sites and weighted by likelihood over site, those of one draw of the
-    population among themselves. Along an axis where the parabola would open upwards it is made level,
-    but for the curvature that its slope needs (`least_curvature`). Where too few points are effective for a
-    trace its old site stays.
-
-    Args:
-        model: the model.
-        data: the dataset.
-        sites: the old ones.
-        priors: of some hundred draws of the population.
-        rng: for the points.
-    """
-    u, value, weight = _points(model, data, sites, priors, rng)
-    weight = np.where(value > value.max(0) - _DEEPEST, weight, 0.0)
-    size = u.shape[-1]
-    fitted = effective_size(weight) > _POINTS_A_TERM * (1 + size) * (2 + size) / 2
-    refitted = GaussianFactor(*map(np.array, sites))
-    nearest = _nearest(u[:, fitted], value[:, fitted], weight[:, fitted])
-    for whole, part in zip(refitted, nearest, strict=True):
-        whole[fitted] = part
-    return refitted
-
-
-def _nearest(
+def nearest_parabolas(
     u: Float[np.ndarray, "point impact parameter"],
     value: Float[np.ndarray, "point impact"],
     weight: Float[np.ndarray, "point impact"],
@@ -241,20 +201,3 @@ def _parabola(
     bend[:, rows, columns] -= coefficients[:, 1 + size :]
     bend[:, columns, rows] -= coefficients[:, 1 + size :]
     return coefficients[:, 0], coefficients[:, 1 : 1 + size], bend
-
-
-def _points(
-    model: TraceModel,
-    data: TraceData,
-    sites: GaussianFactor,
-    priors: ConditionalPrior,
-    rng: np.random.Generator,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points, the log likelihood there, and their weights, each [point, impact, ...]."""
-    u = normals(sites, priors).at(rng.standard_normal((_EACH, *priors.mean.shape)))
-    flat = u.reshape(-1, *u.shape[2:])
-    value = log_likelihoods(model, data, flat)
-    ratio = (value - sites.log_density(flat)).reshape(u.shape[:3])
-    with np.errstate(invalid="ignore"):
-        weight = softmax(ratio, axis=0)
-    return flat, value, weight.reshape(value.shape)

@@ -1,8 +1,8 @@
-"""From the sampler's standard normals back to what they stand for."""
+"""From draws of the population and of impacts' parameters to all that they stand for."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -23,54 +23,14 @@ from bayestissue.inference.execution.compiling import by_row
 from bayestissue.inference.execution.kept import kept_draws
 from bayestissue.inference.factors.conditional import (
     PopulationDraws,
-    normals,
     of_cells,
-    population_draws,
 )
-from bayestissue.inference.posterior.approximate import Approximation
-from bayestissue.inference.posterior.scores import LikelihoodApproximation, of_draws
 from bayestissue.inference.quantities.elements import element_quantities, measured_of
-from bayestissue.inference.samplers.sampling import ConstrainedDraws, Draws
+from bayestissue.inference.samplers.sampling import ConstrainedDraws
 from bayestissue.padding import padded_impacts
 
 # Draws of one call.
 DRAWS = 256
-
-
-def constrained_draws(
-    prepared: Prepared,
-    approximation: Approximation,
-    draws: Draws,
-    key: Array,
-    *,
-    likelihood: LikelihoodApproximation | None = None,
-) -> ConstrainedDraws:
-    """Map all draws back; of impacts those that `kept_draws` keeps.
-
-    Args:
-        prepared: the fit.
-        approximation: in whose coordinates the draws are.
-        draws: of the sampler; those of impacts may be the kept ones already.
-        key: of what is drawn besides.
-        likelihood: of the traces' likelihoods, for the log densities; this approximation unless given.
-    """
-    model, design = prepared.model, prepared.data.design
-    chains, number = next(iter(draws.sites.values())).shape[:2]
-    flat = {name: np.asarray(v).reshape(-1, *v.shape[2:]) for name, v in draws.sites.items()}
-    z_u = draws.sites["standard_impacts"]
-    population = population_draws(model, approximation.data(prepared.data), flat, flat["standard_locations"])
-    kept_numbers = kept_draws(chains, number, len(design.cell))
-    z_u = z_u if z_u.shape[1] == len(kept_numbers) else z_u[:, kept_numbers]
-    z_u = np.asarray(z_u).reshape(-1, *z_u.shape[2:])
-    priors = _kept(population, (chains, number), kept_numbers)[0].priors(design)
-    cell = np.asarray(design.cell)
-
-    def impacts(rows: np.ndarray) -> np.ndarray:
-        here = of_cells(priors, cell[rows])
-        return normals(approximation.of_rows(rows)[0], here).at(z_u[:, rows])
-
-    likelihood = likelihood or LikelihoodApproximation(approximation)
-    return quantities_of_draws(prepared, population, impacts, (chains, number), key, likelihood)
 
 
 def _kept(
@@ -84,20 +44,20 @@ def _kept(
 def quantities_of_draws(
     prepared: Prepared,
     population: PopulationDraws,
-    impacts_of: Callable[[np.ndarray], Float[np.ndarray, "draw impact parameter"]],
+    impacts_u: Float[np.ndarray, "draw impact parameter"],
     shape: tuple[int, int],
     key: Array,
-    likelihood: LikelihoodApproximation,
+    scores: dict[str, np.ndarray],
 ) -> ConstrainedDraws:
     """Everything that draws of the population and of impacts' parameters stand for.
 
     Args:
         prepared: the fit.
         population: all chains' draws, one chain's after the other's.
-        impacts_of: parameters of the impacts of these rows, of those draws that `kept_draws` keeps.
+        impacts_u: parameters of every impact, of those draws that `kept_draws` keeps.
         shape: the numbers of chains and of draws of each.
         key: of what is drawn besides.
-        likelihood: of the traces' likelihoods, for the log densities.
+        scores: log densities of the traces, see `of_draws`.
     """
     model, design = prepared.model, prepared.data.design
     cell = np.asarray(design.cell)
@@ -108,7 +68,7 @@ def quantities_of_draws(
     priors = kept_population.priors(design)
 
     def one(part: TraceData, rows: np.ndarray) -> dict[str, np.ndarray]:
-        here, u = of_cells(priors, cell[rows]), impacts_of(rows)
+        here, u = of_cells(priors, cell[rows]), impacts_u[:, rows]
         of_block = jax.vmap(partial(jax.random.fold_in, data=rows[0]))(people)
         of_errors, of_mass = np.moveaxis(np.asarray(jax.vmap(jax.random.split)(of_block)), 1, 0)
         shared = people if model.mass_error == "subject" else of_mass
@@ -130,7 +90,6 @@ def quantities_of_draws(
         for name, v in impacts_by_name.items()
     }
     b = _at_true_masses(model, population.sites, population.b, keys)
-    scores = of_draws(prepared, likelihood, population)
     values, b, scores = jax.tree.map(
         lambda v: np.asarray(v).reshape(*shape, *v.shape[1:]), (population.sites, b, scores)
     )

@@ -3,13 +3,11 @@
 Of each impact, and of all impacts of a person or a condition with the effects integrated out that these
 impacts alone have: what cross-validation asks for. Of a person the effects are those on log K, log C and what
 else has a formula, a mass exponent of the person, and the effects of all that lies within the person, such as
-each side; without the traces only the prior tells them. The densities are the evidence of the sites, times
-the ratio of the traces' own evidence to it.
+each side; without the traces only the prior tells them.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -27,90 +25,64 @@ from bayestissue.hierarchy.formulas.group_terms import Grouping, stem_of
 from bayestissue.hierarchy.gaussian.arrangement import expected_by_cell
 from bayestissue.hierarchy.gaussian.conditional import Data
 from bayestissue.hierarchy.gaussian.covariances import Covariances
+from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import TraceModel, population
+from bayestissue.hierarchy.traces import TraceModel, gaussian, population
 from bayestissue.inference.execution.compiling import by_row, in_parts
 from bayestissue.inference.execution.kept import all_fit, some_impacts
 from bayestissue.inference.factors.conditional import PopulationDraws, log_evidence, of_cells
-from bayestissue.inference.factors.grid import LikelihoodGrid
-from bayestissue.inference.factors.importance_ratios import log_evidence_corrections, ratios_among
-from bayestissue.inference.posterior.approximate import Approximation
-from bayestissue.padding import bucket, padded_impacts
+from bayestissue.padding import bucket
 
 # Draws at a time: what a matrix of each impact under each of them takes stays small.
 _AT_ONCE = 64
 
 
-class LikelihoodApproximation(NamedTuple):
-    """All that is known of the traces' likelihoods.
-
-    Attributes:
-        approximation: of the traces, with a grid of the last parameter or an expansion of what sites omit.
-        corrections: log of each trace's evidence over its site's at the draws that are scored; found by
-            `of_draws` unless given.
-    """
-
-    approximation: Approximation
-    corrections: Float[np.ndarray, "draw impact"] | None = None
-
-
 def of_draws(
-    prepared: Prepared, likelihood: LikelihoodApproximation, draws: PopulationDraws
+    prepared: Prepared,
+    sites: GaussianFactor,
+    draws: PopulationDraws,
+    log_ratio: Float[np.ndarray, "draw impact"],
 ) -> dict[str, np.ndarray]:
-    """Log densities under each draw of the population: "trace" [draw, impact], "traces_of_subject" and so on.
+    """Log densities under each draw: "trace" [draw, impact], "traces_of_subject" and so on.
 
-    That of an impact is its site's evidence, times the grid's, times the mean of likelihood over both:
-    see `bayestissue.inference.factors.importance_ratios`. Of a person's or condition's traces all effects
-    that only these have are integrated out of the sites (see `bayestissue.inference.posterior.scores`),
-    and the factors besides are those at the effects that the draw has: these being a draw of the posterior,
-    the mean of one over such a density, which leaving out asks for, is the true one.
+    Of an impact it is the evidence Z of its site q given the draw's population, times L / q at the u that the
+    draw has. Its reciprocal is the density of everything with u drawn by the site instead of the trace, over
+    the posterior's: just the weight with which the posterior's draws stand for those without the trace,
+    whatever q is. So of a group, with the evidence of its sites once all effects that only its traces tell
+    are integrated out, and the product of its impacts' L / q.
 
-    Where draws times impacts are more than fits, "trace" is of `some_impacts`, what groups have besides
-    their sites is the expansion, and "traces" is of all traces together.
+    Where draws times impacts are more than fits, "trace" is of `some_impacts`. "traces" is of all sites
+    together.
+
+    Args:
+        prepared: the fit.
+        sites: q of every trace.
+        draws: of the population.
+        log_ratio: log L / q at each draw.
     """
-    data, approximation, count = prepared.data, likelihood.approximation, len(prepared.impacts)
-    whole = all_fit(len(draws.b), count)
-    groups = _of_groups(
-        prepared, replace(approximation, second_order=None) if whole else approximation, draws
-    )
-    rows = np.arange(count) if whole else some_impacts(count)
-    part, (sites, grid) = data.impacts(rows), approximation.of_rows(rows)
+    data, count = prepared.data, len(prepared.impacts)
+    rows = np.arange(count) if all_fit(len(draws.b), count) else some_impacts(count)
+    some = GaussianFactor(*(np.asarray(leaf)[rows] for leaf in sites))
     priors = of_cells(draws.priors(data.design), np.asarray(data.design.cell)[rows])
-    corrections = likelihood.corrections
-    if corrections is None:
-        ratios = ratios_among(prepared.model, part, sites, priors, grid)
-        corrections = log_evidence_corrections(sites, ratios, priors)
-    if grid is not None:
-        mean, sd = padded_impacts(priors.mean[..., -1], 1), priors.precision[:, 0, -1, -1] ** -0.5
-        corrections = corrections + _grid_evidence(padded_impacts(grid, -1), mean, sd)[:, : len(rows)]
-    scores = {"trace": corrections + in_parts(partial(log_evidence, sites), (priors,), _AT_ONCE)}
-    if not whole:
-        return scores | groups
+    evidence = in_parts(partial(log_evidence, some), (priors,), _AT_ONCE)
+    scores = {"trace": evidence + log_ratio[:, rows]}
+    of_groups = _of_groups(prepared, gaussian(data, sites), draws)
     for name, grouping in prepared.design.groupings.items():
         stem = f"traces_of_{stem_of(name)}"
-        scores[stem] = np.array(groups[stem])
+        of_groups[stem] = np.array(of_groups[stem][:, : len(grouping.levels)])
         # Added one by one: an impact without a finite density leaves other groups as they are.
-        np.add.at(scores[stem].T, grouping.code, corrections.T)
-    return scores
-
-
-@by_row(_AT_ONCE, constant=1)
-def _grid_evidence(grid: LikelihoodGrid, mean: Float[Array, " impact"], sd: Array) -> Float[Array, " impact"]:
-    return grid.log_evidence(mean, sd)
+        np.add.at(of_groups[stem].T, grouping.code, log_ratio.T)
+    return scores | of_groups
 
 
 def _of_groups(
-    prepared: Prepared, approximation: Approximation, draws: PopulationDraws
+    prepared: Prepared, data: Data, draws: PopulationDraws
 ) -> dict[str, Float[np.ndarray, " draw ..."]]:
     """The same of groups by the sites, and that of all traces together."""
-    model, data, design = prepared.model, approximation.data(prepared.data), prepared.design
     cell, places = np.asarray(prepared.data.design.cell), data.design.members.shape[2]
-    effects = {name: effect.at_places(cell, places) for name, effect in own_effects(model, design).items()}
-    group_scores = _group_scores(model, data, effects, draws.sites, draws.b)
-    for name, grouping in design.groupings.items():
-        stem = f"traces_of_{stem_of(name)}"
-        group_scores[stem] = group_scores[stem][:, : len(grouping.levels)]
-    return group_scores
+    own = own_effects(prepared.model, prepared.design)
+    effects = {name: effect.at_places(cell, places) for name, effect in own.items()}
+    return dict(_group_scores(prepared.model, data, effects, draws.sites, draws.b))
 
 
 @by_row(_AT_ONCE, constant=3)

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
-from functools import partial
+from collections.abc import Collection, Mapping
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -17,7 +15,6 @@ from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.effects import intercept
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, common_coefficient, stem_of
 from bayestissue.inference.results.meanings import NAMES, UNITS, meaning
-from bayestissue.inference.samplers.sampling import Draws
 
 STIFFNESS, DAMPING = UNITS.values()
 _OF = ("cell", "subject", "trial", "new", "typical_person")
@@ -174,30 +171,3 @@ def labelled(
         if name in used:
             coords[name] = list(range(next(v.sizes[name] for v in variables.values() if name in v.dims)))
     return xr.Dataset(variables, coords)
-
-
-# By ArviZ's names: the sampler's, and what stands for the transitions that led to one draw.
-_STATISTICS: dict[str, tuple[str, Callable[[np.ndarray], Any]]] = {
-    "diverging": ("diverging", partial(np.any, axis=-1)),
-    "n_steps": ("num_steps", partial(np.sum, axis=-1)),
-    "tree_depth": ("num_steps", lambda steps: np.ceil(np.log2(steps.max(axis=-1) + 1)).astype(int)),
-    "acceptance_rate": ("accept_prob", partial(np.mean, axis=-1)),
-    "energy": ("energy", lambda values: values[..., -1]),
-    "lp": ("potential_energy", lambda values: -values[..., -1]),
-}
-
-
-def labelled_statistics(draws: Draws, *, of_transitions: bool = False) -> xr.Dataset:
-    """What the sampler tells of every draw that was kept, by ArviZ's names, or of every transition.
-
-    Of the transitions that led to a draw: whether any diverged, their steps together, their deepest tree and
-    their mean acceptance; energy and density are the last one's.
-    """
-    chains, transitions = draws.statistics["num_steps"].shape
-    count = transitions if of_transitions else next(iter(draws.sites.values())).shape[1]
-    statistics = {
-        name: of_several(draws.statistics[statistic].reshape(chains, count, -1))
-        for name, (statistic, of_several) in _STATISTICS.items()
-    }
-    # A tree of the greatest allowed depth that turned by itself is not cut off; only one more step tells.
-    return labelled(statistics, {}, {}).assign_attrs(max_tree_depth=draws.max_tree_depth)

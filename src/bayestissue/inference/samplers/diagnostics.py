@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any, Self
 
 import numpy as np
 import pandas as pd
-import xarray as xr
 
 from bayestissue.declarations import declared
 from bayestissue.errors import Coded
@@ -16,10 +14,7 @@ from bayestissue.remedies import Code, codes_in
 
 R_HAT_LIMIT = 1.01
 ESS_LIMIT = 400
-BFMI_LIMIT = 0.3
 _DECLARED = declared(__package__, "checks.toml")
-# What too few effective draws fail.
-_OF_DRAWS: tuple[Code, ...] = ("r-hat", "effective-sample-size")
 # What is said of single recordings, by the keys of a fit's diagnostics.
 OF_RECORDINGS = ("recordings", "clipped")
 # Notes of a summary's rows.
@@ -59,21 +54,14 @@ class Check:
         return cls(value=value, passed=bool(passed[side]), code=code, **words)
 
 
-def diagnose(
-    summary: pd.DataFrame,
-    statistics: xr.Dataset | None,
-    further: Sequence[Check] = (),
-    r_hat_limit: float = R_HAT_LIMIT,
-) -> dict[str, Any]:
+def diagnose(summary: pd.DataFrame, r_hat_limit: float = R_HAT_LIMIT) -> dict[str, Any]:
     """The verdict on a run, as it is written to ``diagnostics.json``.
 
     R̂ and bulk and tail effective sample sizes are rank-normalised (Vehtari et al. 2021,
-    doi:10.1214/20-BA1221), the worst over every reported quantity; the energy fraction is Betancourt's.
+    doi:10.1214/20-BA1221), the worst over every reported quantity.
 
     Args:
         summary: as `inference.results.summary.summarise` makes it; what it leaves open is not judged.
-        statistics: of the transitions of the No-U-Turn sampler, if it is what drew.
-        further: checks to be added.
         r_hat_limit: what the greatest R-hat is to be below.
     """
     worst = {column: _worst(summary, column) for column in ("r_hat", "ess_bulk", "ess_tail")}
@@ -81,34 +69,12 @@ def diagnose(
         Check.stated("r-hat", limit=r_hat_limit, **worst["r_hat"]),
         Check.stated("effective-sample-size", limit=ESS_LIMIT, part="bulk", **worst["ess_bulk"]),
         Check.stated("effective-sample-size", limit=ESS_LIMIT, part="tail", **worst["ess_tail"]),
-        *([] if statistics is None else _of_trajectories(statistics)),
     ]
-    if not all(check.passed for check in further):
-        # Weighted draws are few whatever the chains did before.
-        follows = _DECLARED["correction"]["follows"]["next_step"]
-        checks = [
-            replace(check, next_step=follows) if check.code in _OF_DRAWS and not check.passed else check
-            for check in checks
-        ]
-    checks += further
     return {
         "passed": all(check.passed for check in checks),
         "checks": [asdict(check) for check in checks],
         "worst": worst,
     }
-
-
-def _of_trajectories(statistics: xr.Dataset) -> list[Check]:
-    """What the No-U-Turn sampler's own statistics say."""
-    energy = statistics["energy"].to_numpy()
-    # E[(E_t - E_{t-1})^2] / Var(E) of each chain.
-    bfmi = float((np.mean(np.diff(energy, axis=1) ** 2, axis=1) / np.var(energy, axis=1)).min())
-    saturated = int((statistics["tree_depth"] >= statistics.attrs["max_tree_depth"]).sum())
-    return [
-        Check.stated("divergences", int(statistics["diverging"].sum())),
-        Check.stated("energy-fraction", bfmi, BFMI_LIMIT),
-        Check.stated("tree-depth", saturated),
-    ]
 
 
 def warnings(diagnostics: dict[str, Any]) -> list[Coded]:
@@ -194,12 +160,8 @@ def verdict_in_words(diagnostics: dict[str, Any]) -> str:
     if not failed:
         worst = diagnostics["worst"]
         size = min(worst["ess_bulk"]["value"], worst["ess_tail"]["value"])
-        # The one chain follows no trajectories that could diverge.
-        none = ", no divergences" * any(check.get("code") == "divergences" for check in diagnostics["checks"])
-        return (
-            f"R-hat at most {worst['r_hat']['value']:.4f}, effective sample sizes at least {size:.0f}{none}."
-            f"{warning}"
-        )
+        r_hat = worst["r_hat"]["value"]
+        return f"R-hat at most {r_hat:.4f}, effective sample sizes at least {size:.0f}.{warning}"
     return f"Failed: {', '.join(failed)}. Do not use these numbers yet.{warning}"
 
 

@@ -34,11 +34,11 @@ from bayestissue.inference.execution.chunks import BLOCK, map_impacts
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.execution.workers import cluster
 from bayestissue.inference.factors.conditional import ConditionalPrior, normals
+from bayestissue.inference.factors.expansions import first_guess
 from bayestissue.inference.factors.likelihoods import POINTS as AT_ONCE
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.inference.factors.noise_left import noise_p
 from bayestissue.inference.factors.sites import laplace_sites
-from bayestissue.inference.posterior.approximate import first_guess
 from bayestissue.inference.samplers.psis import k_threshold, pareto_smoothed
 from bayestissue.padding import padded_impacts
 

@@ -19,13 +19,13 @@ from bayestissue.hierarchy.derived import named_sites
 from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
+from bayestissue.inference.chain.ending import r_hat_limit
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.results.cross_validation import prior_sensitivity
 from bayestissue.inference.results.labels import (
     design_attributes,
     design_dimensions,
     labelled,
-    labelled_statistics,
 )
 from bayestissue.inference.results.summary import summarise
 from bayestissue.inference.samplers.diagnostics import diagnose
@@ -129,7 +129,7 @@ def analyse(
     model = EstimatesModel(effects, priors, specification.residual_correlation)
     settings = specification.sampler
     data = estimates_data(design, observations, model)
-    sampled = sample_posterior(model, data, settings, seed, partial(say, "sampling the posterior"))
+    sampled = sample_posterior(model, data, settings, seed, say)
     say("predicting", 0, 1)
     results = _Results(model, design, observations)
     rng = np.random.default_rng(seed)
@@ -140,7 +140,6 @@ def analyse(
         q: posterior[f"mass_exponent_{q}"].to_numpy() for q in RESPONSES if f"mass_exponent_{q}" in posterior
     }
     summary = summarise(posterior)
-    further = () if sampled.correction is None else sampled.correction.checks()
     explanations = {name: estimates_data(rival, observations, model) for name, rival in competing.items()}
     cells = [*observations.averaged_cells[:, 0], *observations.impact_cell]
     trial = observations.cells["trial"].to_numpy(str)[cells]
@@ -148,7 +147,7 @@ def analyse(
     return PublishedAnalysis(
         tree,
         summary,
-        diagnose(summary, labelled_statistics(sampled.draws, of_transitions=True), further),
+        diagnose(summary, r_hat_limit(len(summary), *sampled.y.shape[:2])),
         derived.hypotheses(exponents, specification.practical_equivalence.mass_exponent),
         compare_explanations(model, explanations, trial, settings, seed, progress),
         prior_sensitivity(tree),
@@ -201,7 +200,7 @@ class _Results:
         self, sampled: EstimatesPosterior, rng: np.random.Generator
     ) -> dict[str, xr.Dataset]:
         """The posterior, what goes with its draws, and the data."""
-        sites = named_sites(self.model.locations, self.design, sampled.draws.sites, sampled.b)
+        sites = named_sites(self.model.locations, self.design, sampled.hyperparameters, sampled.b)
         quantities = self._quantities(sites, rng)
         reported = {name: values for name, values in sites.items() if name in quantities}
         priors = compiled_quickly(self.model.priors.log_densities)(reported)
@@ -209,7 +208,7 @@ class _Results:
         densities = {"estimates": sampled.rows[..., tables:], "averages": sampled.rows[..., :tables]}
         return {
             "posterior": self._labelled(quantities),
-            "sample_stats": labelled_statistics(sampled.draws),
+            "sample_stats": self._labelled({"lp": sampled.rows.sum(-1)}),
             "log_likelihood": self._labelled(densities),
             "log_prior": self._labelled({name: np.asarray(values) for name, values in priors.items()}),
             "posterior_predictive": self._labelled(self._replicates(sites, rng)),

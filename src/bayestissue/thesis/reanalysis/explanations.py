@@ -17,16 +17,14 @@ from bayestissue.inference.execution.chunks import Progress, silent
 from bayestissue.inference.samplers.psis import k_threshold, pareto_smoothed
 from bayestissue.thesis.reanalysis.model import EstimatesData, EstimatesModel, without
 from bayestissue.thesis.reanalysis.posterior import (
-    Chains,
     EstimatesPosterior,
-    draw_all,
+    evidence_ratios,
     leave_one_out_densities,
-    sample_chains,
     sample_posterior,
 )
 
-# The path by sites has what the comparison asks for: evidences.
-SAMPLER = {"chains": 2, "draws": 500, "path": "summary"}
+# Of each explanation, and of each again without a trial.
+SAMPLER = {"chains": 2, "draws": 500}
 
 
 def compare_explanations(
@@ -85,33 +83,19 @@ def log_predictive_density(
     these rows.
     """
     others = without(posterior.data, rows)
-    log_weight = _log_evidence_ratios(model, others, posterior.chains, seed)
+    log_weight = evidence_ratios(model, posterior, others, seed)
     smoothed, k = pareto_smoothed(log_weight)
     if k <= k_threshold(len(log_weight)):
-        return float(logsumexp(smoothed - log_weight + posterior.chains.drawn.log_ratio))
-    chains = sample_chains(model, others, posterior.coordinates, settings, seed)
-    back = _log_evidence_ratios(model, posterior.data, chains, seed)
-    return float(logsumexp(back) - logsumexp(chains.drawn.log_ratio))
-
-
-def _log_evidence_ratios(
-    model: EstimatesModel, data: EstimatesData, chains: Chains, seed: int
-) -> Float[np.ndarray, " draw"]:
-    """Log ratio of the evidence of ``data`` to that by which the chains drew, for every draw.
-
-    The lost tables' factors over their sites are averaged over the effects that ``data`` say: one draw each.
-    Over the chains' draws the mean, over that of their own ``log_ratio``, is the ratio of the evidences.
-    """
-    rng = np.random.default_rng([seed, 25])
-    z = rng.standard_normal((len(chains.raw), model.locations.size))
-    drawn = draw_all(model, data, chains.raw, z)
-    return np.asarray(drawn.log_density + drawn.log_ratio - chains.drawn.log_density)
+        return float(logsumexp(smoothed - log_weight))
+    refitted = sample_posterior(model, others, settings, seed)
+    back = evidence_ratios(model, refitted, posterior.data, seed)
+    return float(logsumexp(back) - np.log(len(back)))
 
 
 def _scored(sampled: EstimatesPosterior, left_out: Float[np.ndarray, "chain draw impact"]) -> xr.DataTree:
     """The log density of each estimate given all others, for cross-validation."""
     over = ("chain", "draw")
-    posterior = {name: (over, values) for name, values in sampled.draws.sites.items()}
+    posterior = {name: (over, values) for name, values in sampled.hyperparameters.items()}
     densities = {"estimates": ((*over, "impact"), left_out)}
     groups = {"posterior": xr.Dataset(posterior), "log_likelihood": xr.Dataset(densities)}
     return xr.DataTree.from_dict(groups)

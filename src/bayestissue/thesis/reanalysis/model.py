@@ -5,8 +5,7 @@ A printed estimate y of an impact is known exactly: y ~ N(X b, S), with S the co
 expectations; but its spread depends on how much these differ, v = Var(X b) over the people, which is no
 Gaussian function of b. Its Gaussian site holds v at a value; factor over site puts things right.
 
-Written twice. `plain_model` says what is believed, top down. `sampled_model` is the same density in
-coordinates made for sampling, and `marginal_model` that of the hyperparameters given the sites.
+`plain_model` says what is believed, top down; `integrated` is what the chain asks of it.
 """
 
 from __future__ import annotations
@@ -29,15 +28,14 @@ from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, arrange, expected, expected_by_cell
 from bayestissue.hierarchy.gaussian.covariances import Covariances
 from bayestissue.hierarchy.gaussian.effects import (
-    effects_from_standard,
+    EffectsConditional,
     integrate_effects,
     log_density_of_cells,
 )
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.population import EffectPart, Effects, covariances_of, effects_of
 from bayestissue.hierarchy.priors import Priors
-from bayestissue.hierarchy.traces import Hyperparameters, sample_hyperparameters, sample_warped
-from bayestissue.hierarchy.warp import SinhArcsinh
+from bayestissue.hierarchy.traces import Hyperparameters, hyperparameters_at, sample_hyperparameters
 from bayestissue.likelihood import small
 from bayestissue.thesis.reanalysis.observations import (
     AveragesOfLognormals,
@@ -164,22 +162,36 @@ def _sums(data: EstimatesData, rows: Rows) -> GaussianFactor:
     return GaussianFactor(expected_by_cell(data.design, data.location_mean), *sums)
 
 
-def log_evidence(model: EstimatesModel, data: EstimatesData, sites: dict[str, Array]) -> Float[Array, ""]:
-    """Log density of all rows that are kept, b integrated out and a site in each lost table's place."""
+class Integrated(NamedTuple):
+    """All rows that are kept, b integrated out and a site in each lost table's place.
+
+    Attributes:
+        conditional: of b.
+        log_density: of the rows and the hyperparameters.
+    """
+
+    conditional: EffectsConditional
+    log_density: Float[Any, ""]
+
+
+def integrated(model: EstimatesModel, data: EstimatesData, y: Float[Array, " hyperparameter"]) -> Integrated:
+    """See `Integrated`; ``y`` are the hyperparameters' unconstrained coordinates."""
+    sites, log_prior = hyperparameters_at(model, y)
     covariances = population(model, sites)
     sums = _sums(data, _rows(data, covariances, data.scatter))
-    return log_density_of_cells(data.design, covariances, sums)
+    conditional, log_density = integrate_effects(data.design, covariances, sums)
+    return Integrated(conditional, jnp.where(jnp.isfinite(log_density), log_prior + log_density, -jnp.inf))
 
 
 def leave_one_out(
-    model: EstimatesModel, data: EstimatesData, sites: dict[str, Array]
+    model: EstimatesModel, data: EstimatesData, y: Float[Array, " hyperparameter"]
 ) -> Float[Array, " impact"]:
     """Log density of each row given all others that are kept, b integrated out and the tables by their sites.
 
     With residual e about the mean of X b given all rows, C its covariance there and S the row's own, the row
     given the others is normal about y - S (S - C)^-1 e with covariance S (S - C)^-1 S.
     """
-    covariances = population(model, sites)
+    covariances = population(model, hyperparameters_at(model, y)[0])
     rows = _rows(data, covariances, data.scatter)
 
     # By Fisher's identity the slopes are the moments of X b, less its prior mean.
@@ -197,67 +209,41 @@ def leave_one_out(
     return rows.constant + small.normal_log_density(small.times(turned, residual), covariance)
 
 
-class EffectsDraw(NamedTuple):
-    """A draw of b, and the densities of the data.
+class Densities(NamedTuple):
+    """What the data say of a draw of everything.
 
     Attributes:
-        b: the effects.
         scatter: variance of X b over each lost table's people.
-        log_density: of all rows that are kept, b integrated out and a site in each lost table's place.
-        log_ratio: of the lost tables' factors over their sites, given b.
-        rows: log density of every row's data given b, kept or not.
+        log_ratio: of the lost tables' factors over their sites.
+        rows: log density of every row's data, kept or not.
     """
 
-    b: Float[Any, " location"]
     scatter: Float[Any, "table 2"]
-    log_density: Float[Any, ""]
     log_ratio: Float[Any, ""]
     rows: Float[Any, " impact"]
 
 
-def draw_effects(
-    model: EstimatesModel, data: EstimatesData, sites: dict[str, Array], standard: Float[Array, " location"]
-) -> EffectsDraw:
-    """A draw of b from its conditional, by standard normals, and its densities.
-
-    Args:
-        model: the model.
-        data: the rows.
-        sites: the hyperparameters.
-        standard: as many standard normals as b has elements.
-    """
-    covariances = population(model, sites)
+def densities(
+    model: EstimatesModel,
+    data: EstimatesData,
+    y: Float[Array, " hyperparameter"],
+    b: Float[Array, " location"],
+) -> Densities:
+    """See `Densities`."""
+    covariances = population(model, hyperparameters_at(model, y)[0])
     at_sites = _rows(data, covariances, data.scatter)
-    sums = _sums(data, at_sites)
-    conditional, log_density = integrate_effects(data.design, covariances, sums)
-    b = effects_from_standard(data.design, conditional, data.location_mean, standard)
     people = _people_deviations(data, b)
     scatter = (people**2).sum(1) / (people.shape[1] - 1)
     expectation = expected(data.design, b)
     rows = _rows(data, covariances, scatter).log_density(expectation)
     log_ratio = data.included @ (rows - at_sites.log_density(expectation))
-    return EffectsDraw(b, scatter, log_density, log_ratio, rows)
+    return Densities(scatter, log_ratio, rows)
 
 
 def _people_deviations(data: EstimatesData, b: Float[Array, " location"]) -> Float[Array, "table person 2"]:
     """X b of each lost table's people less their mean."""
     begin = data.people[0].shape[-1]
     return jnp.stack([data.people[0] @ b[:begin], data.people[1] @ b[begin:]], axis=-1)
-
-
-def marginal_model(model: EstimatesModel, data: EstimatesData, warp: SinhArcsinh) -> None:
-    """The numpyro model of the hyperparameters alone, in the coordinates that ``warp`` is the map from."""
-    sites, _ = sample_warped(model, warp)
-    numpyro.factor("estimates", log_evidence(model, data, sites))
-
-
-def sampled_model(model: EstimatesModel, data: EstimatesData, warp: SinhArcsinh) -> None:
-    """`plain_model` over standard normals, which `draw_effects` makes b of."""
-    sites, _ = sample_warped(model, warp)
-    normal = dist.Normal().expand([model.locations.size]).to_event(1)
-    standard = numpyro.sample("standard_locations", normal)
-    drawn = draw_effects(model, data, sites, standard)
-    numpyro.factor("estimates", drawn.log_density + drawn.log_ratio)
 
 
 def plain_model(model: EstimatesModel, data: EstimatesData) -> None:

@@ -1,238 +1,242 @@
-"""The posterior of the hierarchy over published estimates, by the recipe of traces.
+"""The posterior of the hierarchy over published estimates, by a chain like that of traces.
 
-The hyperparameters are sampled with everything linear integrated out and a Gaussian site in each lost table's
-place; b is drawn from its conditional; and the draws are weighted by the tables' factors over their sites.
+The hyperparameters walk on their posterior with everything linear integrated out and a Gaussian site in each
+lost table's place, b is drawn from its conditional, and both are accepted together by the tables' factors
+over their sites: `by_population` of `bayestissue.inference.chain.moves`, for which the tables are the traces.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
+from bayestissue.hierarchy.gaussian.effects import effects_from_standard
 from bayestissue.hierarchy.specification import Sampler
-from bayestissue.hierarchy.traces import COORDINATES, constrained
-from bayestissue.hierarchy.warp import SinhArcsinh
-from bayestissue.inference.execution.chunks import Progress, silent
-from bayestissue.inference.execution.compiling import by_row
-from bayestissue.inference.posterior.correction import Correction
-from bayestissue.inference.samplers.coordinates import (
-    Coordinates,
-    coordinates_about,
-    find_mode,
-    unwarped,
-)
-from bayestissue.inference.samplers.independence import POINTS, independence_chains, log_densities
-from bayestissue.inference.samplers.nuts import Start, run_chains
-from bayestissue.inference.samplers.psis import k_threshold, systematic
-from bayestissue.inference.samplers.sampling import Draws
+from bayestissue.hierarchy.traces import constrained
+from bayestissue.inference.chain.ending import Verdict
+from bayestissue.inference.chain.moves import WalkNumbers, walk
+from bayestissue.inference.chain.run import Chains, Say, Segment, sampled, warmed_up
+from bayestissue.inference.chain.settings import ChainSettings
+from bayestissue.inference.execution.compiling import FULLY, by_row
 from bayestissue.thesis.reanalysis.model import (
-    EffectsDraw,
+    Densities,
     EstimatesData,
     EstimatesModel,
-    draw_effects,
+    densities,
+    integrated,
     leave_one_out,
-    marginal_model,
-    sampled_model,
 )
 
-# Of the coordinates, for slopes from differences of values.
-_STEP = 1e-4
-# The sites follow the mode, which then moves a little.
-_ABOUT_MODE = 3
+# An evaluation of all rows costs as much as one step.
+SETTINGS = ChainSettings(inner=8)
+# Draws of one call.
+POINTS = 64
+# Where hyperparameters begin: a fifth of a prior's scale.
+_BEGIN = -1.5
 
 
-class Chains(NamedTuple):
-    """Draws of the hyperparameters, and of the effects given each, not corrected.
+class State(NamedTuple):
+    """Where a chain is: hyperparameters, unconstrained, effects, and the scatter of each table's people."""
 
-    Attributes:
-        raw: the hyperparameters, unconstrained, along a first axis of all chains' draws.
-        drawn: the effects, with the densities.
-        sampled: the chains.
-    """
+    y: Float[Any, " hyperparameter"]
+    b: Float[Any, " location"]
+    scatter: Float[Any, "table 2"]
 
-    raw: Float[np.ndarray, "draw hyperparameter"]
-    drawn: EffectsDraw
-    sampled: Draws
+
+class Tuning(NamedTuple):
+    """What the warm-up learns: Cholesky factor of y's covariance, and where the tables' sites are made."""
+
+    root: Float[Any, "hyperparameter hyperparameter"]
+    scatter: Float[Any, "table 2"]
+
+
+class Rates(NamedTuple):
+    """Shares accepted of a transition: of the whole, and of the steps of its walk."""
+
+    population: Float[Any, ""]
+    inner: Float[Any, ""]
 
 
 @dataclass(frozen=True)
 class EstimatesPosterior:
-    """Draws of everything, and how they came about.
+    """Draws of everything, [chain, draw, ...].
 
     Attributes:
-        draws: the hyperparameters by name, [chain, draw].
+        y: hyperparameters, unconstrained.
+        hyperparameters: by name.
         b: the effects.
         rows: log density of every row's data.
-        correction: of the draws; None where nothing had to be corrected.
-        data: with the place at which the tables' sites were made.
-        coordinates: of the hyperparameters.
-        chains: that the draws are chosen from.
+        data: with the places at which the tables' sites were made.
+        acceptance: share of transitions that were accepted.
+        segments: of the warm-up, and since.
+        verdict: of the last look.
     """
 
-    draws: Draws
+    y: Float[np.ndarray, "chain draw hyperparameter"]
+    hyperparameters: dict[str, Float[np.ndarray, "chain draw"]]
     b: Float[np.ndarray, "chain draw location"]
     rows: Float[np.ndarray, "chain draw row"]
-    correction: Correction | None
     data: EstimatesData
-    coordinates: Coordinates
-    chains: Chains
+    acceptance: float
+    segments: tuple[int, int]
+    verdict: Verdict
 
 
 def sample_posterior(
-    model: EstimatesModel, data: EstimatesData, settings: Sampler, seed: int, progress: Progress = silent
+    model: EstimatesModel,
+    data: EstimatesData,
+    sampler: Sampler,
+    seed: int,
+    progress: Say = lambda *_: None,
+    *,
+    settings: ChainSettings = SETTINGS,
 ) -> EstimatesPosterior:
     """Draw from the posterior.
 
     Args:
         model: what is assumed.
         data: the rows.
-        settings: how many chains and draws, and by which path.
+        sampler: how many chains, and draws at most of each.
         seed: of all of it.
-        progress: told how many of the chains' transitions are done, where it takes long.
+        progress: told the stage, how much of it is done, and its total.
+        settings: of the chains.
     """
-    data, coordinates = approximated(model, data, seed)
-    if settings.path != "exact":
-        chains = sample_chains(model, data, coordinates, settings, seed, progress)
-        ratios = chains.drawn.log_ratio.reshape(settings.chains, settings.transitions)
-        correction = Correction.from_log_weights(ratios, settings.chains * settings.draws)
-        if settings.path == "summary" or correction.trusted:
-            chosen = systematic(correction.weight, settings.draws, np.random.default_rng([seed, 22]))
-            return _labelled(model, data, coordinates, chains, chosen, correction)
-    chains = _exact(model, data, coordinates, settings, seed, progress)
-    all_draws = np.tile(np.arange(settings.draws), (settings.chains, 1))
-    return _labelled(model, data, coordinates, chains, all_draws, None)
+    number, rng = len(model.hyperparameters), np.random.default_rng(seed)
+    nothing = np.zeros_like(data.scatter)
+    begin = _BEGIN + rng.standard_normal((sampler.chains, number))
+    states = [State(y, np.asarray(data.location_mean), nothing) for y in begin]
+    step = np.asarray(2.4 / np.sqrt(number))
+    keys = jax.random.split(jax.random.PRNGKey(seed), sampler.chains)
+    like = Segment((states[0], step), states[0], Rates(0.0, 0.0))
+    advance = partial(_advanced, model, data, settings)
+    chains = Chains(advance, settings, keys, [(state, step) for state in states], like, None)
+    tuning = warmed_up(chains, Tuning(0.5 * np.eye(number), nothing), _retuned, progress)
+    warm = chains.number
+    drawn = sampled(chains, tuning, _quantities, progress, effective=sampler.effective)
+    length = drawn.path.y.shape[1]
+    chosen = np.unique(np.linspace(length - 1, 0, min(sampler.draws, length)).round().astype(int))
+    y, b = drawn.path.y[:, chosen], drawn.path.b[:, chosen]
+    data = data._replace(scatter=tuning.scatter)
+    named = constrained(model, dict(zip(model.hyperparameters, np.moveaxis(y, -1, 0), strict=True)))
+    return EstimatesPosterior(
+        y,
+        {name: np.asarray(values) for name, values in named.items()},
+        b,
+        _in_chains(densities_at(model, data, *_flat(y, b)).rows, y.shape[:2]),
+        data,
+        float(drawn.rates.population),
+        (warm, drawn.segments),
+        drawn.verdict,
+    )
 
 
-def sample_chains(
+@partial(jax.jit, static_argnames="settings", compiler_options=FULLY)
+def _advanced(
     model: EstimatesModel,
     data: EstimatesData,
-    coordinates: Coordinates,
-    settings: Sampler,
-    seed: int,
-    progress: Progress = silent,
-) -> Chains:
-    """Chains of the hyperparameters, and effects given each.
+    settings: ChainSettings,
+    tuning: Tuning,
+    carried: tuple[State, Array],
+    key: Array,
+    gain: Float[Array, ""],
+) -> Segment:
+    data = jax.tree.map(jnp.asarray, data)._replace(scatter=tuning.scatter)
 
-    By independent proposals: in coordinates that may have been made for other data, or else in the data's
-    own; trajectories where both miss part of the posterior.
-    """
-    for proposal in (lambda: coordinates, lambda: own_coordinates(model, data)):
-        proposed = proposal()
-        target = (model, data, proposed.warp)
-        chains = independence_chains(marginal_model, target, COORDINATES, proposed.covariance, settings, seed)
-        sampled = chains.draws
-        if chains.pareto_k < k_threshold(settings.chains * settings.transitions):
-            break
-    else:
-        start = Start({COORDINATES: np.zeros(len(proposed.names))}, COORDINATES, proposed.covariance)
-        target = (model, data, proposed.warp)
-        sampled = run_chains(
-            marginal_model, target, start, settings, seed, progress=progress, processes=False
+    def transition(carried: tuple[State, Array], key: Array) -> Any:
+        state, length = carried
+        keys = jax.random.split(key, 4)
+        numbers = WalkNumbers(
+            jax.random.normal(keys[0], (settings.inner + 1, len(state.y))),
+            jax.random.uniform(keys[1], (settings.inner + 1,)),
+            jax.random.normal(keys[2], (model.locations.size,)),
         )
-    y = sampled.sites[COORDINATES].reshape(-1, len(proposed.names))
-    z = np.random.default_rng([seed, 21]).standard_normal((len(y), model.locations.size))
-    raw = np.asarray(proposed.warp(y))
-    return Chains(raw, draw_all(model, data, raw, z), sampled)
+        y, effects, inner = walk(partial(integrated, model, data), state.y, length * tuning.root, numbers)
+        b = effects_from_standard(data.design, effects.conditional, data.location_mean, numbers.effects)
+        here, there = densities(model, data, state.y, state.b), densities(model, data, y, b)
+        accepted = jnp.log(jax.random.uniform(keys[3])) < there.log_ratio - here.log_ratio
+        state = State(
+            jnp.where(accepted, y, state.y),
+            jnp.where(accepted, b, state.b),
+            jnp.where(accepted, there.scatter, here.scatter),
+        )
+        length = length * jnp.exp(gain * (inner - settings.population_acceptance))
+        return (state, length), (state, Rates(jnp.where(accepted, 1.0, 0.0), inner))
+
+    of_segment = jax.lax.scan(transition, carried, jax.random.split(key, settings.segment))
+    return Segment(of_segment[0], *of_segment[1])
 
 
-def _exact(
-    model: EstimatesModel,
-    data: EstimatesData,
-    coordinates: Coordinates,
-    settings: Sampler,
-    seed: int,
-    progress: Progress,
-) -> Chains:
-    """Chains of everything, on standard normals that the sites make effects of."""
-    size = len(coordinates.names)
-    centre = {COORDINATES: np.zeros(size), "standard_locations": np.zeros(model.locations.size)}
-    start = Start(centre, COORDINATES, coordinates.covariance)
-    arguments = (model, data, coordinates.warp)
-    sampled = run_chains(sampled_model, arguments, start, settings, seed, progress=progress)
-    sampled = sampled.thinned(settings.thinning)
-    y, z = (sampled.sites[name].reshape(-1, *np.shape(centre[name])) for name in centre)
-    raw = np.asarray(coordinates.warp(y))
-    return Chains(raw, draw_all(model, data, raw, z), sampled)
+def _retuned(tuning: Tuning, visited: State, first: bool) -> Tuning:
+    covariance = np.cov(visited.y.T).reshape(tuning.root.shape) + 0.005 * np.eye(len(tuning.root))
+    return Tuning(np.linalg.cholesky(covariance), visited.scatter.mean(0))
 
 
-def _labelled(
-    model: EstimatesModel,
-    data: EstimatesData,
-    coordinates: Coordinates,
-    chains: Chains,
-    chosen: Int[np.ndarray, "chain draw"],
-    correction: Correction | None,
-) -> EstimatesPosterior:
-    """Chosen draws of each chain."""
-    length = len(chains.raw) // len(chosen)
-    places = chosen + length * np.arange(len(chosen))[:, None]
-    sites = constrained(model, dict(zip(model.hyperparameters, chains.raw[places].T, strict=True)))
-    draws = replace(chains.sampled, sites={name: np.asarray(v).T for name, v in sites.items()})
-    b, rows = chains.drawn.b[places], chains.drawn.rows[places]
-    return EstimatesPosterior(draws, b, rows, correction, data, coordinates, chains)
+def _quantities(path: State) -> tuple[np.ndarray, np.ndarray]:
+    """Hyperparameters and effects, and nothing of impacts, [quantity, chain, draw]."""
+    population = np.concatenate([path.y, path.b], axis=-1)
+    return np.moveaxis(population, -1, 0), np.zeros((0, *path.y.shape[:2]))
 
 
 @by_row(POINTS, constant=2)
-def draw_all(
+def densities_at(
     model: EstimatesModel,
     data: EstimatesData,
-    raw: Float[Array, " hyperparameter"],
-    z: Float[Array, " location"],
-) -> EffectsDraw:
-    """Effects for every draw of the unconstrained hyperparameters, as numpy arrays."""
-    sites = constrained(model, dict(zip(model.hyperparameters, raw, strict=True)))
-    return draw_effects(model, data, sites, z)
+    y: Float[Array, " hyperparameter"],
+    b: Float[Array, " location"],
+) -> Densities:
+    """`densities` at every draw, as numpy arrays."""
+    return densities(model, jax.tree.map(jnp.asarray, data), y, b)
+
+
+@by_row(POINTS, constant=2)
+def effects_by_sites(
+    model: EstimatesModel,
+    data: EstimatesData,
+    y: Float[Array, " hyperparameter"],
+    standard: Float[Array, " location"],
+) -> tuple[Float[Array, " location"], Float[Array, ""]]:
+    """B from its conditional by the sites, and the log density with b integrated out, of every draw."""
+    data = jax.tree.map(jnp.asarray, data)
+    conditional, log_density = integrated(model, data, y)
+    return effects_from_standard(data.design, conditional, data.location_mean, standard), log_density
 
 
 def leave_one_out_densities(
     model: EstimatesModel, posterior: EstimatesPosterior
 ) -> Float[np.ndarray, "chain draw row"]:
     """Log density of every row given all others, for each draw; see `leave_one_out`."""
-    shape = next(iter(posterior.draws.sites.values())).shape
-    flat = {name: values.ravel() for name, values in posterior.draws.sites.items()}
-    return _left_out(model, posterior.data, flat).reshape(*shape, -1)
+    y = posterior.y
+    return _in_chains(_left_out(model, posterior.data, y.reshape(-1, y.shape[-1])), y.shape[:2])
 
 
 _left_out = by_row(POINTS, constant=2)(leave_one_out)
 
 
-class _Finder(NamedTuple):
-    """The marginal density of the hyperparameters' coordinates, and its slope from differences."""
-
-    model: EstimatesModel
-    data: EstimatesData
-
-    def densities(self, y: np.ndarray, warp: SinhArcsinh | None = None) -> np.ndarray:
-        arguments = (self.model, self.data, warp or unwarped(y.shape[1]))
-        return log_densities(marginal_model, arguments, COORDINATES, y)
-
-    def at(self, y: np.ndarray, warp: SinhArcsinh | None = None) -> tuple[float, np.ndarray]:
-        """Minus the log density, and the slope of that."""
-        steps = _STEP * np.eye(len(y))
-        value, *others = -self.densities(np.concatenate([y[None], y + steps, y - steps]), warp)
-        ahead, behind = np.reshape(others, (2, -1))
-        return float(value), (ahead - behind) / (2 * _STEP)
+def _flat(*values: np.ndarray) -> list[np.ndarray]:
+    return [value.reshape(-1, value.shape[-1]) for value in values]
 
 
-def approximated(model: EstimatesModel, data: EstimatesData, seed: int) -> tuple[EstimatesData, Coordinates]:
-    """Sites of the lost tables about the posterior mode of the hyperparameters, and coordinates there."""
-    mode = None
-    z = np.random.default_rng([seed, 24]).standard_normal((POINTS, model.locations.size))
-    for _ in range(_ABOUT_MODE):
-        mode = find_mode(model, model.hyperparameters, _Finder(model, data).at, mode)
-        drawn = draw_all(model, data, np.repeat(mode[None], len(z), axis=0), z)
-        data = data._replace(scatter=drawn.scatter.mean(0))
-    return data, own_coordinates(model, data, mode)
+def _in_chains(values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    return np.asarray(values).reshape(*shape, *values.shape[1:])
 
 
-def own_coordinates(
-    model: EstimatesModel, data: EstimatesData, near: Float[np.ndarray, " hyperparameter"] | None = None
-) -> Coordinates:
-    """Coordinates about the posterior mode, which is sought from ``near`` on."""
-    finder = _Finder(model, data)
-    mode = find_mode(model, model.hyperparameters, finder.at, near)
-    return coordinates_about(model.hyperparameters, finder.at, mode, finder.densities)
+def evidence_ratios(
+    model: EstimatesModel, posterior: EstimatesPosterior, data: EstimatesData, seed: int
+) -> Float[np.ndarray, " draw"]:
+    """Log of what has the evidence of ``data`` over that of the posterior's own as its mean over the draws.
+
+    The lost tables' factors over their sites are averaged over the effects that ``data`` say, one draw each.
+    """
+    y, b = _flat(posterior.y, posterior.b)
+    standard = np.random.default_rng([seed, 25]).standard_normal(b.shape)
+    own = effects_by_sites(model, posterior.data, y, standard)[1]
+    own = own + densities_at(model, posterior.data, y, b).log_ratio
+    others, other = effects_by_sites(model, data, y, standard)
+    return np.asarray(other + densities_at(model, data, y, others).log_ratio - own)

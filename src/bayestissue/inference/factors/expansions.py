@@ -1,0 +1,89 @@
+"""Where each trace's likelihood is greatest: a first guess, and its expansion about the maximum."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from bayestissue.elements import element
+from bayestissue.hierarchy.gaussian.factor import GaussianFactor
+from bayestissue.hierarchy.trace_data import Prepared
+from bayestissue.hierarchy.traces import TraceData, TraceModel, with_normal_errors
+from bayestissue.inference.execution.chunks import Progress, map_impacts, silent
+from bayestissue.inference.factors.conditional import ConditionalPrior
+from bayestissue.inference.factors.sites import laplace_sites, weak_prior
+from bayestissue.inference.points.fit import PointFit, fit_points
+from bayestissue.signal import Displacements
+
+# What keeps artanh theta1 finite.
+_NEAREST = 0.99
+
+
+def first_guess(prepared: Prepared) -> Float[np.ndarray, "impact parameter"]:
+    """Each impact's parameters: K and C from its point estimate, or of decelerations from its motion.
+
+    Where these give no K it is from the time to peak, and where they give no C that of light damping.
+    """
+    signal, which = prepared.signal, element(prepared.model.element)
+    if prepared.model.kind == "impact":
+        (K, C), fit = _of_motion(signal), None
+    else:
+        centred = signal.equilibrium.any()
+        gravity = None if centred else signal.gravity
+        fit = fit_points(signal.x, signal.n_samples, signal.dt, signal.mass, gravity=gravity)
+        K, C = fit.K, fit.C
+    stiffness = np.where(np.isfinite(K) & (K > 0), K, signal.mass * (np.pi / 2 / signal.time_to_peak) ** 2)
+    lightly = 0.1 * np.sqrt(stiffness * signal.mass)
+    damping = np.where(np.isfinite(C) & (0.02 * lightly < C), C, lightly)
+    guess = which.guess(jnp.asarray(stiffness), jnp.asarray(damping), jnp.asarray(signal.mass))
+    columns = [*(np.log(np.asarray(values)) for values in guess), _noise(prepared, fit)]
+    columns += [np.full(len(stiffness), np.log(parameter.typical)) for parameter in which.extra]
+    columns += [np.full(len(stiffness), prepared.model.priors.discrepancy.mean)] * prepared.model.discrepancy
+    correlation = prepared.model.priors.atanh_noise_correlation.mean
+    columns += [np.full(len(stiffness), correlation)] * prepared.model.autoregressive
+    if fit is not None and prepared.model.kind == "arma":
+        # artanh has no value at -1 and 1, where point estimates like to lie.
+        columns.append(np.arctanh(np.clip(fit.theta1, -_NEAREST, _NEAREST)))
+    return np.stack(columns, axis=1)
+
+
+def _of_motion(signal: Displacements) -> Float[np.ndarray, "2 impact"]:
+    """K and C by least squares of M d on penetration and velocity, as integrated from d."""
+    # Since contact: where x is measured from elsewhere, that is no part of the force.
+    moved = np.stack([signal.x + signal.equilibrium[:, None], signal.v], axis=-1)
+    inside = (np.arange(moved.shape[1]) < signal.n_samples[:, None]) & (signal.clipped == 0)
+    moved = np.where(inside[..., None], moved, 0.0)
+    squares = np.einsum("isa,isb->iab", moved, moved)
+    products = np.einsum("isa,is->ia", moved, signal.mass[:, None] * signal.deceleration)
+    return (np.linalg.pinv(squares, hermitian=True) @ products[..., None])[..., 0].T
+
+
+def _noise(prepared: Prepared, fit: PointFit | None) -> np.ndarray:
+    log_peak = np.asarray(prepared.data.log_peak)
+    if fit is None:
+        return np.log(np.maximum(prepared.signal.noise_sd, 1e-12)) - log_peak
+    spectral = np.sqrt(1 + fit.theta1**2) if prepared.model.kind == "arma" else 1.0
+    return np.log(np.maximum(fit.sigma_a, 1e-300) * spectral) - log_peak
+
+
+def rows_of(sites: GaussianFactor, rows: np.ndarray) -> GaussianFactor:
+    """Some impacts' sites."""
+    return GaussianFactor(*(np.asarray(leaf)[rows] for leaf in sites))
+
+
+def expanded(prepared: Prepared, progress: Progress = silent) -> GaussianFactor:
+    """Every likelihood expanded at its own maximum."""
+    start = first_guess(prepared)
+    # A uniform error leaves its likelihood flat on top, which no expansion can describe.
+    smooth = with_normal_errors(prepared.data)
+    return laplace_of_all(prepared.model, smooth, start, weak_prior(start), progress)
+
+
+def laplace_of_all(
+    model: TraceModel, smooth: TraceData, start: np.ndarray, prior: ConditionalPrior, progress: Progress
+) -> GaussianFactor:
+    """`laplace_sites` of all impacts, block by block; errors of the traces are to be normal."""
+    return map_impacts(partial(laplace_sites, model), smooth, start, prior.of_each(), progress=progress)
