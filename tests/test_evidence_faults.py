@@ -12,7 +12,7 @@ import pytest
 from bayestissue import fitting
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.inference import fit as inference
-from bayestissue.inference.posterior import recipe
+from bayestissue.inference.chain import moves
 from bayestissue.report import wording
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))
@@ -72,12 +72,13 @@ def test_a_prior_s_scale_doubled(differing, monkeypatch):
     assert "results differ" in differing()
 
 
-def test_importance_weights_left_out(differing, monkeypatch):
-    def without(ratios):
-        # Of every other impact: one's alone moves nothing here by a hundredth of its posterior deviation.
-        return ratios._replace(log_weight=ratios.log_weight - ratios.of_impacts[:, ::2].sum(1))
+def test_an_impact_s_part_of_a_move_accepted_by_the_wrong_ratio(differing, monkeypatch):
+    def without(proposal):
+        # As if the site were the trace.
+        return proposal._replace(log_ratio=0 * proposal.log_ratio)
 
-    changed_by(monkeypatch, recipe, "importance_weights", without)
+    proposals = tuple(lambda *args, move=move: without(move(*args)) for move in moves.PROPOSALS)
+    monkeypatch.setattr(moves, "PROPOSALS", proposals)
     assert "results differ" in differing()
 
 

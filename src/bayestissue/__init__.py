@@ -31,6 +31,7 @@ _COMPUTED: dict[str, str] = {
     "check": "bayestissue.checking",
     "fit": "bayestissue.fitting",
     "impact": "bayestissue.one_impact",
+    "numpyro_model": "bayestissue.fitting",
     "plan": "bayestissue.planning.plan",
     "estimate": "bayestissue.inference.single.estimates",
 }

@@ -20,6 +20,7 @@ from bayestissue import resources, runtime
 from bayestissue.dataset.left_out import reason_of
 from bayestissue.errors import InputError
 from bayestissue.finished import TABLES, Fit
+from bayestissue.hierarchy.named_model import named_model
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification, specification_of
 from bayestissue.hierarchy.trace_data import KINDS, Prepared, assemble, prepare, with_discrepancy
 from bayestissue.hierarchy.untried import untried
@@ -97,6 +98,35 @@ def fit(
         prepared = prepare(dataset, specification, source=source)
         require_answerable(prepared, specification, source)
         return fit_prepared(dataset, specification, prepared, seed, say or silent)
+
+
+def numpyro_model(
+    dataset: Dataset | str | Path, model: Model | None = None, *, K: str | None = None, C: str | None = None
+) -> Callable[[], None]:
+    """The model that `fit` draws from, for numpyro's own samplers: ``MCMC(NUTS(bt.numpyro_model(dataset)))``.
+
+    Its posterior is the one that `fit` has, and its sites have the names of ``posterior.nc``: standard
+    deviations are sampled by name, and effects, K and C of every impact follow from ``locations`` and
+    ``log_K_and_C``. It is not the way to fit many impacts, whose likelihoods have gradients that are dear.
+
+    Args:
+        dataset: as of `fit`.
+        model: as of `fit`; a discrepancy that the file leaves to the program is left out.
+        K: as of `fit`.
+        C: as of `fit`.
+
+    Returns:
+        What `numpyro.infer.MCMC`, `Predictive` and `log_density` take, without arguments. It needs double
+        precision: call ``numpyro.enable_x64()`` first.
+
+    Raises:
+        InputError: as of `fit`.
+    """
+    from bayestissue.dataset import as_dataset
+
+    dataset = as_dataset(dataset)
+    specification, source = resolve(model, dataset.quantity, formulas=formulas_of(K, C))
+    return named_model(prepare(dataset, specification, source=source))
 
 
 def _checked_seed(seed: Any) -> int:

@@ -3,26 +3,30 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from numpyro.distributions import biject_to
 from numpyro.infer.util import log_density
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal, norm
 
 from bayestissue.dataset.published import read_published
 from bayestissue.hierarchy.gaussian.arrangement import expected
+from bayestissue.hierarchy.gaussian.effects import effects_from_standard
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
+from bayestissue.hierarchy.traces import hyperparameters_at
 from bayestissue.thesis.reanalysis.model import (
     EstimatesModel,
     common_effects,
-    draw_effects,
+    densities,
     estimates_data,
+    integrated,
     leave_one_out,
-    log_evidence,
     plain_model,
     population,
     without,
@@ -50,9 +54,41 @@ SITES = {
     "sd_impact_C": 0.5,
     "residual_correlation": -0.4,
 }
-evidence, given_others, drawn_effects = (
-    jax.jit(function) for function in (log_evidence, leave_one_out, draw_effects)
-)
+
+
+class Draw(NamedTuple):
+    """Effects from standard normals, and the densities there."""
+
+    b: Any
+    scatter: Any
+    log_density: Any
+    log_ratio: Any
+    rows: Any
+
+
+def coordinates(model: EstimatesModel, sites: dict[str, Any]) -> jax.Array:
+    """Unconstrained, of the hyperparameters by name."""
+    return jnp.stack(
+        [biject_to(model.prior_of(name).support).inv(sites[name]) for name in model.hyperparameters]
+    )
+
+
+def log_evidence(model: EstimatesModel, data: Any, sites: dict[str, Any]) -> jax.Array:
+    """Of the rows that are kept, the hyperparameters given."""
+    y = coordinates(model, sites)
+    return integrated(model, data, y).log_density - hyperparameters_at(model, y)[1]
+
+
+def draw_effects(model: EstimatesModel, data: Any, sites: dict[str, Any], standard: jax.Array) -> Draw:
+    y = coordinates(model, sites)
+    conditional = integrated(model, data, y).conditional
+    b = effects_from_standard(data.design, conditional, data.location_mean, standard)
+    at = densities(model, data, y, b)
+    return Draw(b, at.scatter, log_evidence(model, data, sites), at.log_ratio, at.rows)
+
+
+evidence, drawn_effects = jax.jit(log_evidence), jax.jit(draw_effects)
+given_others = jax.jit(lambda model, data, sites: leave_one_out(model, data, coordinates(model, sites)))
 SCATTER = np.array([[0.002, 0.03], [0.003, 0.05]])
 TABLES = 2
 

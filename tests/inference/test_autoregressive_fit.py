@@ -15,8 +15,8 @@ from bayestissue.fitting import fit_prepared
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler, read_specification
 from bayestissue.hierarchy.trace_data import prepare
 from bayestissue.hierarchy.traces import with_normal_errors
-from bayestissue.inference.factors.sites import laplace_sites, weak_prior
 from bayestissue.inference.factors.expansions import first_guess
+from bayestissue.inference.factors.sites import laplace_sites, weak_prior
 from bayestissue.simulation import Campaign, Simulation, simulate
 
 RHO, NOISE = 0.6, 0.005

@@ -91,6 +91,11 @@ class Sampler(Table):
         description="effective draws of every quantity, in its middle and its tails, with which the chains "
         "end.",
     )
+    transitions: Annotated[int, Field(ge=100, le=10_000_000)] = Field(
+        default=40_000,
+        description="transitions of a chain after its warm-up, at most: where they do not suffice, the run "
+        "says so.",
+    )
     _ignored: tuple[str, ...] = PrivateAttr(())
 
     @model_validator(mode="wrap")

@@ -33,8 +33,8 @@ def test_the_limit_is_of_a_run_and_not_of_a_quantity():
 def test_a_chain_that_is_elsewhere_fails():
     apart = draws(1)
     apart[3, 0] += 0.5
-    assert not look(apart[:100], apart[100:]).passed
-    assert look(apart[:100], apart[100:]).slowest == 3
+    assert not look(apart[:100], apart[100:], 400).passed
+    assert look(apart[:100], apart[100:], 400).slowest == 3
 
 
 def test_one_impact_of_a_hundred_may_be_slow_and_none_may_be_elsewhere():

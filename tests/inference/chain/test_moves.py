@@ -15,13 +15,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from gaussian_traces import GaussianTarget, bad_tuning, from_prior, prepared, target_of
 from jax import Array
 from scipy.stats import norm
 
 from bayestissue.inference.chain import moves
+from bayestissue.inference.chain.draws import SETTINGS
 from bayestissue.inference.chain.moves import State
-from bayestissue.inference.chain.run import SETTINGS
+from gaussian_traces import GaussianTarget, bad_tuning, from_prior, prepared, target_of
 
 PEOPLE = {"subject": list("aabb"), "trial": ["x", "y"] * 2, "mass_kg": [0.5, 1.0] * 2}
 THRICE = {"subject": list("aaabbb"), "trial": list("xyz") * 2, "mass_kg": [0.5, 0.8, 1.2] * 2}

@@ -9,22 +9,24 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from gaussian_traces import TOLD, GaussianTarget, MixtureTarget, from_prior, prepared, target_of
 from jax import Array
 from numpy.testing import assert_array_equal
 from numpyro.distributions import biject_to
 
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
-from bayestissue.inference.chain import run
-from bayestissue.inference.chain.run import ChainDraws, chain_draws
+from bayestissue.hierarchy.specification import Sampler
+from bayestissue.inference.chain import draws as chain
+from bayestissue.inference.chain.draws import ChainDraws, chain_draws
 from bayestissue.inference.chain.settings import ChainSettings
 from bayestissue.inference.chain.target import Target
 from bayestissue.inference.samplers.convergence import convergence
+from gaussian_traces import TOLD, GaussianTarget, MixtureTarget, from_prior, prepared, target_of
 
 PEOPLE = {"subject": list("aabb"), "trial": ["x", "y"] * 2, "mass_kg": [0.5, 1.0] * 2}
 K = "log(mass_kg) + (1|subject)"
 # What is asked of a stop needs few transitions.
-SHORT = ChainSettings(segment=20, most_rounds=1, first_look=2, most=4)
+SHORT = ChainSettings(segment=20, most_rounds=1, first_look=2)
+FEW = Sampler(chains=2, transitions=100)
 
 
 @pytest.fixture(scope="module")
@@ -34,14 +36,19 @@ def people() -> GaussianTarget:
 
 
 def drawn(
-    target: Target, sites: GaussianFactor, monkeypatch: pytest.MonkeyPatch, seed: int = 1, **options: Any
+    target: Target,
+    sites: GaussianFactor,
+    monkeypatch: pytest.MonkeyPatch,
+    seed: int = 1,
+    sampler: Sampler = FEW,
+    **options: Any,
 ) -> ChainDraws:
     """Draws of a target that stands for that of a fit; its sites [site, impact, ...]."""
-    monkeypatch.setattr(run.Target, "from_prepared", lambda _: target)
+    monkeypatch.setattr(chain.Target, "from_prepared", lambda _: target)
     count = int(target.present.sum())
     here = GaussianFactor(*(np.asarray(leaf)[:, :count] for leaf in sites))
     table = {name: values[:count] for name, values in PEOPLE.items()}
-    return chain_draws(prepared(K if count > 1 else "1", table), here, 2, seed, **options)
+    return chain_draws(prepared(K if count > 1 else "1", table), here, sampler, seed, **options)
 
 
 def test_draws_follow_from_the_seed_and_a_stop_changes_none(people, monkeypatch, tmp_path: Path):
@@ -76,7 +83,7 @@ def test_a_trace_with_two_explanations_gets_both_with_their_probabilities(monkey
         jnp.stack([traces.log_scale, traces.log_scale - 1.0]),
     )
     target = MixtureTarget(plain.model, plain.data, plain.present, both)
-    draws = drawn(target, both, monkeypatch, settings=ChainSettings(first_look=20))
+    draws = drawn(target, both, monkeypatch, settings=ChainSettings(first_look=40), sampler=Sampler(chains=2))
     nearer = ((draws.u[..., 0, :] - np.asarray(both.centre[0, 0])) / apart).mean(-1) > 0.5
     size = convergence(nearer[None].astype(float)).ess_mean[0]
     expected, error = probability_of_second(target)

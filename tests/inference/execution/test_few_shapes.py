@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from numpyro.infer.util import potential_energy
 
 from bayestissue.dataset.chain import Uncertainty
 from bayestissue.dataset.model import Dataset, Trace
@@ -19,24 +19,20 @@ from bayestissue.hierarchy.gaussian import arrangement
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.hierarchy.trace_data import Prepared, prepare
-from bayestissue.hierarchy.traces import COORDINATES, gaussian, sampled_model
-from bayestissue.inference.execution.compiling import compiled_quickly
-from bayestissue.inference.factors.conditional import (
-    DRAWS,
-    PopulationDraws,
-    population_draw,
-    population_draws,
-)
+from bayestissue.inference.chain import draws
+from bayestissue.inference.chain.draws import chain_draws
+from bayestissue.inference.chain.explanations import explanations
+from bayestissue.inference.chain.settings import ChainSettings
+from bayestissue.inference.chain.target import Target
+from bayestissue.inference.factors.expansions import expanded, first_guess
 from bayestissue.inference.factors.likelihoods import POINTS, densities_at, log_likelihoods
-from bayestissue.inference.factors.expansions import _value_and_slope, first_guess
-from bayestissue.inference.posterior.constrained_draws import constrained_draws, constrained_impacts
-from bayestissue.inference.posterior.recipe import corrected_draws
-from bayestissue.inference.samplers import independence
-from bayestissue.inference.samplers.coordinates import unwarped
-from bayestissue.padding import padded_zeros
+from bayestissue.inference.fit import quantities_of_chain
+from bayestissue.inference.posterior.constrained_draws import constrained_impacts
+from bayestissue.padding import padded_impacts
 from bayestissue.simulation import simulate
 from bayestissue.simulation.specification import Simulation
 
+SHORT = ChainSettings(segment=20, most_rounds=1, first_look=2)
 # Sums of some ten thousand terms, in another order.
 ROUNDING = 1e-10
 
@@ -77,7 +73,7 @@ def campaign(
 @pytest.fixture(scope="module")
 def specification() -> ModelSpecification:
     return ModelSpecification(
-        name="impact", likelihood="impact", sampler=Sampler(chains=2, warmup=100, draws=100)
+        name="impact", likelihood="impact", sampler=Sampler(chains=2, draws=100, transitions=100)
     )
 
 
@@ -93,6 +89,27 @@ def sites_of(prepared: Prepared) -> GaussianFactor:
     return GaussianFactor(
         *map(jnp.asarray, (centre, rng.normal(size=centre.shape), precision, rng.normal(size=len(centre))))
     )
+
+
+class Posterior(NamedTuple):
+    """By the sites: the density of hyperparameters, b's conditional mean, and X b of every impact."""
+
+    log_density: np.ndarray
+    b: np.ndarray
+    mean: np.ndarray
+
+
+def posterior_of(made: Prepared, sites: GaussianFactor, y: np.ndarray) -> Posterior:
+    target = Target.from_prepared(made)
+    padded = GaussianFactor(*map(jnp.asarray, padded_impacts(sites)))
+
+    @jax.jit
+    def found(y: jax.Array) -> tuple[jax.Array, ...]:
+        effects = target.given_sites(y, target.blocked(padded))
+        b = target.effects_at(effects, jnp.zeros(made.model.locations.size))
+        return effects.log_density, b, target.prior_mean(b)[:, : len(sites.centre)]
+
+    return Posterior(*map(np.asarray, found(y)))
 
 
 def test_a_model_is_its_value(dataset: Dataset, specification: ModelSpecification) -> None:
@@ -123,7 +140,7 @@ def test_fewer_people_and_impacts_left_out_have_the_same_shapes(
     assert len(shapes) == 1
 
 
-def test_filling_up_changes_neither_densities_nor_slopes_nor_conditionals(
+def test_filling_up_changes_neither_densities_nor_conditionals(
     dataset: Dataset, specification: ModelSpecification, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     prepared = prepare(dataset, specification, source="model")
@@ -133,61 +150,19 @@ def test_filling_up_changes_neither_densities_nor_slopes_nor_conditionals(
         plain = prepare(dataset, specification, source="model")
     model, data, sites = prepared.model, prepared.data, sites_of(prepared)
     assert plain.model.locations.size < model.locations.size
-    own, other = gaussian(data, sites), gaussian(plain.data, sites)
     y = np.random.default_rng(3).normal(size=len(model.hyperparameters)) - 1
-    warp = unwarped(len(y))
-    found = _value_and_slope(model, y, own, None, warp)
-    wanted = _value_and_slope(plain.model, y, other, None, warp)
-    for values in zip(found, wanted, strict=True):
-        assert_allclose(*values, rtol=ROUNDING)
-    raw = {name: np.full(DRAWS, value) for name, value in zip(model.hyperparameters, y, strict=True)}
-    found = population_draws(model, own, raw, np.zeros((DRAWS, model.locations.size)))
-    at_mean = np.zeros((DRAWS, plain.model.locations.size))
-    wanted = PopulationDraws(raw, *population_draw.jitted(plain.model, other, raw, at_mean, DRAWS))
-    pairs = (found, prepared.data.design), (wanted, plain.data.design)
-    about, of_plain = (each.priors(design).mean[:, np.asarray(design.cell)] for each, design in pairs)
-    assert about.shape == (DRAWS, *sites.centre.shape)
-    assert_allclose(about, of_plain, rtol=ROUNDING)
-    assert_allclose(found.precision, wanted.precision, rtol=ROUNDING)
+    filled, whole = (posterior_of(made, sites, y) for made in (prepared, plain))
+    assert_allclose(filled.log_density, whole.log_density, rtol=ROUNDING)
+    assert_allclose(filled.mean, whole.mean, rtol=ROUNDING)
     for name, part in plain.model.locations.parts.items():
-        b, count = found.b[:, model.locations.parts[name]], part.stop - part.start
-        assert_allclose(b[:, :count], wanted.b[:, part], rtol=ROUNDING, atol=ROUNDING)
+        b, count = filled.b[model.locations.parts[name]], part.stop - part.start
+        assert_allclose(b[:count], whole.b[part], rtol=ROUNDING, atol=ROUNDING)
         # A person who is not there has the prior's mean.
-        assert_allclose(b[:, count:], 0.0, atol=ROUNDING)
+        assert_allclose(b[count:], 0.0, atol=ROUNDING)
     u = np.asarray(sites.centre) + 0.1 * np.random.default_rng(4).normal(size=(POINTS, *sites.centre.shape))
     found = log_likelihoods(model, data, u)
     assert found.shape == u.shape[:2]
     assert_allclose(found, densities_at.jitted(model, data, u, POINTS), rtol=ROUNDING)
-
-
-def test_the_exact_path_leaves_out_what_was_added(
-    dataset: Dataset, specification: ModelSpecification
-) -> None:
-    prepared = prepare(dataset, specification, source="model")
-    model, data, sites = prepared.model, prepared.data, sites_of(prepared)
-    number, size = sites.centre.shape
-    more = data.padded, padded_zeros(sites)
-    present = np.arange(len(more[1].centre)) < number
-    rng = np.random.default_rng(5)
-    z_u = np.zeros((len(present), size))
-    z_u[:number] = rng.normal(size=(number, size))
-    # Where nobody is, standard normals may be anything.
-    z_u[number:] = 30.0
-    point = {
-        COORDINATES: rng.normal(size=len(model.hyperparameters)) - 1,
-        "standard_locations": rng.normal(size=model.locations.size),
-    }
-    warp = unwarped(len(model.hyperparameters))
-
-    def potential(arguments, z_u):
-        return potential_energy(sampled_model, arguments, {}, point | {"standard_impacts": z_u})
-
-    slopes = compiled_quickly(jax.value_and_grad(potential, argnums=1))
-    value, slope = slopes((model, *more, warp, present), z_u)
-    wanted, of_those = slopes((model, data, sites, warp), z_u[:number])
-    assert_allclose(value - np.sum(z_u[number:] ** 2 / 2 + np.log(2 * np.pi) / 2), wanted, rtol=ROUNDING)
-    assert_allclose(slope[:number], of_those, rtol=1e-7, atol=1e-7)
-    assert_allclose(slope[number:], z_u[number:])
 
 
 @pytest.mark.long
@@ -198,16 +173,17 @@ def test_another_dataset_of_about_that_size_compiles_nothing(
 
     def fitted(dataset: Dataset) -> None:
         prepared = prepare(dataset, specification, source="model")
-        approximation, draws, _ = corrected_draws(prepared, specification.sampler, 1)
-        found = constrained_draws(prepared, approximation, draws, jax.random.PRNGKey(0))
+        sites = explanations(prepared, expanded(prepared))
+        chains = chain_draws(prepared, sites, specification.sampler, 1, settings=SHORT)
+        found = quantities_of_chain(prepared, chains, 0)
         impacts, people = len(prepared.impacts), len(prepared.design.subjects)
-        assert draws.sites["standard_impacts"].shape[2] == impacts
         assert {each.shape[2] for each in found.impacts.values()} == {impacts}
         assert found.sites["subject_effect_K"].shape[2] == people
 
-    functions = [densities_at, population_draw, constrained_impacts, independence.log_densities]
-    compiled = [*(function.jitted for function in functions), _value_and_slope]
+    compiled = [densities_at.jitted, constrained_impacts.jitted, draws._advanced]
     fitted(dataset)
     sizes = [function._cache_size() for function in compiled]
+    # Of the chain one program for both the warm-up and what follows.
+    assert sizes[-1] == 1
     fitted(campaign(tmp_path, 10, 2, 0.004))
     assert [function._cache_size() for function in compiled] == sizes

@@ -15,9 +15,9 @@ from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import log_likelihood, with_normal_errors
 from bayestissue.inference.factors.conditional import ConditionalPrior, log_evidence, normals
+from bayestissue.inference.factors.expansions import first_guess
 from bayestissue.inference.factors.likelihoods import POINTS, log_likelihoods
 from bayestissue.inference.factors.sites import curvature_floor, laplace_sites, weak_prior
-from bayestissue.inference.factors.expansions import first_guess
 from bayestissue.simulation import simulate
 from bayestissue.simulation.specification import Simulation
 

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 import numpy as np
-import pytest
 
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
-from bayestissue.inference.factors import sites as gaussian_sites
 from bayestissue.inference.factors.sites import _MOST_GAIN as MOST_GAIN
-from bayestissue.inference.factors.sites import _nearest, _parabola
+from bayestissue.inference.factors.sites import _parabola, nearest_parabolas
 
 
 def test_a_parabola_is_found_as_it_is() -> None:
@@ -46,35 +44,18 @@ def test_a_normal_likelihood_is_its_own_summary() -> None:
     u = 3.0 + 0.1 * rng.standard_normal((400, 2, 3))
     sd = np.array([0.05, 0.1, 0.2])
     value = 7.0 - np.square((u - 3.05) / sd).sum(-1) / 2
-    centre, slope, precision, level = _nearest(u, value, np.ones((400, 2)))
+    centre, slope, precision, level = nearest_parabolas(u, value, np.ones((400, 2)))
     # In units of the points a ridge of a millionth beside 400 points.
     np.testing.assert_allclose(precision, np.broadcast_to(np.diag(sd**-2), (2, 3, 3)), atol=1e-4)
     np.testing.assert_allclose(slope, (3.05 - centre) / sd**2, atol=1e-4)
     np.testing.assert_allclose(level, 7.0 - np.square((centre - 3.05) / sd).sum(-1) / 2, atol=1e-6)
 
 
-def test_a_trace_of_which_the_points_tell_too_little_keeps_its_summary(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    rng = np.random.default_rng(3)
-    u = rng.standard_normal((400, 2, 3))
-    value = -np.square(u).sum(-1) / 2
-    weight = np.ones(value.shape)
-    # The second trace has no likelihood anywhere, and so weights that are no numbers.
-    value[..., 1], weight[..., 1] = -np.inf, np.nan
-    monkeypatch.setattr(gaussian_sites, "_points", lambda *_: (u, value, weight))
-    old = GaussianFactor(*(jnp.full(shape, 9.0) for shape in ((2, 3), (2, 3), (2, 3, 3), (2,))))
-    found = gaussian_sites.regression_sites(None, None, old, None, 0)  # type: ignore[arg-type]
-    np.testing.assert_allclose(found.precision[0], np.eye(3), atol=1e-6)
-    for new, before in zip(found, old, strict=True):
-        np.testing.assert_array_equal(new[1], before[1])
-
-
 def test_a_sloping_likelihood_that_opens_upwards_promises_no_more_than_is_believable() -> None:
     """Along the first of three axes; level there, a summary would promise the more the further away."""
     u = np.random.default_rng(4).standard_normal((400, 1, 3))
     value = 3.0 * u[..., 0] + 0.2 * u[..., 0] ** 2 - 2.0 * u[..., 1] ** 2 - 0.5 * u[..., 2] ** 2
-    centre, slope, precision, level = _nearest(u, value, np.ones((400, 1)))
+    centre, slope, precision, level = nearest_parabolas(u, value, np.ones((400, 1)))
     # The slope is met where the points are; the tolerance is that of their mean, times the bend.
     np.testing.assert_allclose(slope[0], [3.0, 0.0, 0.0], atol=5 * 4 / 400**0.5)
     most = slope[0] @ np.linalg.solve(precision[0], slope[0]) / 2

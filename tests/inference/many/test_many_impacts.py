@@ -6,7 +6,6 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -25,17 +24,14 @@ from bayestissue.inference.execution import chunks as trace_blocks
 from bayestissue.inference.execution import kept as many_kept
 from bayestissue.inference.execution.chunks import in_blocks, map_impacts
 from bayestissue.inference.execution.kept import kept_draws, some_impacts
-from bayestissue.inference.factors.conditional import population_draws
-from bayestissue.inference.factors.grid import LikelihoodGrid, surface_of
+from bayestissue.inference.factors.expansions import first_guess
 from bayestissue.inference.factors.sites import laplace_sites, weak_prior
-from bayestissue.inference.factors.expansions import Approximation, first_guess
-from bayestissue.inference.posterior.constrained_draws import constrained_draws
 from bayestissue.inference.results.summary import summarise
-from bayestissue.inference.samplers.sampling import Draws
 from bayestissue.likelihood.arma.displacement import displacement_record
 from bayestissue.padding import bucket
 from bayestissue.simulation import simulate
 from bayestissue.simulation.specification import Simulation
+from chain_of_sites import chain_of_sites
 
 COUNT = 21
 
@@ -74,24 +70,6 @@ def test_draws_and_impacts_that_are_kept_are_evenly_spaced_and_no_more_than_allo
     assert list(some_impacts(7)) == list(range(7))
     shown = some_impacts(100_000)
     assert (len(shown), shown[0], shown[-1]) == (many_kept.SHOWN, 0, 99_999)
-
-
-def test_a_surface_is_the_traces_evidence_together() -> None:
-    count, rng = 40, np.random.default_rng(1)
-    grid = np.linspace(-8, 8, 161)[:, None]
-    # Traces that say nothing of a parameter far below, and rule it out above, as of theta1 near -1.
-    turns, sharpness = rng.normal(-2.5, 0.5, count), rng.uniform(3, 12, count)
-    table = -np.logaddexp(0, 3 * (grid - turns)) * sharpness
-    profile = LikelihoodGrid(jnp.asarray(table))
-    low, high = np.array([-6.0, np.log(0.03)]), np.array([-2.0, np.log(2.0)])
-    surface = surface_of(profile, low, high)
-    fine = np.linspace(-12, 4, 40_001)
-    for mean, sd in ((-3.5, 0.3), (-4.2, 0.1), (-2.5, 1.0), (-5.0, 0.05)):
-        normal = np.exp(-(((fine - mean) / sd) ** 2) / 2) / (sd * np.sqrt(2 * np.pi))
-        likelihood = np.exp(-np.logaddexp(0, 3 * (fine[:, None] - turns)) * sharpness)
-        exact = np.log((normal[:, None] * likelihood).sum(0) * (fine[1] - fine[0])).sum()
-        # A cubic's error between points 0.1 apart: 0.1^4 / 384 times fourth derivatives of a few hundred.
-        assert abs(float(surface.at(jnp.asarray(mean), jnp.log(sd))) - exact) < count * 1e-3
 
 
 def test_intervals_of_few_kept_draws_hold_what_they_promise() -> None:
@@ -186,21 +164,13 @@ def test_impacts_drawn_few_at_a_time_share_their_persons_error_of_mass(
     model, centre = made.model, first_guess(made)
     number, size = centre.shape
     narrow = np.broadcast_to(1e6 * np.eye(size), (number, size, size))
-    sites = Approximation(
-        GaussianFactor(centre, np.zeros(centre.shape), narrow, np.zeros(number)), None, None
-    )  # type: ignore[arg-type]
+    sites = GaussianFactor(centre, np.zeros(centre.shape), narrow, np.zeros(number))
     rng = np.random.default_rng(2)
-    raw = {name: rng.normal(-1, 0.1, (2, 40)) for name in model.hyperparameters}
-    normal = {
-        "standard_locations": rng.normal(size=(2, 40, model.locations.size)),
-        "standard_impacts": rng.normal(size=(2, 40, number, size)),
-    }
-    flat = {name: values.ravel() for name, values in raw.items()}
-    z_b = normal["standard_locations"].reshape(80, -1)
-    seen = population_draws(model, sites.data(made.data), flat, z_b).b
+    chains = chain_of_sites(made, sites, rng.normal(-1, 0.1, (2, 40, len(model.hyperparameters))), rng)
+    seen = chains.b.reshape(80, -1)
     monkeypatch.setattr(trace_blocks, "BLOCK", 5)
     monkeypatch.setattr(many_kept, "MOST_PAIRS", 1)
-    found = constrained_draws(made, sites, Draws(raw | normal, {}, 10), jax.random.PRNGKey(1))
+    found = traces.quantities_of_chain(made, chains, 1)
     assert list(found.kept_numbers) == list(range(0, 40, 4))
     error = (np.log(found.impacts["mass"]) - np.asarray(made.data.log_mass)).reshape(20, -1)
     own = error[:, [np.flatnonzero(made.design.subject == s)[0] for s in range(3)]]
@@ -245,11 +215,10 @@ def prepared() -> Prepared:
 
 
 @pytest.mark.long
-def test_the_path_for_many_impacts_has_the_posterior_of_the_other(
+def test_what_is_kept_of_many_impacts_has_the_posterior_of_the_whole(
     prepared: Prepared, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    sampler = Sampler(path="summary", chains=2, warmup=300, draws=1000)
-    specification = ModelSpecification(name="impact", likelihood="impact", sampler=sampler)
+    specification = ModelSpecification(name="impact", likelihood="impact", sampler=Sampler(chains=2))
     fit = partial(traces.fit_traces, prepared, specification, 1, lambda *_: None)
     few = fit()
     # A hundred draws of each chain are kept of an impact.
@@ -261,9 +230,3 @@ def test_the_path_for_many_impacts_has_the_posterior_of_the_other(
     distance = ((one["mean"] - other["mean"]) / error).abs()
     # The greatest of some 3000 standard normals is beyond 5 once in 500 times.
     assert distance.max() < 5, distance.nlargest(5)
-    # And every impact the same density: but for its scatter over 500 independent draws, and over 64 points at
-    # which traces and summaries are compared, whose ratio scatters by a quarter.
-    scores = [found.tree["log_likelihood"]["trace"].stack(all=("chain", "draw")) for found in (few, many)]
-    first, second = (score.transpose("all", "impact").to_numpy() for score in scores)
-    error = np.sqrt((first.var(0) + second.var(0)) / 500 + 2 * 0.25**2 / 64)
-    assert (np.abs(first.mean(0) - second.mean(0)) < 5 * error).all()

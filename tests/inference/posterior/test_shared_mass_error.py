@@ -5,27 +5,21 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
 from numpyro.distributions import biject_to
-from numpyro.infer.util import log_density
-from scipy.stats import norm
 
 from bayestissue.dataset import Dataset, Trace, Uncertainty
 from bayestissue.errors import InputError
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
-from bayestissue.hierarchy.traces import from_standard, plain_model, sampled_model
-from bayestissue.inference.posterior import constrained_draws as constrained
-from bayestissue.inference.factors.expansions import Approximation
-from bayestissue.inference.posterior.constrained_draws import constrained_draws
-from bayestissue.inference.samplers.sampling import Draws
+from bayestissue.inference.fit import quantities_of_chain
 from bayestissue.oscillator import impact_motion
+from chain_of_sites import chain_of_sites
 
 PEOPLE, EACH, RELATIVE_SD = 3, 10, 0.2
 FORMULA = "(1|subject) + (1|trial)"
@@ -80,23 +74,19 @@ def summaries(precision: float) -> GaussianFactor:
 
 def drawn(made: Prepared, told: GaussianFactor) -> dict[str, np.ndarray]:
     """Draws of log K and log C of people, the spreads given: exact, since the summaries are normal."""
-    rng = np.random.default_rng(2)
-    sites = {
-        name: np.full((1, DRAWS), biject_to(made.model.prior_of(name).support).inv(value))
-        for name, value in (SPREADS | OTHERS).items()
-    }
-    sites["standard_locations"] = rng.normal(size=(1, DRAWS, made.model.locations.size))
-    sites["standard_impacts"] = rng.normal(size=(1, DRAWS, PEOPLE * EACH, 3))
-    with pytest.MonkeyPatch.context() as patch:
-        # Log densities of the traces, which nothing here asks for.
-        patch.setattr(constrained, "of_draws", lambda *_: {})
-        found = constrained_draws(
-            made, Approximation(told, None, None), Draws(sites, {}, 10), jax.random.PRNGKey(3)
-        )
+    inverse = {name: biject_to(made.model.prior_of(name).support).inv for name in made.model.hyperparameters}
+    y = np.array([float(inverse[name](value)) for name, value in in_order(made)])
+    chains = chain_of_sites(made, told, np.tile(y, (1, DRAWS, 1)), np.random.default_rng(2))
+    found = quantities_of_chain(made, chains, 3)
     people = {
         q: (found.sites[f"intercept_{q}"][..., None] + found.sites[f"subject_effect_{q}"])[0] for q in "KC"
     }
     return people | {"mass": found.impacts["mass"][0], "log K": np.log(found.impacts["K"][0])}
+
+
+def in_order(made: Prepared) -> list[tuple[str, float]]:
+    """The spreads as the model has them."""
+    return [(name, (SPREADS | OTHERS)[name]) for name in made.model.hyperparameters]
 
 
 def dense_sd(told: GaussianFactor, priors: tuple[float, float]) -> np.ndarray:
@@ -147,54 +137,6 @@ def test_all_impacts_of_a_person_have_the_same_error_of_mass() -> None:
     # What a trace tells is log K - e; only K itself moves with the mass.
     seen = (found["log K"] - error).std(axis=0)
     assert (seen < 1e-3).all()
-
-
-def test_with_the_error_integrated_out_the_density_is_the_plain_models() -> None:
-    """p(effects + e, e, u) = p(effects at the recorded mass, u) p(e given these effects)."""
-    made, told = prepared("subject"), summaries(50.0)
-    model, data = made.model, made.data
-    rng = np.random.default_rng(4)
-    sites = {name: jnp.asarray(value) for name, value in (SPREADS | OTHERS).items()}
-    z_b = jnp.asarray(rng.normal(size=model.locations.size))
-    z_u = jnp.asarray(rng.normal(size=(PEOPLE * EACH, 3)))
-    error = 0.1 * rng.normal(size=PEOPLE)
-    on_K, on_C = (np.r_[model.locations.parts[f"subject_effect_{q}"]] for q in "KC")
-
-    moved = np.zeros(model.locations.size)
-    moved[on_K] = moved[on_C] = error
-
-    @jax.jit
-    def both(z_b: jax.Array, z_u: jax.Array) -> tuple[jax.Array, ...]:
-        """The two densities at one place, the effects there, and how the place goes with z."""
-
-        def mapped(z: jax.Array) -> jax.Array:
-            new = from_standard(model, data, told, sites, z[: len(z_b)], z[len(z_b) :].reshape(-1, 3))
-            return jnp.concatenate([new.b, *new.u])
-
-        found = from_standard(model, data, told, sites, z_b, z_u)
-        plain = {
-            **sites,
-            "locations": found.b + moved,
-            "log_mass_error": jnp.asarray(error),
-            "log_K_and_C": jnp.stack(found.u[:2], axis=1),
-            "noise": found.u[2],
-        }
-        above, _ = log_density(plain_model, (model, data), {}, plain)
-        sampled = {**sites, "standard_locations": z_b, "standard_impacts": z_u}
-        below, _ = log_density(sampled_model, (model, data, told), {}, sampled)
-        return above, below, found.b, jax.jacfwd(mapped)(jnp.concatenate([z_b, z_u.ravel()]))
-
-    above, below, effects, jacobian = both(z_b, z_u)
-    log_jacobian = np.linalg.slogdet(np.asarray(jacobian))[1]
-    given = 0.0
-    for person in range(PEOPLE):
-        # Joint covariance of (s_K - e, s_C - e, e), and e given the first two.
-        joint = np.diag([1.0, 0.64, 0.0]) + RELATIVE_SD**2 * np.outer([-1, -1, 1], [-1, -1, 1])
-        f = np.array([effects[on_K][person], effects[on_C][person]])
-        solved = np.linalg.solve(joint[:2, :2], joint[:2, 2])
-        sd = np.sqrt(joint[2, 2] - solved @ joint[:2, 2])
-        given += norm(solved @ f, sd).logpdf(error[person])
-    assert float(above) == pytest.approx(float(below) - log_jacobian + given, rel=1e-9)
 
 
 def test_an_error_of_people_needs_people_in_both_formulas() -> None:

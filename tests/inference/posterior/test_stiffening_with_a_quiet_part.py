@@ -1,4 +1,4 @@
-"""Sharply recorded tissue that stiffens: the first sites leave next to nothing of the draws."""
+"""Sharply recorded tissue that stiffens: sites at one place describe it badly."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from bayestissue import resources
 from bayestissue.hierarchy.specification import read_specification
 from bayestissue.hierarchy.trace_data import prepare
 from bayestissue.inference.fit import TraceAnalysis, fit_traces
-from bayestissue.inference.posterior.recipe import corrected_draws
 from bayestissue.simulation import Simulation, simulate
 from bayestissue.simulation.campaign import Campaign
 
@@ -45,16 +44,13 @@ def campaign(seed: int) -> Campaign:
 
 
 @pytest.mark.long
-def test_sites_about_corrected_draws_pass_where_the_first_ones_leave_a_few_hundredths() -> None:
+def test_a_further_parameter_that_all_impacts_nearly_share() -> None:
     """72 impacts of one further parameter: all but known, and nearly the same in all of them."""
     made = campaign(1)
     specification = read_specification(resources.shared("models", "stiffening.toml"))
     given = prepare(made.dataset("stiffening"), specification, source="the model file")
     found = fit_traces(given, specification, 0, lambda *_: None)
     assert isinstance(found, TraceAnalysis)
-    route = found.diagnostics["route"]
-    assert route["path"] == "summary", route["words"]
-    assert route["attempts"][-1]["relative_effective_sample_size"] > 1 / 3
     assert found.diagnostics["passed"], found.diagnostics["checks"]
     depth = found.tree["posterior"].dataset["stiffening_depth_m"].mean(("chain", "draw"))
     # Each impact's depth is known to two hundredths; pooled, far better.
@@ -63,11 +59,11 @@ def test_sites_about_corrected_draws_pass_where_the_first_ones_leave_a_few_hundr
 
 @pytest.mark.long
 @pytest.mark.parametrize("seed", [2, 3])
-def test_a_wrong_element_beside_a_discrepancy_is_corrected_without_the_exact_path(seed: int) -> None:
-    """A spring and damper: Laplace sites alone leave two hundredths of the draws."""
+def test_a_wrong_element_beside_a_discrepancy_passes(seed: int) -> None:
+    """A spring and damper, whose likelihoods are far from normal."""
     specification = read_specification(resources.shared("models", "impact.toml"))
     specification = specification.model_copy(update={"discrepancy": "always"})
     given = prepare(campaign(seed).dataset("stiffening"), specification, source="the model file")
-    _, _, correction = corrected_draws(given, specification.sampler, 0)
-    assert correction.trusted, correction.words
-    assert correction.relative > 1 / 3
+    found = fit_traces(given, specification, 0, lambda *_: None)
+    assert isinstance(found, TraceAnalysis)
+    assert found.diagnostics["passed"], found.diagnostics["checks"]

@@ -19,8 +19,8 @@ from bayestissue.dataset import read_dataset
 from bayestissue.hierarchy.specification import read_specification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import TraceData, TraceModel, log_likelihood, with_normal_errors
-from bayestissue.inference.factors.sites import laplace_sites, weak_prior
 from bayestissue.inference.factors.expansions import first_guess
+from bayestissue.inference.factors.sites import laplace_sites, weak_prior
 from bayestissue.inference.results import uncertainty_budget as sources
 from bayestissue.inference.results.errors import TraceErrors, as_expected, shorter_window, trace_errors
 from bayestissue.inference.results.uncertainty_budget import uncertainty_budget

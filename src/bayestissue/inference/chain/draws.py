@@ -154,9 +154,7 @@ def chain_draws(
 
     tuning = warmed_up(run, start.tuning, next_tuning, progress)
     warm = run.number
-    drawn = sampled(
-        run, tuning, _quantities, progress, effective=sampler.effective, kept=partial(_trimmed, count=count)
-    )
+    drawn = sampled(run, tuning, _quantities, progress, sampler=sampler, kept=partial(_trimmed, count=count))
     path: State = drawn.path
     return ChainDraws(
         y=np.asarray(path.y),

@@ -15,6 +15,7 @@ import jax
 import numpy as np
 from jax import Array
 
+from bayestissue.hierarchy.specification import Sampler
 from bayestissue.inference.chain.ending import Verdict, look
 from bayestissue.inference.chain.settings import ChainSettings
 from bayestissue.inference.samplers.convergence import Draws, convergence
@@ -130,7 +131,7 @@ def sampled(
     quantities: Callable[[Any], tuple[Draws, Draws]],
     progress: Say,
     *,
-    effective: int,
+    sampler: Sampler,
     kept: Callable[[Any], Any] = lambda path: path,
 ) -> Sampled:
     """Segments until there are draws enough.
@@ -140,10 +141,12 @@ def sampled(
         tuning: that stays.
         quantities: of states [chain, draw, ...] what is looked at: see `look`.
         progress: told the stage, how many segments are done, and of how many before the next look.
-        effective: the least effective number of draws that is wanted of every quantity.
+        sampler: how many effective draws are wanted, and how many transitions are the most.
         kept: what of the states of a segment is kept.
     """
-    settings, next_look, in_a_row = chains.settings, chains.settings.first_look, 0
+    settings, in_a_row = chains.settings, 0
+    most = -(-sampler.transitions // settings.segment)
+    next_look = min(settings.first_look, most)
     paths: list[Any] = []
     rates: list[Any] = []
     while True:
@@ -154,12 +157,12 @@ def sampled(
         if len(paths) < next_look:
             continue
         path = jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *paths[len(paths) // 2 :])
-        verdict = look(*quantities(path), effective)
+        verdict = look(*quantities(path), sampler.effective)
         in_a_row = in_a_row + 1 if verdict.passed else 0
-        if in_a_row >= settings.in_a_row or len(paths) >= settings.most:
+        if in_a_row >= settings.in_a_row or len(paths) >= most:
             mean_rates = jax.tree.map(lambda *values: float(np.mean(values)), *rates)
             return Sampled(path, mean_rates, len(paths), verdict)
-        next_look = min(int(np.ceil(settings.growth * next_look)), settings.most)
+        next_look = min(int(np.ceil(settings.growth * next_look)), most)
 
 
 def joined(segments: list[list[Segment]]) -> Any:

@@ -30,7 +30,6 @@ class ChainSettings:
             one of two modes look alike early.
         growth: of the number of segments from look to look.
         in_a_row: looks that are to pass.
-        most: segments since the warm-up at most.
     """
 
     walks: int = 1
@@ -50,7 +49,6 @@ class ChainSettings:
     first_look: int = 10
     growth: float = 1.25
     in_a_row: int = 2
-    most: int = 800
 
     @property
     def evaluations(self) -> int:

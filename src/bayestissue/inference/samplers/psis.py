@@ -1,10 +1,8 @@
-"""Importance weights: Pareto smoothing (Vehtari et al. 2024), draws without weight among them, resampling."""
+"""Importance weights: Pareto smoothing (Vehtari et al. 2024), draws without weight among them."""
 
 from __future__ import annotations
 
 import numpy as np
-from jax import Array
-from jaxtyping import Float, Int
 from scipy.special import logsumexp
 
 # Above it the error of a smoothed mean falls too slowly, however many draws there are.
@@ -20,18 +18,6 @@ def k_threshold(draws: int) -> float:
         draws: S, how many weights there are.
     """
     return float(min(1 - 1 / np.log10(max(draws, 10)), GREATEST_K))
-
-
-def effective_size(weight: Float[np.ndarray, "draw ..."]) -> Float[np.ndarray, " ..."]:
-    """Effective sample size (sum w)^2 / sum w^2 of weights along a first axis; 0 where none is positive."""
-    square = np.maximum(np.square(weight).sum(0), np.finfo(float).tiny)
-    return np.asarray(weight.sum(0) ** 2 / square)
-
-
-def below_greatest(log_weight: np.ndarray) -> np.ndarray:
-    """Log weights along a first axis less the greatest of them; minus infinity where there is no weight."""
-    most = log_weight.max(0)
-    return log_weight - np.where(np.isfinite(most), most, 0.0)
 
 
 def pareto_smoothed(log_weight: np.ndarray) -> tuple[np.ndarray, float]:
@@ -60,30 +46,3 @@ def pareto_smoothed(log_weight: np.ndarray) -> tuple[np.ndarray, float]:
     if np.isnan(smoothed).any() or np.isnan(k):
         return np.where(has, log_weight, -np.inf) - logsumexp(log_weight[has]), np.inf
     return smoothed, float(k)
-
-
-def relative_variance(log_weight: np.ndarray | Array) -> np.ndarray:
-    """Variance over mean squared of weights along the first axis; infinite where none has any weight."""
-    weight = np.exp(below_greatest(np.asarray(log_weight)))
-    mean = weight.mean(0)
-    return np.where(mean > 0, weight.var(0) / np.where(mean > 0, mean, 1.0) ** 2, np.inf)
-
-
-def systematic(
-    weight: Float[np.ndarray, "chain transition"], number: int, rng: np.random.Generator
-) -> Int[np.ndarray, "chain number"]:
-    """Systematic resampling (Kitagawa 1996): transitions of each chain, as often as their weights say.
-
-    Of N transitions with weights w the i-th is taken floor or ceil(number w_i / sum w) times, in its order.
-    Chains are resampled apart, so that R-hat still compares them; one without any weight stays as it is.
-
-    Args:
-        weight: not negative, up to a constant.
-        number: how many transitions of each chain.
-        rng: makes one offset of each chain.
-    """
-    weight = np.where(weight.sum(axis=1, keepdims=True) > 0, weight, 1.0)
-    reached = np.cumsum(weight / weight.sum(axis=1, keepdims=True), axis=1)
-    position = (np.arange(number) + rng.uniform(size=(len(weight), 1))) / number
-    chosen = [np.searchsorted(*pair) for pair in zip(reached, position, strict=True)]
-    return np.minimum(chosen, weight.shape[1] - 1)

@@ -119,7 +119,7 @@ def sample_posterior(
     chains = Chains(advance, settings, keys, [(state, step) for state in states], like, None)
     tuning = warmed_up(chains, Tuning(0.5 * np.eye(number), nothing), _retuned, progress)
     warm = chains.number
-    drawn = sampled(chains, tuning, _quantities, progress, effective=sampler.effective)
+    drawn = sampled(chains, tuning, _quantities, progress, sampler=sampler)
     length = drawn.path.y.shape[1]
     chosen = np.unique(np.linspace(length - 1, 0, min(sampler.draws, length)).round().astype(int))
     y, b = drawn.path.y[:, chosen], drawn.path.b[:, chosen]

@@ -1,0 +1,39 @@
+"""The model of a fit as numpyro's samplers take it, its sites named as in a finished fit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+import numpyro
+
+from bayestissue.hierarchy.derived import named_sites
+from bayestissue.hierarchy.trace_data import Prepared
+from bayestissue.hierarchy.traces import plain_model
+
+
+def named_model(prepared: Prepared) -> Callable[[], None]:
+    """`plain_model` of a fit's data, with effects, K and C by their names beside what is sampled.
+
+    Beside an error of the recorded mass that is each impact's own, K and C are at the recorded mass.
+    """
+    model = prepared.model
+
+    def named() -> None:
+        if not jax.config.jax_enable_x64:
+            raise RuntimeError("these likelihoods need double precision: call numpyro.enable_x64() first")
+        with numpyro.handlers.trace() as sampled:
+            plain_model(model, jax.tree.map(jnp.asarray, prepared.data))
+        value = {name: site["value"] for name, site in sampled.items() if site["type"] == "sample"}
+        hyperparameters = {name: value[name] for name in model.hyperparameters}
+        # As of one chain with one draw.
+        one = {name: number[None, None] for name, number in hyperparameters.items()}
+        b = value["locations"][None, None]
+        for name, effect in named_sites(model.locations, prepared.design, one, b).items():
+            if name not in value:
+                numpyro.deterministic(name, effect[0, 0])
+        for place, q in enumerate("KC"):
+            numpyro.deterministic(q, jnp.exp(value["log_K_and_C"][:, place]))
+
+    return named
