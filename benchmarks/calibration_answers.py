@@ -37,6 +37,7 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import xarray as xr
+from bayestissue.inference.samplers.coordinates import unwarped
 from calibration import SAMPLES, blank, drawing
 from evidence import recorded
 from jax import Array
@@ -71,7 +72,6 @@ from bayestissue.inference.factors.conditional import population_draws
 from bayestissue.inference.factors.expansions import marginal_model
 from bayestissue.inference.results.labels import design_dimensions, labelled
 from bayestissue.inference.results.predictions import prior_draws
-from bayestissue.inference.samplers.coordinates import unwarped
 
 SEED = 2028
 DESIGN: dict[str, Any] = {

@@ -19,6 +19,14 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from bayestissue.inference.posterior.exact import model_arguments, start_of, straightened
+from bayestissue.inference.posterior.recipe import (
+    Problem,
+    fitted_to_population,
+    population_attempt,
+    with_impacts,
+)
+from bayestissue.inference.samplers.nuts import run_chains
 from evidence import recorded
 from jax.flatten_util import ravel_pytree
 from numpyro.distributions import biject_to
@@ -39,14 +47,6 @@ from bayestissue.hierarchy.traces import (
 )
 from bayestissue.inference.factors.expansions import Approximation, approximate
 from bayestissue.inference.posterior.constrained_draws import constrained_draws
-from bayestissue.inference.posterior.exact import model_arguments, start_of, straightened
-from bayestissue.inference.posterior.recipe import (
-    Problem,
-    fitted_to_population,
-    population_attempt,
-    with_impacts,
-)
-from bayestissue.inference.samplers.nuts import run_chains
 from bayestissue.inference.samplers.sampling import Draws
 from bayestissue.resources import shared
 

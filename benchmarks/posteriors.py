@@ -26,6 +26,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
+from bayestissue.inference.posterior.exact import start_of, straightened
 from coverage import model_of
 from evidence import recorded
 from evidence.references import OF_END, OF_MEDIAN, OF_SD, TISSUES, campaign
@@ -40,7 +41,6 @@ from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import COORDINATES, sampled_model
 from bayestissue.inference.factors.expansions import approximate
 from bayestissue.inference.posterior.constrained_draws import constrained_draws
-from bayestissue.inference.posterior.exact import start_of, straightened
 from bayestissue.inference.samplers.sampling import Draws
 from bayestissue.resources import shared
 

@@ -44,7 +44,7 @@ print(f"{posterior.sizes['chain']} chains of {posterior.sizes['draw']} draws; gr
 # ## Did the sampler do its work?
 #
 # Before any number is believed: the chains must tell the same story. R̂ near 1 (below 1.01), an effective
-# sample size of several hundred, and no divergent transitions. The first table shows the worst first.
+# sample size of several hundred. The first table shows the worst first.
 
 # %%
 population = [
@@ -54,7 +54,6 @@ population = [
     if f"{stem}_{quantity}" in posterior
 ]
 table = az.summary(run, var_names=population, ci_kind="eti", ci_prob=0.9, round_to="none").astype(float)
-print("divergent transitions:", int(run["sample_stats"]["diverging"].sum()))
 table.sort_values("r_hat", ascending=False).round(4)
 
 # %% [markdown]

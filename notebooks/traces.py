@@ -32,7 +32,6 @@ import numpy as np
 import pandas as pd
 
 import bayestissue as bt
-from bayestissue.hierarchy.specification import Sampler, read_specification
 from bayestissue.resources import shared
 from bayestissue.signal import displacements
 from bayestissue.signal.quality import inspect, raised
@@ -107,12 +106,10 @@ one
 #
 # All impacts together: people and conditions have effects of their own, and what the measuring chain may have
 # got wrong is part of the model. `impact.toml` is the model for decelerations: a spring and a damper, seen through
-# an accelerometer. Fewer draws than it asks for are enough to look around.
+# an accelerometer.
 
 # %%
-model = read_specification(shared("models", "impact.toml"))
-model = model.model_copy(update={"sampler": Sampler(path="summary", chains=4, warmup=400, draws=600)})
-fit = bt.fit(dataset, model, seed=1)
+fit = bt.fit(dataset, "impact", seed=1)
 print("diagnostics passed:", fit.diagnostics["passed"])
 print(fit.verdict)
 
@@ -126,7 +123,6 @@ run = fit.posterior
 posterior = run["posterior"].dataset
 population = [name for name, values in posterior.data_vars.items() if values.ndim == 2]
 table = az.summary(run, var_names=population, ci_kind="eti", ci_prob=0.9, round_to="none").astype(float)
-print("divergent transitions:", int(run["sample_stats"]["diverging"].sum()))
 print("least effective sample size:", int(table[["ess_bulk", "ess_tail"]].min().min()))
 table.sort_values("r_hat", ascending=False).round(4)
 

@@ -171,12 +171,12 @@ def _computation(run: FitRun, text: Text) -> str:
     chains = run.groups["posterior"].sizes
     route = run.record.get("route", {})
     method = f" {route['words']}" if route.get("words") else ""
-    cited = text.cite("numpyro", "psis" if route.get("path") == "summary" else "nuts")
+    cited = text.cite("chain", "interweaving")
     checked = text.cite("r_hat")
     return (
-        f"The posterior was computed by bayestissue {versions['bayestissue']} {program} with numpyro "
-        f"{versions['numpyro']} {cited}: {chains['chain']} chains of {chains['draw']} draws, seed "
-        f"{run.record['seed']}.{method} {_verdict(run).rstrip('.')} {checked}."
+        f"The posterior was computed by bayestissue {versions['bayestissue']} {program}: {chains['chain']} "
+        f"chains of {chains['draw']} draws, seed {run.record['seed']}.{method.rstrip('.')} {cited}. "
+        f"{_verdict(run).rstrip('.')} {checked}."
     )
 
 

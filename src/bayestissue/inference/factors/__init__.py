@@ -1,1 +1,1 @@
-"""One factor per impact, its trace's likelihood: Laplace, regression, a grid, importance ratios."""
+"""One factor per impact, its trace's likelihood: expanded at a maximum, or nearest to visited points."""

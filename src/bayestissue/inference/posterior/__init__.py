@@ -1,1 +1,1 @@
-"""The posterior of a fit: approximate, integrate out, sample, correct, draw; and the exact path."""
+"""From draws of hyperparameters, effects and impacts to all that they stand for."""

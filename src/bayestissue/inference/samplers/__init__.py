@@ -1,1 +1,1 @@
-"""Samplers of any density, importance weights, and whether draws can be trusted."""
+"""Whether draws can be trusted: convergence, importance weights, the verdict."""

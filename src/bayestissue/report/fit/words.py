@@ -99,18 +99,12 @@ def thinned(run: FitRun) -> str:
     """What was kept of single impacts, where they are too many to keep everything; else empty."""
     if run.impact_draws is None:
         return ""
-    drawn = (
-        " The population itself was drawn by chains with independent proposals about its posterior mode, "
-        "which many impacts make nearly normal."
-        if run.record.get("sampler_of_population") == "independence chains"
-        else ""
-    )
     return (
         f"Impacts are many. Of each of them {run.impact_draws} draws are kept, evenly spaced among the "
         "population's, of which all are kept; so few draws tell the ends of an impact's 90 % interval to "
         f"{percent(_ERROR_OF_END / np.sqrt(run.impact_draws))} of its width. Predictions, leaving one impact "
         f"out and priors of impacts are of {len(run.predicted)} evenly spaced impacts; figures show at most "
-        f"a thousand.{drawn}"
+        "a thousand."
     )
 
 

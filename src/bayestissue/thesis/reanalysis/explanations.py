@@ -24,7 +24,7 @@ from bayestissue.thesis.reanalysis.posterior import (
 )
 
 # Of each explanation, and of each again without a trial.
-SAMPLER = {"chains": 2, "draws": 500}
+SAMPLER = {"chains": 2, "draws": 500, "effective": 200}
 
 
 def compare_explanations(
@@ -87,7 +87,7 @@ def log_predictive_density(
     smoothed, k = pareto_smoothed(log_weight)
     if k <= k_threshold(len(log_weight)):
         return float(logsumexp(smoothed - log_weight))
-    refitted = sample_posterior(model, others, settings, seed)
+    refitted = sample_posterior(model, others, settings, seed, near=posterior)
     back = evidence_ratios(model, refitted, posterior.data, seed)
     return float(logsumexp(back) - np.log(len(back)))
 

@@ -7,7 +7,7 @@ over their sites: `by_population` of `bayestissue.inference.chain.moves`, for wh
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -36,6 +36,8 @@ from bayestissue.thesis.reanalysis.model import (
 
 # An evaluation of all rows costs as much as one step.
 SETTINGS = ChainSettings(inner=8)
+# Of chains that begin with what others learned from nearly the same data.
+NEARBY = replace(SETTINGS, first_rounds=(3,), last_round=1, most_rounds=0, first_look=6)
 # Draws of one call.
 POINTS = 64
 # Where hyperparameters begin: a fifth of a prior's scale.
@@ -96,7 +98,7 @@ def sample_posterior(
     seed: int,
     progress: Say = lambda *_: None,
     *,
-    settings: ChainSettings = SETTINGS,
+    near: EstimatesPosterior | None = None,
 ) -> EstimatesPosterior:
     """Draw from the posterior.
 
@@ -106,18 +108,26 @@ def sample_posterior(
         sampler: how many chains, and draws at most of each.
         seed: of all of it.
         progress: told the stage, how much of it is done, and its total.
-        settings: of the chains.
+        near: a posterior given nearly the same data, which the chains then begin at.
     """
     number, rng = len(model.hyperparameters), np.random.default_rng(seed)
+    settings = SETTINGS if near is None else NEARBY
     nothing = np.zeros_like(data.scatter)
-    begin = _BEGIN + rng.standard_normal((sampler.chains, number))
+    if near is None:
+        begin, tuning = (
+            _BEGIN + rng.standard_normal((sampler.chains, number)),
+            Tuning(0.5 * np.eye(number), nothing),
+        )
+    else:
+        begin = rng.choice(near.y.reshape(-1, number), sampler.chains, replace=False)
+        tuning = Tuning(_root(near.y.reshape(-1, number)), near.data.scatter)
     states = [State(y, np.asarray(data.location_mean), nothing) for y in begin]
     step = np.asarray(2.4 / np.sqrt(number))
     keys = jax.random.split(jax.random.PRNGKey(seed), sampler.chains)
     like = Segment((states[0], step), states[0], Rates(0.0, 0.0))
     advance = partial(_advanced, model, data, settings)
     chains = Chains(advance, settings, keys, [(state, step) for state in states], like, None)
-    tuning = warmed_up(chains, Tuning(0.5 * np.eye(number), nothing), _retuned, progress)
+    tuning = warmed_up(chains, tuning, _retuned, progress)
     warm = chains.number
     drawn = sampled(chains, tuning, _quantities, progress, sampler=sampler)
     length = drawn.path.y.shape[1]
@@ -174,8 +184,13 @@ def _advanced(
 
 
 def _retuned(tuning: Tuning, visited: State, first: bool) -> Tuning:
-    covariance = np.cov(visited.y.T).reshape(tuning.root.shape) + 0.005 * np.eye(len(tuning.root))
-    return Tuning(np.linalg.cholesky(covariance), visited.scatter.mean(0))
+    return Tuning(_root(visited.y), visited.scatter.mean(0))
+
+
+def _root(y: Float[np.ndarray, "draw hyperparameter"]) -> Float[np.ndarray, "hyperparameter hyperparameter"]:
+    """Cholesky factor of the draws' covariance, and a little more than they show of it."""
+    number = y.shape[1]
+    return np.linalg.cholesky(np.cov(y.T).reshape(number, number) + 0.005 * np.eye(number))
 
 
 def _quantities(path: State) -> tuple[np.ndarray, np.ndarray]:
