@@ -1,12 +1,11 @@
-"""Simulation-based calibration (Talts et al. 2018) of the paths by which `bayestissue fit` samples.
+"""Simulation-based calibration (Talts et al. 2018) of the chain by which `bayestissue fit` samples.
 
     .venv/bin/python benchmarks/calibration.py arma
     .venv/bin/python benchmarks/calibration.py designs
 
 So often the standard deviations, the population, each impact's parameters and trace are drawn from the model
-itself, top down, and the draw is fitted as `path = "automatic"` does it: through the summary path, and
-through the exact one where the correction is not trusted. If that samples the posterior, the rank of each
-drawn value among 99 thinned draws is uniform. The design is that of coverage.py; a trace has 110 samples. Its
+itself, top down, and the draw is fitted. If that samples the posterior, the rank of each drawn value among 99
+thinned draws is uniform. The design is that of coverage.py; a trace has 110 samples. Its
 first two displacements are 0 and V dt whatever K and C are: the likelihood is conditional on them, so they
 must tell nothing of what is drawn. Models: calibration-*.toml.
 
@@ -14,7 +13,7 @@ must tell nothing of what is drawn. Models: calibration-*.toml.
 on two sides in four conditions, each impact in one of four sessions. Of the effects the first level's are
 ranked, and the first person's own mass exponent.
 
-A row a data set has the ranks.
+A row a data set has the ranks, and whether the chains passed.
 """
 
 from __future__ import annotations
@@ -38,9 +37,7 @@ from bayestissue import runtime
 from bayestissue.hierarchy.specification import Sampler, read_specification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import plain_model
-from bayestissue.inference.posterior.constrained_draws import constrained_draws
-from bayestissue.inference.posterior.exact import exact_draws
-from bayestissue.inference.posterior.recipe import corrected_draws
+from bayestissue.inference.fit import quantities_of_chain, sample
 from bayestissue.likelihood.arma.displacement import displacement_record
 from bayestissue.likelihood.element.record import DecelerationRecord
 from bayestissue.simulation import simulate
@@ -54,8 +51,7 @@ FACTORS: dict[str, tuple[dict[str, Any], ...]] = {
         {"name": "session", "levels": 4, "every": False},
     )
 }
-SAMPLER = Sampler(chains=2, warmup=200, draws=300, target_accept=0.8, path="summary")
-EXACT = Sampler(chains=2, warmup=400, draws=500, target_accept=0.9, path="exact")
+SAMPLER = Sampler(chains=2, draws=300)
 HERE = Path(__file__).parent
 
 
@@ -114,10 +110,8 @@ def ranks_of_one(
     model, key = base.model, jax.random.fold_in(jax.random.PRNGKey(seed), number)
     drawn = {name: np.asarray(value[0]) for name, value in draw(key, base.data).items()}
     prepared = with_traces(base, drawn["trace"])
-    summarised, draws, correction = corrected_draws(prepared, SAMPLER, number)
-    if not correction.trusted:
-        draws = exact_draws(prepared, summarised, EXACT, number, processes=False)
-    found = constrained_draws(prepared, summarised, draws, jax.random.PRNGKey(number))
+    chains = sample(prepared, SAMPLER, number)
+    found = quantities_of_chain(prepared, chains.thinned(SAMPLER.draws), number)
     truth = {name: drawn[name] for name in model.hyperparameters}
     posterior = {name: found.sites[name] for name in model.hyperparameters}
     for name in ("intercept_K", "intercept_C", "mass_exponent_K", "mass_exponent_C", *groups):
@@ -134,7 +128,7 @@ def ranks_of_one(
     for i, name in enumerate(("K", "C", *model.nuisance)):
         truth[f"{name} of an impact"] = first[i]
         posterior[f"{name} of an impact"] = found.impacts["parameters"][..., 0, i]
-    return {name: _rank(posterior[name], truth[name]) for name in truth} | {"pareto_k": correction.pareto_k}
+    return {name: _rank(posterior[name], truth[name]) for name in truth} | {"passed": chains.verdict.passed}
 
 
 def _rank(draws: np.ndarray, truth: np.ndarray) -> int:

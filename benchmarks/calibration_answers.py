@@ -37,23 +37,22 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import xarray as xr
-from bayestissue.inference.samplers.coordinates import unwarped
 from calibration import SAMPLES, blank, drawing
 from evidence import recorded
 from jax import Array
 from numpyro.diagnostics import split_gelman_rubin
 from numpyro.distributions import biject_to
 from numpyro.infer import HMC
-from numpyro.infer.util import potential_energy
 
 from bayestissue import runtime
 from bayestissue.hierarchy.derived import named_sites, new_impact, reported_sites, values_at_levels
 from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.gaussian.arrangement import expected
-from bayestissue.hierarchy.gaussian.conditional import Data
+from bayestissue.hierarchy.gaussian.conditional import Data, log_marginal
+from bayestissue.hierarchy.gaussian.effects import effects_from_standard, integrate_effects
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import COORDINATES, gaussian
+from bayestissue.hierarchy.traces import TraceModel, gaussian, hyperparameters_at, population
 from bayestissue.inference.answers.contrasts import contrasts, people_compared
 from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.predictions import QUANTITIES, predict
@@ -68,8 +67,7 @@ from bayestissue.inference.answers.reliability import (
     reliability,
     variances,
 )
-from bayestissue.inference.factors.conditional import population_draws
-from bayestissue.inference.factors.expansions import marginal_model
+from bayestissue.inference.execution.compiling import by_row
 from bayestissue.inference.results.labels import design_dimensions, labelled
 from bayestissue.inference.results.predictions import prior_draws
 
@@ -459,6 +457,17 @@ TRIALS = {
 }
 
 
+@by_row(64, constant=2)
+def effects_of_sites(
+    model: TraceModel, data: Data, y: Array, standard: Array
+) -> tuple[dict[str, Array], Array]:
+    """Hyperparameters by name and a draw of b, the sites standing for the traces."""
+    sites = hyperparameters_at(model, y)[0]
+    covariances = population(model, sites)
+    effects, _ = integrate_effects(data.design, covariances, data.sums(covariances))
+    return sites, effects_from_standard(data.design, effects, data.mean, standard)
+
+
 class Studies:
     """Studies of one design: drawn, sampled and asked."""
 
@@ -506,12 +515,11 @@ class Studies:
 
     def _chain(self, begin: Array, laid: GaussianFactor, key: Array) -> Array:
         """Hamiltonian Monte Carlo on the marginal density of a fit, [draw, hyperparameter], unconstrained."""
-        data = replace(gaussian(self._base.data, self._flat), sites=laid)
-        warp = unwarped(len(begin))
+        data, model = replace(gaussian(self._base.data, self._flat), sites=laid), self._base.model
 
         def potential(y: Array) -> Array:
-            model = partial(marginal_model, self._base.model)
-            return potential_energy(model, (data, None, warp), {}, {COORDINATES: y})
+            sites, log_prior = hyperparameters_at(model, y)
+            return -log_prior - log_marginal(data, population(model, sites))
 
         kernel = HMC(potential_fn=potential, num_steps=LEAPFROGS, trajectory_length=None)
         state = kernel.init(key, WARMUP, begin, (), {})
@@ -539,10 +547,10 @@ class Studies:
     def _posterior(self, raw: np.ndarray, data: Data, random: np.random.Generator) -> xr.Dataset:
         model = self._base.model
         standard = random.standard_normal((len(raw), model.locations.size))
-        drawn = population_draws(model, data, dict(zip(model.hyperparameters, raw.T, strict=True)), standard)
+        sites, b = effects_of_sites(model, data, raw, standard)
         # Halves of the chain as two.
-        two = {name: values.reshape(2, -1) for name, values in drawn.sites.items()}
-        return self._labelled(two, drawn.b.reshape(2, -1, drawn.b.shape[-1]), random)
+        two = {name: values.reshape(2, -1) for name, values in sites.items()}
+        return self._labelled(two, b.reshape(2, -1, b.shape[-1]), random)
 
     def _labelled(
         self, spreads: dict[str, np.ndarray], b: np.ndarray, random: np.random.Generator

@@ -88,12 +88,12 @@ def exponents_of(case: str, number: int, fits: Fits) -> pd.DataFrame:
     """The posterior of every exponent that a fit gives."""
     dataset = simulate(campaign(case, number)).dataset("common depth")
     prepared = fits.prepared(dataset)
-    draws, correction = fits.fit(prepared, number)
+    draws, passed = fits.fit(prepared, number)
     draws = of_secant(prepared, draws)
     exponents = mass_exponents_of_secants(prepared, draws, number)
     exponents["mass_exponent_C"] = draws.sites["mass_exponent_C"]
     rows = rows_of({name: (values, 0.0) for name, values in exponents.items()})
-    return rows.assign(pareto_k=correction.pareto_k)
+    return rows.assign(passed=passed)
 
 
 def main() -> None:

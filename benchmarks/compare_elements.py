@@ -31,7 +31,6 @@ from bayestissue import runtime
 from bayestissue.elements import element_names
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.comparing import OF_IMPACTS, FinishedRun, compare_runs, implied
-from bayestissue.inference.posterior.recipe import Correction
 from bayestissue.inference.results.cross_validation import scheme_words
 from bayestissue.inference.samplers.sampling import ConstrainedDraws
 from bayestissue.simulation import simulate
@@ -81,13 +80,13 @@ def row_of(right: str, number: int) -> dict[str, Any]:
     result = simulate(simulation)
     runs: list[FinishedRun] = []
     refused: list[FinishedRun] = []
-    corrections: dict[str, Correction] = {}
+    passed: dict[str, bool] = {}
     for name in element_names():
         fits = fits_of(name)
         prepared = fits.prepared(result.dataset(simulation.name))
-        found, corrections[name] = fits.fit(prepared, number)
+        found, passed[name] = fits.fit(prepared, number)
         if all(np.isfinite(values).all() for values in found.log_likelihood.values()):
-            (runs if corrections[name].trusted else refused).append(finished(name, prepared, found))
+            (runs if passed[name] else refused).append(finished(name, prepared, found))
     if len(runs) < 2:
         runs += refused
     comparison = compare_runs(runs)
@@ -104,10 +103,8 @@ def row_of(right: str, number: int) -> dict[str, Any]:
         "K_of_weights_held": low <= true <= high,
         "K_of_weights_error": round(float(together["median"].iloc[0]) / true - 1, 5),
         "K_of_weights_width": round((high - low) / true, 5),
-        "correction_k": round(corrections[right].pareto_k, 3),
         **_elpd(comparison),
-        **{f"correction_k_{name}": round(found.pareto_k, 3) for name, found in corrections.items()},
-        **{f"trusted_{name}": found.trusted for name, found in corrections.items()},
+        **{f"trusted_{name}": each for name, each in passed.items()},
     }
 
 

@@ -7,9 +7,7 @@ Campaigns are simulated by physics, five people in four conditions of 0.375 to 1
 accelerometer noise and errors of the measuring chain as they are declared, and with mass exponents of their
 own. By `impact`, `arma` and `a2` a spring and damper is fitted by the model file of that likelihood, and the
 exponents are drawn from N(0.5, 1); an element's name stands for tissue of that element, fitted by its own
-model file, with exponents from N(0.5, 0.3) and conditions that all elements bear. Each goes through the
-summary path with the model file's own sampler, and on to the exact one where its correction can't be trusted,
-as `fit` does.
+model file, with exponents from N(0.5, 0.3) and conditions that all elements bear.
 
 A row a campaign, quantity and impact has the truth and the posterior's mean, standard deviation and
 quantiles. A campaign whose tissue is so stiff that the program would ask for a faster recorder has none.
@@ -23,7 +21,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
 import pandas as pd
 from evidence import recorded
@@ -34,10 +31,7 @@ from bayestissue.dataset import Dataset
 from bayestissue.elements import element
 from bayestissue.hierarchy.specification import ModelSpecification, read_specification
 from bayestissue.hierarchy.trace_data import Prepared, assemble, prepare
-from bayestissue.inference.posterior.constrained_draws import constrained_draws
-from bayestissue.inference.posterior.exact import exact_draws
-from bayestissue.inference.posterior.recipe import Correction, corrected_draws
-from bayestissue.inference.posterior.scores import LikelihoodApproximation
+from bayestissue.inference.fit import quantities_of_chain, sample
 from bayestissue.inference.results.tree import predicted
 from bayestissue.inference.samplers.sampling import ConstrainedDraws
 from bayestissue.signal import displacements
@@ -114,13 +108,10 @@ def model_of(name: str) -> ModelSpecification:
 
 
 class Fits:
-    """The fits of one model file to data sets of one design, through the summary path.
+    """The fits of one model file to data sets of one design."""
 
-    With ``exact`` through the exact one where the correction can't be trusted, as `bayestissue fit` goes on.
-    """
-
-    def __init__(self, specification: ModelSpecification, dataset: Dataset, *, exact: bool = False) -> None:
-        self._specification, self._exact = specification, exact
+    def __init__(self, specification: ModelSpecification, dataset: Dataset) -> None:
+        self._specification = specification
         self._design = prepare(dataset, specification, source="the model file").design
 
     def prepared(self, dataset: Dataset) -> Prepared:
@@ -128,18 +119,13 @@ class Fits:
         signal = filled_up(displacements(dataset, self._specification.signal))
         return assemble(dataset, self._specification, self._design, signal)
 
-    def fit(self, prepared: Prepared, seed: int) -> tuple[ConstrainedDraws, Correction]:
-        """Draws of everything, and how they were corrected."""
+    def fit(self, prepared: Prepared, seed: int) -> tuple[ConstrainedDraws, bool]:
+        """Draws of everything, and whether the chains passed."""
         # What is compiled for many shapes takes more mapped memory than a process may have.
         runtime.release_compiled()
         sampler = self._specification.sampler
-        approximation, draws, correction = corrected_draws(prepared, sampler, seed)
-        key = jax.random.PRNGKey(seed)
-        if self._exact and not correction.trusted:
-            draws = exact_draws(prepared, approximation, sampler, seed, processes=False)
-            return constrained_draws(prepared, approximation, draws, key), correction
-        likelihood = LikelihoodApproximation(approximation, correction.of_impacts)
-        return constrained_draws(prepared, approximation, draws, key, likelihood=likelihood), correction
+        chains = sample(prepared, sampler, seed)
+        return quantities_of_chain(prepared, chains.thinned(sampler.draws), seed), chains.verdict.passed
 
 
 def filled_up(signal: Displacements) -> Displacements:
@@ -190,7 +176,7 @@ def main() -> None:
     simulation_of = campaign if name in KINDS else lambda seed: campaign_of(name, seed)
     runtime.configure(one_core=True)
     with recorded(f"{family}-{name}") as record:
-        fits = Fits(model_of(name), simulate(simulation_of(0)).dataset("first"), exact=True)
+        fits = Fits(model_of(name), simulate(simulation_of(0)).dataset("first"))
         for number in record.missing(range(CAMPAIGNS[family])):
             simulation = simulation_of(number)
             result = simulate(simulation)
@@ -198,9 +184,9 @@ def main() -> None:
             if prepared.signal.n_samples.min() < FEWEST_SAMPLES:
                 record.add(number, [])
                 continue
-            draws, correction = fits.fit(prepared, number)
+            draws, passed = fits.fit(prepared, number)
             rows = compared_with(draws, result.truth, simulation)
-            record.add(number, rows.assign(pareto_k=correction.pareto_k))
+            record.add(number, rows.assign(passed=passed))
 
 
 if __name__ == "__main__":

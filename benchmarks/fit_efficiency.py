@@ -11,7 +11,7 @@ nutpie's low-rank adaptation is no contender: in an earlier version it got stuck
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from functools import partial
 from time import perf_counter, process_time
 from typing import Any, NamedTuple
@@ -19,14 +19,6 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from bayestissue.inference.posterior.exact import model_arguments, start_of, straightened
-from bayestissue.inference.posterior.recipe import (
-    Problem,
-    fitted_to_population,
-    population_attempt,
-    with_impacts,
-)
-from bayestissue.inference.samplers.nuts import run_chains
 from evidence import recorded
 from jax.flatten_util import ravel_pytree
 from numpyro.distributions import biject_to
@@ -36,22 +28,16 @@ from plain_hierarchy import check_density, cholesky_factor, plain
 
 from bayestissue import runtime
 from bayestissue.dataset import read_dataset
-from bayestissue.hierarchy.specification import ModelSpecification, Sampler, read_specification
+from bayestissue.hierarchy.gaussian.arrangement import expected
+from bayestissue.hierarchy.specification import ModelSpecification, read_specification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
-from bayestissue.hierarchy.traces import (
-    constrained,
-    from_standard,
-    population,
-    sampled_model,
-    trace_likelihood,
-)
-from bayestissue.inference.factors.expansions import Approximation, approximate
-from bayestissue.inference.posterior.constrained_draws import constrained_draws
-from bayestissue.inference.samplers.sampling import Draws
+from bayestissue.hierarchy.traces import constrained, population, trace_likelihood
+from bayestissue.inference.chain.draws import ChainDraws
+from bayestissue.inference.factors.expansions import expanded
+from bayestissue.inference.fit import quantities_of_chain, sample
 from bayestissue.resources import shared
 
-SEED, CHAINS = 1, 4
-USUAL = "4 chains of 400 and 1000"
+SEED = 1
 # A plain chain's first transitions, whose draws are not counted: fewer than usual, so that some are left.
 PLAIN_WARMUP, BLOCK = 60, 5
 # Of a core, for each contender that samples the plain model: enough for an upper bound of its rate.
@@ -98,30 +84,14 @@ class Bench:
     prepared: Prepared
     specification: ModelSpecification
     budget: float
-    approximation: Approximation = field(init=False)
-    whitening: Approximation = field(init=False)
-    summarising: Time = field(init=False)
-    summarising_cold: Time = field(init=False)
 
-    def __post_init__(self) -> None:
-        _, self.summarising_cold = timed(self._sites)
-        self.approximation, self.summarising = timed(self._sites)
-
-    def _sites(self) -> Approximation:
-        self.whitening = approximate(self.prepared)
-        return fitted_to_population(self.problem, self.whitening)
-
-    @property
-    def problem(self) -> Problem:
-        """The fit, its random numbers from the beginning."""
-        return Problem(self.prepared, self.specification.sampler, SEED, np.random.default_rng(SEED))
-
-    def quantities(self, draws: Draws, approximation: Approximation) -> Arrays:
-        """What is reported of draws of the fit's standard normals, which these summaries make."""
-        found = constrained_draws(self.prepared, approximation, draws, jax.random.PRNGKey(SEED))
+    def chains(self) -> tuple[ChainDraws, Arrays]:
+        """A fit's draws, and what is reported of them."""
+        found = sample(self.prepared, self.specification.sampler, SEED)
+        quantities = quantities_of_chain(self.prepared, found, SEED)
         model = self.prepared.model
-        parts = {name: found.sites[name] for name in (*model.hyperparameters, *model.locations.parts)}
-        return parts | {name: np.log(found.impacts[name]) for name in ("K", "C")}
+        parts = {name: quantities.sites[name] for name in (*model.hyperparameters, *model.locations.parts)}
+        return found, parts | {name: np.log(quantities.impacts[name]) for name in ("K", "C")}
 
 
 def timed(call: Callable[[], Any]) -> tuple[Any, Time]:
@@ -129,49 +99,14 @@ def timed(call: Callable[[], Any]) -> tuple[Any, Time]:
     return call(), Time.now() - begin
 
 
-def summary_path(bench: Bench) -> Outcome:
-    """The summary path twice: the first pass compiles as well, the second is what sampling takes."""
-
-    def whole() -> tuple[Draws, Arrays]:
-        made = population_attempt(bench.problem, bench.approximation)
-        draws = with_impacts(bench.problem, made)
-        return draws, bench.quantities(draws, bench.approximation)
-
-    _, cold = timed(whole)
-    (draws, quantities), warm = timed(whole)
-    compiling = cold - warm + bench.summarising_cold - bench.summarising
-    return Outcome(compiling, warm + bench.summarising, quantities, gradients(draws), USUAL)
-
-
-def exact_path(bench: Bench) -> Outcome:
-    model, arguments = exact_density(bench)
-    start, settings = start_of(bench.prepared, bench.whitening), bench.specification.sampler
-
-    def sample(settings: Sampler) -> Draws:
-        draws = run_chains(model, arguments, start, settings, SEED, processes=False)
-        return replace(draws, sites=straightened(bench.prepared.model, bench.whitening, draws.sites))
-
-    # A chain's functions are the same whatever the number of chains and draws.
-    short = settings.model_copy(update={"chains": 1, "draws": 100})
-    first, cold = timed(lambda: sample(short))
-    draws, warm = timed(lambda: sample(settings))
-    share = gradients(first) / gradients(draws)
-    compiling = cold - Time(share * warm.wall, share * warm.own) + bench.summarising_cold - bench.summarising
-    bench.quantities(draws, bench.whitening)
-    quantities, unfolding = timed(lambda: bench.quantities(draws, bench.whitening))
-    sampling = warm + unfolding + bench.summarising
-    return Outcome(compiling, sampling, quantities, gradients(draws), USUAL)
-
-
-def gradients(draws: Draws) -> float:
-    """Evaluations after warm-up."""
-    return float(np.sum(draws.statistics["num_steps"]))
-
-
-def exact_density(bench: Bench) -> tuple[Callable[..., None], tuple[Any, ...]]:
-    """The numpyro model of the exact path, and its arguments."""
-    model, *arguments = model_arguments(bench.prepared, bench.whitening)
-    return partial(sampled_model, model), tuple(arguments)
+def chain(bench: Bench) -> Outcome:
+    """The fit twice: the first compiles as well, the second is what sampling takes."""
+    _, cold = timed(bench.chains)
+    (found, quantities), warm = timed(bench.chains)
+    number, (warming, since) = found.shape[0], found.segments
+    transitions = number * found.segment * (warming + since)
+    remark = f"{number} chains of {found.segment * warming} and {found.segment * since}"
+    return Outcome(cold - warm, warm, quantities, 0.0, remark, transitions)
 
 
 class FlatDensity:
@@ -243,48 +178,19 @@ def nutpie_draws(
     return {name: np.asarray(values) for name, values in sites.items()}, spent, steps, transitions
 
 
-def nutpie_exact(bench: Bench) -> Outcome:
-    """Nutpie on the density of the exact path, its chains begun where the exact path's begin."""
-    density, made = timed(lambda: FlatDensity(*exact_density(bench)))
-    start = start_of(bench.prepared, bench.whitening)
-    scale = np.linalg.cholesky(start.inverse_mass)
-
-    def begin(seed: int) -> np.ndarray:
-        rng = np.random.default_rng(seed % 2**63)
-        point = {
-            name: value + 0.5 * rng.standard_normal(np.shape(value)) for name, value in start.centre.items()
-        }
-        spreads = start.dense
-        point[spreads] = start.centre[spreads] + 0.5 * scale @ rng.standard_normal(len(scale))
-        return np.asarray(ravel_pytree(point)[0])
-
-    settings = bench.specification.sampler
-    found, spent, steps, transitions = nutpie_draws(
-        density, begin, tune=settings.warmup, draws=settings.draws, chains=CHAINS
-    )
-    draws = Draws(straightened(bench.prepared.model, bench.whitening, found), {}, settings.max_tree_depth)
-    bench.quantities(draws, bench.whitening)
-    quantities, unfolding = timed(lambda: bench.quantities(draws, bench.whitening))
-    compiling = made + bench.summarising_cold - bench.summarising
-    return Outcome(compiling, spent + unfolding + bench.summarising, quantities, steps, USUAL, transitions)
-
-
 def plain_start(bench: Bench, key: jax.Array) -> dict[str, jax.Array]:
-    """A point of the plain model where its posterior is: the middle of our summary, errors drawn given it."""
+    """A point of the plain model where its posterior is: the last draw of a fit, errors drawn given it."""
     model, data = bench.prepared.model, bench.prepared.data
-    coordinates = bench.approximation.coordinates
-    middle = coordinates.raw(np.zeros(len(coordinates.names)))
-    raw = {name: jnp.asarray(middle[name]) for name in model.hyperparameters}
+    found, _ = bench.chains()
+    y, b, u = found.y[0, -1], jnp.asarray(found.b[0, -1]), list(jnp.asarray(found.u[0, -1]).T)
+    raw = dict(zip(model.hyperparameters, jnp.asarray(y), strict=True))
     sites = constrained(model, raw)
-    summaries = bench.approximation.sites
-    zero = jnp.zeros(model.locations.size), jnp.zeros(summaries.centre.shape)
-    found = from_standard(model, data, summaries, sites, *zero)
     spread = population(model, sites)
     factor = cholesky_factor(sites["sd_impact_K"], sites["sd_impact_C"], sites["residual_correlation"])
-    away = [u - mean for u, mean in zip(found.u, found.prior_mean, strict=True)]
-    errors = trace_likelihood(model, data, found.u).draw_errors(key)
+    away = [each - mean for each, mean in zip(u, expected(data.design, b), strict=True)]
+    errors = trace_likelihood(model, data, u).draw_errors(key)
     return raw | {
-        "standard_locations": (found.b - data.location_mean) / spread.locations,
+        "standard_locations": (b - data.location_mean) / spread.locations,
         "standard_pair": jnp.linalg.solve(factor, jnp.stack(away[:2])).T,
         "standard_mass_error": jnp.zeros(len(data.log_mass)),
         "standard_errors": errors / data.record.error_sd,
@@ -428,11 +334,9 @@ def in_halves(values: np.ndarray) -> np.ndarray:
 
 def contenders() -> dict[str, Callable[[Bench], Outcome]]:
     return {
-        "bayestissue, summary path": summary_path,
-        "bayestissue, exact path": exact_path,
-        "nutpie (diag), the exact path's density": nutpie_exact,
-        "numpyro, plain model, started at our summary": plain_numpyro,
-        "nutpie (diag), plain model, started at our summary": plain_nutpie,
+        "bayestissue": chain,
+        "numpyro, plain model, started at our posterior": plain_numpyro,
+        "nutpie (diag), plain model, started at our posterior": plain_nutpie,
     }
 
 
@@ -442,7 +346,7 @@ def main() -> None:
         specification = read_specification(shared("models", "arma.toml"))
         prepared = prepare(read_dataset(shared("data", "example")), specification, source="arma.toml")
         bench = Bench(prepared, specification, 60 * MINUTES)
-        centre = bench.approximation.sites.centre
+        centre = expanded(prepared).centre
         check_density(prepared.model, prepared.data, [centre[:, a] for a in range(centre.shape[1])])
         contend = contenders()
         for name in record.missing(contend):

@@ -87,18 +87,15 @@ def timed(
 
 
 def told(out: Path) -> dict[str, Any]:
-    """How the run in this folder converged, and by which path."""
+    """How the run in this folder converged."""
     if not (out / "diagnostics.json").is_file():
         return {}
     found = json.loads((out / "diagnostics.json").read_text(encoding="utf-8"))
     run = json.loads((out / "run.json").read_text(encoding="utf-8"))
-    values = {check["name"]: check["value"] for check in found["checks"]}
     return {
-        "path": "summary" if "Pareto k of the correction" in values else "exact",
         "discrepancy": run.get("discrepancy", {}).get("rms_of_peak", 0.0),
         "r_hat": round(found["worst"]["r_hat"]["value"], 4),
         "ess": round(min(found["worst"]["ess_bulk"]["value"], found["worst"]["ess_tail"]["value"])),
-        "divergences": values["divergent transitions"],
         "passed": found["passed"],
     }
 

@@ -1,47 +1,38 @@
-"""Reference posteriors: a fit beside 10,000 draws of the exact path's density by another sampler.
+"""Reference posteriors: a fit beside 10,000 draws of the same density by another sampler.
 
     .venv/bin/python benchmarks/posteriors.py draw example
     .venv/bin/python benchmarks/posteriors.py
-    .venv/bin/python benchmarks/posteriors.py chain
 
-`draw` samples a case by numpyro's NUTS, four chains of 2,500 draws on the density that has every trace in
-every step, and refuses those whose R-hat is not below 1.01 or that diverge. Kept in posteriors.csv are mean,
-standard deviation and quantiles of every quantity with their Monte Carlo errors. Cases are the example, and
-a campaign of each element (`evidence.references`). A case is to be drawn again where its data or the model's
-density change, which the samplers of the program do not touch.
+`draw` samples a case by numpyro's NUTS, four chains of 2,500 draws of `bt.numpyro_model`, and refuses those
+whose R-hat is not below 1.01 or that diverge. Kept in posteriors.csv are mean, standard deviation and
+quantiles of every quantity with their Monte Carlo errors. Cases are the example, and a campaign of each
+element (`evidence.references`). A case is to be drawn again where its data or the model's density change,
+which the sampler of the program does not touch.
 
-Without it a fit of each case that was drawn, by the default path, is compared: a row a case, quantity and
-statistic. `chain` instead of it compares the fit by one chain, and prints the greatest differences of each
-case in their Monte Carlo errors.
+Without it a fit of each case that was drawn is compared: a row a case, quantity and statistic.
 """
 
 from __future__ import annotations
 
 import sys
-from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pandas as pd
-from bayestissue.inference.posterior.exact import start_of, straightened
 from coverage import model_of
 from evidence import recorded
 from evidence.references import OF_END, OF_MEDIAN, OF_SD, TISSUES, campaign
-from numpyro.infer import MCMC, NUTS
-from numpyro.infer.util import initialize_model
+from numpyro.infer import MCMC, NUTS, init_to_value
 
 import bayestissue as bt
 from bayestissue import runtime
 from bayestissue.fitting import resolve
+from bayestissue.hierarchy.named_model import named_model
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
-from bayestissue.hierarchy.traces import COORDINATES, sampled_model
-from bayestissue.inference.factors.expansions import approximate
-from bayestissue.inference.posterior.constrained_draws import constrained_draws
-from bayestissue.inference.samplers.sampling import Draws
+from bayestissue.inference.factors.expansions import expanded
 from bayestissue.resources import shared
 
 TABLE = Path(__file__).with_suffix(".csv")
@@ -67,11 +58,10 @@ def case_of(case: str) -> tuple[bt.Dataset, ModelSpecification]:
 
 def nuts_draws(prepared: Prepared) -> tuple[dict[str, np.ndarray], int]:
     """Draws [chain, draw, ...] of every quantity, and the divergent transitions."""
-    whitening, key = approximate(prepared), jax.random.PRNGKey(SEED)
-    start = start_of(prepared, whitening)
-    arguments = prepared.data, whitening.sites, whitening.coordinates.warp
-    initial = initialize_model(key, partial(sampled_model, prepared.model), model_args=arguments)
-    kernel = NUTS(potential_fn=initial.potential_fn, target_accept_prob=0.9, dense_mass=[(COORDINATES,)])
+    centre = expanded(prepared).centre
+    near = {"log_K_and_C": centre[:, :2]}
+    near |= {name: centre[:, 2 + number] for number, name in enumerate(prepared.model.nuisance)}
+    kernel = NUTS(named_model(prepared), target_accept_prob=0.9, init_strategy=init_to_value(values=near))
     mcmc = MCMC(
         kernel,
         num_warmup=WARMUP,
@@ -80,19 +70,11 @@ def nuts_draws(prepared: Prepared) -> tuple[dict[str, np.ndarray], int]:
         chain_method="sequential",
         progress_bar=False,
     )
-    rng = np.random.default_rng(SEED)
-    centre = start.centre | {"standard_impacts": np.zeros(whitening.sites.centre.shape)}
-    first = {
-        name: jnp.asarray(value + 0.1 * rng.standard_normal((CHAINS, *np.shape(value))))
-        for name, value in centre.items()
-    }
-    mcmc.run(key, init_params=first, extra_fields=("diverging",))
-    sites = {name: np.asarray(v) for name, v in mcmc.get_samples(group_by_chain=True).items()}
-    draws = Draws(straightened(prepared.model, whitening, sites), {}, 10)
-    constrained = constrained_draws(prepared, whitening, draws, key)
+    mcmc.run(jax.random.PRNGKey(SEED), extra_fields=("diverging",))
+    draws = {name: np.asarray(v) for name, v in mcmc.get_samples(group_by_chain=True).items()}
     # A standard deviation of what the design has not is 0.
-    quantities = {name: v for name, v in constrained.sites.items() if v.ndim == 2 and np.ptp(v)}
-    quantities |= {name: constrained.impacts[name] for name in ("K", "C")}
+    quantities = {name: v for name, v in draws.items() if v.ndim == 2 and np.ptp(v)}
+    quantities |= {name: draws[name] for name in ("K", "C")}
     return quantities, int(mcmc.get_extra_fields()["diverging"].sum())
 
 
@@ -133,11 +115,10 @@ def draw(case: str) -> None:
     table.to_csv(TABLE, index=False, float_format="%.7g", lineterminator="\n")
 
 
-def compared(case: str, path: Literal["automatic", "chain"] = "automatic") -> pd.DataFrame:
+def compared(case: str) -> pd.DataFrame:
     """What a fit of a case gives, less the reference, and the Monte Carlo error of the difference."""
     dataset, specification = case_of(case)
-    sampler = specification.sampler.model_copy(update={"path": path})
-    summary = bt.fit(dataset, specification.model_copy(update={"sampler": sampler})).summary
+    summary = bt.fit(dataset, specification).summary
     keys = ["variable", "label"]
     reference = pd.read_csv(TABLE, dtype={"label": str}).fillna({"label": ""}).query("case == @case")
     merged = reference.merge(
@@ -160,14 +141,6 @@ def main() -> None:
     runtime.configure(one_core=True)
     if sys.argv[1:2] == ["draw"]:
         draw(sys.argv[2])
-        return
-    if sys.argv[1:2] == ["chain"]:
-        for case in CASES:
-            table = compared(case, "chain")
-            z = (table["difference"] / table["mcse"]).where(table["mcse"] > 0)
-            print(case, f"{len(table)} statistics, root mean square of z {np.sqrt((z**2).mean()):.2f}")
-            greatest = table.assign(z=z).sort_values("z", key=abs, ascending=False).head(3)
-            print(greatest.to_string(index=False), flush=True)
         return
     with recorded("posteriors") as record:
         for case in record.missing(pd.read_csv(TABLE)["case"].unique()):

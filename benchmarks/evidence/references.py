@@ -88,7 +88,7 @@ def campaign(element: str, seed: int) -> Any:
 
 
 def fits(model: str, element: str = "kelvin_voigt", campaigns: int = CAMPAIGNS) -> pd.DataFrame:
-    """Posteriors, the quality of their correction, and what the fit says against its model."""
+    """Posteriors, and what the fit says against its model."""
     import bayestissue as bt
 
     rows: list[tuple[str, float, float, float]] = []
@@ -102,8 +102,6 @@ def fits(model: str, element: str = "kelvin_voigt", campaigns: int = CAMPAIGNS) 
                 (f"{name} low", row["eti90_low"], sd, OF_END * mcse),
                 (f"{name} high", row["eti90_high"], sd, OF_END * mcse),
             ]
-        for number, attempt in enumerate(fit.about["route"].get("attempts", [])):
-            rows.append((f"{seed} attempt {number} effective draws", attempt["effective_draws"], 1.0, np.nan))
         for key, value in fit.diagnostics.get("model_form", {}).get("impacts", {}).get("p", {}).items():
             rows.append((f"{seed} residuals {key} p", value, 1.0, np.nan))
         passed = fit.diagnostics.get("measuring_chain", {}).get("passed", True)

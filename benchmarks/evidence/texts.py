@@ -136,3 +136,10 @@ def each_held(lines: pd.DataFrame, family: str) -> Named:
     for line, share in zip(lines.itertuples(), with_error(lines["share"], lines["se"]), strict=True):
         name = f"{line.each}_{line.quantity}_{line.level}"
         yield name, Figure(share, (f"{family}-{line.each}",))
+
+
+def trusted(rows: pd.DataFrame) -> pd.Series[bool]:
+    """Of each row whether its fit can be relied on: by its diagnostics, or an earlier version's Pareto k."""
+    from bayestissue.inference.samplers.psis import GREATEST_K
+
+    return rows["passed"].astype(bool) if "passed" in rows else rows["pareto_k"] < GREATEST_K

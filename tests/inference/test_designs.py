@@ -13,10 +13,7 @@ from bayestissue.hierarchy.population import population_design
 from bayestissue.hierarchy.priors import Priors
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.hierarchy.trace_data import prepare
-from bayestissue.inference.chain.draws import chain_draws
-from bayestissue.inference.chain.explanations import explanations
-from bayestissue.inference.factors.expansions import expanded
-from bayestissue.inference.fit import quantities_of_chain
+from bayestissue.inference.fit import quantities_of_chain, sample
 from bayestissue.inference.results.labels import design_attributes, design_dimensions, labelled
 from bayestissue.simulation import Simulation, simulate
 from designs import design_of
@@ -92,8 +89,7 @@ def test_a_fit_gives_back_what_a_campaign_was_made_with() -> None:
         }
     )
     prepared = prepare(made.dataset("designs"), model, source="the model file")
-    sites = explanations(prepared, expanded(prepared))
-    found = quantities_of_chain(prepared, chain_draws(prepared, sites, Sampler(chains=2), 1), 1)
+    found = quantities_of_chain(prepared, sample(prepared, Sampler(chains=2), 1), 1)
     reported = derived.reported_sites(prepared.design, found.sites)
     truth = made.truth.assign(subject=made.impacts["subject"])
     for q in "KC":

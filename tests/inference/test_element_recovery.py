@@ -14,11 +14,9 @@ from bayestissue.elements.element import REFERENCE_DIAMETER_M
 from bayestissue.errors import InputError
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler, read_specification
 from bayestissue.hierarchy.trace_data import Prepared, prepare, with_discrepancy
-from bayestissue.inference.chain.draws import chain_draws
-from bayestissue.inference.chain.explanations import explanations
 from bayestissue.inference.checking.model_form import misfit_precheck
 from bayestissue.inference.factors.expansions import expanded
-from bayestissue.inference.fit import fit_traces, quantities_of_chain
+from bayestissue.inference.fit import fit_traces, quantities_of_chain, sample
 from bayestissue.inference.quantities.elements import COMPARABLE, static_force
 from bayestissue.simulation import Campaign, Simulation, simulate
 
@@ -157,7 +155,7 @@ def test_a_tissue_without_what_the_element_has_more_leaves_that_open(name: str) 
     made = campaign("kelvin_voigt")
     given, specification = prepared(name, made)
     sampler = specification.sampler
-    chains = chain_draws(given, explanations(given, expanded(given)), sampler, 0)
+    chains = sample(given, sampler, 0)
     assert chains.verdict.passed
     found = quantities_of_chain(given, chains.thinned(sampler.draws), 0)
     low, high = np.quantile(found.impacts["K"].reshape(-1, len(made.truth)), [0.05, 0.95], axis=0)
@@ -183,4 +181,4 @@ def test_an_element_that_the_tissue_is_not_passes_beside_a_discrepancy(tissue: s
     made = campaign(tissue)
     given, specification = prepared("maxwell", made)
     wider = with_discrepancy(made.dataset("maxwell"), specification, given)
-    assert chain_draws(wider, explanations(wider, expanded(wider)), specification.sampler, 0).verdict.passed
+    assert sample(wider, specification.sampler, 0).verdict.passed

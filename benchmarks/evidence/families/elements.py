@@ -19,13 +19,12 @@ from evidence.texts import (
     range_of_shares,
     raw,
     table,
+    trusted,
 )
 
 
 @family
 def coverage_elements() -> Named:
-    from bayestissue.inference.samplers.psis import GREATEST_K
-
     rows = raw("coverage_elements")
     lines = coverage(rows, ["each", "quantity"])
     exponent = lines["quantity"].str.startswith("mass_exponent")
@@ -37,10 +36,10 @@ def coverage_elements() -> Named:
         f"{range_of_shares(lines[exponent])}"
     )
     yield "exponents", Figure(text, names("coverage_elements"))
-    k = rows.groupby(["each", "unit"])["pareto_k"].first()
+    sure = trusted(rows).groupby([rows["each"], rows["unit"]]).first()
     text = (
-        f"in {int(impacts['impacts'].min())} simulated impacts of each, {range_of_shares(impacts)}; of the "
-        f"corrections of {len(k)} fits {(k >= GREATEST_K).sum()} had a Pareto k above {GREATEST_K}"
+        f"in {int(impacts['impacts'].min())} simulated impacts of each, {range_of_shares(impacts)}; of "
+        f"{len(sure)} fits {(~sure).sum()} could not be trusted by their diagnostics"
     )
     yield "sentence", Figure(text, names("coverage_elements"))
     yield "short", Figure(range_of_shares(impacts[impacts["level"] == 90]), names("coverage_elements"))
@@ -106,10 +105,8 @@ def compare_elements() -> Named:
 
 def _common_depth(family: str) -> pd.DataFrame:
     """In how many campaigns an interval of 90 % holds 0, the truth; a line a case and quantity."""
-    from bayestissue.inference.samplers.psis import GREATEST_K
-
     rows = raw(family)
-    lines = coverage(rows[rows["pareto_k"] < GREATEST_K], ["each", "quantity"])
+    lines = coverage(rows[trusted(rows)], ["each", "quantity"])
     exponents = ["mass_exponent_K_common_depth", "mass_exponent_K_secant"]
     return lines[(lines["level"] == 90) & lines["quantity"].isin(exponents)]
 
@@ -184,13 +181,12 @@ def model_form() -> Named:
     rows = raw("model_form")
     held = coverage(rows, ["each", "fit"])
     held = held[held["level"] == 90].set_index(["each", "fit"])
-    first = rows.groupby(["each", "fit", "unit"], sort=False)[["score", "exact"]].first()
+    first = rows.groupby(["each", "fit", "unit"], sort=False)[["score"]].first()
     groups = first.groupby(["each", "fit"], sort=False)
     lines = pd.DataFrame(
         {"campaigns": groups.size(), "least": groups["score"].min(), "greatest": groups["score"].max()}
     )
     lines["warned"] = (first["score"] > LIMIT).groupby(["each", "fit"]).sum()
-    lines["exact"] = groups["exact"].sum()
     plain, count = lines.index.get_level_values("fit") == "plain", lines["campaigns"].astype(str)
     scores = lines["least"].map("{:.1f}".format) + " to " + lines["greatest"].map("{:.1f}".format)
     impacts = held["held"].astype(str) + " of " + held["impacts"].astype(str)
@@ -201,7 +197,6 @@ def model_form() -> Named:
             "score": scores,
             "K_secant held, 90 %": impacts + " (± " + held["se"].map(percent) + ")",
             "width": held["width"].map(percent),
-            "by exact path": lines["exact"].astype(str) + " of " + count,
         }
     )
     shown.insert(0, "tissue", lines.index.get_level_values("each"))

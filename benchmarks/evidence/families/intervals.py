@@ -21,6 +21,7 @@ from evidence.texts import (
     power_of_ten,
     raw,
     table,
+    trusted,
     with_error,
 )
 
@@ -167,7 +168,7 @@ def calibration() -> Named:
         rows = piece.rows()
         if rows.empty:
             continue
-        ranks = rows.drop(columns=["unit", "pareto_k"]).astype(int)
+        ranks = rows.drop(columns=["unit", "pareto_k", "passed"], errors="ignore").astype(int)
         least = _envelope(len(ranks))
         p = {}
         for name in ranks:
@@ -178,8 +179,9 @@ def calibration() -> Named:
         every += [each for pair in p.values() for each in pair]
         wide, error = spread((ranks.to_numpy() + 0.5) / RANKS)
         text = (
-            f"`{piece.each}`: {len(ranks)} data sets, {(rows['pareto_k'] >= 0.7).sum()} of them with a "
-            f"Pareto k above 0.7; the least of {2 * len(p)} p-values is {min(map(min, p.values())):.3f}; the "
+            f"`{piece.each}`: {len(ranks)} data sets, {(~trusted(rows)).sum()} of them not to "
+            f"be trusted by their diagnostics; the least of {2 * len(p)} p-values is "
+            f"{min(map(min, p.values())):.3f}; the "
             f"ranks spread {wide:.3f} ± {error:.3f} times as far as they should; the ECDF's test sees a "
             f"share of ranks that is {percent(_band(least, len(ranks)), 0)} off"
         )

@@ -17,7 +17,7 @@ from bayestissue.elements import element
 from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.levels import Recorded
-from bayestissue.hierarchy.specification import ModelSpecification
+from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.answers.contrasts import contrasts, people_compared
 from bayestissue.inference.answers.reliability import (
@@ -97,11 +97,25 @@ def fit_traces(
         if wrong is not None:
             return wrong
     settings = specification.sampler
-    sites = explanations(prepared, expansions, partial(say, "looking for other explanations of each trace"))
-    chains = chain_draws(prepared, sites, settings, seed, progress=say, checkpoints=checkpoints)
+    chains = sample(prepared, settings, seed, say, expansions=expansions, checkpoints=checkpoints)
     say("predicting", 0, 1)
     drawn = quantities_of_chain(prepared, chains.thinned(settings.draws), seed)
     return label(prepared, specification, drawn, chains, seed, say)
+
+
+def sample(
+    prepared: Prepared,
+    sampler: Sampler,
+    seed: int,
+    say: Say = lambda *_: None,
+    *,
+    expansions: GaussianFactor | None = None,
+    checkpoints: Path | None = None,
+) -> ChainDraws:
+    """Draws from the posterior of hyperparameters, effects and impacts; arguments as of `fit_traces`."""
+    finding = partial(say, "looking for other explanations of each trace")
+    sites = explanations(prepared, expansions or expanded(prepared), finding)
+    return chain_draws(prepared, sites, sampler, seed, progress=say, checkpoints=checkpoints)
 
 
 def quantities_of_chain(prepared: Prepared, chains: ChainDraws, seed: int) -> ConstrainedDraws:
