@@ -15,6 +15,7 @@ from written_drops import by_init, drop, plan_of_drops, write
 import bayestissue as bt
 from bayestissue.bench import drops as module
 from bayestissue.bench.drops import Drops
+from bayestissue.bench.views import WatchView
 from bayestissue.bench.watching import TAKEN_BACK, Watch
 from bayestissue.checking import check
 
@@ -159,6 +160,31 @@ def test_a_fit_of_what_was_watched_is_that_of_the_files_to_the_last_digit(
     after = bt.read_dataset(watch.drops.folder)
     assert left_out.impact not in set(after.impacts["impact"])
     assert after.whole_hash == ours.about["whole_hash"] != after.input_hash
+
+
+def test_what_is_said_has_the_campaigns_own_nouns(begin: Callable[[], Watch], recorded: Path) -> None:
+    with (recorded.parent / "campaign.toml").open("a", encoding="utf-8") as campaign:
+        campaign.write('\n[words]\nsubject = "pad"\n')
+    watch = begin()
+    for name in NAMES:
+        write(recorded, name, drop(name))
+    watch.catch_up(0)
+    odd = "s01_right_1.2kg_9.csv"
+    write(recorded, odd, drop(odd, stiffer=1.8))
+    watch.catch_up(0)
+    said = "\n".join(lines(watch))
+    assert "its pad's K known to" in said
+    assert "higher than this pad's other drops" in said
+    assert "person" not in said
+    assert bt.read_dataset(watch.drops.folder).words == {"subject": "pad"}
+    view = WatchView(watch)
+    state = view.state(0)
+    assert state["nouns"] == {"person": "pad", "its": "its pad so far"}
+    assert "this pad's other drops" in state["last"]["words"]
+    assert any("this pad's other drops" in each["reason"] for each in state["drops"])
+    page = view.read("index.html", {})
+    assert "Pads in the study so far" in page
+    assert 'id="people"' in page
 
 
 def test_the_study_so_far_shrinks_towards_the_person_and_finds_who_is_unlike(

@@ -31,3 +31,21 @@ def test_predictions_are_printed_and_written(tmp_path: Path) -> None:
     assert refused.status == 2
     assert 'new.csv, row 2, column mass_kg: found "heavy"' in refused.err
     assert not (tmp_path / "other").exists()
+
+
+def test_the_datasets_nouns_stand_in_what_is_said(tmp_path: Path) -> None:
+    run, at = make_fit_run(tmp_path / "run"), tmp_path / "new.csv"
+    path = run / "run.json"
+    record = json.loads(path.read_text(encoding="utf-8"))
+    path.write_text(json.dumps(record | {"words": {"subject": "pad", "impact": "drop"}}), encoding="utf-8")
+    at.write_text("subject,mass_kg\nnew person,9\n", encoding="utf-8")
+    told = bayestissue("predict", run, "--at", at, "--out", tmp_path / "out")
+    assert (told.status, told.err) == (0, "")
+    assert "a new drop: median and 90 % interval" in told.out
+    # Names of columns and levels stay.
+    assert "subject new person, mass_kg 9" in told.out
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "1 new drop by a fit of made up" in page
+    assert "subject new person" in page
+    table = pd.read_csv(tmp_path / "out" / "predictions.csv")
+    assert table["subject"].tolist() == ["new person"]

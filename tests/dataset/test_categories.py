@@ -6,8 +6,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import bayestissue as bt
 from bayestissue.dataset.impacts import impact_table
 from bayestissue.hierarchy.formulas.formula import judge
+from dataset_bench import SETTINGS, Lab, tables
 
 
 def table(**columns: list[str]):
@@ -44,3 +46,57 @@ def test_an_empty_cell_is_no_category_where_a_formula_uses_it(formula):
     reasons = " ".join(fault.reason for fault in judge(formula, read.table, 1.0).faults)
     assert "side is missing in 1 of 4 impacts, such as impact b" in reasons
     assert not any("side" in fault.reason for fault in judge("log(mass_kg)", read.table, 1.0).faults)
+
+
+@pytest.fixture
+def holed(lab: Lab) -> Lab:
+    """A dataset with three empty cells: two of a category, one of a number."""
+    for row, column in ((3, "sex"), (5, "sex"), (4, "skinfold_mm")):
+        lab.cell("impacts.csv", row, column, "")
+    return lab
+
+
+PLACES = [(5, "sex"), (3, "sex"), (4, "skinfold_mm")]
+
+
+@pytest.mark.parametrize(
+    ("formula", "columns"),
+    [
+        ("sex", ["sex"]),
+        ("(1|sex)", ["sex"]),
+        ("skinfold_mm", ["skinfold_mm"]),
+        ("log(skinfold_mm) + C(sex)", ["sex", "skinfold_mm"]),
+        ("(0 + skinfold_mm|sex)", ["sex", "skinfold_mm"]),
+    ],
+)
+def test_a_fit_names_the_row_of_every_empty_cell_that_a_formula_uses(holed, formula, columns):
+    with pytest.raises(bt.InputError) as refused:
+        bt.fit(holed.folder, K=formula)
+    cells = [problem for problem in refused.value.problems if problem.row is not None]
+    assert {(p.row, p.column) for p in cells} == {place for place in PLACES if place[1] in columns}
+    impacts = pd.read_csv(holed.path("impacts.csv"))["impact"]
+    for problem in cells:
+        assert (problem.file, problem.value) == ("impacts.csv", "an empty cell")
+        assert problem.impact == impacts[problem.row - 2]
+        assert "Fill the cell" in problem.remedy
+    assert "is missing in" in str(refused.value)
+
+
+def test_the_command_names_them_too_and_a_workbook_by_its_name(holed, command, tmp_path):
+    table = pd.read_csv(holed.path("impacts.csv"))
+    ran = command("fit", holed.folder, "--out", tmp_path / "run", "--K", "sex")
+    assert ran.status == 2
+    assert "impacts.csv, row 3, column sex, impact" in ran.err
+    table.to_excel(holed.path("impacts.xlsx"), index=False)
+    holed.path("impacts.csv").unlink()
+    ran = command("fit", holed.folder, "--out", tmp_path / "run", "--K", "sex")
+    assert "impacts.xlsx, row 3, column sex, impact" in ran.err
+
+
+def test_of_tables_in_python_the_rows_are_counted_as_there(lab):
+    impacts, traces = tables()
+    impacts.loc[2, "sex"] = None
+    given = {name: SETTINGS["signal"][name] for name in ("quantity", "unit")}
+    made = bt.dataset(impacts, traces, **given, uncertainty=SETTINGS["uncertainty"])
+    with pytest.raises(bt.InputError, match=r"impacts \(rows from 0\), row 2, column sex, impact"):
+        bt.fit(made, K="sex")

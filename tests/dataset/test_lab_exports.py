@@ -182,12 +182,8 @@ def test_a_header_of_the_first_piece_holds_for_all_rows(samples: int, x_columns:
     assert_whole(tmp_path / "a.lvm")
 
 
-def test_pieces_whose_times_begin_again_are_blocks(tmp_path: Path) -> None:
-    time = np.tile(STEP * np.arange(20), 3)
-    lvm(tmp_path / "a.lvm", time, {"Impact": VALUES[0]}, samples=20)
-    with pytest.raises(InputError, match=r'found "3 blocks"; expected one block of data'):
-        contents_of(tmp_path / "a.lvm", "a.lvm")
-    # Without times nothing says whether the pieces follow each other.
+def test_pieces_without_times_are_refused(tmp_path: Path) -> None:
+    # Nothing says whether they follow each other.
     labview(tmp_path / "b.lvm", samples=20, x_columns="No")
     with pytest.raises(InputError, match="60 rows where 20 are stated"):
         contents_of(tmp_path / "b.lvm", "b.lvm")

@@ -406,7 +406,7 @@ def test_named_channels_and_other_units(lab: Lab) -> None:
         (lambda p, t, v: lvm(p, t, {"Force": v, "Torque": v}), ".lvm", "Force, Torque"),
         (_lvm_short, ".lvm", "400 rows"),
         (_lvm_spectrum, ".lvm", "time along X"),
-        (_lvm_blocks, ".lvm", "one block of data"),
+        (_lvm_blocks, ".lvm", 'found "2 blocks"; expected one recording.*a.lvm#1'),
         (
             lambda p, t, v: lvm(p, t, {"value": v[:5], "Force": v}),
             *(

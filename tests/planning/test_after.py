@@ -39,6 +39,8 @@ def begun(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     (folder / "drops").mkdir()
     write_campaign(folder / "drops", simulate(simulation), simulation)
+    with (folder / "drops" / "dataset.toml").open("a", encoding="utf-8") as settings:
+        settings.write('\n[words]\nsubject = "pad"\n')
     fit = bt.fit(folder / "drops", "impact", K=FORMULA, C=FORMULA)
     fit.report(folder / "run")
     return folder
@@ -60,6 +62,14 @@ def test_people_and_conditions_go_on(begun: Path) -> None:
         {"m0.5"}, {"m1.0"}, {"2 kg at 1.5 m/s"}
     ]  # fmt: skip
     assert study.analyses[0].model.formula.K == FORMULA
+
+
+def test_a_plan_speaks_as_what_it_goes_on_from(begun: Path) -> None:
+    content = CONTENT | {"candidates": {"people": 3, "masses_kg": [0.5, 1.0]}}
+    for source in ({"after": after(begun)}, {"pilot": str(begun / "run")}):
+        assert study_of(plan_of(content | source, "plan.toml"), "plan.toml").words == {"subject": "pad"}
+    own = {"pilot": str(begun / "run"), "words": {"subject": "athlete"}}
+    assert study_of(plan_of(content | own, "plan.toml"), "plan.toml").words == {"subject": "athlete"}
 
 
 def test_the_same_people_may_be_hit_again(begun: Path) -> None:
@@ -92,7 +102,7 @@ def test_the_command_takes_a_running_study(begun: Path, tmp_path: Path) -> None:
             after=begun / "run",
             dataset=begun / "drops",
         )
-    assert "further people" in ended.out
+    assert "further pads" in ended.out
     assert "as it stands" in plan.content["variants"]
     assert "one truth" not in plan.content["variants"]
     assert "A study has begun" in (tmp_path / "out" / "report.html").read_text()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +36,12 @@ studies = 100
 """
 
 
+FACTOR = """[[candidates.factors]]
+name = "hit by"
+levels = ["a person", "a machine"]
+[goal]"""
+
+
 @pytest.fixture(scope="module")
 def two_goals(tmp_path_factory: pytest.TempPathFactory) -> Plan:
     path = tmp_path_factory.mktemp("plan") / "plan.toml"
@@ -52,6 +59,33 @@ def test_the_cheapest_design_that_answers_is_chosen(two_goals: Plan) -> None:
     assert chosen["goals"]["exponent"]["answered"] == chosen["goals"]["person"]["answered"] == 0.8
     assert two_goals.answer.startswith("40 people, each hit 2 times by 0.5 and 1 kg at 1.5 m/s (160 impacts")
     assert "the cheapest of 8 designs that reaches 0.80" in two_goals.answer
+
+
+def test_a_plan_speaks_of_pads_where_its_file_does(tmp_path: Path) -> None:
+    path, out = tmp_path / "plan.toml", tmp_path / "out"
+    few = PLAN.replace("[20, 40, 60, 90]", "[20, 40]").replace("[1, 2]", "[2]").replace("[goal]", FACTOR)
+    path.write_text(few)
+    with kernel():
+        plain = bt.plan(path)
+    path.write_text(few + '[words]\nsubject = "pad"\nimpact = "drop"\ntrial = "height"\n')
+    with kernel():
+        pads = bt.plan(path)
+        told = bayestissue("plan", path, "--out", out)
+    assert plain.answer.startswith("20 people, each hit 2 times by 0.5 and 1 kg at 1.5 m/s, hit by a person")
+    expected = plain.answer.replace("people", "pads").replace("impacts", "drops")
+    assert pads.answer == expected.replace("(person)", "(pad)")
+    assert "20 pads" in pads.paragraph
+    assert "twice the drops of each pad" in {limit["words"] for limit in pads.content["limits"].values()}
+    for text in (pads.answer, pads.paragraph, *pads.content["limiting"], told.out):
+        assert not re.search(r"\b(people|impacts?|conditions)\b", text.replace("a person", ""))
+    # A question's own name and a factor's levels stay, and so do the columns of files.
+    assert "a person" in pads.answer
+    assert list(pads.designs) == list(plain.designs)
+    assert told.status == 0
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert "How many pads and drops does the study need?" in page
+    assert "Beliefs about pads and tissue" in page
+    assert "candidates.people" in page
 
 
 def test_every_share_has_its_error(two_goals: Plan) -> None:

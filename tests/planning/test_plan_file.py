@@ -80,6 +80,14 @@ def test_wrong_recorders_are_named() -> None:
     assert "either [recording] or [[candidates.recorders]]" in both.expected
 
 
+@pytest.mark.parametrize("levels", [["left", ""], ["left", " "], ["left", "left"]])
+def test_levels_of_a_factor_have_a_name_each(levels: list[str]) -> None:
+    factors = [SIDES | {"levels": levels}]
+    problem = refused(candidates={**MASS, "factors": factors})["candidates.factors.0.levels"]
+    assert problem.expected.startswith("levels with a name each")
+    assert problem.value == levels
+
+
 def test_the_default_formula_has_the_factors_that_are_asked_for() -> None:
     study = study_of(plan_of(PLAN, "plan.toml"), "plan.toml")
     formula = study.analyses[0].model.formula

@@ -278,3 +278,7 @@ def test_the_page_has_the_datasets_own_nouns(folder):
     assert not re.search(r"\b(person|persons|people)\b(?!\.csv)", plain(prose), re.IGNORECASE)
     assert "a typical pad" in plain(prose)
     assert " drops" in plain(first_screen(page))
+    # What scripts tell of an impact stands in the prose, and in no script.
+    assert "far from what its pad and height let one expect" in plain(prose)
+    scripts = "".join(re.findall(r"<script>.*?</script>", page, re.DOTALL))
+    assert "its person" not in scripts

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from impacts_bench import Impact, Lab, Recorded, record
 
+import bayestissue as bt
 from bayestissue.dataset.chain import Uncertainty
 from bayestissue.signal import displacements
 from bayestissue.signal.phase import BETWEEN
@@ -82,6 +83,15 @@ def test_one_recording_alone_tells_little():
     assert made.bracket_sd[0] * RATE == pytest.approx(np.sqrt((1 - share) / 3 - (1 - share) ** 2 / 4))
 
 
+def test_what_recordings_hardly_tell_is_taken_as_either():
+    # Of these thirty, whose contact is at a sample, chance has it that they rather say between.
+    made = displacements(moved(lab(0.0, noise=0.01, seed=3), 0.0137))
+    assert made.phase.kind == "undecided"
+    first, before = made.phase.first, made.phase.before
+    assert 0.05 < first < 0.5
+    np.testing.assert_allclose(made.bracket_s * RATE, (1 - first + before) / 2)
+
+
 def test_a_velocity_that_is_hardly_known_leaves_contact_open():
     # 1 % of the velocity moves contact by half an interval here, and by as much in every recording.
     unsure = replace(lab(0.0, noise=0.01), uncertainty=Uncertainty(velocity_sd_m_s=0.03))
@@ -98,3 +108,24 @@ def test_what_is_declared_is_not_judged(zero):
     declared = displacements(replace(here, contact="on_sample")).phase
     assert (declared.kind, declared.judged) == ("on_sample", False)
     assert declared.before == zero
+
+
+# A declared contact is no question; here all recordings tell, on a clock that knows nothing of contact.
+@pytest.mark.long
+@pytest.mark.parametrize("anywhere", [False, True])
+@pytest.mark.parametrize("noise", [0.003, 0.01])
+def test_intervals_of_C_hold_wherever_contact_is(anywhere, noise):
+    # A dataset's impacts share what is not known of contact: the error of the share is that over datasets.
+    random, datasets = np.random.default_rng(7), 16
+    held = []
+    for seed in range(100, 100 + datasets):
+        made = moved(lab(random.uniform(size=NUMBER) if anywhere else 0.0, noise=noise, seed=seed), 0.0137)
+        traces = [(trace.time_s, trace.value) for trace in made.traces]
+        impacts = made.impacts.assign(
+            impact=[f"i{number}" for number in range(NUMBER)], subject="s", mass_kg=0.5
+        )
+        data = bt.dataset(impacts, traces, quantity="deceleration", unit="m/s^2")
+        table = bt.estimate(data)
+        held.append(((table["C_low_N_s_per_m"] <= 12) & (table["C_high_N_s_per_m"] >= 12)).mean())
+    error = np.std(held, ddof=1) / np.sqrt(datasets)
+    assert 0.85 - 2 * error < np.mean(held) < 0.95 + 2 * error

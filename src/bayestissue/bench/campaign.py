@@ -18,6 +18,7 @@ from bayestissue.dataset.settings import (
     Settings,
     SignalSettings,
     UncertaintySettings,
+    WordSettings,
     parse_settings,
 )
 from bayestissue.dataset.tables import TEXT_SUFFIXES
@@ -52,7 +53,8 @@ class CampaignSpecification(Table):
     like: str | None = Field(
         default=None,
         description="a dataset that `bayestissue init` made of the same recorder's files, relative to the "
-        "campaign file; signal, recorder and uncertainty are as there unless a table here says otherwise.",
+        "campaign file; signal, recorder, uncertainty and words are as there unless a table here says "
+        "otherwise.",
     )
     pattern: str | None = Field(
         default=None,
@@ -76,6 +78,11 @@ class CampaignSpecification(Table):
     signal: SignalSettings | None = Field(default=None, description="as in dataset.toml.")
     uncertainty: UncertaintySettings | None = Field(default=None, description="as in dataset.toml.")
     recorder: RecorderSettings | None = Field(default=None, description="as in dataset.toml.")
+    words: WordSettings | None = Field(
+        default=None,
+        description="as in dataset.toml: what lines and page call people, conditions and impacts; those of "
+        "the dataset of `like` unless given.",
+    )
     wanted: Wanted = Field(default=Wanted(), description="what a drop has to be, and how well K is known.")
 
 
@@ -165,7 +172,7 @@ def read_campaign(path: Path) -> Campaign:
             raise InputError.stated("no-campaign.like", str(path), None, "like", spec.like)
         content = parse_toml(read_text(like / SETTINGS, label), label)
     content |= {"name": spec.name, "source": "bayestissue watch"}
-    content |= {key: raw[key] for key in ("signal", "uncertainty", "recorder") if key in raw}
+    content |= {key: raw[key] for key in ("signal", "uncertainty", "recorder", "words") if key in raw}
     if "signal" not in content:
         raise InputError.stated("no-campaign.signal", str(path), None, "signal", "no table of that name")
     try:

@@ -26,6 +26,7 @@ from bayestissue.report.fit.page import page_of
 from bayestissue.report.page import assets
 from bayestissue.resources import shared
 from bayestissue.results.tables import table_of_rows
+from bayestissue.words import Words
 
 # Of the page where nothing was asked.
 _NO_QUESTIONS = '<span id="asked" hidden></span>'
@@ -54,7 +55,7 @@ class RunView:
         self._finished, self._asking = fit.finished, Lock()
         self._answer = lru_cache(_KEPT)(self._answered)
         run = fit_run_of(fit)
-        self._impacts = run.impacts
+        self._impacts, self._nouns = run.impacts, run.nouns
         self._page = page_of(run, served=True, longest=LONGEST, examples=self._examples())
         self._files = assets("explorer.js")
         self._files["page.js"] += "".join(map(page_file, ("server.js", "run.js")))
@@ -107,7 +108,7 @@ class RunView:
             (line,) = question_lines(table_of_rows("questions", [row])) if row else [{"problem": problem}]
             lines.append(line | {"question": question.text, "without": _address("./", others)})
         part = answered(lines, self._table(texts), _address("questions.csv", texts)) if lines else ""
-        return str(part)
+        return Words(self._nouns.nouns, {*self._nouns.unchanged, *texts}).page(str(part))
 
     def _table(self, texts: Sequence[str]) -> pd.DataFrame:
         """The table that `bayestissue ask` makes, of the questions that have an answer."""

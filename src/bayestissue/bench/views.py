@@ -20,6 +20,7 @@ from bayestissue.dataset.impacts import wanted
 from bayestissue.errors import InputError, printable
 from bayestissue.inference.single.estimates import estimate
 from bayestissue.one_impact import Impact, impact_of
+from bayestissue.words import PLAIN, Words
 
 # Of a trace: more points than a page has pixels.
 _POINTS = 600
@@ -27,7 +28,7 @@ _EDITABLE = (*wanted(needs_velocity=True)[1:], "side")
 
 
 # Of each file of the page, the files that it is put together of.
-_FILES = {"index.html": ["index.html"], "page.css": ["page.css"], "page.js": ["server.js", "page.js"]}
+_FILES = {"page.css": ["page.css"], "page.js": ["server.js", "page.js"]}
 
 
 def page_file(name: str) -> str:
@@ -52,8 +53,19 @@ class DropsView(ABC):
                 return self.state(int(since) if since.isascii() and since.isdecimal() else 0)
             case "drop":
                 return self.drop(query["impact"][0])
+            case "index.html":
+                return self.nouns.page(page_file(name))
             case _:
                 return "\n".join(map(page_file, _FILES[name]))
+
+    @property
+    def nouns(self) -> Words:
+        """What people, conditions and impacts are called here."""
+        return PLAIN
+
+    def _nouns(self) -> dict[str, str]:
+        """What the page's script says of people."""
+        return {"person": self.nouns("person"), "its": self.nouns("its person so far")}
 
     @abstractmethod
     def state(self, since: int) -> dict[str, Any]:
@@ -69,6 +81,11 @@ class WatchView(DropsView):
 
     def __init__(self, watch: Watch) -> None:
         self.watch = watch
+
+    @property
+    def nouns(self) -> Words:
+        """The campaign's."""
+        return self.watch.nouns
 
     @property
     def version(self) -> int:
@@ -96,7 +113,11 @@ class WatchView(DropsView):
             "used": len(used),
             "wanted": watch.campaign.wanted.relative_width,
             "people": people,
-            "last": {"name": name, "kind": said.kind, "words": said.words, "advice": said.advice},
+            "nouns": self._nouns(),
+            "last": {
+                **{"name": name, "kind": said.kind},
+                **{"words": self.nouns(said.words), "advice": self.nouns(said.advice)},
+            },
             "study": watch.study.drops,
             "planned": bool(watch.order.rows),
             "left": len(left),
@@ -104,11 +125,8 @@ class WatchView(DropsView):
             "chosen": {name: watch.drops.chosen.get(name, "") for name in _EDITABLE},
             "drops": [
                 {
-                    **{
-                        name: getattr(drop, name)
-                        for name in ("impact", "kind", "reason", "left_out", "K", "C")
-                    },
-                    **{"taken": drop.taken, "cells": drop.cells},
+                    **{name: getattr(drop, name) for name in ("impact", "kind", "left_out", "K", "C")},
+                    **{"reason": self.nouns(drop.reason), "taken": drop.taken, "cells": drop.cells},
                 }
                 for drop in watch.drops
                 if drop.changed > since or not since
@@ -157,6 +175,11 @@ class DatasetView(DropsView):
         self.drop(self._rows.index[0])
 
     @property
+    def nouns(self) -> Words:
+        """The dataset's."""
+        return Words(self.data.words, {self.data.name, *map(str, self._rows.index)})
+
+    @property
     def version(self) -> int:
         """Of the decisions."""
         return self._decisions.version
@@ -164,7 +187,7 @@ class DatasetView(DropsView):
     def state(self, since: int) -> dict[str, Any]:
         """All that is general, and the impacts that changed after a version."""
         version, out = self.version, self._decisions.reasons
-        wrong = [*filter(None, [self.why_not]), *(f"{problem}" for problem in self.data.left_out)]
+        wrong = [*filter(None, [self.why_not]), *(self.nouns(f"{p}") for p in self.data.left_out)]
         return {
             "version": version,
             "back": "Undo the last decision",
@@ -172,6 +195,7 @@ class DatasetView(DropsView):
             "dataset": printable(str(self._decisions.folder)),
             "used": len(set(self._rows.index) - set(out)),
             "people": [],
+            "nouns": self._nouns(),
             "drops": [
                 self._drop(impact, out.get(impact, ""))
                 for impact in reversed(self._rows.index)
@@ -183,7 +207,8 @@ class DatasetView(DropsView):
     def _drop(self, impact: str, left_out: str) -> dict[str, Any]:
         row = self._rows.loc[[impact]].iloc[0]
         said = verdict(flag for flag in row["flags"].split("; ") if flag)
-        shown = {"impact": impact, "kind": said.kind, "reason": said.reason, "left_out": left_out}
+        reason = self.nouns(said.reason)
+        shown = {"impact": impact, "kind": said.kind, "reason": reason, "left_out": left_out}
         return shown | numbers_of(row)
 
     def drop(self, impact: str) -> dict[str, Any]:

@@ -38,6 +38,7 @@ from bayestissue.one_impact import Impact, impact_of
 from bayestissue.one_impact import impact as one_impact
 from bayestissue.results import put
 from bayestissue.signal.quality.inspection import KINDS, inspect
+from bayestissue.words import Words
 
 # Traces that pages can be shown at once; of others they are read anew. And lines that pages can catch up on.
 _TRACES, _LINES = 30, 200
@@ -64,13 +65,14 @@ class Watch:
         study: what the drops together tell.
         lines: the last ones that were said.
         last: the drop or file that was judged last, and how.
+        nouns: the campaign's own for people, conditions and impacts, in what is said.
     """
 
     def __init__(
         self, recordings: Path, campaign: Campaign, drops: Drops, order: Order, say: Callable[[str], None]
     ) -> None:
         self.recordings, self.campaign, self.drops, self.order = recordings, campaign, drops, order
-        self.study = Study(campaign)
+        self.study, self.nouns = Study(campaign), Words(campaign.settings.words.values())
         self.lines: deque[Line] = deque(maxlen=_LINES)
         self.last = ("", Verdict("look", "no drop yet"))
         self._say, self._lock = say, threading.RLock()
@@ -195,7 +197,7 @@ class Watch:
             try:
                 impact = impact_of(dataset_of(self.drops.folder, self.campaign, drop.cells))
             except InputError as error:
-                self.say(f"{drop.impact}: {_in_short(error.problems[0])}")
+                self.say(f"{drop.impact}: {self.nouns(_in_short(error.problems[0]))}")
                 continue
             fresh = self._judged(drop.file, drop.cells, impact, drop.sha256)
             self.drops.version += 1
@@ -328,7 +330,7 @@ class Watch:
             self.drops.write()
         said = Verdict("again", " ".join(dict.fromkeys(map(_in_short, error.problems))))
         self.last = name, said
-        self.say(f"{name}: {said.words}")
+        self.say(f"{name}: {self.nouns(said.words)}")
 
     def _take_whole(self, name: str, incoming: Path, sha256: str) -> None:
         stamp, earlier = self._follower.settled[name], self.drops.of_file(name)
@@ -506,9 +508,9 @@ class Watch:
 
     def line(self, drop: Drop) -> str:
         """A drop in one line: its verdict, K and C by themselves and in the study so far, what is left."""
-        words = [f"{drop.impact}: {Verdict(drop.kind, drop.reason).words}"]
+        words = [f"{drop.impact}: {self.nouns(Verdict(drop.kind, drop.reason).words)}"]
         words += [f"{q} {_interval(getattr(drop, q))} {unit}" for q, unit in UNITS.items()]
-        words += self.study.words(drop)
+        words += map(self.nouns, self.study.words(drop))
         if self.order.rows:
             left = self.left()
             words.append(f"{len(left)} drops left{f', next {facts_words(left[0])}' if left else ''}")

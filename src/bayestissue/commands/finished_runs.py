@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from bayestissue.finished import Fit
+    from bayestissue.words import Words
 
 _DIGITS = {"posterior": "{:.3f}", "prior": "{:.3f}", "bayes_factor": "{:.3g}", "mcse": "{:.2g}"}
 _HEADINGS = {"bayes_factor": "Bayes factor", "mcse": "Monte Carlo error"}
@@ -110,7 +111,7 @@ def _answer(
     name: str,
     run: Path,
     table_of: Callable[[Fit], pd.DataFrame],
-    show: Callable[[pd.DataFrame], None],
+    show: Callable[[pd.DataFrame, Words], None],
     output: _Output,
     *inputs: Path,
 ) -> None:
@@ -122,7 +123,7 @@ def _answer(
             JSON.
         run: the run's folder.
         table_of: makes the table.
-        show: prints it.
+        show: prints it, with the nouns of the run's dataset.
         output: where and how.
         inputs: files besides the run that are read and must not be overwritten.
 
@@ -134,6 +135,7 @@ def _answer(
         runtime.configure()
         from bayestissue.commands.console import echo, echo_tables
         from bayestissue.finished import read_run
+        from bayestissue.report.wording import names_in, nouns_of
 
         finished = read_run(run)
         table = table_of(finished)
@@ -147,12 +149,12 @@ def _answer(
         if as_json:
             echo_tables(**{name: table})
         elif not quiet:
-            show(table)
+            show(table, nouns_of(finished.about, names_in(table)))
             if target is not None:
                 echo(f"wrote {target.path / f'{name}.csv'} and {target.path / 'report.html'}")
 
 
-def print_answers(answers: pd.DataFrame) -> None:
+def print_answers(answers: pd.DataFrame, nouns: Words) -> None:
     """Claims and numbers, each as a table, and under them what is to be said of single ones."""
     import pandas as pd
 
@@ -179,7 +181,7 @@ def print_answers(answers: pd.DataFrame) -> None:
         headings = ["quantity", "median", "from", "to", "unit", "Monte Carlo error"]
         show(table("median and 90 % interval", headings, rows, words=("quantity", "unit")))
     for row in answers[answers["note"] != ""].to_dict("records"):
-        line(f"  {row['question']}: {row['note']}")
+        line(f"  {row['question']}: {nouns(row['note'])}")
     line(f"  {_counts(answers)}")
     explained(codes_in("; ".join(answers["note"])))
 
@@ -191,7 +193,7 @@ def _counts(table: pd.DataFrame) -> str:
     return f"{int(posterior)} draws of the posterior{of_prior}" if posterior > 0 else ""
 
 
-def _print_predictions(predictions: pd.DataFrame) -> None:
+def _print_predictions(predictions: pd.DataFrame, nouns: Words) -> None:
     """The median of each quantity with its 90 % interval, and under the table what each row was given."""
     from bayestissue.commands.console import explained, line, show, table
     from bayestissue.remedies import codes_in
@@ -203,9 +205,9 @@ def _print_predictions(predictions: pd.DataFrame) -> None:
         [str(number), *("\n".join(predicted_words(row, name)) for name in PREDICTED)]
         for number, row in enumerate(rows, start=1)
     )
-    show(table("a new impact: median and 90 % interval", ["row", *headings], cells))
+    show(table(nouns("a new impact: median and 90 % interval"), ["row", *headings], cells))
     for number, row in enumerate(rows, start=1):
         words = [covariate_words(row)]
-        words += [f"new: {row['new']}"] * bool(row["new"]) + [row["note"]] * bool(row["note"])
+        words += [f"new: {row['new']}"] * bool(row["new"]) + [nouns(row["note"])] * bool(row["note"])
         line(f"  row {number}: {'; '.join(words)}")
     explained(codes_in("; ".join(predictions["note"])))

@@ -108,7 +108,7 @@ def run(
             draw_page(target.path, partial(page_html, fit))
         if not quiet:
             if specification.questions:
-                print_answers(fit.questions)
+                print_answers(fit.questions, nouns)
             echo(nouns(f"{headline(fit.diagnostics)}\n{fit.verdict}"))
             explained([*codes, *warned_codes(fit.diagnostics)])
             echo(f"wrote {target.path / 'report.html'}")

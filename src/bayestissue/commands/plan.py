@@ -11,6 +11,7 @@ import typer
 from bayestissue import results, runtime
 from bayestissue.commands.options import Excel, FormulaOfC, Json, Model, Out, Overwrite, Quiet
 from bayestissue.errors import InputError, all_of
+from bayestissue.words import Words
 
 if TYPE_CHECKING:
     from bayestissue.planning.plan import Plan
@@ -131,7 +132,7 @@ def run(
         plan = with_changes(plan, source, "goal", studies=studies, seed=seed)
         study = study_of(plan, source)
         if not quiet and not file:
-            _say_factors(plan, echo)
+            _say_factors(plan, Words(study.words), echo)
         known = known_studies(target.path)
         # Studies are kept by what they depend on, so that those of another plan do no harm.
         with Stages(quiet=quiet or as_json) as say, target.unfinished("plan") as parts:
@@ -193,12 +194,13 @@ def _levels(texts: Sequence[str] | None, option: str, example: str) -> dict[str,
     return levels or None
 
 
-def _say_factors(plan: PlanSpecification, echo: Callable[[str], None]) -> None:
+def _say_factors(plan: PlanSpecification, nouns: Words, echo: Callable[[str], None]) -> None:
     for factor in plan.candidates.factors:
         if factor.within:
+            each, groups = nouns("each person is hit at"), nouns("of groups of people write")
             levels = " and ".join(factor.levels)
-            words = f"{factor.name}: each person is hit at {levels}"
-            echo(f"{words}; of groups of people write --groups {factor.name}={','.join(factor.levels)}")
+            option = f"--groups {factor.name}={','.join(factor.levels)}"
+            echo(f"{factor.name}: {each} {levels}; {groups} {option}")
 
 
 def _print(plan: Plan) -> None:
@@ -206,12 +208,12 @@ def _print(plan: Plan) -> None:
     from bayestissue.outline import numbers_in_short
     from bayestissue.planning.words import duration
     from bayestissue.remedies import codes_in
-    from bayestissue.report.wording import with_error
+    from bayestissue.report.wording import nouns_of_plan, with_error
 
     designs = plan.content["designs"]
     goals = [name.replace("_", " ") for name in designs[0]["goals"]]
     recorders = ["recorder"] if designs[0]["recorder"] else []
-    headings = ["people", "kg", "m/s", "repeats", *recorders, "takes", *goals]
+    headings = [nouns_of_plan(plan.content)("people"), "kg", "m/s", "repeats", *recorders, "takes", *goals]
     rows = [
         [
             str(design["people"]),

@@ -135,7 +135,8 @@ def dataset(
     warnings, left_out = (
         tuple(map(_in_words, problems)) for problems in (checked.warnings, checked.left_out)
     )
-    return replace(checked, warnings=warnings, left_out=left_out)
+    counted_from_0 = {impact: row - _FIRST_ROW for impact, row in checked.rows.items()}
+    return replace(checked, warnings=warnings, left_out=left_out, table=_CALLED[IMPACTS], rows=counted_from_0)
 
 
 @contextmanager

@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from bayestissue.dataset.dialect import text_table
-from bayestissue.dataset.files import of_sheet, read_bytes
+from bayestissue.dataset.files import of_part, read_bytes
 from bayestissue.errors import InputError, Problem, has_control_characters
 from bayestissue.outline import counted
 
@@ -49,7 +49,7 @@ def read_cells(
     """
     # Cells that are kept one by one take some twenty times their size.
     data = read_bytes(path, label, remedy, share=0.05)
-    text = text_table(data, label, wanted=[*wanted, *NAMES], named=True, sheet=of_sheet(path)[1])
+    text = text_table(data, label, wanted=[*wanted, *NAMES], named=True, sheet=of_part(path)[1])
     reader = csv.reader(
         io.StringIO(text.body.tobytes().decode(), newline=""), strict=True, delimiter=text.delimiter
     )

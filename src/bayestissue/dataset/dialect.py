@@ -343,6 +343,8 @@ def text_table(
         InputError: it is no text and no workbook.
     """
     stated = stated or Stated()
+    if sheet and not is_workbook(data):
+        raise InputError.stated("no-channel.part", label, value=f"#{sheet}")
     if is_workbook(data):
         sheet, data = sheet_text(data, label, sheet)
         stated = stated.model_copy(update={"encoding": "utf-8", "delimiter": "comma"})

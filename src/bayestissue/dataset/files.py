@@ -74,7 +74,7 @@ def read_bytes(path: Path, label: str, remedy: str, *, share: float = 1.0) -> by
     """The content of a file, unpacked if its name ends in ``.gz``.
 
     Args:
-        path: where it lies; of a sheet, the whole workbook is the content.
+        path: where it lies; of a part, the whole file is the content.
         label: what to call it in a message.
         remedy: what to do if it is not there.
         share: of the bytes that a file may have; see `require_small`.
@@ -82,7 +82,7 @@ def read_bytes(path: Path, label: str, remedy: str, *, share: float = 1.0) -> by
     Raises:
         InputError: it is missing, no regular file, unreadable, empty, too large, or a broken archive.
     """
-    path, _ = of_sheet(path)
+    path, _ = of_part(path)
     try:
         status = path.stat()
         if not stat.S_ISREG(status.st_mode):
@@ -222,13 +222,22 @@ def _require(data: bytes, label: str, encoding: str) -> bytes:
     raise InputError.stated("not-text.encoding", label, row=row, value=slip) from None
 
 
-_SHEET = re.compile(r"(.+\.xlsx)#(.+)", re.IGNORECASE | re.DOTALL)
+# Texts that may be LabVIEW's, whose blocks have numbers, as sheets have names.
+_OF_BLOCKS = "lvm|txt|dat|asc|csv|tsv"
+_PART = re.compile(rf"(.+\.xlsx)#(.+)|(.+\.(?:{_OF_BLOCKS}))#(\d+)", re.IGNORECASE | re.DOTALL)
+# Behind the name of a file, and before that of its part.
+BEFORE_PART = re.compile(rf"\.(?:xlsx|{_OF_BLOCKS})#", re.IGNORECASE)
 
 
-def of_sheet(path: Path) -> tuple[Path, str]:
-    """The workbook and the sheet that a path such as ``p1.xlsx#left`` names; else the path and ``""``."""
-    match = _SHEET.fullmatch(str(path))
-    return (Path(match[1]), match[2]) if match and not os.path.exists(path) else (path, "")  # noqa: PTH110
+def of_part(path: Path) -> tuple[Path, str]:
+    """The file and the part of it that a path names; else the path and ``""``.
+
+    A part is a sheet of a workbook, ``p1.xlsx#left``, or a block of LabVIEW's text, ``p1.lvm#2``.
+    """
+    match = _PART.fullmatch(str(path))
+    if not match or os.path.exists(path):  # noqa: PTH110
+        return path, ""
+    return Path(match[1] or match[3]), match[2] or match[4]
 
 
 _ZIP = b"PK\x03\x04"

@@ -48,7 +48,8 @@ COLUMNS = {
     "mass_kg": _MEASURED["mass_kg"].meaning,
     "velocity_m_s": f"{_MEASURED['velocity_m_s'].meaning}; of recorded displacements it may be left out",
     "trace": "the impact's file, relative to the folder and inside it, of a workbook with the sheet, such as "
-    "`p1.xlsx#left`; left out, one table has all samples",
+    "`p1.xlsx#left`, of a LabVIEW text with the block's number, such as `p1.lvm#2`; left out, one "
+    "table has all samples",
     CROP[0]: "where the impact's stretch of the recording begins, in s on the recorder's clock, instead of "
     "signal.crop; several impacts may be stretches of one file that do not overlap",
     CROP[1]: "where the stretch ends",

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float64, Int8
 
+from bayestissue.dataset.cells import FILE as IMPACTS
 from bayestissue.dataset.chain import Contact, Quantity, Recorder, Uncertainty
 from bayestissue.errors import Problem
 from bayestissue.outline import Outlined, Rows, counted, short, span
@@ -63,6 +64,8 @@ class Dataset(Outlined):
             which is 0 in free fall; an acceleration is its negative. A sensor whose zero is at rest reads
             g less of it, which was added as the recordings were read.
         contact: where contact falls, "between" samples or "on_sample"; None where nothing was declared.
+        table: what messages call the table that ``impacts`` was read from.
+        rows: of each impact, by its name, the row there; none where it was read from no table.
     """
 
     name: str
@@ -82,6 +85,21 @@ class Dataset(Outlined):
     whole_hash: str = ""
     words: Mapping[str, str] = field(default_factory=dict)
     contact: Contact | None = None
+    table: str = IMPACTS
+    rows: Mapping[str, int] = field(default_factory=dict)
+
+    def cell(self, key: str, impact: str, column: str, value: object, **numbers: object) -> Problem:
+        """What is wrong with a cell of the table of impacts, with its row there.
+
+        Args:
+            key: of the message, whose sentences are of ``numbers`` too: see `Problem.stated`.
+            impact: whose cell it is.
+            column: of the cell.
+            value: what was found.
+            numbers: in the message.
+        """
+        row = self.rows.get(impact)
+        return Problem.stated(key, self.table, row, column, value, impact=impact, **numbers)
 
     def write(self, path: str | Path, *, overwrite: bool = False) -> Path:
         """Write the dataset as a folder that `read_dataset` reads back equal, whole or not at all.

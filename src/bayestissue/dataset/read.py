@@ -51,7 +51,8 @@ def read_dataset(path: str | Path, *, skip_bad: bool = False, whole: bool = Fals
         data = _read(folder, impacts, skip_bad=skip_bad, whole=whole)
     except InputError as error:
         raise InputError(_named(error.problems, impacts)) from None
-    return replace(data, warnings=_named(data.warnings, impacts), left_out=_named(data.left_out, impacts))
+    warnings, left_out = (_named(problems, impacts) for problems in (data.warnings, data.left_out))
+    return replace(data, warnings=warnings, left_out=left_out, table=impacts.name)
 
 
 def _named(problems: Iterable[Problem], impacts: Path) -> tuple[Problem, ...]:
@@ -163,6 +164,7 @@ def checked_dataset(
         source=settings.source,
         words=settings.words.values(),
         contact=signal.contact,
+        rows=dict(zip(impacts["impact"], map(int, table.row), strict=True)),
         **chain,
     )
 

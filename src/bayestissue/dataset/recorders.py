@@ -9,10 +9,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int
 
 from bayestissue.dataset.dialect import Stated
-from bayestissue.dataset.files import error_line, of_sheet, read_bytes
+from bayestissue.dataset.files import error_line, of_part, read_bytes
 from bayestissue.dataset.formats import (
     FORMATS,
     Channel,
@@ -41,6 +41,7 @@ class Recording:
         time: the time channel in the dataset's time unit, if the file has one.
         clock: the recorder's own time in s, if the format carries one and there is no time channel.
         first_row: the row, or in a binary file the number, of the first sample.
+        rows: of each sample, where they do not follow one another.
         text: what stood in cells that held no number, by the index of the sample.
     """
 
@@ -48,6 +49,7 @@ class Recording:
     time: Float64[np.ndarray, " sample"] | None = None
     clock: Float64[np.ndarray, " sample"] | None = None
     first_row: int = 1
+    rows: Int[np.ndarray, " sample"] | None = None
     text: dict[int, str] = field(default_factory=dict)
 
 
@@ -67,12 +69,16 @@ def read_recording(path: Path, label: str, signal: SignalSettings) -> Recording:
     """
     if _is_table(path):
         return _from_table(path, label, signal)
-    return _pick(_contents(path, label), label, signal)
+    contents = _contents(path, label)
+    if contents.blocks:
+        value, first = f"{len(contents.blocks)} blocks", f"{label}#1"
+        raise InputError.stated("no-channel.blocks", label, value=value, first=first)
+    return _pick(contents, label, signal)
 
 
 def suffix_of(path: Path) -> str:
     """What a file's name says of its format: how it ends, in small letters."""
-    path, _ = of_sheet(path)
+    path, _ = of_part(path)
     return "".join(path.suffixes[-2:]).lower() if path.suffix.lower() == ".gz" else path.suffix.lower()
 
 
@@ -80,7 +86,7 @@ def contents_of(path: Path, label: str, stated: Stated | None = None) -> Content
     """All channels of numbers in a file; of a table every column in which most cells hold a number.
 
     Args:
-        path: the file; its suffix says the format.
+        path: the file, or a part of it: see `of_part`; its suffix says the format.
         label: what to call it in a message.
         stated: how a text is written, as far as somebody said so.
 
@@ -104,7 +110,7 @@ def _is_table(path: Path) -> bool:
     if suffix not in (*_TABLES, labview.SUFFIX):
         return False
     begin = b""
-    with suppress(OSError, ValueError), path.open("rb") as file:
+    with suppress(OSError, ValueError), of_part(path)[0].open("rb") as file:
         begin = file.read(labview.HEADER)
     # Whoever reads a file that is not there, or empty, says so.
     return not labview.is_measurement(begin) and (suffix != labview.SUFFIX or labview.is_headerless(begin))
@@ -136,7 +142,7 @@ def _contents(path: Path, label: str) -> Contents:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            return FORMATS[suffix].read(data, label)
+            contents = FORMATS[suffix].read(data, label)
     except UnfitError as error:
         words = {"expected": error.expected, "remedy": error.remedy}
         raise InputError.stated("recorder-file", label, value=error.value, **words) from None
@@ -146,6 +152,14 @@ def _contents(path: Path, label: str) -> Contents:
         # Damaged bytes can fail anywhere in a decoder, with whatever that part of it raises.
         line = error_line(error)
         raise InputError.stated("damaged-file.recorder", label, value=line, suffix=suffix) from error
+    part = of_part(path)[1]
+    if not part:
+        return contents
+    # A file of one recording has it as its first part too.
+    blocks = contents.blocks or (contents,)
+    if not 1 <= int(part) <= len(blocks):
+        raise InputError.stated("no-channel.block", label, value=f"#{part}", count=len(blocks))
+    return blocks[int(part) - 1]
 
 
 def _from_table(path: Path, label: str, signal: SignalSettings) -> Recording:
@@ -188,4 +202,5 @@ def _pick(contents: Contents, label: str, signal: SignalSettings) -> Recording:
         None if time is None else time.values,
         value.clock if time is None else None,
         first_row=contents.first_row,
+        rows=value.rows,
     )

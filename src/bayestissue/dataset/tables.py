@@ -18,7 +18,7 @@ from jaxtyping import Float64, Int
 from bayestissue.dataset import clock_times
 from bayestissue.dataset.cells import column_problems, ragged_problem
 from bayestissue.dataset.dialect import Dialect, Stated, TextTable, is_clock, text_table
-from bayestissue.dataset.files import error_line, of_sheet, read_bytes, require_small
+from bayestissue.dataset.files import error_line, of_part, read_bytes, require_small
 from bayestissue.errors import InputError, Problem
 
 TABLE_SUFFIXES = (".csv", ".csv.gz", ".tsv", ".xlsx", ".parquet")
@@ -116,7 +116,7 @@ def read_table(
     """
     data = read_bytes(path, label, remedy)
     if path.suffix != ".parquet":
-        wanted, sheet = [*labels, *optional, *numbers], of_sheet(path)[1]
+        wanted, sheet = [*labels, *optional, *numbers], of_part(path)[1]
         text = text_table(data, label, wanted=wanted, stated=stated, sheet=sheet)
         numbers = [*(name for name in optional if name in text.names), *numbers]
         return _parse_text(text, label, numbers, labels)
@@ -153,7 +153,7 @@ def read_numbers(path: Path, label: str, *, remedy: str, stated: Stated | None =
         names = [field.name for field in schema if _numeric(field.type)]
         table = read_table(path, label, numbers=names, remedy=remedy)
     else:
-        text = text_table(read_bytes(path, label, remedy), label, stated=stated, sheet=of_sheet(path)[1])
+        text = text_table(read_bytes(path, label, remedy), label, stated=stated, sheet=of_part(path)[1])
         names = [name for name in text.names if name and not (text.clock and is_clock(name))]
         table = _parse_text(text, label, names, (), whole=False)
     return replace(

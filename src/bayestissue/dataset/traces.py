@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Int
 
-from bayestissue.dataset.files import of_sheet, require_small
+from bayestissue.dataset.files import of_part, require_small
 from bayestissue.dataset.recorders import Recording, read_recording
 from bayestissue.dataset.recordings import Reading, Samples, Windows, crop, in_seconds, in_si
 from bayestissue.dataset.settings import SignalSettings
@@ -155,7 +155,7 @@ def read_files(folder: Path, impacts: pd.DataFrame, rows: np.ndarray, signal: Si
             require_small(size, "the recordings together")
             pieces.append(piece)
     return Reading(
-        Samples.joined(pieces, signal), problems, list(dict.fromkeys(of_sheet(p)[0] for p in taken))
+        Samples.joined(pieces, signal), problems, list(dict.fromkeys(of_part(p)[0] for p in taken))
     )
 
 
@@ -194,7 +194,7 @@ def _samples(recording: Recording, rate: float, file: str, signal: SignalSetting
         np.array([0, count]),
         np.array([0]),
         [file],
-        recording.first_row + np.arange(count),
+        recording.first_row + np.arange(count) if recording.rows is None else recording.rows,
         signal.time_column,
         signal.value_column,
         recording.text,

@@ -17,12 +17,14 @@ from bayestissue.dataset.recordings import uneven
 from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.elements import element
 from bayestissue.elements.element import GRAVITY, REFERENCE_DIAMETER_M
-from bayestissue.errors import InputError, Problem
+from bayestissue.errors import InputError, Problem, along_with
 from bayestissue.hierarchy import SIDE_BY_SIDE
 from bayestissue.hierarchy.design import Design, build_design
 from bayestissue.hierarchy.effects import RESPONSES
+from bayestissue.hierarchy.formulas.formula import columns_named
+from bayestissue.hierarchy.formulas.identifiability import missing
 from bayestissue.hierarchy.population import population_design
-from bayestissue.hierarchy.specification import ModelSpecification
+from bayestissue.hierarchy.specification import Formulas, ModelSpecification
 from bayestissue.hierarchy.traces import Kind, Record, TraceData, TraceModel, nuisance_of
 from bayestissue.likelihood.arma.displacement import displacement_record
 from bayestissue.likelihood.element.noise import colour_of, discrepancy_modes
@@ -60,12 +62,14 @@ def prepare(dataset: Dataset, specification: ModelSpecification, *, source: str)
     problems = unsuited(dataset, specification, source)
     if problems:
         raise InputError(problems)
-    design = build_design(
-        specification.formula,
-        dataset.impacts,
-        reference_mass_kg=specification.reference_mass_kg,
-        source=source,
-    )
+    # Of a formula with such a column the design is refused; beside it stands where the values are missing.
+    with along_with(_empty_cells(dataset, specification.formula)):
+        design = build_design(
+            specification.formula,
+            dataset.impacts,
+            reference_mass_kg=specification.reference_mass_kg,
+            source=source,
+        )
     if specification.mass_error == "subject":
         problems = _without_people(design, source)
         if problems:
@@ -206,6 +210,22 @@ def only_by_impact(dataset: Dataset, source: str, column: str, value: str) -> li
         for key, rows in (("uneven-times.model", bent), ("clipped.model", limited))
         if rows.any()
     ]
+
+
+def _empty_cells(dataset: Dataset, formulas: Formulas) -> list[Problem]:
+    """A problem for each cell without a value in a column that a formula is of."""
+    impacts, named = (
+        dataset.impacts,
+        [columns_named(formula) for _, formula in formulas if formula is not None],
+    )
+    problems = []
+    for column in dict.fromkeys(name for columns in named for name in columns if name in impacts):
+        kind = "number" if pd.api.types.is_numeric_dtype(impacts[column]) else "category"
+        problems += [
+            dataset.cell("formula.empty", str(impact), column, "an empty cell", kind=kind)
+            for impact in impacts.loc[missing(impacts[column]), "impact"]
+        ]
+    return problems
 
 
 def _without_people(design: Design, source: str) -> list[Problem]:

@@ -16,7 +16,7 @@ import pandas as pd
 
 from bayestissue.dataset import Dataset, Trace, read_dataset, write_dataset
 from bayestissue.dataset.dialect import Stated
-from bayestissue.dataset.files import of_sheet
+from bayestissue.dataset.files import BEFORE_PART, of_part
 from bayestissue.dataset.left_out import NEVER_READ, reason_of, write_left_out
 from bayestissue.dataset.recorders import suffix_of
 from bayestissue.dataset.recordings import CROP, in_seconds
@@ -156,7 +156,7 @@ def _reasons(problems: Iterable[Problem], recordings: RecorderFolder, used: set[
 
 def _impact_name(bare: str) -> str:
     """What the impact of a recording is called, by the recording's name without its ending."""
-    return bare.replace(".xlsx#", "_")
+    return BEFORE_PART.sub("_", bare)
 
 
 def _settings(choices: Choices, name: str, files: int) -> dict[str, Any]:
@@ -200,7 +200,7 @@ def _write(
     used = set(table["trace"])
     for file in recordings.files:
         if f"{RECORDINGS}/{file.name}" in used:
-            source, sheet = of_sheet(file.path)
+            source, sheet = of_part(file.path)
             copy = folder / RECORDINGS / (file.name.removesuffix(f"#{sheet}") if sheet else file.name)
             copy.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(source, copy)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from bayestissue.dataset.cells import read_cells
+from bayestissue.dataset.files import BEFORE_PART
 from bayestissue.errors import InputError, Problem, collected
 from bayestissue.intake.folder import File, RecorderFolder
 from bayestissue.intake.names import Pattern, bare_name, columns, contradictions, fills, is_height, is_number
@@ -214,5 +215,5 @@ def joins_by_names(table: Path) -> bool:
 def _possible_names(file: File) -> set[str]:
     """The ways in which a table may call a file."""
     bare = bare_name(file)
-    names = {file.name, bare, bare.replace(".xlsx#", "#")}
+    names = {file.name, bare, BEFORE_PART.sub("#", bare)}
     return names | {PurePosixPath(name).name for name in names}

@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from bayestissue.dataset.dialect import Stated
-from bayestissue.dataset.files import of_sheet, read_bytes, sheet_names
+from bayestissue.dataset.files import of_part, read_bytes, sheet_names
+from bayestissue.dataset.formats import Contents
 from bayestissue.dataset.recorders import SUFFIXES, contents_of, suffix_of
 from bayestissue.dataset.recordings import MIN_SAMPLES
 from bayestissue.dataset.tables import TEXT_SUFFIXES
@@ -87,10 +88,10 @@ class ChannelSummary:
 
 @dataclass(frozen=True)
 class File:
-    """One recorder file, or a sheet of a workbook.
+    """One recorder file, or a part of one: a sheet of a workbook, or a block of LabVIEW's text.
 
     Attributes:
-        path: where it lies; of a sheet as ``p1.xlsx#left``.
+        path: where it lies; of a part as ``p1.xlsx#left`` or ``p1.lvm#2``.
         name: its path relative to the folder, with ``/`` between the parts.
         channels: by name, in the order of the file.
         written: how a text is written, in words; empty of other files.
@@ -103,8 +104,8 @@ class File:
 
     @property
     def suffix(self) -> str:
-        """How its name ends; that of a sheet ends as the sheet is called."""
-        return "" if of_sheet(self.path)[1] else suffix_of(self.path)
+        """How its name ends; that of a part ends as the part is called."""
+        return "" if of_part(self.path)[1] else suffix_of(self.path)
 
 
 @dataclass(frozen=True)
@@ -150,7 +151,7 @@ def look(
         ignore: files that are no recordings, such as a table of facts.
         stated: how texts are written, as far as somebody said so.
         sheets: whether each sheet of a workbook is a recording, or its first one alone; each, if None, where
-            any workbook has several.
+            any workbook has several. Each block of a text of LabVIEW is one.
 
     Raises:
         InputError: it is no folder, or holds no recorder file.
@@ -162,7 +163,7 @@ def look(
     skipped = {path.resolve() for path in ignore}
     paths = [path for path in files_within(root) if path.resolve() not in skipped]
     # Where there is nothing else, texts are recordings; beside recordings they are notes.
-    kinds = [(suffix,)] if suffix else [SUFFIXES, TEXT_SUFFIXES]
+    kinds = [(suffix,)] if suffix else [*([(".xlsx",)] if sheets else []), SUFFIXES, TEXT_SUFFIXES]
     sorted_out = ([path for path in paths if suffix_of(path) in kind] for kind in kinds)
     wanted = next(filter(None, sorted_out), [])
     if not wanted:
@@ -183,30 +184,48 @@ def look(
         except InputError as error:
             problems += (replace(problem, files_read=len(wanted)) for problem in error.problems)
             continue
-        files.append(
-            File(
-                path,
-                name,
-                {
-                    key: ChannelSummary(
-                        channel.unit,
-                        channel.values.size,
-                        channel.clock is not None,
-                        Steps.from_values(channel.values, contents.first_row),
-                    )
-                    for key, channel in contents.channels.items()
-                },
-                contents.written,
-            )
-        )
-    files, problems = books.sorted_out(files, problems)
+        blocks = {f"#{number}": block for number, block in enumerate(contents.blocks, 1)} or {"": contents}
+        files += (_listed(path.with_name(path.name + part), name + part, blocks[part]) for part in blocks)
+    files, problems = books.sorted_out(_with_numbers(files, always=sheets is True), problems)
     if not files:
         raise InputError(problems)
     return RecorderFolder(root, tuple(files), tuple(problems), books.words())
 
 
+def _listed(path: Path, name: str, contents: Contents) -> File:
+    channels = {
+        key: ChannelSummary(
+            channel.unit,
+            channel.values.size,
+            channel.clock is not None,
+            Steps.from_values(channel.values, contents.first_row),
+        )
+        for key, channel in contents.channels.items()
+    }
+    return File(path, name, channels, contents.written)
+
+
+def _with_numbers(files: list[File], *, always: bool) -> list[File]:
+    """The files; where one text of LabVIEW holds several blocks, a text of a single block has a number too.
+
+    One pattern can read names of one form alone.
+
+    Args:
+        files: of which those of several blocks are their blocks already.
+        always: whether a single block has its number in any case.
+    """
+    if not always and all(file.suffix or of_part(file.path)[0].suffix == ".xlsx" for file in files):
+        return files
+    return [_first_block(file) if file.suffix and not file.written else file for file in files]
+
+
+def _first_block(file: File) -> File:
+    path = file.path.with_name(f"{file.path.name}#1")
+    return replace(file, path=path, name=f"{file.name}#1") if of_part(path)[1] else file
+
+
 class _Books:
-    """The workbooks among recorder files, whose sheets may be recordings."""
+    """Files of several parts among recorder files: workbooks, whose sheets may be recordings, and texts."""
 
     def __init__(self, each_sheet: bool | None) -> None:
         """Where ``each_sheet`` is False, take the first sheet of a workbook alone; see `look`."""
@@ -237,15 +256,15 @@ class _Books:
         return tuple(f"{what}: {first_of(names, 3)}" for what, names in self._passed_over.items())
 
     def sorted_out(self, files: list[File], problems: list[Problem]) -> tuple[list[File], list[Problem]]:
-        """The recordings, and what is wrong, without sheets that are empty or hold no recording.
+        """The recordings, and what is wrong, without sheets and blocks that are empty or hold no recording.
 
         A workbook of one sheet with cells has its own name, unless each sheet is to be named or others have
         several.
         """
         of_book: dict[Path, list[File]] = {}
         for file in files:
-            of_book.setdefault(of_sheet(Path(file.name))[0], []).append(file)
-        blank = [p for p in problems if p.code == "no-rows" and of_sheet(Path(p.file))[0] in of_book]
+            of_book.setdefault(of_part(Path(file.name))[0], []).append(file)
+        blank = [p for p in problems if p.code == "no-rows" and of_part(Path(p.file))[0] in of_book]
         problems = [problem for problem in problems if problem not in blank]
         if self.each_sheet is None and not problems and all(len(sheets) == 1 for sheets in of_book.values()):
             return [_as_a_whole(file) for file in files], problems
@@ -253,14 +272,15 @@ class _Books:
         for book, sheets in of_book.items():
             held = [file for file in sheets if _holds_samples(file)] or sheets
             recordings += held
+            kind = "sheets" if book.suffix == ".xlsx" else "blocks"
             self._over(
-                "sheets without a recording", book, [of_sheet(f.path)[1] for f in sheets if f not in held]
+                f"{kind} without a recording", book, [of_part(f.path)[1] for f in sheets if f not in held]
             )
         return recordings, problems
 
 
 def _as_a_whole(file: File) -> File:
-    path, sheet = of_sheet(file.path)
+    path, sheet = of_part(file.path)
     return replace(file, path=path, name=file.name.removesuffix(f"#{sheet}")) if sheet else file
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 from bayestissue.dataset import Dataset, Quantity, Recorder, Uncertainty, read_dataset
 from bayestissue.dataset.dialect import Stated
+from bayestissue.dataset.files import BEFORE_PART
 from bayestissue.dataset.recorders import SUFFIXES, suffix_of
 from bayestissue.dataset.settings import Gravity, Zero, stated_table
 from bayestissue.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES
@@ -129,7 +130,8 @@ def prepare(folder: str | Path, choices: Choices) -> Intake:
         if choices.pattern and choices.pattern.lower().endswith(suffix)
     ]
     sheets = None if choices.pattern is None else "#" in choices.pattern
-    suffix = ".xlsx" if sheets else max(ends, key=len, default="")
+    before_part = BEFORE_PART.search(choices.pattern or "")
+    suffix = before_part[0][:-1].lower() if before_part else max(ends, key=len, default="")
     ignore = [choices.table] if choices.table else []
     stated = checked(choices.text, Stated, file="--text")
     recordings = look(folder, suffix=suffix, ignore=ignore, stated=stated, sheets=sheets)

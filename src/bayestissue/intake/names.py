@@ -14,6 +14,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from bayestissue.dataset.chain import STANDARD_GRAVITY
+from bayestissue.dataset.files import BEFORE_PART
 from bayestissue.errors import InputError, Problem
 from bayestissue.intake.folder import File
 
@@ -136,7 +137,8 @@ class Pattern:
             file: its path relative to the folder, with ``/`` between the parts; as many of the last parts are
                 read as the pattern has.
             suffix: how its name ends; a pattern that does not end so is read as one of the name before it. A
-            sheet is read behind ``.xlsx#``, or ``#`` alone.
+                sheet is read behind ``.xlsx#``, or ``#`` alone; the number of a block likewise, and it need
+                not be read.
 
         Raises:
             InputError: the name does not fit, or fits in two ways.
@@ -162,9 +164,11 @@ class Pattern:
         """What of a file's path is read."""
         parts = PurePosixPath(file).parts[-1 - self.text.count("/") :]
         name = "/".join(parts)
-        if not self.text.lower().endswith(suffix):
+        if "#" not in self.text and (block := _BLOCK.fullmatch(name)):
+            name, suffix = block["file"], block["suffix"]
+        if not self.text.lower().endswith(suffix.lower()):
             name = name[: -len(suffix)]
-        return name if ".xlsx#" in self.text.lower() else _SHEET.sub("#", name, count=1)
+        return name if BEFORE_PART.search(self.text) else BEFORE_PART.sub("#", name, count=1)
 
     def _reading(self, name: str, lazy: str) -> dict[str, str] | None:
         """The fields of a name; None where it does not fit.
@@ -191,8 +195,8 @@ def _unfit(text: str, slip: str) -> InputError:
     return InputError.stated("file-names.pattern", OPTION, value=f"{text}: {slip}", example=_EXAMPLE)
 
 
-_SHEET = re.compile(r"\.xlsx#", re.IGNORECASE)
-_CUTS = re.compile(r"(\.xlsx#|[_\-\s/]+)", re.IGNORECASE)
+_BLOCK = re.compile(r"(?P<file>.*(?P<suffix>\.(?!xlsx)\w+))#\d+", re.IGNORECASE | re.DOTALL)
+_CUTS = re.compile(rf"({BEFORE_PART.pattern}|[_\-\s/]+)", re.IGNORECASE)
 _NUMBERED = re.compile(r"(?P<before>[^\W\d]*)(?P<number>\d+(?:[.,]\d+)?)(?P<after>[^\W\d]*)")
 _UNITS = {
     "kg": "mass_kg",
@@ -223,7 +227,7 @@ _REPEATS = frozenset(["", "r", "n", "nr", "rep", "run", "trial", "drop", "hit", 
 
 
 def bare_name(file: File) -> str:
-    """The name of a file without its ending; that of a sheet with the sheet behind ``.xlsx#``."""
+    """The name of a file without its ending; that of a part with the part behind ``.xlsx#`` or ``.lvm#``."""
     return file.name[: len(file.name) - len(file.suffix)]
 
 

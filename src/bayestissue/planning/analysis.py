@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -59,6 +59,7 @@ class Study:
         prior: what is believed of the tissue.
         simulations: whose measuring chains are those of the recorders, by name.
         running: what a study that has begun has recorded.
+        words: what people, conditions and impacts are called, by the keys of ``[words]``.
     """
 
     plan: PlanSpecification
@@ -68,6 +69,7 @@ class Study:
     prior: DesignPrior
     simulations: Mapping[str, Simulation]
     running: Running | None = None
+    words: Mapping[str, str] = field(default_factory=dict)
 
     def model_of(self, number: int) -> ModelSpecification:
         """The model that analyses a design."""
@@ -119,9 +121,11 @@ def study_of(plan: PlanSpecification, source: str) -> Study:
             problems += _unanswerable(design, sorted(set(rows["mass_kg"])), questions, model, source)
     problems += _unknown_beliefs(plan, judged, source)
     prior: DesignPrior = Beliefs(plan.population) if earlier is None else earlier.prior
+    words = {} if earlier is None else earlier.words
     if earlier is None and plan.pilot is not None:
         with collected(problems):
-            prior = _pilot(plan.pilot, Beliefs(plan.population), model, source)
+            prior, words = _pilot(plan.pilot, Beliefs(plan.population), model, source)
+    words = words if plan.words is None else plan.words.values()
     if problems:
         raise InputError({str(problem): problem for problem in problems}.values())
     together: dict[tuple[tuple[str, str], ...], list[int]] = {}
@@ -138,7 +142,7 @@ def study_of(plan: PlanSpecification, source: str) -> Study:
         for name, recording in plan.recordings.items()
     }
     running = None if earlier is None else earlier.running
-    return Study(plan, designs, tuple(analyses), _goals(plan), prior, simulations, running)
+    return Study(plan, designs, tuple(analyses), _goals(plan), prior, simulations, running, words)
 
 
 def factors_named(questions: Iterable[str]) -> list[dict[str, Any]]:
@@ -259,13 +263,15 @@ def _unknown_beliefs(plan: PlanSpecification, designs: Sequence[Design], source:
         yield from (unknown(f"effects.{q}", key, names) for key in effects if key not in names)
 
 
-def _pilot(run: str, otherwise: Beliefs, model: ModelSpecification, source: str) -> DesignPrior:
-    """The posterior of a finished fit, which has to be of the same element."""
+def _pilot(
+    run: str, otherwise: Beliefs, model: ModelSpecification, source: str
+) -> tuple[DesignPrior, Mapping[str, str]]:
+    """The posterior of a finished fit, which has to be of the same element, and its dataset's words."""
     pilot = read_run(run)
     if pilot.specification.element != model.element:
         value, wanted = pilot.specification.element, model.element
         raise InputError.stated("impossible-plan.pilot", source, None, "pilot", value, element=wanted)
-    return pilot_of(pilot, otherwise)
+    return pilot_of(pilot, otherwise), pilot.about.get("words", {})
 
 
 def _goals(plan: PlanSpecification) -> tuple[Goal, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import pandas as pd
@@ -28,6 +28,7 @@ class Begun:
         running: what its recordings tell.
         prior: what is believed now: draws of the fit's posterior.
         again: whether the people of a design are first those that were recorded.
+        words: what the dataset calls people, conditions and impacts.
     """
 
     run: str
@@ -35,6 +36,7 @@ class Begun:
     running: Running
     prior: RunningPrior
     again: bool
+    words: Mapping[str, str]
 
     def named(self, designs: Sequence[Candidate]) -> tuple[Candidate, ...]:
         """Designs of what is still to come, with the recorded names of people and conditions."""
@@ -71,7 +73,7 @@ def begun_study(after: After, otherwise: Beliefs, source: str) -> Begun:
     running = running_study(prepare(dataset, model, source=after.run), model)
     posterior = fit.posterior["posterior"].to_dataset()
     prior = RunningPrior.of_posterior(posterior, pilot_of(fit, otherwise))
-    return Begun(after.run, model, running, prior, after.again)
+    return Begun(after.run, model, running, prior, after.again, dataset.words)
 
 
 def pilot_of(pilot: Fit, otherwise: Beliefs) -> Pilot:

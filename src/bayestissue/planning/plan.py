@@ -28,7 +28,7 @@ from bayestissue.planning.candidates import Candidate
 from bayestissue.planning.population import BLOCK, Beliefs, DesignPrior, Pilot, WithoutSpread
 from bayestissue.planning.running import Running, RunningPrior
 from bayestissue.planning.specification import MOST_PEOPLE, PlanSpecification, plan_of, read_plan
-from bayestissue.planning.words import answer, limit_words, paragraph, warning, what_limits
+from bayestissue.planning.words import answer, in_own_words, limit_words, paragraph, warning, what_limits
 from bayestissue.report.run_folder import draw_page
 from bayestissue.results.tables import table_of_rows, typed
 from bayestissue.simulation.specification import Recording, Simulation
@@ -296,11 +296,13 @@ def carry_out(
         "held_open": {} if reaching else _held_open(cases[chosen], study.goals),
         "variants": {name: numbers(case) for name, case in variants.items()},
         "limits": {key: {"words": limit_words(key), **numbers(case)} for key, case in limits.items()},
+        **({"words": dict(study.words)} if study.words else {}),
     }
     # Of all that was assumed and found; what follows is the same in words.
     content["sha256"] = _hash(content)
     content |= {"answer": answer(content), "paragraph": paragraph(content), "warning": warning(content)}
     content["limiting"] = what_limits(content)
+    content = in_own_words(content)
     stated = {"plan": study.plan.name, "seed": aim.seed, "studies": aim.studies, "sha256": content["sha256"]}
     record = start.record("plan", "plan", **stated)
     return Plan(record, content, _designs(content), ledger.table())

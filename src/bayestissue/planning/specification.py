@@ -10,7 +10,7 @@ from typing import Annotated, Any, Self
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from bayestissue import runtime
-from bayestissue.dataset.settings import Gravity, RecorderSettings
+from bayestissue.dataset.settings import Gravity, RecorderSettings, WordSettings
 from bayestissue.planning.population import BLOCK, Population
 from bayestissue.settings import Table, checked, parse_toml, read_text
 from bayestissue.simulation.specification import (
@@ -244,6 +244,11 @@ class PlanSpecification(Table):
     after: After | None = Field(
         default=None,
         description="a study that has begun; model, formula, pilot and population are then its own.",
+    )
+    words: WordSettings | None = Field(
+        default=None,
+        description="what the answer and the page call people, conditions and impacts, as in dataset.toml. "
+        "Left out, they are the words of the dataset of [after], or of that of the pilot.",
     )
     questions: dict[str, str] = Field(
         default={}, description="claims to be decided, by a name each, as `bayestissue ask` asks them."

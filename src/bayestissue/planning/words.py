@@ -7,7 +7,7 @@ from typing import Any
 
 from bayestissue.errors import Coded
 from bayestissue.outline import counted
-from bayestissue.report.wording import half_width, listed, number, percent, with_error
+from bayestissue.report.wording import half_width, listed, nouns_of_plan, number, percent, with_error
 
 Content = Mapping[str, Any]
 # What may limit the answer, by its key in plan.json: the chosen design with that much more or less of it. Any
@@ -119,6 +119,14 @@ def paragraph(content: Content) -> str:
         f"The plan with all of its assumptions has a SHA-256 that begins with {content['sha256'][:12]}.",
     ]
     return " ".join(filter(None, sentences))
+
+
+def in_own_words(content: Content) -> dict[str, Any]:
+    """The content of ``plan.json`` whose sentences have the study's own nouns, such as pad for person."""
+    nouns = nouns_of_plan(content)
+    told = {name: nouns(content[name]) for name in ("answer", "paragraph")}
+    limits = {key: {**limit, "words": nouns(limit["words"])} for key, limit in content["limits"].items()}
+    return {**content, **told, "limits": limits, "limiting": [nouns(text) for text in content["limiting"]]}
 
 
 def limit_words(key: str) -> str:

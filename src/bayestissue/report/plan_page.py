@@ -19,7 +19,7 @@ from bayestissue.remedies import codes_in
 from bayestissue.report.page import render_page
 from bayestissue.report.run_folder import read_json, require_files
 from bayestissue.report.tables import Field, Table, number_field, settings_table, table_of
-from bayestissue.report.wording import half_width, listed, number, significant, with_error
+from bayestissue.report.wording import half_width, listed, nouns_of_plan, number, significant, with_error
 from bayestissue.results import read_table
 
 # A figure of more lines can't be read.
@@ -53,6 +53,7 @@ def page_of(content: Mapping[str, Any], designs: pd.DataFrame, record: Mapping[s
         "plan.html",
         title="How many people and impacts does the study need?",
         subtitle=f"{plan['name']}: {counted(len(content['designs']), 'design')} compared",
+        nouns=nouns_of_plan(content),
         contents=[
             ("application", "For the application"),
             ("designs", "All designs"),

@@ -6,8 +6,10 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+import pandas as pd
+
 from bayestissue.inference.results.meanings import COLUMNS, UNITS
-from bayestissue.words import Words
+from bayestissue.words import NOUNS, Words
 
 # What is predicted of a new impact, by column: its name, the unit it is shown in, and how many per SI unit.
 PREDICTED = {
@@ -21,6 +23,25 @@ PREDICTED = {
 def nouns_of(record: Mapping[str, Any], unchanged: Iterable[str] = ()) -> Words:
     """What a run's dataset calls people, conditions and impacts; its name and ``unchanged`` stay."""
     return Words(record.get("words", {}), {str(record.get("dataset", "")), *map(str, unchanged)})
+
+
+def names_in(table: pd.DataFrame) -> set[str]:
+    """The user's own texts in a table of answers or predictions: questions, names and levels."""
+    texts = table.select_dtypes(["object", "string", "category"]).drop(columns="note", errors="ignore")
+    return {str(text) for name in texts for text in texts[name].unique()}
+
+
+def nouns_of_plan(content: Mapping[str, Any]) -> Words:
+    """What a plan calls people, conditions and impacts, by the content of ``plan.json``; its names stay."""
+    plan = content["plan"]
+    named = [plan["name"], plan.get("description", ""), *plan.get("questions", {}).values()]
+    named += [name.replace("_", " ") for key in ("questions", "precision") for name in plan.get(key, {})]
+    for factor in plan["candidates"].get("factors", []):
+        named += [factor["name"], *factor["levels"]]
+    named += [recorder["name"] for recorder in plan["candidates"].get("recorders", [])]
+    # A goal that is called as the program's noun is called by the plan's: its sentences are full of it.
+    nouns = {noun for pair in NOUNS.values() for noun in pair}
+    return Words(content.get("words", {}), {name for name in named if name.casefold() not in nouns})
 
 
 def decimals_of(width: float) -> int:

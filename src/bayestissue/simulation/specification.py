@@ -68,6 +68,14 @@ class Factor(Table):
     def _counted(cls, levels: Any) -> Any:
         return [str(number + 1) for number in range(levels)] if type(levels) is int else levels
 
+    @field_validator("levels")
+    @classmethod
+    def _named(cls, levels: tuple[str, ...]) -> tuple[str, ...]:
+        # In a table of impacts an empty cell is no category.
+        if not all(level.strip() for level in levels) or len(set(levels)) < len(levels):
+            raise ValueError("levels with a name each, no two alike")
+        return levels
+
     @field_validator("name")
     @classmethod
     def _new(cls, name: str) -> str:

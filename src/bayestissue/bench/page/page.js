@@ -3,7 +3,7 @@ const $ = (id) => document.getElementById(id);
 const drops = new Map();
 const MOST_LINES = 200;
 const { element } = bench;
-let chosen = null, following = true, wanted = null;
+let chosen = null, following = true, wanted = null, nouns = {};
 
 const short = (value) => (value === null || value === undefined ? "–" : Number(value.toPrecision(4)).toString());
 const interval = (n) => (n && n.length ? `${short(n[0])} (${short(n[1])} to ${short(n[2])})` : "–");
@@ -18,6 +18,7 @@ async function act(action, content, said) {
 
 function show(state) {
   wanted = state.wanted;
+  nouns = state.nouns;
   document.title = state.name;
   $("name").textContent = state.name;
   $("where").textContent = state.watching ? `${state.watching} → ${state.dataset}, ${state.used} drops in use` : `${state.dataset}, ${state.used} impacts in use`;
@@ -56,7 +57,7 @@ function fields(values) {
 function people(rows) {
   $("who").hidden = !rows.length;
   const head = element("tr");
-  for (const words of ["person", "drops", "K (N/m), by its last mass", wanted ? `known to (wanted ${percent(wanted)})` : "known to"])
+  for (const words of [nouns.person, "drops", "K (N/m), by its last mass", wanted ? `known to (wanted ${percent(wanted)})` : "known to"])
     head.append(element("th", words, { scope: "col" }));
   const body = rows.map((each) => {
     const line = element("tr");
@@ -116,7 +117,7 @@ function numbers(drop, study) {
   const head = element("tr");
   for (const words of ["", "K (N/m)", "C (N s/m)"]) head.append(element("th", words, { scope: "col" }));
   const lines = [["by itself", drop.K, drop.C]];
-  if (study && study.impact) lines.push(["in the study so far", study.impact.K, study.impact.C], ["its person so far", study.person.K, study.person.C]);
+  if (study && study.impact) lines.push(["in the study so far", study.impact.K, study.impact.C], [nouns.its, study.person.K, study.person.C]);
   const body = lines.map(([words, K, C]) => {
     const line = element("tr");
     line.append(element("th", words, { scope: "row" }), element("td", interval(K)), element("td", interval(C)));

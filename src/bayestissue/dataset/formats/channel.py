@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int
 
 # "Impact (m/s^2)", "Impact [g]": text tables have no other place for a unit.
 # A name that stands there twice has its column behind.
@@ -23,11 +23,13 @@ class Channel:
         values: as the file gives them, scaled where the format itself defines a scale.
         clock: the recorder's time of each sample in s, where the format carries one.
         unit: as the file writes it; empty where it states none.
+        rows: of each sample the row in the file; None where each has the row behind the one before.
     """
 
     values: Float64[np.ndarray, " sample"]
     clock: Float64[np.ndarray, " sample"] | None = None
     unit: str = ""
+    rows: Int[np.ndarray, " sample"] | None = None
 
 
 @dataclass(frozen=True)
@@ -35,14 +37,16 @@ class Contents:
     """All channels of a file, by name.
 
     Attributes:
-        channels: in the order of the file.
+        channels: in the order of the file; none where it holds several recordings.
         first_row: the row, or in a binary file the number, of the first sample.
         written: how a text is written, in words; empty of other files.
+        blocks: the recordings, where the file holds several.
     """
 
     channels: dict[str, Channel]
     first_row: int = 1
     written: str = ""
+    blocks: tuple[Contents, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,14 @@ import io
 import logging
 import re
 from codecs import BOM_UTF8
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float64
 
 from bayestissue.dataset.files import require_small
 from bayestissue.dataset.formats.channel import Channel, Contents, Format, UnfitError, even_clock
@@ -17,6 +22,12 @@ SUFFIX = ".lvm"
 # As many bytes as show whether a text is LabVIEW's: it begins with its name, and a header has an end.
 HEADER = 1 << 14
 _MEASUREMENT, _END = b"LabVIEW Measurement", b"***End_of_Header***"
+# Where a file's header begins; where that of a block does, with its notes; the line above the numbers; and
+# lines of empty cells.
+_FILE = re.compile(r"^LabVIEW Measurement", re.MULTILINE)
+_CHANNELS = re.compile(r"(?:^[A-Za-z].*\n)*^Channels\b", re.MULTILINE)
+_NAMES = re.compile(r"^X_Value.*\n?", re.MULTILINE)
+_EMPTY = re.compile(r"(?:^[\t,;]?\r?\n)+", re.MULTILINE)
 
 
 def is_measurement(begin: bytes) -> bool:
@@ -30,38 +41,123 @@ def is_headerless(begin: bytes) -> bool:
 
 
 def read_lvm(data: bytes, label: str) -> Contents:
-    """The channels of the one block of data; their clock is ``X_Value``, else ``X0`` and ``Delta_X``.
+    """The channels of a file of one recording; the ``blocks`` of a file of several.
 
-    Channels may differ in the number of samples and in their interval: cells behind the end of a short one
-    are empty. LabVIEW may have written its one header for the first of many pieces: where ``X_Value`` goes on
-    over more rows than the header states, it is the clock of all of them; where it begins again, each piece
-    is a block.
+    A block of data has a header of its own, or it has as many rows as the header before it states, behind an
+    empty line or where ``X_Value`` begins again. Blocks of which each begins one sampling interval after the
+    end of the one before are one recording: LabVIEW writes a long one in segments. The clock of a channel is
+    ``X_Value``, else ``X0`` and ``Delta_X``. Channels may differ in the number of samples and in their
+    interval: cells behind the end of a short one are empty.
     """
-    import lvm_read
+    recordings = _recordings(data)
+    return recordings[0] if len(recordings) == 1 else Contents({}, blocks=recordings)
 
+
+# The blocks of a file are asked for one by one, each time with the whole of it.
+@lru_cache(maxsize=1)
+def _recordings(data: bytes) -> tuple[Contents, ...]:
     try:
         text = data.decode("utf-8")
     except UnicodeDecodeError:
         # LabVIEW writes names and units in the code page of its machine; the numbers are plain.
         text = data.decode("latin-1")
-    content: dict[Any, Any] = lvm_read.read_str(_with_decimal_mark(text.removeprefix("\ufeff")))
-    if content["Segments"] != 1:
-        raise _several(content["Segments"])
+    recordings: list[list[Contents]] = []
+    for block in _blocks(text.removeprefix("\ufeff")):
+        for piece in _pieces(block):
+            if recordings and _goes_on(recordings[-1][-1], piece):
+                recordings[-1].append(piece)
+            else:
+                recordings.append([piece])
+    return tuple(map(_joined, recordings))
+
+
+@dataclass(frozen=True)
+class _Block:
+    """A block of data as text.
+
+    Attributes:
+        text: the file's header, that of the block, and rows of numbers.
+        first_row: the first of these in the file.
+        has_header: whether its own header stands above it, and not that of the block before.
+    """
+
+    text: str
+    first_row: int
+    has_header: bool
+
+
+def _blocks(text: str) -> Iterator[_Block]:
+    """Every block of data, under the headers that hold for it.
+
+    Raises:
+        UnfitError: there are no numbers below a header, as where a file was cut short.
+    """
+    row, counted = 1, 0
+    for begin, end in _from_each(_FILE, text, 0, len(text)):
+        header_end = text.find(_END.decode(), begin, end)
+        parts = list(_from_each(_CHANNELS, text, max(header_end, begin), end))
+        header = _EMPTY.sub("", text[begin : parts[0][0] if parts else end])
+        for start, stop in parts or [(end, end)]:
+            names = _NAMES.search(text, start, stop)
+            numbers = [] if names is None else list(_between_empty(text, names.end(), stop))
+            if names is None or not numbers:
+                where = f"none below the header that ends in row {row + text.count('\n', counted, stop)}"
+                raise UnfitError("numbers below every header", "Copy or export the recording anew.", where)
+            for first, last in numbers:
+                row, counted = row + text.count("\n", counted, first), first
+                above = text[start : names.end()]
+                yield _Block(f"{header}\n{above}{text[first:last]}", row, first == numbers[0][0])
+
+
+def _from_each(mark: re.Pattern[str], text: str, begin: int, end: int) -> Iterator[tuple[int, int]]:
+    """The stretches from each line with a mark to the next."""
+    return pairwise([*(match.start() for match in mark.finditer(text, begin, end)), end])
+
+
+def _between_empty(text: str, begin: int, end: int) -> Iterator[tuple[int, int]]:
+    """The stretches between empty lines."""
+    gaps = [(gap.start(), gap.end()) for gap in _EMPTY.finditer(text, begin, end)]
+    for (_, first), (last, _) in pairwise([(begin, begin), *gaps, (end, end)]):
+        if first < last:
+            yield first, last
+
+
+def _pieces(block: _Block) -> Iterator[Contents]:
+    """The channels of a block; of each piece of one whose ``X_Value`` begins again."""
+    import lvm_read
+
+    content: dict[Any, Any] = lvm_read.read_str(_with_decimal_mark(block.text))
     segment = content[0]
     samples, names = segment["data"], segment["Channel names"]
-    stated = [int(count) for count in segment.get("Samples", []) if count == count]
-    if stated and len(samples) > max(stated):
-        if blocks := _begins_again(samples, names):
-            raise _several(blocks)
-        if "X_Value" in names:
-            stated = []
-    if stated and max(stated) != len(samples):
-        count_words = f"{len(samples)} rows where {max(stated)} are stated"
-        raise UnfitError(
-            "as many rows as the header's greatest Samples", "Export the recording anew.", count_words
-        )
+    if not block.has_header and "X_Value" not in names:
+        expected = "a header, or times in a column X_Value, of every piece"
+        where = f"neither of the one from row {block.first_row} on"
+        raise UnfitError(expected, "Export with one header for each segment, or with an X column.", where)
     if unit := set(segment.get("X_Dimension", [])) - {"Time", ""}:
         raise UnfitError("time along X", "Export the signal over time.", ", ".join(sorted(unit)))
+    stated = [int(count) for count in segment.get("Samples", []) if count == count]
+    greatest = max(stated, default=0)
+    begins = _begins_again(samples, names) if len(samples) > greatest > 0 else []
+    bounds = [0, *begins, len(samples)]
+    for first, last in pairwise(bounds):
+        rows = last - first
+        # The one header may be that of the first of many pieces, over all of which X_Value goes on.
+        several = greatest > 0 and rows > greatest and "X_Value" in names
+        if stated and rows != greatest and (not several or (begins and rows % greatest)):
+            raise UnfitError(
+                "as many rows as the header's greatest Samples",
+                "Export the recording anew.",
+                f"{rows} rows where {greatest} are stated",
+            )
+        counts = [] if several else stated
+        yield _channels(segment, samples[first:last], counts, block.first_row + first)
+
+
+def _channels(
+    segment: dict[str, Any], samples: Float64[np.ndarray, "row column"], stated: list[int], first_row: int
+) -> Contents:
+    """The channels of rows of numbers; ``stated`` is how many samples each has, if its header says so."""
+    names = segment["Channel names"]
     if len(names) > 1 and names[-1] == "Comment":
         names = names[:-1]
     channels: dict[str, Channel] = {}
@@ -82,8 +178,45 @@ def read_lvm(data: bytes, label: str) -> Contents:
         unit = _stated(segment, "Y_Unit_Label", measured, "")
         channels[name] = Channel(samples[:count, column], clock, unit if isinstance(unit, str) else "")
         measured += 1
-    lines = text.splitlines()
-    return Contents(channels, next(i for i, line in enumerate(lines, 2) if line.startswith("X_Value")))
+    return Contents(channels, first_row)
+
+
+def _goes_on(before: Contents, after: Contents) -> bool:
+    """Whether every channel begins one sampling interval after the end of that of the block before."""
+    if [(name, c.unit) for name, c in before.channels.items()] != [
+        (name, c.unit) for name, c in after.channels.items()
+    ]:
+        return False
+    pairs = zip(before.channels.values(), after.channels.values(), strict=True)
+    return all(_follows(first.clock, second.clock) for first, second in pairs)
+
+
+def _follows(
+    before: Float64[np.ndarray, " sample"] | None, after: Float64[np.ndarray, " sample"] | None
+) -> bool:
+    if before is None or after is None or not before.size or not after.size:
+        return False
+    gap, longer = after[0] - before[-1], max(before, after, key=len)
+    if longer.size == 1:
+        return bool(gap > 0)
+    step = (longer[-1] - longer[0]) / (longer.size - 1)
+    return bool(0.5 * step < gap < 1.5 * step)
+
+
+def _joined(pieces: Sequence[Contents]) -> Contents:
+    """Blocks that are one recording, each sample with its row in the file."""
+    if len(pieces) == 1:
+        return pieces[0]
+    channels = {}
+    for name, first in pieces[0].channels.items():
+        parts = [piece.channels[name] for piece in pieces]
+        rows = [
+            piece.first_row + np.arange(part.values.size) for piece, part in zip(pieces, parts, strict=True)
+        ]
+        clocks = [part.clock for part in parts if part.clock is not None]
+        values = np.concatenate([part.values for part in parts])
+        channels[name] = Channel(values, np.concatenate(clocks), first.unit, np.concatenate(rows))
+    return Contents(channels, pieces[0].first_row)
 
 
 def _with_decimal_mark(text: str) -> str:
@@ -97,16 +230,10 @@ def _with_decimal_mark(text: str) -> str:
     return f"{first}{end}Decimal_Separator\t,\n{following}"
 
 
-def _several(blocks: int) -> UnfitError:
-    remedy = "Record every impact to a file of its own, and leave no empty line between samples."
-    return UnfitError("one block of data", remedy, f"{blocks} blocks")
-
-
-def _begins_again(samples: np.ndarray, names: list[str]) -> int:
-    """How many times ``X_Value`` begins, where that is more than once; else 0."""
+def _begins_again(samples: np.ndarray, names: list[str]) -> list[int]:
+    """The rows in which a column ``X_Value`` begins again."""
     clocks = samples[:, [at for at, name in enumerate(names) if name == "X_Value"]]
-    blocks = 1 + int(np.count_nonzero((np.diff(clocks, axis=0) <= 0).any(axis=1)))
-    return blocks if blocks > 1 else 0
+    return (np.flatnonzero((np.diff(clocks, axis=0) <= 0).any(axis=1)) + 1).tolist()
 
 
 def _stated(segment: dict[str, Any], key: str, channel: int, otherwise: Any) -> Any:

@@ -376,8 +376,11 @@ def interactions(formula: str) -> tuple[tuple[str, str], ...]:
 
 @lru_cache
 def columns_named(formula: str) -> tuple[str, ...]:
-    """The columns that a formula needs: of its covariates, of its slopes and of its groups."""
-    terms, _ = _read(formula)
+    """The columns of a formula's covariates, slopes and groups; none if it can't be read."""
+    try:
+        terms, _ = _read(formula)
+    except Exception:  # as in `judge`, which says what is wrong
+        return ()
     covariates = [
         name for names in (*terms.common.values(), *terms.slopes.values()) for name in sorted(names)
     ]

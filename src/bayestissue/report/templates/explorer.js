@@ -47,7 +47,7 @@
       return [dt, dd];
     };
     const p = data.tested[row.impact];
-    const far = row.unlike >= 3.5 ? "far from what its person and condition let one expect: look at its recording" : "as its person and condition let one expect";
+    const far = part.querySelector(row.unlike >= 3.5 ? "#far-words" : "#near-words").textContent;
     facts.replaceChildren(
       ...data.factors.slice().reverse().flatMap(name => line(name, row[name])),
       ...line("mass, velocity", `${digits(row.mass_kg, 0.01)} kg, ${digits(row.velocity_m_s, 0.01)} m/s`),

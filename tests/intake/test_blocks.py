@@ -1,0 +1,222 @@
+"""LabVIEW's texts of several blocks: recordings as the sheets of a workbook are, or one that goes on."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bayestissue as bt
+from bayestissue.dataset.files import of_part
+from bayestissue.dataset.recorders import contents_of, read_recording
+from bayestissue.dataset.settings import SignalSettings
+from bayestissue.errors import InputError
+from command_line import bayestissue
+from dataset_bench import deceleration
+from recorder_files import lvm
+
+VELOCITY = 1.2
+SIDES = ("p1_left", "p1_right", "p2_left", "p2_right")
+SIGNAL = SignalSettings(quantity="deceleration", unit="m/s^2")
+
+
+def recorded(which: int) -> tuple[np.ndarray, np.ndarray]:
+    return deceleration(1 + 0.001 * which, VELOCITY)
+
+
+def blocks(
+    path: Path, recordings: list[tuple[np.ndarray, np.ndarray]], form: str = "header", **how: str
+) -> None:
+    """A file of several blocks: each with its header, behind that of a file of its own, or with none."""
+    texts = []
+    for time, value in recordings:
+        lvm(path, time, {"Impact": value}, **how)  # type: ignore[arg-type]
+        texts.append(path.read_text())
+    begin = {
+        "header": lambda text: text.index("Channels"),
+        "file": lambda _: 0,
+        "empty line": lambda text: text.index("\n", text.index("X_Value")) + 1,
+        "times": lambda text: text.index("\n", text.index("X_Value")) + 1,
+    }[form]
+    between = "" if form == "times" else "\n"
+    path.write_text(between.join([texts[0], *(text[begin(text) :] for text in texts[1:])]))
+
+
+def init(folder: Path, out: Path, *options: str | Path):
+    given = ("--set", f"velocity_m_s={VELOCITY}", "--set", "mass_kg=1", "--quantity", "deceleration")
+    return bayestissue("init", folder, "--out", out, *given, *options)
+
+
+@pytest.mark.parametrize("form", ["header", "file", "empty line", "times"])
+@pytest.mark.parametrize("name", ["a.lvm", "a.txt"])
+def test_each_block_is_a_recording_with_its_rows(form: str, name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    blocks(path, [recorded(0), recorded(1), recorded(2)], form)
+    assert len(contents_of(path, name).blocks) == 3
+    lines = path.read_text().split("\n")
+    for which in range(3):
+        part = path.with_name(f"{name}#{which + 1}")
+        found = read_recording(part, part.name, SIGNAL)
+        time, value = recorded(which)
+        np.testing.assert_allclose(found.value, value, rtol=1e-11, atol=0)
+        np.testing.assert_allclose(found.clock, time, rtol=0, atol=1e-9)
+        assert float(lines[found.first_row - 1].split("\t")[1]) == pytest.approx(value[0])
+    with pytest.raises(InputError, match=rf'found "3 blocks"; expected one recording.*such as {name}#1'):
+        read_recording(path, name, SIGNAL)
+    with pytest.raises(InputError, match=r'found "#4"; expected the number of a block. It has 3'):
+        read_recording(tmp_path / f"{name}#4", f"{name}#4", SIGNAL)
+
+
+@pytest.mark.parametrize(
+    ("form", "x_columns"),
+    [*((f, x) for f in ("header", "file") for x in ("One", "Multi", "No")), ("empty line", "One")],
+)
+def test_blocks_that_go_on_are_one_recording(form: str, x_columns: str, tmp_path: Path) -> None:
+    time, value = recorded(0)
+    path, parts = tmp_path / "a.lvm", zip(np.split(time, 4), np.split(value, 4), strict=True)
+    blocks(path, list(parts), form, x_columns=x_columns)
+    assert_whole(path, time, value)
+
+
+def test_blocks_of_one_sample_are_one_recording(tmp_path: Path) -> None:
+    time, value = recorded(0)
+    blocks(tmp_path / "a.lvm", [(time[i : i + 2], value[i : i + 1]) for i in range(len(time) - 1)])
+    # The second time says the interval; it has no sample.
+    lines = (tmp_path / "a.lvm").read_text().split("\n")
+    (tmp_path / "a.lvm").write_text(
+        "\n".join(line for line in lines if not re.fullmatch(r"[-\d.e]+\t", line))
+    )
+    assert_whole(tmp_path / "a.lvm", time[:-1], value[:-1])
+
+
+def assert_whole(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+    found = read_recording(path, path.name, SIGNAL)
+    np.testing.assert_allclose(found.value, value, rtol=1e-11, atol=0)
+    np.testing.assert_allclose(found.clock, time, rtol=0, atol=1e-9)
+    lines = path.read_text().split("\n")
+    cells = [float(lines[row - 1].split("\t")[1]) for row in found.rows]
+    np.testing.assert_allclose(cells, value, rtol=1e-11, atol=0)
+
+
+def test_pieces_without_a_header_and_times_are_refused(tmp_path: Path) -> None:
+    # They may be one recording or several.
+    blocks(tmp_path / "a.lvm", [recorded(0), recorded(1)], "empty line", x_columns="No")
+    with pytest.raises(InputError, match="expected a header, or times in a column X_Value, of every piece"):
+        contents_of(tmp_path / "a.lvm", "a.lvm")
+
+
+def test_two_recordings_in_segments_are_two(tmp_path: Path) -> None:
+    (time, value), (_, other) = recorded(0), recorded(1)
+    halves = [(time[:200], value[:200]), (time[200:], value[200:])]
+    later = time + 3.0
+    halves += [(later[:200], other[:200]), (later[200:], other[200:])]
+    blocks(tmp_path / "a.lvm", halves)
+    first, second = (read_recording(tmp_path / f"a.lvm#{n}", f"a.lvm#{n}", SIGNAL) for n in (1, 2))
+    np.testing.assert_allclose(first.value, value, rtol=1e-11, atol=0)
+    np.testing.assert_allclose(second.value, other, rtol=1e-11, atol=0)
+    assert second.clock[0] == pytest.approx(later[0])
+
+
+def test_a_header_without_numbers_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.lvm"
+    blocks(path, [recorded(0), recorded(1)])
+    text = path.read_text()
+    second = text.index("Channels", text.index("X_Value"))
+    for end in (
+        second + 40,
+        text.index("X_Value", second),
+        text.index("\n", text.index("X_Value", second)) + 1,
+    ):
+        path.write_text(text[:end])
+        with pytest.raises(InputError, match="expected numbers below every header"):
+            contents_of(path, "a.lvm")
+    path.write_text("\n".join(text.split("\n")[:-2]) + "\n")
+    with pytest.raises(InputError, match="399 rows where 400 are stated"):
+        contents_of(path, "a.lvm")
+
+
+def test_a_table_has_no_blocks(tmp_path: Path) -> None:
+    time, value = recorded(0)
+    rows = (f"{t},{v}" for t, v in zip(time, value, strict=True))
+    (tmp_path / "a.csv").write_text("\n".join(["time_s,value", *rows]) + "\n")
+    with pytest.raises(
+        InputError, match=r'a\.csv#1: found "#1"; expected the name of a file, which has no parts'
+    ):
+        read_recording(tmp_path / "a.csv#1", "a.csv#1", SIGNAL)
+
+
+@pytest.fixture
+def lab(tmp_path: Path) -> Path:
+    """A file for each person and side, of two blocks each but for the last, which has one."""
+    folder = tmp_path / "files"
+    folder.mkdir()
+    for number, name in enumerate(SIDES):
+        own = [recorded(2 * number), recorded(2 * number + 1)]
+        blocks(folder / f"{name}.lvm", own[: 1 if name == SIDES[-1] else 2])
+    return folder
+
+
+PARTS = [f"{name}.lvm#{n}" for name in SIDES for n in (1, 2)][:-1]
+
+
+@pytest.mark.parametrize(
+    "pattern",
+    [
+        None,
+        *("{subject}_{side}.lvm#{n}", "{subject}_{side}#{n}", "{subject}_{side}.lvm#{}"),
+        *("{subject}_{side}.lvm", "{subject}_{side}"),
+    ],
+)
+def test_init_makes_a_recording_of_each_block(pattern: str | None, lab: Path, tmp_path: Path) -> None:
+    made = init(lab, tmp_path / "d", *(("--pattern", pattern) if pattern else ()))
+    assert (made.status, made.err) == (0, "")
+    data = bt.read_dataset(tmp_path / "d")
+    table = data.impacts
+    assert table["trace"].tolist() == [f"recordings/{part}" for part in PARTS]
+    assert table["impact"].tolist() == [part.replace(".lvm#", "_") for part in PARTS]
+    assert (table["subject"] + "_" + table["side"]).tolist() == [part.partition(".")[0] for part in PARTS]
+    for which, trace in enumerate(data.traces):
+        np.testing.assert_allclose(trace.value, recorded(which)[1], rtol=1e-11, atol=0)
+    kept = sorted(path.name for path in (tmp_path / "d" / "recordings").iterdir())
+    assert kept == sorted(f"{name}.lvm" for name in SIDES)
+    assert bayestissue("check", tmp_path / "d").status == 0
+
+
+def test_blocks_that_are_no_recording_are_passed_over(tmp_path: Path) -> None:
+    folder = tmp_path / "files"
+    folder.mkdir()
+    time, value = recorded(0)
+    for name in ("p1", "p2"):
+        blocks(
+            folder / f"{name}.lvm", [(time, value), (time[:3], value[:3]), recorded(2 if name == "p2" else 1)]
+        )
+        time, value = recorded(3)
+    made = init(folder, tmp_path / "d", "--pattern", "{subject}.lvm#{n}")
+    assert made.status == 0, made.err
+    assert "passed over: blocks without a recording: p1.lvm (2), p2.lvm (2)" in made.out
+    traces = bt.read_dataset(tmp_path / "d").impacts["trace"].tolist()
+    assert traces == [f"recordings/{who}.lvm#{n}" for who in ("p1", "p2") for n in (1, 3)]
+
+
+def test_one_file_of_many_blocks_is_of_one_person(tmp_path: Path) -> None:
+    (tmp_path / "files").mkdir()
+    blocks(tmp_path / "files" / "hits.lvm", [recorded(which) for which in range(4)])
+    made = init(tmp_path / "files", tmp_path / "d", "--set", "subject=p1")
+    assert made.status == 0, made.err
+    table = bt.read_dataset(tmp_path / "d").impacts
+    assert table["impact"].tolist() == [f"hits_{n}" for n in range(1, 5)]
+    assert set(table["subject"]) == {"p1"}
+    # Who was hit is not told by the numbers of blocks.
+    made = init(tmp_path / "files", tmp_path / "e")
+    assert made.status == 2
+    assert "subject" in made.err
+
+
+def test_a_path_names_a_block_unless_a_file_is_called_so(tmp_path: Path) -> None:
+    assert of_part(Path("a/b.LVM#12")) == (Path("a/b.LVM"), "12")
+    for whole in ("a.lvm", "a.lvm#left", "a.tdms#1", "#1"):
+        assert of_part(Path(whole)) == (Path(whole), "")
+    (tmp_path / "a.lvm#1").write_text("")
+    assert of_part(tmp_path / "a.lvm#1") == (tmp_path / "a.lvm#1", "")
