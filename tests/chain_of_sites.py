@@ -34,12 +34,16 @@ def chain_of_sites(
     of_impacts = rng.normal(size=(number, padded.centre.shape[1], len(padded.centre)))
     b, u = map(np.asarray, one(y.reshape(number, -1), of_effects, of_impacts))
     u = np.moveaxis(u, 1, 2)[:, :count]
-    value = np.asarray(sites.log_density(u))
+    value = np.asarray(sites.log_density(u)).reshape(*shape, count)
+    levels = {name: len(each.levels) for name, each in made.design.groupings.items()}
+    nothing = {name: np.zeros((*shape, number)) for name, number in levels.items()}
     return ChainDraws(
         y,
         b.reshape(*shape, -1),
+        value.sum(-1),
+        {"impact": np.zeros(value.shape), **nothing},
+        np.arange(shape[1]),
         u.reshape(*shape, *u.shape[1:]),
-        value.reshape(*shape, count),
         {},
         sites,
         (0, 0),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -20,13 +20,13 @@ from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import impacts_model
 from bayestissue.inference.chain.moves import State, Steps, Tuning
-from bayestissue.inference.chain.target import Target
+from bayestissue.inference.chain.target import FIELDS, Target
 
 # Standard deviations with which a trace tells log K, log C and the noise.
 TOLD = np.array([0.1, 0.3, 0.2])
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=["model", "data", "present", "traces"], meta_fields=[])
+@partial(jax.tree_util.register_dataclass, data_fields=[*FIELDS, "traces"], meta_fields=["levels"])
 @dataclass(frozen=True)
 class GaussianTarget(Target):
     """A posterior whose traces' likelihoods are ``traces``."""
@@ -40,7 +40,7 @@ class GaussianTarget(Target):
         return jnp.where(self.present, self.traces.log_density(u.T), 0.0)
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=["model", "data", "present", "traces"], meta_fields=[])
+@partial(jax.tree_util.register_dataclass, data_fields=[*FIELDS, "traces"], meta_fields=["levels"])
 @dataclass(frozen=True)
 class MixtureTarget(Target):
     """A posterior whose traces' likelihoods are the sum of several ``traces``, along their first axis."""
@@ -79,7 +79,7 @@ def target_of(made: Prepared) -> GaussianTarget:
     precision = jnp.broadcast_to(jnp.diag(TOLD[:size] ** -2.0), (count, size, size))
     nothing = jnp.zeros((count, size))
     traces = GaussianFactor(nothing, nothing, precision, jnp.zeros(count))
-    return GaussianTarget(plain.model, plain.data, plain.present, traces)
+    return GaussianTarget(**vars(plain), traces=traces)
 
 
 def from_prior(target: GaussianTarget, key: Array) -> tuple[GaussianTarget, State]:
@@ -103,7 +103,7 @@ def from_prior(target: GaussianTarget, key: Array) -> tuple[GaussianTarget, Stat
     logs = value["log_K_and_C"]
     u = jnp.stack([logs[:, 0], logs[:, 1], *(value[name] for name in target.model.nuisance)])
     told = u + TOLD[: len(u), None] * jax.random.normal(keys[1], u.shape)
-    target = GaussianTarget(target.model, target.data, target.present, target.traces._replace(centre=told.T))
+    target = replace(target, traces=target.traces._replace(centre=told.T))
     return target, State(y, b, u, target.log_likelihood(u))
 
 

@@ -53,7 +53,7 @@ def refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capt
 @pytest.mark.parametrize(
     ("model", "words"),
     [
-        ("[sampler]\nchain = 2\n", ["sampler.chain", "chains, warmup, draws"]),
+        ("[sampler]\nchain = 2\n", ["sampler.chain", "chains, draws, effective"]),
         ("[formulas]\nK = '1'\n", ["formulas", "formula"]),
         ("[formula]\nK = 'log(age) + (1|subject)'\n", ["formula.K", "age", "mass_kg"]),
         (

@@ -121,17 +121,3 @@ def test_a_site_is_a_parabola_about_its_centre(dense: Dense) -> None:
     slope = (away * sites.shift).sum(1)
     direct = sites.log_scale + slope - np.einsum("ia,iab,ib->i", away, sites.precision, away) / 2
     assert_allclose(sites.log_density(sites.centre + away), direct, rtol=1e-11)
-
-
-def test_factors_multiply_and_condition_as_their_logs_add_and_are_evaluated(dense: Dense) -> None:
-    rng = np.random.default_rng(5)
-    one = GaussianFactor(*map(np.asarray, dense.sites))
-    other = one._replace(centre=one.centre + rng.normal(size=one.centre.shape), shift=-one.shift)
-    u = rng.normal(size=one.centre.shape)
-    together = one.log_density(u) + other.log_density(u)
-    product = one.batch_last().product(other.batch_last())
-    assert_allclose(product.recentred(jnp.asarray(u.T)).log_scale, together, rtol=1e-10)
-    # The last two known, what is left is a factor of the others.
-    first = product.condition(jnp.asarray(u.T[2:]))
-    assert first.precision.shape == (2, 2, dense.number)
-    assert_allclose(first.recentred(jnp.asarray(u.T[:2])).log_scale, together, rtol=1e-10)

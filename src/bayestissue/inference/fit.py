@@ -120,11 +120,18 @@ def sample(
 
 def quantities_of_chain(prepared: Prepared, chains: ChainDraws, seed: int) -> ConstrainedDraws:
     """Everything that the chain's draws stand for."""
-    u = chains.u[:, kept_draws(*chains.shape, len(prepared.impacts))]
-    population = chains.population(prepared.model)
-    scores = of_draws(prepared, chains.sites, population, chains.log_ratio())
+    count = len(prepared.impacts)
+    chosen = kept_draws(chains.shape[0], len(chains.kept), count)
+    u, kept, population = chains.u[:, chosen], chains.kept[chosen], chains.population(prepared.model)
+    rows = np.arange(count) if len(kept) == chains.shape[1] else some_impacts(count)
+    ratios = {name: values.reshape(len(population.b), -1) for name, values in chains.log_ratios.items()}
+    if ratios["impact"].shape[1] != len(rows):
+        ratios["impact"] = ratios["impact"][:, rows]
+    scores = of_draws(prepared, chains.sites, population, ratios, rows)
     key = jax.random.PRNGKey(seed)
-    return quantities_of_draws(prepared, population, u.reshape(-1, *u.shape[2:]), chains.shape, key, scores)
+    return quantities_of_draws(
+        prepared, population, u.reshape(-1, *u.shape[2:]), chains.shape, kept, key, scores
+    )
 
 
 def label(
@@ -137,7 +144,7 @@ def label(
 ) -> TraceAnalysis:
     """Labels, tables, checks and scores of the draws."""
     constrained = of_secant(prepared, drawn)
-    density = chains.thinned(specification.sampler.draws).log_likelihood.sum(-1)
+    density = chains.thinned(specification.sampler.draws).log_likelihood
     statistics = labelled({"lp": density}, {}, {})
     tree = posterior_tree(prepared, specification, statistics, constrained, seed)
     posterior = tree["posterior"].dataset

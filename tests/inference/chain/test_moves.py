@@ -19,8 +19,8 @@ from jax import Array
 from scipy.stats import norm
 
 from bayestissue.inference.chain import moves
-from bayestissue.inference.chain.draws import SETTINGS
 from bayestissue.inference.chain.moves import State
+from bayestissue.inference.chain.settings import ChainSettings
 from gaussian_traces import GaussianTarget, bad_tuning, from_prior, prepared, target_of
 
 PEOPLE = {"subject": list("aabb"), "trial": ["x", "y"] * 2, "mass_kg": [0.5, 1.0] * 2}
@@ -37,7 +37,7 @@ FALSE_ALARM = 1e-4
 
 def by(name: str, several: int, target: GaussianTarget, state: State, key: Array) -> State:
     """The state after one move."""
-    numbers, (tuning, steps) = moves.random_numbers(target, SETTINGS, key), bad_tuning(target, several)
+    numbers, (tuning, steps) = moves.random_numbers(target, ChainSettings(), key), bad_tuning(target, several)
     if name == "centred":
         return moves.centred(target, tuning, steps, state, numbers.centred)[0]
     of_move = jax.tree.map(lambda leaf: leaf[0], numbers.moves)

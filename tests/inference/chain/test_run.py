@@ -82,7 +82,7 @@ def test_a_trace_with_two_explanations_gets_both_with_their_probabilities(monkey
         jnp.stack([traces.precision, traces.precision]),
         jnp.stack([traces.log_scale, traces.log_scale - 1.0]),
     )
-    target = MixtureTarget(plain.model, plain.data, plain.present, both)
+    target = MixtureTarget(**{**vars(plain), "traces": both})
     draws = drawn(target, both, monkeypatch, settings=ChainSettings(first_look=40), sampler=Sampler(chains=2))
     nearer = ((draws.u[..., 0, :] - np.asarray(both.centre[0, 0])) / apart).mean(-1) > 0.5
     size = convergence(nearer[None].astype(float)).ess_mean[0]

@@ -38,8 +38,19 @@ def chains(made: Prepared) -> ChainDraws:
 
 def scores_by(made: Prepared, chains: ChainDraws, sites: GaussianFactor) -> dict[str, np.ndarray]:
     u = chains.u.reshape(DRAWS, 6, 3)
-    ratio = chains.log_likelihood.reshape(DRAWS, 6) - np.asarray(sites.log_density(u))
-    return of_draws(made, sites, chains.population(made.model), ratio)
+    ratio = np.asarray(chains.sites.log_density(u)) - np.asarray(sites.log_density(u))
+    return scored(made, chains, sites, ratio)
+
+
+def scored(
+    made: Prepared, chains: ChainDraws, sites: GaussianFactor, ratio: np.ndarray
+) -> dict[str, np.ndarray]:
+    """The scores, likelihoods over sites being these at every draw."""
+    groups = {
+        name: np.stack([ratio[:, each.code == n].sum(1) for n in range(len(each.levels))], axis=1)
+        for name, each in made.design.groupings.items()
+    }
+    return of_draws(made, sites, chains.population(made.model), {"impact": ratio, **groups}, np.arange(6))
 
 
 @pytest.mark.parametrize("scheme", ["trace", "traces_of_subject"])
@@ -85,9 +96,9 @@ def test_an_impact_s_density_is_its_likelihood_integrated_over_the_population(
 
 def test_an_impact_without_a_density_takes_only_its_own_groups(made: Prepared, chains: ChainDraws) -> None:
     ratio = np.zeros((DRAWS, 6))
-    whole = of_draws(made, chains.sites, chains.population(made.model), ratio)
+    whole = scored(made, chains, chains.sites, ratio)
     ratio[:, 0] = -np.inf
-    without = of_draws(made, chains.sites, chains.population(made.model), ratio)
+    without = scored(made, chains, chains.sites, ratio)
     expected = whole["traces_of_subject"].copy()
     expected[:, made.design.groupings["subject"].code[0]] = -np.inf
     np.testing.assert_array_equal(without["traces_of_subject"], expected)

@@ -5,29 +5,28 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceModel, constrained, population
 from bayestissue.inference.chain.ending import Verdict
-from bayestissue.inference.chain.moves import Acceptances, State, Steps, Tuning, transition
+from bayestissue.inference.chain.moves import Acceptances, State, Steps, Tuning, Visited, transition
 from bayestissue.inference.chain.run import Chains, Say, Segment, sampled, warmed_up
-from bayestissue.inference.chain.settings import ChainSettings
-from bayestissue.inference.chain.target import Target
+from bayestissue.inference.chain.settings import FEW, ChainSettings
+from bayestissue.inference.chain.target import LogRatios, Target
 from bayestissue.inference.chain.warm_up import begin, retuned
 from bayestissue.inference.execution.compiling import FULLY, by_row
+from bayestissue.inference.execution.kept import some_impacts, some_of
 from bayestissue.inference.factors.conditional import DRAWS, PopulationDraws
 from bayestissue.padding import padded_impacts
-
-SETTINGS = ChainSettings()
 
 
 @dataclass(frozen=True)
@@ -37,8 +36,11 @@ class ChainDraws:
     Attributes:
         y: hyperparameters, unconstrained.
         b: fixed and group effects.
+        log_likelihood: of all traces.
+        log_ratios: log of likelihood over site of each impact that is shown, under "impact", and its sum over
+            the levels of each grouping.
+        kept: numbers of the draws of which there is ``u``.
         u: each impact's parameters.
-        log_likelihood: of each trace.
         acceptance: of each move, the mean.
         sites: of the traces, the first of each, as the warm-up left them.
         segments: of the warm-up, and since.
@@ -48,8 +50,10 @@ class ChainDraws:
 
     y: Float[np.ndarray, "chain draw hyperparameter"]
     b: Float[np.ndarray, "chain draw location"]
-    u: Float[np.ndarray, "chain draw impact parameter"]
-    log_likelihood: Float[np.ndarray, "chain draw impact"]
+    log_likelihood: Float[np.ndarray, "chain draw"]
+    log_ratios: dict[str, Float[np.ndarray, "chain draw one"]]
+    kept: Int[np.ndarray, " kept"]
+    u: Float[np.ndarray, "chain kept impact parameter"]
     acceptance: dict[str, float]
     sites: GaussianFactor
     segments: tuple[int, int]
@@ -65,20 +69,20 @@ class ChainDraws:
         """The same with at most so many draws of each chain, evenly spaced, the last among them."""
         number = self.y.shape[1]
         rows = np.unique(np.linspace(number - 1, 0, min(draws, number)).round().astype(int))
-        thinned = {name: getattr(self, name)[:, rows] for name in ("y", "b", "u", "log_likelihood")}
-        return replace(self, **thinned)
+        among = np.isin(self.kept, rows)
+        return replace(
+            self,
+            **{name: getattr(self, name)[:, rows] for name in ("y", "b", "log_likelihood")},
+            log_ratios={name: values[:, rows] for name, values in self.log_ratios.items()},
+            kept=np.searchsorted(rows, self.kept[among]),
+            u=self.u[:, among],
+        )
 
     def population(self, model: TraceModel) -> PopulationDraws:
         """Hyperparameters and effects of all draws, one chain's after the other's."""
         y, b = (values.reshape(-1, values.shape[-1]) for values in (self.y, self.b))
         sites, precision = _constrained(model, y)
         return PopulationDraws(dict(zip(model.hyperparameters, y.T, strict=True)), sites, b, precision)
-
-    def log_ratio(self) -> Float[np.ndarray, "draw impact"]:
-        """Log of each trace's likelihood over its site at every draw, one chain's after the other's."""
-        u = self.u.reshape(-1, *self.u.shape[2:])
-        ratio = self.log_likelihood.reshape(len(u), -1) - self.sites.log_density(u)
-        return np.asarray(ratio)
 
     def record(self) -> dict[str, Any]:
         """How the chain ran, as it stands in ``run.json``."""
@@ -103,6 +107,22 @@ def _constrained(model: TraceModel, y: Float[Array, " hyperparameter"]) -> tuple
     return sites, population(model, sites).of_impact()
 
 
+class Track(NamedTuple):
+    """Where a chain has been.
+
+    Attributes:
+        y: hyperparameters of every state.
+        visited: what is kept of every state.
+        u: of every so many states each impact's parameters.
+        log_likelihood: of each trace there.
+    """
+
+    y: Float[Array, "draw hyperparameter"]
+    visited: Visited
+    u: Float[Array, "kept parameter impact"]
+    log_likelihood: Float[Array, "kept impact"]
+
+
 @partial(jax.jit, static_argnames="settings", compiler_options=FULLY)
 def _advanced(
     target: Target,
@@ -112,9 +132,16 @@ def _advanced(
     key: Array,
     gain: Float[Array, ""],
 ) -> Segment:
-    keys = jax.random.split(key, settings.segment)
-    of_segment = jax.lax.scan(partial(transition, target, settings, tuning, gain), carried, keys)
-    return Segment(of_segment[0], *of_segment[1])
+    one = partial(transition, target, settings, tuning, gain)
+
+    def until_kept(carried: tuple[State, Steps], keys: Array) -> Any:
+        carried, (visited, rates) = jax.lax.scan(one, carried, keys)
+        return carried, (visited, rates, carried[0].u, carried[0].log_likelihood)
+
+    keys = jax.random.split(key, settings.segment).reshape(-1, settings.keep, 2)
+    carried, (visited, rates, *of_impacts) = jax.lax.scan(until_kept, carried, keys)
+    visited, rates = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), (visited, rates))
+    return Segment(carried, Track(visited.y, visited, *of_impacts), rates)
 
 
 def chain_draws(
@@ -123,11 +150,13 @@ def chain_draws(
     sampler: Sampler,
     seed: int,
     *,
-    settings: ChainSettings = SETTINGS,
+    settings: ChainSettings | None = None,
     progress: Say = lambda *_: None,
     checkpoints: Path | None = None,
 ) -> ChainDraws:
     """Draws from the posterior of everything.
+
+    Of very many impacts the population is first told by some of them alone.
 
     Args:
         prepared: model and data.
@@ -135,48 +164,106 @@ def chain_draws(
             nearer they are.
         sampler: how many chains, and how many effective draws.
         seed: of all of it.
-        settings: how long its parts are.
+        settings: how long its parts are; those for so many impacts unless given.
         progress: told the stage, how much of it is done, and its total.
         checkpoints: an existing folder to which finished segments are written, and in which those of an
             earlier run of the same job are looked for.
     """
-    target, count = Target.from_prepared(prepared), len(prepared.impacts)
-    keys = jax.random.split(jax.random.PRNGKey(seed), sampler.chains)
-    # Filled up with copies of the first, which count nowhere.
-    padded = GaussianFactor(*map(jnp.asarray, padded_impacts(sites, 1)))
-    start = begin(target, padded, sampler.chains, np.random.default_rng(seed))
-    carried = list(zip(start.states, start.steps, strict=True))
-    like = Segment(carried[0], start.states[0], Acceptances(*range(len(Acceptances._fields))))
-    run = Chains(partial(_advanced, target, settings), settings, keys, carried, like, checkpoints)
-
-    def next_tuning(tuning: Tuning, visited: State, first: bool) -> Tuning:
-        return retuned(tuning, start.tuning, visited, refit=not first)
-
-    tuning = warmed_up(run, start.tuning, next_tuning, progress)
-    warm = run.number
-    drawn = sampled(run, tuning, _quantities, progress, sampler=sampler, kept=partial(_trimmed, count=count))
-    path: State = drawn.path
+    count, near = len(prepared.impacts), None
+    if settings is None and count > FEW:
+        rows = np.linspace(0, count - 1, FEW // 2).round().astype(int)
+        part = GaussianFactor(*(np.asarray(leaf)[:, rows] for leaf in sites))
+        folder = checkpoints and checkpoints / "part"
+        if folder:
+            folder.mkdir(exist_ok=True)
+        near = _warm(some_of(prepared, rows), part, sampler, seed, ChainSettings(), progress, folder)
+    settings = settings or ChainSettings.of_size(count)
+    warm = _warm(prepared, sites, sampler, seed, settings, progress, checkpoints, near)
+    number = warm.chains.number
+    kept = partial(_trimmed, count=count, keep=settings.keep)
+    drawn = sampled(warm.chains, warm.tuning, _quantities, progress, sampler=sampler, kept=kept)
+    visited = drawn.path.visited
+    of_groups = zip(prepared.design.groupings.items(), visited.log_ratios.groups, strict=True)
+    groups = {name: values[..., : len(grouping.levels)] for (name, grouping), values in of_groups}
     return ChainDraws(
-        y=np.asarray(path.y),
-        b=np.asarray(path.b),
-        u=np.moveaxis(np.asarray(path.u), -1, -2),
-        log_likelihood=np.asarray(path.log_likelihood),
+        y=visited.y,
+        b=visited.b,
+        log_likelihood=visited.log_likelihood,
+        log_ratios={"impact": visited.log_ratios.impacts[..., :count], **groups},
+        kept=np.arange(settings.keep - 1, visited.y.shape[1], settings.keep),
+        u=np.moveaxis(drawn.path.u, -1, -2),
         acceptance=dict(drawn.rates._asdict()),
-        sites=GaussianFactor(*(np.asarray(leaf)[0, :count] for leaf in tuning.sites)),
-        segments=(warm, drawn.segments),
+        sites=GaussianFactor(*(np.asarray(leaf)[0, :count] for leaf in warm.tuning.sites)),
+        segments=(number, drawn.segments),
         segment=settings.segment,
         verdict=drawn.verdict,
     )
 
 
-def _trimmed(visited: State, count: int) -> State:
-    """Without the impacts that fill up."""
-    u, log_likelihood = visited.u[..., :count], visited.log_likelihood[..., :count]
-    return visited._replace(u=u, log_likelihood=log_likelihood)
+class Warm(NamedTuple):
+    """Chains that agree, with what they learned.
+
+    Attributes:
+        chains: at the end of their warm-up.
+        tuning: that stays.
+        impacts: how many there are.
+    """
+
+    chains: Chains
+    tuning: Tuning
+    impacts: int
 
 
-def _quantities(drawn: State) -> tuple[np.ndarray, np.ndarray]:
-    """Hyperparameters and effects, and impacts' parameters, [quantity, chain, draw]."""
-    population = np.concatenate([drawn.y, drawn.b], axis=-1)
-    impacts = np.reshape(drawn.u, (*drawn.u.shape[:2], -1))
-    return np.moveaxis(population, -1, 0), np.moveaxis(impacts, -1, 0)
+def _warm(
+    prepared: Prepared,
+    sites: GaussianFactor,
+    sampler: Sampler,
+    seed: int,
+    settings: ChainSettings,
+    progress: Say,
+    checkpoints: Path | None,
+    near: Warm | None = None,
+) -> Warm:
+    """The warm-up of `chain_draws`, begun where that of some of the impacts ended, if there was one."""
+    target, count = Target.from_prepared(prepared), len(prepared.impacts)
+    keys = jax.random.split(jax.random.PRNGKey(seed), sampler.chains)
+    # Filled up with copies of the first, which count nowhere.
+    padded = GaussianFactor(*map(jnp.asarray, padded_impacts(sites, 1)))
+    start = begin(target, padded, sampler.chains, np.random.default_rng(seed))
+    if near is not None:
+        begun = [state for state, _ in near.chains.carried]
+        states = [own._replace(y=of.y, b=of.b) for own, of in zip(start.states, begun, strict=True)]
+        narrower = np.sqrt(near.impacts / count)
+        tuning = start.tuning._replace(root=narrower * np.asarray(near.tuning.root))
+        start = start._replace(states=states, tuning=tuning)
+    carried = list(zip(start.states, start.steps, strict=True))
+    run = Chains(partial(_advanced, target, settings), settings, keys, carried, _like(target), checkpoints)
+
+    def next_tuning(tuning: Tuning, visited: Track, first: bool) -> Tuning:
+        return retuned(tuning, start.tuning, visited, refit=not first)
+
+    return Warm(run, warmed_up(run, start.tuning, next_tuning, progress), count)
+
+
+def _like(target: Target) -> Segment:
+    """A segment's structure."""
+    none: Any = np.zeros(0)
+    visited = Visited(none, none, none, LogRatios(none, (none,) * len(target.groups)))
+    state, steps = State(*[none] * len(State._fields)), Steps(*[none] * len(Steps._fields))
+    rates = Acceptances(*[none] * len(Acceptances._fields))
+    return Segment((state, steps), Track(none, visited, none, none), rates)
+
+
+def _trimmed(path: Track, count: int, keep: int) -> Track:
+    """Without the impacts that fill up, and of many impacts in single precision."""
+    u = path.u[..., :count]
+    return path._replace(
+        u=u if keep == 1 else u.astype(np.float32), log_likelihood=path.log_likelihood[..., :0]
+    )
+
+
+def _quantities(path: Track) -> tuple[np.ndarray, np.ndarray]:
+    """Hyperparameters and effects, and parameters of the impacts that are shown, [quantity, chain, draw]."""
+    population = np.concatenate([np.asarray(path.visited.y), np.asarray(path.visited.b)], axis=-1)
+    u = np.asarray(path.u)[..., some_impacts(path.u.shape[-1])]
+    return np.moveaxis(population, -1, 0), np.moveaxis(u.reshape(*u.shape[:2], -1), -1, 0)

@@ -57,16 +57,18 @@ def look(population: Draws, impacts: Draws, effective: float) -> Verdict:
 
     Args:
         population: hyperparameters and effects, [quantity, chain, draw].
-        impacts: the same of the impacts' own parameters.
+        impacts: the same of the impacts' own parameters, of as many draws or fewer.
         effective: the least effective number that is wanted of every quantity, in bulk and tails.
     """
-    of_all = convergence(np.concatenate([population, impacts]))
-    parts = slice(len(population)), slice(len(population), None)
-    of_population, of_impacts = (Convergence(*(sizes[part] for sizes in of_all)) for part in parts)
-    limit = r_hat_limit(len(population) + len(impacts), *population.shape[1:])
-    least, above = _least(of_all), (of_impacts.r_hat > limit).sum()
+    of_population, of_impacts = convergence(population), convergence(impacts)
+    # Of many impacts some draws are kept: as many fewer are asked for.
+    share = impacts.shape[2] / population.shape[2]
+    quantities = len(population) + len(impacts)
+    limit = r_hat_limit(quantities, *population.shape[1:])
+    above = of_impacts.r_hat > r_hat_limit(quantities, *impacts.shape[1:])
     agree = bool((of_population.r_hat < limit).all())
-    agree &= bool(above <= _MANY * len(impacts) and (of_impacts.r_hat < _MOST).all())
+    agree &= bool(above.sum() <= _MANY * len(impacts) and (of_impacts.r_hat[above] < _MOST).all())
+    least = np.concatenate([_least(of_population), _least(of_impacts) / share])
     return Verdict(
         agree and bool(least.min() > effective),
         float(of_population.r_hat.max()),

@@ -39,7 +39,7 @@ from jaxtyping import Float
 
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.inference.chain.settings import ChainSettings
-from bayestissue.inference.chain.target import Target
+from bayestissue.inference.chain.target import LogRatios, Target
 
 _BY_SITE, _BY_WALK, _BY_POPULATION = range(3)
 
@@ -58,6 +58,22 @@ class State(NamedTuple):
     b: Float[Array, " location"]
     u: Float[Array, "parameter impact"]
     log_likelihood: Float[Array, " impact"]
+
+
+class Visited(NamedTuple):
+    """What is kept of a state, whatever is kept of impacts.
+
+    Attributes:
+        y: hyperparameters, unconstrained.
+        b: fixed and group effects.
+        log_likelihood: of all traces together.
+        log_ratios: of likelihoods over sites.
+    """
+
+    y: Float[Array, " hyperparameter"]
+    b: Float[Array, " location"]
+    log_likelihood: Float[Array, ""]
+    log_ratios: LogRatios
 
 
 class Steps(NamedTuple):
@@ -181,10 +197,12 @@ class Proposal(NamedTuple):
     inner: Float[Array, ""]
 
 
-def log_sites(tuning: Tuning, u: Float[Array, "parameter impact"]) -> Float[Array, " impact"]:
-    """Log q of every impact, the sum over its sites."""
-    log_density = tuning.sites.log_density(u.T)
-    return log_density[0] if len(log_density) == 1 else logsumexp(log_density, axis=0)
+def log_sites(
+    sites: GaussianFactor, u: Float[Array, "parameter impact"], *, first: bool = False
+) -> Float[Array, " impact"]:
+    """Log q of every impact, the sum over its sites, or the first of them alone."""
+    log_density = sites.log_density(u.T)
+    return log_density[0] if first or len(log_density) == 1 else logsumexp(log_density, axis=0)
 
 
 def _one_each(sites: GaussianFactor, log_weight: Any, uniform: Float[Array, " impact"]) -> GaussianFactor:
@@ -209,7 +227,7 @@ def by_site(target: Target, tuning: Tuning, steps: Steps, state: State, numbers:
 
     conditional = target.impact_given(state.y, _one_each(tuning.sites, log_evidence, numbers.label))
     u = jnp.stack(conditional.draw(list(mean), list(numbers.impacts)))
-    log_ratio = log_sites(tuning, state.u) - log_sites(tuning, u)
+    log_ratio = log_sites(tuning.sites, state.u) - log_sites(tuning.sites, u)
     return Proposal(state._replace(u=u), log_ratio, jnp.zeros(()))
 
 
@@ -239,7 +257,7 @@ def by_population(
     b = target.effects_at(effects, numbers.walk.effects)
     there = target.impact_given(y, sites)
     u = jnp.stack(there.draw(list(target.prior_mean(b)), standard))
-    log_ratio = log_sites(tuning, state.u) - log_sites(tuning, u)
+    log_ratio = log_sites(tuning.sites, state.u) - log_sites(tuning.sites, u)
     return Proposal(state._replace(y=y, b=b, u=u), log_ratio, inner)
 
 
@@ -313,7 +331,7 @@ def transition(
     gain: Float[Array, ""],
     carried: tuple[State, Steps],
     key: Array,
-) -> tuple[tuple[State, Steps], tuple[State, Acceptances]]:
+) -> tuple[tuple[State, Steps], tuple[Visited, Acceptances]]:
     """Every move once or more; then steps follow their acceptances, unless ``gain`` is 0."""
     state, steps = carried
     numbers = random_numbers(target, settings, key)
@@ -331,9 +349,9 @@ def transition(
         mean = accepted.sum() / target.present.sum()
         rates = Acceptances(
             rates.site + jnp.where(kind == _BY_SITE, mean, 0.0),
-            rates.walk + jnp.where(kind == _BY_WALK, accepted, 0.0) / settings.walks,
-            rates.population + jnp.where(whole, mean, 0.0) / settings.surrogates,
-            rates.inner + proposal.inner / settings.surrogates,
+            rates.walk + jnp.where(kind == _BY_WALK, accepted, 0.0) / max(settings.walks, 1),
+            rates.population + jnp.where(whole, mean, 0.0) / max(settings.surrogates, 1),
+            rates.inner + proposal.inner / max(settings.surrogates, 1),
             rates.centred,
         )
         return state, rates
@@ -347,4 +365,5 @@ def transition(
         jnp.clip(steps.centred * jnp.exp(gain * (rates.centred - of_population)), 1e-2, 5.0),
         jnp.clip(steps.population * jnp.exp(gain * (rates.inner - of_population)), 1e-3, 5.0),
     )
-    return (state, steps), (state, rates)
+    log_ratios = target.log_ratios(state.log_likelihood - log_sites(tuning.sites, state.u, first=True))
+    return (state, steps), (Visited(state.y, state.b, state.log_likelihood.sum(), log_ratios), rates)

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Self
+
+# Up to so many impacts everything is kept of each.
+FEW = 4000
 
 
 @dataclass(frozen=True)
@@ -19,6 +23,7 @@ class ChainSettings:
         population_acceptance: that the walks of hyperparameters are adapted to, about the best for a dozen
             (Roberts, Gelman and Gilks 1997, doi:10.1214/aoap/1034625254).
         segment: transitions of one compiled call, after which a run can stop.
+        keep: transitions for each one of which the impacts' parameters are kept.
         first_rounds: segments of the warm-up's first rounds, while sites and covariances are still poor.
         round: segments of each further one.
         last_round: segments of the last one, which adapts steps alone.
@@ -39,6 +44,7 @@ class ChainSettings:
     impact_acceptance: float = 0.3
     population_acceptance: float = 0.25
     segment: int = 50
+    keep: int = 1
     first_rounds: tuple[int, ...] = (2, 3, 4)
     round: int = 5
     last_round: int = 3
@@ -49,6 +55,19 @@ class ChainSettings:
     first_look: int = 10
     growth: float = 1.25
     in_a_row: int = 2
+
+    @classmethod
+    def of_size(cls, impacts: int) -> Self:
+        """The settings for so many impacts.
+
+        Of thousands no move of the whole population is accepted, and none is needed: they tell it so well
+        that `centred` steps, which cost as much as there are cells, follow them at once.
+        """
+        if impacts <= FEW:
+            return cls()
+        many = {"surrogates": 0, "inner": 1, "centred": 60, "segment": 20, "keep": 10}
+        rounds = {"first_rounds": (1, 2), "round": 2, "last_round": 1, "most_rounds": 8, "first_look": 6}
+        return cls(**many, **rounds)  # type: ignore[arg-type]
 
     @property
     def evaluations(self) -> int:

@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from bayestissue.hierarchy.gaussian.arrangement import expected, expected_by_cell
 from bayestissue.hierarchy.gaussian.conditional import Data
@@ -29,7 +29,10 @@ from bayestissue.hierarchy.gaussian.effects import (
 from bayestissue.hierarchy.gaussian.factor import Conditional, GaussianFactor
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, hyperparameters_at, log_likelihood, population
+from bayestissue.inference.chain.settings import FEW
+from bayestissue.inference.execution.kept import some_impacts
 from bayestissue.inference.factors.likelihoods import densities_at
+from bayestissue.padding import bucket, padded_impacts
 
 LEAST = 1e-4
 _MOST_CORRELATION = 1 - 1e-9
@@ -43,6 +46,13 @@ class CellSums(NamedTuple):
     squares: Float[Array, "parameter parameter entry"]
 
 
+class LogRatios(NamedTuple):
+    """Log of likelihood over site: of the impacts that are shown, summed over each grouping's levels."""
+
+    impacts: Float[Array, " shown"]
+    groups: tuple[Float[Array, " level"], ...]
+
+
 class Effects(NamedTuple):
     """b given the hyperparameters and what stands for the data, and the log density of these together."""
 
@@ -50,7 +60,10 @@ class Effects(NamedTuple):
     log_density: Float[Array, ""]
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=["model", "data", "present"], meta_fields=[])
+FIELDS = ["model", "data", "present", "shown", "groups"]
+
+
+@partial(jax.tree_util.register_dataclass, data_fields=FIELDS, meta_fields=["levels"])
 @dataclass(frozen=True)
 class Target:
     """The posterior of one prepared dataset.
@@ -59,18 +72,32 @@ class Target:
         model: what is assumed.
         data: the traces and the design, as many impacts as a `bucket` holds.
         present: which of them there are.
+        shown: numbers of those that everything is kept of.
+        groups: of each grouping of the design, the level of every impact.
+        levels: how many levels each has.
     """
 
     model: TraceModel
     data: TraceData
     present: Bool[Array, " impact"]
+    shown: Int[Array, " shown"]
+    groups: tuple[Int[Array, " impact"], ...]
+    levels: tuple[int, ...]
 
     @classmethod
     def from_prepared(cls, prepared: Prepared) -> Self:
         """The posterior of a fit."""
-        data = prepared.data.padded
-        present = np.arange(len(data.log_mass)) < len(prepared.impacts)
-        return cls(prepared.model, jax.tree.map(jnp.asarray, data), jnp.asarray(present))
+        data, count = prepared.data.padded, len(prepared.impacts)
+        present, groupings = np.arange(len(data.log_mass)) < count, prepared.design.groupings.values()
+        shown = np.arange(len(present)) if count <= FEW else some_impacts(count)
+        return cls(
+            prepared.model,
+            jax.tree.map(jnp.asarray, data),
+            jnp.asarray(present),
+            jnp.asarray(shown),
+            tuple(jnp.asarray(padded_impacts(grouping.code)) for grouping in groupings),
+            tuple(bucket(len(grouping.levels)) for grouping in groupings),
+        )
 
     def covariances(self, y: Float[Array, " hyperparameter"]) -> Covariances:
         """Of an impact's parameters about X b, and of b."""
@@ -96,6 +123,14 @@ class Target:
         """The same at several points, of all that fill up as well."""
         traces = replace(self.data, design=None)  # type: ignore[arg-type]
         return densities_at(self.model, traces, np.moveaxis(u, 1, 2))
+
+    def log_ratios(self, log_ratio: Float[Array, " impact"]) -> LogRatios:
+        """What is kept of every trace's likelihood over its site."""
+        there = jnp.where(self.present, log_ratio, 0.0)
+        pairs = zip(self.groups, self.levels, strict=True)
+        return LogRatios(
+            there[self.shown], tuple(jax.ops.segment_sum(there, code, levels) for code, levels in pairs)
+        )
 
     def prior_mean(self, b: Float[Array, " location"]) -> Float[Array, "parameter impact"]:
         """X b of every impact."""

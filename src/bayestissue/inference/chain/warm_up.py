@@ -8,7 +8,7 @@ nearest to the log likelihoods at those points, which are known already.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -63,13 +63,14 @@ def begin(target: Target, sites: GaussianFactor, chains: int, rng: np.random.Gen
     return Start(states, [steps] * chains, Tuning(sites, 0.5 * jnp.eye(number), jnp.asarray(of_impact)))
 
 
-def retuned(tuning: Tuning, first: Tuning, visited: State, *, refit: bool) -> Tuning:
+def retuned(tuning: Tuning, first: Tuning, visited: Any, *, refit: bool) -> Tuning:
     """Covariances and sites from where all chains have been.
 
     Args:
         tuning: the present one.
         first: that of the start, which a covariance from few points leans on.
-        visited: the second half of a round of all chains, [draw, ...].
+        visited: the second half of a round of all chains, with ``y``, ``u`` and ``log_likelihood`` of every
+            trace, [draw, ...].
         refit: whether sites are made anew: each where there are twice as many distinct points as a parabola
             has terms, and one explanation.
     """

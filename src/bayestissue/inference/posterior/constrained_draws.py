@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from bayestissue.hierarchy.derived import named_sites
 from bayestissue.hierarchy.gaussian.covariances import Covariances
@@ -20,7 +20,6 @@ from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, physical, population, trace_likelihood
 from bayestissue.inference.execution.chunks import in_blocks
 from bayestissue.inference.execution.compiling import by_row
-from bayestissue.inference.execution.kept import kept_draws
 from bayestissue.inference.factors.conditional import (
     PopulationDraws,
     of_cells,
@@ -46,6 +45,7 @@ def quantities_of_draws(
     population: PopulationDraws,
     impacts_u: Float[np.ndarray, "draw impact parameter"],
     shape: tuple[int, int],
+    kept_numbers: Int[np.ndarray, " kept"],
     key: Array,
     scores: dict[str, np.ndarray],
 ) -> ConstrainedDraws:
@@ -54,15 +54,15 @@ def quantities_of_draws(
     Args:
         prepared: the fit.
         population: all chains' draws, one chain's after the other's.
-        impacts_u: parameters of every impact, of those draws that `kept_draws` keeps.
+        impacts_u: parameters of every impact, of the draws that are kept.
         shape: the numbers of chains and of draws of each.
+        kept_numbers: of the draws of each chain that are kept of impacts.
         key: of what is drawn besides.
         scores: log densities of the traces, see `of_draws`.
     """
     model, design = prepared.model, prepared.data.design
     cell = np.asarray(design.cell)
     keys = jax.random.split(jax.random.fold_in(key, 11), len(population.b))
-    kept_numbers = kept_draws(*shape, len(cell))
     kept_population, which = _kept(population, shape, kept_numbers)
     people = keys[which]
     priors = kept_population.priors(design)

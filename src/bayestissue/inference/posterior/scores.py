@@ -8,6 +8,7 @@ each side; without the traces only the prior tells them.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 from typing import NamedTuple
 
@@ -29,7 +30,6 @@ from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceModel, gaussian, population
 from bayestissue.inference.execution.compiling import by_row, in_parts
-from bayestissue.inference.execution.kept import all_fit, some_impacts
 from bayestissue.inference.factors.conditional import PopulationDraws, log_evidence, of_cells
 from bayestissue.padding import bucket
 
@@ -41,7 +41,8 @@ def of_draws(
     prepared: Prepared,
     sites: GaussianFactor,
     draws: PopulationDraws,
-    log_ratio: Float[np.ndarray, "draw impact"],
+    log_ratios: Mapping[str, Float[np.ndarray, "draw one"]],
+    rows: Int[np.ndarray, " shown"],
 ) -> dict[str, np.ndarray]:
     """Log densities under each draw: "trace" [draw, impact], "traces_of_subject" and so on.
 
@@ -51,27 +52,25 @@ def of_draws(
     whatever q is. So of a group, with the evidence of its sites once all effects that only its traces tell
     are integrated out, and the product of its impacts' L / q.
 
-    Where draws times impacts are more than fits, "trace" is of `some_impacts`. "traces" is of all sites
-    together.
+    "traces" is of all sites together.
 
     Args:
         prepared: the fit.
         sites: q of every trace.
         draws: of the population.
-        log_ratio: log L / q at each draw.
+        log_ratios: log L / q at each draw, of these impacts under "impact", and its sums over the levels of
+            each grouping.
+        rows: numbers of the impacts that "trace" is of.
     """
-    data, count = prepared.data, len(prepared.impacts)
-    rows = np.arange(count) if all_fit(len(draws.b), count) else some_impacts(count)
+    data = prepared.data
     some = GaussianFactor(*(np.asarray(leaf)[rows] for leaf in sites))
     priors = of_cells(draws.priors(data.design), np.asarray(data.design.cell)[rows])
     evidence = in_parts(partial(log_evidence, some), (priors,), _AT_ONCE)
-    scores = {"trace": evidence + log_ratio[:, rows]}
+    scores = {"trace": evidence + log_ratios["impact"]}
     of_groups = _of_groups(prepared, gaussian(data, sites), draws)
     for name, grouping in prepared.design.groupings.items():
         stem = f"traces_of_{stem_of(name)}"
-        of_groups[stem] = np.array(of_groups[stem][:, : len(grouping.levels)])
-        # Added one by one: an impact without a finite density leaves other groups as they are.
-        np.add.at(of_groups[stem].T, grouping.code, log_ratio.T)
+        of_groups[stem] = of_groups[stem][:, : len(grouping.levels)] + log_ratios[name]
     return scores | of_groups
 
 
