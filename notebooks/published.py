@@ -38,7 +38,9 @@ folder = Path(os.environ.get("BAYESTISSUE_RUN", root / "reports" / "published"))
 with xr.open_datatree(folder / "posterior.nc", engine="h5netcdf") as stored:
     run = stored.load()
 posterior = run["posterior"].dataset
-print(f"{posterior.sizes['chain']} chains of {posterior.sizes['draw']} draws; groups: {', '.join(run.children)}")
+print(
+    f"{posterior.sizes['chain']} chains of {posterior.sizes['draw']} draws; groups: {', '.join(run.children)}"
+)
 
 # %% [markdown]
 # ## Did the sampler do its work?
@@ -117,7 +119,9 @@ az.plot_pair(run, var_names=["K_new", "C_new"])
 plt.show()
 if "residual_correlation" in posterior:
     low, median, high = np.percentile(posterior["residual_correlation"], [5, 50, 95])
-    print(f"correlation of log K and log C from impact to impact: {median:.2f} (90 %: {low:.2f} to {high:.2f})")
+    print(
+        f"correlation of log K and log C from impact to impact: {median:.2f} (90 %: {low:.2f} to {high:.2f})"
+    )
 
 # %% [markdown]
 # ## Would this model have given these data?

@@ -39,7 +39,9 @@ from bayestissue.signal.quality import inspect, raised
 az.style.use("arviz-variat")
 dataset = bt.read_dataset(os.environ.get("BAYESTISSUE_DATASET", shared("data", "example")))
 impacts = dataset.impacts
-print(f"{len(impacts)} impacts, {impacts['subject'].nunique()} people, {impacts['trial'].nunique()} conditions")
+print(
+    f"{len(impacts)} impacts, {impacts['subject'].nunique()} people, {impacts['trial'].nunique()} conditions"
+)
 
 # %% [markdown]
 # ## What was recorded, and is anything wrong with it?
@@ -51,7 +53,9 @@ print(f"{len(impacts)} impacts, {impacts['subject'].nunique()} people, {impacts[
 signal = displacements(dataset)
 odd = [str(problem) for problem in dataset.warnings]
 spoilt = raised(inspect(dataset), len(impacts))
-odd += [f"{i}: {flag}" for i, *flags in zip(impacts["impact"], signal.flags, spoilt) for flag in sum(flags, [])]
+odd += [
+    f"{i}: {flag}" for i, *flags in zip(impacts["impact"], signal.flags, spoilt) for flag in sum(flags, [])
+]
 print("\n".join(odd) or "nothing looks odd")
 print(dataset.uncertainty)
 
@@ -85,7 +89,9 @@ for method, table in estimates.items():
     level = table["K_N_per_m"].median()
     slope = np.polyfit(log_mass, np.log(table["K_N_per_m"].to_numpy()), 1)[0]
     slope_C = np.polyfit(log_mass, np.log(table["C_N_s_per_m"].to_numpy()), 1)[0]
-    print(f"{method:6}: median K {level:.0f} N/m; K goes with mass to the power {slope:.3f}, C to {slope_C:.3f}")
+    print(
+        f"{method:6}: median K {level:.0f} N/m; K goes with mass to the power {slope:.3f}, C to {slope_C:.3f}"
+    )
 
 # %% [markdown]
 # One recording at a time needs no dataset: two arrays, the mass and the velocity give K and C with their intervals.
@@ -216,7 +222,9 @@ if (dataset.folder / "truth.csv").is_file():
         held = np.mean((true >= low) & (true <= high))
         off = np.median(np.abs(middle / true - 1))
         thesis = np.median(estimates["dds"][column].to_numpy() / true)
-        print(f"{quantity}: intervals hold {held:.2f}; median error {100 * off:.1f} %; the thesis's {thesis:.2f} times the truth")
+        print(
+            f"{quantity}: intervals hold {held:.2f}; median error {100 * off:.1f} %; the thesis's {thesis:.2f} times the truth"
+        )
 
 # %% [markdown]
 # `fit.report("reports/mine")` writes all of this as a page, with the files of a finished run beside it.

@@ -121,16 +121,20 @@ def sample(
 def quantities_of_chain(prepared: Prepared, chains: ChainDraws, seed: int) -> ConstrainedDraws:
     """Everything that the chain's draws stand for."""
     count = len(prepared.impacts)
-    chosen = kept_draws(chains.shape[0], len(chains.kept), count)
-    u, kept, population = chains.u[:, chosen], chains.kept[chosen], chains.population(prepared.model)
-    rows = np.arange(count) if len(kept) == chains.shape[1] else some_impacts(count)
+    chosen = kept_draws(chains.shape[0], len(chains.impact_draws), count)
+    u, numbers, population = (
+        chains.u[:, chosen],
+        chains.impact_draws[chosen],
+        chains.population(prepared.model),
+    )
+    rows = np.arange(count) if len(numbers) == chains.shape[1] else some_impacts(count)
     ratios = {name: values.reshape(len(population.b), -1) for name, values in chains.log_ratios.items()}
     if ratios["impact"].shape[1] != len(rows):
         ratios["impact"] = ratios["impact"][:, rows]
     scores = of_draws(prepared, chains.sites, population, ratios, rows)
     key = jax.random.PRNGKey(seed)
     return quantities_of_draws(
-        prepared, population, u.reshape(-1, *u.shape[2:]), chains.shape, kept, key, scores
+        prepared, population, u.reshape(-1, *u.shape[2:]), chains.shape, numbers, key, scores
     )
 
 

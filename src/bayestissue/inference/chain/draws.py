@@ -39,7 +39,7 @@ class ChainDraws:
         log_likelihood: of all traces.
         log_ratios: log of likelihood over site of each impact that is shown, under "impact", and its sum over
             the levels of each grouping.
-        kept: numbers of the draws of which there is ``u``.
+        impact_draws: numbers of the draws of which there is ``u``.
         u: each impact's parameters.
         acceptance: of each move, the mean.
         sites: of the traces, the first of each, as the warm-up left them.
@@ -52,7 +52,7 @@ class ChainDraws:
     b: Float[np.ndarray, "chain draw location"]
     log_likelihood: Float[np.ndarray, "chain draw"]
     log_ratios: dict[str, Float[np.ndarray, "chain draw one"]]
-    kept: Int[np.ndarray, " kept"]
+    impact_draws: Int[np.ndarray, " kept"]
     u: Float[np.ndarray, "chain kept impact parameter"]
     acceptance: dict[str, float]
     sites: GaussianFactor
@@ -69,12 +69,12 @@ class ChainDraws:
         """The same with at most so many draws of each chain, evenly spaced, the last among them."""
         number = self.y.shape[1]
         rows = np.unique(np.linspace(number - 1, 0, min(draws, number)).round().astype(int))
-        among = np.isin(self.kept, rows)
+        among = np.isin(self.impact_draws, rows)
         return replace(
             self,
             **{name: getattr(self, name)[:, rows] for name in ("y", "b", "log_likelihood")},
             log_ratios={name: values[:, rows] for name, values in self.log_ratios.items()},
-            kept=np.searchsorted(rows, self.kept[among]),
+            impact_draws=np.searchsorted(rows, self.impact_draws[among]),
             u=self.u[:, among],
         )
 
@@ -180,8 +180,8 @@ def chain_draws(
     settings = settings or ChainSettings.of_size(count)
     warm = _warm(prepared, sites, sampler, seed, settings, progress, checkpoints, near)
     number = warm.chains.number
-    kept = partial(_trimmed, count=count, keep=settings.keep)
-    drawn = sampled(warm.chains, warm.tuning, _quantities, progress, sampler=sampler, kept=kept)
+    trim = partial(_trimmed, count=count, keep=settings.keep)
+    drawn = sampled(warm.chains, warm.tuning, _quantities, progress, sampler=sampler, trim=trim)
     visited = drawn.path.visited
     of_groups = zip(prepared.design.groupings.items(), visited.log_ratios.groups, strict=True)
     groups = {name: values[..., : len(grouping.levels)] for (name, grouping), values in of_groups}
@@ -190,7 +190,7 @@ def chain_draws(
         b=visited.b,
         log_likelihood=visited.log_likelihood,
         log_ratios={"impact": visited.log_ratios.impacts[..., :count], **groups},
-        kept=np.arange(settings.keep - 1, visited.y.shape[1], settings.keep),
+        impact_draws=np.arange(settings.keep - 1, visited.y.shape[1], settings.keep),
         u=np.moveaxis(drawn.path.u, -1, -2),
         acceptance=dict(drawn.rates._asdict()),
         sites=GaussianFactor(*(np.asarray(leaf)[0, :count] for leaf in warm.tuning.sites)),
@@ -231,8 +231,10 @@ def _warm(
     padded = GaussianFactor(*map(jnp.asarray, padded_impacts(sites, 1)))
     start = begin(target, padded, sampler.chains, np.random.default_rng(seed))
     if near is not None:
-        begun = [state for state, _ in near.chains.carried]
-        states = [own._replace(y=of.y, b=of.b) for own, of in zip(start.states, begun, strict=True)]
+        previous = [state for state, _ in near.chains.carried]
+        states = [
+            state._replace(y=last.y, b=last.b) for state, last in zip(start.states, previous, strict=True)
+        ]
         narrower = np.sqrt(near.impacts / count)
         tuning = start.tuning._replace(root=narrower * np.asarray(near.tuning.root))
         start = start._replace(states=states, tuning=tuning)

@@ -132,7 +132,7 @@ def sampled(
     progress: Say,
     *,
     sampler: Sampler,
-    kept: Callable[[Any], Any] = lambda path: path,
+    trim: Callable[[Any], Any] = lambda path: path,
 ) -> Sampled:
     """Segments until there are draws enough.
 
@@ -142,23 +142,23 @@ def sampled(
         quantities: of states [chain, draw, ...] what is looked at: see `look`.
         progress: told the stage, how many segments are done, and of how many before the next look.
         sampler: how many effective draws are wanted, and how many transitions are the most.
-        kept: what of the states of a segment is kept.
+        trim: takes off a segment's states what is not to be kept.
     """
     settings, in_a_row = chains.settings, 0
     most = -(-sampler.transitions // settings.segment)
     next_look = min(settings.first_look, most)
-    paths: list[Any] = []
-    rates: list[Any] = []
+    stage, paths, rates = "sampling", list[Any](), list[Any]()
     while True:
-        progress("sampling", len(paths), next_look)
+        progress(stage, len(paths), next_look)
         segments = chains.next(tuning, 0.0)
-        paths.append(kept(joined([segments])))
+        paths.append(trim(joined([segments])))
         rates.append(jax.tree.map(lambda *values: np.mean(values), *[segment.rates for segment in segments]))
         if len(paths) < next_look:
             continue
         path = jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *paths[len(paths) // 2 :])
         verdict = look(*quantities(path), sampler.effective)
         in_a_row = in_a_row + 1 if verdict.passed else 0
+        stage = f"sampling, R-hat {verdict.r_hat:.3f}, {verdict.effective:.0f} effective draws"
         if in_a_row >= settings.in_a_row or len(paths) >= most:
             mean_rates = jax.tree.map(lambda *values: float(np.mean(values)), *rates)
             return Sampled(path, mean_rates, len(paths), verdict)

@@ -63,9 +63,9 @@ def of_draws(
         rows: numbers of the impacts that "trace" is of.
     """
     data = prepared.data
-    some = GaussianFactor(*(np.asarray(leaf)[rows] for leaf in sites))
+    shown = GaussianFactor(*(np.asarray(leaf)[rows] for leaf in sites))
     priors = of_cells(draws.priors(data.design), np.asarray(data.design.cell)[rows])
-    evidence = in_parts(partial(log_evidence, some), (priors,), _AT_ONCE)
+    evidence = in_parts(partial(log_evidence, shown), (priors,), _AT_ONCE)
     scores = {"trace": evidence + log_ratios["impact"]}
     of_groups = _of_groups(prepared, gaussian(data, sites), draws)
     for name, grouping in prepared.design.groupings.items():
@@ -79,8 +79,8 @@ def _of_groups(
 ) -> dict[str, Float[np.ndarray, " draw ..."]]:
     """The same of groups by the sites, and that of all traces together."""
     cell, places = np.asarray(prepared.data.design.cell), data.design.members.shape[2]
-    own = own_effects(prepared.model, prepared.design)
-    effects = {name: effect.at_places(cell, places) for name, effect in own.items()}
+    of_levels = own_effects(prepared.model, prepared.design)
+    effects = {name: effect.at_places(cell, places) for name, effect in of_levels.items()}
     return dict(_group_scores(prepared.model, data, effects, draws.sites, draws.b))
 
 

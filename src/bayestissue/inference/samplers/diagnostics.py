@@ -185,4 +185,5 @@ def _worst(summary: pd.DataFrame, column: str) -> dict[str, Any]:
     """The greatest R-hat, or the least sample size, and the variable that has it."""
     values = summary[column].to_numpy(float)
     row = int(np.nanargmax(values) if column == "r_hat" else np.nanargmin(values))
-    return {"variable": str(summary["variable"].iloc[row]), "value": float(values[row])}
+    variable, label = str(summary["variable"].iloc[row]), str(summary["label"].iloc[row])
+    return {"variable": f"{variable} of {label}" if label else variable, "value": float(values[row])}

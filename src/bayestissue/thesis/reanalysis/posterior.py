@@ -251,7 +251,7 @@ def evidence_ratios(
     """
     y, b = _flat(posterior.y, posterior.b)
     standard = np.random.default_rng([seed, 25]).standard_normal(b.shape)
-    own = effects_by_sites(model, posterior.data, y, standard)[1]
-    own = own + densities_at(model, posterior.data, y, b).log_ratio
-    others, other = effects_by_sites(model, data, y, standard)
-    return np.asarray(other + densities_at(model, data, y, others).log_ratio - own)
+    log_evidence = effects_by_sites(model, posterior.data, y, standard)[1]
+    log_evidence = log_evidence + densities_at(model, posterior.data, y, b).log_ratio
+    effects, log_evidence_of_data = effects_by_sites(model, data, y, standard)
+    return np.asarray(log_evidence_of_data + densities_at(model, data, y, effects).log_ratio - log_evidence)
