@@ -68,7 +68,7 @@ def with_traces(prepared: Prepared, traces: np.ndarray) -> Prepared:
         # First guesses, from which the summaries start, ask for the motion.
         v = velocity[:, None] - np.cumsum(traces, axis=1) * dt[:, None]
         x = np.cumsum(v, axis=1) * dt[:, None]
-        motion = {"x": x, "v": v, "deceleration": traces}
+        motion = {"x": x, "v": v, "deceleration": traces, "clipped": np.zeros_like(traces)}
     else:
         made = displacement_record(traces, n_samples, first, dt, error_sd)
         motion = {"x": traces}

@@ -32,6 +32,7 @@ import numpy as np
 import pandas as pd
 
 import bayestissue as bt
+from bayestissue.hierarchy.specification import read_specification
 from bayestissue.resources import shared
 from bayestissue.signal import displacements
 from bayestissue.signal.quality import inspect, raised
@@ -174,7 +175,7 @@ print(f"probability that {person} is stiffer than {other}: {stiffer:.3f}")
 # above 0.95 is taken as true, below 0.05 as false, and between them these data don't tell.
 
 # %%
-near = model.practical_equivalence.mass_exponent
+near = read_specification(shared("models", "impact.toml")).practical_equivalence.mass_exponent
 for name in exponents:
     draws = posterior[name].to_numpy().ravel()
     low, middle, high = np.percentile(draws, [5, 50, 95])

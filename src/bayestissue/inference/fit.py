@@ -28,7 +28,7 @@ from bayestissue.inference.answers.reliability import (
     variances,
 )
 from bayestissue.inference.chain.draws import ChainDraws, chain_draws
-from bayestissue.inference.chain.ending import r_hat_limit
+from bayestissue.inference.chain.ending import MANY, MOST, r_hat_limit
 from bayestissue.inference.chain.explanations import explanations
 from bayestissue.inference.checking.model_form import described, misfit_precheck, model_form, with_impacts
 from bayestissue.inference.checking.pooled_parameters import pooled_parameters
@@ -172,7 +172,9 @@ def label(
     summary = summary_table(posterior)
     # Functions of standard deviations that are checked themselves.
     checked = summary[~summary["variable"].isin(list(as_variables(repeatable["posterior"])))]
-    diagnostics = diagnose(checked, r_hat_limit(len(checked), *density.shape))
+    of_impacts = [str(name) for name, values in posterior.data_vars.items() if "impact" in values.dims]
+    limit = r_hat_limit(len(checked), *density.shape)
+    diagnostics = diagnose(checked, limit, of_impacts, share=MANY, most=MOST)
     further = {
         "straight_lines": straight_lines(prepared.design, posterior, prepared.model.log_mass_sd),
         "pooled_parameters": [

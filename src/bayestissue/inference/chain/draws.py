@@ -180,8 +180,9 @@ def chain_draws(
     settings = settings or ChainSettings.of_size(count)
     warm = _warm(prepared, sites, sampler, seed, settings, progress, checkpoints, near)
     number = warm.chains.number
+    quantities = partial(_quantities, prepared.model)
     trim = partial(_trimmed, count=count, keep=settings.keep)
-    drawn = sampled(warm.chains, warm.tuning, _quantities, progress, sampler=sampler, trim=trim)
+    drawn = sampled(warm.chains, warm.tuning, quantities, progress, sampler=sampler, trim=trim)
     visited = drawn.path.visited
     of_groups = zip(prepared.design.groupings.items(), visited.log_ratios.groups, strict=True)
     groups = {name: values[..., : len(grouping.levels)] for (name, grouping), values in of_groups}
@@ -264,8 +265,11 @@ def _trimmed(path: Track, count: int, keep: int) -> Track:
     )
 
 
-def _quantities(path: Track) -> tuple[np.ndarray, np.ndarray]:
+def _quantities(model: TraceModel, path: Track) -> tuple[np.ndarray, np.ndarray]:
     """Hyperparameters and effects, and parameters of the impacts that are shown, [quantity, chain, draw]."""
-    population = np.concatenate([np.asarray(path.visited.y), np.asarray(path.visited.b)], axis=-1)
+    y = np.asarray(path.visited.y)
+    values = _constrained(model, y.reshape(-1, y.shape[-1]))[0]
+    spreads = np.stack([values[name] for name in model.hyperparameters], axis=-1).reshape(y.shape)
+    population = np.concatenate([spreads, np.asarray(path.visited.b)], axis=-1)
     u = np.asarray(path.u)[..., some_impacts(path.u.shape[-1])]
     return np.moveaxis(population, -1, 0), np.moveaxis(u.reshape(*u.shape[:2], -1), -1, 0)

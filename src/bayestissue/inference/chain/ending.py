@@ -19,10 +19,13 @@ from bayestissue.inference.samplers.diagnostics import R_HAT_LIMIT
 # That a run of independent draws fails, all of its quantities together.
 FALSE_ALARMS = 0.01
 # Of the impacts' own parameters: the share that may be above the limit, and what none may be above.
-_MANY, _MOST = 0.01, 1.05
+MANY, MOST = 0.01, 1.05
+# What follows from the draws, such as a damping ratio, is judged when they are whole: they end with some
+# margin, in R-hat where perfect draws allow it, and in effective numbers.
+NEARER, _MORE = 1.008, 1.2
 
 
-def r_hat_limit(quantities: int, chains: int, draws: int) -> float:
+def r_hat_limit(quantities: int, chains: int, draws: int, *, least: float = R_HAT_LIMIT) -> float:
     """What the greatest rank-normalised split R-hat of so many quantities is to be below.
 
     Of each there are two, of the draws and of their distance from the median, and of each chain two halves.
@@ -30,7 +33,7 @@ def r_hat_limit(quantities: int, chains: int, draws: int) -> float:
     halves, length = 2 * chains, max(draws // 2, 2)
     alone = FALSE_ALARMS / (2 * max(quantities, 1))
     ratio = float(fisher.isf(alone, halves - 1, halves * (length - 1)))
-    return max(R_HAT_LIMIT, float(np.sqrt((length - 1 + ratio) / length)))
+    return max(least, float(np.sqrt((length - 1 + ratio) / length)))
 
 
 class Verdict(NamedTuple):
@@ -64,13 +67,13 @@ def look(population: Draws, impacts: Draws, effective: float) -> Verdict:
     # Of many impacts some draws are kept: as many fewer are asked for.
     share = impacts.shape[2] / population.shape[2]
     quantities = len(population) + len(impacts)
-    limit = r_hat_limit(quantities, *population.shape[1:])
+    limit = r_hat_limit(quantities, *population.shape[1:], least=NEARER)
     above = of_impacts.r_hat > r_hat_limit(quantities, *impacts.shape[1:])
     agree = bool((of_population.r_hat < limit).all())
-    agree &= bool(above.sum() <= _MANY * len(impacts) and (of_impacts.r_hat[above] < _MOST).all())
+    agree &= bool(above.sum() <= MANY * len(impacts) and (of_impacts.r_hat[above] < MOST).all())
     least = np.concatenate([_least(of_population), _least(of_impacts) / share])
     return Verdict(
-        agree and bool(least.min() > effective),
+        agree and bool(least.min() > _MORE * effective),
         float(of_population.r_hat.max()),
         float(_least(of_population).min()),
         int(least.argmin()),

@@ -88,7 +88,9 @@ class Target:
     def from_prepared(cls, prepared: Prepared) -> Self:
         """The posterior of a fit."""
         data, count = prepared.data.padded, len(prepared.impacts)
-        present, groupings = np.arange(len(data.log_mass)) < count, prepared.design.groupings.values()
+        present = np.arange(len(data.log_mass)) < count
+        # Of some impacts alone, as `some_of` has them, the design is still that of all.
+        groupings = [each for each in prepared.design.groupings.values() if len(each.code) == count]
         shown = np.arange(len(present)) if count <= FEW else some_impacts(count)
         return cls(
             prepared.model,
