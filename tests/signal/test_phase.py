@@ -129,3 +129,11 @@ def test_intervals_of_C_hold_wherever_contact_is(anywhere, noise):
         held.append(((table["C_low_N_s_per_m"] <= 12) & (table["C_high_N_s_per_m"] >= 12)).mean())
     error = np.std(held, ddof=1) / np.sqrt(datasets)
     assert 0.85 - 2 * error < np.mean(held) < 0.95 + 2 * error
+
+
+def test_tissue_that_is_damped_beyond_the_critical_tells_nothing_of_the_phase() -> None:
+    """By least squares contact was at a sample for certain, and of 90 % intervals of K a third held."""
+    rng = np.random.default_rng(4)
+    impacts = [Impact(60.0, 2.0)] * 20
+    lab = record(impacts, 5000.0, before=0.005, noise=0.01, phase=rng.uniform(size=len(impacts)))
+    assert displacements(lab).phase.kind == "between"

@@ -46,6 +46,8 @@ BELOW_ZERO = Coded(
 )
 # Samples before contact that are kept, at the most.
 BEFORE = 60
+# Of the greatest force, that a first sample in contact may have where contact is judged by it.
+_MOST_JUMP = 0.9
 
 
 class RecordedImpacts(Protocol):
@@ -294,6 +296,9 @@ def _integrated(
     )  # fmt: skip
     # Beyond the sensor's limit a trace is what a spring and damper makes of it: it tells nothing of contact.
     bracketed &= (clipped == 0).all(axis=1)
+    # Nor does one that begins with its greatest force, of heavily damped tissue: what falls from there on
+    # falls the same way whenever it began, and least squares have too small an error.
+    bracketed &= d[:, 0] < _MOST_JUMP * np.where(inside, d, 0.0).max(axis=1)
     at_zero = np.abs(part.start[:, None] - np.array([0.0, 1.0]) * dt[:, None]) < 1e-6 * dt[:, None]
     return signal, ContactEvidence(start.free, start.free_sd, start.by_velocity, dt, bracketed, at_zero)
 
