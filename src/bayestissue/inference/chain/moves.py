@@ -94,8 +94,8 @@ class Tuning(NamedTuple):
     """
 
     sites: GaussianFactor
-    root: Float[Array, "hyperparameter hyperparameter"]
-    impact_root: Float[Array, "impact parameter parameter"]
+    root: Float[Any, "hyperparameter hyperparameter"]
+    impact_root: Float[Any, "impact parameter parameter"]
 
 
 class Acceptances(NamedTuple):

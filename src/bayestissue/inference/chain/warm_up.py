@@ -60,7 +60,7 @@ def begin(target: Target, sites: GaussianFactor, chains: int, rng: np.random.Gen
     # Arrays of numpy: those that jax makes of a number have another type, and would be compiled for apart.
     step = np.asarray(2.4 / np.sqrt(number))
     steps = Steps(np.full(impacts, 0.7), step, step)  # type: ignore[arg-type]
-    return Start(states, [steps] * chains, Tuning(sites, 0.5 * jnp.eye(number), jnp.asarray(of_impact)))
+    return Start(states, [steps] * chains, Tuning(sites, 0.5 * np.eye(number), of_impact))
 
 
 def retuned(tuning: Tuning, first: Tuning, visited: Any, *, refit: bool) -> Tuning:
@@ -77,15 +77,15 @@ def retuned(tuning: Tuning, first: Tuning, visited: Any, *, refit: bool) -> Tuni
     y, u = np.asarray(visited.y), np.asarray(visited.u).transpose(0, 2, 1)
     value = np.asarray(visited.log_likelihood)
     number = y.shape[1]
-    covariance = np.cov(y.T).reshape(number, number) + _SHRUNK * np.asarray(first.root @ first.root.T)
+    covariance = np.cov(y.T).reshape(number, number) + _SHRUNK * first.root @ first.root.T
     deviation = u - u.mean(0)
     of_impact = np.einsum("dia,dib->iab", deviation, deviation) / len(u)
-    first_impact = np.asarray(first.impact_root @ first.impact_root.mT)
+    first_impact = first.impact_root @ np.swapaxes(first.impact_root, 1, 2)
     size, first_size = (np.trace(matrix, axis1=1, axis2=2) for matrix in (of_impact, first_impact))
     shrunk = np.minimum(1.0, size / first_size)[:, None, None] * first_impact
     impact_root = np.linalg.cholesky((1 - _OF_IMPACT) * of_impact + _OF_IMPACT * shrunk)
     sites = _refitted(tuning.sites, u, value) if refit else tuning.sites
-    return Tuning(sites, jnp.linalg.cholesky(covariance), jnp.asarray(impact_root))
+    return Tuning(sites, np.linalg.cholesky(covariance), impact_root)
 
 
 def _refitted(sites: GaussianFactor, u: np.ndarray, value: np.ndarray) -> GaussianFactor:
