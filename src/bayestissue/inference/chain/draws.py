@@ -20,7 +20,7 @@ from bayestissue.hierarchy.traces import TraceModel, constrained, population
 from bayestissue.inference.chain.ending import Verdict
 from bayestissue.inference.chain.moves import Acceptances, State, Steps, Tuning, Visited, transition
 from bayestissue.inference.chain.run import Chains, Say, Segment, sampled, warmed_up
-from bayestissue.inference.chain.settings import FEW, ChainSettings
+from bayestissue.inference.chain.settings import FEW, FIRST, ChainSettings
 from bayestissue.inference.chain.target import LogRatios, Target
 from bayestissue.inference.chain.warm_up import begin, retuned
 from bayestissue.inference.execution.compiling import FULLY, by_row
@@ -171,7 +171,7 @@ def chain_draws(
     """
     count, near = len(prepared.impacts), None
     if settings is None and count > FEW:
-        rows = np.linspace(0, count - 1, FEW // 2).round().astype(int)
+        rows = np.linspace(0, count - 1, FIRST).round().astype(int)
         part = GaussianFactor(*(np.asarray(leaf)[:, rows] for leaf in sites))
         folder = checkpoints and checkpoints / "part"
         if folder:

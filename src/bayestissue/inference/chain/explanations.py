@@ -10,8 +10,10 @@ from jaxtyping import Bool, Float
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import with_normal_errors
+from bayestissue.inference.chain.settings import FEW
 from bayestissue.inference.execution.chunks import Progress, silent
-from bayestissue.inference.factors.expansions import first_guess, laplace_of_all
+from bayestissue.inference.execution.kept import some_impacts, some_of
+from bayestissue.inference.factors.expansions import first_guess, laplace_of_all, rows_of
 from bayestissue.inference.factors.sites import weak_prior
 
 # Starts are at the first guess and at so many units of log K and log C from it.
@@ -27,12 +29,17 @@ def explanations(prepared: Prepared, first: GaussianFactor, progress: Progress =
     """Laplace sites of all explanations, [site, impact, ...], those of each impact by falling likelihood.
 
     Where an impact has fewer than others, its further sites say nothing: their log scale is minus infinity.
+    Of very many impacts a thousand are tried first: if none of them has another, no other is looked for.
 
     Args:
         prepared: model and data.
         first: the expansions from the first guess.
         progress: told how many starts are done, and of how many.
     """
+    if len(first.centre) > FEW:
+        rows = some_impacts(len(first.centre))
+        if len(explanations(some_of(prepared, rows), rows_of(first, rows), progress).centre) == 1:
+            return GaussianFactor(*(np.asarray(leaf)[None] for leaf in first))
     data, guess = with_normal_errors(prepared.data), first_guess(prepared)
     shifts = [np.array(shift) * APART for shift in product((-1.0, 1.0), repeat=2)]
     prior, expanded = weak_prior(guess), [first]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Self
 
-# Up to so many impacts everything is kept of each.
-FEW = 4000
+# Up to so many impacts everything is kept of each; of more, so many tell the population first.
+FEW, FIRST = 4000, 500
 
 
 @dataclass(frozen=True)
