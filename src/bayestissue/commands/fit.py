@@ -57,7 +57,7 @@ def run(
     ] = None,
     path: Annotated[
         str | None,
-        typer.Option(hidden=True, help="Of an earlier version, which had several samplers; without effect."),
+        typer.Option(help="Of an earlier version, which had several samplers: without effect."),
     ] = None,
     scheduler: Scheduler = None,
     seed: Seed = 0,

@@ -44,6 +44,8 @@ class Convergence(NamedTuple):
 
 def convergence(draws: Draws) -> Convergence:
     """R-hat and effective sample sizes of each quantity."""
+    if not len(draws):
+        return Convergence(*[np.zeros(0)] * len(Convergence._fields))
     parts = [Convergence(*_of_some(part)) for part in _parts(draws)]
     return Convergence(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
