@@ -12,7 +12,7 @@ import matplotlib as mpl
 import matplotlib.pyplot as plt
 import pytest
 
-from make_published_run import make_published_run
+from make_published_run import CHAINS, DRAWS, make_published_run
 
 NOTEBOOK = Path(__file__).resolve().parents[2] / "notebooks" / "published.py"
 
@@ -27,7 +27,7 @@ def test_it_runs_without_a_warning_and_tells_what_it_found(tmp_path, monkeypatch
     monkeypatch.setattr(plt, "show", lambda: shown.extend(map(plt.close, plt.get_fignums())))
     with mpl.rc_context({"backend": "agg"}), redirect_stdout(StringIO()) as said:
         runpy.run_path(str(NOTEBOOK))
-    assert "chains of" in said.getvalue()
+    assert f"{CHAINS} chains of {DRAWS} draws" in said.getvalue()
     assert "a fixed stiffness would give 0.530" in said.getvalue()
     assert len(shown) == NOTEBOOK.read_text(encoding="utf-8").count("plt.show()")
 

@@ -43,8 +43,6 @@ NUISANCE: dict[str, tuple[str, ...]] = {
 }
 Record = DisplacementRecord | DecelerationRecord
 LOG_2 = 0.6931471805599453
-# The site that holds the coordinates of all hyperparameters where they are warped.
-COORDINATES = "coordinates"
 _SHAPE_OF_MODEL = [
     *("kind", "locations", "priors", "correlated"),
     *("mass_error", "element", "discrepancy", "autoregressive"),

@@ -28,7 +28,7 @@ from bayestissue.inference.answers.reliability import (
     variances,
 )
 from bayestissue.inference.chain.draws import ChainDraws, chain_draws
-from bayestissue.inference.chain.ending import MANY, MOST, r_hat_limit
+from bayestissue.inference.chain.ending import r_hat_limit
 from bayestissue.inference.chain.explanations import explanations
 from bayestissue.inference.checking.model_form import described, misfit_precheck, model_form, with_impacts
 from bayestissue.inference.checking.pooled_parameters import pooled_parameters
@@ -98,8 +98,9 @@ def fit_traces(
             return wrong
     settings = specification.sampler
     chains = sample(prepared, settings, seed, say, expansions=expansions, checkpoints=checkpoints)
+    chains = chains.thinned(settings.draws)
     say("predicting", 0, 1)
-    drawn = quantities_of_chain(prepared, chains.thinned(settings.draws), seed)
+    drawn = quantities_of_chain(prepared, chains, seed)
     return label(prepared, specification, drawn, chains, seed, say)
 
 
@@ -148,8 +149,7 @@ def label(
 ) -> TraceAnalysis:
     """Labels, tables, checks and scores of the draws."""
     constrained = of_secant(prepared, drawn)
-    density = chains.thinned(specification.sampler.draws).log_likelihood
-    statistics = labelled({"lp": density}, {}, {})
+    statistics = labelled({"lp": chains.log_likelihood}, {}, {})
     tree = posterior_tree(prepared, specification, statistics, constrained, seed)
     posterior = tree["posterior"].dataset
     exponents = {
@@ -173,8 +173,7 @@ def label(
     # Functions of standard deviations that are checked themselves.
     checked = summary[~summary["variable"].isin(list(as_variables(repeatable["posterior"])))]
     of_impacts = [str(name) for name, values in posterior.data_vars.items() if "impact" in values.dims]
-    limit = r_hat_limit(len(checked), *density.shape)
-    diagnostics = diagnose(checked, limit, of_impacts, share=MANY, most=MOST)
+    diagnostics = diagnose(checked, r_hat_limit(len(checked), *chains.shape), of_impacts)
     further = {
         "straight_lines": straight_lines(prepared.design, posterior, prepared.model.log_mass_sd),
         "pooled_parameters": [

@@ -24,7 +24,7 @@ from bayestissue.inference.chain.settings import FEW, FIRST, ChainSettings
 from bayestissue.inference.chain.target import LogRatios, Target
 from bayestissue.inference.chain.warm_up import begin, retuned
 from bayestissue.inference.execution.compiling import FULLY, by_row
-from bayestissue.inference.execution.kept import some_impacts, some_of
+from bayestissue.inference.execution.kept import evenly_spaced, some_impacts, some_of
 from bayestissue.inference.factors.conditional import DRAWS, PopulationDraws
 from bayestissue.padding import padded_impacts
 
@@ -67,8 +67,7 @@ class ChainDraws:
 
     def thinned(self, draws: int) -> ChainDraws:
         """The same with at most so many draws of each chain, evenly spaced, the last among them."""
-        number = self.y.shape[1]
-        rows = np.unique(np.linspace(number - 1, 0, min(draws, number)).round().astype(int))
+        rows = evenly_spaced(self.y.shape[1], draws)
         among = np.isin(self.impact_draws, rows)
         return replace(
             self,
@@ -111,16 +110,19 @@ class Track(NamedTuple):
     """Where a chain has been.
 
     Attributes:
-        y: hyperparameters of every state.
         visited: what is kept of every state.
         u: of every so many states each impact's parameters.
         log_likelihood: of each trace there.
     """
 
-    y: Float[Array, "draw hyperparameter"]
     visited: Visited
     u: Float[Array, "kept parameter impact"]
     log_likelihood: Float[Array, "kept impact"]
+
+    @property
+    def y(self) -> Float[Array, "draw hyperparameter"]:
+        """Hyperparameters of every state."""
+        return self.visited.y
 
 
 @partial(jax.jit, static_argnames="settings", compiler_options=FULLY)
@@ -141,7 +143,7 @@ def _advanced(
     keys = jax.random.split(key, settings.segment).reshape(-1, settings.keep, 2)
     carried, (visited, rates, *of_impacts) = jax.lax.scan(until_kept, carried, keys)
     visited, rates = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), (visited, rates))
-    return Segment(carried, Track(visited.y, visited, *of_impacts), rates)
+    return Segment(carried, Track(visited, *of_impacts), rates)
 
 
 def chain_draws(
@@ -171,7 +173,7 @@ def chain_draws(
     """
     count, near = len(prepared.impacts), None
     if settings is None and count > FEW:
-        rows = np.linspace(0, count - 1, FIRST).round().astype(int)
+        rows = evenly_spaced(count, FIRST)
         part = GaussianFactor(*(np.asarray(leaf)[:, rows] for leaf in sites))
         folder = checkpoints and checkpoints / "part"
         if folder:
@@ -240,7 +242,7 @@ def _warm(
         tuning = start.tuning._replace(root=narrower * np.asarray(near.tuning.root))
         start = start._replace(states=states, tuning=tuning)
     carried = list(zip(start.states, start.steps, strict=True))
-    run = Chains(partial(_advanced, target, settings), settings, keys, carried, _like(target), checkpoints)
+    run = Chains(partial(_advanced, target, settings), settings, keys, carried, checkpoints, _like(target))
 
     def next_tuning(tuning: Tuning, visited: Track, first: bool) -> Tuning:
         return retuned(tuning, start.tuning, visited, refit=not first)
@@ -254,7 +256,7 @@ def _like(target: Target) -> Segment:
     visited = Visited(none, none, none, LogRatios(none, (none,) * len(target.groups)))
     state, steps = State(*[none] * len(State._fields)), Steps(*[none] * len(Steps._fields))
     rates = Acceptances(*[none] * len(Acceptances._fields))
-    return Segment((state, steps), Track(none, visited, none, none), rates)
+    return Segment((state, steps), Track(visited, none, none), rates)
 
 
 def _trimmed(path: Track, count: int, keep: int) -> Track:
@@ -267,7 +269,7 @@ def _trimmed(path: Track, count: int, keep: int) -> Track:
 
 def _quantities(model: TraceModel, path: Track) -> tuple[np.ndarray, np.ndarray]:
     """Hyperparameters and effects, and parameters of the impacts that are shown, [quantity, chain, draw]."""
-    y = np.asarray(path.visited.y)
+    y = np.asarray(path.y)
     values = _constrained(model, y.reshape(-1, y.shape[-1]))[0]
     spreads = np.stack([values[name] for name in model.hyperparameters], axis=-1).reshape(y.shape)
     population = np.concatenate([spreads, np.asarray(path.visited.b)], axis=-1)

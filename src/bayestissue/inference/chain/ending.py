@@ -13,13 +13,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import f as fisher
 
-from bayestissue.inference.samplers.convergence import Convergence, Draws, convergence
+from bayestissue.inference.samplers.convergence import Convergence, Draws, convergence, let_pass
 from bayestissue.inference.samplers.diagnostics import R_HAT_LIMIT
 
 # That a run of independent draws fails, all of its quantities together.
 FALSE_ALARMS = 0.01
-# Of the impacts' own parameters: the share that may be above the limit, and what none may be above.
-MANY, MOST = 0.01, 1.05
 # What follows from the draws, such as a damping ratio, is judged when they are whole: they end with some
 # margin, in R-hat where perfect draws allow it, and in effective numbers.
 NEARER, _MORE = 1.008, 1.2
@@ -68,9 +66,9 @@ def look(population: Draws, impacts: Draws, effective: float) -> Verdict:
     share = impacts.shape[2] / population.shape[2]
     quantities = len(population) + len(impacts)
     limit = r_hat_limit(quantities, *population.shape[1:], least=NEARER)
-    above = of_impacts.r_hat > r_hat_limit(quantities, *impacts.shape[1:])
-    agree = bool((of_population.r_hat < limit).all())
-    agree &= bool(above.sum() <= MANY * len(impacts) and (of_impacts.r_hat[above] < MOST).all())
+    of_draws = r_hat_limit(quantities, *impacts.shape[1:])
+    rough = (of_impacts.r_hat > of_draws) & ~let_pass(of_impacts.r_hat, of_draws)
+    agree = bool((of_population.r_hat < limit).all() and not rough.any())
     least = np.concatenate([_least(of_population), _least(of_impacts) / share])
     return Verdict(
         agree and bool(least.min() > _MORE * effective),

@@ -40,6 +40,7 @@ from jaxtyping import Float
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.inference.chain.settings import ChainSettings
 from bayestissue.inference.chain.target import LogRatios, Target
+from bayestissue.likelihood import small
 
 _BY_SITE, _BY_WALK, _BY_POPULATION = range(3)
 
@@ -248,8 +249,7 @@ def by_population(
     """Hyperparameters and effects by the sites' own posterior, every impact's parameters along with them."""
     sites = _one_each(tuning.sites, lambda: tuning.sites.log_density(state.u.T), numbers.label)
     here, mean = target.impact_given(state.y, sites), target.prior_mean(state.b)
-    size, deviation = range(len(state.u)), state.u - here.factor.centre
-    pulled = [sum(here.root[r][c] * deviation[r] for r in size[c:]) for c in size]
+    pulled = small.turned_times(here.root, list(state.u - here.factor.centre))
     standard = [p - h for p, h in zip(pulled, here.half(list(mean)), strict=True)]
     density = partial(target.given_sites, blocked=target.blocked(sites))
     scale = steps.population * tuning.root

@@ -48,8 +48,8 @@ class Chains:
         settings: of the run.
         keys: of each chain.
         carried: what each chain carries.
-        like: a segment of the structure that ``advance`` returns, its arrays of no account.
         checkpoints: where finished segments are kept, if anywhere.
+        like: if so, a segment of the structure that ``advance`` returns, its arrays of no account.
         number: of the next segment.
     """
 
@@ -57,8 +57,8 @@ class Chains:
     settings: ChainSettings
     keys: Array
     carried: list[Any]
-    like: Segment
-    checkpoints: Path | None
+    checkpoints: Path | None = None
+    like: Segment | None = None
     number: int = 0
 
     def next(self, tuning: Any, gain: float) -> list[Segment]:
@@ -178,7 +178,7 @@ def _write(path: Path, segment: Segment) -> None:
         np.savez(stream, allow_pickle=False, **arrays)
 
 
-def _read(path: Path, like: Segment) -> Segment:
+def _read(path: Path, like: Segment | None) -> Segment:
     with np.load(path, allow_pickle=False) as stored:
         leaves = [stored[f"{number}"] for number in range(len(stored.files))]
     segment: Segment = jax.tree.unflatten(jax.tree.structure(like), leaves)

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.inference.chain.moves import State, Steps, Tuning
@@ -19,9 +20,38 @@ from bayestissue.inference.chain.target import Target
 from bayestissue.inference.factors.sites import DEEPEST, nearest_parabolas
 
 # Where hyperparameters begin, and how far apart: a fifth of a prior's scale, give or take a few times.
-_BEGIN, _APART = -1.5, 1.0
+_BEGIN, _APART, _ROOT = -1.5, 1.0, 0.5
 # What keeps an estimated covariance from being singular, of the first one.
 _SHRUNK, _OF_IMPACT = 0.02, 0.2
+
+
+class WalkStart(NamedTuple):
+    """How a walk of the hyperparameters begins.
+
+    Attributes:
+        y: of each chain, unconstrained and overdispersed.
+        root: Cholesky factor of a covariance.
+        step: length of a step, in units of it.
+    """
+
+    y: Float[np.ndarray, "chain hyperparameter"]
+    root: Float[np.ndarray, "hyperparameter hyperparameter"]
+    step: Float[np.ndarray, ""]
+
+
+def walk_start(chains: int, number: int, rng: np.random.Generator) -> WalkStart:
+    """Of so many chains and hyperparameters."""
+    y = _BEGIN + _APART * rng.standard_normal((chains, number))
+    # An array of numpy: one that jax makes of a number has another type, and would be compiled for apart.
+    return WalkStart(y, _ROOT * np.eye(number), np.asarray(2.4 / np.sqrt(number)))
+
+
+def root_of(
+    y: Float[np.ndarray, "draw hyperparameter"], first: Float[np.ndarray, "hyperparameter hyperparameter"]
+) -> Float[np.ndarray, "hyperparameter hyperparameter"]:
+    """Cholesky factor of the covariance of draws, and of a little of the ``first`` one's."""
+    number = y.shape[1]
+    return np.linalg.cholesky(np.cov(y.T).reshape(number, number) + _SHRUNK * first @ first.T)
 
 
 class Start(NamedTuple):
@@ -47,20 +77,18 @@ def begin(target: Target, sites: GaussianFactor, chains: int, rng: np.random.Gen
         chains: how many there are.
         rng: for where the hyperparameters begin.
     """
-    number, (impacts, size) = len(target.model.hyperparameters), sites.centre.shape[1:]
+    impacts, size = sites.centre.shape[1:]
     explained = (np.asarray(sites.log_scale) > -np.inf).sum(0)
     best = [chain % np.maximum(explained, 1) for chain in range(chains)]
     u = np.stack([np.asarray(sites.centre)[which, np.arange(impacts)].T for which in best])
-    y = _BEGIN + _APART * rng.standard_normal((chains, number))
+    y, root, step = walk_start(chains, len(target.model.hyperparameters), rng)
     states = [
         State(jnp.asarray(y_of), target.data.location_mean, jnp.asarray(u_of), jnp.asarray(of_traces))
         for y_of, u_of, of_traces in zip(y, u, target.log_likelihoods(u), strict=True)
     ]
     of_impact = np.linalg.cholesky(np.linalg.inv(np.asarray(sites.precision[0]) + np.eye(size)))
-    # Arrays of numpy: those that jax makes of a number have another type, and would be compiled for apart.
-    step = np.asarray(2.4 / np.sqrt(number))
     steps = Steps(np.full(impacts, 0.7), step, step)  # type: ignore[arg-type]
-    return Start(states, [steps] * chains, Tuning(sites, 0.5 * np.eye(number), of_impact))
+    return Start(states, [steps] * chains, Tuning(sites, root, of_impact))
 
 
 def retuned(tuning: Tuning, first: Tuning, visited: Any, *, refit: bool) -> Tuning:
@@ -74,10 +102,7 @@ def retuned(tuning: Tuning, first: Tuning, visited: Any, *, refit: bool) -> Tuni
         refit: whether sites are made anew: each where there are twice as many distinct points as a parabola
             has terms, and one explanation.
     """
-    y, u = np.asarray(visited.y), np.asarray(visited.u).transpose(0, 2, 1)
-    value = np.asarray(visited.log_likelihood)
-    number = y.shape[1]
-    covariance = np.cov(y.T).reshape(number, number) + _SHRUNK * first.root @ first.root.T
+    u, value = np.asarray(visited.u).transpose(0, 2, 1), np.asarray(visited.log_likelihood)
     deviation = u - u.mean(0)
     of_impact = np.einsum("dia,dib->iab", deviation, deviation) / len(u)
     first_impact = first.impact_root @ np.swapaxes(first.impact_root, 1, 2)
@@ -85,7 +110,7 @@ def retuned(tuning: Tuning, first: Tuning, visited: Any, *, refit: bool) -> Tuni
     shrunk = np.minimum(1.0, size / first_size)[:, None, None] * first_impact
     impact_root = np.linalg.cholesky((1 - _OF_IMPACT) * of_impact + _OF_IMPACT * shrunk)
     sites = _refitted(tuning.sites, u, value) if refit else tuning.sites
-    return Tuning(sites, np.linalg.cholesky(covariance), impact_root)
+    return Tuning(sites, root_of(np.asarray(visited.y), first.root), impact_root)
 
 
 def _refitted(sites: GaussianFactor, u: np.ndarray, value: np.ndarray) -> GaussianFactor:

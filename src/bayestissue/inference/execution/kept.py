@@ -17,9 +17,14 @@ SHOWN = 1000
 MOST_PAIRS = 20_000_000
 
 
+def evenly_spaced(count: int, most: int) -> Int[np.ndarray, " chosen"]:
+    """Numbers of at most so many of ``count``, the first and the last among them."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
+
+
 def some_impacts(count: int) -> Int[np.ndarray, " shown"]:
     """The impacts for which everything is kept: all, or a thousand evenly spaced ones."""
-    return np.unique(np.linspace(0, count - 1, min(count, SHOWN)).round().astype(int))
+    return evenly_spaced(count, SHOWN)
 
 
 def all_fit(draws: int, impacts: int) -> bool:

@@ -62,7 +62,8 @@ def quantities_of_draws(
     """
     model, design = prepared.model, prepared.data.design
     cell = np.asarray(design.cell)
-    keys = jax.random.split(jax.random.fold_in(key, 11), len(population.b))
+    # In numpy: jax compiles each step of choosing some of them anew for every number of draws.
+    keys = np.asarray(jax.random.split(jax.random.fold_in(key, 11), len(population.b)))
     kept_population, which = _kept(population, shape, kept_numbers)
     people = keys[which]
     priors = kept_population.priors(design)

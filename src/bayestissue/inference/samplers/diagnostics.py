@@ -11,6 +11,7 @@ import pandas as pd
 
 from bayestissue.declarations import declared
 from bayestissue.errors import Coded
+from bayestissue.inference.samplers.convergence import let_pass
 from bayestissue.remedies import Code, codes_in
 
 R_HAT_LIMIT = 1.01
@@ -56,12 +57,7 @@ class Check:
 
 
 def diagnose(
-    summary: pd.DataFrame,
-    r_hat_limit: float = R_HAT_LIMIT,
-    of_impacts: Collection[str] = (),
-    *,
-    share: float = 0.0,
-    most: float = R_HAT_LIMIT,
+    summary: pd.DataFrame, r_hat_limit: float = R_HAT_LIMIT, of_impacts: Collection[str] = ()
 ) -> dict[str, Any]:
     """The verdict on a run, as it is written to ``diagnostics.json``.
 
@@ -71,16 +67,13 @@ def diagnose(
     Args:
         summary: as `inference.results.summary.summarise` makes it; what it leaves open is not judged.
         r_hat_limit: what the greatest R-hat is to be below.
-        of_impacts: the variables of single impacts, of which a ``share`` may be above that limit.
-        share: of all their values.
-        most: what R-hat of none of them may be above.
+        of_impacts: the variables of single impacts, of which some may be above that limit: see `let_pass`.
     """
-    single = summary["variable"].isin(list(of_impacts))
-    above = single & (summary["r_hat"] > r_hat_limit) & (summary["r_hat"] < most)
-    let_pass = above & (above.sum() <= share * max(int(single.sum()), 1))
+    judged, single = np.ones(len(summary), bool), summary["variable"].isin(list(of_impacts)).to_numpy()
+    judged[single] = ~let_pass(summary["r_hat"].to_numpy(float)[single], r_hat_limit)
     worst = {column: _worst(summary, column) for column in ("r_hat", "ess_bulk", "ess_tail")}
     checks = [
-        Check.stated("r-hat", limit=r_hat_limit, **_worst(summary[~let_pass], "r_hat")),
+        Check.stated("r-hat", limit=r_hat_limit, **_worst(summary[judged], "r_hat")),
         Check.stated("effective-sample-size", limit=ESS_LIMIT, part="bulk", **worst["ess_bulk"]),
         Check.stated("effective-sample-size", limit=ESS_LIMIT, part="tail", **worst["ess_tail"]),
     ]

@@ -24,7 +24,9 @@ from bayestissue.inference.chain.ending import Verdict
 from bayestissue.inference.chain.moves import WalkNumbers, walk
 from bayestissue.inference.chain.run import Chains, Say, Segment, sampled, warmed_up
 from bayestissue.inference.chain.settings import ChainSettings
+from bayestissue.inference.chain.warm_up import root_of, walk_start
 from bayestissue.inference.execution.compiling import FULLY, by_row
+from bayestissue.inference.execution.kept import evenly_spaced
 from bayestissue.thesis.reanalysis.model import (
     Densities,
     EstimatesData,
@@ -40,8 +42,6 @@ SETTINGS = ChainSettings(inner=8)
 NEARBY = replace(SETTINGS, first_rounds=(3,), last_round=1, most_rounds=0, first_look=6)
 # Draws of one call.
 POINTS = 64
-# Where hyperparameters begin: a fifth of a prior's scale.
-_BEGIN = -1.5
 
 
 class State(NamedTuple):
@@ -113,25 +113,24 @@ def sample_posterior(
     number, rng = len(model.hyperparameters), np.random.default_rng(seed)
     settings = SETTINGS if near is None else NEARBY
     nothing = np.zeros_like(data.scatter)
-    if near is None:
-        begin, tuning = (
-            _BEGIN + rng.standard_normal((sampler.chains, number)),
-            Tuning(0.5 * np.eye(number), nothing),
-        )
-    else:
-        begin = rng.choice(near.y.reshape(-1, number), sampler.chains, replace=False)
-        tuning = Tuning(_root(near.y.reshape(-1, number)), near.data.scatter)
+    start = walk_start(sampler.chains, number, rng)
+    begin, tuning = start.y, Tuning(start.root, nothing)
+    if near is not None:
+        (drawn_near,) = _flat(near.y)
+        begin = rng.choice(drawn_near, sampler.chains, replace=False)
+        tuning = Tuning(root_of(drawn_near, start.root), near.data.scatter)
     states = [State(y, np.asarray(data.location_mean), nothing) for y in begin]
-    step = np.asarray(2.4 / np.sqrt(number))
     keys = jax.random.split(jax.random.PRNGKey(seed), sampler.chains)
-    like = Segment((states[0], step), states[0], Rates(0.0, 0.0))
     advance = partial(_advanced, model, data, settings)
-    chains = Chains(advance, settings, keys, [(state, step) for state in states], like, None)
-    tuning = warmed_up(chains, tuning, _retuned, progress)
+    chains = Chains(advance, settings, keys, [(state, start.step) for state in states])
+
+    def retuned(_: Tuning, visited: State, first: bool) -> Tuning:
+        return Tuning(root_of(visited.y, start.root), visited.scatter.mean(0))
+
+    tuning = warmed_up(chains, tuning, retuned, progress)
     warm = chains.number
     drawn = sampled(chains, tuning, _quantities, progress, sampler=sampler)
-    length = drawn.path.y.shape[1]
-    chosen = np.unique(np.linspace(length - 1, 0, min(sampler.draws, length)).round().astype(int))
+    chosen = evenly_spaced(drawn.path.y.shape[1], sampler.draws)
     y, b = drawn.path.y[:, chosen], drawn.path.b[:, chosen]
     data = data._replace(scatter=tuning.scatter)
     named = constrained(model, dict(zip(model.hyperparameters, np.moveaxis(y, -1, 0), strict=True)))
@@ -181,16 +180,6 @@ def _advanced(
 
     of_segment = jax.lax.scan(transition, carried, jax.random.split(key, settings.segment))
     return Segment(of_segment[0], *of_segment[1])
-
-
-def _retuned(tuning: Tuning, visited: State, first: bool) -> Tuning:
-    return Tuning(_root(visited.y), visited.scatter.mean(0))
-
-
-def _root(y: Float[np.ndarray, "draw hyperparameter"]) -> Float[np.ndarray, "hyperparameter hyperparameter"]:
-    """Cholesky factor of the draws' covariance, and a little more than they show of it."""
-    number = y.shape[1]
-    return np.linalg.cholesky(np.cov(y.T).reshape(number, number) + 0.005 * np.eye(number))
 
 
 def _quantities(path: State) -> tuple[np.ndarray, np.ndarray]:
