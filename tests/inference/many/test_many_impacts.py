@@ -20,11 +20,13 @@ from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import TraceData
 from bayestissue.inference import fit as traces
+from bayestissue.inference.chain import draws, settings, target
 from bayestissue.inference.execution import chunks as trace_blocks
 from bayestissue.inference.execution import kept as many_kept
 from bayestissue.inference.execution.chunks import in_blocks, map_impacts
 from bayestissue.inference.execution.kept import kept_draws, some_impacts
 from bayestissue.inference.factors.expansions import first_guess
+from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.inference.factors.sites import laplace_sites, weak_prior
 from bayestissue.inference.results.summary import summarise
 from bayestissue.likelihood.arma.displacement import displacement_record
@@ -212,6 +214,33 @@ def prepared() -> Prepared:
     return prepare(
         campaign.dataset("many"), ModelSpecification(name="impact", likelihood="impact"), source="model"
     )
+
+
+@pytest.mark.long
+def test_of_many_impacts_some_begin_and_some_draws_are_kept(
+    dozen: Dataset, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As of thousands: the population from six of the twelve, and every tenth draw of each."""
+    for module in (draws, settings, target):
+        monkeypatch.setattr(module, "FEW", 5)
+    monkeypatch.setattr(draws, "FIRST", 6)
+    made = prepare(dozen, ModelSpecification(name="impact", likelihood="impact"), source="model")
+    chains = traces.sample(made, Sampler(chains=2, transitions=100), 1)
+    number = chains.shape[1]
+    np.testing.assert_array_equal(chains.impact_draws, np.arange(9, number, 10))
+    assert chains.u.shape[:3] == (2, number // 10, 12)
+    assert chains.u.dtype == np.float32
+    assert chains.log_ratios["impact"].shape == (2, number, 12)
+    # What is kept of the ratios is that of the draws that are kept of impacts.
+    density = np.asarray(chains.sites.log_density(chains.u.astype(float)))
+    model, data = made.model, made.data
+    value = log_likelihoods(model, data, chains.u.reshape(-1, *chains.u.shape[2:]).astype(float))
+    ratio = value.reshape(density.shape) - density
+    # Seven digits of u, over slopes of some hundred.
+    np.testing.assert_allclose(ratio, chains.log_ratios["impact"][:, chains.impact_draws], atol=1e-2)
+    found = traces.quantities_of_chain(made, chains, 1)
+    np.testing.assert_array_equal(found.kept_numbers, chains.impact_draws)
+    assert all(np.isfinite(values).all() for values in found.log_likelihood.values())
 
 
 @pytest.mark.long

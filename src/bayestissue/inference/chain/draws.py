@@ -158,7 +158,7 @@ def chain_draws(
 ) -> ChainDraws:
     """Draws from the posterior of everything.
 
-    Of very many impacts the population is first told by some of them alone.
+    Where impacts are very many, the warm-up begins with some of them alone.
 
     Args:
         prepared: model and data.

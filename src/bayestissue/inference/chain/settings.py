@@ -60,8 +60,8 @@ class ChainSettings:
     def of_size(cls, impacts: int) -> Self:
         """The settings for so many impacts.
 
-        Of thousands no move of the whole population is accepted, and none is needed: they tell it so well
-        that `centred` steps, which cost as much as there are cells, follow them at once.
+        Of thousands a move of the whole population is seldom accepted. `centred` steps alone carry it then,
+        which cost as much as there are cells; they are slow where single traces leave much open.
         """
         if impacts <= FEW:
             return cls()
