@@ -11,7 +11,8 @@ must tell nothing of what is drawn. Models: calibration-*.toml.
 
 `designs` is a design with two sides a person, sessions, and people's own mass exponents: five people are hit
 on two sides in four conditions, each impact in one of four sessions. Of the effects the first level's are
-ranked, and the first person's own mass exponent.
+ranked, and the first person's own mass exponent. In `shared` all impacts of a person have one error of mass,
+as where part of the person moves along.
 
 A row a data set has the ranks, and whether the chains passed.
 """
@@ -44,13 +45,15 @@ from bayestissue.simulation import simulate
 
 # A rank's standard deviation is known to 5 % of itself, that of all 40 quantities together to a percent.
 SAMPLES, RANKS, DATA_SETS = 110, 100, 100
-SEEDS = {"arma": 2026, "a2": 2026, "impact": 2026, "designs": 2027}
+SEEDS = {"arma": 2026, "a2": 2026, "impact": 2026, "designs": 2027, "shared": 2028}
 FACTORS: dict[str, tuple[dict[str, Any], ...]] = {
     "designs": (
         {"name": "side", "levels": ["left", "right"]},
         {"name": "session", "levels": 4, "every": False},
     )
 }
+# In the place of the campaign's own.
+UNCERTAINTY = {"shared": {"relative_mass_sd": 0.1}}
 SAMPLER = Sampler(chains=2, draws=300)
 HERE = Path(__file__).parent
 
@@ -91,7 +94,8 @@ def blank(kind: str, people: Mapping[str, Sequence[str]] = MappingProxyType({}),
     )
     person = pd.factorize(dataset.impacts["subject"])[0]
     columns = {name: np.resize(values, person.max() + 1)[person] for name, values in people.items()}
-    dataset = replace(dataset, impacts=dataset.impacts.assign(**columns))
+    uncertainty = replace(dataset.uncertainty, **UNCERTAINTY.get(kind, {}))
+    dataset = replace(dataset, impacts=dataset.impacts.assign(**columns), uncertainty=uncertainty)
     prepared = prepare(dataset, specification, source="the model file")
     start = np.zeros((len(prepared.impacts), SAMPLES))
     start[:, 1] = prepared.signal.velocity * prepared.signal.dt

@@ -29,6 +29,7 @@ from bayestissue.results.tables import table_of_rows
 if TYPE_CHECKING:
     from bayestissue.dataset import Dataset
     from bayestissue.hierarchy.trace_data import Prepared
+    from bayestissue.inference.chain.draws import ChainEnd
     from bayestissue.inference.fit import Say, TraceAnalysis
     from bayestissue.report.fit.figures import Plots
     from bayestissue.report.fit.run import FitRun
@@ -38,6 +39,8 @@ TABLES = (
     *("contrasts", "people", "reliability"),
 )
 METHODS = ("exact", "dds")
+# Where its chains ended.
+CHAIN = "chain.npz"
 _FURTHER = ("questions", "agreement", *(f"estimates_{method}" for method in METHODS))
 _AGAIN = "Give the folder of a finished run of `bayestissue fit`."
 
@@ -57,6 +60,7 @@ class Fit(Outlined):
         folder: of the run that was read back, or of the dataset that was fitted; None where it has none.
         dataset: what was fitted; None of a run that was read back, which has no recordings.
         prepared: the model and its data, likewise.
+        end: where the chains ended, likewise; see `chain_end`.
     """
 
     about: dict[str, Any]
@@ -66,6 +70,7 @@ class Fit(Outlined):
     folder: Path | None = None
     dataset: Dataset | None = None
     prepared: Prepared | None = None
+    end: ChainEnd | None = None
 
     def _outline(self) -> tuple[str, Rows]:
         posterior = self.posterior["posterior"].dataset
@@ -169,7 +174,7 @@ class Fit(Outlined):
         from bayestissue.inference.fit import TraceAnalysis
 
         tables = {name: self.table(name) for name in TABLES}
-        return TraceAnalysis(tree=self.posterior, diagnostics=self.diagnostics, **tables)
+        return TraceAnalysis(tree=self.posterior, diagnostics=self.diagnostics, end=self.end, **tables)
 
     @property
     def agreement(self) -> pd.DataFrame:
@@ -188,6 +193,24 @@ class Fit(Outlined):
     def finished(self) -> Finished:
         """The fit as questions and predictions need it."""
         return Finished.from_tree(self.posterior, self.about["model"])
+
+    def chain_end(self) -> ChainEnd:
+        """Where the chains ended, from which ``fit(..., continue_from=...)`` goes on: ``chain.npz``.
+
+        Raises:
+            InputError: this is a run of an earlier version, or the file is missing.
+        """
+        if self.end is not None:
+            return self.end
+        from bayestissue.inference.chain.draws import ChainEnd
+
+        path = None if self.folder is None else self.folder / CHAIN
+        try:
+            if path is not None:
+                return ChainEnd.read(path)
+        except (OSError, KeyError, ValueError):
+            pass
+        raise InputError.stated("another-run.chain", str(path or "continue_from"))
 
     def ask(self, *questions: str) -> pd.DataFrame:
         """Answers to questions, as `bayestissue ask` and ``bayestissue ask --help`` have them.
@@ -380,6 +403,10 @@ def write_run(fit: Fit, folder: Path, say: Say | None = None, *, excel: results.
     # A simulated dataset knows the truth; the report draws it in.
     if fit.folder is not None and (truth := fit.folder / "truth.csv").is_file():
         shutil.copyfile(truth, folder / "truth.csv")
+    if fit.end is not None:
+        fit.end.write(folder / CHAIN)
+    elif fit.dataset is None and fit.folder is not None and (chain := fit.folder / CHAIN).is_file():
+        shutil.copyfile(chain, folder / CHAIN)
     results.write_json(fit.diagnostics, folder / "diagnostics.json")
     record, dataset = fit.about, fit.dataset_folder
     if dataset is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -10,7 +11,7 @@ from datetime import datetime
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -18,13 +19,14 @@ import xarray as xr
 
 from bayestissue import resources, runtime
 from bayestissue.dataset.left_out import reason_of
-from bayestissue.errors import InputError
-from bayestissue.finished import TABLES, Fit
+from bayestissue.errors import InputError, Problem
+from bayestissue.finished import TABLES, Fit, read_run
 from bayestissue.hierarchy.named_model import named_model
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification, specification_of
 from bayestissue.hierarchy.trace_data import KINDS, Prepared, assemble, prepare, with_discrepancy
 from bayestissue.hierarchy.untried import untried
 from bayestissue.inference.answers.agreement import agreement
+from bayestissue.inference.chain.draws import ChainEnd
 from bayestissue.inference.checking import model_form
 from bayestissue.inference.checking.measuring_chain import judge
 from bayestissue.inference.factors.expansions import expanded
@@ -53,6 +55,7 @@ def fit(
     C: str | None = None,
     ask: str | Sequence[str] | Mapping[str, str] = (),
     path: str | None = None,
+    continue_from: Fit | str | Path | None = None,
     say: Say | None = None,
 ) -> Fit:
     """The posterior of K and C of every impact, person and condition, and of the mass exponents.
@@ -72,6 +75,9 @@ def fit(
         C: the same of log C; that of ``K`` unless given.
         ask: questions, as `Fit.ask` takes them, beside those of the model; a dict names them.
         path: of an earlier version, which had several samplers; without effect.
+        continue_from: a fit, or the folder of a run, of the same recordings and model: its chains go on where
+            they ended, without a warm-up, until there are draws enough, and the draws are the new ones. Of
+            the model, what ``[sampler]`` says of draws may be another, and the questions.
         say: told the stage, how much of it is done, and its total.
 
     Returns:
@@ -80,7 +86,8 @@ def fit(
         ``.predict(table)``, ``.report(folder)``.
 
     Raises:
-        InputError: the model is wrong, or asks for what these recordings can't tell; the seed is none.
+        InputError: the model is wrong, or asks for what these recordings can't tell; the seed is none;
+            ``continue_from`` is of something else.
 
     Example:
         >>> fit = bt.fit("drops", K="log(mass_kg) + side + (1|subject)", ask="K[side=left] > K[side=right]")
@@ -97,7 +104,10 @@ def fit(
     with _set_up():
         prepared = prepare(dataset, specification, source=source)
         require_answerable(prepared, specification, source)
-        return fit_prepared(dataset, specification, prepared, seed, say or silent)
+        earlier = (
+            None if continue_from is None else earlier_run(continue_from, dataset, specification, prepared)
+        )
+        return fit_prepared(dataset, specification, prepared, seed, say or silent, earlier=earlier)
 
 
 def numpyro_model(
@@ -208,6 +218,52 @@ def require_answerable(prepared: Prepared, specification: ModelSpecification, so
     require_readable(of_model(specification.questions, source), prepared.design.recorded)
 
 
+class EarlierRun(NamedTuple):
+    """A run of the same recordings and model, to go on with.
+
+    Attributes:
+        end: where its chains ended.
+        form: of a second fit with a discrepancy what the first said of the model's form, else None.
+    """
+
+    end: ChainEnd
+    form: dict[str, Any] | None
+
+
+def earlier_run(
+    run: Fit | str | Path, dataset: Dataset, specification: ModelSpecification, prepared: Prepared
+) -> EarlierRun:
+    """The run that this fit is to go on with.
+
+    Raises:
+        InputError: it is no finished fit, its chains were not kept, or it is of other recordings or another
+            model: every difference.
+    """
+    earlier = run if isinstance(run, Fit) else read_run(run)
+    source, about = "continue_from" if isinstance(run, Fit) else str(run), earlier.about
+    # As JSON has it, like what was read.
+    asked = json.loads(json.dumps(specification.model_dump(mode="json") | prepared.design.resolved()))
+    here, there = (_of_the_chains(model) for model in (asked, about["model"]))
+    problems = [
+        Problem.stated("another-run.model", source, None, key, here.get(key), there=there.get(key))
+        for key in sorted(here.keys() | there.keys())
+        if here.get(key) != there.get(key)
+    ]
+    if about.get("input_hash") != dataset.input_hash:
+        problems.append(Problem.stated("another-run.recordings", source, None, "input_hash", dataset.name))
+    if problems:
+        raise InputError(problems)
+    second = "score_without" in about.get("discrepancy", {})
+    return EarlierRun(earlier.chain_end(), earlier.diagnostics["model_form"] if second else None)
+
+
+def _of_the_chains(model: dict[str, Any]) -> dict[str, Any]:
+    """Of a model what may not be another in a run that goes on."""
+    asked = {"name", "description", "questions", "practical_equivalence", "comparison", "sampler"}
+    kept = {key: value for key, value in model.items() if key not in asked}
+    return kept | {"sampler.chains": model.get("sampler", {}).get("chains")}
+
+
 def fit_prepared(
     dataset: Dataset,
     specification: ModelSpecification,
@@ -216,11 +272,13 @@ def fit_prepared(
     say: Say,
     *,
     checkpoints: Path | None = None,
+    earlier: EarlierRun | None = None,
 ) -> Fit:
     """`fit` from prepared data on; ``checkpoints`` is a folder for finished parts, see `fit_traces`.
 
     Where the residuals are plainly structured and the model file leaves it to the program, a second fit with
     a discrepancy follows, and is the one that is told; the first is not finished if its best fits show it.
+    Chains go on from those of an ``earlier`` run of the same; if that was a second fit, so is this one.
     float64 must be set.
     """
     start, plain = runtime.Start(), prepared
@@ -236,18 +294,24 @@ def fit_prepared(
         """What the traces say of their measuring chain; nothing of displacements."""
         return {} if dataset.quantity == "displacement" else judge(plain, expansions)
 
-    outcome = fit_traces(
-        prepared,
-        specification,
-        seed,
-        say,
-        expansions=expansions if plain is prepared else None,
-        checkpoints=checkpoints,
-    )
+    outcome: TraceAnalysis | dict[str, Any]
+    if earlier is not None and earlier.form is not None:
+        outcome = earlier.form
+    else:
+        outcome = fit_traces(
+            prepared,
+            specification,
+            seed,
+            say,
+            expansions=expansions if plain is prepared else None,
+            checkpoints=checkpoints,
+            end=None if earlier is None else earlier.end,
+        )
     form = outcome if isinstance(outcome, dict) else outcome.diagnostics.get("model_form", {})
     if isinstance(outcome, dict) or (specification.may_add_discrepancy and form.get("structured", False)):
         prepared = with_discrepancy(dataset, specification, prepared)
-        analysis = _second_fit(prepared, specification, seed, say, checkpoints)
+        end = earlier.end if earlier is not None and earlier.form is not None else None
+        analysis = _second_fit(prepared, specification, seed, say, checkpoints, end)
         of_both = model_form.with_discrepancy(form, analysis.tree)
         of_both |= {"impacts": analysis.diagnostics.get("model_form", {}).get("impacts", {})}
         diagnostics = analysis.diagnostics | {"model_form": of_both}
@@ -285,7 +349,14 @@ def finished_fit(
     content = _provenance(dataset, specification, prepared, analysis, seed)
     record = runtime.run_record("fit", "fit", started, wall_time_s, **content)
     finished = Fit(
-        record, analysis.tree, analysis.diagnostics, tables.__getitem__, dataset.folder, dataset, prepared
+        record,
+        analysis.tree,
+        analysis.diagnostics,
+        tables.__getitem__,
+        dataset.folder,
+        dataset,
+        prepared,
+        analysis.end,
     )
     if specification.questions:
         from bayestissue.inference.answers.questions import ask_what_can_be, of_model
@@ -329,6 +400,7 @@ def _second_fit(
     seed: int,
     say: Say,
     checkpoints: Path | None,
+    end: ChainEnd | None,
 ) -> TraceAnalysis:
     """The fit of ``prepared``, its stages told and its checkpoints kept apart from those of the first."""
     parts = None if checkpoints is None else checkpoints / "discrepancy"
@@ -338,7 +410,7 @@ def _second_fit(
     def again(stage: str, done: int, total: int) -> None:
         say(f"again with a discrepancy: {stage}", done, total)
 
-    analysis = fit_traces(prepared, specification, seed, again, checkpoints=parts)
+    analysis = fit_traces(prepared, specification, seed, again, checkpoints=parts, end=end)
     assert isinstance(analysis, TraceAnalysis)  # noqa: S101 - with a discrepancy there is no other
     return analysis
 

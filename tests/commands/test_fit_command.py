@@ -16,7 +16,7 @@ import pytest
 import xarray as xr
 from scipy.stats import norm
 
-from bayestissue import read_dataset, read_run
+from bayestissue import fit, read_dataset, read_run
 from campaigns import FOUR_BY_FOUR
 from command_line import bayestissue
 
@@ -124,6 +124,44 @@ def test_a_question_that_these_data_can_not_answer_stops_the_fit_before_it_begin
     assert told.status == 2
     assert "wrong.toml, questions.stiff, column 11" in told.err
     assert not (campaign / "never").exists()
+
+
+def test_a_finished_fit_goes_on(finished: Path, campaign: Path, tmp_path: Path) -> None:
+    model, out = model_file(campaign, "summary", draws=500), tmp_path / "longer"
+    goes_on = ("--model", model, "--continue", finished, "--quiet")
+    fitted = bayestissue("fit", campaign / "data", "--out", out, *goes_on)
+    assert fitted.status in (0, 3), fitted.err
+    first, second = (read_run(folder).about["route"] for folder in (finished, out))
+    assert second["earlier_segments"] == first["warm_up_segments"] + first["segments"]
+    before, after = (
+        read_run(folder).posterior["posterior"].dataset["K"].to_numpy() for folder in (finished, out)
+    )
+    assert not set(before.ravel()) & set(after.ravel())
+    # Two parts of one chain agree within Monte Carlo errors, each of at least 400 effective draws.
+    error = before.std((0, 1)) * np.sqrt(2 / 400)
+    assert (np.abs(before.mean((0, 1)) - after.mean((0, 1))) < 4.5 * error).all()
+    # In the folder itself, from Python too.
+    fit(campaign / "data", model, continue_from=out).report(out, overwrite=True)
+    assert read_run(out).about["route"]["earlier_segments"] > second["earlier_segments"]
+
+
+def test_what_can_not_go_on_is_refused_with_all_that_differs(
+    finished: Path, campaign: Path, tmp_path: Path
+) -> None:
+    other, model = tmp_path / "other", tmp_path / "model.toml"
+    text = model_file(campaign, "summary").read_text(encoding="utf-8")
+    model.write_text(text.replace("chains = 2", "chains = 3").replace('"a2"', '"arma"'), encoding="utf-8")
+    shutil.copytree(finished, other)
+    (other / "chain.npz").unlink()
+    arguments = ("fit", campaign / "data", "--out", tmp_path / "never")
+    refused = bayestissue(*arguments, "--model", model, "--continue", finished)
+    assert refused.status == 2
+    assert 'column likelihood: found "arma"' in refused.err
+    assert "column sampler.chains: found 3" in refused.err
+    refused = bayestissue(*arguments, "--model", model_file(campaign, "summary"), "--continue", other)
+    assert refused.status == 2
+    assert "chain.npz" in refused.err
+    assert not (tmp_path / "never").exists()
 
 
 def test_draws_obey_the_conversion(finished: Path) -> None:

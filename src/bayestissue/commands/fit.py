@@ -6,6 +6,7 @@ import hashlib
 import json
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -55,6 +56,15 @@ def run(
             "given again.",
         ),
     ] = None,
+    continue_from: Annotated[
+        Path | None,
+        typer.Option(
+            "--continue",
+            metavar="RUN",
+            help="Folder of a finished fit of the same recordings and model, whose chains go on where they "
+            "ended; may be --out itself, with --overwrite.",
+        ),
+    ] = None,
     path: Annotated[
         str | None,
         typer.Option(help="Of an earlier version, which had several samplers: without effect."),
@@ -68,15 +78,16 @@ def run(
 ) -> None:
     """The posterior of K and C from the traces: of every impact, person and condition, and of the exponents.
 
-    An interrupted fit goes on where it stopped when the same command is given again.
+    An interrupted fit goes on where it stopped when the same command is given again. A finished one goes on
+    with --continue: for more draws, or where its chains did not agree yet.
     """
     runtime.configure(one_core=True)
     with results.claim(out, overwrite=overwrite, command="fit", inputs=(dataset, model)) as target:
         from bayestissue.commands.console import Stages, echo, explained
         from bayestissue.commands.finished_runs import print_answers
         from bayestissue.dataset import read_dataset
-        from bayestissue.finished import page_html, write_run
-        from bayestissue.fitting import fit_prepared, formulas_of, require_answerable, resolve
+        from bayestissue.finished import CHAIN, page_html, write_run
+        from bayestissue.fitting import earlier_run, fit_prepared, formulas_of, require_answerable, resolve
         from bayestissue.hierarchy.trace_data import prepare
         from bayestissue.inference.execution.workers import on_cluster
         from bayestissue.inference.samplers.diagnostics import headline, warned_codes
@@ -94,14 +105,21 @@ def run(
             data = _without_short(data, specification, source)
         prepared = prepare(data, specification, source=source)
         require_answerable(prepared, specification, source)
+        earlier = None
+        if continue_from is not None:
+            earlier = earlier_run(continue_from, data, specification, prepared)
         nouns = Words(data.words)
         codes = [] if quiet else _say_what_is_told(prepared, nouns)
         # What must be the same for a checkpoint to be one of this job.
         content = [data.input_hash, specification.model_dump_json(), seed, runtime.versions()]
+        if continue_from is not None:
+            content.append(runtime.content_hash([continue_from / CHAIN]))
         job = hashlib.sha256(json.dumps(content).encode()).hexdigest()
         with Stages(quiet=quiet) as say:
             with on_cluster(scheduler), target.unfinished(job) as finished:
-                fit = fit_prepared(data, specification, prepared, seed, say, checkpoints=finished)
+                fit = fit_prepared(
+                    data, specification, prepared, seed, say, checkpoints=finished, earlier=earlier
+                )
                 with target.folder() as folder:
                     write_run(fit, folder, say, excel=excel)
             say("writing the report", 0, 1)

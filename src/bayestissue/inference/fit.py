@@ -27,7 +27,7 @@ from bayestissue.inference.answers.reliability import (
     reliability,
     variances,
 )
-from bayestissue.inference.chain.draws import ChainDraws, chain_draws
+from bayestissue.inference.chain.draws import ChainDraws, ChainEnd, chain_draws
 from bayestissue.inference.chain.ending import r_hat_limit
 from bayestissue.inference.chain.explanations import explanations
 from bayestissue.inference.checking.model_form import described, misfit_precheck, model_form, with_impacts
@@ -65,6 +65,7 @@ class TraceAnalysis:
     contrasts: pd.DataFrame
     people: pd.DataFrame
     reliability: pd.DataFrame
+    end: ChainEnd | None = None
 
 
 def fit_traces(
@@ -75,6 +76,7 @@ def fit_traces(
     *,
     expansions: GaussianFactor | None = None,
     checkpoints: Path | None = None,
+    end: ChainEnd | None = None,
 ) -> TraceAnalysis | dict[str, Any]:
     """Sample the posterior of every impact and of the population, check it, and label everything.
 
@@ -88,16 +90,17 @@ def fit_traces(
         say: told the stage, how much of it is done, and its total.
         expansions: `expanded` of the same, if it is at hand.
         checkpoints: an existing folder for finished segments of the chains; see `chain_draws`.
+        end: of an earlier run, to go on with.
     """
     say("summarising each trace", 0, 1)
     expansions = expansions or expanded(prepared)
-    if specification.may_add_discrepancy and not prepared.model.discrepancy:
+    if specification.may_add_discrepancy and not prepared.model.discrepancy and end is None:
         rows = some_impacts(len(prepared.impacts))
         wrong = misfit_precheck(some_of(prepared, rows), rows_of(expansions, rows), seed)
         if wrong is not None:
             return wrong
     settings = specification.sampler
-    chains = sample(prepared, settings, seed, say, expansions=expansions, checkpoints=checkpoints)
+    chains = sample(prepared, settings, seed, say, expansions=expansions, checkpoints=checkpoints, end=end)
     chains = chains.thinned(settings.draws)
     say("predicting", 0, 1)
     drawn = quantities_of_chain(prepared, chains, seed)
@@ -112,11 +115,14 @@ def sample(
     *,
     expansions: GaussianFactor | None = None,
     checkpoints: Path | None = None,
+    end: ChainEnd | None = None,
 ) -> ChainDraws:
     """Draws from the posterior of hyperparameters, effects and impacts; arguments as of `fit_traces`."""
-    finding = partial(say, "looking for other explanations of each trace")
-    sites = explanations(prepared, expansions or expanded(prepared), finding)
-    return chain_draws(prepared, sites, sampler, seed, progress=say, checkpoints=checkpoints)
+    beginning: GaussianFactor | ChainEnd | None = end
+    if beginning is None:
+        finding = partial(say, "looking for other explanations of each trace")
+        beginning = explanations(prepared, expansions or expanded(prepared), finding)
+    return chain_draws(prepared, beginning, sampler, seed, progress=say, checkpoints=checkpoints)
 
 
 def quantities_of_chain(prepared: Prepared, chains: ChainDraws, seed: int) -> ConstrainedDraws:
@@ -193,6 +199,7 @@ def label(
         contrasts(posterior, recorded, responses, near.ratio, specification.questions.values()),
         people_compared(posterior, recorded, responses),
         reliability(repeatable["posterior"], repeatable["prior"]),
+        chains.end,
     )
 
 

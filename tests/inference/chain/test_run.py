@@ -16,7 +16,7 @@ from numpyro.distributions import biject_to
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.inference.chain import draws as chain
-from bayestissue.inference.chain.draws import ChainDraws, chain_draws
+from bayestissue.inference.chain.draws import ChainDraws, ChainEnd, chain_draws
 from bayestissue.inference.chain.settings import ChainSettings
 from bayestissue.inference.chain.target import Target
 from bayestissue.inference.samplers.convergence import convergence
@@ -55,7 +55,7 @@ def test_draws_follow_from_the_seed_and_a_stop_changes_none(people, monkeypatch,
     sites = jax.tree.map(lambda leaf: leaf[None], people.traces)
     whole = drawn(people, sites, monkeypatch, settings=SHORT, checkpoints=tmp_path)
     segments = sorted(tmp_path.iterdir())
-    assert len(segments) == 2 * sum(whole.segments)
+    assert len(segments) == 2 * whole.end.segments
     # As if killed amid the warm-up, and amid what follows; and with nothing to do.
     for left in (3, len(segments) - 5, len(segments)):
         for path in sorted(tmp_path.iterdir(), key=lambda path: path.name[-8:])[left:]:
@@ -68,6 +68,23 @@ def test_draws_follow_from_the_seed_and_a_stop_changes_none(people, monkeypatch,
     few = whole.thinned(10)
     assert few.y.shape[:2] == (2, 10)
     assert_array_equal(few.u[:, -1], whole.u[:, -1])
+
+
+def test_what_goes_on_is_the_longer_run(people, monkeypatch, tmp_path: Path):
+    sites = jax.tree.map(lambda leaf: leaf[None], people.traces)
+    # Neither is ended by its draws: the first has 5 segments, both together 12.
+    long, short, rest = (Sampler(chains=2, effective=100_000, transitions=20 * n) for n in (12, 5, 7))
+    whole = drawn(people, sites, monkeypatch, sampler=long, settings=SHORT)
+    first = drawn(people, sites, monkeypatch, sampler=short, settings=SHORT)
+    first.end.write(tmp_path / "chain.npz")
+    end = ChainEnd.read(tmp_path / "chain.npz")
+    second = chain_draws(prepared(K, PEOPLE), end, rest, 1, settings=SHORT)
+    count = second.y.shape[1]
+    assert count == 20 * (7 - 7 // 2)
+    for name in ("y", "b", "log_likelihood", "u"):
+        assert_array_equal(getattr(second, name), getattr(whole, name)[:, -count:])
+    assert (int(second.end.segments), second.segments) == (int(whole.end.segments), 7)
+    assert "of earlier runs" in second.record()["words"]
 
 
 @pytest.mark.long

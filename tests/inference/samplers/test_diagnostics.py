@@ -60,6 +60,23 @@ def test_a_chain_elsewhere_is_named() -> None:
     assert "Do not use these numbers" in verdict_in_words(found)
 
 
+def test_the_verdict_names_what_holds_the_chains_up() -> None:
+    tree = run()
+    impacts = np.random.default_rng(1).standard_normal((CHAINS, DRAWS, 3))
+    impacts[0, :, 1] += 3.0
+    of_each = (("chain", "draw", "impact"), impacts)
+    posterior = tree["posterior"].dataset.assign(K=of_each).assign_coords(impact=["a", "spoilt", "c"])
+    found = diagnose(summarise(posterior), of_impacts=["K"])
+    assert "Impact spoilt holds the chains up: K of spoilt has an R-hat of 1." in verdict_in_words(found)
+    assert "reason may be" not in verdict_in_words(found)
+    assert "The reason may be what the warning says. WARNING: The chain." in verdict_in_words(
+        found | contradicted(["a"], 2)
+    )
+    tree["posterior"].dataset["planted"].to_numpy()[0] += 3.0
+    assert "planted holds the chains up: R-hat 1." in verdict_in_words(diagnosed(tree))
+    assert not diagnosed(run())["cause"]
+
+
 def test_draws_that_hardly_move_have_a_small_effective_sample() -> None:
     tree = run()
     values = tree["posterior"].dataset["planted"].to_numpy()

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.specification import Sampler
@@ -19,7 +19,15 @@ from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceModel, constrained, population
 from bayestissue.inference.chain.ending import Verdict
 from bayestissue.inference.chain.moves import Acceptances, State, Steps, Tuning, Visited, transition
-from bayestissue.inference.chain.run import Chains, Say, Segment, sampled, warmed_up
+from bayestissue.inference.chain.run import (
+    Chains,
+    Say,
+    Segment,
+    read_arrays,
+    sampled,
+    warmed_up,
+    write_arrays,
+)
 from bayestissue.inference.chain.settings import FEW, FIRST, ChainSettings
 from bayestissue.inference.chain.target import LogRatios, Target
 from bayestissue.inference.chain.warm_up import begin, retuned
@@ -27,6 +35,42 @@ from bayestissue.inference.execution.compiling import FULLY, by_row
 from bayestissue.inference.execution.kept import evenly_spaced, some_impacts, some_of
 from bayestissue.inference.factors.conditional import DRAWS, PopulationDraws
 from bayestissue.padding import padded_impacts
+
+
+class ChainEnd(NamedTuple):
+    """Where the chains of a run ended: all that another run needs to go on as if this one had not stopped.
+
+    Attributes:
+        state: of each chain, [chain, ...].
+        steps: likewise.
+        tuning: of all of them.
+        segments: how many each had, those of the warm-up and of earlier runs included.
+        continued: whether there was an earlier run.
+    """
+
+    state: State
+    steps: Steps
+    tuning: Tuning
+    segments: Int[np.ndarray, ""]
+    continued: Bool[np.ndarray, ""]
+
+    def write(self, path: Path) -> None:
+        """Write all of it to a file, which is there when it is whole."""
+        write_arrays(path, self)
+
+    @classmethod
+    def read(cls, path: Path) -> ChainEnd:
+        """What `write` wrote.
+
+        Raises:
+            KeyError: it is the file of a version whose chains had other parts.
+            ValueError: it is damaged.
+        """
+        none: Any = np.zeros(0)
+        state, steps = _of_nothing(State), _of_nothing(Steps)
+        tuning = Tuning(_of_nothing(GaussianFactor), none, none)
+        end: ChainEnd = read_arrays(path, cls(state, steps, tuning, none, none))
+        return end
 
 
 @dataclass(frozen=True)
@@ -43,7 +87,8 @@ class ChainDraws:
         u: each impact's parameters.
         acceptance: of each move, the mean.
         sites: of the traces, the first of each, as the warm-up left them.
-        segments: of the warm-up, and since.
+        end: where the chains ended, from which another run goes on.
+        segments: since the warm-up, or since an earlier run that this one goes on with.
         segment: transitions of one.
         verdict: of the last look.
     """
@@ -56,7 +101,8 @@ class ChainDraws:
     u: Float[np.ndarray, "chain kept impact parameter"]
     acceptance: dict[str, float]
     sites: GaussianFactor
-    segments: tuple[int, int]
+    end: ChainEnd
+    segments: int
     segment: int
     verdict: Verdict
 
@@ -85,16 +131,16 @@ class ChainDraws:
 
     def record(self) -> dict[str, Any]:
         """How the chain ran, as it stands in ``run.json``."""
-        warm, since = self.segments
+        before = int(self.end.segments) - self.segments
         moves = ", ".join(f"{name} {share:.0%}" for name, share in self.acceptance.items())
         return {
             "words": (
                 "Sampled by one Markov chain over hyperparameters, effects and impacts, "
-                f"{since * self.segment} transitions of each chain after {warm * self.segment} of warm-up; "
-                f"accepted: {moves}."
+                f"{self.segments * self.segment} transitions of each chain after {before * self.segment} "
+                f"{'of earlier runs' if self.end.continued else 'of warm-up'}; accepted: {moves}."
             ),
-            "segments": since,
-            "warm_up_segments": warm,
+            "segments": self.segments,
+            ("earlier_segments" if self.end.continued else "warm_up_segments"): before,
             "acceptance": self.acceptance,
         }
 
@@ -148,7 +194,7 @@ def _advanced(
 
 def chain_draws(
     prepared: Prepared,
-    sites: GaussianFactor,
+    beginning: GaussianFactor | ChainEnd,
     sampler: Sampler,
     seed: int,
     *,
@@ -158,12 +204,10 @@ def chain_draws(
 ) -> ChainDraws:
     """Draws from the posterior of everything.
 
-    Where impacts are very many, the warm-up begins with some of them alone.
-
     Args:
         prepared: model and data.
-        sites: of the traces, [site, impact, ...]; the chain is exact whatever they are, and faster the
-            nearer they are.
+        beginning: sites of the traces, [site, impact, ...]; the chain is exact whatever they are, and faster
+            the nearer they are. Or where an earlier run of this model and these data ended, to go on with it.
         sampler: how many chains, and how many effective draws.
         seed: of all of it.
         settings: how long its parts are; those for so many impacts unless given.
@@ -171,19 +215,17 @@ def chain_draws(
         checkpoints: an existing folder to which finished segments are written, and in which those of an
             earlier run of the same job are looked for.
     """
-    count, near = len(prepared.impacts), None
-    if settings is None and count > FEW:
-        rows = evenly_spaced(count, FIRST)
-        part = GaussianFactor(*(np.asarray(leaf)[:, rows] for leaf in sites))
-        folder = checkpoints and checkpoints / "part"
-        if folder:
-            folder.mkdir(exist_ok=True)
-        near = _warm(some_of(prepared, rows), part, sampler, seed, ChainSettings(), progress, folder)
-    settings = settings or ChainSettings.of_size(count)
-    warm = _warm(prepared, sites, sampler, seed, settings, progress, checkpoints, near)
-    number = warm.chains.number
+    count = len(prepared.impacts)
+    chosen = settings or ChainSettings.of_size(count)
+    if isinstance(beginning, ChainEnd):
+        warm = _continued(prepared, beginning, sampler, seed, chosen, checkpoints)
+    else:
+        near = None
+        if settings is None and count > FEW:
+            near = _warm_of_some(prepared, beginning, sampler, seed, progress, checkpoints)
+        warm = _warm(prepared, beginning, sampler, seed, chosen, progress, checkpoints, near)
     quantities = partial(_quantities, prepared.model)
-    trim = partial(_trimmed, count=count, keep=settings.keep)
+    trim = partial(_trimmed, count=count, keep=chosen.keep)
     drawn = sampled(warm.chains, warm.tuning, quantities, progress, sampler=sampler, trim=trim)
     visited = drawn.path.visited
     of_groups = zip(prepared.design.groupings.items(), visited.log_ratios.groups, strict=True)
@@ -193,12 +235,13 @@ def chain_draws(
         b=visited.b,
         log_likelihood=visited.log_likelihood,
         log_ratios={"impact": visited.log_ratios.impacts[..., :count], **groups},
-        impact_draws=np.arange(settings.keep - 1, visited.y.shape[1], settings.keep),
+        impact_draws=np.arange(chosen.keep - 1, visited.y.shape[1], chosen.keep),
         u=np.moveaxis(drawn.path.u, -1, -2),
         acceptance=dict(drawn.rates._asdict()),
         sites=GaussianFactor(*(np.asarray(leaf)[0, :count] for leaf in warm.tuning.sites)),
-        segments=(number, drawn.segments),
-        segment=settings.segment,
+        end=_end(warm, continued=isinstance(beginning, ChainEnd)),
+        segments=drawn.segments,
+        segment=chosen.segment,
         verdict=drawn.verdict,
     )
 
@@ -250,13 +293,62 @@ def _warm(
     return Warm(run, warmed_up(run, start.tuning, next_tuning, progress), count)
 
 
+def _warm_of_some(
+    prepared: Prepared,
+    sites: GaussianFactor,
+    sampler: Sampler,
+    seed: int,
+    progress: Say,
+    checkpoints: Path | None,
+) -> Warm:
+    """The warm-up of `FIRST` impacts alone, from which that of very many begins."""
+    rows = evenly_spaced(len(prepared.impacts), FIRST)
+    part = GaussianFactor(*(np.asarray(leaf)[:, rows] for leaf in sites))
+    folder = checkpoints and checkpoints / "part"
+    if folder:
+        folder.mkdir(exist_ok=True)
+    return _warm(some_of(prepared, rows), part, sampler, seed, ChainSettings(), progress, folder)
+
+
+def _continued(
+    prepared: Prepared,
+    end: ChainEnd,
+    sampler: Sampler,
+    seed: int,
+    settings: ChainSettings,
+    checkpoints: Path | None,
+) -> Warm:
+    """The chains of an earlier run where they ended, with what they had learned."""
+    target, chains = Target.from_prepared(prepared), range(sampler.chains)
+    keys = jax.random.split(jax.random.PRNGKey(seed), sampler.chains)
+    carried = [
+        jax.tree.map(lambda leaf, chain=chain: np.asarray(leaf[chain]), (end.state, end.steps))
+        for chain in chains
+    ]
+    advance, number = partial(_advanced, target, settings), int(end.segments)
+    run = Chains(advance, settings, keys, carried, checkpoints, _like(target), number)
+    tuning = jax.tree.map(jnp.asarray, end.tuning)
+    return Warm(run, tuning, len(prepared.impacts))
+
+
+def _end(warm: Warm, *, continued: bool) -> ChainEnd:
+    """Where chains are."""
+    state, steps = jax.tree.map(lambda *of_chains: np.stack(of_chains), *warm.chains.carried)
+    tuning = jax.tree.map(np.asarray, warm.tuning)
+    return ChainEnd(state, steps, tuning, np.asarray(warm.chains.number), np.asarray(continued))
+
+
+def _of_nothing(kind: Any) -> Any:
+    """A structure whose arrays are of no account."""
+    return kind(*[np.zeros(0)] * len(kind._fields))
+
+
 def _like(target: Target) -> Segment:
     """A segment's structure."""
     none: Any = np.zeros(0)
     visited = Visited(none, none, none, LogRatios(none, (none,) * len(target.groups)))
-    state, steps = State(*[none] * len(State._fields)), Steps(*[none] * len(Steps._fields))
-    rates = Acceptances(*[none] * len(Acceptances._fields))
-    return Segment((state, steps), Track(visited, none, none), rates)
+    carried = (_of_nothing(State), _of_nothing(Steps))
+    return Segment(carried, Track(visited, none, none), _of_nothing(Acceptances))
 
 
 def _trimmed(path: Track, count: int, keep: int) -> Track:

@@ -71,11 +71,12 @@ class Chains:
     def _segment(self, chain: int, tuning: Any, gain: float) -> Segment:
         path = self.checkpoints and self.checkpoints / f"chain-{chain}-segment-{self.number:04d}.npz"
         if path is not None and path.is_file():
-            return _read(path, self.like)
+            restored: Segment = read_arrays(path, self.like)
+            return restored
         key = jax.random.fold_in(self.keys[chain], self.number)
         segment: Segment = jax.device_get(self.advance(tuning, self.carried[chain], key, gain))
         if path is not None:
-            _write(path, segment)
+            write_arrays(path, segment)
         return segment
 
 
@@ -172,14 +173,19 @@ def joined(segments: list[list[Segment]]) -> Any:
     return jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *stacked)
 
 
-def _write(path: Path, segment: Segment) -> None:
-    arrays = {f"{number}": leaf for number, leaf in enumerate(jax.tree.leaves(segment))}
+def write_arrays(path: Path, tree: Any) -> None:
+    """A file of all arrays of a structure, each by where it stands in it; there when it is whole."""
+    arrays = {jax.tree_util.keystr(where): leaf for where, leaf in jax.tree_util.tree_leaves_with_path(tree)}
     with whole_file(path) as staging, staging.open("wb") as stream:
         np.savez(stream, allow_pickle=False, **arrays)
 
 
-def _read(path: Path, like: Segment | None) -> Segment:
+def read_arrays(path: Path, like: Any) -> Any:
+    """What `write_arrays` wrote, of the structure of ``like``.
+
+    Raises:
+        KeyError: the file holds another structure's.
+        ValueError: the file is damaged.
+    """
     with np.load(path, allow_pickle=False) as stored:
-        leaves = [stored[f"{number}"] for number in range(len(stored.files))]
-    segment: Segment = jax.tree.unflatten(jax.tree.structure(like), leaves)
-    return segment
+        return jax.tree_util.tree_map_with_path(lambda where, _: stored[jax.tree_util.keystr(where)], like)

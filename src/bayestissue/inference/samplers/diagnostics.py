@@ -68,6 +68,9 @@ def diagnose(
         summary: as `inference.results.summary.summarise` makes it; what it leaves open is not judged.
         r_hat_limit: what the greatest R-hat is to be below.
         of_impacts: the variables of single impacts, of which some may be above that limit: see `let_pass`.
+
+    Returns:
+        ``passed``, ``checks``, ``worst`` by statistic, and ``cause``: what the chains lack most of, in words.
     """
     judged, single = np.ones(len(summary), bool), summary["variable"].isin(list(of_impacts)).to_numpy()
     judged[single] = ~let_pass(summary["r_hat"].to_numpy(float)[single], r_hat_limit)
@@ -77,10 +80,12 @@ def diagnose(
         Check.stated("effective-sample-size", limit=ESS_LIMIT, part="bulk", **worst["ess_bulk"]),
         Check.stated("effective-sample-size", limit=ESS_LIMIT, part="tail", **worst["ess_tail"]),
     ]
+    passed = all(check.passed for check in checks)
     return {
-        "passed": all(check.passed for check in checks),
+        "passed": passed,
         "checks": [asdict(check) for check in checks],
         "worst": worst,
+        "cause": "" if passed else _cause(summary[judged], r_hat_limit, of_impacts),
     }
 
 
@@ -169,7 +174,10 @@ def verdict_in_words(diagnostics: dict[str, Any]) -> str:
         size = min(worst["ess_bulk"]["value"], worst["ess_tail"]["value"])
         r_hat = worst["r_hat"]["value"]
         return f"R-hat at most {r_hat:.4f}, effective sample sizes at least {size:.0f}.{warning}"
-    return f"Failed: {', '.join(failed)}. Do not use these numbers yet.{warning}"
+    # Chains are slow where model and traces are at odds.
+    why = f" {diagnostics['cause']}" if diagnostics.get("cause") else ""
+    why += " The reason may be what the warning says." if warnings(diagnostics) else ""
+    return f"Failed: {', '.join(failed)}. Do not use these numbers yet.{why}{warning}"
 
 
 def _velocity(diagnostics: dict[str, Any]) -> str:
@@ -186,6 +194,23 @@ def _against_all(form: dict[str, Any]) -> bool:
 def _against_some(form: dict[str, Any]) -> bool:
     """Whether too many impacts, each by itself, do."""
     return bool(form.get("impacts", {}).get("structured"))
+
+
+def _cause(summary: pd.DataFrame, r_hat_limit: float, of_impacts: Collection[str]) -> str:
+    """The quantity whose chains lack most, in a sentence, and what to do about it in another."""
+    size = summary[["ess_bulk", "ess_tail"]].to_numpy(float).min(axis=1)
+    of_r_hat = (summary["r_hat"].to_numpy(float) - 1) / (r_hat_limit - 1)
+    lacking = np.fmax(of_r_hat, ESS_LIMIT / size)
+    row = summary.iloc[int(np.nanargmax(lacking))]
+    kind = "impact" if row["variable"] in of_impacts else "population"
+    name = f"{row['variable']} of {row['label']}" if row["label"] else str(row["variable"])
+    numbers = {
+        "impact": row["label"],
+        "variable": name,
+        "r_hat": row["r_hat"],
+        "effective": row[["ess_bulk", "ess_tail"]].min(),
+    }
+    return str(_DECLARED["cause"][kind].format(**numbers))
 
 
 def _worst(summary: pd.DataFrame, column: str) -> dict[str, Any]:
