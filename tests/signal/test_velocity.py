@@ -48,6 +48,14 @@ def test_right_velocities_are_not_contradicted(rate, noise):
     assert not any(any(said(lab(rate, noise, seed=seed))) for seed in range(6))
 
 
+def test_noise_sets_none_of_few_apart():
+    # Of five impacts the scatter is known badly, and a parabola through a velocity that no law explains has no
+    # bounds: of a dozen such sets some were named, though at most one in a thousand is to be.
+    for seed in range(12):
+        made = lab(2e3, 0.2, seed=seed)
+        assert not any(said(replace(made, impacts=made.impacts.iloc[:5], traces=made.traces[:5]))[:5]), seed
+
+
 def test_a_drop_from_another_height_lies_apart_from_the_others():
     velocity = np.full(NUMBER, 1.534)
     velocity[4] = 1.981

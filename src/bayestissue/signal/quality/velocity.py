@@ -53,6 +53,8 @@ _FEWEST, _PARAMETERS = 12, 4
 _MAJORITY = 0.5
 # To say that an impact lies apart from the others of its condition.
 _OTHERS, _SPREADS = 4, 6.0
+# Two standard errors of a median, in the spread of what it is of over the root of their number.
+_OF_MEDIAN = 2.5
 
 
 class Implied(NamedTuple):
@@ -191,7 +193,10 @@ def _averaged(log_likelihood: np.ndarray, sd: Column) -> np.ndarray:
     distance = (FRACTIONS[:, None] - FRACTIONS) / np.maximum(sd, 1e-6)[:, None, None]
     log_weight = np.log(width) - distance**2 / 2
     log_weight = log_weight - logsumexp(log_weight, axis=-1, keepdims=True)
-    return np.asarray(logsumexp(log_likelihood[:, None] + log_weight, axis=-1))
+    averaged = logsumexp(log_likelihood[:, None] + log_weight, axis=-1)
+    # A velocity that no law explains has none of its neighbours' likelihood: `_peak` would take a cliff for
+    # one side of a parabola.
+    return np.where(np.isneginf(log_likelihood), -np.inf, averaged)
 
 
 def contradictions(implied: Implied, trial: np.ndarray) -> list[Contradiction]:
@@ -249,15 +254,24 @@ def _common(log_likelihood: np.ndarray, fraction: float) -> bool:
 
 
 def _apart(implied: Implied, trial: np.ndarray) -> Mask:
-    """The impacts whose implied velocity lies far from those of the others of their condition."""
+    """The impacts whose implied velocity lies far from those of the others of their condition.
+
+    Far in the scatter of these, which few impacts tell badly; and further from where their median may be than
+    the trace's own noise lets it be.
+    """
     apart, fraction = np.zeros(len(trial), bool), np.log1p(implied.fraction)
+    beyond_chance = chi2.isf(ALARMS / len(trial), 1)
     for code in np.unique(trial):
         rows = np.flatnonzero((trial == code) & implied.usable)
         if len(rows) <= _OTHERS:
             continue
-        deviation = np.abs(fraction[rows] - np.median(fraction[rows]))
-        spread = median_abs_deviation(fraction[rows], scale="normal")
-        apart[rows] = deviation > max(_SPREADS * spread, np.log1p(_APART))
+        middle, spread = np.median(fraction[rows]), median_abs_deviation(fraction[rows], scale="normal")
+        deviation = fraction[rows] - middle
+        far = np.abs(deviation) > max(_SPREADS * spread, np.log1p(_APART))
+        nearest = np.expm1(middle + np.sign(deviation) * _OF_MEDIAN * spread / np.sqrt(len(rows)))
+        log_likelihood = implied.log_likelihood[rows]
+        there = [np.interp(at, FRACTIONS, row) for at, row in zip(nearest, log_likelihood, strict=True)]
+        apart[rows] = far & (2 * (log_likelihood.max(axis=1) - there) > beyond_chance)
     return apart
 
 
