@@ -49,8 +49,8 @@ def test_right_velocities_are_not_contradicted(rate, noise):
 
 
 def test_noise_sets_none_of_few_apart():
-    # Of five impacts the scatter is known badly, and a parabola through a velocity that no law explains has no
-    # bounds: of a dozen such sets some were named, though at most one in a thousand is to be.
+    # Of five impacts the scatter is known badly, and a parabola through a velocity that no law explains has
+    # no bounds: of a dozen such sets some were named, though at most one in a thousand is to be.
     for seed in range(12):
         made = lab(2e3, 0.2, seed=seed)
         assert not any(said(replace(made, impacts=made.impacts.iloc[:5], traces=made.traces[:5]))[:5]), seed
