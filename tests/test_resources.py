@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
 
 import pytest
 
 from bayestissue import fitting
+from bayestissue.commands import model
 from bayestissue.errors import InputError
-from bayestissue.resources import model_file, shared
+from bayestissue.resources import model_content, model_file, model_text, shared
 
 
 @pytest.fixture(autouse=True)
@@ -55,3 +57,64 @@ def test_a_wrong_name_lists_the_right_ones_the_nearest_first(wrong: str, says: s
     with pytest.raises(InputError, match=says) as refused:
         fitting.resolve(wrong)
     assert "published" not in str(refused.value)
+
+
+BASE = """
+name = "base"
+likelihood = "impact"  # of what
+noise = "white"
+
+[priors]
+# By this much.
+sd_noise = { distribution = "half-normal", scale = 0.3 }
+
+[priors.intercept]
+K = { distribution = "normal", mean = 8.0, sd = 0.3 }
+C = { distribution = "normal", mean = 3.0, sd = 0.3 }
+"""
+OWN = """# Ours.
+like = "base.toml"
+element = "wall"  # its law
+
+[priors.intercept]
+K = { distribution = "half-student-t", df = 3 }
+
+[priors.element.thickness_m]
+log = { distribution = "normal", mean = -3.5, sd = 2.5 }
+"""
+
+
+def test_a_file_says_how_it_differs_from_another(elsewhere: Path):
+    (elsewhere / "base.toml").write_text(BASE)
+    (elsewhere / "own.toml").write_text(OWN)
+    content = model_content(elsewhere / "own.toml")
+    assert content["name"] == "own"
+    assert (content["likelihood"], content["noise"], content["element"]) == ("impact", "white", "wall")
+    # A distribution is one thing: none of the other's keys are left in it.
+    assert content["priors"]["intercept"]["K"] == {"distribution": "half-student-t", "df": 3}
+    assert content["priors"]["intercept"]["C"]["mean"] == 3.0
+    text = model_text(elsewhere / "own.toml")
+    assert tomllib.loads(text) == content | {"description": ""}
+    assert text.startswith("# Ours.\n")
+    assert {'likelihood = "impact"  # of what', 'element = "wall"  # its law', "# By this much."} <= set(
+        text.splitlines()
+    )
+
+
+@pytest.mark.parametrize("name", [path.stem for path in sorted(shared("models").glob("*.toml"))])
+def test_a_model_is_printed_whole(name: str, capsys: pytest.CaptureFixture[str]):
+    model.run(name)
+    printed = tomllib.loads(capsys.readouterr().out)
+    content = model_content(shared("models", f"{name}.toml"))
+    assert {"name": name, **printed} == content
+    if content.get("likelihood") in fitting.KINDS:
+        assert "like" not in printed
+        given = fitting.resolve({"like": name, "name": name, "description": content["description"]})[0]
+        assert given == fitting.resolve(name)[0]
+
+
+@pytest.mark.parametrize("like", ['"nothing"', '"own.toml"', "3"])
+def test_a_file_like_none_is_refused(elsewhere: Path, like: str):
+    (elsewhere / "own.toml").write_text(f'name = "own"\nlike = {like}\n')
+    with pytest.raises(InputError, match=r"own\.toml, row 2, column like: found .*impact, .*Write, say, like"):
+        fitting.resolve("./own.toml")

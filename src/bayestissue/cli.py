@@ -26,6 +26,7 @@ from bayestissue.commands import (
     finished_runs,
     fit,
     init,
+    model,
     open_page,
     options,
     plan,
@@ -61,7 +62,7 @@ _FAILED = more(["machine-failed"])
 
 _COMMANDS: dict[str, Callable[..., None]] = {
     **{"plan": plan.run, "init": init.run, "check": check.run, "simulate": simulate.run},
-    "estimate": estimate.run,
+    **{"estimate": estimate.run, "model": model.run},
     **{"fit": fit.run, "reproduce": reproduce.run, "report": finished_runs.report, "compare": compare.run},
     **{"ask": finished_runs.ask, "predict": finished_runs.predict, "causes": causes.run},
     **{"export": export.run, "watch": watch.run, "open": open_page.run, "explain": explain.run},

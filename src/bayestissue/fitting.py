@@ -34,7 +34,7 @@ from bayestissue.inference.fit import Say, TraceAnalysis, fit_traces
 from bayestissue.inference.points.notes import clipped_recordings, flagged_recordings
 from bayestissue.inference.results.meanings import COLUMNS
 from bayestissue.inference.samplers.diagnostics import headline, noted, verdict_in_words, warnings
-from bayestissue.settings import parse_toml, read_text
+from bayestissue.settings import read_text
 from bayestissue.words import Words
 
 if TYPE_CHECKING:
@@ -202,11 +202,10 @@ def _content(
             content["priors"][name] = {key: priors[key] for key in priors if key in keys}
         return content, f"model {model.name}", ""
     if isinstance(model, Mapping):
-        return dict(model), "model", ""
+        return resources.with_base(model, "model"), "model", ""
     named = default_model(quantity) if model is None else model
     path = resources.model_file(named, lambda content: content.get("likelihood") in KINDS)
-    text = read_text(path, str(path))
-    return {"name": path.stem} | parse_toml(text, str(path)), str(path), text
+    return resources.model_content(path), str(path), read_text(path, str(path))
 
 
 def require_answerable(prepared: Prepared, specification: ModelSpecification, source: str) -> None:

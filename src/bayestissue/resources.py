@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import difflib
-import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, MutableMapping
 from importlib.resources import files
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
 from bayestissue.errors import InputError
+from bayestissue.settings import parse_toml, read_text, row_of
 
 Serves = Callable[[dict[str, Any]], bool]
 
@@ -44,9 +45,7 @@ def model_file(model: str | Path, serves: Serves) -> Path:
         InputError: there is neither such a model nor such a file; the right names are listed, the nearest
             first.
     """
-    contents = {
-        path.stem: tomllib.loads(path.read_text("utf-8")) for path in sorted(shared("models").glob("*.toml"))
-    }
+    contents = {path.stem: model_content(path) for path in sorted(shared("models").glob("*.toml"))}
     names = [name for name, content in contents.items() if serves(content)]
     if isinstance(model, str) and model in names:
         return shared("models", f"{model}.toml")
@@ -59,3 +58,82 @@ def model_file(model: str | Path, serves: Serves) -> Path:
     key, name = ("no-model.near", near[0]) if near else ("no-model.none", "")
     key, name = ("no-model.program", path.stem) if path.stem in names else (key, name)
     raise InputError.stated(key, str(model), value=kind, listed=listed, name=name)
+
+
+# A model file's key: the name or the path of the model that it differs from.
+LIKE = "like"
+
+
+def model_content(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
+    """What a model file says, and what the one that it is ``like`` says besides: see `with_base`.
+
+    Args:
+        path: of the file; one without ``name`` has the file's.
+        above: files that are like this one.
+
+    Raises:
+        InputError: it or the other can't be read or is not TOML, or there is no such other.
+    """
+    text = read_text(path, str(path))
+    own = parse_toml(text, str(path))
+    return {"name": path.stem, **with_base(own, str(path), text, above=(*above, path))}
+
+
+def with_base(
+    own: Mapping[str, Any], source: str, text: str = "", *, above: tuple[Path, ...] = ()
+) -> dict[str, Any]:
+    """A model's content, with what the one that it is ``like`` says besides.
+
+    Tables are joined key by key, but a distribution is taken whole. Name and description are its own.
+
+    Args:
+        own: the content.
+        source: what messages call it.
+        text: of its file, whose rows messages then name.
+        above: its file, and those that are like it.
+    """
+    if LIKE not in own:
+        return dict(own)
+    content = model_content(_base(own[LIKE], source, text, above), above)
+    content = {key: value for key, value in content.items() if key not in ("name", "description")}
+    _join(content, {key: value for key, value in own.items() if key != LIKE})
+    return content
+
+
+def model_text(path: Path) -> str:
+    """A file that says all of `model_content`, with the comments of the one that it is ``like``.
+
+    Raises:
+        InputError: as of `model_content`.
+    """
+    import tomlkit
+
+    name, text = model_content(path)["name"], read_text(path, str(path))
+    own = tomlkit.parse(text)
+    if LIKE not in own:
+        return text
+    document = tomlkit.parse(model_text(_base(own.pop(LIKE), str(path), text, (path,))))
+    document |= {"name": name, "description": ""}
+    _join(document, own)
+    head = takewhile(lambda line: line.startswith("#"), text.splitlines(keepends=True))
+    return f"{''.join(head)}\n{document.as_string()}"
+
+
+def _base(like: Any, source: str, text: str, above: tuple[Path, ...]) -> Path:
+    """The file of the model that another is ``like``: a name of the program's, or a path from its folder."""
+    names = {file.stem: file for file in sorted(shared("models").glob("*.toml"))}
+    if isinstance(like, str):
+        base = names.get(like, (above[-1].parent if above else Path()) / like)
+        if base.is_file() and base not in above:
+            return base
+    row, listed = row_of(text, (LIKE,)), ", ".join(names)
+    raise InputError.stated("no-model.like", source, row, LIKE, like, listed=listed)
+
+
+def _join(base: MutableMapping[str, Any], own: Mapping[str, Any]) -> None:
+    for key, value in own.items():
+        joined = isinstance(value, Mapping) and "distribution" not in value
+        if joined and isinstance(base.get(key), MutableMapping):
+            _join(base[key], value)
+        else:
+            base[key] = value

@@ -136,7 +136,7 @@ def test_model_files_name_what_an_element_has() -> None:
 
 
 def test_elements_and_priors_that_do_not_exist_are_refused(tmp_path) -> None:
-    text = resources.shared("models", "wall.toml").read_text(encoding="utf-8")
+    text = resources.model_text(resources.shared("models", "wall.toml"))
     for wrong, message in (
         (text.replace('element = "wall"', 'element = "jelly"'), "hunt_crossley, kelvin_voigt"),
         (text.replace('element = "wall"', 'element = "maxwell"'), "without thickness_m"),

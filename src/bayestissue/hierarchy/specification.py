@@ -23,7 +23,8 @@ from bayestissue.hierarchy import SIDE_BY_SIDE
 from bayestissue.hierarchy.formulas.formula import group_terms
 from bayestissue.hierarchy.formulas.group_terms import SUBJECT, TRIAL, GroupTerm
 from bayestissue.hierarchy.priors import SD_OF_TERM, ElementPrior, Normal, Priors
-from bayestissue.settings import Table, checked, parse_toml, read_text
+from bayestissue.resources import model_content
+from bayestissue.settings import Table, checked, read_text
 from bayestissue.signal import SignalOptions
 
 Likelihood = Literal["published-estimates", "arma", "a2", "impact"]
@@ -122,7 +123,7 @@ class Comparison(Table):
 
 
 class ModelSpecification(Table):
-    """A whole model file; see `models/` for commented ones."""
+    """A whole model file; ``bayestissue model NAME`` prints commented ones."""
 
     name: Annotated[str, Field(min_length=1)] = Field(
         description="what pages and tables call the model; of a file that leaves it out, the file's own."
@@ -308,15 +309,13 @@ class ModelSpecification(Table):
 
 
 def read_specification(path: Path) -> ModelSpecification:
-    """Read and check a model file; one without ``name`` has the file's.
+    """Read and check a model file, with what the one that it is ``like`` says.
 
     Raises:
         InputError: the file is missing, is not TOML, or holds a key or value that is not allowed; every
             such key is named with what is allowed.
     """
-    text = read_text(Path(path), str(path))
-    content = {"name": Path(path).stem} | parse_toml(text, str(path))
-    return specification_of(content, str(path), text=text)
+    return specification_of(model_content(path), str(path), text=read_text(path, str(path)))
 
 
 def specification_of(content: Mapping[str, Any], file: str, *, text: str = "") -> ModelSpecification:

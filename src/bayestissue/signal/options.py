@@ -8,7 +8,8 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from bayestissue.errors import InputError
-from bayestissue.settings import Table, checked, read_toml
+from bayestissue.resources import model_content
+from bayestissue.settings import Table, checked
 
 type FilterClass = Literal["none", 60, 180, 600, 1000]
 type Window = Literal["peak", "rebound"] | Annotated[float, Field(gt=0, le=1)]
@@ -60,7 +61,7 @@ def read_signal_options(path: Path) -> SignalOptions:
         InputError: the file can't be read, or the table holds a key or a value that is not allowed; each
             one is named, with what is allowed.
     """
-    table = read_toml(path).get("signal", {})
+    table = model_content(path).get("signal", {})
     if not isinstance(table, dict):
         raise InputError.stated("key-value.table", str(path), column="signal", value=table)
     return checked(table, SignalOptions, file=str(path), within=("signal",))
