@@ -216,7 +216,7 @@ def test_structured_residuals_ask_for_a_second_fit(
     made = replace(fitted.analysis, tree=tree, diagnostics=fitted.diagnostics | {"model_form": form})
     seen, said, asked = [], [], []
 
-    def fit_traces(prepared, specification, seed, say, *, checkpoints, expansions=None):
+    def fit_traces(prepared, specification, seed, say, *, checkpoints, end, expansions=None):
         seen.append((prepared.model.discrepancy, checkpoints))
         if expansions is None:
             say("summarising each trace", 0, 1)

@@ -222,11 +222,11 @@ class EarlierRun(NamedTuple):
 
     Attributes:
         end: where its chains ended.
-        form: of a second fit with a discrepancy what the first said of the model's form, else None.
+        form: of a second fit with a discrepancy what the first said of the model's form, else nothing.
     """
 
-    end: ChainEnd
-    form: dict[str, Any] | None
+    end: ChainEnd | None
+    form: dict[str, Any]
 
 
 def earlier_run(
@@ -253,7 +253,7 @@ def earlier_run(
     if problems:
         raise InputError(problems)
     second = "score_without" in about.get("discrepancy", {})
-    return EarlierRun(earlier.chain_end(), earlier.diagnostics["model_form"] if second else None)
+    return EarlierRun(earlier.chain_end(), earlier.diagnostics["model_form"] if second else {})
 
 
 def _of_the_chains(model: dict[str, Any]) -> dict[str, Any]:
@@ -293,29 +293,23 @@ def fit_prepared(
         """What the traces say of their measuring chain; nothing of displacements."""
         return {} if dataset.quantity == "displacement" else judge(plain, expansions)
 
-    outcome: TraceAnalysis | dict[str, Any]
-    if earlier is not None and earlier.form is not None:
-        outcome = earlier.form
-    else:
-        outcome = fit_traces(
-            prepared,
-            specification,
-            seed,
-            say,
-            expansions=expansions if plain is prepared else None,
-            checkpoints=checkpoints,
-            end=None if earlier is None else earlier.end,
+    analysis, end, form = None, *(earlier or EarlierRun(None, {}))
+    if earlier is None and specification.may_add_discrepancy and not prepared.model.discrepancy:
+        form = model_form.misfit_precheck(prepared, expansions, seed) or {}
+    if not form:
+        kept = expansions if plain is prepared else None
+        analysis = fit_traces(
+            prepared, specification, seed, say, expansions=kept, checkpoints=checkpoints, end=end
         )
-    form = outcome if isinstance(outcome, dict) else outcome.diagnostics.get("model_form", {})
-    if isinstance(outcome, dict) or (specification.may_add_discrepancy and form.get("structured", False)):
+        form, end = analysis.diagnostics.get("model_form", {}), None
+    if analysis is None or (specification.may_add_discrepancy and form.get("structured", False)):
         prepared = with_discrepancy(dataset, specification, prepared)
-        end = earlier.end if earlier is not None and earlier.form is not None else None
         analysis = _second_fit(prepared, specification, seed, say, checkpoints, end)
         of_both = model_form.with_discrepancy(form, analysis.tree)
         of_both |= {"impacts": analysis.diagnostics.get("model_form", {}).get("impacts", {})}
         diagnostics = analysis.diagnostics | {"model_form": of_both}
     else:
-        analysis, diagnostics = outcome, dict(outcome.diagnostics)
+        diagnostics = dict(analysis.diagnostics)
     if chain():
         diagnostics["measuring_chain"] = chain()
         if "model_form" in diagnostics:
@@ -409,9 +403,7 @@ def _second_fit(
     def again(stage: str, done: int, total: int) -> None:
         say(f"again with a discrepancy: {stage}", done, total)
 
-    analysis = fit_traces(prepared, specification, seed, again, checkpoints=parts, end=end)
-    assert isinstance(analysis, TraceAnalysis)  # noqa: S101 - with a discrepancy there is no other
-    return analysis
+    return fit_traces(prepared, specification, seed, again, checkpoints=parts, end=end)
 
 
 def _provenance(

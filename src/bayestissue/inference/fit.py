@@ -30,11 +30,11 @@ from bayestissue.inference.answers.reliability import (
 from bayestissue.inference.chain.draws import ChainDraws, ChainEnd, chain_draws
 from bayestissue.inference.chain.ending import r_hat_limit
 from bayestissue.inference.chain.explanations import explanations
-from bayestissue.inference.checking.model_form import described, misfit_precheck, model_form, with_impacts
+from bayestissue.inference.checking.model_form import described, model_form, with_impacts
 from bayestissue.inference.checking.pooled_parameters import pooled_parameters
 from bayestissue.inference.checking.straight_lines import straight_lines
 from bayestissue.inference.execution.kept import kept_draws, some_impacts, some_of
-from bayestissue.inference.factors.expansions import expanded, rows_of
+from bayestissue.inference.factors.expansions import expanded
 from bayestissue.inference.factors.noise_left import noise_p
 from bayestissue.inference.posterior.constrained_draws import quantities_of_draws
 from bayestissue.inference.posterior.scores import of_draws
@@ -77,11 +77,8 @@ def fit_traces(
     expansions: GaussianFactor | None = None,
     checkpoints: Path | None = None,
     end: ChainEnd | None = None,
-) -> TraceAnalysis | dict[str, Any]:
+) -> TraceAnalysis:
     """Sample the posterior of every impact and of the population, check it, and label everything.
-
-    Where the model file leaves a discrepancy to the program, and the best fits show plainly that one is
-    needed, this is all that is returned: see `misfit_precheck`.
 
     Args:
         prepared: model and data.
@@ -93,12 +90,6 @@ def fit_traces(
         end: of an earlier run, to go on with.
     """
     say("summarising each trace", 0, 1)
-    expansions = expansions or expanded(prepared)
-    if specification.may_add_discrepancy and not prepared.model.discrepancy and end is None:
-        rows = some_impacts(len(prepared.impacts))
-        wrong = misfit_precheck(some_of(prepared, rows), rows_of(expansions, rows), seed)
-        if wrong is not None:
-            return wrong
     settings = specification.sampler
     chains = sample(prepared, settings, seed, say, expansions=expansions, checkpoints=checkpoints, end=end)
     chains = chains.thinned(settings.draws)

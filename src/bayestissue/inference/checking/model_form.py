@@ -21,6 +21,7 @@ from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData
 from bayestissue.inference.checking import sentence
+from bayestissue.inference.execution.kept import some_impacts, some_of
 from bayestissue.inference.points.whiteness import autocorrelation
 from bayestissue.inference.results.predictions import PREDICTIVE_DRAWS, replicates
 from bayestissue.outline import first_of
@@ -200,14 +201,15 @@ def misfit_precheck(prepared: Prepared, expansions: GaussianFactor, seed: int) -
     """What `model_form` says of replicates of the best fits, where that leaves no doubt of the form.
 
     A best fit follows its trace more closely than the draws of a posterior do, and so understates what its
-    residuals have in common.
+    residuals have in common. Of very many impacts some are asked.
 
     Args:
         prepared: the model and its data, decelerations.
         expansions: each trace's own, as `bayestissue.inference.factors.expansions.expanded` finds them.
         seed: of the replicates.
     """
-    best = np.asarray(expansions.centre)
+    rows = some_impacts(len(prepared.impacts))
+    prepared, best = some_of(prepared, rows), np.asarray(expansions.centre)[rows]
     noise = np.exp(best[:, 2] + np.asarray(prepared.data.log_peak))
     if np.median(noise / np.maximum(prepared.signal.noise_sd, 1e-12)) < _SUSPICIOUS:
         return None
