@@ -241,8 +241,8 @@ def earlier_run(
     earlier = run if isinstance(run, Fit) else read_run(run)
     source, about = "continue_from" if isinstance(run, Fit) else str(run), earlier.about
     # As JSON has it, like what was read.
-    asked = json.loads(json.dumps(specification.model_dump(mode="json") | prepared.design.resolved()))
-    here, there = (_of_the_chains(model) for model in (asked, about["model"]))
+    here = json.loads(json.dumps(specification.model_dump(mode="json") | prepared.design.resolved()))
+    here, there = (_of_the_chains(model) for model in (here, about["model"]))
     problems = [
         Problem.stated("another-run.model", source, None, key, here.get(key), there=there.get(key))
         for key in sorted(here.keys() | there.keys())
@@ -258,9 +258,9 @@ def earlier_run(
 
 def _of_the_chains(model: dict[str, Any]) -> dict[str, Any]:
     """Of a model what may not be another in a run that goes on."""
-    asked = {"name", "description", "questions", "practical_equivalence", "comparison", "sampler"}
-    kept = {key: value for key, value in model.items() if key not in asked}
-    return kept | {"sampler.chains": model.get("sampler", {}).get("chains")}
+    free = {"name", "description", "questions", "practical_equivalence", "comparison", "sampler"}
+    fixed = {key: value for key, value in model.items() if key not in free}
+    return fixed | {"sampler.chains": model.get("sampler", {}).get("chains")}
 
 
 def fit_prepared(
@@ -297,9 +297,14 @@ def fit_prepared(
     if earlier is None and specification.may_add_discrepancy and not prepared.model.discrepancy:
         form = model_form.misfit_precheck(prepared, expansions, seed) or {}
     if not form:
-        kept = expansions if plain is prepared else None
         analysis = fit_traces(
-            prepared, specification, seed, say, expansions=kept, checkpoints=checkpoints, end=end
+            prepared,
+            specification,
+            seed,
+            say,
+            expansions=expansions if plain is prepared else None,
+            checkpoints=checkpoints,
+            end=end,
         )
         form, end = analysis.diagnostics.get("model_form", {}), None
     if analysis is None or (specification.may_add_discrepancy and form.get("structured", False)):

@@ -75,29 +75,29 @@ def model_content(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
         InputError: it or the other can't be read or is not TOML, or there is no such other.
     """
     text = read_text(path, str(path))
-    own = parse_toml(text, str(path))
-    return {"name": path.stem, **with_base(own, str(path), text, above=(*above, path))}
+    content = parse_toml(text, str(path))
+    return {"name": path.stem, **with_base(content, str(path), text, above=(*above, path))}
 
 
 def with_base(
-    own: Mapping[str, Any], source: str, text: str = "", *, above: tuple[Path, ...] = ()
+    content: Mapping[str, Any], source: str, text: str = "", *, above: tuple[Path, ...] = ()
 ) -> dict[str, Any]:
     """A model's content, with what the one that it is ``like`` says besides.
 
     Tables are joined key by key, but a distribution is taken whole. Name and description are its own.
 
     Args:
-        own: the content.
+        content: of its file or dict.
         source: what messages call it.
         text: of its file, whose rows messages then name.
         above: its file, and those that are like it.
     """
-    if LIKE not in own:
-        return dict(own)
-    content = model_content(_base(own[LIKE], source, text, above), above)
-    content = {key: value for key, value in content.items() if key not in ("name", "description")}
-    _join(content, {key: value for key, value in own.items() if key != LIKE})
-    return content
+    if LIKE not in content:
+        return dict(content)
+    base = model_content(_base(content[LIKE], source, text, above), above)
+    joined = {key: value for key, value in base.items() if key not in ("name", "description")}
+    _join(joined, {key: value for key, value in content.items() if key != LIKE})
+    return joined
 
 
 def model_text(path: Path) -> str:
@@ -109,12 +109,12 @@ def model_text(path: Path) -> str:
     import tomlkit
 
     name, text = model_content(path)["name"], read_text(path, str(path))
-    own = tomlkit.parse(text)
-    if LIKE not in own:
+    changes = tomlkit.parse(text)
+    if LIKE not in changes:
         return text
-    document = tomlkit.parse(model_text(_base(own.pop(LIKE), str(path), text, (path,))))
+    document = tomlkit.parse(model_text(_base(changes.pop(LIKE), str(path), text, (path,))))
     document |= {"name": name, "description": ""}
-    _join(document, own)
+    _join(document, changes)
     head = takewhile(lambda line: line.startswith("#"), text.splitlines(keepends=True))
     return f"{''.join(head)}\n{document.as_string()}"
 
@@ -130,10 +130,10 @@ def _base(like: Any, source: str, text: str, above: tuple[Path, ...]) -> Path:
     raise InputError.stated("no-model.like", source, row, LIKE, like, listed=listed)
 
 
-def _join(base: MutableMapping[str, Any], own: Mapping[str, Any]) -> None:
-    for key, value in own.items():
-        joined = isinstance(value, Mapping) and "distribution" not in value
-        if joined and isinstance(base.get(key), MutableMapping):
+def _join(base: MutableMapping[str, Any], changes: Mapping[str, Any]) -> None:
+    for key, value in changes.items():
+        is_table = isinstance(value, Mapping) and "distribution" not in value
+        if is_table and isinstance(base.get(key), MutableMapping):
             _join(base[key], value)
         else:
             base[key] = value

@@ -103,10 +103,10 @@ class Sampler(Table):
     @classmethod
     def _without_old_keys(cls, content: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
         old = [key for key in _OF_AN_EARLIER_SAMPLER if isinstance(content, Mapping) and key in content]
-        made = handler({key: content[key] for key in content if key not in old} if old else content)
+        sampler = handler({key: content[key] for key in content if key not in old} if old else content)
         if old:
-            made._ignored = tuple(old)
-        return made
+            sampler._ignored = tuple(old)
+        return sampler
 
     @property
     def ignored(self) -> tuple[str, ...]:

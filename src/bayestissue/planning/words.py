@@ -124,9 +124,9 @@ def paragraph(content: Content) -> str:
 def in_own_words(content: Content) -> dict[str, Any]:
     """The content of ``plan.json`` whose sentences have the study's own nouns, such as pad for person."""
     nouns = nouns_of_plan(content)
-    told = {name: nouns(content[name]) for name in ("answer", "paragraph")}
+    texts = {name: nouns(content[name]) for name in ("answer", "paragraph")}
     limits = {key: {**limit, "words": nouns(limit["words"])} for key, limit in content["limits"].items()}
-    return {**content, **told, "limits": limits, "limiting": [nouns(text) for text in content["limiting"]]}
+    return {**content, **texts, "limits": limits, "limiting": [nouns(text) for text in content["limiting"]]}
 
 
 def limit_words(key: str) -> str:

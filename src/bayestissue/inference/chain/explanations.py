@@ -70,10 +70,10 @@ def _distinct(tried: GaussianFactor) -> GaussianFactor:
     sites = GaussianFactor(*(np.repeat(leaf[:1], number, axis=0).copy() for leaf in ordered))
     sites.log_scale[1:] = -np.inf
     for row in range(len(order)):
-        for place in range(1, number):
-            here = keep[row] & (rank[row] == place)
+        for site in range(1, number):
+            here = keep[row] & (rank[row] == site)
             for whole, part in zip(sites, ordered, strict=True):
-                whole[place, here] = part[row, here]
+                whole[site, here] = part[row, here]
     return sites
 
 

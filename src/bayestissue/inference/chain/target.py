@@ -90,7 +90,7 @@ class Target:
         data, count = prepared.data.padded, len(prepared.impacts)
         present = np.arange(len(data.log_mass)) < count
         # Of some impacts alone, as `some_of` has them, the design is still that of all.
-        groupings = [each for each in prepared.design.groupings.values() if len(each.code) == count]
+        groupings = [one for one in prepared.design.groupings.values() if len(one.code) == count]
         shown = np.arange(len(present)) if count <= FEW else some_impacts(count)
         return cls(
             prepared.model,

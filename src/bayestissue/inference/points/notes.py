@@ -74,13 +74,13 @@ def flagged_recordings(impacts: Sequence[str], flags: Sequence[str]) -> dict[str
         f"NOTE: of {len(flags_of)} recordings {len(named)} {are} flagged: {commonest}; "
         f"{first_of(list(named), _NAMED)}. {their} K and C may be wrong. `bayestissue check` says what to do."
     )
-    found = {"flagged": named, "of": len(flags_of), "words": words}
+    note = {"flagged": named, "of": len(flags_of), "words": words}
     if count := counts[ANOTHER_VELOCITY]:
-        found["velocity"] = (
+        note["velocity"] = (
             f"The recordings imply another velocity at contact than was stated: {count} of {len(flags_of)}. "
             "Every error of the velocity is in K and C. `bayestissue check` says which velocity."
         )
-    return found
+    return note
 
 
 def clipped_recordings(impacts: Sequence[str], clipped: Sequence[bool]) -> dict[str, Any]:
