@@ -1,4 +1,5 @@
-# Two commands: `make report` runs the main job, `make test` passes the tests; `make docs` builds the manual.
+# Two commands: `make report` runs the main job, `make test` passes the tests, the quick ones; `make test-all` passes
+# the others too. `make docs` builds the manual.
 # All set up what they need in .venv first, and reuse it afterwards: requirements.lock is what a run needs,
 # requirements-docs.lock that and what the manual is made with, requirements-dev.lock all that the tests need.
 
@@ -14,7 +15,7 @@ HOW := the commands: $(BIN)/bayestissue --help, or make shell and then bayestiss
 REPORTS := reports
 
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-dev shell report report-example report-arma report-published test run-tests check-code docs docs-outputs test-long evidence evidence-check evidence-status evidence-pages evidence-peers lock clean
+.PHONY: help setup setup-dev shell report report-example report-arma report-published test test-all run-tests run-slow-tests check-code docs docs-outputs test-long evidence evidence-check evidence-status evidence-pages evidence-peers lock clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-16s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -62,12 +63,18 @@ report-published: $(READY)
 	@$(BIN)/bayestissue reproduce --out $(REPORTS)/published --overwrite
 
 # Types are one process's work and tests two processes', so that neither leaves a core idle.
-test: $(READY_FOR_TESTS)  ## style, types, import order and the test suite
+test: $(READY_FOR_TESTS)  ## style, types, import order and the quick tests, in some five minutes
 	@$(MAKE) --no-print-directory -j2 check-code run-tests
 
+test-all: test run-slow-tests  ## the slow tests too, half an hour or so more
+
 run-tests: $(READY_FOR_TESTS)
-	@echo "tests, some minutes (more of them the first time, when all is compiled) ..."
+	@echo "quick tests, some minutes (more of them the first time, when all is compiled) ..."
 	@$(BIN)/python -m pytest
+
+run-slow-tests: test
+	@echo "slow tests, half an hour or so ..."
+	@$(BIN)/python -m pytest -m "slow and not long"
 
 check-code: $(READY_FOR_TESTS)
 	@echo "style ..."

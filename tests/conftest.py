@@ -32,8 +32,8 @@ def pytest_configure(config: pytest.Config) -> None:
     the next run: all of it is kept in the folder that pytest keeps, unless another is named. A test that
     counts compilations, or wants none kept, names a folder of its own.
     """
-    if config.option.markexpr == "not long" and "--xla_backend_opt" not in os.environ.get("XLA_FLAGS", ""):
-        # Most of the default suite's time is the compiler's; a long test runs longer than it compiles.
+    if "not long" in config.option.markexpr and "--xla_backend_opt" not in os.environ.get("XLA_FLAGS", ""):
+        # Most of the suite's time is the compiler's; a long test runs longer than it compiles.
         os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_backend_optimization_level=0"
     if hasattr(config, "cache"):
         kept = config.cache.mkdir("compiled")
