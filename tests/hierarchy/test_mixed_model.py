@@ -100,6 +100,32 @@ def told(
     return design, covariances_of(effects, sites, 0.0, ("noise",)), laid
 
 
+def test_the_likelihood_of_dyestuff_is_that_of_mixed_models_jl() -> None:
+    """Dyestuff: yields of five samples of each of six batches (Davies 1949).
+
+    It is the likelihood at the mean, not the restricted one of any mean: so the mean is known.
+    """
+    batches = [
+        *([1545, 1440, 1440, 1520, 1580], [1540, 1555, 1490, 1560, 1495], [1595, 1550, 1605, 1510, 1560]),
+        *([1445, 1440, 1595, 1465, 1545], [1595, 1630, 1515, 1635, 1625], [1520, 1455, 1450, 1480, 1445]),
+    ]
+    y = np.array(batches, float)
+    within = ((y - y.mean(1, keepdims=True)) ** 2).sum() / 24
+    between = ((y.mean(1) - y.mean()) ** 2).mean() - within / 5
+    table = impacts(people=6).iloc[:30]
+    table = table.assign(subject=np.repeat(list("abcdef"), 5), y=y.ravel())
+    exactly = {"K": Normal(distribution="normal", mean=y.mean(), sd=1e-5)}
+    priors = Priors.model_validate(
+        {"intercept": exactly | {"C": Normal(distribution="normal", mean=0.0, sd=1.0)}}
+    )
+    population = population_design(design_of("(1|subject)", "1", table), priors, ("noise",))
+    sd = {"subject": np.sqrt(between), "impact": np.sqrt(within)}
+    log_density = float(log_density_of_cells(*told(population, table, sd)))
+    objective = -2 * log_density + y.size * np.log(2 * np.pi)
+    # What a mean known to 1e-5 leaves open is 30 * 1e-10 / 2451, and rounding of squares of 1e6 about 1e-10.
+    assert objective == pytest.approx(327.3270598811428, abs=1e-8)
+
+
 def test_effects_are_the_best_linear_unbiased_predictions(
     population: tuple[Effects, PopulationDesign], rows: pd.DataFrame, fitted: Fitted
 ) -> None:
