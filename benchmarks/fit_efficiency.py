@@ -32,7 +32,7 @@ from bayestissue.hierarchy.gaussian.arrangement import expected
 from bayestissue.hierarchy.specification import ModelSpecification, read_specification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import constrained, population, trace_likelihood
-from bayestissue.inference.chain.draws import ChainDraws
+from bayestissue.inference.chain.results import ChainDraws
 from bayestissue.inference.factors.expansions import expanded
 from bayestissue.inference.fit import quantities_of_chain, sample
 from bayestissue.resources import shared

@@ -9,7 +9,7 @@ from jax import Array
 
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.inference.chain.draws import ChainDraws
+from bayestissue.inference.chain.results import ChainDraws
 from bayestissue.inference.chain.target import Target
 from bayestissue.padding import padded_impacts
 

@@ -29,7 +29,7 @@ from bayestissue.results.tables import table_of_rows
 if TYPE_CHECKING:
     from bayestissue.dataset import Dataset
     from bayestissue.hierarchy.trace_data import Prepared
-    from bayestissue.inference.chain.draws import ChainEnd
+    from bayestissue.inference.chain.results import ChainEnd
     from bayestissue.inference.fit import Say, TraceAnalysis
     from bayestissue.report.fit.figures import Plots
     from bayestissue.report.fit.run import FitRun
@@ -202,7 +202,7 @@ class Fit(Outlined):
         """
         if self.end is not None:
             return self.end
-        from bayestissue.inference.chain.draws import ChainEnd
+        from bayestissue.inference.chain.results import ChainEnd
 
         path = None if self.folder is None else self.folder / CHAIN
         try:

@@ -26,7 +26,7 @@ from bayestissue.hierarchy.specification import Formulas, ModelSpecification, sp
 from bayestissue.hierarchy.trace_data import KINDS, Prepared, assemble, prepare, with_discrepancy
 from bayestissue.hierarchy.untried import untried
 from bayestissue.inference.answers.agreement import agreement
-from bayestissue.inference.chain.draws import ChainEnd
+from bayestissue.inference.chain.results import ChainEnd
 from bayestissue.inference.checking import model_form
 from bayestissue.inference.checking.measuring_chain import judge
 from bayestissue.inference.factors.expansions import expanded

@@ -27,9 +27,10 @@ from bayestissue.inference.answers.reliability import (
     reliability,
     variances,
 )
-from bayestissue.inference.chain.draws import ChainDraws, ChainEnd, chain_draws
+from bayestissue.inference.chain.draws import chain_draws
 from bayestissue.inference.chain.ending import r_hat_limit
 from bayestissue.inference.chain.explanations import explanations
+from bayestissue.inference.chain.results import ChainDraws, ChainEnd
 from bayestissue.inference.checking.model_form import described, model_form, with_impacts
 from bayestissue.inference.checking.pooled_parameters import pooled_parameters
 from bayestissue.inference.checking.straight_lines import straight_lines

@@ -16,7 +16,8 @@ from numpyro.distributions import biject_to
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.inference.chain import draws as chain
-from bayestissue.inference.chain.draws import ChainDraws, ChainEnd, chain_draws
+from bayestissue.inference.chain.draws import chain_draws
+from bayestissue.inference.chain.results import ChainDraws, ChainEnd
 from bayestissue.inference.chain.settings import ChainSettings
 from bayestissue.inference.chain.target import Target
 from bayestissue.inference.samplers.convergence import convergence

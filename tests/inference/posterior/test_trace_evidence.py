@@ -10,7 +10,7 @@ from scipy.special import logsumexp
 
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.inference.chain.draws import ChainDraws
+from bayestissue.inference.chain.results import ChainDraws
 from bayestissue.inference.posterior.scores import of_draws
 from chain_of_sites import chain_of_sites
 from gaussian_traces import prepared

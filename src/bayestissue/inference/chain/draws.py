@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,145 +10,21 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float
 
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import TraceModel, constrained, population
-from bayestissue.inference.chain.ending import Verdict
+from bayestissue.hierarchy.traces import TraceModel
 from bayestissue.inference.chain.moves import Acceptances, State, Steps, Tuning, Visited, transition
-from bayestissue.inference.chain.run import (
-    Chains,
-    Say,
-    Segment,
-    read_arrays,
-    sampled,
-    warmed_up,
-    write_arrays,
-)
+from bayestissue.inference.chain.results import ChainDraws, ChainEnd, constrained_draws, of_nothing
+from bayestissue.inference.chain.run import Chains, Say, Segment, sampled, warmed_up
 from bayestissue.inference.chain.settings import FEW, FIRST, ChainSettings
 from bayestissue.inference.chain.target import LogRatios, Target
 from bayestissue.inference.chain.warm_up import begin, retuned
-from bayestissue.inference.execution.compiling import FULLY, by_row
+from bayestissue.inference.execution.compiling import FULLY
 from bayestissue.inference.execution.kept import evenly_spaced, some_impacts, some_of
-from bayestissue.inference.factors.conditional import DRAWS, PopulationDraws
 from bayestissue.padding import padded_impacts
-
-
-class ChainEnd(NamedTuple):
-    """Where the chains of a run ended: all that another run needs to go on as if this one had not stopped.
-
-    Attributes:
-        state: of each chain, [chain, ...].
-        steps: likewise.
-        tuning: of all of them.
-        segments: how many each had, those of the warm-up and of earlier runs included.
-        continued: whether there was an earlier run.
-    """
-
-    state: State
-    steps: Steps
-    tuning: Tuning
-    segments: Int[np.ndarray, ""]
-    continued: Bool[np.ndarray, ""]
-
-    def write(self, path: Path) -> None:
-        """Write all of it to a file, which is there when it is whole."""
-        write_arrays(path, self)
-
-    @classmethod
-    def read(cls, path: Path) -> ChainEnd:
-        """What `write` wrote.
-
-        Raises:
-            KeyError: it is the file of a version whose chains had other parts.
-            ValueError: it is damaged.
-        """
-        none: Any = np.zeros(0)
-        state, steps = _of_nothing(State), _of_nothing(Steps)
-        tuning = Tuning(_of_nothing(GaussianFactor), none, none)
-        end: ChainEnd = read_arrays(path, cls(state, steps, tuning, none, none))
-        return end
-
-
-@dataclass(frozen=True)
-class ChainDraws:
-    """The last half of all transitions since the warm-up, [chain, draw, ...], impacts before parameters.
-
-    Attributes:
-        y: hyperparameters, unconstrained.
-        b: fixed and group effects.
-        log_likelihood: of all traces.
-        log_ratios: log of likelihood over site of each impact that is shown, under "impact", and its sum over
-            the levels of each grouping.
-        impact_draws: numbers of the draws of which there is ``u``.
-        u: each impact's parameters.
-        acceptance: of each move, the mean.
-        sites: of the traces, the first of each, as the warm-up left them.
-        end: where the chains ended, from which another run goes on.
-        segments: since the warm-up, or since an earlier run that this one goes on with.
-        segment: transitions of one.
-        verdict: of the last look.
-    """
-
-    y: Float[np.ndarray, "chain draw hyperparameter"]
-    b: Float[np.ndarray, "chain draw location"]
-    log_likelihood: Float[np.ndarray, "chain draw"]
-    log_ratios: dict[str, Float[np.ndarray, "chain draw one"]]
-    impact_draws: Int[np.ndarray, " kept"]
-    u: Float[np.ndarray, "chain kept impact parameter"]
-    acceptance: dict[str, float]
-    sites: GaussianFactor
-    end: ChainEnd
-    segments: int
-    segment: int
-    verdict: Verdict
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """The numbers of chains and of draws of each."""
-        return self.y.shape[0], self.y.shape[1]
-
-    def thinned(self, draws: int) -> ChainDraws:
-        """The same with at most so many draws of each chain, evenly spaced, the last among them."""
-        rows = evenly_spaced(self.y.shape[1], draws)
-        among = np.isin(self.impact_draws, rows)
-        return replace(
-            self,
-            **{name: getattr(self, name)[:, rows] for name in ("y", "b", "log_likelihood")},
-            log_ratios={name: values[:, rows] for name, values in self.log_ratios.items()},
-            impact_draws=np.searchsorted(rows, self.impact_draws[among]),
-            u=self.u[:, among],
-        )
-
-    def population(self, model: TraceModel) -> PopulationDraws:
-        """Hyperparameters and effects of all draws, one chain's after the other's."""
-        y, b = (values.reshape(-1, values.shape[-1]) for values in (self.y, self.b))
-        sites, precision = _constrained(model, y)
-        return PopulationDraws(dict(zip(model.hyperparameters, y.T, strict=True)), sites, b, precision)
-
-    def record(self) -> dict[str, Any]:
-        """How the chain ran, as it stands in ``run.json``."""
-        before = int(self.end.segments) - self.segments
-        moves = ", ".join(f"{name} {share:.0%}" for name, share in self.acceptance.items())
-        return {
-            "words": (
-                "Sampled by one Markov chain over hyperparameters, effects and impacts, "
-                f"{self.segments * self.segment} transitions of each chain after {before * self.segment} "
-                f"{'of earlier runs' if self.end.continued else 'of warm-up'}; accepted: {moves}."
-            ),
-            "segments": self.segments,
-            ("earlier_segments" if self.end.continued else "warm_up_segments"): before,
-            "acceptance": self.acceptance,
-        }
-
-
-@by_row(DRAWS, constant=1)
-def _constrained(model: TraceModel, y: Float[Array, " hyperparameter"]) -> tuple[dict[str, Array], Array]:
-    """Constrained hyperparameters, and the precision of an impact's parameters about X b."""
-    sites = constrained(model, dict(zip(model.hyperparameters, y, strict=True)))
-    return sites, population(model, sites).of_impact()
 
 
 class Track(NamedTuple):
@@ -338,17 +213,12 @@ def _end(warm: Warm, *, continued: bool) -> ChainEnd:
     return ChainEnd(state, steps, tuning, np.asarray(warm.chains.number), np.asarray(continued))
 
 
-def _of_nothing(kind: Any) -> Any:
-    """A structure whose arrays are of no account."""
-    return kind(*[np.zeros(0)] * len(kind._fields))
-
-
 def _like(target: Target) -> Segment:
     """A segment's structure."""
     none: Any = np.zeros(0)
     visited = Visited(none, none, none, LogRatios(none, (none,) * len(target.groups)))
-    carried = (_of_nothing(State), _of_nothing(Steps))
-    return Segment(carried, Track(visited, none, none), _of_nothing(Acceptances))
+    carried = (of_nothing(State), of_nothing(Steps))
+    return Segment(carried, Track(visited, none, none), of_nothing(Acceptances))
 
 
 def _trimmed(path: Track, count: int, keep: int) -> Track:
@@ -362,7 +232,7 @@ def _trimmed(path: Track, count: int, keep: int) -> Track:
 def _quantities(model: TraceModel, path: Track) -> tuple[np.ndarray, np.ndarray]:
     """Hyperparameters and effects, and parameters of the impacts that are shown, [quantity, chain, draw]."""
     y = np.asarray(path.y)
-    values = _constrained(model, y.reshape(-1, y.shape[-1]))[0]
+    values = constrained_draws(model, y.reshape(-1, y.shape[-1]))[0]
     spreads = np.stack([values[name] for name in model.hyperparameters], axis=-1).reshape(y.shape)
     population = np.concatenate([spreads, np.asarray(path.visited.b)], axis=-1)
     u = np.asarray(path.u)[..., some_impacts(path.u.shape[-1])]

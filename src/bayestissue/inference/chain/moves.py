@@ -359,11 +359,15 @@ def transition(
     none, of_impacts = jnp.zeros(()), jnp.zeros(len(target.present))
     rates = Acceptances(none, of_impacts, none, none, of_centred)
     state, rates = jax.lax.fori_loop(0, settings.evaluations, move, (state, rates))
-    of_population = settings.population_acceptance
+
+    def followed(step: Array, rate: Array, wanted: float, bounds: tuple[float, float]) -> Array:
+        return jnp.clip(step * jnp.exp(gain * (rate - wanted)), *bounds)
+
+    of_population = settings.population_acceptance, settings.population_steps
     steps = Steps(
-        jnp.clip(steps.impact * jnp.exp(gain * (rates.walk - settings.impact_acceptance)), 1e-3, 20.0),
-        jnp.clip(steps.centred * jnp.exp(gain * (rates.centred - of_population)), 1e-2, 5.0),
-        jnp.clip(steps.population * jnp.exp(gain * (rates.inner - of_population)), 1e-3, 5.0),
+        followed(steps.impact, rates.walk, settings.impact_acceptance, settings.impact_steps),
+        followed(steps.centred, rates.centred, *of_population),
+        followed(steps.population, rates.inner, *of_population),
     )
     log_ratios = target.log_ratios(state.log_likelihood - log_sites(tuning.sites, state.u, first=True))
     return (state, steps), (Visited(state.y, state.b, state.log_likelihood.sum(), log_ratios), rates)

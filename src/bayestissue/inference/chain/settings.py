@@ -31,6 +31,8 @@ class ChainSettings:
         agreement: R-hat of the hyperparameters over a round, below which the warm-up is over.
         gain: by how much the log of a step follows its acceptance, in the last round ``last_gain``.
         last_gain: see ``gain``.
+        impact_steps: the least and the greatest step of an impact's walk.
+        population_steps: those of the walks of hyperparameters.
         first_look: segments since the warm-up before the first look at the draws. Chains that are each in
             one of two modes look alike early.
         growth: of the number of segments from look to look.
@@ -52,6 +54,8 @@ class ChainSettings:
     agreement: float = 1.05
     gain: float = 0.1
     last_gain: float = 0.03
+    impact_steps: tuple[float, float] = (1e-3, 20.0)
+    population_steps: tuple[float, float] = (1e-3, 5.0)
     first_look: int = 10
     growth: float = 1.25
     in_a_row: int = 2
