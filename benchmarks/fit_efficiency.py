@@ -103,7 +103,8 @@ def chain(bench: Bench) -> Outcome:
     """The fit twice: the first compiles as well, the second is what sampling takes."""
     _, cold = timed(bench.chains)
     (found, quantities), warm = timed(bench.chains)
-    number, (warming, since) = found.shape[0], found.segments
+    number, since = found.shape[0], found.segments
+    warming = int(found.end.segments) - since
     transitions = number * found.segment * (warming + since)
     remark = f"{number} chains of {found.segment * warming} and {found.segment * since}"
     return Outcome(cold - warm, warm, quantities, 0.0, remark, transitions)
