@@ -38,15 +38,16 @@ def chain_of_sites(
     levels = {name: len(each.levels) for name, each in made.design.groupings.items()}
     nothing = {name: np.zeros((*shape, number)) for name, number in levels.items()}
     return ChainDraws(
-        y,
-        b.reshape(*shape, -1),
-        value.sum(-1),
-        {"impact": np.zeros(value.shape), **nothing},
-        np.arange(shape[1]),
-        u.reshape(*shape, *u.shape[1:]),
-        {},
-        sites,
-        (0, 0),
-        1,
-        None,  # type: ignore[arg-type]
+        y=y,
+        b=b.reshape(*shape, -1),
+        log_likelihood=value.sum(-1),
+        log_ratios={"impact": np.zeros(value.shape), **nothing},
+        impact_draws=np.arange(shape[1]),
+        u=u.reshape(*shape, *u.shape[1:]),
+        acceptance={},
+        sites=sites,
+        end=None,  # type: ignore[arg-type]
+        segments=0,
+        segment=1,
+        verdict=None,  # type: ignore[arg-type]
     )
