@@ -39,7 +39,6 @@ from bayestissue.inference.factors.noise_left import noise_p
 from bayestissue.inference.posterior.constrained_draws import quantities_of_draws
 from bayestissue.inference.posterior.scores import of_draws
 from bayestissue.inference.quantities.elements import COMMON_DEPTH
-from bayestissue.inference.quantities.secants import of_secant
 from bayestissue.inference.results.cross_validation import cross_validation, prior_sensitivity
 from bayestissue.inference.results.labels import labelled
 from bayestissue.inference.results.summary import summarise as summary_table
@@ -148,13 +147,12 @@ def quantities_of_chain(prepared: Prepared, chains: ChainDraws, seed: int) -> Co
 def label(
     prepared: Prepared,
     specification: ModelSpecification,
-    drawn: ConstrainedDraws,
+    constrained: ConstrainedDraws,
     chains: ChainDraws,
     seed: int,
     say: Say,
 ) -> TraceAnalysis:
     """Labels, tables, checks and scores of the draws."""
-    constrained = of_secant(prepared, drawn)
     statistics = labelled({"lp": chains.log_likelihood}, {}, {})
     tree = posterior_tree(prepared, specification, statistics, constrained, seed)
     posterior = tree["posterior"].dataset
