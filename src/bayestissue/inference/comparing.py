@@ -30,6 +30,7 @@ from bayestissue.inference.results.cross_validation import (
 )
 from bayestissue.inference.results.labels import ATTRIBUTES, element_attributes
 from bayestissue.inference.results.meanings import meaning
+from bayestissue.inference.samplers.diagnostics import of_element_alone
 from bayestissue.results.tables import columns_of, joined
 
 # Of comparison.csv, whose further column says what data the densities are of.
@@ -325,7 +326,7 @@ def side_by_side(runs: Sequence[FinishedRun]) -> pd.DataFrame:
     equivalent damping of the recorded impacts, which mean the same for every element; and K and C of a
     typical person, of a new impact on a new person and of every person, at the run's own reference mass.
     ``of`` says what an interval is of: that of these impacts together is narrow however much people differ. A
-    run whose model lacks a quantity has no row for it.
+    run whose model lacks a quantity has no row for it; one with a discrepancy none of K, the element's own.
 
     Returns:
         ``posteriors.csv``, the rows of one quantity together.
@@ -343,6 +344,9 @@ def _quantiles(run: FinishedRun) -> list[pd.DataFrame]:
     # Runs of earlier versions have a typical person's as an intercept.
     typical = {name: xr.ufuncs.exp(posterior[log]) for name, log in _TYPICAL.items() if log in posterior}
     typical |= {name: posterior[name] for name in COMPARED if name in posterior}
+    if "K_secant_of_impacts" in posterior:
+        # Beside a discrepancy K is the element's own part of the force.
+        typical = {name: values for name, values in typical.items() if not of_element_alone(name)}
     people = len(np.unique(run.people))
     tables = []
     for name, array in {**comparable_draws(posterior, run.people), **typical}.items():
