@@ -11,11 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bayestissue.inference.samplers.diagnostics import ELEMENT_ALONE
 from bayestissue.paper.text import text_of
+from bayestissue.report.answers_page import question_lines
 from bayestissue.report.fit import answers, estimates, figures, population, words
 from bayestissue.report.fit.page import page_of
 from bayestissue.report.fit.run import FitRun, read_fit_run
 from bayestissue.report.posterior import levels, mass_curve, spread
+from bayestissue.results.tables import table_of_rows
 from make_fit_run import MASS, make_fit_run
 
 
@@ -116,3 +119,16 @@ def test_a_run_of_an_earlier_version_opens_and_has_its_secant_as_k(tmp_path: Pat
     assert re.search(r"K = \d{4} N/m", html)
     assert "So is K, of impacts, people and the population." in html
     assert earlier.symbols == {"K": "K", "C": "C"}
+
+
+def test_an_answer_of_the_element_s_k_says_so_on_the_first_screen() -> None:
+    of_claim = {"posterior": 0.6, "prior": 0.5, "note": f"rough; {ELEMENT_ALONE}"}
+    of_number = {"median": 1200.0, "low": 1100.0, "high": 1300.0, "unit": "N/m", "note": ELEMENT_ALONE}
+    rows = [of_claim, of_number, of_number | {"note": ""}]
+    table = table_of_rows("questions", [{"question": "K", "name": "", "unit": "", **row} for row in rows])
+    beside = [line["beside"] for line in question_lines(table)]
+    assert beside == [
+        f"before the data 0.50; {ELEMENT_ALONE}",
+        f"1100 to 1300; {ELEMENT_ALONE}",
+        "1100 to 1300",
+    ]
