@@ -14,7 +14,7 @@ import xarray as xr
 from bayestissue.hierarchy.levels import Recorded
 from bayestissue.inference.answers.contrasts import contrasts, people_compared
 from bayestissue.inference.answers.reliability import as_variables, coefficients, reliability, variances
-from bayestissue.inference.quantities.secants import comparable_draws
+from bayestissue.inference.quantities.together import comparable_draws
 from made_once import made_once
 from tree_file import write_tree
 

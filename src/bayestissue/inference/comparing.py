@@ -19,7 +19,7 @@ from jaxtyping import Float
 
 from bayestissue.errors import Coded
 from bayestissue.inference.quantities.secants import EXPONENTS as OF_SECANTS
-from bayestissue.inference.quantities.secants import OF_IMPACTS, OF_PEOPLE, comparable_draws
+from bayestissue.inference.quantities.together import OF_IMPACTS, OF_PEOPLE, comparable_draws
 from bayestissue.inference.results.cross_validation import (
     above_limit,
     densities_of,

@@ -13,7 +13,7 @@ import xarray as xr
 from bayestissue.hierarchy.design import build_design
 from bayestissue.hierarchy.specification import Formulas
 from bayestissue.inference import fit
-from bayestissue.inference.quantities.secants import comparable_draws
+from bayestissue.inference.quantities.together import comparable_draws
 from bayestissue.inference.samplers.sampling import ConstrainedDraws
 
 PEOPLE, CONDITIONS, SHAPE = 4, 3, (2, 5)

@@ -1,4 +1,4 @@
-"""Force over depth of the recorded impacts: its means, and its mass exponents.
+"""Mass exponents of the force over depth: at each impact's greatest depth, and at one that all impacts reach.
 
 The K that the hierarchy samples is the element's own. Beside a discrepancy that is the element's part of the
 force, which no measurement knows, and its interval may hold neither the tissue's tangent nor its secant
@@ -13,7 +13,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import xarray as xr
 from jaxtyping import Float
 
 from bayestissue.hierarchy.design import Design
@@ -23,41 +22,9 @@ from bayestissue.inference.execution.kept import some_impacts
 from bayestissue.inference.quantities.elements import COMMON_DEPTH
 from bayestissue.inference.samplers.sampling import ConstrainedDraws
 
-# By what it is called: the draws of an impact that it is made of. On a spring and damper side by side the
-# secant stiffness is K itself, and C is the equivalent damping.
-OF_IMPACTS = {"K_secant_of_impacts": ("K_secant", "K"), "C_equivalent_of_impacts": ("C_equivalent", "C")}
-OF_PEOPLE = {"K_secant_of_subject": ("K_secant", "K"), "C_equivalent_of_subject": ("C_equivalent", "C")}
 # By what it is called: what of an impact it is the exponent of.
 EXPONENTS = {f"mass_exponent_{COMMON_DEPTH}": COMMON_DEPTH, "mass_exponent_K_secant": "K_secant"}
 _SPREADS = np.geomspace(1e-4, 10.0, 500)
-
-
-def comparable_draws(posterior: xr.Dataset, people: np.ndarray) -> dict[str, xr.DataArray]:
-    """Stiffness and damping that mean the same for every element, of these impacts and of each person's.
-
-    The geometric means over all recorded impacts, and over each person's own, of the secant stiffness and
-    of the equivalent damping: for K, exp((1/n) sum_i log K_secant,i), by draw.
-
-    Args:
-        posterior: with "K" and "C" [chain, draw or kept draw, impact], and "K_secant" and "C_equivalent"
-            where the run's element has them. Nothing comes of a run without single impacts.
-        people: [impact], whose each impact is.
-
-    Returns:
-        By name, [chain, draw] or [chain, draw, subject].
-    """
-    comparable = {}
-    for name, sources in {**OF_IMPACTS, **OF_PEOPLE}.items():
-        source = next((candidate for candidate in sources if candidate in posterior), None)
-        if source is None or "impact" not in posterior[source].dims:
-            continue
-        logs = xr.apply_ufunc(np.log, posterior[source])
-        if name in OF_PEOPLE:
-            mean = logs.assign_coords(subject=("impact", people)).groupby("subject").mean("impact")
-        else:
-            mean = logs.mean("impact")
-        comparable[name] = xr.apply_ufunc(np.exp, mean)
-    return comparable
 
 
 def mass_exponents_of_secants(

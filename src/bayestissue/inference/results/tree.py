@@ -22,7 +22,8 @@ from bayestissue.hierarchy.trace_data import Prepared, common_depth
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.execution.kept import some_impacts, some_of
 from bayestissue.inference.quantities.elements import per_impact
-from bayestissue.inference.quantities.secants import EXPONENTS, comparable_draws, mass_exponents_of_secants
+from bayestissue.inference.quantities.secants import EXPONENTS, mass_exponents_of_secants
+from bayestissue.inference.quantities.together import comparable_draws
 from bayestissue.inference.results.labels import (
     design_attributes,
     design_dimensions,

@@ -160,9 +160,9 @@ def mass(run: FitRun, quantity: str = "K", *, thesis: bool = False) -> Figure:
         conditions = quantiles(run.draws(variable), run.labels("trial"))
     else:
         # Of K_secant there are the recorded impacts alone.
-        logs = pd.Series(np.log(run.side_by_side[quantity]["median"].to_numpy()))
-        median = np.exp(logs.groupby(trial).mean().reindex(run.labels("trial")))
-        conditions = median.rename("median").rename_axis("label").reset_index()
+        logs = pd.Series(np.log(run.side_by_side[quantity]["median"].to_numpy())).groupby(trial).mean()
+        median = np.exp(logs.reindex(run.labels("trial")).to_numpy())
+        conditions = pd.DataFrame({"label": run.labels("trial"), "median": median})
         conditions[["eti90_low", "eti90_high"]] = np.nan
         who = "geometric mean of its impacts"
     conditions = conditions.assign(mass_kg=np.asarray(at))
