@@ -31,7 +31,7 @@ from evidence.references import TISSUES
 from bayestissue import runtime
 from bayestissue.elements import element
 from bayestissue.hierarchy.specification import ModelSpecification
-from bayestissue.inference.quantities.secants import mass_exponents_of_secants, of_secant
+from bayestissue.inference.quantities.secants import mass_exponents_of_secants
 from bayestissue.simulation import Simulation, simulate
 
 # A share of 90 % is known to 9 % by 12 and to 4 % by all four cases together.
@@ -89,7 +89,6 @@ def exponents_of(case: str, number: int, fits: Fits) -> pd.DataFrame:
     dataset = simulate(campaign(case, number)).dataset("common depth")
     prepared = fits.prepared(dataset)
     draws, passed = fits.fit(prepared, number)
-    draws = of_secant(prepared, draws)
     exponents = mass_exponents_of_secants(prepared, draws, number)
     exponents["mass_exponent_C"] = draws.sites["mass_exponent_C"]
     rows = rows_of({name: (values, 0.0) for name, values in exponents.items()})

@@ -14,6 +14,7 @@ import xarray as xr
 from bayestissue.hierarchy.levels import Recorded
 from bayestissue.inference.answers.contrasts import contrasts, people_compared
 from bayestissue.inference.answers.reliability import as_variables, coefficients, reliability, variances
+from bayestissue.inference.quantities.together import comparable_draws
 from made_once import made_once
 from tree_file import write_tree
 
@@ -42,6 +43,7 @@ def write_fit_run(
     coloured: bool = False,
     own_depth: float | None = None,
     two_sides: bool = False,
+    discrepancy: bool = False,
     seed: int = 1,
     extended: Callable[[Groups], Groups] = dict,
 ) -> Path:
@@ -49,8 +51,8 @@ def write_fit_run(
 
     ``exponent`` is the posterior's mean mass exponent of K (C's is 0), None for a model without one;
     ``coloured`` noise is a running mean of two samples; with ``own_depth``, K's exponent at each impact's own
-    greatest depth, ``exponent`` is that at a common depth; of ``two_sides``, left is a fifth stiffer. What
-    is written is ``extended``.
+    greatest depth, ``exponent`` is that at a common depth; of ``two_sides``, left is a fifth stiffer; beside
+    a ``discrepancy`` the element's own K is half of K_secant, which is true. What is written is ``extended``.
     """
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(seed)
@@ -60,17 +62,21 @@ def write_fit_run(
     }
     posterior = _posterior(rng, impacts, true, exponent, likelihood)
     traces = _traces(rng, impacts, true, coloured, likelihood)
+    if discrepancy:
+        posterior = _with_discrepancy(posterior, impacts["subject"].to_numpy(str))
     if own_depth is not None:
         posterior["mass_exponent_K_common_depth"] = posterior["mass_exponent_K"]
         posterior["mass_exponent_K_secant"] = posterior["mass_exponent_K"] + own_depth - (exponent or 0.0)
         traces["constant_data"]["common_depth_m"] = 0.0123
     about = _about(passed, likelihood, quantity, exponent)
+    about |= {"discrepancy": {"rms_of_peak": 0.05}} if discrepancy else {}
     if two_sides:
         _with_sides(rng, posterior, traces["constant_data"], about["model"]["formula"])
     recorded = Recorded.of_run(traces["constant_data"], about["model"])
     prior, found = _prior(posterior, seed), {}
     for name, draws in (("posterior", posterior), ("prior", prior)):
-        each = {q: variances(draws, recorded, q, measurement_sd=0.01) for q in ("K", "C")}
+        repeatable = ("C",) if discrepancy else ("K", "C")
+        each = {q: variances(draws, recorded, q, measurement_sd=0.01) for q in repeatable}
         found[name] = coefficients(each, draws)
         draws.update(as_variables(found[name]))
     groups = {"posterior": posterior, "prior": prior, **traces}
@@ -90,6 +96,15 @@ def write_fit_run(
 
 
 make_fit_run = made_once(write_fit_run)
+
+
+def _with_discrepancy(posterior: xr.Dataset, people: np.ndarray) -> xr.Dataset:
+    secant = posterior["K"].copy()
+    for name in ("K", "K_subject", "K_trial", "K_new"):
+        posterior[name] = 0.5 * posterior[name]
+    posterior["intercept_K"] = posterior["intercept_K"] + np.log(0.5)
+    posterior = posterior.assign(K_secant=secant, discrepancy=0.05 + 0 * secant)
+    return posterior.assign(comparable_draws(posterior[["K_secant"]], people))
 
 
 def _with_sides(rng, posterior: xr.Dataset, constants: xr.Dataset, formula: dict[str, str]) -> None:

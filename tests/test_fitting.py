@@ -20,6 +20,7 @@ from bayestissue.fitting import finished_fit, resolve
 from bayestissue.hierarchy.specification import Sampler, read_specification
 from bayestissue.hierarchy.trace_data import prepare
 from bayestissue.inference.fit import TraceAnalysis
+from bayestissue.inference.samplers.diagnostics import ELEMENT_ALONE, of_element_alone
 from bayestissue.inference.single.estimates import estimate
 from bayestissue.resources import shared
 from bayestissue.simulation import Simulation, simulate
@@ -211,8 +212,8 @@ def test_structured_residuals_ask_for_a_second_fit(
     """The fits themselves are made up: what is asked for, told and kept is not."""
     form = {"score": 9.0 * structured, "structured": structured, "words": "first"}
     posterior = fitted.posterior["posterior"].dataset
-    own = {"discrepancy": 0.05 * posterior["K"] ** 0, "K_secant": posterior["K"]}
-    tree = xr.DataTree.from_dict({"posterior": posterior.assign(own)})
+    further = {"discrepancy": 0.05 * posterior["K"] ** 0, "K_secant": posterior["K"]}
+    tree = xr.DataTree.from_dict({"posterior": posterior.assign(further)})
     made = replace(fitted.analysis, tree=tree, diagnostics=fitted.diagnostics | {"model_form": form})
     seen, said, asked = [], [], []
 
@@ -248,8 +249,12 @@ def test_structured_residuals_ask_for_a_second_fit(
     impact = found.diagnostics["measuring_chain"]["impacts"][0]
     notes = found.summary.set_index("label")["note"]
     assert notes[impact].ne("").all()
-    assert notes.drop(impact).eq("").all()
-    if structured and choice == "automatic" and noise == "white":
+    again = structured and choice == "automatic" and noise == "white"
+    own = found.summary["variable"].map(of_element_alone) & again
+    elsewhere = found.summary["label"] != impact
+    assert found.summary.loc[own & elsewhere, "note"].eq(ELEMENT_ALONE).all()
+    assert found.summary.loc[~own & elsewhere, "note"].eq("").all()
+    if again:
         assert seen == [(False, tmp_path), (True, tmp_path / "discrepancy")]
         assert (tmp_path / "discrepancy").is_dir()
         assert said == ["summarising each trace", "again with a discrepancy: summarising each trace"]
@@ -297,6 +302,10 @@ def test_a_stiffening_tissue_fitted_by_spring_and_damper_keeps_its_secant_stiffn
     true = made.truth["K_secant_N_per_m"].to_numpy()
     # Of twelve 90 % intervals: more than four misses are a thousandth's chance.
     assert ((low <= true) & (true <= high)).sum() >= 8
+    # The geometric mean of all of them, and the element's own K beside it.
+    low, high = posterior["K_secant_of_impacts"].quantile([0.005, 0.995])
+    assert low <= np.exp(np.log(true).mean()) <= high
+    assert found.summary.set_index("variable")["note"]["K_new"] == ELEMENT_ALONE
     page = found.report(tmp_path / "page.html").read_text()
     assert "include a discrepancy" in page
     assert "a smooth force of unknown shape, a Gaussian process" in page

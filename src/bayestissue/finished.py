@@ -76,9 +76,10 @@ class Fit(Outlined):
         posterior = self.posterior["posterior"].dataset
         chains, draws = (posterior.sizes[name] for name in ("chain", "draw"))
         over = [name for name in posterior["K"].dims if name != "impact"]
+        stiffness = "K_secant" if "K_secant_of_impacts" in posterior else "K"
         medians = [
             (f"{name} of the impacts", f"posterior medians {span(posterior[name].median(over), unit)}")
-            for name, unit in UNITS.items()
+            for name, unit in zip((stiffness, "C"), UNITS.values(), strict=True)
         ]
         rows = [
             ("impacts", f"{posterior.sizes['impact']} of {short(str(self.about.get('dataset', '')))}"),

@@ -365,7 +365,8 @@ def finished_fit(
 
 def _agreement(points: dict[str, pd.DataFrame], summary: pd.DataFrame) -> pd.DataFrame:
     values = {}
-    for quantity, column in COLUMNS.items():
+    alone = summary["variable"].eq("K_secant_of_impacts").any()
+    for quantity, column in zip(("K_secant" if alone else "K", "C"), COLUMNS.values(), strict=True):
         columns = {name: table.set_index("impact")[column] for name, table in points.items()}
         median = summary[summary["variable"] == quantity].set_index("label")["median"]
         values[quantity] = pd.DataFrame(columns | {"posterior": median})

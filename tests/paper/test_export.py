@@ -22,6 +22,7 @@ from bayestissue.paper.documents import write_markdown, write_word
 from bayestissue.paper.text import Text, text_of
 from bayestissue.paper.workbook import people_wide, write_sheets
 from bayestissue.report.fit.run import FitRun
+from bayestissue.report.posterior import Levels
 from command_line import bayestissue
 from make_fit_run import make_fit_run
 
@@ -229,9 +230,7 @@ def test_exclusions_are_a_sentence(run: FitRun) -> None:
 
 def test_one_person_is_this_one(monkeypatch):
     one = SimpleNamespace(value="2000", range="1900 to 2100")
-    monkeypatch.setattr(
-        text, "levels", lambda _: [SimpleNamespace(quantity="K", unit="N/m", typical=one, new=one)]
-    )
+    monkeypatch.setattr(text, "levels", lambda _: [Levels("K", "N/m", one, one)])
     said = text._levels(SimpleNamespace(impacts=[1, 2], people_count=1))
     assert said.startswith("Of this person K was 2000 N/m (1900 to 2100). Of a new impact")
     said = text._levels(SimpleNamespace(impacts=[1, 2], people_count=2))

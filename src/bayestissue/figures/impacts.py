@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
@@ -42,9 +42,9 @@ LINES: dict[str, Specification] = {
 }
 
 
-def axis_title(quantity: str) -> str:
+def axis_title(quantity: str, names: Mapping[str, str] = NAMES) -> str:
     """Name and unit, such as "stiffness K (N/m)"."""
-    return f"{NAMES[quantity]} ({UNITS[quantity]})"
+    return f"{names[quantity]} ({UNITS[quantity]})"
 
 
 def end(quantity: str, side: str) -> str:
@@ -77,7 +77,7 @@ def _choice(rows: pd.DataFrame) -> tuple[list[Specification], str]:
     return parameters, " && ".join(shown) or "true"
 
 
-def scatter(rows: pd.DataFrame, x: str, y: str, words: str) -> Figure:
+def scatter(rows: pd.DataFrame, x: str, y: str, words: str, names: Mapping[str, str] = NAMES) -> Figure:
     """A point for each impact, the chosen one larger and with its 90 % intervals; in order, all with theirs.
 
     Args:
@@ -86,13 +86,14 @@ def scatter(rows: pd.DataFrame, x: str, y: str, words: str) -> Figure:
         x: "K", "C", "mass", or "order" for impacts in the order of ``y``.
         y: "K" or "C".
         words: what the figure shows.
+        names: what K and C are called.
     """
     rows = rows.sort_values(COLUMNS[y], kind="stable", ignore_index=True)
     rows.insert(1, "order", range(1, len(rows) + 1))
     column, title = {
         "order": ("order", f"impacts in the order of {y}"),
         "mass": ("mass_kg", MASS),
-        **{q: (COLUMNS[q], axis_title(q)) for q in COLUMNS},
+        **{q: (COLUMNS[q], axis_title(q, names)) for q in COLUMNS},
     }[x]
     parameters, shown = _choice(rows)
     X = number(
@@ -101,19 +102,21 @@ def scatter(rows: pd.DataFrame, x: str, y: str, words: str) -> Figure:
         scale={"zero": False, "nice": False, "padding": 8} if x == "order" else scale_over(rows[column]),
     )
     Y = number(
-        COLUMNS[y], axis_title(y), scale=scale_over(rows[[end(y, "low"), end(y, "high")]].to_numpy().ravel())
+        COLUMNS[y],
+        axis_title(y, names),
+        scale=scale_over(rows[[end(y, "low"), end(y, "high")]].to_numpy().ravel()),
     )
     colour = where(_CHOSEN, RECORDED, POSTERIOR)
     # Where each interval would hide others, that of the chosen impact alone is there.
     bar = where(shown, 0.75, 0.08) if x == "order" else where(_CHOSEN, 1, 0)
-    up = {"x": X, "y": number(end(y, "low"), axis_title(y)), "y2": {"field": end(y, "high")}}
+    up = {"x": X, "y": number(end(y, "low"), axis_title(y, names)), "y2": {"field": end(y, "high")}}
     layers = [mark("rule", rows, {**up, "color": colour, "opacity": bar})]
     if x in COLUMNS:
         across = {"y": Y, "x": number(end(x, "low"), title), "x2": {"field": end(x, "high")}}
         layers.append(mark("rule", rows, {**across, "color": colour, "opacity": bar}))
     faint = where(shown, 0.75, 0.08)
     if x == "order" and f"true_{y}" in rows:
-        crosses = {"x": X, "y": number(f"true_{y}", axis_title(y)), "opacity": faint}
+        crosses = {"x": X, "y": number(f"true_{y}", axis_title(y, names)), "opacity": faint}
         layers.append(mark("point", rows, crosses, shape="cross", size=20, color=INK))
     size = where(_CHOSEN, _LARGE, _SMALL if x != "order" else 14)
     points = {
@@ -137,6 +140,7 @@ def over_mass(
     words: str,
     *,
     who: str = "typical person",
+    names: Mapping[str, str] = NAMES,
     others: Sequence[pd.DataFrame] = (),
 ) -> Figure:
     """K or C over mass on log scales: impacts, conditions, the posterior's line, exponents 0 and 1.
@@ -149,10 +153,11 @@ def over_mass(
         quantity: "K" or "C".
         words: what the figure shows.
         who: whose line and conditions they are.
+        names: what K and C are called.
         others: further values, such as point estimates by another method: ``mass_kg``, ``value``, ``kind``
             and, where they have one, the ends ``low`` and ``high`` of a range.
     """
-    condition, column, title = f"condition, {who}", COLUMNS[quantity], axis_title(quantity)
+    condition, column, title = f"condition, {who}", COLUMNS[quantity], axis_title(quantity, names)
     kinds = ["impact", condition, *(str(rows["kind"].iloc[0]) for rows in others)]
     known = pd.concat([impacts[column], *(rows["value"] for rows in others)])
     X = number("mass_kg", MASS, scale={"type": "log", "nice": False, "padding": 12})

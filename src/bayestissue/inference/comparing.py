@@ -19,6 +19,7 @@ from jaxtyping import Float
 
 from bayestissue.errors import Coded
 from bayestissue.inference.quantities.secants import EXPONENTS as OF_SECANTS
+from bayestissue.inference.quantities.together import OF_IMPACTS, OF_PEOPLE, comparable_draws
 from bayestissue.inference.results.cross_validation import (
     above_limit,
     densities_of,
@@ -29,6 +30,7 @@ from bayestissue.inference.results.cross_validation import (
 )
 from bayestissue.inference.results.labels import ATTRIBUTES, element_attributes
 from bayestissue.inference.results.meanings import meaning
+from bayestissue.inference.samplers.diagnostics import of_element_alone
 from bayestissue.results.tables import columns_of, joined
 
 # Of comparison.csv, whose further column says what data the densities are of.
@@ -164,42 +166,10 @@ class FinishedRun:
         return self.tree["constant_data"].dataset["impact_subject"].astype(str).to_numpy()
 
 
-# By what it is called: the draws of an impact that it is made of. On a spring and damper side by side the
-# secant stiffness is K itself, and C is the equivalent damping.
-OF_IMPACTS = {"K_secant_of_impacts": ("K_secant", "K"), "C_equivalent_of_impacts": ("C_equivalent", "C")}
-OF_PEOPLE = {"K_secant_of_subject": ("K_secant", "K"), "C_equivalent_of_subject": ("C_equivalent", "C")}
 UNITS = {name: "N/m" if name.startswith("K") else "N s/m" for name in (*OF_IMPACTS, *OF_PEOPLE)}
 _SCHEMES = ("leave one impact out", "leave one subject out")
 # What all runs together that lack a quantity may weigh for it still to be told.
 _LEAST_WEIGHT = 0.005
-
-
-def comparable_draws(posterior: xr.Dataset, people: np.ndarray) -> dict[str, xr.DataArray]:
-    """Stiffness and damping that mean the same for every element, of these impacts and of each person's.
-
-    The geometric means over all recorded impacts, and over each person's own, of the secant stiffness and
-    of the equivalent damping: for K, exp((1/n) sum_i log K_secant,i), by draw.
-
-    Args:
-        posterior: with "K" and "C" [chain, draw or kept draw, impact], and "K_secant" and "C_equivalent"
-            where the run's element has them. Nothing comes of a run without single impacts.
-        people: [impact], whose each impact is.
-
-    Returns:
-        By name, [chain, draw] or [chain, draw, subject].
-    """
-    comparable = {}
-    for name, sources in {**OF_IMPACTS, **OF_PEOPLE}.items():
-        source = next((candidate for candidate in sources if candidate in posterior), None)
-        if source is None or "impact" not in posterior[source].dims:
-            continue
-        logs = xr.apply_ufunc(np.log, posterior[source])
-        if name in OF_PEOPLE:
-            mean = logs.assign_coords(subject=("impact", people)).groupby("subject").mean("impact")
-        else:
-            mean = logs.mean("impact")
-        comparable[name] = xr.apply_ufunc(np.exp, mean)
-    return comparable
 
 
 def implied(runs: Sequence[FinishedRun], comparison: pd.DataFrame) -> pd.DataFrame:
@@ -356,7 +326,7 @@ def side_by_side(runs: Sequence[FinishedRun]) -> pd.DataFrame:
     equivalent damping of the recorded impacts, which mean the same for every element; and K and C of a
     typical person, of a new impact on a new person and of every person, at the run's own reference mass.
     ``of`` says what an interval is of: that of these impacts together is narrow however much people differ. A
-    run whose model lacks a quantity has no row for it.
+    run whose model lacks a quantity has no row for it; one with a discrepancy none of K, the element's own.
 
     Returns:
         ``posteriors.csv``, the rows of one quantity together.
@@ -374,6 +344,9 @@ def _quantiles(run: FinishedRun) -> list[pd.DataFrame]:
     # Runs of earlier versions have a typical person's as an intercept.
     typical = {name: xr.ufuncs.exp(posterior[log]) for name, log in _TYPICAL.items() if log in posterior}
     typical |= {name: posterior[name] for name in COMPARED if name in posterior}
+    if "K_secant_of_impacts" in posterior:
+        # Beside a discrepancy K is the element's own part of the force.
+        typical = {name: values for name, values in typical.items() if not of_element_alone(name)}
     people = len(np.unique(run.people))
     tables = []
     for name, array in {**comparable_draws(posterior, run.people), **typical}.items():

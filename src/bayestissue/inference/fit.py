@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -16,7 +16,6 @@ import xarray as xr
 from bayestissue.elements import element
 from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
-from bayestissue.hierarchy.levels import Recorded
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.answers.contrasts import contrasts, people_compared
@@ -40,7 +39,6 @@ from bayestissue.inference.factors.noise_left import noise_p
 from bayestissue.inference.posterior.constrained_draws import quantities_of_draws
 from bayestissue.inference.posterior.scores import of_draws
 from bayestissue.inference.quantities.elements import COMMON_DEPTH
-from bayestissue.inference.quantities.secants import of_secant
 from bayestissue.inference.results.cross_validation import cross_validation, prior_sensitivity
 from bayestissue.inference.results.labels import labelled
 from bayestissue.inference.results.summary import summarise as summary_table
@@ -140,19 +138,20 @@ def quantities_of_chain(prepared: Prepared, chains: ChainDraws, seed: int) -> Co
 def label(
     prepared: Prepared,
     specification: ModelSpecification,
-    drawn: ConstrainedDraws,
+    constrained: ConstrainedDraws,
     chains: ChainDraws,
     seed: int,
     say: Say,
 ) -> TraceAnalysis:
     """Labels, tables, checks and scores of the draws."""
-    constrained = of_secant(prepared, drawn)
     statistics = labelled({"lp": chains.log_likelihood}, {}, {})
     tree = posterior_tree(prepared, specification, statistics, constrained, seed)
     posterior = tree["posterior"].dataset
+    # Beside a discrepancy K is the element's own, and the tissue's stiffness is K_secant.
+    of_tissue = [q for q in derived.RESPONSES if q != "K" or not prepared.model.discrepancy]
     exponents = {
         q: posterior[f"mass_exponent_{q}"].to_numpy()
-        for q in (*derived.RESPONSES, COMMON_DEPTH, "K_secant")
+        for q in (*of_tissue, COMMON_DEPTH, "K_secant")
         if f"mass_exponent_{q}" in posterior
     }
     say("checking and scoring", 0, 1)
@@ -161,7 +160,7 @@ def label(
     recorded = prepared.design.recorded
     budget = uncertainty_budget(prepared, constrained)
     repeatable = {
-        name: coefficients(_variances(prepared, tree[name].dataset, recorded, budget), tree[name].dataset)
+        name: coefficients(_variances(prepared, of_tissue, tree[name].dataset, budget), tree[name].dataset)
         for name in ("posterior", "prior")
     }
     for name, measures in repeatable.items():
@@ -196,16 +195,16 @@ def label(
 
 
 def _variances(
-    prepared: Prepared, posterior: xr.Dataset, recorded: Recorded, budget: pd.DataFrame
+    prepared: Prepared, responses: Sequence[str], posterior: xr.Dataset, budget: pd.DataFrame
 ) -> dict[str, Variances]:
     """What makes measured values of K and C differ; of one impact alone nothing is told."""
     if len(prepared.impacts) == 1:
         return {}
-    model = prepared.model
+    model, recorded = prepared.model, prepared.design.recorded
     shared = model.log_mass_sd if model.mass_error == "subject" else 0.0
     return {
         q: variances(posterior, recorded, q, measurement_sd=measurement_sd(budget, q), shared_sd=shared)
-        for q in derived.RESPONSES
+        for q in responses
     }
 
 

@@ -13,12 +13,13 @@ from markupsafe import Markup
 
 from bayestissue.declarations import declared
 from bayestissue.inference.answers.contrasts import INTERACTION
+from bayestissue.inference.results.meanings import meaning
 from bayestissue.inference.samplers.diagnostics import OF_RECORDINGS
 from bayestissue.outline import counted
 from bayestissue.report.answers_page import question_lines
 from bayestissue.report.fit import answers, study, words
 from bayestissue.report.fit.run import FitRun
-from bayestissue.report.posterior import QUANTITIES, Spread, exponent, levels
+from bayestissue.report.posterior import QUANTITIES, TOGETHER, Spread, exponent, levels
 from bayestissue.report.wording import listed
 from bayestissue.words import PLAIN, Words
 
@@ -208,10 +209,18 @@ def _levels(run: FitRun) -> str:
         parts = [f"{q} {s.value} {unit} ({s.range})" for q, unit, s in answers.the_only_impact(run)]
         return f"Of this impact: {listed(parts)}."
     who = answers.person_words(run)
-    typical = [f"{x.quantity} was {x.typical.value} {x.unit} ({x.typical.range})" for x in levels(run)]
-    new = [f"{x.quantity} {x.new.value} {x.unit} ({x.new.range})" for x in levels(run)]
+    these = [x for x in levels(run) if x.these]
+    others = [x for x in levels(run) if not x.these]
+    typical = [f"{x.quantity} was {x.typical.value} {x.unit} ({x.typical.range})" for x in others]
+    new = [f"{x.quantity} {x.new.value} {x.unit} ({x.new.range})" for x in others]
     whose = who["typical"] if run.people_count == 1 else f"a {who['typical']}"
-    return f"Of {whose} {listed(typical)}. Of a {who['new']} it is predicted as {listed(new)}."
+    together = [
+        f"Of {meaning(TOGETHER).level} {x.quantity}, force over depth at the greatest depth, was "
+        f"{x.new.value} {x.unit} ({x.new.range}). "
+        for x in these
+    ]
+    predicted = f"Of a {who['new']} it is predicted as {listed(new)}."
+    return f"{''.join(together)}Of {whose} {listed(typical)}. {predicted}"
 
 
 def _comparison(contrast: Mapping[str, Any]) -> str:
@@ -239,9 +248,13 @@ def _table(run: FitRun) -> pd.DataFrame:
     by, rows = answers.answering(run), []
     if len(run.impacts) > 1:
         who = answers.person_words(run)
+        if run.element_alone:
+            rows.append([f"K_secant, {meaning(TOGETHER).level}", _cell(levels(run)[0].new), ""])
         for name in ("typical", "new"):
-            rows.append([who[name], *(_cell(getattr(level, name)) for level in levels(run))])
-    for (factor, level, against), part in run.contrasts.groupby(["factor", "level", "against"], sort=False):
+            shown = ["" if level.these else _cell(getattr(level, name)) for level in levels(run)]
+            rows.append([who[name], *shown])
+    compared = run.contrasts[run.contrasts["quantity"].isin(run.of_tissue)]
+    for (factor, level, against), part in compared.groupby(["factor", "level", "against"], sort=False):
         same_levels = run.contrasts[(run.contrasts["level"] == level) & (run.contrasts["against"] == against)]
         of_factor = f" of {factor}" if (same_levels["factor"] != factor).any() else ""
         name = "ratio of ratios" if study.kinds(run)[part.index[0]] == INTERACTION else "ratio"

@@ -57,6 +57,8 @@ def write_workbook(
 def people_wide(posterior: xr.Dataset, rows: pd.DataFrame) -> tuple[pd.DataFrame, dict[str, str]]:
     """A row a person, a column for K and for C by condition and by what else divides a person's impacts.
 
+    Beside a discrepancy K_secant stands in place of K, which is the element's own.
+
     A cell is the posterior median of the geometric mean over the person's impacts there, so that it is drawn
     towards those of others as the model has it; analysing cells as if they were measured ignores that, and
     their intervals. What is the same in all of a person's impacts, such as sex, has a column of its own.
@@ -76,7 +78,8 @@ def people_wide(posterior: xr.Dataset, rows: pd.DataFrame) -> tuple[pd.DataFrame
     for name in of_person:
         columns[name] = rows.groupby(subject)[name].first().reindex(people).to_numpy()
         meanings[name] = f"{name} of the person"
-    for quantity, unit in UNITS.items():
+    stiffness = "K_secant" if "K_secant_of_impacts" in posterior else "K"
+    for quantity, unit in zip((stiffness, "C"), UNITS.values(), strict=True):
         draws = posterior[quantity].transpose("impact", ...).to_numpy()
         draws = np.log(draws).reshape(len(rows), -1)
         for cell in dict.fromkeys(cells):

@@ -12,6 +12,7 @@ from markupsafe import Markup
 
 from bayestissue.figures.intervals import intervals
 from bayestissue.figures.theme import Figure
+from bayestissue.inference.samplers.diagnostics import ELEMENT_ALONE
 from bayestissue.outline import counted
 from bayestissue.report.page import part, render_page
 from bayestissue.report.tables import Field, Table, number_field, table_of
@@ -64,6 +65,8 @@ def _line(row: dict[str, Any]) -> dict[str, str]:
         detail = interval(row["low"], row["high"])
     else:
         answer, detail = "no answer", row["note"].removeprefix("no answer: ")
+    if ELEMENT_ALONE in row["note"] and ELEMENT_ALONE not in detail:
+        detail = f"{detail}; {ELEMENT_ALONE}"
     return {"question": question, "answer": answer, "beside": detail}
 
 

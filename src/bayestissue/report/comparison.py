@@ -206,7 +206,8 @@ def page_of(tables: Mapping[str, pd.DataFrame], record: dict[str, Any]) -> str:
     answers = tables.get("answers", table_of_rows("answers"))
     runs = record["runs"]
     names = [str(run["name"]) for run in runs]
-    same = same_element(runs)
+    # Beside a discrepancy K is the element's own, of which there are no rows.
+    same = same_element(runs) and set(posteriors.loc[posteriors["variable"] == "K_new", "run"]) == set(names)
     shown = {q: f"{q}_new" if same else together for q, together in OF_IMPACTS.items()}
     return render_page(
         "comparison.html",

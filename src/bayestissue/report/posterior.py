@@ -31,6 +31,8 @@ Quantity = Literal["K", "C"]
 QUANTITIES: tuple[Quantity, ...] = ("K", "C")
 # Of these K there is a mass exponent where K depends on depth.
 COMMON_DEPTH, OWN_DEPTH = "K_common_depth", "K_secant"
+# Of runs with a discrepancy, whose K is the element's own.
+TOGETHER = "K_secant_of_impacts"
 FIXED, CONSTANT = "fixed stiffness", "constant natural frequency"
 # Above this a hypothesis is spoken of as what the data say; below one minus this, as what they rule out.
 SURE = 0.9
@@ -137,11 +139,16 @@ _GRID = 60
 def mass_curve(run: PosteriorRun, quantity: str, masses: np.ndarray, reference: float) -> pd.DataFrame:
     """K (or C) of a typical person over the range of ``masses`` [kg], as `over_mass` draws it.
 
-    ``reference`` is the mass at which people are reported.
+    ``reference`` is the mass at which people are reported. Beside a discrepancy the curve is that of K_secant
+    of the recorded impacts, about their mean log mass.
     """
     grid = np.geomspace(0.93 * masses.min(), 1.07 * masses.max(), _GRID)
-    drawn, ratio = typical_draws(run, quantity), grid / reference
-    level = float(np.median(drawn))
+    if quantity == "K" and run.has(TOGETHER):
+        quantity, drawn = OWN_DEPTH, run.draws(TOGETHER)
+        reference = float(np.exp(np.log(masses).mean()))
+    else:
+        drawn = typical_draws(run, quantity)
+    ratio, level = grid / reference, float(np.median(drawn))
     curve = pd.DataFrame({"mass_kg": grid, "exponent 0": level, "exponent 1": level * ratio})
     if not run.has(f"mass_exponent_{quantity}"):
         return curve
@@ -151,34 +158,49 @@ def mass_curve(run: PosteriorRun, quantity: str, masses: np.ndarray, reference: 
 
 
 class Levels(NamedTuple):
-    """K or C of a typical person, and of a new one."""
+    """K or C of a typical person, and of a new one; or of ``these`` impacts together, which then is new."""
 
     quantity: str
     unit: str
     typical: Spread
     new: Spread
+    these: bool = False
 
 
 def levels(run: PosteriorRun) -> list[Levels]:
-    """For K and for C: the typical person's value and interval, and a new person's."""
-    return [Levels(q, UNITS[q], typical(run, q), new_person(run, q)) for q in QUANTITIES]
+    """For K and for C: the typical person's value and interval, and a new person's.
+
+    Beside a discrepancy K_secant of these impacts together stands in place of K, the element's own.
+    """
+    found = [Levels(q, UNITS[q], typical(run, q), new_person(run, q)) for q in QUANTITIES]
+    if run.has(TOGETHER):
+        together = spread(run.draws(TOGETHER))
+        found[0] = Levels(OWN_DEPTH, UNITS["K"], together, together, these=True)
+    return found
 
 
 def sureness(run: PosteriorRun) -> list[dict[str, str]]:
-    """For K and for C: the relative half-widths of the intervals and the spreads, as text."""
-    return [
-        {
-            "quantity": quantity,
-            "typical": relative(typical(run, quantity).factor),
-            "new": relative(new_person(run, quantity).factor),
-            **{
-                level: relative(np.expm1(np.median(run.draws(f"sd_{level}_{quantity}"))))
-                for level in ("subject", "trial", "impact")
-                if run.has(f"sd_{level}_{quantity}")
-            },
-        }
-        for quantity in QUANTITIES
-    ]
+    """For K and for C: the relative half-widths of the intervals and the spreads, as text.
+
+    Of K_secant, in place of a K that is the element's own, that of these impacts ``together``.
+    """
+    if run.has(TOGETHER):
+        together = relative(spread(run.draws(TOGETHER)).factor)
+        return [{"quantity": OWN_DEPTH, "together": together}, _sureness(run, "C")]
+    return [_sureness(run, quantity) for quantity in QUANTITIES]
+
+
+def _sureness(run: PosteriorRun, quantity: str) -> dict[str, str]:
+    return {
+        "quantity": quantity,
+        "typical": relative(typical(run, quantity).factor),
+        "new": relative(new_person(run, quantity).factor),
+        **{
+            level: relative(np.expm1(np.median(run.draws(f"sd_{level}_{quantity}"))))
+            for level in ("subject", "trial", "impact")
+            if run.has(f"sd_{level}_{quantity}")
+        },
+    }
 
 
 def exponent_rows(run: PosteriorRun, answering: Mapping[str, str] | None = None) -> list[dict[str, str]]:

@@ -189,8 +189,10 @@ def summary_table(summary: pd.DataFrame, variables: Collection[str]) -> Table:
     def places(line: Any) -> int:
         return decimals_of(line.eti90_high - line.eti90_low)
 
+    chosen = summary[summary["variable"].isin(variables)]
+    noted = "note" in chosen and bool(chosen["note"].ne("").any())
     return table_of(
-        lines(summary[summary["variable"].isin(variables)]),
+        lines(chosen),
         Field("variable", lambda line: line.variable),
         Field("label", lambda line: line.label),
         Field("unit", lambda line: line.unit),
@@ -199,6 +201,7 @@ def summary_table(summary: pd.DataFrame, variables: Collection[str]) -> Table:
         Field("90 %", lambda line: ends(line, 90), "number"),
         Field("effective draws", lambda line: number(line.ess_bulk, 0), "number"),
         Field("R̂", lambda line: number(line.r_hat, 3), "number"),
+        *[Field("note", lambda line: line.note, "words")] * noted,
     )
 
 

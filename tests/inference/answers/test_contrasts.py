@@ -13,6 +13,7 @@ from bayestissue.inference.answers.contrasts import ALL, contrasts, people_compa
 from bayestissue.inference.answers.grammar import parse
 from bayestissue.inference.answers.meaning import draws_of as draws_at
 from bayestissue.inference.answers.meaning import mistakes
+from bayestissue.inference.samplers.diagnostics import ELEMENT_ALONE
 from bayestissue.results.tables import columns_of
 from designs import REFERENCE, impacts
 
@@ -53,6 +54,25 @@ def test_a_ratio_with_its_interval_and_probabilities_is_that_of_the_draws() -> N
     wider = contrasts(draws, recorded("side"), ["K"], 0.2)["p_equivalent"][0]
     assert wider == (abs(log) < np.log(1.2)).mean()
     assert contrasts(draws, recorded("log(mass_kg) + (1|subject)"), ["K"], 0.1).empty
+
+
+def test_beside_a_discrepancy_ratios_of_k_are_the_element_s_and_people_have_their_secants() -> None:
+    values = {"intercept_K": 7.0, "effect_of_side[right]_K": -0.08, "K_secant_of_impacts": 2000.0}
+    values |= {"intercept_C": 3.0, "effect_of_side[right]_C": -0.08}
+    rng = np.random.default_rng(1)
+    draws, of = draws_of(rng, 0.05, values), recorded("side")
+    both = Recorded(of.rows, {"K": "side", "C": "side"}, REFERENCE)
+    notes = contrasts(draws, both, ["K", "C"], 0.1).set_index("quantity")["note"]
+    assert notes.to_dict() == {"K": ELEMENT_ALONE, "C": ""}
+    people = recorded("(1|subject)").levels("subject")
+    secants = {"K_secant_of_subject": (("chain", "draw", "subject"), rng.normal(9, 1, (*SHAPE, len(people))))}
+    effects = {"subject_effect_K": (("chain", "draw", "subject"), np.zeros((*SHAPE, len(people))))}
+    draws = draws.assign(secants | effects).assign_coords(subject=people)
+    found = people_compared(draws, recorded("(1|subject)"), ["K"])
+    assert set(found["quantity"]) == {"K_secant"}
+    first, second = (draws["K_secant_of_subject"].sel(subject=name) for name in people[:2])
+    row = found[(found["person"] == people[0]) & (found["against"] == people[1])].iloc[0]
+    assert row["p_greater"] == float((first > second).mean())
 
 
 @pytest.mark.parametrize(

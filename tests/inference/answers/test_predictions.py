@@ -11,6 +11,8 @@ from bayestissue import Run, read_run
 from bayestissue.errors import InputError
 from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.predictions import NO_LAW, predict, read_conditions
+from bayestissue.inference.answers.questions import ask, numbered
+from bayestissue.inference.samplers.diagnostics import ELEMENT_ALONE
 from bayestissue.oscillator.impact import peak_displacement, time_to_peak
 from make_fit_run import make_fit_run
 
@@ -96,6 +98,21 @@ def test_beside_a_discrepancy_there_are_no_peaks(run: Run) -> None:
     assert table["K_N_per_m"].notna().all()
     assert table["peak_force_N"].isna().all()
     assert table["note"][0] == NO_LAW
+    # Beside K_secant, which earlier versions' runs have as K, it is the element's own.
+    posterior = finished.posterior.assign(K_secant_of_impacts=finished.posterior["K_new"])
+    alone = Finished(posterior, None, finished.recorded, discrepancy=True)
+    assert predict(alone, [{"mass_kg": 1.0}])["note"][0] == f"{ELEMENT_ALONE}; {NO_LAW}"
+    asked = [
+        "K[subject=s1] > 1",
+        "K_new",
+        "K[impact=t0-s0]",
+        "mass_exponent_K > 0",
+        "C",
+        "K_secant_of_impacts",
+    ]
+    notes = ask(alone, numbered(asked))["note"]
+    assert notes.str.contains(ELEMENT_ALONE, regex=False).tolist() == [True] * 4 + [False] * 2
+    assert not ask(without, numbered(asked[:4]))["note"].str.contains(ELEMENT_ALONE, regex=False).any()
 
 
 def test_from_the_run_and_its_table_all_faults_at_once(run: Run, tmp_path: Path) -> None:

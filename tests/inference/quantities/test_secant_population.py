@@ -1,67 +1,65 @@
-"""K as the secant stiffness of a fit with a discrepancy."""
+"""K as the chain draws it, and the secant stiffness of the recorded impacts beside it."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pandas as pd
+import pytest
+import xarray as xr
 
-from bayestissue.hierarchy.design import Design, build_design
+from bayestissue.hierarchy.design import build_design
 from bayestissue.hierarchy.specification import Formulas
-from bayestissue.inference.quantities.secants import shifted
+from bayestissue.inference import fit
+from bayestissue.inference.quantities.together import comparable_draws
+from bayestissue.inference.samplers.sampling import ConstrainedDraws
 
-PEOPLE, CONDITIONS, DRAWS = 4, 3, 5
-EPSILON = np.finfo(float).eps
+PEOPLE, CONDITIONS, SHAPE = 4, 3, (2, 5)
 
 
-def balanced_design() -> Design:
+class LabelledError(Exception):
+    """Raised in place of labelling."""
+
+
+def test_draws_of_k_are_labelled_as_the_chain_has_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside a discrepancy too, where K_secant is another number."""
     subject, trial = (each.ravel() for each in np.mgrid[:PEOPLE, :CONDITIONS])
-    mass = 0.7 * np.exp(np.linspace(-0.5, 0.5, CONDITIONS)[trial])
-    rows = pd.DataFrame({"subject": subject, "trial": trial, "mass_kg": mass})
-    return build_design(Formulas(), rows, reference_mass_kg=0.7, source="the model file")
-
-
-def test_a_shift_of_the_hierarchy_s_own_shape_goes_where_it_belongs() -> None:
-    design, random = balanced_design(), np.random.default_rng(1)
-    line = random.normal(size=(2, DRAWS, 2))
-    person = random.normal(size=(2, DRAWS, PEOPLE))
-    person -= person.mean(-1, keepdims=True)
-    log_mass = design.responses["K"].log_mass
-    assert log_mass is not None
-    shift = line[..., :1] + line[..., 1:] * log_mass + person[..., design.subject]
-    sites = {
-        "intercept_K": np.full((2, DRAWS), 8.0),
-        "mass_exponent_K": np.zeros((2, DRAWS)),
-        "subject_effect_K": np.zeros((2, DRAWS, PEOPLE)),
-        "trial_effect_K": np.zeros((2, DRAWS, CONDITIONS)),
-    }
-    found = shifted(design, sites, shift)
-    # A dozen sums of a dozen numbers of order one, and 8 beside them.
-    limit = 200 * EPSILON
-    np.testing.assert_allclose(found["intercept_K"], 8 + line[..., 0], rtol=0, atol=limit)
-    np.testing.assert_allclose(found["mass_exponent_K"], line[..., 1], rtol=0, atol=limit)
-    np.testing.assert_allclose(found["subject_effect_K"], person, rtol=0, atol=limit)
-    np.testing.assert_allclose(found["trial_effect_K"], 0, rtol=0, atol=limit)
-
-
-def test_what_one_impact_has_alone_goes_to_its_person_and_condition_in_part() -> None:
-    design = balanced_design()
-    shift = np.zeros((1, 1, PEOPLE * CONDITIONS))
-    shift[..., 0] = 1.0
-    names = {
-        "intercept_K": (),
-        "mass_exponent_K": (),
-        "subject_effect_K": (PEOPLE,),
-        "trial_effect_K": (CONDITIONS,),
-    }
-    sites = {name: np.zeros((1, 1, *shape)) for name, shape in names.items()}
-    found = shifted(design, sites, shift)
-    log_mass = design.responses["K"].log_mass
-    assert log_mass is not None
-    rows = (
-        found["intercept_K"][..., None]
-        + found["mass_exponent_K"][..., None] * log_mass
-        + found["subject_effect_K"][..., design.subject]
-        + found["trial_effect_K"][..., design.trial]
+    rows = pd.DataFrame({"subject": subject, "trial": trial, "mass_kg": 0.5 + 0.2 * trial})
+    design = build_design(Formulas(), rows, reference_mass_kg=0.7, source="the model file")
+    random = np.random.default_rng(1)
+    sites = {"intercept_K": (), "mass_exponent_K": (), "subject_effect_K": (4,), "trial_effect_K": (3,)}
+    impacts = {name: np.exp(random.normal(7, 1, (*SHAPE, len(rows)))) for name in ("K", "K_secant")}
+    drawn = ConstrainedDraws(
+        {name: random.normal(size=(*SHAPE, *shape)) for name, shape in sites.items()}, impacts, {}
     )
-    # The two-way layout's own projection: row mean + column mean - mean.
-    table = shift.reshape(PEOPLE, CONDITIONS)
-    expected = table.mean(1, keepdims=True) + table.mean(0) - table.mean()
-    np.testing.assert_allclose(rows.reshape(PEOPLE, CONDITIONS), expected, rtol=0, atol=100 * EPSILON)
+    seen: list[ConstrainedDraws] = []
+
+    def tree(prepared: Any, specification: Any, statistics: Any, constrained: Any, seed: int) -> None:
+        seen.append(constrained)
+        raise LabelledError
+
+    monkeypatch.setattr(fit, "posterior_tree", tree)
+    prepared: Any = SimpleNamespace(design=design, model=SimpleNamespace(discrepancy=True))
+    chains: Any = SimpleNamespace(log_likelihood=np.zeros(SHAPE))
+    before = {name: values.copy() for name, values in {**drawn.sites, **drawn.impacts}.items()}
+    with pytest.raises(LabelledError):
+        fit.label(prepared, Any, drawn, chains, 0, lambda *_: None)
+    after = {**seen[0].sites, **seen[0].impacts}
+    for name, values in before.items():
+        np.testing.assert_array_equal(after[name], values, err_msg=name)
+
+
+def test_these_impacts_and_each_person_s_have_the_geometric_mean_of_their_own() -> None:
+    draws = np.exp(np.random.default_rng(2).normal(7, 0.3, (*SHAPE, 3)))
+    people = np.array(["b", "a", "b"])
+    posterior = xr.Dataset({"K_secant": (("chain", "draw", "impact"), draws)})
+    found = comparable_draws(posterior, people)
+    assert set(found) == {"K_secant_of_impacts", "K_secant_of_subject"}
+    # Roundings of a logarithm, a sum and an exponential.
+    close = {"rtol": 100 * np.finfo(float).eps}
+    np.testing.assert_allclose(found["K_secant_of_impacts"], draws.prod(-1) ** (1 / 3), **close)
+    of_people = found["K_secant_of_subject"]
+    np.testing.assert_allclose(of_people.sel(subject="a"), draws[..., 1], **close)
+    np.testing.assert_allclose(of_people.sel(subject="b"), np.sqrt(draws[..., 0] * draws[..., 2]), **close)

@@ -197,14 +197,6 @@ def test_a_trace_alone_has_its_own_errors_and_the_mass_s(
         measured = np.median(N[:, place, place] + 0.002**2)
         # Where the population would add a millionth of what it says.
         assert sources.measurement_sd(table.reset_index(), q) == pytest.approx(np.sqrt(measured), rel=1e-3)
-    # Beside a discrepancy a trace of variance M leaves v of the secant stiffness: 1/v = 1/M + 1/I.
-    M, scatter = 0.03**2, 0.05**2
-    v = np.full(5, 1 / (1 / M + 1 / scatter))
-    made = {q: {"noise": np.full(5, 0.2)} for q in "KC"}
-    scatters = {"K": scatter, "C": scatter}
-    beside = sources._of_traces(made, {"K": v, "C": v}, scatters, discrepancy=True)
-    assert sources.measurement_sd(beside, "K") == pytest.approx(0.03)
-    assert sources.measurement_sd(beside, "C") == pytest.approx(np.sqrt(0.2))
 
 
 def test_a_mass_that_a_person_s_impacts_share_is_a_source_of_the_mean(

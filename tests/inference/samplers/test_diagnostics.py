@@ -9,6 +9,7 @@ import xarray as xr
 from bayestissue.inference.results.summary import summarise
 from bayestissue.inference.samplers.diagnostics import (
     CONTRADICTED,
+    ELEMENT_ALONE,
     NO_INTERVAL,
     diagnose,
     headline,
@@ -123,3 +124,23 @@ def test_rows_of_the_summary_say_where_an_interval_is_none() -> None:
     assert noted(table, some)["note"].tolist() == [NO_INTERVAL, "", ""]
     every = {"model_form": {"undescribed": True, "undescribed_impacts": []}}
     assert noted(table, every)["note"].tolist() == [NO_INTERVAL] * 3
+
+
+def test_beside_a_discrepancy_rows_of_k_say_that_it_is_the_element_s_own() -> None:
+    of_element = [
+        *("K", "K_subject", "K_cell", "K_trial", "K_typical_person", "K_new", "K_side", "K_subject_side"),
+        *("K_tangent", "intercept_K", "mass_exponent_K", "sd_trial_K", "subject_effect_K"),
+        "effect_of_side[right]_K",
+    ]
+    others = [
+        *("C", "C_subject", "mass_exponent_C", "K_secant", "K_secant_of_subject", "K_common_depth"),
+        *("mass_exponent_K_secant", "mass_exponent_K_common_depth", "omega_n", "discrepancy"),
+    ]
+    table = pd.DataFrame({"variable": [*of_element, *others], "label": "a"})
+    form = {"discrepancy": 0.05, "undescribed": False, "undescribed_impacts": []}
+    notes = noted(table, {"model_form": form})["note"].tolist()
+    assert notes == [ELEMENT_ALONE] * len(of_element) + [""] * len(others)
+    assert noted(table, {"model_form": {"score": 1.0}})["note"].eq("").all()
+    # What is no interval at all is that first.
+    named = form | {"undescribed_impacts": ["a"]}
+    assert noted(table, {"model_form": named})["note"].eq(NO_INTERVAL).all()

@@ -47,6 +47,7 @@ from bayestissue.hierarchy.formulas.group_terms import SUBJECT, labels_of
 from bayestissue.hierarchy.levels import Condition, Recorded, label_of, log_at_levels
 from bayestissue.inference.answers.grammar import Node, Number, Quantity, QuestionError, parse
 from bayestissue.inference.answers.meaning import quantities
+from bayestissue.inference.samplers.diagnostics import ELEMENT_ALONE
 from bayestissue.results.tables import joined
 
 ALL = "mean of all"
@@ -134,7 +135,8 @@ def contrasts(
         questions: of the model, whose directions are taken.
 
     Returns:
-        ``ratio`` is the median, ``low`` and ``high`` the ends of the 90 % equal-tailed interval.
+        ``ratio`` is the median, ``low`` and ``high`` the ends of the 90 % equal-tailed interval. Beside a
+        discrepancy ``note`` says of K that it is the element's own.
     """
     tables, directions = [], asked_directions(questions)
     for response in responses:
@@ -148,7 +150,11 @@ def contrasts(
     # K and C of a contrast one below the other.
     table = joined("contrasts", tables)
     order = table.groupby(_TEXT, sort=False).ngroup()
-    return table.iloc[np.argsort(order, kind="stable")].reset_index(drop=True)
+    table = table.iloc[np.argsort(order, kind="stable")].reset_index(drop=True)
+    if "K_secant_of_impacts" in draws:
+        of_K = table["quantity"] == "K"
+        table.loc[of_K, "note"] = (table["note"] + f"; {ELEMENT_ALONE}").str.removeprefix("; ")[of_K]
+    return table
 
 
 def asked_directions(questions: Iterable[str]) -> frozenset[tuple[str, str, str]]:
@@ -416,7 +422,8 @@ def people_compared(draws: xr.Dataset, recorded: Recorded, responses: Sequence[s
 
     Returns:
         ``p_greater`` is the probability that the person's is greater, ``ratio`` the posterior median of the
-        person's over the other's, ``low`` and ``high`` the ends of its 90 % interval.
+        person's over the other's, ``low`` and ``high`` the ends of its 90 % interval. Beside a discrepancy
+        K_secant of the person's own impacts stands in place of K, which is the element's alone.
     """
     people = recorded.levels("subject")
     first, second = np.triu_indices(len(people), 1)
@@ -425,6 +432,11 @@ def people_compared(draws: xr.Dataset, recorded: Recorded, responses: Sequence[s
         if SUBJECT not in group_terms(recorded.formulas.get(response)) or not 2 <= len(people) <= MOST_PEOPLE:
             continue
         logs = log_at_levels(draws, recorded, response, [{"subject": name} for name in people])
+        if response == "K" and "K_secant_of_subject" in draws:
+            response = "K_secant"
+            logs = np.log(
+                draws["K_secant_of_subject"].sel(subject=people).transpose(..., "subject").to_numpy()
+            )
         logs = logs.reshape(-1, len(people))
         ratio = logs[:, first] - logs[:, second]
         low, median, high = np.exp(np.percentile(ratio, [5, 50, 95], axis=0))

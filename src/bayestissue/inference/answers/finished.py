@@ -35,6 +35,11 @@ class Finished:
     discrepancy: bool = False
     gravity: float = 0.0
 
+    @property
+    def element_alone(self) -> bool:
+        """Whether K is not the tissue's but the element's; earlier versions' runs have K_secant as K."""
+        return "K_secant_of_impacts" in self.posterior
+
     @classmethod
     def from_tree(cls, tree: xr.DataTree, model: Mapping[str, Any]) -> Finished:
         """Of the groups `GROUPS` of ``posterior.nc`` and the model as ``run.json`` has it resolved."""

@@ -28,6 +28,7 @@ from bayestissue.hierarchy.effects import RESPONSES, intercept, parameter_of, sd
 from bayestissue.hierarchy.levels import NEW, Condition, Recorded, log_at_levels
 from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.checking.pooled_parameters import pooled_parameters
+from bayestissue.inference.samplers.diagnostics import ELEMENT_ALONE
 
 # Units stand in the names of the columns; each has beside it the ends of the 90 % interval, _low and _high.
 QUANTITIES = {
@@ -84,7 +85,8 @@ def predict(finished: Finished, conditions: Sequence[Condition]) -> pd.DataFrame
         for value in conditions
     ]
     if finished.discrepancy:
-        notes = [[*value, NO_LAW] for value in notes]
+        alone = [ELEMENT_ALONE] * finished.element_alone
+        notes = [[*value, *alone, NO_LAW] for value in notes]
     else:
         arguments = {"diameter_m": diameter}
         if finished.gravity:

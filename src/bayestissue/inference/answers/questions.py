@@ -36,6 +36,7 @@ from bayestissue.inference.answers.meaning import (
 from bayestissue.inference.results.meanings import MOSTLY
 from bayestissue.inference.results.summary import prior_overlap
 from bayestissue.inference.samplers.convergence import effective_size
+from bayestissue.inference.samplers.diagnostics import ELEMENT_ALONE, of_element_alone
 from bayestissue.results.tables import table_of_rows
 
 FEWEST = 10
@@ -153,7 +154,9 @@ def _answer(finished: Finished, question: Question) -> dict[str, Any]:
             p_0, error_0, size_0 = _probability(prior)
             factor, note = _bayes_factor(p, size, p_0, size_0)
             row |= {"prior": p_0, "prior_mcse": error_0, "prior_draws": prior.size, "bayes_factor": factor}
-    return row | {"note": "; ".join(filter(None, [note, *_of_levels(finished.recorded, node)]))}
+    alone = finished.element_alone and any(of_element_alone(q.name) for q in quantities(node))
+    notes = [note, *_of_levels(finished.recorded, node), *[ELEMENT_ALONE] * alone]
+    return row | {"note": "; ".join(filter(None, notes))}
 
 
 def _of_levels(recorded: Recorded, node: Node) -> list[Coded]:

@@ -23,9 +23,11 @@ from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.execution.kept import some_impacts, some_of
 from bayestissue.inference.quantities.elements import per_impact
 from bayestissue.inference.quantities.secants import EXPONENTS, mass_exponents_of_secants
+from bayestissue.inference.quantities.together import comparable_draws
 from bayestissue.inference.results.labels import (
     design_attributes,
     design_dimensions,
+    element_attributes,
     labelled,
     of_one_person,
 )
@@ -72,9 +74,14 @@ def posterior_tree(
     priors = compiled_quickly(specification.complete_priors().log_densities)(
         {k: v for k, v in constrained.sites.items() if k in quantities}
     )
-    log_likelihood = constrained.log_likelihood
+    log_likelihood, posterior = constrained.log_likelihood, of_all_impacts(quantities)
+    if whole.model.discrepancy:
+        people = np.array(whole.design.subjects)[whole.design.subject]
+        attributes = element_attributes()
+        together = comparable_draws(posterior[["K_secant"]], people)
+        posterior = posterior.assign({n: v.assign_attrs(attributes[n]) for n, v in together.items()})
     groups = {
-        "posterior": of_all_impacts(quantities),
+        "posterior": posterior,
         "sample_stats": statistics,
         "log_likelihood": of_impacts({"trace": log_likelihood["trace"]}),
         "log_likelihood_of_groups": of_impacts({k: v for k, v in log_likelihood.items() if k != "trace"}),

@@ -55,8 +55,6 @@ _RIDGE = 1e-6
 # Of a standard normal, the median of its absolute value.
 _MEDIAN = 0.6745
 _TERMS = {SUBJECT: PEOPLE, TRIAL: CONDITIONS}
-# Where an impact's posterior is as wide as the scatter between impacts, its trace tells anything or nothing.
-_LEAST_TOLD = 0.2
 _NUISANCE = {
     "noise": NOISE,
     "atanh_theta1": NOISE,
@@ -76,11 +74,11 @@ def uncertainty_budget(prepared: Prepared, constrained: ConstrainedDraws) -> pd.
         ``interval_sources.csv``. ``level`` is `IMPACT` (shares are means over the recorded impacts, or a
         hundred evenly spaced ones), `TYPICAL_PERSON` (the population's K and C at the reference mass; not
         where impacts are many), `NEW_PERSON` (a new impact on a new person) or `TRACE` (an impact from its
-        trace alone, without what the population tells; of K beside a discrepancy without sources). ``share``
-        is of the variance, and ``sd`` what the source alone would make the standard deviation of the log, the
-        median over impacts. The shares add up to that of `ALL`, 1; `DRAWN` has the variance of the draws
-        relative to it. `WINDOW` is what a window a tenth shorter would move, no part of the sum, and
-        `WINDOW_BY_NOISE` what it may.
+        trace alone, without what the population tells). ``share`` is of the variance, and ``sd`` what the
+        source alone would make the standard deviation of the log, the median over impacts. The shares add up
+        to that of `ALL`, 1; `DRAWN` has the variance of the draws relative to it. `WINDOW` is what a window a
+        tenth shorter would move, no part of the sum, and `WINDOW_BY_NOISE` what it may. K is the element's
+        own, beside a discrepancy too.
     """
     many = constrained.kept_numbers is not None
     rows = np.arange(len(prepared.impacts))
@@ -91,11 +89,10 @@ def uncertainty_budget(prepared: Prepared, constrained: ConstrainedDraws) -> pd.
     middle = _Hierarchy(part, _middle(part, constrained, np.median))
     errors = trace_errors(part, u, _RIDGE * np.linalg.inv(middle.omega))
     drawn = {q: np.var(np.log(constrained.impacts[q][:, :, rows]), axis=(0, 1)) for q in RESPONSES}
-    scatter = {q: float(np.median(constrained.sites[f"sd_impact_{q}"] ** 2)) for q in RESPONSES}
-    tables = [_shares(IMPACT, middle.of_impacts(errors, not many), drawn)]
-    tables.append(
-        _of_traces(middle.of_traces(errors), drawn, scatter, discrepancy=prepared.model.discrepancy)
-    )
+    tables = [
+        _shares(IMPACT, middle.of_impacts(errors, not many), drawn),
+        _shares(TRACE, middle.of_traces(errors)),
+    ]
     if (window := None if many else shorter_window(part, u)) is not None:
         ends = (np.median(np.abs(window.moved), axis=0) / _MEDIAN, np.median(window.expected, axis=0))
         rows_of_window = [
@@ -279,34 +276,15 @@ def _new_levels(prepared: Prepared, constrained: ConstrainedDraws, response: str
     return {source: float(np.mean(constrained.sites[name] ** 2)) for source, name in spread.items()}
 
 
-def _of_traces(
-    by_response: dict[str, dict[str, np.ndarray]],
-    drawn: dict[str, np.ndarray],
-    scatter: dict[str, float],
-    *,
-    discrepancy: bool,
-) -> pd.DataFrame:
-    """Of a trace by itself; K beside a discrepancy is the secant's, whose errors are in the draws alone.
-
-    With the scatter I between impacts a trace of variance M leaves v = 1 / (1/M + 1/I).
-    """
-    totals = {}
-    if discrepancy:
-        known_share = np.maximum(1 - drawn["K"] / scatter["K"], _LEAST_TOLD)
-        by_response, totals = {**by_response, "K": {}}, {"K": drawn["K"] / known_share}
-    return _shares(TRACE, by_response, totals=totals)
-
-
 def _shares(
     level: str,
     by_response: Mapping[str, Mapping[str, Variance]],
     drawn: Mapping[str, Variance] = MappingProxyType({}),
-    totals: Mapping[str, Variance] = MappingProxyType({}),
 ) -> pd.DataFrame:
-    """Rows of the variances by response and source; their sum is the total unless given."""
+    """Rows of the variances by response and source; their sum is the total."""
     rows = []
     for response, by_source in by_response.items():
-        total = totals.get(response, sum(by_source.values()))
+        total = sum(by_source.values())
         sources = {**by_source, ALL: total, **({DRAWN: drawn[response]} if drawn else {})}
         rows += [
             (level, response, name, float(np.mean(v / total)), float(np.sqrt(max(np.median(v), 0.0))))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection
 from dataclasses import asdict, dataclass
 from typing import Any, Self
@@ -22,6 +23,11 @@ OF_RECORDINGS = ("recordings", "clipped")
 # Notes of a summary's rows.
 NO_INTERVAL = Coded("not an interval: no element describes these traces", "undescribed")
 CONTRADICTED = Coded("the traces contradict the measuring chain", "measuring-chain")
+ELEMENT_ALONE = Coded(
+    "the element's own part of the force; the tissue's stiffness is K_secant", "element-alone"
+)
+# Variables of K, of which those of element and discrepancy together are none.
+_OF_K = re.compile(r"K(_(?!secant|common_depth).*)?|.*_K")
 
 
 @dataclass(frozen=True)
@@ -123,14 +129,22 @@ def flagged_codes(diagnostics: dict[str, Any]) -> list[Code]:
     return ["flagged-recordings", *named] if flagged else []
 
 
+def of_element_alone(variable: str) -> bool:
+    """Whether beside a discrepancy a variable is of the element's own K, which is not the tissue's."""
+    return _OF_K.fullmatch(variable) is not None
+
+
 def noted(summary: pd.DataFrame, diagnostics: dict[str, Any]) -> pd.DataFrame:
     """The summary with a column ``note``: why a row's interval is none, empty where it is one.
 
-    Rows are marked by impact, and every row where all impacts are concerned.
+    Rows are marked by impact, and every row where all impacts are concerned. Beside a discrepancy those of
+    K say that they are the element's own.
     """
     chain, form = diagnostics.get("measuring_chain", {}), diagnostics.get("model_form", {})
     all_rows, label = np.ones(len(summary), bool), summary["label"].astype(str)
     note = np.full(len(summary), "", dtype=object)
+    if "discrepancy" in form:
+        note[summary["variable"].map(of_element_alone)] = ELEMENT_ALONE
     if chain.get("passed") is False:
         whole = len(chain["impacts"]) == chain["of"]
         note[all_rows if whole else label.isin(chain["impacts"])] = CONTRADICTED

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from markupsafe import Markup
 
-from bayestissue.hierarchy.formulas.group_terms import stem_of
 from bayestissue.inference.results.meanings import UNITS
 from bayestissue.report.fit.estimates import apparent_exponent, dds_ratio, held_by_intervals, mass_varies
 from bayestissue.report.fit.population import differing_words
@@ -24,6 +23,10 @@ from bayestissue.report.posterior import (
 )
 from bayestissue.report.wording import likelihood_words, listed, relative, significant
 
+_SECANT = (
+    "It is force over depth at the greatest depth, the tissue's stiffness; K in tables is the element's own "
+    "part of the force."
+)
 _ASSUMED = (
     "Beside a discrepancy the damper's part of the force at that depth is told by the force's slope at the "
     "greatest depth, where the velocity is 0. It is assumed that the damper is the same at all depths."
@@ -47,7 +50,7 @@ def has_common_depth(run: FitRun) -> bool:
 
 def answering(run: FitRun) -> dict[str, str]:
     """For K and for C, by whose mass exponent the page answers: K's is that at a common depth, if any."""
-    return {q: COMMON_DEPTH if q == "K" and has_common_depth(run) else q for q in QUANTITIES}
+    return run.symbols | ({"K": COMMON_DEPTH} if has_common_depth(run) else {})
 
 
 def depth_words(run: FitRun) -> str:
@@ -128,7 +131,15 @@ def the_only_impact(run: FitRun) -> list[tuple[str, str, Spread]]:
     if len(run.impacts) > 1:
         return []
     ends = ["median", "eti90_low", "eti90_high"]
-    return [(q, UNITS[q], Spread(*run.of_impacts(q)[ends].to_numpy()[0])) for q in QUANTITIES]
+    return [
+        (run.symbols[q], UNITS[q], Spread(*table[ends].to_numpy()[0]))
+        for q, table in run.side_by_side.items()
+    ]
+
+
+def secant_sentence(run: FitRun) -> str:
+    """What K_secant is beside the element's own K; empty of other runs."""
+    return _SECANT if run.element_alone else ""
 
 
 def averaged_over(run: FitRun, variable: str) -> str:
@@ -138,12 +149,12 @@ def averaged_over(run: FitRun, variable: str) -> str:
 
 def averaged_sentence(run: FitRun, *, by_level: bool = True) -> str:
     """A sentence on what a typical or new person is averaged over, ``by_level`` with K and C by category."""
-    over = averaged_over(run, "K_new")
+    over = averaged_over(run, "C_new" if run.element_alone else "K_new")
     if not over:
         return ""
     sentences = [f"Averaged over {over}, each level with equal weight."]
     for name in over.split(" and ") if by_level else ():
-        variables = {q: f"{q}_{stem_of(name)}" for q in QUANTITIES if run.has(f"{q}_{stem_of(name)}")}
+        variables = {q: variable for q in QUANTITIES if (variable := run.of_levels(q, name))}
         if not variables or len(run.labels(name)) > _MOST_CATEGORIES:
             continue
         levels = []
@@ -156,7 +167,7 @@ def averaged_sentence(run: FitRun, *, by_level: bool = True) -> str:
 
 
 def impact_sureness(run: FitRun, quantity: str) -> str:
-    """How closely the median impact's own K (or C) is known, as "±0.8 %": half its 90 % interval."""
+    """How closely the median impact's own K (K_secant, C) is known, as "±0.8 %": half its 90 % interval."""
     table = run.of_impacts(quantity)
     return relative(float(np.sqrt((table["eti90_high"] / table["eti90_low"]).median()) - 1))
 
@@ -170,7 +181,7 @@ def held_sentence(run: FitRun) -> str:
 
 def method_sentence(run: FitRun) -> str:
     """How the thesis's point estimates compare in size with the posterior."""
-    ratios = [f"{significant(dds_ratio(run, quantity), 2)} times this {quantity}" for quantity in QUANTITIES]
+    ratios = [f"{significant(dds_ratio(run, q), 2)} times this {run.symbols[q]}" for q in QUANTITIES]
     return f"The thesis's method gives {listed(ratios)} on the same traces (median impact)."
 
 

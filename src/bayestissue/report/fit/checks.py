@@ -254,7 +254,8 @@ def sources_words(run: FitRun) -> list[str]:
         said.append(
             "The element is taken as true: no part of these intervals stands for another law of the tissue."
         )
-    return [*said, _window_words(sources), *_approximation_remarks(sources, levels)]
+    alone = ["K is the element's own here: of K_secant the sources are not told apart."] * run.element_alone
+    return [*alone, *said, _window_words(sources), *_approximation_remarks(sources, levels)]
 
 
 def _largest_sources(sources: pd.DataFrame, level: str, quantity: str) -> str:

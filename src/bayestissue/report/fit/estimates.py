@@ -43,7 +43,7 @@ def held_by_intervals(run: FitRun, quantity: str) -> list[Held]:
         return []
     ends = {level: (table[f"eti{level}_low"], table[f"eti{level}_high"]) for level in (50, 90)}
     held = {level: int(table["truth"].between(low, high).sum()) for level, (low, high) in ends.items()}
-    return [Held(quantity, level, count, len(table)) for level, count in held.items()]
+    return [Held(run.symbols[quantity], level, count, len(table)) for level, count in held.items()]
 
 
 # Of how many intervals hold the truth: rows with quantity, level, held and impacts.
@@ -124,8 +124,8 @@ def estimates_table(run: FitRun) -> Table:
     for quantity, table in tables.items():
         spreads = [Spread(*row) for row in table[["median", "eti90_low", "eti90_high"]].to_numpy()]
         titles += [
-            f"{quantity} ({UNITS[quantity]})",
-            f"{quantity}, 90 %",
+            f"{run.symbols[quantity]} ({UNITS[quantity]})",
+            f"{run.symbols[quantity]}, 90 %",
             f"{quantity} exact",
             f"{quantity} dds",
         ]
@@ -133,7 +133,7 @@ def estimates_table(run: FitRun) -> Table:
         cells += [[one.value for one in spreads], ranges]
         cells += [[significant(value, 4) for value in table[method]] for method in ("exact", "dds")]
         if known:
-            titles.append(f"true {quantity}")
+            titles.append(f"true {run.symbols[quantity]}")
             cells.append([significant(value, 4) for value in table["truth"]])
     return Table(columns(*titles, number=titles[3:]), [Row(row) for row in zip(*cells, strict=True)])
 
@@ -145,7 +145,7 @@ def method_values(run: FitRun, quantity: str) -> pd.DataFrame:
 
 def agreement_table(run: FitRun) -> Table:
     """The ratio of each method to each other with its limits of agreement."""
-    ratios = agreement({quantity: method_values(run, quantity) for quantity in QUANTITIES})
+    ratios = agreement({run.symbols[quantity]: method_values(run, quantity) for quantity in QUANTITIES})
     return table_of(
         lines(ratios),
         Field("quantity", lambda line: line.quantity),

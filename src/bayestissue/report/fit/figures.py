@@ -38,18 +38,18 @@ def _said(figure: str, **words: str) -> str:
 def impacts(run: FitRun, x: str = "C", y: str = "K") -> Figure:
     """A point for each impact: K over C, over the mass, or in order; ``x`` is "C", "mass" or "order"."""
     where = {"order": "in their order", "mass": "over the mass of the impactor"}.get(
-        x, f"over {NAMES.get(x, x)}"
+        x, f"over {run.names.get(x, x)}"
     )
     true = "; crosses are the truth of simulated data" if not run.truth.empty and x == "order" else ""
     return of_impacts.scatter(
-        run.impacts_table, x, y, _said("impacts", name=NAMES[y], where=where, true=true)
+        run.impacts_table, x, y, _said("impacts", name=run.names[y], where=where, true=true), run.names
     )
 
 
 def people(run: FitRun, quantity: str = "K", level: str = "subject") -> Figure:
     """K (or C, or another) of every person, or level of another grouping, the greatest first."""
-    variable, (one, _) = f"{quantity}_{stem_of(level)}", group_words(level)
-    name = NAMES.get(quantity, quantity)
+    variable, (one, _) = run.of_levels(quantity, level), group_words(level)
+    name = run.names.get(quantity, quantity)
     unit = UNITS.get(quantity) or run.groups["posterior"][variable].attrs["unit"]
     return intervals(
         with_ranks(run.draws(variable), run.labels(level)),
@@ -80,16 +80,14 @@ def paired(run: FitRun, quantity: str = "K", factor: str = "side") -> Figure:
     """
     table = run.impacts_table
     column = "trial" if factor == "condition" else factor
-    variable = f"{quantity}_subject_{stem_of(column)}"
-    if run.has(variable):
+    if variable := run.of_levels(quantity, f"subject:{column}"):
         rows = quantiles(run.draws(variable), run.labels(f"subject:{column}"))
         rows[["person", "level"]] = [str(label).rsplit(":", 1) for label in rows["label"]]
     else:
         logs = np.log(table[COLUMNS[quantity]]).groupby([table["person"], table[factor]]).mean()
         rows = np.exp(logs).rename("median").rename_axis(["person", "level"]).reset_index()
         rows[["eti90_low", "eti90_high"]] = np.nan
-    mean = f"{quantity}_{stem_of(column)}"
-    if run.has(mean):
+    if mean := run.of_levels(quantity, column):
         means = quantiles(run.draws(mean), run.labels(column)).rename(columns={"label": "level"})
     else:
         values = np.exp(np.log(rows["median"]).groupby(rows["level"]).mean())
@@ -98,8 +96,8 @@ def paired(run: FitRun, quantity: str = "K", factor: str = "side") -> Figure:
         rows[["person", "level", "median", "eti90_low", "eti90_high"]],
         means[["level", "median", "eti90_low", "eti90_high"]],
         factor,
-        axis_title(quantity),
-        _said("paired", name=NAMES[quantity], factor=factor),
+        axis_title(quantity, run.names),
+        _said("paired", name=run.names[quantity], factor=factor),
     )
 
 
@@ -157,7 +155,17 @@ def mass(run: FitRun, quantity: str = "K", *, thesis: bool = False) -> Figure:
     masses = run.constant("mass_kg")
     trial = run.constant("impact_trial").astype(str)
     at = np.exp(pd.Series(np.log(masses)).groupby(trial).mean().reindex(run.labels("trial")))
-    conditions = quantiles(run.draws(f"{quantity}_trial"), run.labels("trial")).assign(mass_kg=np.asarray(at))
+    who = "this person" if run.people_count == 1 else "typical person"
+    if variable := run.of_levels(quantity, "trial"):
+        conditions = quantiles(run.draws(variable), run.labels("trial"))
+    else:
+        # Of K_secant there are the recorded impacts alone.
+        logs = pd.Series(np.log(run.side_by_side[quantity]["median"].to_numpy())).groupby(trial).mean()
+        median = np.exp(logs.reindex(run.labels("trial")).to_numpy())
+        conditions = pd.DataFrame({"label": run.labels("trial"), "median": median})
+        conditions[["eti90_low", "eti90_high"]] = np.nan
+        who = "geometric mean of its impacts"
+    conditions = conditions.assign(mass_kg=np.asarray(at))
     dds = run.estimates_dds[["impact", "mass_kg", COLUMNS[quantity]]].rename(
         columns={COLUMNS[quantity]: "value"}
     )
@@ -166,8 +174,9 @@ def mass(run: FitRun, quantity: str = "K", *, thesis: bool = False) -> Figure:
         conditions,
         mass_curve(run, quantity, masses, run.reference_mass),
         quantity,
-        _said("mass", name=NAMES[quantity]),
-        who="this person" if run.people_count == 1 else "typical person",
+        _said("mass", name=run.names[quantity]),
+        who=who,
+        names=run.names,
         others=[shown_rows(dds[dds["value"] > 0].assign(kind="thesis's method (dds)"))] if thesis else [],
     )
 
@@ -197,7 +206,7 @@ def spreads(run: FitRun) -> Figure:
         quantiles(100 * np.expm1(run.draws(name))[:, None], [_of(level)]).assign(series=NAMES[q])
         for level in dict.fromkeys(("subject", "trial", *groupings(run), "impact"))
         for q in QUANTITIES
-        if run.has(name := f"sd_{stem_of(level)}_{q}")
+        if q in run.of_tissue and run.has(name := f"sd_{stem_of(level)}_{q}")
     ]
     rows = pd.concat(parts, ignore_index=True)
     return intervals(rows, "standard deviation (% of K or C)", _said("spreads"), straight=True)
@@ -234,7 +243,7 @@ def published(run: FitRun) -> Iterator[tuple[str, Callable[[], Figure]]]:
     """The figures of a fit that serve a paper: a name fit for a file, and what makes each."""
     for q in QUANTITIES:
         for level in groupings(run):
-            if run.has(f"{q}_{stem_of(level)}"):
+            if run.of_levels(q, level):
                 yield f"{q}-by-{stem_of(level)}", partial(people, run, q, level)
         for factor in sides(run):
             yield f"{q}-paired-by-{factor}", partial(paired, run, q, factor)

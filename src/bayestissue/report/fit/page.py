@@ -114,7 +114,9 @@ def _subtitle(run: FitRun) -> str:
 def _population(run: FitRun) -> dict[str, Any]:
     slopes = population.own_slopes(run)
     ranked = {
-        level: [q for q in run.responses if run.has(f"{stem_of(level)}_effect_{q}")]
+        level: [
+            q for q in run.responses if run.has(f"{stem_of(level)}_effect_{q}") and run.of_levels(q, level)
+        ]
         for level in dict.fromkeys((*_FIRST, *population.groupings(run)))
     }
     return {
@@ -122,8 +124,8 @@ def _population(run: FitRun) -> dict[str, Any]:
             {
                 "name": posterior.group_words(level)[1],
                 "plots": [figures.people(run, quantity, level) for quantity in quantities],
-                "responses": listed(quantities),
-                "differs": posterior.who_differs(run, level, run.responses),
+                "responses": listed([run.symbols.get(q, q) for q in quantities]),
+                "differs": posterior.who_differs(run, level, run.of_tissue),
             }
             for level, quantities in ranked.items()
             if quantities

@@ -62,7 +62,7 @@ def own_slopes(run: FitRun) -> list[OwnSlope]:
         start = f"{stem_of(dimension)}_"
         if array.ndim != 3 or not name.startswith(start):
             continue
-        for quantity in run.responses:
+        for quantity in run.of_tissue:
             what = name.removeprefix(start).removesuffix(f"_{quantity}")
             if f"{start}{what}" != name and (what == "mass_exponent" or what.startswith("effect_of_")):
                 covariate = "" if what == "mass_exponent" else what.removeprefix("effect_of_")

@@ -15,7 +15,8 @@ import xarray as xr
 from bayestissue.errors import InputError, all_of
 from bayestissue.figures.impacts import end
 from bayestissue.hierarchy import SIDE_BY_SIDE
-from bayestissue.inference.results.meanings import COLUMNS
+from bayestissue.hierarchy.formulas.group_terms import stem_of
+from bayestissue.inference.results.meanings import COLUMNS, NAMES
 from bayestissue.report.run_folder import (
     POSTERIOR_TABLES,
     PosteriorRun,
@@ -67,6 +68,31 @@ class FitRun(PosteriorRun):
         chosen = self.summary[self.summary["variable"] == variable].set_index("label")
         return chosen if chosen.empty else chosen.reindex(self.impacts)
 
+    @property
+    def element_alone(self) -> bool:
+        """Whether beside a discrepancy K is the element's own, and the tissue's stiffness is K_secant.
+
+        Runs of earlier versions have K_secant as K.
+        """
+        return self.has("K_secant_of_impacts")
+
+    @property
+    def symbols(self) -> dict[str, str]:
+        """The variables of an impact that are the tissue's stiffness and damping."""
+        return {"K": "K_secant" if self.element_alone else "K", "C": "C"}
+
+    @property
+    def names(self) -> dict[str, str]:
+        """What they are called in figures."""
+        return NAMES | ({"K": "secant stiffness K_secant"} if self.element_alone else {})
+
+    def of_levels(self, quantity: str, level: str) -> str:
+        """The variable of K (or C, or another) of the tissue in each level of a grouping; else empty."""
+        name = f"{quantity}_{stem_of(level)}"
+        if quantity == "K" and self.element_alone:
+            name = "K_secant_of_subject" if level == "subject" else ""
+        return name if self.has(name) else ""
+
     @cached_property
     def impacts(self) -> list[str]:
         """The names of the impacts."""
@@ -76,17 +102,18 @@ class FitRun(PosteriorRun):
     def side_by_side(self) -> dict[str, pd.DataFrame]:
         """For K and for C, in N/m and N s/m, a row an impact: its posterior and its point estimates.
 
-        Posterior ``median``, ``eti50_*`` and ``eti90_*``; ``exact``; ``dds``; ``truth``, of another element's
-        tissue the secant stiffness or equivalent damping. What an impact lacks is NaN.
+        Posterior ``median``, ``eti50_*`` and ``eti90_*``, of `symbols`; ``exact``; ``dds``; ``truth``, of
+        another element's tissue the secant stiffness or equivalent damping. What an impact lacks is NaN.
         """
         names = ["median", "eti50_low", "eti50_high", "eti90_low", "eti90_high"]
         same = self.record.get("model", {}).get("element", SIDE_BY_SIDE) == SIDE_BY_SIDE
         tables = {}
         for q, column in COLUMNS.items():
-            table = self.of_impacts(q)[names].copy()
+            table = self.of_impacts(self.symbols[q])[names].copy()
             for method, estimates in (("exact", self.estimates_exact), ("dds", self.estimates_dds)):
                 table[method] = estimates.set_index("impact")[column].reindex(table.index)
-            true = COMPARABLE[q] if same and COMPARABLE[q] in self.truth else column
+            comparable = same or self.symbols[q] != q
+            true = COMPARABLE[q] if comparable and COMPARABLE[q] in self.truth else column
             table["truth"] = self.truth.set_index("impact")[true].reindex(table.index)
             tables[q] = table
         return tables
@@ -179,6 +206,11 @@ class FitRun(PosteriorRun):
     def responses(self) -> tuple[str, ...]:
         """K, C and the further parameters that have a formula."""
         return tuple(dict.fromkeys(("K", "C", *self.record.get("model", {}).get("formula", {}))))
+
+    @property
+    def of_tissue(self) -> tuple[str, ...]:
+        """`responses` without a K that is the element's own."""
+        return tuple(q for q in self.responses if q != "K" or not self.element_alone)
 
     @property
     def likelihood(self) -> str:

@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 
 from bayestissue.errors import Coded
-from bayestissue.hierarchy.formulas.group_terms import stem_of
 from bayestissue.inference.answers.contrasts import ALSO, COMBINATIONS, INTERACTION, LEVELS
 from bayestissue.inference.results.meanings import ICC, MDC, MOSTLY, REPEATS, SEM, UNITS
 from bayestissue.report.fit.population import groupings
@@ -37,7 +36,11 @@ def _first(run: FitRun, kind: str) -> list[dict[str, Any]]:
     of_kind = run.contrasts[kinds(run) == kind]
     contrasts = []
     for (factor, level, against), part in of_kind.groupby(["factor", "level", "against"], sort=False):
-        shown = [line for line in lines(part) if line.quantity in ("K", "C")]
+        shown = [
+            line for line in lines(part) if line.quantity in QUANTITIES and line.quantity in run.of_tissue
+        ]
+        if not shown:
+            continue
         words = " ".join(_contrast_words(line, equivalence(run), kind) for line in shown)
         contrasts.append(
             {
@@ -89,8 +92,8 @@ def _level_values(run: FitRun, factor: str, levels: tuple[str, str]) -> list[tup
     values = []
     for level in levels:
         for q in QUANTITIES:
-            name = f"{q}_{stem_of(factor)}"
-            if run.has(name) and level in (labels := run.labels(factor)):
+            name = run.of_levels(q, factor)
+            if name and level in (labels := run.labels(factor)):
                 drawn = run.draws(name)[:, labels.index(level)]
                 values.append((level, str(q), UNITS[q], spread(drawn)))
     return values
@@ -165,6 +168,7 @@ def _matrix(quantity: str, part: pd.DataFrame) -> dict[str, Any]:
     values = square.reindex(index=order, columns=order).to_numpy()
     return {
         "quantity": quantity,
+        "of": "over the person's own impacts" if quantity == "K_secant" else "at the reference mass",
         "people": [str(name) for name in order],
         "rows": [[_matrix_cell(value) for value in row] for row in values],
     }
@@ -271,7 +275,7 @@ def reliability_words(run: FitRun) -> list[str]:
         return []
     cells = _by_place(run.reliability)
     sentences = []
-    for q in QUANTITIES:
+    for q in (q for q in QUANTITIES if any(key[0] == q for key in cells)):
         error = [
             f"{words} {number(cells[q, SEM, form, _PERCENT]['median'], 1)}\N{NO-BREAK SPACE}%"
             for form, words in (("measuring chain", "the measuring chain makes"), ("person", "the person"))

@@ -99,8 +99,8 @@ def inside_band(left: Residuals) -> float:
 
 
 def middle_impact(run: FitRun) -> int:
-    """The impact of the median posterior K, as a number among those that have predictions."""
-    order = np.argsort(run.of_impacts("K")["median"].to_numpy()[run.predicted], kind="stable")
+    """The impact of the median stiffness, as a number among those that have predictions."""
+    order = np.argsort(run.side_by_side["K"]["median"].to_numpy()[run.predicted], kind="stable")
     return int(order[len(order) // 2])
 
 

@@ -25,7 +25,7 @@ _ERROR_OF_END = 0.642
 def likelihood_words(run: FitRun) -> str:
     """What each trace is taken for."""
     name, noise = _element(run), _WORDS["recorders"][recorder_noise(run)]
-    K_words = _WORDS["own_K" if name == SIDE_BY_SIDE else "own_C"]
+    K_words = _WORDS["own_K" if run.element_alone else "of_both"]
     additions = f" {_WORDS['discrepancy']} {K_words}" if has_discrepancy(run) else ""
     if has_common_depth(run):
         additions += f" K_common_depth is the force over the depth at {depth_words(run)} and at rest."
