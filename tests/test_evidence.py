@@ -271,6 +271,7 @@ def test_only_a_change_in_numbers_makes_evidence_stale_that_rests_on_them(piece,
     assert state(piece) == status.State("stale", "numbers changed since: fit")
 
 
+@pytest.mark.slow
 def test_the_program_s_numbers_are_those_that_were_accepted():
     assert not references.differing("points", references.SETS["points"]())
 

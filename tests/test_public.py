@@ -22,6 +22,8 @@ from bayestissue import cli, fitting
 from bayestissue.dataset import write_dataset
 from bayestissue.resources import shared
 
+pytestmark = pytest.mark.slow
+
 # 1 - phi1 - phi2 is 4e-5 here: rounding errors of 1e-16 come out 1e5 times larger, and in a fit more so.
 ROUNDING = 1e-9
 SERIES = np.cumsum(np.cumsum(np.random.default_rng(1).normal(size=40)))

@@ -141,6 +141,7 @@ def test_a_file_that_is_taken_twice_keeps_its_row(bench: Bench) -> None:
     assert bench.masses == bench.in_order("d1", "d2", "d3", "d4", "d5")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", ["spoilt", "unreadable", "taken back", "velocity"])
 @pytest.mark.parametrize("restart", [False, True])
 def test_the_repeat_of_a_drop_gets_its_row(bench: Bench, how: str, restart: bool) -> None:
@@ -169,6 +170,7 @@ def test_the_repeat_of_a_drop_gets_its_row(bench: Bench, how: str, restart: bool
     assert len(watch.left()) == 5
 
 
+@pytest.mark.slow
 def test_files_that_lie_there_already_have_rows_of_their_own_whatever_becomes_of_one(bench: Bench) -> None:
     names = [f"d{number}" for number in range(1, 13)]
     for name in names:
@@ -206,6 +208,7 @@ def test_files_that_come_one_look_after_the_other_have_rows_of_their_own(bench: 
     assert bench.masses == bench.in_order(*names)
 
 
+@pytest.mark.slow
 def test_where_times_and_names_disagree_a_person_says_which_hold(bench: Bench) -> None:
     names = [f"d{number}" for number in range(1, 13)]
     for number, name in enumerate(names):
@@ -295,6 +298,7 @@ def test_a_file_renamed_within_an_order_keeps_its_row(bench: Bench) -> None:
     assert bench.masses == bench.in_order("first", "d2", "d3")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("running", [True, False])
 def test_what_a_person_writes_into_the_tables_is_kept(bench: Bench, running: bool) -> None:
     watch = bench.begin()
@@ -385,6 +389,7 @@ def test_settings_that_were_written_by_hand_are_refused_with_both_values(bench: 
     assert "nothing, as the campaign file says" in problem.expected
 
 
+@pytest.mark.slow
 def test_a_measured_velocity_counts_more_than_a_planned_one(bench: Bench) -> None:
     plan = {"candidates": {"people": [2], "masses_kg": [[0.5, 1.2]], "velocities_m_s": [2.0]}}
     plan |= {"questions": {"q": "mass_exponent_K < 1"}}
@@ -418,6 +423,7 @@ def test_a_measured_velocity_counts_more_than_a_planned_one(bench: Bench) -> Non
             bench.begin(bench.folder)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step", ["copyfile", "list", "tables"])
 def test_a_full_disk_ends_after_some_tries_and_nothing_is_lost(
     bench: Bench, monkeypatch: pytest.MonkeyPatch, step: str
@@ -446,6 +452,7 @@ def test_a_full_disk_ends_after_some_tries_and_nothing_is_lost(
         assert list(reasons(bench.out)) == ["d2"]
 
 
+@pytest.mark.slow
 def test_a_list_that_is_damaged_is_made_anew_from_the_tables(bench: Bench) -> None:
     watch = bench.begin()
     for number in range(1, 4):

@@ -13,6 +13,8 @@ import bayestissue as bt
 from bayestissue.bench.views import DatasetView
 from bayestissue.dataset.left_out import FILE, reasons, write_left_out
 
+pytestmark = pytest.mark.slow
+
 browser = pytest.importorskip(
     "browser", reason="drives a browser by websocket-client, which is not installed"
 )

@@ -28,6 +28,8 @@ from bayestissue.finished import read_run
 from bayestissue.report.wording import interval, significant
 from command_line import bayestissue
 
+pytestmark = pytest.mark.slow
+
 browser = pytest.importorskip(
     "browser", reason="drives a browser by websocket-client, which is not installed"
 )

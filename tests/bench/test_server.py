@@ -107,6 +107,7 @@ def test_the_first_address_has_the_token_and_the_cookie_then_does(client: Client
     assert json.loads(client.ask(f"/drop?impact={quote('a/b ü')}").read()) == {"impact": "a/b ü"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "headers",
     [
@@ -161,6 +162,7 @@ def test_two_pages_hear_the_bell_at_once(client: Client, view: Pretended) -> Non
         bell.close()
 
 
+@pytest.mark.slow
 def test_a_page_shows_what_a_watch_took(begin: Callable[[], Watch], recorded: Path) -> None:
     names = plan_of_drops(3)
     for name in names:

@@ -19,6 +19,8 @@ from bayestissue.bench.views import WatchView
 from bayestissue.bench.watching import TAKEN_BACK, Watch
 from bayestissue.checking import check
 
+pytestmark = pytest.mark.slow
+
 NAMES = plan_of_drops(12)
 
 

@@ -16,6 +16,8 @@ from bayestissue.simulation import Simulation, simulate
 from bayestissue.thesis.causes import verdict
 from page_reader import Reader
 
+pytestmark = pytest.mark.slow
+
 FILES = [
     ".bayestissue.json", "campaigns.parquet", "causes.csv", "confusion.csv", "observed.csv", "predictive.csv",
     "reliability.csv", "report.html", "run.json",

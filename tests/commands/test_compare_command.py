@@ -15,7 +15,7 @@ from make_scored_run import IMPACTS, make_scored_run
 
 SCHEMES = ["leave one impact out", "leave one subject out", "leave one trial out"]
 
-pytestmark = pytest.mark.usefixtures("read_once")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("read_once")]
 
 
 def compared(*runs, out=None):

@@ -66,6 +66,7 @@ def test_writes_a_whole_run(dataset: Path, tmp_path: Path, monkeypatch, capsys) 
     assert about["model"]["signal"]["equilibrium"] == "rest"
 
 
+@pytest.mark.slow
 def test_conditional_run_shows_what_centring_does(dataset: Path, tmp_path: Path, monkeypatch, capsys) -> None:
     out = tmp_path / "run"
     assert bayestissue(monkeypatch, "estimate", dataset, "--out", out, "--method", "dds") == 0
@@ -77,6 +78,7 @@ def test_conditional_run_shows_what_centring_does(dataset: Path, tmp_path: Path,
 
 
 # Every window has a length of its own, for which more is compiled by the default method.
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [("--method", "exact"), pytest.param((), marks=pytest.mark.long)])
 def test_varies_a_signal_choice(
     dataset: Path, tmp_path: Path, monkeypatch, capsys, options: tuple[str, ...]
@@ -110,6 +112,7 @@ def test_wrong_choices_end_with_status_2_and_nothing_written(
     assert not out.exists()
 
 
+@pytest.mark.slow
 def test_bad_impacts_are_skipped_on_request_and_listed(
     dataset: Path, tmp_path: Path, monkeypatch, capsys
 ) -> None:
@@ -154,6 +157,7 @@ def test_a_folder_that_is_not_empty_is_not_replaced(dataset: Path, tmp_path: Pat
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
 
 
+@pytest.mark.slow
 def test_recorded_heel_strikes_have_estimates(heel_strikes: Path, tmp_path: Path, monkeypatch) -> None:
     assert bayestissue(monkeypatch, "estimate", heel_strikes, "--out", tmp_path / "run", "--quiet") == 0
     table = pd.read_csv(tmp_path / "run" / "estimates.csv")

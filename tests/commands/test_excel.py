@@ -111,6 +111,7 @@ def test_estimates_open_in_a_german_excel_and_are_the_same(tmp_path: Path) -> No
     assert (tmp_path / "check" / "quality.csv").read_bytes().startswith(MARK)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("command", "name"),
     [(("ask", "K > 1000", "K"), "questions"), (("predict", "--at", "at.csv"), "predictions")],
@@ -128,6 +129,7 @@ def test_answers(command: tuple[str, ...], name: str, run: Path, tmp_path: Path,
     assert Path(f"excel/{name}.csv").read_bytes().startswith(MARK)
 
 
+@pytest.mark.slow
 def test_a_fit_whose_tables_are_for_excel_is_reported_alike(run: Path, tmp_path: Path) -> None:
     folder = make_fit_run(tmp_path / "run")
     for path in folder.glob("*.csv"):

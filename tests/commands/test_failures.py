@@ -21,6 +21,8 @@ from bayestissue.report.run_folder import read_about
 from bayestissue.results import claim, write_tree
 from make_scored_run import make_scored_run
 
+pytestmark = pytest.mark.slow
+
 MORE = "More: bayestissue explain"
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -20,6 +20,8 @@ from bayestissue import fit, read_dataset, read_run
 from campaigns import FOUR_BY_FOUR
 from command_line import bayestissue
 
+pytestmark = pytest.mark.slow
+
 MODEL = """
 name = "small"
 likelihood = "a2"

@@ -143,6 +143,7 @@ def test_a_run_of_one_impact_can_be_compared_and_reported_anew(one_impact: tuple
     assert "K of a new impact on this person at the reference mass (N/m)" in compared.out
 
 
+@pytest.mark.slow
 def test_a_mass_that_never_varies_costs_the_exponent_only(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -10,6 +10,7 @@ from command_line import bayestissue
 from make_fit_run import make_fit_run
 
 
+@pytest.mark.slow
 def test_predictions_are_printed_and_written(tmp_path: Path) -> None:
     run, at = make_fit_run(tmp_path / "run"), tmp_path / "new.csv"
     at.write_text("subject,mass_kg\ns1,1.1\nnobody,\n", encoding="utf-8")

@@ -132,11 +132,13 @@ def stopped(folder: Path, signal_number: int) -> int:
         program.wait()
 
 
+@pytest.mark.slow
 def test_a_killed_run_leaves_no_result(tmp_path: Path) -> None:
     assert stopped(tmp_path, signal.SIGKILL) == -signal.SIGKILL
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.slow
 def test_a_terminated_run_clears_its_staging_away(tmp_path: Path) -> None:
     assert stopped(tmp_path, signal.SIGTERM) == 130
     assert list(tmp_path.iterdir()) == []

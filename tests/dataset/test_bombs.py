@@ -168,6 +168,7 @@ FAR = '<row r="1048576"><c r="XFD1048576"><v>1</v></c></row></sheetData>'
 WITHOUT_PLACE = "<x:row r = '1048576'><c/></x:row><row><c r=\"XFD1\"><v>1</v></c></row></sheetData>"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("end", "said"),
     [

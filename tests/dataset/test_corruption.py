@@ -21,6 +21,8 @@ from bayestissue.dataset import Dataset, read_dataset, write_dataset
 from bayestissue.errors import InputError
 from dataset_bench import NAMES, SETTINGS, Lab, tables
 
+pytestmark = pytest.mark.slow
+
 SLIPS = st.one_of(
     st.tuples(st.just("flip"), st.floats(0, 1), st.integers(1, 255)),
     st.tuples(st.just("delete"), st.floats(0, 1), st.integers(1, 40)),

@@ -211,6 +211,7 @@ def test_the_words_name_all_that_was_found() -> None:
     )
 
 
+@pytest.mark.slow
 @settings(max_examples=300, deadline=None, derandomize=True)
 @given(
     text=st.text(alphabet="0123456789.,;\t| '\"eE+-ams\n\r\u00a0", max_size=200),

@@ -512,6 +512,7 @@ CASES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("malformed", CASES, ids=lambda c: c.name.replace(" ", "-"))
 def test_refused_with_its_place_and_nothing_written(
     malformed: Case, lab: Lab, tmp_path: Path, command: Callable[..., Outcome]

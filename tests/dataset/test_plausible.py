@@ -109,6 +109,7 @@ def left_again(impact: Blow) -> np.ndarray:
     return np.concatenate([impact.x[:top], way_out])
 
 
+@pytest.mark.slow
 def test_an_impactor_may_leave_farther_than_it_came(blows: list[Blow]) -> None:
     assert refused(blows, left_again, quantity="displacement") == 0
     assert refused(blows, lambda b: -left_again(b), quantity="displacement") == COUNT

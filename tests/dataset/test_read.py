@@ -195,6 +195,7 @@ def test_errors_as_json(lab: Lab, command: Callable[..., Outcome]) -> None:
     assert (outcome.status, problem["row"], problem["column"]) == (2, 2, "mass_kg")
 
 
+@pytest.mark.slow
 def test_check_writes_quality_figures(lab: Lab, command: Callable[..., Outcome], tmp_path: Path) -> None:
     out = tmp_path / "quality"
     assert command("check", lab.folder, "--out", out).status == 0
@@ -217,6 +218,7 @@ def test_check_writes_quality_figures(lab: Lab, command: Callable[..., Outcome],
     assert "--overwrite" in refused.err
 
 
+@pytest.mark.slow
 def test_ten_thousand_impacts_load_in_seconds(tmp_path: Path) -> None:
     count, samples = 10_000, 200
     when = np.arange(samples) * 2e-4 - 2e-3

@@ -228,6 +228,7 @@ def assert_same(dataset: Dataset, suffix: str = "") -> None:
         np.testing.assert_array_equal(trace.value, stored.astype(np.float64))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FORMATS)
 def test_round_trip(name: str, lab: Lab) -> None:
     suffix, write = FORMATS[name]

@@ -28,6 +28,7 @@ def name_of(page: Path) -> str:
     return f"{page.parent.name}/{page.stem}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_a_page_does_what_it_says(page: Path, tmp_path: Path) -> None:
     if page == preparations.TUTORIAL:

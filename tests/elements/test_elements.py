@@ -14,6 +14,8 @@ from bayestissue.elements import comparables, element, element_names, impact, li
 from bayestissue.elements.element import complete
 from bayestissue.oscillator import impact_motion, spring_damper_inverse
 
+pytestmark = pytest.mark.slow
+
 TIME = np.linspace(0.0, 0.03, 91) + np.zeros((3, 1))
 _BY_DEFAULT = (("standard_linear", "none"), ("stiffening", "drop"))
 # Of the largest value: the cubic between nodes, and the Hertz force, which has no smooth start.

@@ -26,6 +26,7 @@ def test_peaks_of_spring_and_damper_are_those_of_the_formulas() -> None:
     assert_allclose(found.force[2], C[2] * V[2], rtol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["hunt_crossley", pytest.param("maxwell", marks=pytest.mark.long)])
 def test_peaks_are_those_of_the_simulated_path(name: str) -> None:
     which = element(name)

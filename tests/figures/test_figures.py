@@ -114,6 +114,7 @@ def test_a_table_stands_in_a_specification_once() -> None:
     assert '"rows-0":[{"label":"a"' in packed
 
 
+@pytest.mark.slow
 def test_a_fit_draws_its_figures_for_a_notebook(folder) -> None:
     plot = read_run(folder).plot
     shown = plot.people("C")._repr_mimebundle_()["application/vnd.vegalite.v6+json"]

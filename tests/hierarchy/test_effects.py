@@ -16,6 +16,8 @@ from scipy.stats import multivariate_normal
 from bayestissue.hierarchy.gaussian.arrangement import expected_by_cell
 from bayestissue.hierarchy.gaussian.effects import effects_from_standard
 
+pytestmark = pytest.mark.slow
+
 # Crossed levels with small sites, and nested ones with parameters without a formula; all in the long suite.
 CASES = [("people and trials", 3, 0.0, 1e-4), ("people's sides", 2, 0.3, 1.0)]
 FURTHER = [

@@ -37,6 +37,8 @@ from bayestissue.thesis.reanalysis.observations import (
     published_observations,
 )
 
+pytestmark = pytest.mark.slow
+
 OWN_EXPONENTS = "log(mass_kg) + (log(mass_kg)|subject) + (1|trial)"
 SPECIFICATION = ModelSpecification(
     name="small",

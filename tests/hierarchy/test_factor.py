@@ -90,6 +90,7 @@ def _weight(
 weight, slope = jax.jit(_weight), jax.jit(jax.grad(_weight))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("entry", [(0, 1), (1, 0), (2, 0), (1, 1)])
 def test_slopes_of_any_half_of_the_weights_agree_with_differences(
     dense: Dense, entry: tuple[int, int]

@@ -41,6 +41,7 @@ def test_quoted_columns_keep_their_quotes() -> None:
     assert (str(found.terms), found.faults) == ("(1|`left foot`)", ())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("formula", "reason", "left"),
     [

@@ -159,6 +159,7 @@ def test_effects_are_the_best_linear_unbiased_predictions(
         assert_allclose(own, [fitted.effects[key] for key in keys], rtol=0, atol=1e-7, err_msg=str(term))
 
 
+@pytest.mark.slow
 def test_restricted_likelihood_is_greatest_where_statsmodels_finds_it(
     population: tuple[Effects, PopulationDesign], rows: pd.DataFrame, fitted: Fitted
 ) -> None:

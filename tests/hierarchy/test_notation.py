@@ -86,6 +86,7 @@ def test_what_would_be_passed_over_is_refused(formula, reason):
     assert reason in " ".join(fault.reason for fault in judge(formula, ROWS, REFERENCE).faults)
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @example(["{", "(", "age", "-", "2", ")", "**", "2", "}"])
 @example(["side", ":", "sex"])
@@ -122,6 +123,7 @@ def arithmetic(draw, depth=3):
     return form.format(left, right)
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @example("-age**2")
 @example("2**3**2*age")

@@ -74,6 +74,7 @@ def refused(data: Dataset, model: ModelSpecification) -> tuple[Problem, ...]:
     return caught.value.problems
 
 
+@pytest.mark.slow
 def test_a_model_of_published_estimates_is_sent_elsewhere() -> None:
     (problem,) = refused(dataset(), specification("published-estimates"))
     assert (problem.file, problem.column, problem.value) == ("m.toml", "likelihood", "published-estimates")
@@ -88,6 +89,7 @@ def test_the_impact_likelihood_reads_decelerations_without_a_filter() -> None:
     assert problems[1].value == 600
 
 
+@pytest.mark.slow
 def test_too_few_samples_name_every_impact() -> None:
     problems = refused(dataset(rate=200.0), specification("arma"))
     # A time to peak of 20 and 30 ms holds 4 and 6 samples of 5 ms.
@@ -108,6 +110,7 @@ def test_formulas_that_this_design_can_not_tell_are_refused() -> None:
     assert "log(mass_kg)" in first.remedy
 
 
+@pytest.mark.slow
 def test_the_chains_errors_reach_the_displacement() -> None:
     made = prepared("arma")
     level, ramp, parabola = np.asarray(made.data.record.error_sd).T
@@ -125,6 +128,7 @@ def test_an_offset_that_was_not_subtracted_is_as_large_as_declared() -> None:
     assert_allclose(np.asarray(made.data.record.error_sd)[:, 2], CHAIN.offset_sd)
 
 
+@pytest.mark.slow
 def test_an_estimated_equilibrium_is_a_level_of_the_size_of_the_peak() -> None:
     rest = prepared("arma")
     made = prepared("arma", signal=SignalOptions(equilibrium="estimated"))
@@ -146,6 +150,7 @@ def test_recorded_displacements_need_no_recorded_velocity() -> None:
     assert np.isfinite(prepared("a2", made).data.record.error_sd).all()
 
 
+@pytest.mark.slow
 def test_the_impact_likelihood_reads_the_deceleration_itself() -> None:
     made = prepared("impact")
     gain, offset, contact = np.asarray(made.data.record.error_sd).T
@@ -157,6 +162,7 @@ def test_the_impact_likelihood_reads_the_deceleration_itself() -> None:
     assert made.data.record.d.shape == made.signal.deceleration.shape
 
 
+@pytest.mark.slow
 def test_a_discrepancy_adds_a_parameter_and_the_modes_of_every_window() -> None:
     model = specification("impact")
     plain = prepare(dataset(), model, source="m.toml")
@@ -177,6 +183,7 @@ def test_a_discrepancy_adds_a_parameter_and_the_modes_of_every_window() -> None:
     assert not other.data.record.contact.reach
 
 
+@pytest.mark.slow
 def test_autoregressive_noise_adds_its_correlation_and_marks_quiet_parts() -> None:
     made = prepared("impact", noise="autoregressive")
     assert made.model.nuisance == ("noise", "atanh_noise_correlation")

@@ -24,6 +24,8 @@ from bayestissue.likelihood.arma.displacement import displacement_record
 from bayestissue.likelihood.element.record import Contact, DecelerationRecord
 from bayestissue.oscillator import spring_damper
 
+pytestmark = pytest.mark.slow
+
 RNG = np.random.default_rng(6)
 NUMBER, SAMPLES = 6, 12
 KINDS: tuple[Kind, ...] = ("arma", "a2", "impact")

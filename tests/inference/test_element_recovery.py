@@ -164,6 +164,7 @@ def test_a_tissue_without_what_the_element_has_more_leaves_that_open(name: str) 
     assert ((low <= true) & (true <= high)).sum() >= 8
 
 
+@pytest.mark.slow
 def test_a_wrong_element_is_plain_before_any_chain_and_the_right_one_is_not() -> None:
     made = campaign("kelvin_voigt")
     right, _ = prepared("impact", made)

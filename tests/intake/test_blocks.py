@@ -161,6 +161,7 @@ def lab(tmp_path: Path) -> Path:
 PARTS = [f"{name}.lvm#{n}" for name in SIDES for n in (1, 2)][:-1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "pattern",
     [

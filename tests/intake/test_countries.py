@@ -23,6 +23,7 @@ def init(folder: Path, *options: str | Path):
     return out, bayestissue("init", folder, "--out", out, "--quantity", "deceleration", *options)
 
 
+@pytest.mark.slow
 def test_sixty_files_of_a_german_excel(tmp_path: Path) -> None:
     facts(tmp_path / "info.csv", GERMAN, recordings(tmp_path / "de", GERMAN))
     out, made = init(tmp_path / "de", "--table", tmp_path / "info.csv")
@@ -36,6 +37,7 @@ def test_sixty_files_of_a_german_excel(tmp_path: Path) -> None:
     assert data.impacts["subject"].iloc[0] == "Müller 1"
 
 
+@pytest.mark.slow
 def test_their_estimates_are_those_of_plain_files(tmp_path: Path) -> None:
     tables = []
     for name, country in (("de", GERMAN), ("en", PLAIN)):
@@ -179,6 +181,7 @@ def test_a_folder_without_values_says_so(tmp_path: Path) -> None:
     assert "expected a channel of numbers besides the times" in refused.err
 
 
+@pytest.mark.slow
 def test_remedies_name_options(tmp_path: Path) -> None:
     """Who runs `init` has no dataset.toml yet."""
     recordings(tmp_path / "en", PLAIN, people=1)

@@ -92,6 +92,7 @@ def contents(folder: Path) -> dict[str, str]:
     return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", FORMATS)
 def test_a_folder_becomes_a_dataset_that_check_calls_fine(
     suffix: str, folder: Callable, tmp_path: Path
@@ -299,6 +300,7 @@ def test_options_that_can_t_be_are_refused(
     assert not (tmp_path / "drops").exists()
 
 
+@pytest.mark.slow
 def test_a_low_pass_is_declared_by_its_entries(folder: Callable, tmp_path: Path) -> None:
     recorded = folder(".tdms")
     said = ("init", recorded, "--pattern", f"{PATTERN}.tdms", "--quantity", "deceleration", *FACTS)
@@ -360,6 +362,7 @@ def test_markers_are_recorded_displacements(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.ptp(data.traces[0].value), np.ptp(fall), rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_a_dataset_is_replaced_only_as_it_was_written(folder: Callable, tmp_path: Path) -> None:
     recorded, out = folder(".tdms"), tmp_path / "recorded" / "drops"
     again = (
@@ -396,6 +399,7 @@ def sequence(path: Path, gap_s: float = 1.0) -> list[tuple[float, np.ndarray]]:
     return begins
 
 
+@pytest.mark.slow
 def test_a_crop_leaves_out_what_would_be_refused(folder: Callable, tmp_path: Path) -> None:
     recorded, out = folder(".csv"), tmp_path / "drops"
     path = recorded / f"{name(0)}.csv"
@@ -422,6 +426,7 @@ def test_a_crop_leaves_out_what_would_be_refused(folder: Callable, tmp_path: Pat
     assert bayestissue(*options, "--overwrite", "--crop", "3", "2").err.count("--crop") == 1
 
 
+@pytest.mark.slow
 def test_several_impacts_in_one_recording_are_cut_apart_and_numbered(tmp_path: Path) -> None:
     recorded, out = tmp_path / "recorded", tmp_path / "drops"
     recorded.mkdir()
@@ -452,6 +457,7 @@ def test_a_recording_that_seems_to_hold_several_is_named(tmp_path: Path) -> None
     assert "--several" in made.err
 
 
+@pytest.mark.slow
 def test_impacts_soon_after_each_other_are_told_and_cut_apart(tmp_path: Path) -> None:
     recorded = tmp_path / "recorded"
     recorded.mkdir()

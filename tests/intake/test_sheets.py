@@ -60,6 +60,7 @@ def init(clinic: Path, out: Path, *options: str | Path):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pattern", [None, "{subject}.xlsx#{session}_{side}", "{subject}#{session}_{side}"])
 def test_each_sheet_is_a_recording(pattern: str | None, clinic: Path, tmp_path: Path) -> None:
     said = ("--pattern", pattern) if pattern else ()

@@ -66,6 +66,7 @@ def test_stationary_start_is_the_one_of_statsmodels(omega_dt: float, zeta: float
     assert float(ours) == pytest.approx(expected, rel=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("start", ["free", "stationary"])
 def test_impacts_of_different_length_count_each_for_itself(start: str) -> None:
     lengths = np.array([5, 37, 37, 66, 67, 200])
@@ -80,6 +81,7 @@ def test_impacts_of_different_length_count_each_for_itself(start: str) -> None:
     np.testing.assert_allclose(together, single, rtol=1e-10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("start", ["free", "stationary"])
 def test_derivatives_match_finite_differences(start: str) -> None:
     x = np.stack([walk(80, seed) for seed in range(7)])
@@ -126,6 +128,7 @@ def test_gradient_is_clean_where_theta1_turns_non_invertible(theta1: float) -> N
     assert near[0] == pytest.approx(-near[1], rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("zeta", [0.1, 0.45, 0.8, 2.0])
 def test_sampled_a2_is_the_sho_kernel_of_tinygp(zeta: float) -> None:
     omega_n, dt, n = 80.0, 1e-3, 120

@@ -113,6 +113,7 @@ def test_correlated_is_the_inverse_of_whitened() -> None:
     assert_allclose(noise.whitened(shocks, A, everywhere), standard, atol=1e-13)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["kelvin_voigt", "stiffening"])
 def test_density_is_that_of_the_whole_covariance(name: str) -> None:
     given, found = measured(name), log_prob(name)
@@ -123,6 +124,7 @@ def test_density_is_that_of_the_whole_covariance(name: str) -> None:
         assert_allclose(found[row], expected, rtol=1e-10)
 
 
+@pytest.mark.slow
 def test_no_correlation_is_white_noise() -> None:
     white, none = measured("kelvin_voigt", None), measured("kelvin_voigt", jnp.zeros(2))
     assert_allclose(log_prob("kelvin_voigt", jnp.zeros(2)), log_prob("kelvin_voigt", None), rtol=1e-13)
@@ -130,6 +132,7 @@ def test_no_correlation_is_white_noise() -> None:
     assert_allclose(*jax.jit(lambda key: (none.sample(key), white.sample(key)))(key), rtol=1e-13)
 
 
+@pytest.mark.slow
 def test_slopes_agree_with_differences() -> None:
     given = measured("kelvin_voigt", uniform=True)
     which, record = given.element, given.record

@@ -75,6 +75,7 @@ def expected(record: DecelerationRecord, error_sd: np.ndarray, row: int, sign: f
     return float(seen + np.log(beyond))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("uneven", "sign"), [(False, 1.0), (True, 1.0), (False, -1.0)])
 def test_density_is_that_of_a_normal_beyond_the_limit(uneven: bool, sign: float) -> None:
     record = traces(SEPARATE, sign=sign, uneven=uneven)
@@ -108,6 +109,7 @@ def test_without_a_clipped_sample_it_is_the_density_of_all() -> None:
     np.testing.assert_allclose(log_density(none), log_density(record._replace(clipped=None)), rtol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_replicate_is_cut_where_the_trace_was(sign: float) -> None:
     record = traces(SEPARATE, sign=sign)

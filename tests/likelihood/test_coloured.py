@@ -23,6 +23,8 @@ from bayestissue.likelihood.element.recorder import Colour, LowPass
 from bayestissue.likelihood.element.response import columns, response
 from bayestissue.signal.filters import autocorrelation, modes
 
+pytestmark = pytest.mark.slow
+
 SLOW = Recorder(500.0)
 SAE = Recorder(2.0775 * 180, zero_phase=True, sae_class=180, applied="analog")
 DT, ROWS = 1e-4, 60

@@ -17,6 +17,8 @@ from bayestissue.elements.element import Element
 from bayestissue.likelihood.element.impact import MeasuredImpact, NoiseParameters
 from bayestissue.likelihood.element.record import Contact, DecelerationRecord
 
+pytestmark = pytest.mark.slow
+
 DT, SAMPLES, CELLS = 2e-4, 60, 4
 LONGEST = 72
 COUNT = np.array([60, 48])

@@ -8,6 +8,7 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from numpy.testing import assert_allclose
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
@@ -117,6 +118,7 @@ def log_density(i: int, value: np.ndarray, mean: np.ndarray, columns: np.ndarray
     return logsumexp(density.logpdf(value - errors[:, None] * columns[-1]), b=weights / 2)
 
 
+@pytest.mark.slow
 def test_density_is_that_of_the_dense_normal() -> None:
     # The oracle's jerk is a one-sided difference, right to the square of its step, 1e-8.
     assert_allclose(densities(*AT), dense_log_density(np.asarray(RECORD.d)), rtol=1e-6)
@@ -165,6 +167,7 @@ def test_slopes_are_central_differences() -> None:
         assert_allclose(slope, (ahead - behind) / (2 * step), rtol=1e-6, atol=1e-13 * 500 / step.min())
 
 
+@pytest.mark.slow
 def test_slopes_in_closed_form_are_those_of_the_plain_path() -> None:
     @jax.jit
     @partial(jax.value_and_grad, argnums=(0, 1, 2), has_aux=True)
@@ -181,6 +184,7 @@ def test_slopes_in_closed_form_are_those_of_the_plain_path() -> None:
         assert_allclose(fast, slow, rtol=1e-9, atol=1e-11 * np.abs(slow).max())
 
 
+@pytest.mark.slow
 def test_chains_side_by_side_are_the_chains_one_by_one() -> None:
     def total(shift: jax.Array) -> jax.Array:
         return densities(shift * OMEGA_N, jnp.asarray(ZETA), jnp.asarray(LOG_SIGMA)).sum()
@@ -192,6 +196,7 @@ def test_chains_side_by_side_are_the_chains_one_by_one() -> None:
         assert_allclose((value, slope), jax.jit(both)(shift), rtol=1e-10)
 
 
+@pytest.mark.slow
 def test_curvature_is_the_difference_of_slopes() -> None:
     at = np.stack(AT)
     total = lambda p: densities(*p).sum()  # noqa: E731

@@ -73,6 +73,7 @@ def record(first_time: float, low_pass: LowPass, cells: int = 0) -> Deceleration
 answered = jax.jit(response, static_argnums=0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "recorder"),
     # One forwards, one with a pole at 0 and one of a tissue that is solved on a grid.

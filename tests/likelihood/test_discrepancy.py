@@ -97,6 +97,7 @@ def test_modes_of_the_shortest_and_of_a_long_trace_are_orthonormal() -> None:
     assert (share > 0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["kelvin_voigt", "stiffening"])
 def test_density_is_that_of_the_whole_covariance(name: str) -> None:
     given = measured(name)
@@ -127,11 +128,13 @@ def test_density_is_that_of_the_samples_one_after_another() -> None:
         np.testing.assert_allclose(found[row], total, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_no_amplitude_is_no_discrepancy() -> None:
     none, nothing = measured("kelvin_voigt", None), measured("kelvin_voigt", jnp.full(2, -40.0))
     np.testing.assert_allclose(log_prob(nothing), log_prob(none), rtol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     # The slopes of an element's own motion are tested with the elements.
@@ -159,6 +162,7 @@ def test_slopes_agree_with_differences(name: str) -> None:
         np.testing.assert_allclose(slopes[k], difference, rtol=1e-5, atol=5e-5)
 
 
+@pytest.mark.slow
 def test_draws_given_a_trace_are_those_of_the_joint_normal() -> None:
     given, number = measured("kelvin_voigt"), 4000
 

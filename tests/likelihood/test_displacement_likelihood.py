@@ -86,6 +86,7 @@ def test_density_is_that_of_the_dense_normal() -> None:
     assert_allclose(densities(*parameters()), dense_log_density(np.asarray(RECORD.x), THETA1), rtol=1e-8)
 
 
+@pytest.mark.slow
 def test_sampled_a2_takes_theta1_from_the_oscillator() -> None:
     theta1 = np.asarray(to_differences(OMEGA_N, ZETA, DT).theta1)
     found = densities(*parameters(None))
@@ -103,6 +104,7 @@ def test_what_lies_past_an_impacts_end_counts_nothing() -> None:
     assert_allclose(density_of(value), densities(*parameters()), rtol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("theta1", [None, THETA1])
 def test_slopes_are_central_differences(theta1: np.ndarray | None) -> None:
     at = [p for p in parameters(theta1) if p is not None]
@@ -128,6 +130,7 @@ def test_slopes_are_central_differences(theta1: np.ndarray | None) -> None:
         assert_allclose(slope, (ahead - behind) / (2 * step), rtol=2e-6, atol=1e-13 * 500 / step.min())
 
 
+@pytest.mark.slow
 def test_chains_side_by_side_are_the_chains_one_by_one() -> None:
     shifts = jnp.array([0.9, 1.0, 1.2])
 
@@ -142,6 +145,7 @@ def test_chains_side_by_side_are_the_chains_one_by_one() -> None:
         assert_allclose((value, slope), jax.jit(both)(shift), rtol=1e-10)
 
 
+@pytest.mark.slow
 def test_curvature_is_the_difference_of_slopes() -> None:
     shared = [jnp.asarray(p) for p in (OMEGA_N, ZETA, THETA1, LOG_SIGMA)]
     at = jnp.stack(shared)[:, 3]

@@ -103,6 +103,7 @@ def test_the_delay_is_when_a_step_is_half_there():
     assert delay(Recorder(500.0, zero_phase=True)) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("recorder", FILTERS[1::3], ids=str)
 def test_an_impact_behind_a_filter_is_the_closed_form(recorder):
     """To (omega dt)^4 / 384 of the peak, on samples and in the finer cells of contact, and its slope."""
@@ -147,6 +148,7 @@ def test_a_force_that_has_fallen_to_0_stays_there():
     np.testing.assert_array_equal(flow.jerk, [[1.0, 1.0, 0.0, 0.0]])
 
 
+@pytest.mark.slow
 def test_a_constant_comes_through_a_filter_as_it_is():
     """From long before: the integrals' weights sum to one over the pole, whatever the interval."""
     given = low_pass(Recorder(3000.0, 4))
@@ -157,6 +159,7 @@ def test_a_constant_comes_through_a_filter_as_it_is():
     np.testing.assert_allclose(slope[0, -1], 0.0, atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("recorder", [FILTERS[0], FILTERS[3]], ids=str)
 def test_the_density_is_that_over_all_moments_of_contact(recorder):
     """Against the trace's own density at 2000 moments; within a cell the likelihood is linear in them."""

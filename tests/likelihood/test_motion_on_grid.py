@@ -20,6 +20,7 @@ def by_pq(time: jax.Array, p: jax.Array, q: jax.Array) -> jax.Array:
     return impact_motion(time, omega_n, p / (2 * omega_n), 1.0).displacement
 
 
+@pytest.mark.slow
 def test_a_grid_is_its_times_one_by_one() -> None:
     lanes = 24
     grid = response_in_blocks(*map(jnp.asarray, (FIRST, DT, OMEGA_N, ZETA)), lanes)
@@ -41,6 +42,7 @@ def test_the_response_is_the_motion_at_unit_velocity() -> None:
     assert_allclose(made.v, motion.velocity, rtol=1e-12, atol=1e-14)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("k", range(len(ZETA)))
 def test_w_is_the_slope_of_the_motion_by_q(k: int) -> None:
     time = jnp.asarray(np.linspace(0, 0.08, 50))

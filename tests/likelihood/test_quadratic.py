@@ -49,6 +49,7 @@ def test_determinant_is_the_sum_of_even_powers(theta1: float, count: int) -> Non
     assert float(found) == pytest.approx(slope, rel=1e-8, abs=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [1, 7, 4000])
 def test_slope_of_the_determinant_is_smooth_where_its_formulas_meet(count: int) -> None:
     # series and closed form meet at (count + 1) |log|theta1|| = 1/2, inside and outside of 1

@@ -13,6 +13,8 @@ from bayestissue.likelihood.element.impact import MeasuredImpact, NoiseParameter
 from bayestissue.likelihood.element.record import Contact, DecelerationRecord, UnevenTimes
 from bayestissue.likelihood.element.response import response
 
+pytestmark = pytest.mark.slow
+
 MASS, VELOCITY = np.array([0.5, 1.2]), np.array([1.5, 1.0])
 DT, FIRST = np.array([4e-4, 5e-4]), np.array([1e-4, 4e-4])
 COUNT, WIDTH = np.array([38, 45]), 45

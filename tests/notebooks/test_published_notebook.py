@@ -17,6 +17,7 @@ from make_published_run import CHAINS, DRAWS, make_published_run
 NOTEBOOK = Path(__file__).resolve().parents[2] / "notebooks" / "published.py"
 
 
+@pytest.mark.slow
 def test_it_runs_without_a_warning_and_tells_what_it_found(tmp_path, monkeypatch):
     """On a made-up run folder, or on the one that BAYESTISSUE_RUN names."""
     run = os.environ.get("BAYESTISSUE_RUN") or make_published_run(tmp_path / "run")

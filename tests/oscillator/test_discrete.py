@@ -30,6 +30,7 @@ def printed_there_and_back(omega_n: float, zeta: float, dt: float) -> tuple[jax.
     return to_continuous(*to_discrete(omega_n, zeta, dt), dt)
 
 
+@pytest.mark.slow
 @settings(max_examples=200, deadline=None)
 @given(w=RADIANS_PER_SAMPLE, zeta=DAMPING, dt=st.sampled_from([2e-5, 1e-4, 5e-4]))
 def test_differences_make_a_round_trip(w: float, zeta: float, dt: float) -> None:
@@ -41,6 +42,7 @@ def test_differences_make_a_round_trip(w: float, zeta: float, dt: float) -> None
     np.testing.assert_allclose([omega_n * dt, back], [w, zeta], rtol=min(tolerance + 1e-12, 1e-3))
 
 
+@pytest.mark.slow
 @settings(max_examples=100, deadline=None)
 @given(w=st.floats(0.01, 2.5), zeta=st.floats(0.01, 2.0))
 def test_coefficients_make_a_round_trip(w: float, zeta: float) -> None:
@@ -89,6 +91,7 @@ def _stacked(p: jax.Array) -> jax.Array:
 value_of = jax.jit(jax.vmap(_stacked))
 
 
+@pytest.mark.slow
 def test_derivatives_pass_through_critical_damping() -> None:
     slope_of = jax.jit(jax.vmap(jax.jacfwd(_stacked)))
     # theta1's second derivative takes long to compile and enters nothing
@@ -101,6 +104,7 @@ def test_derivatives_pass_through_critical_damping() -> None:
             np.testing.assert_allclose(left, right, rtol=1e-5, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_gradients_match_finite_differences() -> None:
     points, step = np.array([[0.4, zeta] for zeta in (0.02, 0.7, 1.0, 1.4, 1.6, 4.0)]), 1e-5
     above, below = ([np.asarray(value_of(points + side * e)) for e in step * np.eye(2)] for side in (1, -1))
@@ -109,6 +113,7 @@ def test_gradients_match_finite_differences() -> None:
     np.testing.assert_allclose(jax.jit(jax.vmap(jax.jacrev(_stacked)))(points), finite, rtol=1e-7, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_inverse_is_differentiable_at_critical_damping() -> None:
     at = jnp.array([0.1, 1.0])
     forward = jax.jit(jax.jacfwd(lambda p: jnp.stack(to_differences(p[0], p[1], 1.0)[:2])))(at)

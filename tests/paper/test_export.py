@@ -26,7 +26,7 @@ from bayestissue.report.posterior import Levels
 from command_line import bayestissue
 from make_fit_run import make_fit_run
 
-pytestmark = pytest.mark.usefixtures("read_once")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("read_once")]
 
 
 @pytest.fixture(scope="module")

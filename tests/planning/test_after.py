@@ -15,6 +15,8 @@ from bayestissue.planning.specification import plan_of
 from bayestissue.simulation import Simulation, simulate, write_campaign
 from command_line import bayestissue
 
+pytestmark = pytest.mark.slow
+
 FORMULA = "log(mass_kg) + (1|subject)"
 CONTENT = {
     "candidates": {"people": [3, 6], "masses_kg": [[0.5], [1.0], [2.0]]},

@@ -25,6 +25,8 @@ from bayestissue.planning.population import BLOCK, Streams, Truths
 from bayestissue.planning.posterior import PlannedSites, posteriors
 from bayestissue.planning.studies import Arrangement, draw_studies
 
+pytestmark = pytest.mark.slow
+
 FLAT = 1e4
 TINY = 1e-4
 

@@ -50,6 +50,7 @@ def two_goals(tmp_path_factory: pytest.TempPathFactory) -> Plan:
         return bt.plan(path)
 
 
+@pytest.mark.slow
 def test_the_cheapest_design_that_answers_is_chosen(two_goals: Plan) -> None:
     # 160 impacts answer with 0.8: 40 people twice for 40 * 10 + 160 + 40 * 2 minutes, or 80 people once.
     content = two_goals.content
@@ -61,6 +62,7 @@ def test_the_cheapest_design_that_answers_is_chosen(two_goals: Plan) -> None:
     assert "the cheapest of 8 designs that reaches 0.80" in two_goals.answer
 
 
+@pytest.mark.slow
 def test_a_plan_speaks_of_pads_where_its_file_does(tmp_path: Path) -> None:
     path, out = tmp_path / "plan.toml", tmp_path / "out"
     few = PLAN.replace("[20, 40, 60, 90]", "[20, 40]").replace("[1, 2]", "[2]").replace("[goal]", FACTOR)
@@ -166,6 +168,7 @@ def test_the_paragraph_says_what_an_application_needs(two_goals: Plan) -> None:
         assert part in two_goals.paragraph
 
 
+@pytest.mark.slow
 def test_the_hash_is_of_all_but_the_words(two_goals: Plan) -> None:
     with kernel():
         same, other = (
@@ -204,6 +207,7 @@ def test_groups_of_people_stand_in_the_answer_the_paragraph_and_the_page() -> No
     assert said in page_of(plan.content, plan.designs, plan.about)
 
 
+@pytest.mark.slow
 def test_recorders_are_candidates(tmp_path: Path) -> None:
     path = tmp_path / "plan.toml"
     path.write_text(PLAN.replace("[questions]", RECORDERS + "[questions]"))
@@ -225,6 +229,7 @@ def test_a_wrong_argument_is_refused_before_any_work() -> None:
     assert stand_in.calls == []
 
 
+@pytest.mark.slow
 def test_a_plan_of_a_file_and_one_of_arguments_are_one(tmp_path: Path) -> None:
     path = tmp_path / "plan.toml"
     path.write_text(
@@ -241,6 +246,7 @@ def test_a_plan_of_a_file_and_one_of_arguments_are_one(tmp_path: Path) -> None:
         pd.testing.assert_frame_equal(table, arguments.designs, check_dtype=False)
 
 
+@pytest.mark.slow
 def test_the_command_writes_all_or_nothing(tmp_path: Path) -> None:
     out = tmp_path / "out"
     with kernel():
@@ -282,6 +288,7 @@ def test_a_file_and_options_are_not_mixed(tmp_path: Path) -> None:
     assert (refused.status, "--masses" in refused.err) == (2, True)
 
 
+@pytest.mark.slow
 def test_more_studies_and_designs_go_on_from_what_is_there(tmp_path: Path) -> None:
     out, options = tmp_path / "out", ["--masses", "0.5,1", "--ask", EXPONENT, "--overwrite", "-q"]
     with kernel() as stand_in:
@@ -297,6 +304,7 @@ def test_more_studies_and_designs_go_on_from_what_is_there(tmp_path: Path) -> No
     assert read_table(out, "designs")["studies"].tolist() == [400, 400]
 
 
+@pytest.mark.slow
 def test_an_interrupted_plan_goes_on(tmp_path: Path) -> None:
     out, calls = tmp_path / "out", ["plan", "--people", "20,60", "--masses", "0.5,1", "--ask", EXPONENT]
     calls += ["--studies", "1000", "-q", "--out", str(out)]
@@ -353,6 +361,7 @@ def test_what_stopping_early_does_is_said(two_goals: Plan) -> None:
     assert "Stopping early" in page_of(two_goals.content, two_goals.designs, two_goals.about)
 
 
+@pytest.mark.slow
 def test_traces_that_no_normal_stands_for_are_warned_of(tmp_path: Path) -> None:
     options = ["--people", "60", "--masses", "0.5,1", "--ask", EXPONENT, "--studies", "100"]
     with kernel(normal=False):
@@ -371,6 +380,7 @@ def test_a_written_plan_is_drawn_anew_and_read_whole(two_goals: Plan, tmp_path: 
     assert "40 people" in repr(two_goals)
 
 
+@pytest.mark.slow
 def test_the_page_of_a_plan_is_drawn_in_a_browser(two_goals: Plan, tmp_path: Path) -> None:
     browser = pytest.importorskip("browser", reason="websocket-client is not installed")
     if browser.CHROMIUM is None:

@@ -267,6 +267,7 @@ def test_what_changes_with_a_factor_is_noted_whether_a_formula_has_it_or_not() -
     assert rows_of(table, "side")["left", "right"]["note"] == ""
 
 
+@pytest.mark.slow
 def test_ratios_and_probabilities_of_people_drawn_from_the_prior_are_calibrated() -> None:
     """Effects of sd 0.2 seen with an error of 0.1: their posterior is normal, and its draws exact."""
     rng, people, studies, s, e = np.random.default_rng(9), 4, 100, 0.2, 0.1

@@ -36,6 +36,7 @@ def refusal(question: str, formula: str, C: str = "1") -> str:
     return ""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("question", "formula", "term"),
     [
@@ -98,6 +99,7 @@ def test_what_a_parameter_moves_is_asked(question):
     assert not refusal(question, MAIN, MAIN)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("question", "formula", "terms"),
     [

@@ -211,6 +211,7 @@ def page_agrees(made: Made, table: pd.DataFrame) -> None:
             assert shown.median == pytest.approx(np.median(made.asked(written(q, {factor: level}))))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(FEW))
 def test_contrasts_questions_variables_predictions_and_page_agree(seed: int) -> None:
     agrees(Made(seed))

@@ -44,6 +44,7 @@ def sure(run: Run, gravity: float = 0.0, **sd: float) -> Finished:
     return Finished.from_tree(xr.DataTree.from_dict(groups), run.about["model"])
 
 
+@pytest.mark.slow
 def test_a_row_of_empty_cells_is_a_row_of_a_file(run: Run, tmp_path: Path) -> None:
     """Predictions are joined to their rows by position."""
     path = tmp_path / "at.csv"
@@ -57,6 +58,7 @@ def test_a_row_of_empty_cells_is_a_row_of_a_file(run: Run, tmp_path: Path) -> No
     assert read_conditions(path, run.finished.recorded) == [{}, {"mass_kg": 0.7}]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gravity", [0.0, 9.80665])
 def test_without_scatter_the_peaks_are_those_of_the_formulas(run: Run, gravity: float) -> None:
     finished = sure(run, gravity)

@@ -25,6 +25,7 @@ def draws(run: Run) -> xr.Dataset:
     return run.posterior["posterior"].dataset
 
 
+@pytest.mark.slow
 def test_a_claim_has_probability_prior_bayes_factor_and_error(run: Run, draws: xr.Dataset) -> None:
     row = run.ask("K[subject=s1] / K[subject=s2] > 1.1").iloc[0]
     prior = run.posterior["prior"].dataset
@@ -86,6 +87,7 @@ def test_what_quantities_mean(run: Run, draws: xr.Dataset) -> None:
         assert found[question] == pytest.approx(float(values.median())), question
 
 
+@pytest.mark.slow
 def test_a_number_has_the_unit_of_its_quantities_where_they_share_one(run: Run) -> None:
     expected = {
         "K": "N/m",

@@ -13,6 +13,7 @@ def draws(seed: int, quantities: int = 300, chains: int = 4, length: int = 500) 
     return np.random.default_rng(seed).standard_normal((quantities, chains, length))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("length", [250, 500, 1000])
 def test_independent_draws_pass_in_99_of_100_runs(length):
     # The third of a run's quantities are the population's, as in a small campaign.

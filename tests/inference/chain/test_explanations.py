@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from numpy.testing import assert_allclose
 
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
@@ -48,6 +49,7 @@ def test_there_are_no_more_than_some_of_one_trace():
     assert_allclose(sites.log_scale[:, 0], -np.arange(MOST))
 
 
+@pytest.mark.slow
 def test_of_many_impacts_others_are_looked_for_where_some_have_any(monkeypatch):
     """A thousand that have one explanation each stand for all; here two for six."""
     table = {"subject": list("aabbcc"), "trial": ["x", "y"] * 3, "mass_kg": [0.5, 1.0] * 3}

@@ -50,6 +50,7 @@ def fitted(dataset: Dataset, chains: int = 4, **model: Any) -> bt.Fit:
     return bt.fit(dataset, MODEL | model | {"sampler": {"chains": chains}}, seed=3)
 
 
+@pytest.mark.slow
 def test_one_impact_has_every_result():
     made = fitted(campaign(1, (0.8,), 1000.0), chains=2, formula={"K": "1", "C": "1"})
     assert made.diagnostics["passed"]

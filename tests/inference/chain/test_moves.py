@@ -96,6 +96,7 @@ def test_a_move_leaves_the_joint_law_as_it_is(structure, name, several):
     assert np.abs(moved).max() < norm.isf(FALSE_ALARM / 2 / len(moved))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["by_population", "centred"])
 def test_a_move_of_people_leaves_the_joint_law_as_it_is(name):
     K, table, model = STRUCTURES["people"]

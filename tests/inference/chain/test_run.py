@@ -52,6 +52,7 @@ def drawn(
     return chain_draws(prepared(K if count > 1 else "1", table), here, sampler, seed, **options)
 
 
+@pytest.mark.slow
 def test_draws_follow_from_the_seed_and_a_stop_changes_none(people, monkeypatch, tmp_path: Path):
     sites = jax.tree.map(lambda leaf: leaf[None], people.traces)
     whole = drawn(people, sites, monkeypatch, settings=SHORT, checkpoints=tmp_path)

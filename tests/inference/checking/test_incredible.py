@@ -14,6 +14,7 @@ GROUPS = {
 COUNT = PEOPLE * CONDITIONS
 
 
+@pytest.mark.slow
 def test_right_models_raise_alarms_as_seldom_as_promised() -> None:
     rng = np.random.default_rng(3)
     sets = 4000

@@ -77,10 +77,12 @@ def with_column(dataset: Dataset, name: str, factor: object) -> Dataset:
     return replace(dataset, impacts=dataset.impacts.assign(**{name: dataset.impacts[name] * factor}))
 
 
+@pytest.mark.slow
 def test_a_right_chain_raises_no_alarm(prepared: Prepare, good: Dataset) -> None:
     assert judge(prepared(good)) == {"passed": True, "of": 12}
 
 
+@pytest.mark.slow
 def test_a_velocity_a_tenth_too_low_in_all_impacts_is_named(prepared: Prepare, good: Dataset) -> None:
     found = judge(prepared(with_column(good, "velocity_m_s", 1 / 1.1)))
     assert found["passed"] is False
@@ -94,6 +96,7 @@ def test_a_velocity_a_tenth_too_low_in_all_impacts_is_named(prepared: Prepare, g
 
 
 # One of three by default; all in the long suite.
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "factor", [1.1, *(pytest.param(factor, marks=pytest.mark.long) for factor in (1.06, 1 / 1.1))]
 )
@@ -160,6 +163,7 @@ def test_a_wrong_mass_does_not_show(impact: Prepare, good: Dataset) -> None:
     assert judge(impact(with_column(good, "mass_kg", 1.1)))["passed"] is True
 
 
+@pytest.mark.slow
 def test_an_undeclared_error_is_one_without_a_standard_deviation(impact: Prepare, good: Dataset) -> None:
     bare = replace(good, uncertainty=replace(good.uncertainty, velocity_sd_m_s=0.0, relative_gain_sd=0.0))
     found = judge(impact(with_column(bare, "velocity_m_s", 1.1)))
@@ -167,6 +171,7 @@ def test_an_undeclared_error_is_one_without_a_standard_deviation(impact: Prepare
     assert "no error was declared" in found["words"]
 
 
+@pytest.mark.slow
 def test_another_law_is_not_blamed_on_the_chain(impact: Prepare) -> None:
     tissue = {"element": "standard_linear", "K_N_per_m": 2000.0, "parameters": {"arm_ratio": 2.0}}
     found = judge(impact(simulated(**tissue)))

@@ -75,6 +75,7 @@ def test_a_further_parameter_with_a_formula_is_judged_by_its_own_scatter() -> No
     assert line["p"] < 1e-6
 
 
+@pytest.mark.slow
 def test_a_line_that_is_one_is_not_noted() -> None:
     """Of 200 lines none is plainly bent, and p is uniform: the share below a tenth within four errors."""
     p, design = [], design_of("dose + (1|subject)", rows=rows(2))

@@ -122,6 +122,7 @@ def test_a_model_is_its_value(dataset: Dataset, specification: ModelSpecificatio
     assert jax.tree.leaves(one) == [0.002]
 
 
+@pytest.mark.slow
 def test_fewer_people_and_impacts_left_out_have_the_same_shapes(
     specification: ModelSpecification, tmp_path
 ) -> None:
@@ -140,6 +141,7 @@ def test_fewer_people_and_impacts_left_out_have_the_same_shapes(
     assert len(shapes) == 1
 
 
+@pytest.mark.slow
 def test_filling_up_changes_neither_densities_nor_conditionals(
     dataset: Dataset, specification: ModelSpecification, monkeypatch: pytest.MonkeyPatch
 ) -> None:

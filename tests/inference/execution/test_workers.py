@@ -7,7 +7,11 @@ import time
 import warnings
 from pathlib import Path
 
+import pytest
+
 from bayestissue import runtime
+
+pytestmark = pytest.mark.slow
 
 _held: list[bytearray] = []
 

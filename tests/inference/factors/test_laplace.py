@@ -61,6 +61,7 @@ def summaries_of(size: int, impacts: int = 5) -> tuple[GaussianFactor, Condition
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [1, POINTS, POINTS + 3])
 def test_values_do_not_depend_on_how_many_are_asked_for(number: int) -> None:
     given = prepared("impact")
@@ -76,6 +77,7 @@ def test_values_do_not_depend_on_how_many_are_asked_for(number: int) -> None:
     np.testing.assert_allclose(found[finite], alone[finite], rtol=1e-11)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [pytest.param("arma", marks=pytest.mark.long), "impact"])
 def test_an_expansion_has_the_derivatives_of_the_likelihood(kind: str) -> None:
     given = prepared(kind)

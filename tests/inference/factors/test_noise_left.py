@@ -10,6 +10,8 @@ import bayestissue as bt
 from bayestissue.inference.checking.model_form import SMALL_P, with_impacts
 from bayestissue.simulation import Simulation, simulate
 
+pytestmark = pytest.mark.slow
+
 CHAIN = {
     "relative_mass_sd": 0.005,
     "velocity_sd_m_s": 0.0075,

@@ -52,6 +52,7 @@ def sums(part: TraceData, rows: np.ndarray) -> dict[str, Any]:
     return {"x": jnp.asarray(part.record.x).sum(1), "spectrum": spectrum, "rows": rows, "mass": part.log_mass}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("few", [1, 100], ids=["in processes", "in this process"])
 def test_blocks_end_to_end_are_the_whole(monkeypatch: pytest.MonkeyPatch, few: int) -> None:
     monkeypatch.setattr(trace_blocks, "BLOCK", 4)
@@ -124,6 +125,7 @@ MODELS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", MODELS)
 def test_few_at_a_time_have_the_sites_of_all_together(
     dozen: Dataset, monkeypatch: pytest.MonkeyPatch, model: str
@@ -155,6 +157,7 @@ def test_few_at_a_time_have_the_sites_of_all_together(
         np.testing.assert_allclose(one / scale, other / scale, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_impacts_drawn_few_at_a_time_share_their_persons_error_of_mass(
     dozen: Dataset, monkeypatch: pytest.MonkeyPatch
 ) -> None:

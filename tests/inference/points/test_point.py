@@ -57,6 +57,7 @@ def _driven(
     return arma21_series(first, shocks[2:], c1, c2, theta1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate", RATES)
 def test_noise_free_impacts_give_back_stiffness_and_damping(rate: float) -> None:
     mass, zeta = (a.ravel() for a in np.meshgrid([0.1, 0.375, 1.0, 5.0], [0.02, 0.1, 0.5, 1.0, 1.5, 2.0]))
@@ -68,6 +69,7 @@ def test_noise_free_impacts_give_back_stiffness_and_damping(rate: float) -> None
     np.testing.assert_allclose(fit.C, damping, rtol=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate", RATES[:2])
 def test_noise_free_drops_give_back_stiffness_and_damping(rate: float) -> None:
     mass, zeta = (a.ravel() for a in np.meshgrid([0.1, 0.375, 1.0, 5.0], [0.02, 0.1, 0.3, 0.5, 1.0, 1.5]))
@@ -81,6 +83,7 @@ def test_noise_free_drops_give_back_stiffness_and_damping(rate: float) -> None:
     assert (np.abs(without.K / K - 1) > 0.01).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("theta1", [-0.27, 0.5, -1.0])
 def test_nine_in_ten_intervals_hold_the_truth_when_the_noise_is_as_assumed(theta1: float) -> None:
     count = 500
@@ -111,6 +114,7 @@ def test_exact_fit_is_the_maximum_of_the_likelihood() -> None:
     assert -found.fun <= best + 1e-5
 
 
+@pytest.mark.slow
 def test_standard_errors_are_those_of_the_observed_information() -> None:
     x = driven(1, -0.4, 1e-7)[0]
     fit = fit_points(x[None], np.array([len(x)]), np.array([DT]), np.array([0.666]))
@@ -149,6 +153,7 @@ def test_standard_errors_of_stiffness_match_differences() -> None:
             np.testing.assert_allclose(here[f"{name}_se"], finite, rtol=1e-5, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_centring_on_the_sample_mean_makes_a_mass_dependence() -> None:
     mass = np.array([0.375, 0.666, 1.0, 1.333])
     x, n = trace(np.full(4, K), np.full(4, C), mass, 1e4)
@@ -161,6 +166,7 @@ def test_centring_on_the_sample_mean_makes_a_mass_dependence() -> None:
     np.testing.assert_allclose(rest.C, C, rtol=1e-8)
 
 
+@pytest.mark.slow
 def test_conditional_fit_is_the_least_sum_of_squares() -> None:
     x = driven(1, 0.3, 1e-7)[0]
     fit = fit_points(x[None], np.array([len(x)]), np.array([DT]), np.array([0.666]), "dds")
@@ -178,6 +184,7 @@ def test_conditional_fit_is_the_least_sum_of_squares() -> None:
         assert squares(at) <= min(squares(at + step), squares(at - step)) * (1 + 1e-9)
 
 
+@pytest.mark.slow
 def test_accelerometer_noise_leaves_the_estimates_good_and_their_intervals_too_short() -> None:
     # twice integrated white noise is no ARMA(2,1): theta1 runs to -1, and the residuals tell
     count, mass = 400, 0.666
@@ -264,6 +271,7 @@ def test_no_impacts_and_no_motion_are_no_reason_to_fail() -> None:
     assert np.isnan(still.K).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("length", "columns"),
     [(30, 5), *(pytest.param(*sizes, marks=pytest.mark.long) for sizes in ((80, 12), (200, 6)))],

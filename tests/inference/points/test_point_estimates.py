@@ -78,6 +78,7 @@ def recorded(
 
 
 # The slowest and the fastest by default, each of a width of its own to compile; all in the long suite.
+@pytest.mark.slow
 @pytest.mark.parametrize("rate", [2e3, pytest.param(1e4, marks=pytest.mark.long), 5e4])
 @pytest.mark.parametrize(
     ("before", "after"),
@@ -96,6 +97,7 @@ def test_noise_free_decelerations_give_back_stiffness_and_damping(
     np.testing.assert_allclose(table["C_N_s_per_m"], C, rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_accelerometer_noise_of_half_a_per_cent_costs_less_than_one() -> None:
     count = 90
     mass = np.resize([0.375, 0.666, 1.0, 1.333], count)
@@ -129,6 +131,7 @@ def test_flags_say_what_to_doubt() -> None:
     assert list(table["flags"]) == ["", "deeper than the tissue is thick", ""]
 
 
+@pytest.mark.slow
 def test_what_every_sound_impact_shows_is_a_note_and_no_flag() -> None:
     K, C, mass = np.full(3, 3000.0), np.full(3, 25.0), np.full(3, 0.5)
     table = exact(recorded(K, C, mass, 1e4, noise=0.005))
@@ -152,6 +155,7 @@ def test_without_a_quiet_part_the_offset_is_a_note() -> None:
     assert all("no quiet part" in note for note in table["notes"])
 
 
+@pytest.mark.slow
 def test_the_example_is_not_flagged() -> None:
     table = exact(bt.read_dataset(shared("data", "example")))
     # At a false alarm rate of 0.02 an impact, more than 8 of 90 come up once in a thousand campaigns.

@@ -65,6 +65,7 @@ def written(folder: Path, K: np.ndarray, C: np.ndarray) -> None:
     )
 
 
+@pytest.mark.slow
 def test_nine_in_ten_intervals_of_the_table_hold_the_truth(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -109,6 +109,7 @@ def dense_sd(told: GaussianFactor, priors: tuple[float, float]) -> np.ndarray:
     return np.sqrt(np.diag(pick @ covariance @ pick.T))
 
 
+@pytest.mark.slow
 def test_k_of_a_person_is_no_surer_than_the_persons_mass() -> None:
     told = summaries(1e8)
     made = prepared("subject")

@@ -15,6 +15,8 @@ from bayestissue.inference.posterior.scores import of_draws
 from chain_of_sites import chain_of_sites
 from gaussian_traces import prepared
 
+pytestmark = pytest.mark.slow
+
 PEOPLE = {"subject": list("aabbcc"), "trial": ["x", "y"] * 3, "mass_kg": [0.5, 1.0] * 3}
 DRAWS = 4000
 

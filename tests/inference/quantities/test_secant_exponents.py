@@ -84,6 +84,7 @@ def assert_distributed(draws: np.ndarray, levels: np.ndarray, variance: float = 
     assert distance.max() < 2.23 / np.sqrt(draws.size)
 
 
+@pytest.mark.slow
 def test_the_slope_over_units_that_are_known_has_its_exact_posterior() -> None:
     levels = np.random.default_rng(1).normal(7.0, 0.1, CONDITIONS) + 0.2 * LOG_MASS
     units = Units("trial", LOG_MASS, np.broadcast_to(levels, (*SHAPE, CONDITIONS)), NOTHING)

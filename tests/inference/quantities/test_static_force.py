@@ -25,6 +25,8 @@ from bayestissue.likelihood.element.impact import MeasuredImpact, NoiseParameter
 from bayestissue.likelihood.element.record import Contact, DecelerationRecord
 from bayestissue.likelihood.element.response import motion
 
+pytestmark = pytest.mark.slow
+
 MASS, VELOCITY, DT = np.array([0.5, 1.2]), np.array([1.5, 1.0]), np.full(2, 2e-4)
 FIRST, DEPTH = np.array([5e-5, 1.5e-4]), jnp.full(2, 0.012)
 STIFF = {"K": 2000.0, "C": 20.0, "stiffening_depth_m": 0.02}

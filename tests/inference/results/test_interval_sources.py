@@ -100,6 +100,7 @@ def by_quadrature(given: Prepared, u: np.ndarray, covariance: np.ndarray) -> np.
     return (weight * (K - (weight * K).sum(axis=0)) ** 2).sum(axis=0)
 
 
+@pytest.mark.slow
 def test_parts_are_those_of_brute_force(given: Prepared, u: np.ndarray) -> None:
     errors = trace_errors(given, u, RIDGE)
     # Likelihoods are normal but for terms of the order of their width, a hundredth, which move a variance by
@@ -221,6 +222,7 @@ def test_a_mass_that_a_person_s_impacts_share_is_a_source_of_the_mean(
     assert_allclose(found.loc[("impact", "K", "mass"), "sd"] ** 2, left, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_contact_that_the_traces_tell_is_known_but_for_a_normal_error() -> None:
     """About a moment with a uniform error a likelihood is flat, and has no curvature to be expanded by."""
     dataset = read_dataset(resources.shared("data", "published").parent / "example")

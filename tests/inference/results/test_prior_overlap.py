@@ -8,6 +8,7 @@ from scipy.integrate import quad
 from bayestissue.inference.results.summary import prior_overlap
 
 
+@pytest.mark.slow
 def test_the_overlap_of_normals_is_the_integral_of_the_lesser_density_on_any_scale() -> None:
     # Quantiles in the place of draws, so that nothing but the bins is off.
     at = (np.arange(200_000) + 0.5) / 200_000

@@ -9,6 +9,8 @@ import xarray as xr
 
 from bayestissue.inference.samplers.convergence import TAILS, convergence, effective_size, elements_of
 
+pytestmark = pytest.mark.slow
+
 
 def draws(chains: int, length: int) -> np.ndarray:
     """Quantities that differ in how the chains moved, more of them than are worked on at once."""

@@ -52,6 +52,7 @@ def table(campaign: Campaign) -> pd.DataFrame:
     return bt.estimate(campaign.dataset("single"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [pytest.param(0.005, marks=pytest.mark.long), 0.1])
 def test_medians_and_intervals_are_those_of_direct_integration(noise):
     """Over a grid of log K, log C and log noise; under noise of a tenth of the peak it is skewed."""
@@ -85,6 +86,7 @@ def test_medians_and_intervals_are_those_of_direct_integration(noise):
         )
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth(campaign: Campaign, table: pd.DataFrame):
     for name, unit in UNITS.items():
         true = campaign.truth[f"{name}_{unit}"].to_numpy()
@@ -97,6 +99,7 @@ def test_intervals_hold_the_truth(campaign: Campaign, table: pd.DataFrame):
     assert (table["flags"] != "").sum() <= 5
 
 
+@pytest.mark.slow
 def test_intervals_of_recordings_cropped_at_contact_hold_whenever_the_first_sample_came(campaign: Campaign):
     """A recorder's clock knows nothing of contact: it came anywhere in the interval before the sample."""
     whole, contact = campaign.dataset("cropped"), campaign.truth["contact_time_s"].to_numpy()
@@ -125,6 +128,7 @@ def test_the_row_is_that_of_one_oscillator(table: pd.DataFrame):
     assert table["sigma_a"].isna().all()
 
 
+@pytest.mark.slow
 def test_an_impact_alone_has_the_same_row(campaign: Campaign, table: pd.DataFrame):
     whole = campaign.dataset("single")
     one = replace(whole, impacts=whole.impacts.iloc[[7]].reset_index(drop=True), traces=whole.traces[7:8])
@@ -136,6 +140,7 @@ def test_an_impact_alone_has_the_same_row(campaign: Campaign, table: pd.DataFram
             assert alone[f"{name}{end}_{unit}"] == pytest.approx(among[f"{name}{end}_{unit}"], abs=error)
 
 
+@pytest.mark.slow
 def test_it_says_how_far_it_is():
     said = []
     bt.estimate(
@@ -164,6 +169,7 @@ def test_the_mass_is_as_sure_as_the_dataset_says(campaign: Campaign):
     np.testing.assert_array_equal(with_errors["zeta"], without["zeta"])
 
 
+@pytest.mark.slow
 def test_a_trace_of_another_law_is_flagged():
     tissue = {"element": "stiffening", "parameters": {"stiffening_depth_m": 0.02}}
     table = bt.estimate(made(FEW, {"noise_relative_to_peak": 0.002}, **tissue).dataset("stiffening"))
@@ -296,6 +302,7 @@ def test_intervals_hold_where_noise_went_through_the_filter(recorder: dict):
     assert (table["flags"] != "").mean() < 0.05
 
 
+@pytest.mark.slow
 def test_intervals_hold_where_a_strong_damper_hides_the_spring():
     """At a damping ratio of 4 the likelihood has no peak in log K: its interval was missed in 56 %."""
     damping = {"C_N_s_per_m": 8 * (3000 * 0.7) ** 0.5, "sd_impact_K": 0.0, "sd_impact_C": 0.0}

@@ -45,6 +45,7 @@ def test_campaigns_without_all_statistics_are_left_out() -> None:
         JointCheck(own[:24])
 
 
+@pytest.mark.slow
 def test_the_posterior_of_two_normals_is_bayes_theorem() -> None:
     random = np.random.default_rng(3)
     cause = np.arange(600) % 2

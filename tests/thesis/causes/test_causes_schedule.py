@@ -65,6 +65,7 @@ class Killer:
             self.killed += 1
 
 
+@pytest.mark.slow
 def test_worker_processes_give_the_same_numbers_though_one_is_killed(
     batches: list[Batch], expected: pd.DataFrame
 ) -> None:
@@ -129,6 +130,7 @@ def started(folder: Path, *, workers: int) -> Iterator[tuple[str, list[int]]]:
             process.wait()
 
 
+@pytest.mark.slow
 def test_a_dask_cluster_gives_the_same_numbers_though_a_worker_is_killed(
     batches: list[Batch], expected: pd.DataFrame, cluster: tuple[str, list[int]]
 ) -> None:

@@ -73,6 +73,7 @@ def sites(campaign, problem, found):
     return named_sites(problem[0].locations, campaign[1], found.hyperparameters, found.b)
 
 
+@pytest.mark.slow
 def test_known_parameters_are_recovered(sites) -> None:
     for name, value in TRUTH.items():
         # Four posterior standard deviations: one data set in ten thousand would miss.
@@ -102,6 +103,7 @@ def test_no_more_draws_are_kept_than_are_asked_for(problem) -> None:
     assert few.b.shape[:2] == few.rows.shape[:2] == (2, 100)
 
 
+@pytest.mark.slow
 def test_a_trial_is_scored_alike_with_it_and_without_it(campaign, problem, found, monkeypatch) -> None:
     """Importance sampling of the posterior that has a trial, and chains that do not, estimate one number."""
     observations, design = campaign
