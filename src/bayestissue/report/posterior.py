@@ -172,11 +172,11 @@ def levels(run: PosteriorRun) -> list[Levels]:
 
     Beside a discrepancy K_secant of these impacts together stands in place of K, the element's own.
     """
-    found = [Levels(q, UNITS[q], typical(run, q), new_person(run, q)) for q in QUANTITIES]
+    rows = [Levels(q, UNITS[q], typical(run, q), new_person(run, q)) for q in QUANTITIES]
     if run.has(TOGETHER):
         together = spread(run.draws(TOGETHER))
-        found[0] = Levels(OWN_DEPTH, UNITS["K"], together, together, these=True)
-    return found
+        rows[0] = Levels(OWN_DEPTH, UNITS["K"], together, together, these=True)
+    return rows
 
 
 def sureness(run: PosteriorRun) -> list[dict[str, str]]:

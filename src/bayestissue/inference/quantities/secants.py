@@ -55,10 +55,10 @@ def mass_exponents_of_secants(
     positive = {name: impacts[secant] for name, secant in EXPONENTS.items() if (impacts[secant] > 0).all()}
     if not model.discrepancy:
         which = slice(None) if constrained.kept_numbers is None else constrained.kept_numbers
-        own = constrained.sites["mass_exponent_K"][:, which]
+        exponent = constrained.sites["mass_exponent_K"][:, which]
         line = np.column_stack([np.ones_like(part.log_mass), part.log_mass, part.covariates])
         slope = np.linalg.pinv(line)[1]
-        return {name: own + np.log(secant / impacts["K"]) @ slope for name, secant in positive.items()}
+        return {name: exponent + np.log(secant / impacts["K"]) @ slope for name, secant in positive.items()}
     rng, prior, exponents = np.random.default_rng([seed, 31]), model.priors.mass_exponent.K, {}
     for name, secant in positive.items():
         units = units_of(design, np.log(secant))
