@@ -197,6 +197,7 @@ def page_agrees(made: Made, table: pd.DataFrame) -> None:
     run = SimpleNamespace(
         contrasts=table,
         record={},
+        of_tissue=("K", "C"),
         has=lambda name: name in made.draws,
         labels=lambda name: made.draws[name].to_numpy().astype(str).tolist(),
         draws=lambda name: made.draws[name].to_numpy().reshape(-1, made.draws[name].shape[-1]),
