@@ -198,6 +198,7 @@ def page_agrees(made: Made, table: pd.DataFrame) -> None:
         contrasts=table,
         record={},
         of_tissue=("K", "C"),
+        of_levels=lambda q, level: name if (name := f"{q}_{stem_of(level)}") in made.draws else "",
         has=lambda name: name in made.draws,
         labels=lambda name: made.draws[name].to_numpy().astype(str).tolist(),
         draws=lambda name: made.draws[name].to_numpy().reshape(-1, made.draws[name].shape[-1]),
