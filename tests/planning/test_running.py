@@ -17,6 +17,8 @@ from bayestissue.simulation import Simulation, simulate
 from bayestissue.simulation.specification import Recording
 from counted import COMPILED, counted
 
+pytestmark = pytest.mark.slow
+
 FORMULA = "log(mass_kg) + (1|subject)"
 RECORDING = {"noise_relative_to_peak": 0.005, "velocity_sd_m_s": 0.005, "relative_mass_sd": 0.002}
 
