@@ -11,6 +11,7 @@ from datetime import datetime
 from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from zipfile import BadZipFile
 
 import pandas as pd
 import xarray as xr
@@ -19,7 +20,7 @@ from bayestissue import results, runtime
 from bayestissue.errors import InputError
 from bayestissue.hierarchy.specification import ModelSpecification, specification_of
 from bayestissue.inference.answers.finished import GROUPS, Finished
-from bayestissue.inference.results.meanings import UNITS
+from bayestissue.inference.results.meanings import UNITS, symbols
 from bayestissue.inference.samplers.diagnostics import verdict_in_words
 from bayestissue.outline import Outlined, Rows, short, span
 from bayestissue.paper import WIDTH_MM
@@ -76,10 +77,9 @@ class Fit(Outlined):
         posterior = self.posterior["posterior"].dataset
         chains, draws = (posterior.sizes[name] for name in ("chain", "draw"))
         over = [name for name in posterior["K"].dims if name != "impact"]
-        stiffness = "K_secant" if "K_secant_of_impacts" in posterior else "K"
         medians = [
-            (f"{name} of the impacts", f"posterior medians {span(posterior[name].median(over), unit)}")
-            for name, unit in zip((stiffness, "C"), UNITS.values(), strict=True)
+            (f"{name} of the impacts", f"posterior medians {span(posterior[name].median(over), UNITS[q])}")
+            for q, name in symbols(posterior).items()
         ]
         rows = [
             ("impacts", f"{posterior.sizes['impact']} of {short(str(self.about.get('dataset', '')))}"),
@@ -206,11 +206,9 @@ class Fit(Outlined):
         from bayestissue.inference.chain.results import ChainEnd
 
         path = None if self.folder is None else self.folder / CHAIN
-        try:
+        with suppress(OSError, KeyError, ValueError, BadZipFile):
             if path is not None:
                 return ChainEnd.read(path)
-        except (OSError, KeyError, ValueError):
-            pass
         raise InputError.stated("another-run.chain", str(path or "continue_from"))
 
     def ask(self, *questions: str) -> pd.DataFrame:

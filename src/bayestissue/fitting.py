@@ -32,7 +32,7 @@ from bayestissue.inference.checking.measuring_chain import judge
 from bayestissue.inference.factors.expansions import expanded
 from bayestissue.inference.fit import Say, TraceAnalysis, fit_traces
 from bayestissue.inference.points.notes import clipped_recordings, flagged_recordings
-from bayestissue.inference.results.meanings import COLUMNS
+from bayestissue.inference.results.meanings import COLUMNS, symbols
 from bayestissue.inference.samplers.diagnostics import headline, noted, verdict_in_words, warnings
 from bayestissue.settings import read_text
 from bayestissue.words import Words
@@ -365,9 +365,8 @@ def finished_fit(
 
 def _agreement(points: dict[str, pd.DataFrame], summary: pd.DataFrame) -> pd.DataFrame:
     values = {}
-    alone = summary["variable"].eq("K_secant_of_impacts").any()
-    for quantity, column in zip(("K_secant" if alone else "K", "C"), COLUMNS.values(), strict=True):
-        columns = {name: table.set_index("impact")[column] for name, table in points.items()}
+    for q, quantity in symbols(set(summary["variable"])).items():
+        columns = {name: table.set_index("impact")[COLUMNS[q]] for name, table in points.items()}
         median = summary[summary["variable"] == quantity].set_index("label")["median"]
         values[quantity] = pd.DataFrame(columns | {"posterior": median})
     return agreement(values)

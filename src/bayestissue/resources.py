@@ -108,12 +108,12 @@ def model_text(path: Path) -> str:
     """
     import tomlkit
 
-    name, text = model_content(path)["name"], read_text(path, str(path))
+    text = read_text(path, str(path))
     changes = tomlkit.parse(text)
     if LIKE not in changes:
         return text
     document = tomlkit.parse(model_text(_base(changes.pop(LIKE), str(path), text, (path,))))
-    document |= {"name": name, "description": ""}
+    document |= {"name": path.stem, "description": ""}
     _join(document, changes)
     head = takewhile(lambda line: line.startswith("#"), text.splitlines(keepends=True))
     return f"{''.join(head)}\n{document.as_string()}"

@@ -29,7 +29,7 @@ from bayestissue.inference.results.cross_validation import (
     schemes,
 )
 from bayestissue.inference.results.labels import ATTRIBUTES, element_attributes
-from bayestissue.inference.results.meanings import meaning
+from bayestissue.inference.results.meanings import element_alone, meaning
 from bayestissue.inference.samplers.diagnostics import of_element_alone
 from bayestissue.results.tables import columns_of, joined
 
@@ -344,7 +344,7 @@ def _quantiles(run: FinishedRun) -> list[pd.DataFrame]:
     # Runs of earlier versions have a typical person's as an intercept.
     typical = {name: xr.ufuncs.exp(posterior[log]) for name, log in _TYPICAL.items() if log in posterior}
     typical |= {name: posterior[name] for name in COMPARED if name in posterior}
-    if "K_secant_of_impacts" in posterior:
+    if element_alone(posterior):
         # Beside a discrepancy K is the element's own part of the force.
         typical = {name: values for name, values in typical.items() if not of_element_alone(name)}
     people = len(np.unique(run.people))

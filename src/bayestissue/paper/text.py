@@ -13,13 +13,13 @@ from markupsafe import Markup
 
 from bayestissue.declarations import declared
 from bayestissue.inference.answers.contrasts import INTERACTION
-from bayestissue.inference.results.meanings import meaning
+from bayestissue.inference.results.meanings import TOGETHER, meaning
 from bayestissue.inference.samplers.diagnostics import OF_RECORDINGS
 from bayestissue.outline import counted
 from bayestissue.report.answers_page import question_lines
 from bayestissue.report.fit import answers, study, words
 from bayestissue.report.fit.run import FitRun
-from bayestissue.report.posterior import QUANTITIES, TOGETHER, Spread, exponent, levels
+from bayestissue.report.posterior import QUANTITIES, Spread, exponent, levels
 from bayestissue.report.wording import listed
 from bayestissue.words import PLAIN, Words
 

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayestissue.inference.results.meanings import UNITS
+from bayestissue.inference.results.meanings import UNITS, symbols
 from bayestissue.results.tables import declared_files
 
 _WIDEST = 60
@@ -78,8 +78,7 @@ def people_wide(posterior: xr.Dataset, rows: pd.DataFrame) -> tuple[pd.DataFrame
     for name in of_person:
         columns[name] = rows.groupby(subject)[name].first().reindex(people).to_numpy()
         meanings[name] = f"{name} of the person"
-    stiffness = "K_secant" if "K_secant_of_impacts" in posterior else "K"
-    for quantity, unit in zip((stiffness, "C"), UNITS.values(), strict=True):
+    for q, quantity in symbols(posterior).items():
         draws = posterior[quantity].transpose("impact", ...).to_numpy()
         draws = np.log(draws).reshape(len(rows), -1)
         for cell in dict.fromkeys(cells):
@@ -90,7 +89,7 @@ def people_wide(posterior: xr.Dataset, rows: pd.DataFrame) -> tuple[pd.DataFrame
             name = _name(f"{quantity}_{cell}", columns)
             columns[name] = medians
             meanings[name] = (
-                f"{quantity}, {unit}: {', '.join(within)} {cell}" if within else f"{quantity}, {unit}"
+                f"{quantity}, {UNITS[q]}: {', '.join(within)} {cell}" if within else f"{quantity}, {UNITS[q]}"
             )
     return pd.DataFrame(columns), meanings
 

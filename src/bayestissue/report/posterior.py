@@ -14,7 +14,7 @@ from bayestissue.figures.intervals import intervals, quantiles
 from bayestissue.figures.study import histogram
 from bayestissue.figures.theme import Figure
 from bayestissue.hierarchy.formulas.group_terms import stem_of
-from bayestissue.inference.results.meanings import NAMES, SECANTS, UNITS
+from bayestissue.inference.results.meanings import NAMES, SECANTS, TOGETHER, UNITS
 from bayestissue.report.run_folder import PosteriorRun
 from bayestissue.report.wording import (
     decimals_of,
@@ -31,8 +31,6 @@ Quantity = Literal["K", "C"]
 QUANTITIES: tuple[Quantity, ...] = ("K", "C")
 # Of these K there is a mass exponent where K depends on depth.
 COMMON_DEPTH, OWN_DEPTH = "K_common_depth", "K_secant"
-# Of runs with a discrepancy, whose K is the element's own.
-TOGETHER = "K_secant_of_impacts"
 FIXED, CONSTANT = "fixed stiffness", "constant natural frequency"
 # Above this a hypothesis is spoken of as what the data say; below one minus this, as what they rule out.
 SURE = 0.9

@@ -47,6 +47,7 @@ from bayestissue.hierarchy.formulas.group_terms import SUBJECT, labels_of
 from bayestissue.hierarchy.levels import Condition, Recorded, label_of, log_at_levels
 from bayestissue.inference.answers.grammar import Node, Number, Quantity, QuestionError, parse
 from bayestissue.inference.answers.meaning import quantities
+from bayestissue.inference.results.meanings import element_alone
 from bayestissue.inference.samplers.diagnostics import ELEMENT_ALONE
 from bayestissue.results.tables import joined
 
@@ -151,7 +152,7 @@ def contrasts(
     table = joined("contrasts", tables)
     order = table.groupby(_TEXT, sort=False).ngroup()
     table = table.iloc[np.argsort(order, kind="stable")].reset_index(drop=True)
-    if "K_secant_of_impacts" in draws:
+    if element_alone(draws):
         of_K = table["quantity"] == "K"
         table.loc[of_K, "note"] = (table["note"] + f"; {ELEMENT_ALONE}").str.removeprefix("; ")[of_K]
     return table

@@ -11,6 +11,7 @@ import xarray as xr
 from bayestissue.elements.element import GRAVITY
 from bayestissue.hierarchy import SIDE_BY_SIDE
 from bayestissue.hierarchy.levels import Recorded
+from bayestissue.inference.results.meanings import element_alone
 
 GROUPS = ("posterior", "prior", "constant_data")
 
@@ -38,7 +39,7 @@ class Finished:
     @property
     def element_alone(self) -> bool:
         """Whether K is not the tissue's but the element's; earlier versions' runs have K_secant as K."""
-        return "K_secant_of_impacts" in self.posterior
+        return element_alone(self.posterior)
 
     @classmethod
     def from_tree(cls, tree: xr.DataTree, model: Mapping[str, Any]) -> Finished:

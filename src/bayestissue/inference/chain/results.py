@@ -47,7 +47,7 @@ class ChainEnd(NamedTuple):
 
         Raises:
             KeyError: it is the file of a version whose chains had other parts.
-            ValueError: it is damaged.
+            ValueError, BadZipFile: it is damaged.
         """
         none: Any = np.zeros(0)
         state, steps = of_nothing(State), of_nothing(Steps)

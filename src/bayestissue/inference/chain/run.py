@@ -185,7 +185,7 @@ def read_arrays(path: Path, like: Any) -> Any:
 
     Raises:
         KeyError: the file holds another structure's.
-        ValueError: the file is damaged.
+        ValueError, BadZipFile: the file is damaged.
     """
     with np.load(path, allow_pickle=False) as stored:
         return jax.tree_util.tree_map_with_path(lambda where, _: stored[jax.tree_util.keystr(where)], like)

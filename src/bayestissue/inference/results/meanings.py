@@ -5,7 +5,7 @@ The one table of these words; labels, tables, figures and pages take them from h
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Hashable, Mapping, Sequence
 from typing import NamedTuple
 
 from bayestissue.errors import Coded
@@ -40,6 +40,8 @@ _OF_ONE_PERSON = {
 _COMPARABLE = {"K": ("K_secant", "secant K"), "C": ("C_equivalent", "equivalent C")}
 # Of these K there is a mass exponent where K depends on depth.
 SECANTS = {"K_common_depth": "K at the common depth", "K_secant": "K at each impact's greatest depth"}
+# Beside a discrepancy the tissue's stiffness, of all recorded impacts; no other run has it.
+TOGETHER = "K_secant_of_impacts"
 _OF_IMPACTS = {
     "{name}_of_impacts": "these impacts together (geometric mean)",
     "{name}_of_subject": "a person's own impacts (geometric mean)",
@@ -49,6 +51,19 @@ ONE_IMPACT = Coded(
     "its person or of a new impact comes from the priors.",
     "one-impact",
 )
+
+
+def element_alone(variables: Container[Hashable]) -> bool:
+    """Whether K, in a run with these variables, is the element's own part of the force beside a discrepancy.
+
+    Runs of earlier versions have K_secant as K.
+    """
+    return TOGETHER in variables
+
+
+def symbols(variables: Container[Hashable]) -> dict[str, str]:
+    """The variables of an impact that are the tissue's stiffness and damping, by "K" and "C"."""
+    return {"K": "K_secant" if element_alone(variables) else "K", "C": "C"}
 
 
 def few_valued_words(columns: Mapping[str, Sequence[str]]) -> list[str]:

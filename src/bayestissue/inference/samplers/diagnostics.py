@@ -217,10 +217,9 @@ def _cause(summary: pd.DataFrame, r_hat_limit: float, of_impacts: Collection[str
     lacking = np.fmax(of_r_hat, ESS_LIMIT / size)
     row = summary.iloc[int(np.nanargmax(lacking))]
     kind = "impact" if row["variable"] in of_impacts else "population"
-    name = f"{row['variable']} of {row['label']}" if row["label"] else str(row["variable"])
     numbers = {
         "impact": row["label"],
-        "variable": name,
+        "variable": _named(row),
         "r_hat": row["r_hat"],
         "effective": row[["ess_bulk", "ess_tail"]].min(),
     }
@@ -231,5 +230,9 @@ def _worst(summary: pd.DataFrame, column: str) -> dict[str, Any]:
     """The greatest R-hat, or the least sample size, and the variable that has it."""
     values = summary[column].to_numpy(float)
     row = int(np.nanargmax(values) if column == "r_hat" else np.nanargmin(values))
-    variable, label = str(summary["variable"].iloc[row]), str(summary["label"].iloc[row])
-    return {"variable": f"{variable} of {label}" if label else variable, "value": float(values[row])}
+    return {"variable": _named(summary.iloc[row]), "value": float(values[row])}
+
+
+def _named(row: pd.Series) -> str:
+    """A row of the summary in words, such as "K of impact_7"."""
+    return f"{row['variable']} of {row['label']}" if row["label"] else str(row["variable"])

@@ -16,7 +16,7 @@ from bayestissue.errors import InputError, all_of
 from bayestissue.figures.impacts import end
 from bayestissue.hierarchy import SIDE_BY_SIDE
 from bayestissue.hierarchy.formulas.group_terms import stem_of
-from bayestissue.inference.results.meanings import COLUMNS, NAMES
+from bayestissue.inference.results.meanings import COLUMNS, NAMES, element_alone, symbols
 from bayestissue.report.run_folder import (
     POSTERIOR_TABLES,
     PosteriorRun,
@@ -74,12 +74,12 @@ class FitRun(PosteriorRun):
 
         Runs of earlier versions have K_secant as K.
         """
-        return self.has("K_secant_of_impacts")
+        return element_alone(self.groups["posterior"])
 
     @property
     def symbols(self) -> dict[str, str]:
         """The variables of an impact that are the tissue's stiffness and damping."""
-        return {"K": "K_secant" if self.element_alone else "K", "C": "C"}
+        return symbols(self.groups["posterior"])
 
     @property
     def names(self) -> dict[str, str]:
