@@ -19,7 +19,7 @@ from bayestissue.dataset.arrays import dataset
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import impacts_model
-from bayestissue.inference.chain.moves import State, Steps, Tuning
+from bayestissue.inference.chain.moves import State, Steps, StudentT, Tuning
 from bayestissue.inference.chain.target import FIELDS, Target
 
 # Standard deviations with which a trace tells log K, log C and the noise.
@@ -118,5 +118,8 @@ def bad_tuning(target: GaussianTarget, several: int = 1) -> tuple[Tuning, Steps]
     sites = GaussianFactor(places, jnp.zeros_like(places), wide, scale)
     number = len(target.model.hyperparameters)
     roots = jnp.broadcast_to(jnp.diag(TOLD[:size]), (count, size, size))
-    step = jnp.asarray(1.0 / np.sqrt(number))
-    return Tuning(sites, jnp.eye(number), roots), Steps(jnp.full(count, 0.8), step, step)
+    near, length = StudentT(jnp.zeros(number), jnp.eye(number)), jnp.asarray(0.6)
+    inner, levels = target.level_effects.shape
+    of_level = jnp.broadcast_to(0.2 * jnp.eye(inner), (levels, inner, inner))
+    steps = Steps(jnp.full(count, 0.8), jnp.full(count, 0.5), length, length, jnp.ones(levels))
+    return Tuning(sites, near, roots, of_level), steps

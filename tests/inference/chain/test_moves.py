@@ -45,8 +45,9 @@ def by(name: str, several: int, target: GaussianTarget, state: State, key: Array
     if name == "centred":
         return moves.centred(target, tuning, steps, state, numbers.centred)[0]
     of_move = jax.tree.map(lambda leaf: leaf[0], numbers.moves)
-    proposal = getattr(moves, name)(target, tuning, steps, state, of_move)
-    return moves.decided(target, state, proposal, of_move.decision, whole=name == "by_population")[0]
+    further = {"walks": of_move.way < steps.walks} if name == "by_impact" else {}
+    proposal = getattr(moves, name)(target, tuning, steps, state, of_move, **further)
+    return moves.decided(target, state, proposal, of_move.decision)[0]
 
 
 def statistics(target: GaussianTarget, state: State) -> Array:
@@ -81,15 +82,17 @@ def z_scores(made: GaussianTarget, name: str, several: int, number: int, repeats
 
 
 @pytest.mark.parametrize("several", [1, 2])
-@pytest.mark.parametrize("name", ["by_site", "by_population", "by_walk", "centred"])
+@pytest.mark.parametrize("name", ["by_impact", "by_population", "by_level", "centred"])
 @pytest.mark.parametrize("structure", list(STRUCTURES))
 @pytest.mark.long
 def test_a_move_leaves_the_joint_law_as_it_is(structure, name, several):
     K, table, model = STRUCTURES[structure]
-    if several == 2 and name in ("by_walk", "centred"):
+    if several == 2 and name in ("by_level", "centred"):
         pytest.skip("asks for no site")
     made = prepared(K, table, **model)
     here = some_of(made, LEFT.get(structure, np.arange(len(made.impacts))))
+    if name == "by_level" and not len(target_of(here).level_effects):
+        pytest.skip("has no levels")
     z = z_scores(target_of(here), name, several, 4000, 5)
     moved = z[z != 0]
     assert len(moved) > 3
@@ -97,7 +100,7 @@ def test_a_move_leaves_the_joint_law_as_it_is(structure, name, several):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["by_population", "centred"])
+@pytest.mark.parametrize("name", ["by_population", "by_level", "centred"])
 def test_a_move_of_people_leaves_the_joint_law_as_it_is(name):
     K, table, model = STRUCTURES["people"]
     z = z_scores(target_of(prepared(K, table, **model)), name, 1, 1000, 3)

@@ -57,6 +57,13 @@ class EffectsConditional(NamedTuple):
         left = inner - (self.coupling * outer[:, None]).sum(1)
         return _stacked(small.solve_upper(self.factor, left), inner), outer
 
+    def times_upper(
+        self, inner: Float[Array, "inner level"], outer: Float[Array, " outer"]
+    ) -> tuple[Float[Array, "inner level"], Float[Array, " outer"]]:
+        """The whole factor's transpose times a vector."""
+        below = _stacked(small.turned_times(self.factor, list(inner)), inner)
+        return below + (self.coupling * outer[:, None]).sum(1), self.outer_factor.T @ outer
+
 
 def log_density_of_cells(
     design: PopulationDesign, covariances: Covariances, sums: GaussianFactor
@@ -107,6 +114,20 @@ def effects_from_standard(
     half, outer_half = conditional.solve_upper(half, outer_half)
     moved = jnp.zeros(len(mean) + 1).at[outer].set(outer_half).at[inner].set(half)
     return mean + moved[:-1]
+
+
+def standard_effects(
+    design: PopulationDesign,
+    conditional: EffectsConditional,
+    mean: Float[Array, " location"],
+    b: Float[Array, " location"],
+) -> Float[Array, " location"]:
+    """The standard normals from which `effects_from_standard` makes ``b``; arguments likewise."""
+    inner, outer = _elements(design)
+    deviation = jnp.append(b - mean, 0.0)
+    of_inner, of_outer = conditional.times_upper(deviation[inner], deviation[outer])
+    standard = jnp.zeros(len(mean) + 1).at[outer].set(of_outer - conditional.outer_half)
+    return standard.at[inner].set(of_inner - conditional.half)[:-1]
 
 
 def _elements(design: PopulationDesign) -> tuple[Array, Array]:

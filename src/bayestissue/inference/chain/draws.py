@@ -112,7 +112,7 @@ def chain_draws(
         log_ratios={"impact": visited.log_ratios.impacts[..., :count], **groups},
         impact_draws=np.arange(chosen.keep - 1, visited.y.shape[1], chosen.keep),
         u=np.moveaxis(drawn.path.u, -1, -2),
-        acceptance=dict(drawn.rates._asdict()),
+        acceptance={name: rate for name, rate in drawn.rates._asdict().items() if np.isfinite(rate)},
         sites=GaussianFactor(*(np.asarray(leaf)[0, :count] for leaf in warm.tuning.sites)),
         end=_end(warm, continued=isinstance(beginning, ChainEnd)),
         segments=drawn.segments,
@@ -156,14 +156,15 @@ def _warm(
         states = [
             state._replace(y=last.y, b=last.b) for state, last in zip(start.states, previous, strict=True)
         ]
-        narrower = np.sqrt(near.impacts / count)
-        tuning = start.tuning._replace(root=narrower * np.asarray(near.tuning.root))
+        narrower, population = np.sqrt(near.impacts / count), near.tuning.population
+        population = population._replace(root=narrower * np.asarray(population.root))
+        tuning = start.tuning._replace(population=population)
         start = start._replace(states=states, tuning=tuning)
     carried = list(zip(start.states, start.steps, strict=True))
     run = Chains(partial(_advanced, target, settings), settings, keys, carried, checkpoints, _like(target))
 
     def next_tuning(tuning: Tuning, visited: Track, first: bool) -> Tuning:
-        return retuned(tuning, start.tuning, visited, refit=not first)
+        return retuned(target, tuning, start.tuning, visited, refit=not first)
 
     return Warm(run, warmed_up(run, start.tuning, next_tuning, progress), count)
 

@@ -3,23 +3,30 @@
 A move proposes a whole state; the traces' likelihoods there are asked for in one place, and each impact's
 part, or the whole, is accepted by the ratio of the target to the proposal:
 
-`by_site`: every u at once from its site times the population's prior. Accepted impact by impact by
-L' q / (L q'), q being the site.
+`by_impact`: every u at once, each accepted by itself, in one of two ways that chance decides. `by_site`:
+from its site times the population's prior, accepted by L' q / (L q'), q being the site. `by_walk`: u + s L z
+with the impact's own covariance L L' and step s, accepted by its own likelihood and prior.
 
-`by_walk`: u + s L z with the impact's own covariance L L' and step s, accepted by its own likelihood and
-prior.
+`by_population`: y by a reversible walk on the sites' own posterior, in which b and every u are integrated
+out, and b's standard normals given y by an autoregressive step of the same length; each u moves along, so
+that its standard normal z = R'(u − m) − h given its site stays. The target in (y, b, z) is the sites'
+posterior times Π L / q, which is what accepts it (surrogate transitions: Liu 2001; Christen and Fox 2005,
+doi:10.1198/106186005X76983).
 
-`by_population`: y and b by a reversible walk on the sites' own posterior, in which every u is integrated
-out; each u moves along, so that its standard normal z = R'(u − m) − h given its site stays. The target in
-(y, b, z) is the sites' posterior times Π L / q, which is what accepts it (surrogate transitions: Liu 2001;
-Christen and Fox 2005, doi:10.1198/106186005X76983).
+`by_level`: the effects of every level of the grouping that is eliminated first, such as every person's, by a
+walk along which the level's impacts shift; accepted level by level by L' / L times the effects' prior.
 
 `centred` asks for no trace: y by a walk with every u fixed and b integrated out, then b from its conditional.
+
+Either walk of y stands on a multivariate t that is near y's posterior, as the warm-up left it: a step of 1 is
+nearly a draw from it, short ones are those of a random walk (the preconditioned walk of Cotter et al. 2013,
+doi:10.1214/13-STS421, for a t instead of a normal). Where hyperparameters are many or their posterior is
+bent, steps adapt and grow shorter.
 
 Every random number of a transition is drawn before its first move: calls for a few at a time cost more, in
 the compiler and in every step, than what is done with them.
 
-The last two are the non-centred and the centred parametrisation of the hierarchy, interwoven (Yu and Meng
+The last three are non-centred and centred parametrisations of the hierarchy, interwoven (Yu and Meng
 2011, doi:10.1198/jcgs.2011.203main). A trace with several explanations has several sites: q is their sum, and
 one of them, drawn by its share in q at u, makes the proposal.
 """
@@ -28,21 +35,23 @@ from __future__ import annotations
 
 import math
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.scipy.linalg import solve_triangular
 from jax.scipy.special import logsumexp
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.inference.chain.settings import ChainSettings
 from bayestissue.inference.chain.target import LogRatios, Target
 from bayestissue.likelihood import small
 
-_BY_SITE, _BY_WALK, _BY_POPULATION = range(3)
+# Of the t that the walks of hyperparameters stand on: tails heavier than any posterior of theirs.
+FREEDOM = 6
 
 
 class State(NamedTuple):
@@ -77,12 +86,34 @@ class Visited(NamedTuple):
     log_ratios: LogRatios
 
 
+class StudentT(NamedTuple):
+    """A multivariate t distribution of `FREEDOM` degrees of freedom.
+
+    Attributes:
+        location: its mean.
+        root: Cholesky factor of its scale.
+    """
+
+    location: Float[Any, " hyperparameter"]
+    root: Float[Any, "hyperparameter hyperparameter"]
+
+
 class Steps(NamedTuple):
-    """Lengths of the walks, in units of the posterior's own: of each impact, and of y by either move."""
+    """What follows the acceptances in the warm-up.
+
+    Attributes:
+        impact: length of a walk's step, of each impact, in units of its own posterior.
+        walks: how often each impact goes by a walk: the oftener, the less often its site is accepted.
+        centred: length of a step of y with the impacts fixed, at most 1.
+        population: of y and b on the sites' posterior, likewise; short where sites are poor.
+        level: of each level's effects, in units of their own posterior.
+    """
 
     impact: Float[Array, " impact"]
+    walks: Float[Array, " impact"]
     centred: Float[Array, ""]
     population: Float[Array, ""]
+    level: Float[Array, " level"]
 
 
 class Tuning(NamedTuple):
@@ -90,37 +121,42 @@ class Tuning(NamedTuple):
 
     Attributes:
         sites: of the traces; where some have several explanations, of each, along the first axis.
-        root: Cholesky factor of y's covariance.
-        impact_root: of that of each impact's parameters.
+        population: near y's posterior.
+        impact_root: Cholesky factor of the covariance of each impact's parameters.
+        level_root: of that of each level's effects.
     """
 
     sites: GaussianFactor
-    root: Float[Any, "hyperparameter hyperparameter"]
+    population: StudentT
     impact_root: Float[Any, "impact parameter parameter"]
+    level_root: Float[Any, "level inner inner"]
 
 
 class Acceptances(NamedTuple):
-    """Shares of one transition's proposals that were accepted; of impacts the mean.
+    """Shares of one transition's proposals that were accepted, no number where there were none.
 
     Attributes:
         site: of `by_site`.
-        walk: of `by_walk`, of each impact.
+        walk: of `by_walk`.
         population: of `by_population`.
         inner: of the surrogate's own walk.
+        level: of `by_level`.
         centred: of `centred`'s.
     """
 
     site: Float[Array, ""]
-    walk: Float[Array, " impact"]
+    walk: Float[Array, ""]
     population: Float[Array, ""]
     inner: Float[Array, ""]
+    level: Float[Array, ""]
     centred: Float[Array, ""]
 
 
 class WalkNumbers(NamedTuple):
-    """Random numbers of a walk of the hyperparameters, and of b given its last step."""
+    """Random numbers of a walk of the hyperparameters, of the t's scale, and of b given the last step."""
 
     step: Float[Array, "step hyperparameter"]
+    scale: Float[Array, "step freedom"]
     decision: Float[Array, " step"]
     effects: Float[Array, " location"]
 
@@ -130,14 +166,16 @@ class MoveNumbers(NamedTuple):
 
     Attributes:
         impacts: normal, of every impact's parameters.
+        way: uniform, whether an impact goes by its site or by a walk; the first, what moves the population.
         label: uniform, which of an impact's explanations makes the proposal.
-        decision: uniform, whether an impact's part is accepted, or the whole by the first.
+        decision: uniform, whether the part that an impact, a level or all belong to is accepted.
         walk: of the hyperparameters.
     """
 
     impacts: Float[Array, "parameter impact"]
+    way: Float[Array, " impact"]
     label: Float[Array, " impact"]
-    decision: Float[Array, " impact"]
+    decision: Float[Array, " part"]
     walk: WalkNumbers
 
 
@@ -154,26 +192,29 @@ def random_numbers(target: Target, settings: ChainSettings, key: Array) -> Numbe
     number, locations = len(target.model.hyperparameters), target.model.locations.size
     evaluations, inner, centred = settings.evaluations, settings.inner + 1, settings.centred + 1
     keys = jax.random.split(key)
-    of_impacts, *steps_and_effects = _parts(
+    freedom = number + FREEDOM
+    of_impacts, *of_walks = _parts(
         partial(jax.random.normal, keys[0]),
         (evaluations, size, impacts),
         (evaluations, inner, number),
+        (evaluations, inner, freedom),
         (evaluations, locations),
         (centred, number),
+        (centred, freedom),
         (locations,),
     )
-    label, decision, of_inner, of_centred = _parts(
+    way, label, decision, of_inner, of_centred = _parts(
         partial(jax.random.uniform, keys[1]),
         (evaluations, impacts),
         (evaluations, impacts),
+        (evaluations, target.parts),
         (evaluations, inner),
         (centred,),
     )
-    inner_steps, inner_effects, centred_steps, centred_effects = steps_and_effects
-    walk = WalkNumbers(inner_steps, of_inner, inner_effects)
+    step, scale, effects, centred_step, centred_scale, centred_effects = of_walks
     return Numbers(
-        WalkNumbers(centred_steps, of_centred, centred_effects),
-        MoveNumbers(of_impacts, label, decision, walk),
+        WalkNumbers(centred_step, centred_scale, of_centred, centred_effects),
+        MoveNumbers(of_impacts, way, label, decision, WalkNumbers(step, scale, of_inner, effects)),
     )
 
 
@@ -190,12 +231,24 @@ class Proposal(NamedTuple):
     Attributes:
         state: the new state, its likelihood the old one's.
         log_ratio: what is to be added to each trace's own log ratio of likelihoods.
+        part: of each impact, the number of the part that is accepted or not.
+        effect: the same of each element of b; y belongs to the first.
+        log_prior: what is to be added to each part's sum of these.
         inner: acceptance of the surrogate's walk, if the move has one.
     """
 
     state: State
     log_ratio: Float[Array, " impact"]
+    part: Int[Array, " impact"]
+    effect: Int[Array, " location"]
+    log_prior: Float[Array, " part"]
     inner: Float[Array, ""]
+
+    @classmethod
+    def of_impacts(cls, target: Target, state: State, log_ratio: Float[Array, " impact"]) -> Self:
+        """Of impacts alone, each by itself."""
+        impacts, effects = jnp.arange(len(target.present)), jnp.zeros(len(state.b), int)
+        return cls(state, log_ratio, impacts, effects, jnp.zeros(target.parts), jnp.zeros(()))
 
 
 def log_sites(
@@ -229,7 +282,7 @@ def by_site(target: Target, tuning: Tuning, steps: Steps, state: State, numbers:
     conditional = target.impact_given(state.y, _one_each(tuning.sites, log_evidence, numbers.label))
     u = jnp.stack(conditional.draw(list(mean), list(numbers.impacts)))
     log_ratio = log_sites(tuning.sites, state.u) - log_sites(tuning.sites, u)
-    return Proposal(state._replace(u=u), log_ratio, jnp.zeros(()))
+    return Proposal.of_impacts(target, state._replace(u=u), log_ratio)
 
 
 def by_walk(target: Target, tuning: Tuning, steps: Steps, state: State, numbers: MoveNumbers) -> Proposal:
@@ -240,7 +293,7 @@ def by_walk(target: Target, tuning: Tuning, steps: Steps, state: State, numbers:
     def log_prior(u: Array) -> Array:
         return -((u - mean) * jnp.einsum("ab,bi->ai", D, u - mean)).sum(0) / 2
 
-    return Proposal(state._replace(u=u), log_prior(u) - log_prior(state.u), jnp.zeros(()))
+    return Proposal.of_impacts(target, state._replace(u=u), log_prior(u) - log_prior(state.u))
 
 
 def by_population(
@@ -252,16 +305,58 @@ def by_population(
     pulled = small.turned_times(here.root, list(state.u - here.factor.centre))
     standard = [p - h for p, h in zip(pulled, here.half(list(mean)), strict=True)]
     density = partial(target.given_sites, blocked=target.blocked(sites))
-    scale = steps.population * tuning.root
-    y, effects, inner = walk(density, state.y, scale, numbers.walk)
-    b = target.effects_at(effects, numbers.walk.effects)
+    length = steps.population
+    y, (begin, end), inner = walk(density, state.y, tuning.population, length, numbers.walk)
+    of_b = jnp.sqrt(1 - length**2) * target.standard_effects(begin, state.b) + length * numbers.walk.effects
+    b = target.effects_at(end, of_b)
     there = target.impact_given(y, sites)
     u = jnp.stack(there.draw(list(target.prior_mean(b)), standard))
     log_ratio = log_sites(tuning.sites, state.u) - log_sites(tuning.sites, u)
-    return Proposal(state._replace(y=y, b=b, u=u), log_ratio, inner)
+    whole, effects = jnp.zeros(len(target.present), int), jnp.zeros(len(b), int)
+    state = state._replace(y=y, b=b, u=u)
+    return Proposal(state, log_ratio, whole, effects, jnp.zeros(target.parts), inner)
 
 
-PROPOSALS = (by_site, by_walk, by_population)
+def by_level(target: Target, tuning: Tuning, steps: Steps, state: State, numbers: MoveNumbers) -> Proposal:
+    """The effects of every level, every impact's parameters along with its level's."""
+    elements = target.level_effects
+    there = elements < len(state.b)
+    standard = jnp.append(numbers.walk.effects, 0.0)[elements]
+    move = jnp.where(there, steps.level * jnp.einsum("lab,bl->al", tuning.level_root, standard), 0.0)
+    b = jnp.append(state.b, 0.0).at[elements].add(move)[:-1]
+    precision = target.covariances(state.y).of_effects().among(elements)
+
+    def log_prior(b: Array) -> Array:
+        deviation = jnp.where(there, jnp.append(b - target.data.location_mean, 0.0)[elements], 0.0)
+        return -jnp.einsum("al,abl,bl->l", deviation, precision, deviation) / 2
+
+    gained = log_prior(b) - log_prior(state.b)
+    levels = jnp.broadcast_to(jnp.arange(elements.shape[1]), elements.shape)
+    effect = jnp.zeros(len(b) + 1, int).at[elements].set(levels)[:-1]
+    u = state.u + target.prior_mean(b) - target.prior_mean(state.b)
+    return Proposal(
+        state._replace(b=b, u=u),
+        jnp.zeros(len(target.present)),
+        target.level,
+        effect,
+        jnp.zeros(target.parts).at[: len(gained)].set(gained),
+        jnp.zeros(()),
+    )
+
+
+def by_impact(
+    target: Target,
+    tuning: Tuning,
+    steps: Steps,
+    state: State,
+    numbers: MoveNumbers,
+    walks: Bool[Array, " impact"],
+) -> Proposal:
+    """Every impact's parameters by one of the two ways, by a walk where ``walks``."""
+    site, walk = (move(target, tuning, steps, state, numbers) for move in (by_site, by_walk))
+    u = jnp.where(walks, walk.state.u, site.state.u)
+    log_ratio = jnp.where(walks, walk.log_ratio, site.log_ratio)
+    return Proposal.of_impacts(target, state._replace(u=u), log_ratio)
 
 
 def centred(
@@ -269,33 +364,49 @@ def centred(
 ) -> tuple[State, Array]:
     """Hyperparameters and effects with every impact's parameters fixed."""
     density = partial(target.given_impacts, sums=target.cell_sums(state.u))
-    y, effects, rate = walk(density, state.y, steps.centred * tuning.root, numbers)
+    y, (_, effects), rate = walk(density, state.y, tuning.population, steps.centred, numbers)
     return state._replace(y=y, b=target.effects_at(effects, numbers.effects)), rate
 
 
-def walk(density: Any, y: Array, scale: Array, numbers: WalkNumbers) -> tuple[Array, Any, Array]:
-    """A random walk of y, what ``density`` gives at its end, and the share of the steps that was accepted.
+def walk(
+    density: Any, y: Array, near: StudentT, length: Float[Array, ""], numbers: WalkNumbers
+) -> tuple[Array, tuple[Any, Any], Array]:
+    """A walk of y, what ``density`` gives at its beginning and end, and the share of accepted steps.
+
+    In units of the t, z = root⁻¹(y − location), a step goes to √(1 − s²) z + s √g x, x standard normal and g
+    a scale that the t may have at z, (ν + z'z) / χ² of ν + n degrees of freedom: reversible for the t,
+    whatever its length s is. It is accepted by the ratio of ``density`` to the t.
 
     Args:
         density: what has a ``log_density``, of y.
         y: where it begins.
-        scale: of a step, a matrix.
+        near: the t.
+        length: of a step, s, between 0 and 1.
         numbers: one step more than are tried.
     """
-    number = len(numbers.decision) - 1
+    number, freedom = len(numbers.decision) - 1, FREEDOM + len(y)
 
-    def step(index: Array, at: Any) -> Any:
-        y, effects, rate = at
+    def at(z: Array) -> tuple[Any, Array]:
+        found = density(near.location + near.root @ z)
+        return found, found.log_density + freedom / 2 * jnp.log1p(z @ z / FREEDOM)
+
+    def step(index: Array, carried: Any) -> Any:
+        z, end, log_ratio, begin, rate = carried
         # The first step stays where it is, and is taken: what is compiled has the density once.
-        moved = jnp.where(index > 0, 1.0, 0.0)
-        proposed = y + moved * (scale @ numbers.step[index])
-        there = density(proposed)
-        likelier = jnp.log(numbers.decision[index]) < there.log_density - effects.log_density
-        accepted = likelier | (index == 0)
-        return *_either(accepted, (proposed, there), (y, effects)), rate + moved * accepted / number
+        s = jnp.where(index > 0, length, 0.0)
+        scale = jnp.sqrt((FREEDOM + z @ z) / (numbers.scale[index] ** 2).sum())
+        proposed = jnp.sqrt(1 - s**2) * z + s * scale * numbers.step[index]
+        there, proposed_ratio = at(proposed)
+        accepted = (jnp.log(numbers.decision[index]) < proposed_ratio - log_ratio) | (index == 0)
+        new, old = (proposed, there, proposed_ratio), (z, end, log_ratio)
+        rate = rate + jnp.where(index > 0, accepted, 0.0) / number
+        return *_either(accepted, new, old), _either(index == 0, there, begin), rate
 
-    nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(density, y))
-    return jax.lax.fori_loop(0, number + 1, step, (y, nothing, jnp.zeros(())))
+    z = solve_triangular(near.root, y - near.location, lower=True)
+    nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(at, z))
+    first = z, *nothing, nothing[0], jnp.zeros(())
+    z, end, _, begin, rate = jax.lax.fori_loop(0, number + 1, step, first)
+    return near.location + near.root @ z, (begin, end), rate
 
 
 def _either(accepted: Array, new: Any, old: Any) -> Any:
@@ -303,25 +414,31 @@ def _either(accepted: Array, new: Any, old: Any) -> Any:
 
 
 def decided(
-    target: Target, state: State, proposal: Proposal, uniform: Float[Array, " impact"], *, whole: Any
-) -> tuple[State, Float[Array, " impact"]]:
-    """The state after a proposal, and of each impact that there is 1 where its part was accepted, else 0.
+    target: Target, state: State, proposal: Proposal, uniform: Float[Array, " part"]
+) -> tuple[State, Float[Array, " part"]]:
+    """The state after a proposal, and of each of its parts 1 where it was accepted, else 0.
 
     Args:
         target: the posterior.
         state: before it.
         proposal: what is proposed.
         uniform: random numbers that decide.
-        whole: whether all of it is accepted or nothing, else each impact's part by itself.
     """
     value = target.log_likelihood(proposal.state.u)
     log_ratio = jnp.where(target.present, value - state.log_likelihood + proposal.log_ratio, 0.0)
-    decision = jnp.log(uniform)
-    together = decision[0] < log_ratio.sum()
-    accepted = jnp.where(whole, together, decision < log_ratio)
-    u, value = _either(accepted, (proposal.state.u, value), (state.u, state.log_likelihood))
-    y, b = _either(whole & together, proposal.state[:2], state[:2])
-    return State(y, b, u, value), jnp.where(target.present, accepted, 0.0)
+    log_ratio = jax.ops.segment_sum(log_ratio, proposal.part, target.parts) + proposal.log_prior
+    accepted = jnp.log(uniform) < log_ratio
+    of_impact = accepted[proposal.part]
+    u, value = _either(of_impact, (proposal.state.u, value), (state.u, state.log_likelihood))
+    y, b = _either(accepted[0], proposal.state.y, state.y), accepted[proposal.effect]
+    return State(y, _either(b, proposal.state.b, state.b), u, value), jnp.where(accepted, 1.0, 0.0)
+
+
+def _share(
+    accepted: Float[Array, " part"], among: Bool[Array, " part"], tried: Bool[Array, ""]
+) -> Float[Array, ""]:
+    share = jnp.where(among, accepted[: len(among)], 0.0).sum() / among.sum()
+    return jnp.where(tried, share, jnp.nan)
 
 
 def transition(
@@ -332,42 +449,62 @@ def transition(
     carried: tuple[State, Steps],
     key: Array,
 ) -> tuple[tuple[State, Steps], tuple[Visited, Acceptances]]:
-    """Every move once or more; then steps follow their acceptances, unless ``gain`` is 0."""
+    """Every kind of move, then steps that follow acceptances unless ``gain`` is 0.
+
+    Chance decides between `by_population` and `by_level`.
+    """
     state, steps = carried
     numbers = random_numbers(target, settings, key)
-    state, of_centred = centred(target, tuning, steps, state, numbers.centred)
+    impacts, levels = len(target.present), target.level_effects.shape[1]
 
-    def move(index: Array, at: tuple[State, Acceptances]) -> tuple[State, Acceptances]:
+    def followed(step: Array, excess: Array, bounds: tuple[float, float]) -> Array:
+        return jnp.clip(step * jnp.exp(gain * excess), *bounds)
+
+    wanted, alone = settings.population_acceptance, settings.impact_acceptance
+    state, of_centred = centred(target, tuning, steps, state, numbers.centred)
+    steps = steps._replace(centred=followed(steps.centred, of_centred - wanted, settings.population_steps))
+    walks = numbers.moves.way[0] < steps.walks
+    # Levels move by themselves the oftener, the shorter the steps are that all of the population moves by.
+    by_levels = jnp.clip(1 - steps.population, *settings.levels) * (len(target.level_effects) > 0)
+
+    def move(index: Array, at: tuple[State, Steps, Acceptances]) -> tuple[State, Steps, Acceptances]:
         # One copy of the likelihood serves all moves: each more would be compiled again.
-        state, rates = at
-        kind = jnp.where(index == 0, _BY_SITE, jnp.where(index <= settings.walks, _BY_WALK, _BY_POPULATION))
+        state, steps, rates = at
         of_move = jax.tree.map(lambda leaf: leaf[index], numbers.moves)
-        moves = [partial(move, target, tuning, steps) for move in PROPOSALS]
-        proposal = jax.lax.switch(kind, moves, state, of_move)
-        whole = kind == _BY_POPULATION
-        state, accepted = decided(target, state, proposal, of_move.decision, whole=whole)
-        mean = accepted.sum() / target.present.sum()
-        rates = Acceptances(
-            rates.site + jnp.where(kind == _BY_SITE, mean, 0.0),
-            rates.walk + jnp.where(kind == _BY_WALK, accepted, 0.0) / max(settings.walks, 1),
-            rates.population + jnp.where(whole, mean, 0.0) / max(settings.surrogates, 1),
-            rates.inner + proposal.inner / max(settings.surrogates, 1),
+        kind = jnp.where(index == 0, 0, jnp.where(of_move.way[0] < by_levels, 2, 1))
+        moves: list[Any] = [partial(by_impact, walks=walks), by_population, by_level]
+        proposal = jax.lax.switch(
+            kind, [partial(one, target, tuning, steps) for one in moves], state, of_move
+        )
+        state, accepted = decided(target, state, proposal, of_move.decision)
+        by_itself, by_walk = accepted[:impacts], (kind == 0) & walks
+        here = Acceptances(
+            _share(accepted, target.present & ~walks, kind == 0),
+            _share(accepted, target.present & walks, kind == 0),
+            jnp.where(kind == 1, accepted[0], jnp.nan),
+            jnp.where(kind == 1, proposal.inner, jnp.nan),
+            _share(accepted, target.level_there, kind == 2),
             rates.centred,
         )
-        return state, rates
+        together = jnp.minimum(proposal.inner, accepted[0])
+        steps = steps._replace(
+            impact=followed(steps.impact, jnp.where(by_walk, by_itself - alone, 0.0), settings.impact_steps),
+            walks=jnp.where(
+                (kind == 0) & ~walks,
+                jnp.clip(steps.walks + gain * (1 - by_itself - steps.walks), *settings.walks),
+                steps.walks,
+            ),
+            population=followed(
+                steps.population, jnp.where(kind == 1, together - wanted, 0.0), settings.population_steps
+            ),
+            level=followed(
+                steps.level, jnp.where(kind == 2, accepted[:levels] - alone, 0.0), settings.impact_steps
+            ),
+        )
+        return state, steps, jax.tree.map(lambda new, old: jnp.where(jnp.isnan(new), old, new), here, rates)
 
-    none, of_impacts = jnp.zeros(()), jnp.zeros(len(target.present))
-    rates = Acceptances(none, of_impacts, none, none, of_centred)
-    state, rates = jax.lax.fori_loop(0, settings.evaluations, move, (state, rates))
-
-    def followed(step: Array, rate: Array, wanted: float, bounds: tuple[float, float]) -> Array:
-        return jnp.clip(step * jnp.exp(gain * (rate - wanted)), *bounds)
-
-    of_population = settings.population_acceptance, settings.population_steps
-    steps = Steps(
-        followed(steps.impact, rates.walk, settings.impact_acceptance, settings.impact_steps),
-        followed(steps.centred, rates.centred, *of_population),
-        followed(steps.population, rates.inner, *of_population),
-    )
+    none = jnp.asarray(jnp.nan)
+    rates = Acceptances(none, none, none, none, none, of_centred)
+    state, steps, rates = jax.lax.fori_loop(0, settings.evaluations, move, (state, steps, rates))
     log_ratios = target.log_ratios(state.log_likelihood - log_sites(tuning.sites, state.u, first=True))
     return (state, steps), (Visited(state.y, state.b, state.log_likelihood.sum(), log_ratios), rates)

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.traces import TraceModel, constrained, population
 from bayestissue.inference.chain.ending import Verdict
-from bayestissue.inference.chain.moves import State, Steps, Tuning
+from bayestissue.inference.chain.moves import State, Steps, StudentT, Tuning
 from bayestissue.inference.chain.run import read_arrays, write_arrays
 from bayestissue.inference.execution.compiling import by_row
 from bayestissue.inference.execution.kept import evenly_spaced
@@ -51,7 +51,7 @@ class ChainEnd(NamedTuple):
         """
         none: Any = np.zeros(0)
         state, steps = of_nothing(State), of_nothing(Steps)
-        tuning = Tuning(of_nothing(GaussianFactor), none, none)
+        tuning = Tuning(of_nothing(GaussianFactor), of_nothing(StudentT), none, none)
         end: ChainEnd = read_arrays(path, cls(state, steps, tuning, none, none))
         return end
 

@@ -153,7 +153,7 @@ def sampled(
         progress(stage, len(paths), next_look)
         segments = chains.next(tuning, 0.0)
         paths.append(trim(joined([segments])))
-        rates.append(jax.tree.map(lambda *values: np.mean(values), *[segment.rates for segment in segments]))
+        rates.append(jax.tree.map(_mean, *[segment.rates for segment in segments]))
         if len(paths) < next_look:
             continue
         path = jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *paths[len(paths) // 2 :])
@@ -161,9 +161,16 @@ def sampled(
         in_a_row = in_a_row + 1 if verdict.passed else 0
         stage = f"sampling, R-hat {verdict.r_hat:.3f}, {verdict.effective:.0f} effective draws"
         if in_a_row >= settings.in_a_row or len(paths) >= most:
-            mean_rates = jax.tree.map(lambda *values: float(np.mean(values)), *rates)
+            mean_rates = jax.tree.map(_mean, *rates)
             return Sampled(path, mean_rates, len(paths), verdict)
         next_look = min(int(np.ceil(settings.growth * next_look)), most)
+
+
+def _mean(*rates: Any) -> float:
+    """Of the numbers among them, none where there is none."""
+    values = np.ravel(rates)
+    values = values[np.isfinite(values)]
+    return float(values.mean()) if values.size else float("nan")
 
 
 def joined(segments: list[list[Segment]]) -> Any:

@@ -14,14 +14,16 @@ class ChainSettings:
     """How long the parts of a run are; the posterior is the same whatever they are.
 
     Attributes:
-        walks: of every impact by itself, in a transition. Its site is accepted so often that one does.
-        surrogates: moves of the whole population in a transition, each an evaluation of all traces.
+        walks: least and greatest share of an impact's moves that are walks, the others being by its site.
+        surrogates: moves of the population in a transition, each an evaluation of all traces.
+        levels: least and greatest share of these that move each level's effects by themselves.
         inner: steps of a surrogate's own walk. As many as make its end nearly independent of its
             beginning, where they still cost no more than that evaluation.
         centred: steps of the population with the impacts fixed, which cost next to nothing.
-        impact_acceptance: that an impact's walk is adapted to.
-        population_acceptance: that the walks of hyperparameters are adapted to, about the best for a dozen
-            (Roberts, Gelman and Gilks 1997, doi:10.1214/aoap/1034625254).
+        impact_acceptance: that the walks of an impact, and of a level, are adapted to.
+        population_acceptance: that the walks of hyperparameters are adapted to, about the best of a random
+            walk for a dozen (Roberts, Gelman and Gilks 1997, doi:10.1214/aoap/1034625254); their steps are
+            the greatest where more than this is accepted.
         segment: transitions of one compiled call, after which a run can stop.
         keep: transitions for each one of which the impacts' parameters are kept.
         first_rounds: segments of the warm-up's first rounds, while sites and covariances are still poor.
@@ -31,7 +33,7 @@ class ChainSettings:
         agreement: R-hat of the hyperparameters over a round, below which the warm-up is over.
         gain: by how much the log of a step follows its acceptance, in the last round ``last_gain``.
         last_gain: see ``gain``.
-        impact_steps: the least and the greatest step of an impact's walk.
+        impact_steps: the least and the greatest step of the walk of an impact or a level.
         population_steps: those of the walks of hyperparameters.
         first_look: segments since the warm-up before the first look at the draws. Chains that are each in
             one of two modes look alike early.
@@ -39,23 +41,24 @@ class ChainSettings:
         in_a_row: looks that are to pass.
     """
 
-    walks: int = 1
+    walks: tuple[float, float] = (0.1, 0.8)
     surrogates: int = 1
-    inner: int = 20
+    levels: tuple[float, float] = (0.1, 0.8)
+    inner: int = 10
     centred: int = 5
     impact_acceptance: float = 0.3
     population_acceptance: float = 0.25
     segment: int = 50
     keep: int = 1
-    first_rounds: tuple[int, ...] = (2, 3, 4)
-    round: int = 5
-    last_round: int = 3
+    first_rounds: tuple[int, ...] = (1, 2, 3)
+    round: int = 4
+    last_round: int = 2
     most_rounds: int = 20
     agreement: float = 1.05
     gain: float = 0.1
     last_gain: float = 0.03
     impact_steps: tuple[float, float] = (1e-3, 20.0)
-    population_steps: tuple[float, float] = (1e-3, 5.0)
+    population_steps: tuple[float, float] = (1e-3, 1.0)
     first_look: int = 10
     growth: float = 1.25
     in_a_row: int = 2
@@ -69,11 +72,11 @@ class ChainSettings:
         """
         if impacts <= FEW:
             return cls()
-        many = {"surrogates": 0, "inner": 1, "centred": 60, "segment": 20, "keep": 10}
+        many = {"surrogates": 0, "inner": 1, "centred": 20, "segment": 20, "keep": 10}
         rounds = {"first_rounds": (1, 2), "round": 2, "last_round": 1, "most_rounds": 8, "first_look": 6}
         return cls(**many, **rounds)  # type: ignore[arg-type]
 
     @property
     def evaluations(self) -> int:
         """Of all traces, in one transition."""
-        return 1 + self.walks + self.surrogates
+        return 1 + self.surrogates

@@ -25,6 +25,7 @@ from bayestissue.hierarchy.gaussian.effects import (
     EffectsConditional,
     effects_from_standard,
     integrate_effects,
+    standard_effects,
 )
 from bayestissue.hierarchy.gaussian.factor import Conditional, GaussianFactor
 from bayestissue.hierarchy.trace_data import Prepared
@@ -100,6 +101,28 @@ class Target:
             tuple(jnp.asarray(padded_impacts(grouping.code)) for grouping in groupings),
             tuple(bucket(len(grouping.levels)) for grouping in groupings),
         )
+
+    @property
+    def level_effects(self) -> Int[Array, "inner level"]:
+        """Elements of b of each level of the grouping that is eliminated first; one past the last: none."""
+        return jnp.concatenate(self.data.design.inner_element)
+
+    @property
+    def level(self) -> Int[Array, " impact"]:
+        """Of every impact, the level that it belongs to."""
+        design = self.data.design
+        return jnp.asarray(design.level)[design.cell // design.inner[0].shape[2]]
+
+    @property
+    def level_there(self) -> Bool[Array, " level"]:
+        """Which levels have impacts."""
+        there = jnp.zeros(self.level_effects.shape[1], bool)
+        return there.at[self.level].max(self.present)
+
+    @property
+    def parts(self) -> int:
+        """The most parts of a proposal that are accepted or not: impacts, or levels."""
+        return max(len(self.present), self.level_effects.shape[1])
 
     def covariances(self, y: Float[Array, " hyperparameter"]) -> Covariances:
         """Of an impact's parameters about X b, and of b."""
@@ -178,6 +201,10 @@ class Target:
     def effects_at(self, effects: Effects, standard: Float[Array, " location"]) -> Float[Array, " location"]:
         """B from standard normals."""
         return effects_from_standard(self.data.design, effects.conditional, self.data.location_mean, standard)
+
+    def standard_effects(self, effects: Effects, b: Float[Array, " location"]) -> Float[Array, " location"]:
+        """The standard normals from which `effects_at` makes ``b``."""
+        return standard_effects(self.data.design, effects.conditional, self.data.location_mean, b)
 
     def impact_given(self, y: Float[Array, " hyperparameter"], sites: GaussianFactor) -> Conditional:
         """Every impact's u given ψ, its expectation and its site."""

@@ -15,14 +15,17 @@ import numpy as np
 from jaxtyping import Float
 
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
-from bayestissue.inference.chain.moves import State, Steps, Tuning
+from bayestissue.inference.chain.moves import State, Steps, StudentT, Tuning
 from bayestissue.inference.chain.target import Target
 from bayestissue.inference.factors.sites import DEEPEST, nearest_parabolas
 
 # Where hyperparameters begin, and how far apart: a fifth of a prior's scale, give or take a few times.
-_BEGIN, _APART, _ROOT = -1.5, 1.0, 0.5
-# What keeps an estimated covariance from being singular, of the first one.
-_SHRUNK, _OF_IMPACT = 0.02, 0.2
+_BEGIN, _APART, _ROOT, _STEP = -1.5, 1.0, 0.5, 0.5
+# The first walks of impacts and levels: their length, and how often an impact goes by one.
+_WALK, _WALKS = 0.7, 0.3
+# What keeps an estimated covariance from being singular: of its own diagonal, and where nothing moved; of
+# each impact's first one.
+_SHRUNK, _LEAST, _OF_IMPACT = 0.02, 1e-8, 0.2
 
 
 class WalkStart(NamedTuple):
@@ -30,28 +33,33 @@ class WalkStart(NamedTuple):
 
     Attributes:
         y: of each chain, unconstrained and overdispersed.
-        root: Cholesky factor of a covariance.
-        step: length of a step, in units of it.
+        near: what its steps stand on.
+        length: of a step.
     """
 
     y: Float[np.ndarray, "chain hyperparameter"]
-    root: Float[np.ndarray, "hyperparameter hyperparameter"]
-    step: Float[np.ndarray, ""]
+    near: StudentT
+    length: Float[np.ndarray, ""]
 
 
 def walk_start(chains: int, number: int, rng: np.random.Generator) -> WalkStart:
     """Of so many chains and hyperparameters."""
     y = _BEGIN + _APART * rng.standard_normal((chains, number))
     # An array of numpy: one that jax makes of a number has another type, and would be compiled for apart.
-    return WalkStart(y, _ROOT * np.eye(number), np.asarray(2.4 / np.sqrt(number)))
+    return WalkStart(y, StudentT(np.full(number, _BEGIN), _ROOT * np.eye(number)), np.asarray(_STEP))
 
 
-def root_of(
-    y: Float[np.ndarray, "draw hyperparameter"], first: Float[np.ndarray, "hyperparameter hyperparameter"]
-) -> Float[np.ndarray, "hyperparameter hyperparameter"]:
-    """Cholesky factor of the covariance of draws, and of a little of the ``first`` one's."""
-    number = y.shape[1]
-    return np.linalg.cholesky(np.cov(y.T).reshape(number, number) + _SHRUNK * first @ first.T)
+def nearest_t(y: Float[np.ndarray, "draw hyperparameter"]) -> StudentT:
+    """The t of the draws' mean and covariance, the latter's scale as a normal's would be."""
+    return StudentT(y.mean(0), covariance_root(y))
+
+
+def covariance_root(draws: Float[np.ndarray, "draw *batch one"]) -> Float[np.ndarray, "*batch one one"]:
+    """Cholesky factor of the draws' covariance, and a little of its diagonal."""
+    deviation = draws - draws.mean(0)
+    covariance = np.einsum("d...a,d...b->...ab", deviation, deviation) / len(draws)
+    own = np.maximum(np.diagonal(covariance, axis1=-2, axis2=-1), _LEAST)[..., None] * np.eye(draws.shape[-1])
+    return np.linalg.cholesky((1 - _SHRUNK) * covariance + _SHRUNK * own)
 
 
 class Start(NamedTuple):
@@ -81,26 +89,30 @@ def begin(target: Target, sites: GaussianFactor, chains: int, rng: np.random.Gen
     explained = (np.asarray(sites.log_scale) > -np.inf).sum(0)
     best = [chain % np.maximum(explained, 1) for chain in range(chains)]
     u = np.stack([np.asarray(sites.centre)[which, np.arange(impacts)].T for which in best])
-    y, root, step = walk_start(chains, len(target.model.hyperparameters), rng)
+    y, near, length = walk_start(chains, len(target.model.hyperparameters), rng)
     states = [
         State(jnp.asarray(y_of), target.data.location_mean, jnp.asarray(u_of), jnp.asarray(of_traces))
         for y_of, u_of, of_traces in zip(y, u, target.log_likelihoods(u), strict=True)
     ]
     of_impact = np.linalg.cholesky(np.linalg.inv(np.asarray(sites.precision[0]) + np.eye(size)))
-    steps = Steps(np.full(impacts, 0.7), step, step)  # type: ignore[arg-type]
-    return Start(states, [steps] * chains, Tuning(sites, root, of_impact))
+    inner, levels = target.level_effects.shape
+    walks = np.full(impacts, _WALK), np.full(impacts, _WALKS)
+    steps = Steps(*walks, length, length, np.full(levels, _WALK))  # type: ignore[arg-type]
+    of_level = np.broadcast_to(_ROOT * np.eye(inner), (levels, inner, inner))
+    return Start(states, [steps] * chains, Tuning(sites, near, of_impact, of_level))
 
 
-def retuned(tuning: Tuning, first: Tuning, visited: Any, *, refit: bool) -> Tuning:
+def retuned(target: Target, tuning: Tuning, first: Tuning, visited: Any, *, refit: bool) -> Tuning:
     """Covariances and sites from where all chains have been.
 
     Args:
+        target: the posterior.
         tuning: the present one.
         first: that of the start, which a covariance from few points leans on.
         visited: the second half of a round of all chains, with ``y``, ``u`` and ``log_likelihood`` of every
             trace, [draw, ...].
         refit: whether sites are made anew: each where there are twice as many distinct points as a parabola
-            has terms, and one explanation.
+            has terms.
     """
     u, value = np.asarray(visited.u).transpose(0, 2, 1), np.asarray(visited.log_likelihood)
     deviation = u - u.mean(0)
@@ -110,21 +122,27 @@ def retuned(tuning: Tuning, first: Tuning, visited: Any, *, refit: bool) -> Tuni
     shrunk = np.minimum(1.0, size / first_size)[:, None, None] * first_impact
     impact_root = np.linalg.cholesky((1 - _OF_IMPACT) * of_impact + _OF_IMPACT * shrunk)
     sites = _refitted(tuning.sites, u, value) if refit else tuning.sites
-    return Tuning(sites, root_of(np.asarray(visited.y), first.root), impact_root)
+    b = np.asarray(visited.visited.b)
+    of_levels = np.append(b, np.zeros((len(b), 1)), axis=1)[:, np.asarray(target.level_effects).T]
+    return Tuning(sites, nearest_t(np.asarray(visited.y)), impact_root, covariance_root(of_levels))
 
 
 def _refitted(sites: GaussianFactor, u: np.ndarray, value: np.ndarray) -> GaussianFactor:
+    """Each site from the points that are nearest to its centre, if there are enough of them."""
     size = u.shape[2]
-    distinct = 1 + (np.diff(np.sort(value, axis=0), axis=0) != 0).sum(0)
-    # A parabola has (1 + size) (2 + size) / 2 terms.
-    enough = distinct > (1 + size) * (2 + size)
-    if len(sites.centre) > 1:
-        enough &= np.isneginf(np.asarray(sites.log_scale)[1])
-    if not enough.any():
-        return sites
-    weight = (value > value.max(0) - DEEPEST).astype(float)
-    nearest = nearest_parabolas(u[:, enough], value[:, enough], weight[:, enough])
-    refitted = [np.array(leaf) for leaf in sites]
-    for whole, part in zip(refitted, nearest, strict=True):
-        whole[0, enough] = part
+    refitted = GaussianFactor(*(np.array(leaf) for leaf in sites))
+    distance = ((u - refitted.centre[:, None]) ** 2).sum(-1)
+    distance = np.where(np.isneginf(refitted.log_scale)[:, None], np.inf, distance)
+    for number, of_site in enumerate(distance):
+        mine = of_site <= distance.min(0)
+        own = np.where(mine, value, value.min(0) - 1)
+        distinct = (np.diff(np.sort(own, axis=0), axis=0) != 0).sum(0)
+        # A parabola has (1 + size) (2 + size) / 2 terms.
+        enough = distinct > (1 + size) * (2 + size)
+        if not enough.any():
+            continue
+        weight = (mine & (own > own.max(0) - DEEPEST)).astype(float)
+        nearest = nearest_parabolas(u[:, enough], value[:, enough], weight[:, enough])
+        for whole, part in zip(refitted, nearest, strict=True):
+            whole[number, enough] = part
     return GaussianFactor(*map(jnp.asarray, refitted))

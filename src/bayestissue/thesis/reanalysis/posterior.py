@@ -7,7 +7,7 @@ over their sites: `by_population` of `bayestissue.inference.chain.moves`, for wh
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -21,10 +21,10 @@ from bayestissue.hierarchy.gaussian.effects import effects_from_standard
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.traces import constrained
 from bayestissue.inference.chain.ending import Verdict
-from bayestissue.inference.chain.moves import WalkNumbers, walk
+from bayestissue.inference.chain.moves import FREEDOM, StudentT, WalkNumbers, walk
 from bayestissue.inference.chain.run import Chains, Say, Segment, sampled, warmed_up
 from bayestissue.inference.chain.settings import ChainSettings
-from bayestissue.inference.chain.warm_up import root_of, walk_start
+from bayestissue.inference.chain.warm_up import nearest_t, walk_start
 from bayestissue.inference.execution.compiling import FULLY, by_row
 from bayestissue.inference.execution.kept import evenly_spaced
 from bayestissue.thesis.reanalysis.model import (
@@ -36,10 +36,9 @@ from bayestissue.thesis.reanalysis.model import (
     leave_one_out,
 )
 
-# An evaluation of all rows costs as much as one step.
-SETTINGS = ChainSettings(inner=8)
+SETTINGS = ChainSettings()
 # Of chains that begin with what others learned from nearly the same data.
-NEARBY = replace(SETTINGS, first_rounds=(3,), last_round=1, most_rounds=0, first_look=6)
+NEARBY = ChainSettings(first_rounds=(3,), last_round=1, most_rounds=0, first_look=6)
 # Draws of one call.
 POINTS = 64
 
@@ -53,9 +52,9 @@ class State(NamedTuple):
 
 
 class Tuning(NamedTuple):
-    """What the warm-up learns: Cholesky factor of y's covariance, and where the tables' sites are made."""
+    """What the warm-up learns: a t near y's posterior, and where the tables' sites are made."""
 
-    root: Float[Any, "hyperparameter hyperparameter"]
+    population: StudentT
     scatter: Float[Any, "table 2"]
 
 
@@ -114,18 +113,18 @@ def sample_posterior(
     settings = SETTINGS if near is None else NEARBY
     nothing = np.zeros_like(data.scatter)
     start = walk_start(sampler.chains, number, rng)
-    begin, tuning = start.y, Tuning(start.root, nothing)
+    begin, tuning = start.y, Tuning(start.near, nothing)
     if near is not None:
         (drawn_near,) = _flat(near.y)
         begin = rng.choice(drawn_near, sampler.chains, replace=False)
-        tuning = Tuning(root_of(drawn_near, start.root), near.data.scatter)
+        tuning = Tuning(nearest_t(drawn_near), near.data.scatter)
     states = [State(y, np.asarray(data.location_mean), nothing) for y in begin]
     keys = jax.random.split(jax.random.PRNGKey(seed), sampler.chains)
     advance = partial(_advanced, model, data, settings)
-    chains = Chains(advance, settings, keys, [(state, start.step) for state in states])
+    chains = Chains(advance, settings, keys, [(state, start.length) for state in states])
 
     def retuned(_: Tuning, visited: State, first: bool) -> Tuning:
-        return Tuning(root_of(visited.y, start.root), visited.scatter.mean(0))
+        return Tuning(nearest_t(visited.y), visited.scatter.mean(0))
 
     tuning = warmed_up(chains, tuning, retuned, progress)
     warm = chains.number
@@ -160,13 +159,15 @@ def _advanced(
 
     def transition(carried: tuple[State, Array], key: Array) -> Any:
         state, length = carried
-        keys = jax.random.split(key, 4)
+        keys, steps, number = jax.random.split(key, 5), settings.inner + 1, len(state.y)
         numbers = WalkNumbers(
-            jax.random.normal(keys[0], (settings.inner + 1, len(state.y))),
-            jax.random.uniform(keys[1], (settings.inner + 1,)),
+            jax.random.normal(keys[0], (steps, number)),
+            jax.random.normal(keys[4], (steps, number + FREEDOM)),
+            jax.random.uniform(keys[1], (steps,)),
             jax.random.normal(keys[2], (model.locations.size,)),
         )
-        y, effects, inner = walk(partial(integrated, model, data), state.y, length * tuning.root, numbers)
+        density = partial(integrated, model, data)
+        y, (_, effects), inner = walk(density, state.y, tuning.population, length, numbers)
         b = effects_from_standard(data.design, effects.conditional, data.location_mean, numbers.effects)
         here, there = densities(model, data, state.y, state.b), densities(model, data, y, b)
         accepted = jnp.log(jax.random.uniform(keys[3])) < there.log_ratio - here.log_ratio
@@ -176,6 +177,7 @@ def _advanced(
             jnp.where(accepted, there.scatter, here.scatter),
         )
         length = length * jnp.exp(gain * (inner - settings.population_acceptance))
+        length = jnp.clip(length, *settings.population_steps)
         return (state, length), (state, Rates(jnp.where(accepted, 1.0, 0.0), inner))
 
     of_segment = jax.lax.scan(transition, carried, jax.random.split(key, settings.segment))
