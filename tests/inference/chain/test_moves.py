@@ -45,8 +45,7 @@ def by(name: str, several: int, target: GaussianTarget, state: State, key: Array
     if name == "centred":
         return moves.centred(target, tuning, steps, state, numbers.centred)[0]
     of_move = jax.tree.map(lambda leaf: leaf[0], numbers.moves)
-    further = {"walks": of_move.way < steps.walks} if name == "by_impact" else {}
-    proposal = getattr(moves, name)(target, tuning, steps, state, of_move, **further)
+    proposal = getattr(moves, name)(target, tuning, steps, state, of_move)
     return moves.decided(target, state, proposal, of_move.decision)[0]
 
 

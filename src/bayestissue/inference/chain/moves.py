@@ -344,19 +344,17 @@ def by_level(target: Target, tuning: Tuning, steps: Steps, state: State, numbers
     )
 
 
-def by_impact(
-    target: Target,
-    tuning: Tuning,
-    steps: Steps,
-    state: State,
-    numbers: MoveNumbers,
-    walks: Bool[Array, " impact"],
-) -> Proposal:
-    """Every impact's parameters by one of the two ways, by a walk where ``walks``."""
+def by_impact(target: Target, tuning: Tuning, steps: Steps, state: State, numbers: MoveNumbers) -> Proposal:
+    """Every impact's parameters in one of the two ways."""
     site, walk = (move(target, tuning, steps, state, numbers) for move in (by_site, by_walk))
+    walks = numbers.way < steps.walks
     u = jnp.where(walks, walk.state.u, site.state.u)
     log_ratio = jnp.where(walks, walk.log_ratio, site.log_ratio)
     return Proposal.of_impacts(target, state._replace(u=u), log_ratio)
+
+
+MOVES = (by_impact, by_population, by_level)
+_BY_IMPACT, _BY_POPULATION, _BY_LEVEL = range(3)
 
 
 def centred(
@@ -434,11 +432,57 @@ def decided(
     return State(y, _either(b, proposal.state.b, state.b), u, value), jnp.where(accepted, 1.0, 0.0)
 
 
-def _share(
-    accepted: Float[Array, " part"], among: Bool[Array, " part"], tried: Bool[Array, ""]
-) -> Float[Array, ""]:
-    share = jnp.where(among, accepted[: len(among)], 0.0).sum() / among.sum()
-    return jnp.where(tried, share, jnp.nan)
+def _share(accepted: Float[Array, " part"], among: Bool[Array, " part"]) -> Float[Array, ""]:
+    return jnp.where(among, accepted[: len(among)], 0.0).sum() / among.sum()
+
+
+def _acceptances(
+    target: Target, kind: Array, walks: Bool[Array, " impact"], accepted: Float[Array, " part"], inner: Array
+) -> Acceptances:
+    """Of one move, no number for what was not tried."""
+    tried = Acceptances(
+        _share(accepted, target.present & ~walks),
+        _share(accepted, target.present & walks),
+        accepted[0],
+        inner,
+        _share(accepted, target.level_there),
+        jnp.asarray(jnp.nan),
+    )
+    kinds = (_BY_IMPACT, _BY_IMPACT, _BY_POPULATION, _BY_POPULATION, _BY_LEVEL, -1)
+    return Acceptances(*(jnp.where(kind == of, rate, jnp.nan) for of, rate in zip(kinds, tried, strict=True)))
+
+
+def _followed(
+    settings: ChainSettings,
+    steps: Steps,
+    gain: Array,
+    kind: Array,
+    walks: Bool[Array, " impact"],
+    accepted: Float[Array, " part"],
+    inner: Array,
+) -> Steps:
+    """Steps after one move: longer where more is accepted than is wanted."""
+    population, alone = settings.population_acceptance, settings.impact_acceptance
+
+    def longer(step: Array, among: Any, rate: Array, wanted: float, bounds: tuple[float, float]) -> Array:
+        return jnp.where(among, jnp.clip(step * jnp.exp(gain * (rate - wanted)), *bounds), step)
+
+    of_impact, of_level = accepted[: len(walks)], accepted[: len(steps.level)]
+    by_impact, by_level = kind == _BY_IMPACT, kind == _BY_LEVEL
+    oftener = jnp.clip(steps.walks + gain * (1 - of_impact - steps.walks), *settings.walks)
+    return steps._replace(
+        impact=longer(steps.impact, by_impact & walks, of_impact, alone, settings.impact_steps),
+        walks=jnp.where(by_impact & ~walks, oftener, steps.walks),
+        # However far the sites' own walk may go, the whole has to be accepted.
+        population=longer(
+            steps.population,
+            kind == _BY_POPULATION,
+            jnp.minimum(inner, accepted[0]),
+            population,
+            settings.population_steps,
+        ),
+        level=longer(steps.level, by_level, of_level, alone, settings.impact_steps),
+    )
 
 
 def transition(
@@ -455,15 +499,9 @@ def transition(
     """
     state, steps = carried
     numbers = random_numbers(target, settings, key)
-    impacts, levels = len(target.present), target.level_effects.shape[1]
-
-    def followed(step: Array, excess: Array, bounds: tuple[float, float]) -> Array:
-        return jnp.clip(step * jnp.exp(gain * excess), *bounds)
-
-    wanted, alone = settings.population_acceptance, settings.impact_acceptance
     state, of_centred = centred(target, tuning, steps, state, numbers.centred)
-    steps = steps._replace(centred=followed(steps.centred, of_centred - wanted, settings.population_steps))
-    walks = numbers.moves.way[0] < steps.walks
+    further = jnp.exp(gain * (of_centred - settings.population_acceptance))
+    steps = steps._replace(centred=jnp.clip(steps.centred * further, *settings.population_steps))
     # Levels move by themselves the oftener, the shorter the steps are that all of the population moves by.
     by_levels = jnp.clip(1 - steps.population, *settings.levels) * (len(target.level_effects) > 0)
 
@@ -471,36 +509,13 @@ def transition(
         # One copy of the likelihood serves all moves: each more would be compiled again.
         state, steps, rates = at
         of_move = jax.tree.map(lambda leaf: leaf[index], numbers.moves)
-        kind = jnp.where(index == 0, 0, jnp.where(of_move.way[0] < by_levels, 2, 1))
-        moves: list[Any] = [partial(by_impact, walks=walks), by_population, by_level]
-        proposal = jax.lax.switch(
-            kind, [partial(one, target, tuning, steps) for one in moves], state, of_move
-        )
+        of_population = jnp.where(of_move.way[0] < by_levels, _BY_LEVEL, _BY_POPULATION)
+        kind, walks = jnp.where(index == 0, _BY_IMPACT, of_population), of_move.way < steps.walks
+        moves = [partial(one, target, tuning, steps) for one in MOVES]
+        proposal = jax.lax.switch(kind, moves, state, of_move)
         state, accepted = decided(target, state, proposal, of_move.decision)
-        by_itself, by_walk = accepted[:impacts], (kind == 0) & walks
-        here = Acceptances(
-            _share(accepted, target.present & ~walks, kind == 0),
-            _share(accepted, target.present & walks, kind == 0),
-            jnp.where(kind == 1, accepted[0], jnp.nan),
-            jnp.where(kind == 1, proposal.inner, jnp.nan),
-            _share(accepted, target.level_there, kind == 2),
-            rates.centred,
-        )
-        together = jnp.minimum(proposal.inner, accepted[0])
-        steps = steps._replace(
-            impact=followed(steps.impact, jnp.where(by_walk, by_itself - alone, 0.0), settings.impact_steps),
-            walks=jnp.where(
-                (kind == 0) & ~walks,
-                jnp.clip(steps.walks + gain * (1 - by_itself - steps.walks), *settings.walks),
-                steps.walks,
-            ),
-            population=followed(
-                steps.population, jnp.where(kind == 1, together - wanted, 0.0), settings.population_steps
-            ),
-            level=followed(
-                steps.level, jnp.where(kind == 2, accepted[:levels] - alone, 0.0), settings.impact_steps
-            ),
-        )
+        here = _acceptances(target, kind, walks, accepted, proposal.inner)
+        steps = _followed(settings, steps, gain, kind, walks, accepted, proposal.inner)
         return state, steps, jax.tree.map(lambda new, old: jnp.where(jnp.isnan(new), old, new), here, rates)
 
     none = jnp.asarray(jnp.nan)
