@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 import statsmodels.formula.api as smf
 from numpy.testing import assert_allclose
+from scipy.optimize import minimize, minimize_scalar
 
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expected, expected_by_cell
 from bayestissue.hierarchy.gaussian.covariances import Covariances
@@ -23,6 +24,7 @@ from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.population import Effects, covariances_of, population_design
 from bayestissue.hierarchy.priors import Normal, Priors
 from designs import REFERENCE, design_of, impacts, indicator
+from mixed_model_tables import DYESTUFF, PASTES, PENICILLIN, SLEEP
 
 FORMULA = "log(mass_kg) + (log(mass_kg)|subject) + (1|subject:side) + (1|session)"
 SD = {"subject": 0.3, "slope": 0.4, "side": 0.2, "session": 0.25, "impact": 0.1}
@@ -82,13 +84,13 @@ def population(rows: pd.DataFrame) -> tuple[Effects, PopulationDesign]:
 
 
 def told(
-    population: tuple[Effects, PopulationDesign], rows: pd.DataFrame, sd: dict[str, Any]
+    population: tuple[Effects, PopulationDesign], y: Any, sd: dict[str, Any]
 ) -> tuple[PopulationDesign, Covariances, GaussianFactor]:
     """What exact estimates of log K say of b; of log C and the noise nothing is known."""
     effects, design = population
     sites = {NAMES[name]: jnp.asarray(value) for name, value in sd.items()}
     sites |= {"sd_impact_C": jnp.asarray(0.3), "sd_noise": jnp.asarray(0.3)}
-    away = jnp.asarray(rows["y"].to_numpy()) - expected(design, effects.mean)[0]
+    away = jnp.asarray(y) - expected(design, effects.mean)[0]
     precision, first = sites["sd_impact_K"] ** -2.0, jnp.array([1.0, 0.0, 0.0])[:, None]
     sums = (
         precision * first * away,
@@ -100,30 +102,93 @@ def told(
     return design, covariances_of(effects, sites, 0.0, ("noise",)), laid
 
 
-def test_the_likelihood_of_dyestuff_is_that_of_mixed_models_jl() -> None:
-    """Dyestuff: yields of five samples of each of six batches (Davies 1949).
+def levels(values: np.ndarray) -> dict[str, np.ndarray]:
+    """A table's rows as levels of `subject`, its values one after the other."""
+    return {"subject": np.repeat([f"s{n}" for n in range(len(values))], values.shape[1])}
 
-    It is the likelihood at the mean, not the restricted one of any mean: so the mean is known.
+
+def columns(values: np.ndarray, repeats: int = 1) -> np.ndarray:
+    """A name for each so many columns of a table, of every value."""
+    return np.tile([f"c{n // repeats}" for n in range(values.shape[1])], len(values))
+
+
+def greatest_objective(formula: str, values: np.ndarray, table: dict[str, np.ndarray], first: float) -> float:
+    """Minus twice the greatest log likelihood, over standard deviations and fixed effects.
+
+    The program integrates fixed effects out. Here they are known, to 1e-5, to be 0 of what is left of the
+    values: so their own greatest is found like that of the others.
     """
-    batches = [
-        *([1545, 1440, 1440, 1520, 1580], [1540, 1555, 1490, 1560, 1495], [1595, 1550, 1605, 1510, 1560]),
-        *([1445, 1440, 1595, 1465, 1545], [1595, 1630, 1515, 1635, 1625], [1520, 1455, 1450, 1480, 1445]),
-    ]
-    y = np.array(batches, float)
-    within = ((y - y.mean(1, keepdims=True)) ** 2).sum() / 24
-    between = ((y.mean(1) - y.mean()) ** 2).mean() - within / 5
-    table = impacts(people=6).iloc[:30]
-    table = table.assign(subject=np.repeat(list("abcdef"), 5), y=y.ravel())
-    exactly = {"K": Normal(distribution="normal", mean=y.mean(), sd=1e-5)}
+    y, count = values.ravel(), values.size
+    rows = impacts(people=1 + count // 12).iloc[:count].assign(mass_kg=REFERENCE).assign(**table)
+    known, free = (Normal(distribution="normal", mean=0.0, sd=sd) for sd in (1e-5, 1.0))
     priors = Priors.model_validate(
-        {"intercept": exactly | {"C": Normal(distribution="normal", mean=0.0, sd=1.0)}}
+        {"intercept": {"K": known, "C": free}, "mass_exponent": {"K": known, "C": free}}
     )
-    population = population_design(design_of("(1|subject)", "1", table), priors, ("noise",))
-    sd = {"subject": np.sqrt(between), "impact": np.sqrt(within)}
-    log_density = float(log_density_of_cells(*told(population, table, sd)))
-    objective = -2 * log_density + y.size * np.log(2 * np.pi)
-    # What a mean known to 1e-5 leaves open is 30 * 1e-10 / 2451, and rounding of squares of 1e6 about 1e-10.
-    assert objective == pytest.approx(327.3270598811428, abs=1e-8)
+    population = population_design(design_of(formula, "1", rows), priors, ("noise",))
+    x = np.log(rows["mass_kg"].to_numpy() / REFERENCE)
+    X = np.stack([np.ones(count), x], axis=1)[:, : 1 + ("log" in formula)]
+    names = ["impact", *(name for name, site in NAMES.items() if site in deviations(formula))]
+
+    @jax.jit
+    @jax.value_and_grad
+    def objective(at: jax.Array) -> jax.Array:
+        sd = dict(zip(names, jnp.exp(at[: len(names)]), strict=True))
+        left = jnp.asarray(y) - X @ at[len(names) :]
+        return -2 * log_density_of_cells(*told(population, left, sd)) + count * np.log(2 * np.pi)
+
+    begin = np.r_[np.full(len(names), np.log(first)), np.linalg.lstsq(X, y, rcond=None)[0]]
+    found = minimize(lambda at: objective(jnp.asarray(at)), begin, jac=True, method="BFGS")
+    return float(found.fun)
+
+
+def deviations(formula: str) -> list[str]:
+    """The standard deviations that a formula of log K has between levels."""
+    terms = {
+        "(1|subject)": "sd_subject_K",
+        "(1|subject:side)": "sd_subject_side_K",
+        "(1|session)": "sd_session_K",
+        "(log(mass_kg)|subject)": "sd_subject_mass_exponent_K",
+    }
+    found = [site for term, site in terms.items() if term in formula]
+    return [*found, "sd_subject_K"] if "(log(mass_kg)|subject)" in formula else found
+
+
+# The objectives are MixedModels.jl's. What fixed effects known to 1e-5 leave open is far below 1e-6, as is what
+# a search that ends at slopes of 1e-5 does.
+CLOSE = 1e-6
+
+
+@pytest.mark.parametrize(
+    ("values", "formula", "table", "first", "expected_objective"),
+    [
+        (DYESTUFF, "(1|subject)", {}, 40.0, 327.3270598811428),
+        (PASTES, "(1|subject) + (1|subject:side)", {"side": columns(PASTES, 2)}, 1.0, 247.99446586325791),
+        (PENICILLIN, "(1|subject) + (1|session)", {"session": columns(PENICILLIN)}, 1.0, 332.18834867227616),
+    ],
+    ids=["dyestuff", "pastes", "penicillin"],
+)
+def test_the_greatest_likelihood_is_that_of_mixed_models_jl(
+    values: np.ndarray, formula: str, table: dict[str, np.ndarray], first: float, expected_objective: float
+) -> None:
+    found = greatest_objective(formula, values, levels(values) | table, first)
+    assert found == pytest.approx(expected_objective, abs=CLOSE)
+
+
+@pytest.mark.slow
+def test_slopes_are_independent_of_intercepts_at_the_reference() -> None:
+    """A correlation of the two is a matter of where the covariate is 0: one place has none.
+
+    The greatest likelihood over all places is so that of MixedModels.jl with a correlation.
+    """
+    days = np.tile(np.arange(10.0), len(SLEEP))
+
+    def objective(zero: float) -> float:
+        table = levels(SLEEP) | {"mass_kg": REFERENCE * np.exp(days - zero)}
+        return greatest_objective("log(mass_kg) + (log(mass_kg)|subject)", SLEEP, table, 20.0)
+
+    best = minimize_scalar(objective, bracket=(-1.0, 0.0), tol=1e-5)
+    assert best.fun == pytest.approx(1751.9393444663153, abs=CLOSE)
+    assert objective(0.0) > best.fun
 
 
 def test_effects_are_the_best_linear_unbiased_predictions(
@@ -133,7 +198,7 @@ def test_effects_are_the_best_linear_unbiased_predictions(
 
     @jax.jit
     def means(sd: jax.Array) -> jax.Array:
-        design, *known = told(population, rows, dict(zip(names, sd, strict=True)))
+        design, *known = told(population, rows["y"].to_numpy(), dict(zip(names, sd, strict=True)))
         found, _ = integrate_effects(design, *known)
         return effects_from_standard(design, found, jnp.asarray(effects.mean))
 
@@ -167,7 +232,7 @@ def test_restricted_likelihood_is_greatest_where_statsmodels_finds_it(
 
     def log_density(log_sd: jax.Array) -> jax.Array:
         sd = dict(zip(names, jnp.exp(log_sd), strict=True))
-        return log_density_of_cells(*told(population, rows, sd))
+        return log_density_of_cells(*told(population, rows["y"].to_numpy(), sd))
 
     at = np.log([fitted.sd[name] for name in names])
     slope_at = jax.jit(jax.grad(log_density))

@@ -385,8 +385,8 @@ def walk(
     number, freedom = len(numbers.decision) - 1, FREEDOM + len(y)
 
     def at(z: Array) -> tuple[Any, Array]:
-        found = density(near.location + near.root @ z)
-        return found, found.log_density + freedom / 2 * jnp.log1p(z @ z / FREEDOM)
+        effects = density(near.location + near.root @ z)
+        return effects, effects.log_density + freedom / 2 * jnp.log1p(z @ z / FREEDOM)
 
     def step(index: Array, carried: Any) -> Any:
         z, end, log_ratio, begin, rate = carried
@@ -449,7 +449,9 @@ def _acceptances(
         jnp.asarray(jnp.nan),
     )
     kinds = (_BY_IMPACT, _BY_IMPACT, _BY_POPULATION, _BY_POPULATION, _BY_LEVEL, -1)
-    return Acceptances(*(jnp.where(kind == of, rate, jnp.nan) for of, rate in zip(kinds, tried, strict=True)))
+    return Acceptances(
+        *(jnp.where(kind == one, rate, jnp.nan) for one, rate in zip(kinds, tried, strict=True))
+    )
 
 
 def _followed(

@@ -58,8 +58,9 @@ def covariance_root(draws: Float[np.ndarray, "draw *batch one"]) -> Float[np.nda
     """Cholesky factor of the draws' covariance, and a little of its diagonal."""
     deviation = draws - draws.mean(0)
     covariance = np.einsum("d...a,d...b->...ab", deviation, deviation) / len(draws)
-    own = np.maximum(np.diagonal(covariance, axis1=-2, axis2=-1), _LEAST)[..., None] * np.eye(draws.shape[-1])
-    return np.linalg.cholesky((1 - _SHRUNK) * covariance + _SHRUNK * own)
+    variance = np.maximum(np.diagonal(covariance, axis1=-2, axis2=-1), _LEAST)
+    diagonal = variance[..., None] * np.eye(draws.shape[-1])
+    return np.linalg.cholesky((1 - _SHRUNK) * covariance + _SHRUNK * diagonal)
 
 
 class Start(NamedTuple):
@@ -134,15 +135,15 @@ def _refitted(sites: GaussianFactor, u: np.ndarray, value: np.ndarray) -> Gaussi
     distance = ((u - refitted.centre[:, None]) ** 2).sum(-1)
     distance = np.where(np.isneginf(refitted.log_scale)[:, None], np.inf, distance)
     for number, of_site in enumerate(distance):
-        mine = of_site <= distance.min(0)
-        own = np.where(mine, value, value.min(0) - 1)
-        distinct = (np.diff(np.sort(own, axis=0), axis=0) != 0).sum(0)
+        nearest = of_site <= distance.min(0)
+        inside = np.where(nearest, value, value.min(0) - 1)
+        distinct = (np.diff(np.sort(inside, axis=0), axis=0) != 0).sum(0)
         # A parabola has (1 + size) (2 + size) / 2 terms.
         enough = distinct > (1 + size) * (2 + size)
         if not enough.any():
             continue
-        weight = (mine & (own > own.max(0) - DEEPEST)).astype(float)
-        nearest = nearest_parabolas(u[:, enough], value[:, enough], weight[:, enough])
-        for whole, part in zip(refitted, nearest, strict=True):
+        weight = (nearest & (inside > inside.max(0) - DEEPEST)).astype(float)
+        parabolas = nearest_parabolas(u[:, enough], value[:, enough], weight[:, enough])
+        for whole, part in zip(refitted, parabolas, strict=True):
             whole[number, enough] = part
     return GaussianFactor(*map(jnp.asarray, refitted))
