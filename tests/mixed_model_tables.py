@@ -1,8 +1,8 @@
 """Tables that mixed-model programs are compared by, one row a level of the first factor.
 
 They are those of lme4 (Bates, Mächler, Bolker and Walker 2015, doi:10.18637/jss.v067.i01), which has them
-from Davies, The Design and Analysis of Industrial Experiments (1949), Davies and Goldsmith, Statistical Methods in
-Research and Production (1972), and Belenky and others, Journal of Sleep Research (2003).
+from Davies, The Design and Analysis of Industrial Experiments (1949), Davies and Goldsmith, Statistical
+Methods in Research and Production (1972), and Belenky and others, Journal of Sleep Research (2003).
 """
 
 from __future__ import annotations

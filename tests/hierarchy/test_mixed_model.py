@@ -153,8 +153,8 @@ def deviations(formula: str) -> list[str]:
     return [*found, "sd_subject_K"] if "(log(mass_kg)|subject)" in formula else found
 
 
-# The objectives are MixedModels.jl's. What fixed effects known to 1e-5 leave open is far below 1e-6, as is what
-# a search that ends at slopes of 1e-5 does.
+# The objectives are MixedModels.jl's. What fixed effects known to 1e-5 leave open is far below 1e-6, as is
+# what a search that ends at slopes of 1e-5 does.
 CLOSE = 1e-6
 
 
