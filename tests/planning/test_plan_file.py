@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import xarray as xr
 
 from bayestissue.errors import InputError, Problem
 from bayestissue.planning import analysis
@@ -179,6 +180,18 @@ def test_a_pilot_of_another_element_is_refused(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(analysis, "read_run", lambda path: Pilot)
     problem = refused(pilot="runs/pilot")["pilot"]
     assert (problem.value, "kelvin_voigt" in problem.expected) == ("maxwell", True)
+
+
+def test_a_pilot_with_a_discrepancy_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Pilot:
+        class specification:  # noqa: N801 - as `Fit` has it
+            element = "kelvin_voigt"
+
+        posterior = xr.DataTree.from_dict({"posterior": xr.Dataset({"K_secant": ("impact", [2900.0])})})
+
+    monkeypatch.setattr(analysis, "read_run", lambda path: Pilot)
+    problem = refused(pilot="runs/pilot")["pilot"]
+    assert (problem.value, "without a discrepancy" in problem.expected) == ("runs/pilot", True)
 
 
 def test_a_pilot_that_is_no_run_is_refused(tmp_path: Path) -> None:

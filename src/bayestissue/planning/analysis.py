@@ -271,7 +271,7 @@ def _pilot(
     if pilot.specification.element != model.element:
         value, wanted = pilot.specification.element, model.element
         raise InputError.stated("impossible-plan.pilot", source, None, "pilot", value, element=wanted)
-    return pilot_of(pilot, otherwise), pilot.about.get("words", {})
+    return pilot_of(pilot, otherwise, (source, None, "pilot", run)), pilot.about.get("words", {})
 
 
 def _goals(plan: PlanSpecification) -> tuple[Goal, ...]:

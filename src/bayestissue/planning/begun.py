@@ -72,13 +72,26 @@ def begun_study(after: After, otherwise: Beliefs, source: str) -> Begun:
     model = fit.specification
     running = running_study(prepare(dataset, model, source=after.run), model)
     posterior = fit.posterior["posterior"].to_dataset()
-    prior = RunningPrior.of_posterior(posterior, pilot_of(fit, otherwise))
+    prior = RunningPrior.of_posterior(
+        posterior, pilot_of(fit, otherwise, (source, None, "after.run", after.run))
+    )
     return Begun(after.run, model, running, prior, after.again, dataset.words)
 
 
-def pilot_of(pilot: Fit, otherwise: Beliefs) -> Pilot:
-    """A finished fit as what is believed of the next study."""
+def pilot_of(pilot: Fit, otherwise: Beliefs, where: tuple[str, int | None, str, str]) -> Pilot:
+    """A finished fit as what is believed of the next study.
+
+    Args:
+        pilot: the fit.
+        otherwise: beliefs about what it has no parameter for.
+        where: it is named: the plan, no row, the key and the run.
+
+    Raises:
+        InputError: it has a discrepancy, beside which K is the element's own and no stiffness of tissue.
+    """
     posterior = pilot.posterior["posterior"].dataset
+    if "K_secant" in posterior:
+        raise InputError.stated("impossible-plan.discrepancy", *where)
     single = {
         str(name): array.to_numpy().reshape(-1)
         for name, array in posterior.data_vars.items()
