@@ -408,6 +408,7 @@ def test_rows_are_the_same_however_they_are_written(piece, tmp_path):
     assert provenance.digest(piece.rows()) == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", pages.pages(), ids=lambda path: path.relative_to(ROOT).as_posix())
 def test_a_page_prints_what_the_files_say_whatever_the_program_is(path, monkeypatch):
     text = path.read_text(encoding="utf-8")

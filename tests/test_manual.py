@@ -30,6 +30,8 @@ from bayestissue.settings import _table_in
 from bayestissue.simulation.specification import Simulation
 from bayestissue.thesis.causes.specification import CausesSpecification, Range
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parents[1]
 FILES = declared_files()
 

@@ -24,6 +24,7 @@ def found(example) -> bt.Impact:
     return bt.impact(trace.time_s, trace.value, **given, uncertainty=UNCERTAINTY)
 
 
+@pytest.mark.slow
 def test_it_is_the_row_that_estimate_has(example, found: bt.Impact):
     about = example.impacts.iloc[[5]]
     alone = bt.dataset(
@@ -70,6 +71,7 @@ def drop() -> tuple[np.ndarray, np.ndarray]:
 GIVEN_OF_DROP = {"mass_kg": 0.5, "velocity_m_s": 1.534}
 
 
+@pytest.mark.slow
 def test_a_drop_is_told_from_a_horizontal_impact(drop):
     found, without = bt.impact(*drop, **GIVEN_OF_DROP, gravity="drop"), bt.impact(*drop, **GIVEN_OF_DROP)
     assert abs(found.K - 3000) < 3 * found.row["K_se_N_per_m"]

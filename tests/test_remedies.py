@@ -74,6 +74,7 @@ def test_every_place_that_makes_a_warning_or_an_error_carries_a_known_code() -> 
                 assert isinstance(code, ast.Name | ast.Attribute), where
 
 
+@pytest.mark.slow
 def test_every_message_has_a_code_and_is_told() -> None:
     """What is written in parts, such as ``f"velocity-off.{kind}"``, counts by its code."""
     used = {text for tree in trees().values() for text in _texts_of(tree)}
@@ -83,6 +84,7 @@ def test_every_message_has_a_code_and_is_told() -> None:
         assert all(text == text.strip() and text for text in (told.expected, told.remedy))
 
 
+@pytest.mark.slow
 def test_every_key_of_a_message_is_known() -> None:
     for path, tree in trees().items():
         for call in ast.walk(tree):
@@ -103,6 +105,7 @@ def _texts_of(tree: ast.Module) -> Iterator[str]:
             yield node.value
 
 
+@pytest.mark.slow
 def test_every_code_in_the_sources_has_an_entry() -> None:
     for path, tree in trees().items():
         for node in ast.walk(tree):
@@ -110,6 +113,7 @@ def test_every_code_in_the_sources_has_an_entry() -> None:
                 assert node.value.value in entries(), f"{path.relative_to(SOURCE)}:{node.value.lineno}"
 
 
+@pytest.mark.slow
 def test_every_entry_is_led_to() -> None:
     used = {
         node.value for tree in trees().values() for node in ast.walk(tree) if isinstance(node, ast.Constant)

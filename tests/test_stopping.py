@@ -148,6 +148,7 @@ def test_worker_processes_end_with_the_process_that_began_them(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_worker_processes_end_where_the_process_that_began_them_was_killed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -183,6 +184,7 @@ stopping.done()
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_request_after_everything_is_done_changes_nothing(number: signal.Signals) -> None:
     assert stopped(ENDS_SLOWLY, number=number)[:2] == (0, "")

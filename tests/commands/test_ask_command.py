@@ -18,6 +18,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return make_fit_run(tmp_path_factory.mktemp("asked") / "run")
 
 
+@pytest.mark.slow
 def test_answers_are_printed_and_written(run: Path, tmp_path: Path) -> None:
     questions = ("K[subject=s1] / K[subject=s2] > 1.1", "K[mass_kg=1.2]")
     told = bayestissue("ask", run, *questions, "--out", tmp_path / "out")

@@ -45,6 +45,7 @@ def bayestissue(monkeypatch: pytest.MonkeyPatch, *arguments: str | Path) -> int:
     return 0
 
 
+@pytest.mark.slow
 def test_writes_a_whole_run(dataset: Path, tmp_path: Path, monkeypatch, capsys) -> None:
     out = tmp_path / "run"
     assert bayestissue(monkeypatch, "estimate", dataset, "--out", out, "--json") == 0

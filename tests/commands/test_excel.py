@@ -94,6 +94,7 @@ def _page(folder: Path) -> str:
     )
 
 
+@pytest.mark.slow
 def test_estimates_open_in_a_german_excel_and_are_the_same(tmp_path: Path) -> None:
     impacts, traces = tables()
     write_dataset(tmp_path / "data", settings=SETTINGS, impacts=impacts, traces=traces)

@@ -242,6 +242,7 @@ def test_ten_thousand_impacts_load_in_seconds(tmp_path: Path) -> None:
     assert len(dataset.traces) == count
 
 
+@pytest.mark.slow
 def test_with_too_many_impacts_the_page_shows_the_most_suspicious(
     lab: Lab, command: Callable[..., Outcome], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -74,6 +74,7 @@ def test_blocks_of_a_page_are_found_with_what_is_said_of_them() -> None:
     assert (second.language, second.caption, second.text) == ("toml", "a.toml", "x = 1\n")
 
 
+@pytest.mark.slow
 def test_names_in_blocks_of_r_and_matlab_are_in_the_files(tmp_path: Path) -> None:
     """Neither program is here: each variable, column and file that they name is looked up."""
     run = preparations.tutorial(tmp_path)

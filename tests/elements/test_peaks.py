@@ -13,6 +13,7 @@ M, V = jnp.array([0.4, 0.8, 1.3, 0.5]), jnp.array([1.0, 1.5, 2.0, 0.7])
 K, C = jnp.array([2500.0, 4000.0, 1500.0, 800.0]), jnp.array([5.0, 30.0, 100.0, 60.0])
 
 
+@pytest.mark.slow
 def test_peaks_of_spring_and_damper_are_those_of_the_formulas() -> None:
     p = {"K": K, "C": C, "diameter_m": jnp.full(4, 0.03)}
     found = peaks_of(element("kelvin_voigt"), p, M, V)

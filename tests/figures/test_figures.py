@@ -20,6 +20,8 @@ from bayestissue.report.run_folder import read_about
 from make_fit_run import make_fit_run
 from page_reader import figures as specifications
 
+pytestmark = pytest.mark.slow
+
 
 def words_in(drawn: str) -> list[str]:
     return re.findall(r"<text[^>]*>([^<]*)</text>", drawn)

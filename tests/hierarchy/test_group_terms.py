@@ -202,6 +202,7 @@ def test_a_persons_own_exponent_is_the_populations_and_the_persons_deviation() -
     assert_allclose(found["sd_subject_effect_of_room_C"], sites["sd_subject_effect_of_room_C"] / scale)
 
 
+@pytest.mark.slow
 def test_the_k_of_a_level_holds_the_effects_that_it_lies_in() -> None:
     design = design_of(EVERYTHING, "(1|trial)")
     sites = draws(design, Priors())

@@ -112,6 +112,7 @@ TABLE = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("formula", "truth"), TABLE)
 def test_every_value_is_the_truth_at_the_levels_that_it_names(formula, truth) -> None:
     cells = [

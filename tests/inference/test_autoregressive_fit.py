@@ -67,6 +67,7 @@ def specification(**changes: object) -> ModelSpecification:
     return found.model_copy(update={"noise": "autoregressive", **changes})
 
 
+@pytest.mark.slow
 def test_each_trace_alone_tells_its_tissue_and_its_noise_as_surely_as_it_says() -> None:
     made, data = campaign(people=40)
     given = prepare(data, specification(), source="the model file")

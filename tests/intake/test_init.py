@@ -248,6 +248,7 @@ def test_recordings_of_one_dataset_have_one_unit_and_the_channel(folder: Callabl
     assert len(data.impacts) == len(DROPS) - 2
 
 
+@pytest.mark.slow
 def test_what_is_wrong_may_be_left_out(folder: Callable, tmp_path: Path) -> None:
     recorded, out = folder(".tdms"), tmp_path / "drops"
     (recorded / "notes of s03.tdms").write_bytes(b"no recording")
@@ -479,6 +480,7 @@ def test_impacts_soon_after_each_other_are_told_and_cut_apart(tmp_path: Path) ->
     assert "a blow of half the height" not in made.out
 
 
+@pytest.mark.slow
 def test_a_rate_in_the_table_stands_in_for_times(tmp_path: Path) -> None:
     recorded = tmp_path / "recorded"
     recorded.mkdir()

@@ -129,6 +129,7 @@ def test_a_workbook_of_one_recording_has_its_own_name(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.slow
 def test_a_sheet_that_is_not_there_is_told(clinic: Path, tmp_path: Path) -> None:
     assert init(clinic, tmp_path / "d", "--set", "mass_kg=1").status == 0
     impacts = tmp_path / "d" / "impacts.csv"

@@ -156,6 +156,7 @@ def test_slopes_agree_with_differences() -> None:
         assert_allclose(slopes[k], difference, rtol=1e-5, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_samples_have_the_covariance_of_noise_and_chain() -> None:
     given, number = measured("kelvin_voigt"), 4000
     sample = jax.jit(lambda key: given.sample(key, (number,)))

@@ -36,6 +36,7 @@ def test_statistics_and_their_inverse_are_one_to_one() -> None:
     assert_allclose(average_and_sd(m, root), (average, sd), rtol=1e-13)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("sd_K", "sd_C", "r"), [(0.03, 0.3, -0.5), (0.03, 0.03, 0.0), (0.1, 0.8, -0.5), (0.8, 0.8, 0.3)]
 )

@@ -103,6 +103,7 @@ def test_beside_a_discrepancy() -> None:
         assert found[row] == pytest.approx(expected(record, SEPARATE, row, 1.0), abs=0.03)
 
 
+@pytest.mark.slow
 def test_without_a_clipped_sample_it_is_the_density_of_all() -> None:
     record = traces(SEPARATE, sign=1.0)
     none = record._replace(clipped=jnp.zeros_like(record.d))

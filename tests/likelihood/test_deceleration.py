@@ -153,6 +153,7 @@ def test_what_lies_past_an_impacts_end_counts_nothing() -> None:
     assert_allclose(recorded(value).d, RECORD.d, atol=0)
 
 
+@pytest.mark.slow
 def test_slopes_are_central_differences() -> None:
     at, slopes = AT, slopes_of(*AT)
     forward = jax.jit(lambda *at: jax.jvp(densities, at, tuple(map(jnp.ones_like, at)))[1])(*at)

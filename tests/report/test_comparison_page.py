@@ -45,6 +45,7 @@ def html(folder):
     return (folder / "report.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_the_page_is_whole_and_asks_nothing_of_the_network(html):
     page = Reader()
     page.feed(html)
@@ -105,6 +106,7 @@ def test_an_interval_stands_beside_what_it_is_of(html):
     assert "A typical person: K" in text
 
 
+@pytest.mark.slow
 def test_where_stiffness_depends_on_depth_exponents_are_those_at_the_common_depth(tmp_path):
     depths = {"likelihood": "impact", "exponent": 0.0, "own_depth": 0.3}
     out = made(tmp_path, straight={"likelihood": "impact", "exponent": 0.5}, stiffening=depths)
@@ -126,6 +128,7 @@ def test_it_shows_both_figures_and_where_the_models_differ(html):
     assert "priors" not in differ
 
 
+@pytest.mark.slow
 def test_long_names_leave_room_for_the_figure(tmp_path):
     out = made(tmp_path, **{"a" * 70: {}, "b" * 70: {"worse": 1.0}})
     html = (out / "report.html").read_text(encoding="utf-8")

@@ -28,6 +28,7 @@ def arma(tmp_path_factory):
     return read(make_fit_run(tmp_path_factory.mktemp("arma") / "run", likelihood="arma", coloured=True))
 
 
+@pytest.mark.slow
 def test_the_intervals_that_hold_the_truth_are_counted(run):
     half, most = estimates.held_by_intervals(run, "K")
     assert (half.level, most.level, most.impacts) == (50, 90, 12)
@@ -50,6 +51,7 @@ def test_the_ratio_of_the_methods_is_that_of_the_made_up_estimates(run):
     assert estimates.dds_ratio(run, "K") == pytest.approx(2, rel=3 * 1.25 * 0.01 / np.sqrt(12))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("exponent", "said"),
     [
@@ -63,6 +65,7 @@ def test_exponents_lead_to_words(tmp_path, exponent, said):
     assert said in answers.mass_conclusion(read(make_fit_run(tmp_path, exponent=exponent)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("common", "own", "conclusion", "told"),
     [
@@ -87,6 +90,7 @@ def test_mass_is_answered_at_the_depth_that_all_impacts_reach(tmp_path, common, 
     assert ("deeper, where it is stiffer" in said) == (own > 0)
 
 
+@pytest.mark.slow
 def test_a_law_that_may_be_the_same_is_not_called_so(tmp_path):
     run = read(make_fit_run(tmp_path, exponent=0.0, own_depth=0.5))
     run.hypotheses.loc[run.hypotheses["quantity"] == "K_common_depth", "probability"] = 0.6
@@ -94,6 +98,7 @@ def test_a_law_that_may_be_the_same_is_not_called_so(tmp_path):
     assert "One law of the tissue for every mass explains this: heavier impactors go deeper" in said
 
 
+@pytest.mark.slow
 def test_k_that_is_not_told_at_one_depth_is_said_to_be_of_the_depth_too(tmp_path):
     run = read(make_fit_run(tmp_path, likelihood="impact", exponent=0.3, own_depth=0.3))
     run.record["discrepancy"] = {"rms_of_peak": 0.05}

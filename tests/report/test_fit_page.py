@@ -43,6 +43,7 @@ def html(folder):
     return page_of(folder)
 
 
+@pytest.mark.slow
 def test_the_page_is_whole_and_asks_nothing_of_the_network(html):
     page = Reader()
     page.feed(html)
@@ -75,6 +76,7 @@ def test_a_trend_that_only_the_thesis_method_shows_is_called_its_making(html):
     assert "the trend of C is made by the method" in folded
 
 
+@pytest.mark.slow
 def test_the_thesis_method_stands_first_where_the_model_file_asks_for_a_comparison(tmp_path):
     folder = make_fit_run(tmp_path / "run")
     record = json.loads((folder / "run.json").read_text(encoding="utf-8"))
@@ -83,6 +85,7 @@ def test_the_thesis_method_stands_first_where_the_model_file_asks_for_a_comparis
     assert "the trend of C is made by the method" in plain(first_screen(page_of(folder)))
 
 
+@pytest.mark.slow
 def test_where_stiffness_depends_on_depth_the_first_screen_answers_at_one_depth(tmp_path):
     html = page_of(make_fit_run(tmp_path, likelihood="impact", exponent=0.0, own_depth=0.3))
     first = plain(first_screen(html))
@@ -143,6 +146,7 @@ def test_a_run_of_an_earlier_version_has_no_sources(tmp_path):
     assert "fit again" in plain(page_of(folder))
 
 
+@pytest.mark.slow
 def test_failed_diagnostics_are_loud_on_the_first_screen_of_any_likelihood(tmp_path):
     html = page_of(make_fit_run(tmp_path, passed=False, likelihood="impact", coloured=True))
     assert "DIAGNOSTICS FAILED" in first_screen(html)
@@ -155,6 +159,7 @@ def test_failed_diagnostics_are_loud_on_the_first_screen_of_any_likelihood(tmp_p
     assert "models/impact.toml" not in html
 
 
+@pytest.mark.slow
 def test_measured_data_without_a_mass_exponent_get_a_page(tmp_path):
     html = page_of(make_fit_run(tmp_path, truth=False, exponent=None))
     text = plain(html)
@@ -164,6 +169,7 @@ def test_measured_data_without_a_mass_exponent_get_a_page(tmp_path):
     assert "made by the method" not in text
 
 
+@pytest.mark.slow
 def test_recorded_displacement_of_one_mass_gets_a_page(tmp_path):
     html = page_of(
         make_fit_run(tmp_path, quantity="displacement", truth=False, exponent=None, mass_varies=False)
@@ -184,6 +190,7 @@ def test_everything_that_lacks_is_named_at_once(tmp_path):
     assert not (folder / "report.html").exists()
 
 
+@pytest.mark.slow
 def test_damaged_files_are_named_with_what_is_wrong_in_them(tmp_path):
     folder = make_fit_run(tmp_path)
     with xr.open_datatree(folder / "posterior.nc", engine="h5netcdf") as tree:
@@ -251,6 +258,7 @@ def test_a_contradicted_chain_stands_on_the_first_screen(tmp_path):
     assert "They ask for a velocity 11 % higher. A wrong mass does not show" in plain(html)
 
 
+@pytest.mark.slow
 def test_a_chain_that_is_as_declared_is_said_below(tmp_path):
     html = page_of(
         with_diagnostics(make_fit_run(tmp_path / "run"), measuring_chain={"passed": True, "of": 12})

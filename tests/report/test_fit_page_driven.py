@@ -22,6 +22,8 @@ from bayestissue.report.fit.run import read_fit_run
 from bayestissue.report.run_folder import read_about
 from make_fit_run import make_fit_run
 
+pytestmark = pytest.mark.slow
+
 browser = pytest.importorskip(
     "browser", reason="drives a browser by websocket-client, which is not installed"
 )

@@ -7,11 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pytest
 import xarray as xr
 
 from bayestissue.report import write_report
 from make_fit_run import make_fit_run
 from tree_file import write_tree
+
+pytestmark = pytest.mark.slow
 
 KEPT = [0, 20, 40, 60, 80]
 

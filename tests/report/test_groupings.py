@@ -17,7 +17,7 @@ from bayestissue.report.run_folder import read_json
 from make_fit_run import CHAINS, DRAWS, PEOPLE, make_fit_run
 from tree_file import write_tree
 
-pytestmark = pytest.mark.usefixtures("read_once")
+pytestmark = [pytest.mark.usefixtures("read_once"), pytest.mark.slow]
 
 SIDES = [f"s{person}:{side}" for person in range(PEOPLE) for side in ("left", "right")]
 

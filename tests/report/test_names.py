@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
+import pytest
 import xarray as xr
 
 from bayestissue.figures.intervals import intervals
@@ -46,6 +47,7 @@ def renamed(folder):
     return folder
 
 
+@pytest.mark.slow
 def test_no_name_keeps_a_fits_page_from_being_drawn(tmp_path):
     html = write_report(renamed(make_fit_run(tmp_path / "run"))).read_text(encoding="utf-8")
     assert "$x_{1$" in html

@@ -20,6 +20,7 @@ def residuals(rng: np.random.Generator, impacts: int, correlation: float = 0.0) 
     return Residuals(measured, rng.standard_normal((DRAWS, impacts, SAMPLES)), np.arange(impacts))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("impacts", [1, 3, 30])
 def test_noise_of_the_models_kind_is_called_another_in_one_of_a_hundred_fits(impacts):
     rng, fits = np.random.default_rng(impacts), 600

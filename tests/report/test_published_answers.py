@@ -65,6 +65,7 @@ def test_without_the_audits_word_the_conclusion_is_weaker(run):
     assert "in proportion to mass" in page.mass_conclusion(silent)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("exponent", "said"),
     [

@@ -72,6 +72,7 @@ def test_tables_that_a_run_carries_along_are_the_ones_drawn(published_run_folder
     assert '<td class="number">99.99</td>' in write_report(folder).read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_a_run_whose_rows_all_survive_gets_a_page(published_run_folder, tmp_path):
     import xarray as xr
 
@@ -85,6 +86,7 @@ def test_a_run_whose_rows_all_survive_gets_a_page(published_run_folder, tmp_path
     assert "mean ± sd, rows lost" not in html
 
 
+@pytest.mark.slow
 def test_a_failed_run_is_loud_on_the_first_screen(tmp_path):
     html = write_report(make_published_run(tmp_path, passed=False)).read_text(encoding="utf-8")
     first = first_screen(html)
@@ -111,6 +113,7 @@ def test_model_priors_and_provenance_are_told(html):
         assert words in html
 
 
+@pytest.mark.slow
 def test_a_model_without_a_mass_exponent_still_gets_a_page(published_run_folder, tmp_path):
     import xarray as xr
 

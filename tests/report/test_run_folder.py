@@ -91,6 +91,7 @@ def with_samples(groups):
     }
 
 
+@pytest.mark.slow
 def test_an_earlier_version_s_run_is_read_as_before(tmp_path):
     earlier = make_fit_run(tmp_path / "earlier", extended=with_samples)
     read = [read_fit_run(each, read_about(each)) for each in (make_fit_run(tmp_path / "run"), earlier)]

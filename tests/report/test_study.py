@@ -31,6 +31,7 @@ def html(tmp_path_factory) -> str:
     return write_report(folder).read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_the_first_screen_says_what_differs(html) -> None:
     first = plain(html[html.index('class="first"') : html.index("<nav")])
     assert re.search(r"What differs\? left over right: K × 1\.\d+ 1\.\d+ to 1\.\d+; C × [01]\.\d+", first)
@@ -108,6 +109,7 @@ def test_reliability_is_told_in_words_and_in_a_table(html) -> None:
         assert words in text
 
 
+@pytest.mark.slow
 def test_what_the_data_leave_to_the_prior_is_said(tmp_path) -> None:
     folder = make_fit_run(tmp_path / "run")
     table = pd.read_csv(folder / "reliability.csv")

@@ -109,6 +109,7 @@ def test_samples_before_the_first_are_kept_without_their_offset():
     assert not short.before[0, : BEFORE - short.n_before[0]].any()
 
 
+@pytest.mark.slow
 def test_a_force_that_rises_from_zero_may_have_begun_well_before_it_shows():
     """A rise by half a standard deviation a sample shows after ten samples or so."""
     rng = np.random.default_rng(2)

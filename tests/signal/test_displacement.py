@@ -151,6 +151,7 @@ ODD = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("quantity", ["deceleration", "acceleration", "displacement"])
 @pytest.mark.parametrize(
     "choices",

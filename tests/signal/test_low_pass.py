@@ -58,6 +58,7 @@ def test_the_corner_is_the_filters(behind_500_hz: Dataset):
     assert np.nanmedian(found.corner_hz) == pytest.approx(500.0, rel=0.25)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "tissue", ["kelvin_voigt", pytest.param("maxwell", marks=pytest.mark.long), "hunt_crossley"]
 )

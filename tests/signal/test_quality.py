@@ -80,6 +80,7 @@ def test_a_soft_saturation_is_found():
     assert all(said)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("late", [0.001, 0.002, 0.004])
 def test_a_recording_that_begins_after_contact_is_found(late):
     lab = spoilt(lambda t, d: d, before=-late)
@@ -100,6 +101,7 @@ def in_series(late: float, noise: float = 0.005, velocity: float = 1.5, tau: flo
     return replace(record([replace(TYPICAL, velocity=velocity)] * COUNT, 1e4), traces=traces)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("late", [0.001, 0.002, 0.004])
 def test_a_recording_that_begins_after_contact_is_found_whatever_the_tissue(late):
     """An oscillator that begins at contact explains none of these, and one that begins before none either."""
@@ -191,6 +193,7 @@ def test_noise_alone_passes_for_a_wave_or_a_line_as_rarely_as_stated(length):
         assert low <= (p < level).sum() <= high
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("rate", "zeta"), [(2e3, 3.0), (2e3, 4.0), (5e3, 5.0), (5e3, 10.0)])
 def test_a_force_that_jumps_at_contact_and_decays_at_once_is_no_spike(rate, zeta):
     """By a third in a sampling interval at the most."""

@@ -67,6 +67,7 @@ def test_a_drop_from_another_height_lies_apart_from_the_others():
     assert said(fallen)[4].startswith("as if dropped from a greater height (about 20 cm, stated 12 cm)")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ratio", [1.0, 0.9, 1.1])
 def test_a_fit_warns_of_another_velocity_where_its_own_test_is_blind(ratio):
     here = lab(5e3, 0.1, 1.534 * ratio)

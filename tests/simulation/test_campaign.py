@@ -94,6 +94,7 @@ def test_stiffness_is_a_power_of_mass():
     np.testing.assert_allclose(truth["omega_n_rad_s"], np.sqrt(3000 / 0.7), rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_recorded_mass_and_velocity_are_not_the_true_ones():
     recording = {
         "relative_mass_sd": 0.05,
@@ -191,6 +192,7 @@ def test_effects_of_further_groups_leave_the_other_random_numbers_as_they_are():
     np.testing.assert_array_equal(a.impacts["session"], b.impacts["session"])
 
 
+@pytest.mark.slow
 def test_further_parameters_differ_between_people():
     specification = with_groups().model_dump()
     specification["tissue"] |= {"element": "wall", "parameters": {"thickness_m": 0.04}, "sd_subject_K": 0.1}
@@ -224,6 +226,7 @@ def test_effects_of_columns_that_the_design_lacks_are_refused(changes, words):
         Simulation.model_validate(content)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("recorder", [{"low_pass_hz": 300.0}, {"sae_class": 180}])
 def test_a_recorders_low_pass_takes_the_true_motion_and_leaves_noise_white(recorder, tmp_path):
     """Against the likelihood's own answer at the truth, which tests/likelihood/test_recorder.py checks."""

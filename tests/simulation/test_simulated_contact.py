@@ -6,6 +6,8 @@ from pydantic import ValidationError
 
 from bayestissue.simulation import Simulation, simulate
 
+pytestmark = pytest.mark.slow
+
 CONDITIONS = [
     {"trial": "a", "mass_kg": 0.5, "velocity_m_s": 1.5, "diameter_m": 0.0254},
     {"trial": "b", "mass_kg": 0.5, "velocity_m_s": 1.5, "diameter_m": 0.0381},

@@ -19,6 +19,8 @@ sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
 from sound import dataset, impacts
 from spoiling import DISPLACEMENT, KINDS, judged, sound_ones, spoilt_ones
 
+pytestmark = pytest.mark.slow
+
 EACH, SOUND = 12, 200
 # By chance a share this far from the promised one comes up once in a thousand runs.
 CHANCE = 1e-3

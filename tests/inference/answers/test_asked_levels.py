@@ -94,6 +94,7 @@ def test_a_new_side_is_no_answer_and_a_new_person_is(study: Finished) -> None:
     assert ask(study, numbered(["K[subject=new, side=left]"]))["median"].notna().all()
 
 
+@pytest.mark.slow
 def test_a_person_on_a_side_that_was_not_recorded_has_a_new_effect_of_that_side(study: Finished) -> None:
     at = pd.DataFrame({"subject": ["s0", "s0"], "side": ["right", "left"], "velocity_m_s": [1.5, 1.5]})
     right, left = predict(study, read_conditions(at, study.recorded)).to_dict("records")

@@ -240,6 +240,7 @@ def test_a_persons_before_and_after_is_of_the_persons_group_and_visits() -> None
         assert own[f"{person}:after", f"{person}:before"]["kind"] == "combinations"
 
 
+@pytest.mark.slow
 def test_an_interaction_is_a_contrast_and_has_a_short_form() -> None:
     known, draws, _ = clinic()
     table = contrasts(draws, known, ["K"], 0.1)

@@ -115,6 +115,7 @@ def test_parts_may_be_as_deep_as_is_promised() -> None:
     assert (worth("(" * 500 + "a" + ")" * 500) == A).all()
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None)
 @given(st.text(max_size=60) | st.text("Kab[]=()+-*/^<>≤'\"`., 0129eandorbetwnlg_", max_size=60))
 def test_any_text_is_read_or_refused_with_a_place(text: str) -> None:

@@ -84,6 +84,7 @@ def test_without_scatter_the_peaks_are_those_of_the_formulas(run: Run, gravity: 
     assert "velocity_m_s beyond those measured" in table["note"][1]
 
 
+@pytest.mark.slow
 def test_a_new_impact_scatters_and_a_new_person_does_besides(run: Run) -> None:
     finished = sure(run, sd_impact_K=0.2, sd_subject_K=0.5)
     table = predict(finished, read_conditions(AT, finished.recorded))

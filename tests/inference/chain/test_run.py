@@ -72,6 +72,7 @@ def test_draws_follow_from_the_seed_and_a_stop_changes_none(people, monkeypatch,
     assert_array_equal(few.u[:, -1], whole.u[:, -1])
 
 
+@pytest.mark.slow
 def test_what_goes_on_is_the_longer_run(people, monkeypatch, tmp_path: Path):
     sites = jax.tree.map(lambda leaf: leaf[None], people.traces)
     # Neither is ended by its draws: the first has 5 segments, both together 12.

@@ -116,6 +116,7 @@ def test_a_velocity_is_named_before_a_zero_that_explains_the_traces_as_well(
     assert found["relative"] == pytest.approx(1 / factor - 1, abs=0.01)
 
 
+@pytest.mark.slow
 def test_the_error_that_was_made_is_found_to_its_standard_error(impact: Prepare, good: Dataset) -> None:
     stated = impact(with_column(good, "velocity_m_s", 1 / 1.1))
     found = freed(stated, AMPLITUDE)

@@ -205,6 +205,7 @@ def test_accelerometer_noise_leaves_the_estimates_good_and_their_intervals_too_s
     assert np.mean(np.abs(fit.K - K) < Z90 * fit.K_se) < 0.8
 
 
+@pytest.mark.slow
 def test_impacts_of_different_length_do_not_see_each_other() -> None:
     x = driven(4, -0.3, 1e-8)
     lengths = np.array([60, x.shape[1], 120, 90])
@@ -215,6 +216,7 @@ def test_impacts_of_different_length_do_not_see_each_other() -> None:
         assert together.K_se[i] == pytest.approx(alone.K_se[0], rel=1e-4)
 
 
+@pytest.mark.slow
 def test_many_impacts_compile_once() -> None:
     x = driven(600, -0.3, 1e-8)
     before = _fit_batch._cache_size()

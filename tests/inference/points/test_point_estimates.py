@@ -106,6 +106,7 @@ def test_accelerometer_noise_of_half_a_per_cent_costs_less_than_one() -> None:
     assert np.median(np.abs(table["C_N_s_per_m"] / 25 - 1)) < 0.01
 
 
+@pytest.mark.slow
 def test_table_has_the_promised_columns_first() -> None:
     table = exact(recorded(np.full(3, 3000.0), np.full(3, 25.0), np.full(3, 0.5), 1e4, noise=1e-3))
     assert list(table.columns[: len(COLUMNS)]) == COLUMNS

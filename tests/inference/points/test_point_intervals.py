@@ -89,6 +89,7 @@ def fitted(sigma: float) -> tuple[PointFit, np.ndarray, np.ndarray, np.ndarray]:
     return fit_points(x, n, np.full(COUNT, DT), np.full(COUNT, MASS)), n, K, C
 
 
+@pytest.mark.slow
 def test_noise_too_large_for_an_estimate_still_leaves_an_interval() -> None:
     fit, n, K, C = fitted(2e-6)
     lost = np.isnan(fit.K)

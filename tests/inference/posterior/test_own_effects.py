@@ -15,6 +15,8 @@ from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.inference.posterior.scores import own_effects
 from designs import EVERYTHING, design_of
 
+pytestmark = pytest.mark.slow
+
 FORMULA_C = "(1|subject/side) + (1|session)"
 NUISANCE = ("noise", "log_thickness_m")
 PRIORS = ModelSpecification(name="m", likelihood="impact", element="wall").complete_priors()

@@ -129,6 +129,7 @@ def test_k_of_a_person_is_no_surer_than_the_persons_mass() -> None:
     assert alone["mass"][:, :EACH].std(axis=1).min() > 0
 
 
+@pytest.mark.slow
 def test_all_impacts_of_a_person_have_the_same_error_of_mass() -> None:
     made = prepared("subject")
     found = drawn(made, summaries(1e8))

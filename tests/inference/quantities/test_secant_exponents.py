@@ -121,6 +121,7 @@ def test_without_a_discrepancy_the_law_s_slope_is_added_to_the_exponent_of_k() -
     np.testing.assert_allclose(found["mass_exponent_K_secant"], exponent + 0.2, rtol=0, atol=200 * EPSILON)
 
 
+@pytest.mark.slow
 def test_with_a_discrepancy_each_exponent_has_a_model_of_its_own() -> None:
     at = prepared(discrepancy=True)
     random, trial = np.random.default_rng(3), at.design.trial

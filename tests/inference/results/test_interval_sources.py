@@ -28,6 +28,8 @@ from bayestissue.inference.samplers.sampling import ConstrainedDraws
 from bayestissue.likelihood.element.record import CONTACT
 from bayestissue.simulation import Simulation, simulate
 
+pytestmark = pytest.mark.slow
+
 PEOPLE, CONDITIONS = 4, 3
 RIDGE = 1e-9 * np.eye(3)
 COLUMN = {"velocity and gain": 0, "offset": 1, "contact moment": 2}

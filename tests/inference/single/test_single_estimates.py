@@ -22,6 +22,8 @@ from bayestissue.signal import SignalOptions
 from bayestissue.simulation import Simulation, simulate
 from bayestissue.simulation.campaign import Campaign
 
+pytestmark = pytest.mark.slow
+
 UNITS = {"K": "N_per_m", "C": "N_s_per_m"}
 # Impacts of the small campaigns, which are compiled once.
 FEW = 8

@@ -9,6 +9,8 @@ from bayestissue.elements import impact
 from bayestissue.thesis.causes.batches import Batch, batches, run_batch
 from bayestissue.thesis.causes.campaigns import decelerations, draw_truth, peak_over
 
+pytestmark = pytest.mark.slow
+
 
 def test_a_batch_depends_on_seed_cause_and_number_alone() -> None:
     small = specification("centring", "anticipation")

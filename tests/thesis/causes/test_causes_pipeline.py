@@ -32,6 +32,7 @@ def linear_tissue(count: int = 128) -> np.ndarray:
     return np.asarray(decelerations("kelvin_voigt", {"K": K, "C": C}, MASS, VELOCITY, zero, DT, count))
 
 
+@pytest.mark.slow
 def test_the_same_estimates_as_the_command_estimate_by_dds() -> None:
     random = np.random.default_rng(1)
     d = linear_tissue() + 0.2 * random.standard_normal((len(MASS), 128))

@@ -75,6 +75,7 @@ def test_worker_processes_give_the_same_numbers_though_one_is_killed(
     pd.testing.assert_frame_equal(found, expected.iloc[: len(found)], check_exact=True)
 
 
+@pytest.mark.slow
 def test_finished_batches_are_not_computed_again(
     batches: list[Batch], expected: pd.DataFrame, tmp_path: Path
 ) -> None:
@@ -141,6 +142,7 @@ def test_a_dask_cluster_gives_the_same_numbers_though_a_worker_is_killed(
     pd.testing.assert_frame_equal(found, expected, check_exact=True)
 
 
+@pytest.mark.slow
 def test_what_is_done_impact_by_impact_is_the_same_on_a_cluster(
     cluster: tuple[str, list[int]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -171,6 +173,7 @@ def test_what_is_done_impact_by_impact_is_the_same_on_a_cluster(
     np.testing.assert_array_equal(here[0]["row"], 2 * np.arange(count))
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_does_not_answer_is_refused_soon_and_in_our_words() -> None:
     """In one process, which imports Dask: nobody at a port, no address, and a port that never says a word."""
     pytest.importorskip("distributed")
@@ -212,6 +215,7 @@ def test_a_scheduler_without_workers_is_refused(tmp_path: Path, monkeypatch: pyt
         pass
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("victim", "said"), [(0, "answers no longer"), (1, "without workers")])
 def test_a_scheduler_or_its_last_worker_that_is_killed_ends_the_wait(
     victim: int, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -8,6 +8,8 @@ from causes_bench import specification
 from bayestissue.thesis.causes import verdict as tables
 from bayestissue.thesis.causes.verdict import Verdict, judge
 
+pytestmark = pytest.mark.slow
+
 CAUSES = ("none", "centring", "own_time")
 OBSERVED = {
     "mass_exponent_K": 1.0,

@@ -23,6 +23,8 @@ from bayestissue.thesis.reanalysis.observations import (
 )
 from bayestissue.thesis.reanalysis.posterior import sample_posterior
 
+pytestmark = pytest.mark.slow
+
 TRUTH = {"mass_exponent_K": 0.4, "mass_exponent_C": 1.2, "intercept_K": 3.0, "intercept_C": 0.5}
 SPECIFICATION = ModelSpecification(
     name="small",

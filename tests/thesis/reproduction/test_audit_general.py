@@ -61,6 +61,7 @@ def with_constant_frequency(frame: pd.DataFrame, seed: int = 2) -> pd.DataFrame:
     return changed.drop(columns=["time_to_peak_s", "peak_displacement_m"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(5))
 def test_a_clean_table_gives_no_finding(seed: int) -> None:
     assert names_of(made_up_table(seed)) == set()
@@ -96,6 +97,7 @@ def test_rows_without_an_estimate_are_counted() -> None:
     assert audit_estimates(frame)["severity"].iloc[0] == "major"
 
 
+@pytest.mark.slow
 def test_k_that_follows_mass_is_found() -> None:
     frame = made_up_table()
     changed = frame.assign(K=3000 * frame["mass_kg"] * (frame["K"] / 3000) ** 0.1)
@@ -115,6 +117,7 @@ def test_mass_that_never_varies_has_no_exponent() -> None:
     assert mass_exponent(read_impacts(made_up_table().assign(mass_kg=1.0))) is None
 
 
+@pytest.mark.slow
 def test_one_curve_is_found_with_its_scatter() -> None:
     frame = with_constant_frequency(made_up_table())
     assert {"frequency_and_damping_on_one_curve", "frequency_of_the_window"} <= names_of(frame)
@@ -249,6 +252,7 @@ def test_centred_fit_returns_what_obeys_its_equation(damping: float) -> None:
     assert zeta == pytest.approx(damping / abs(root), rel=1e-4)
 
 
+@pytest.mark.slow
 def test_the_thesis_fit_gives_the_window_too() -> None:
     velocity, deceleration = made_up_pulses()
     limit, _ = centred_fit(velocity, deceleration)

@@ -148,6 +148,7 @@ def test_digits_cut_off_are_counted() -> None:
     assert names_of(changed(averages=with_cell(averages, 2, "average", lower))) == {"last_digits"}
 
 
+@pytest.mark.slow
 def test_a_spread_that_no_numbers_have_is_found_without_rows() -> None:
     averages = clean().tables.averages
     lost = clean().tables.estimates.query("trial != 5").reset_index(drop=True)
@@ -178,6 +179,7 @@ def test_masses_behind_an_equation_are_recognised() -> None:
     assert "1.5, 1.75, 2 m/s" in explained(publication, "masses_behind_the_regression")
 
 
+@pytest.mark.slow
 def test_a_figure_given_twice_is_found_and_last_digits_are_a_note() -> None:
     for second, severity in (("1.122", "note"), ("2.5", None)):
         publication = with_claims(("1", "C", "mean", "1.121", ""), ("2", "C", "mean", second, ""))
@@ -187,6 +189,7 @@ def test_a_figure_given_twice_is_found_and_last_digits_are_a_note() -> None:
     assert "claims_that_contradict" not in names_of(rounded)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("statistic", "text"), [("range", "4.0"), ("ratio of maximum to minimum", "3.0")])
 def test_arithmetic_is_checked(statistic: str, text: str) -> None:
     ends = (("1", "C", "minimum", "1.0", ""), ("1", "C", "maximum", "4.5", ""))
@@ -195,6 +198,7 @@ def test_arithmetic_is_checked(statistic: str, text: str) -> None:
     assert "arithmetic_of_claims" not in names_of(with_claims(*ends, ("1", "C", statistic, right, "")))
 
 
+@pytest.mark.slow
 def test_statements_that_contradict_are_quoted() -> None:
     statements = pd.DataFrame(
         [
@@ -224,12 +228,14 @@ def test_the_only_significant_variable_is_checked() -> None:
     assert "Energy" in explained(publication, "not_the_only_one")
 
 
+@pytest.mark.slow
 def test_highest_correlations_are_counted() -> None:
     claim = ("6.1", "K", "highest correlations with mass as a component", "{}", "")
     assert "highest_correlations" not in names_of(with_claims((*claim[:3], "2", "")))
     assert "highest_correlations" in names_of(with_claims((*claim[:3], "5", "")))
 
 
+@pytest.mark.slow
 def test_impossible_correlations_with_a_sum_are_found() -> None:
     def table(total: str) -> pd.DataFrame:
         rows = [("Skin", "-0.191"), ("Muscle", "-0.176"), ("Skin+ Muscle", total)]
@@ -248,6 +254,7 @@ def test_impossible_correlations_with_a_sum_are_found() -> None:
     assert "correlation_with_a_sum" not in names_of(changed(correlations=table("-0.259")))
 
 
+@pytest.mark.slow
 def test_personal_factors_of_averages_over_the_same_people_are_found() -> None:
     correlations = clean().tables.correlations.copy()
     correlations.loc[len(correlations) - 1, "variable"] = "Skin Fold"
@@ -257,6 +264,7 @@ def test_personal_factors_of_averages_over_the_same_people_are_found() -> None:
     assert "personal_factors_of_averages" not in names_of(changed(correlations=correlations, estimates=fewer))
 
 
+@pytest.mark.slow
 def test_the_sign_of_a_personal_factor_is_checked() -> None:
     correlations = clean().tables.correlations.copy()
     correlations.loc[4, "variable"] = "Skin Fold"
@@ -285,12 +293,14 @@ def test_one_variable_under_two_names_is_found() -> None:
     assert "one_variable_under_two_names" in names_of(changed(stepwise=stepwise))
 
 
+@pytest.mark.slow
 def test_the_number_of_variables_is_checked() -> None:
     claim = ("5.4", "design", "number of variables available to the stepwise analysis", "{}", "")
     assert "variables_offered" not in names_of(with_claims((*claim[:3], "5", "")))
     assert "variables_offered" in names_of(with_claims((*claim[:3], "12", "")))
 
 
+@pytest.mark.slow
 def test_a_thin_deltoid_is_found() -> None:
     for text, found in (("4.9", True), ("49", False)):
         publication = with_claims(("6.4", "muscle thickness", "maximum (mm)", text, ""))
@@ -318,6 +328,7 @@ def thesis() -> pd.DataFrame:
     return audit_published(read_published())
 
 
+@pytest.mark.slow
 def test_the_three_worst_are_the_most_damaging(thesis: pd.DataFrame) -> None:
     assert list(thesis["what"].head(3)) == [
         "K against the mass of the impactor",
