@@ -21,7 +21,10 @@ from make_scored_run import make_scored_run
 browser = pytest.importorskip(
     "browser", reason="drives a browser by websocket-client, which is not installed"
 )
-pytestmark = [pytest.mark.skipif(browser.CHROMIUM is None, reason="no Chromium is installed"), pytest.mark.slow]
+pytestmark = [
+    pytest.mark.skipif(browser.CHROMIUM is None, reason="no Chromium is installed"),
+    pytest.mark.slow,
+]
 CAUSES = Path(__file__).parents[2] / "docs" / "reports" / "causes"
 
 
