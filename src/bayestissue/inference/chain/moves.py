@@ -305,7 +305,9 @@ def by_population(
     pulled = small.turned_times(here.root, list(state.u - here.factor.centre))
     standard = [p - h for p, h in zip(pulled, here.half(list(mean)), strict=True)]
     density = partial(target.given_sites, blocked=target.blocked(sites))
-    length = steps.population
+    # The first step of a walk is taken whatever its number is: that is free to say how far this move goes.
+    shorter = jnp.maximum(_SHORTER * numbers.walk.decision[0] - _SHORTER + 1, 0.0)
+    length = steps.population * _SHORTEST**shorter
     y, (begin, end), inner = walk(density, state.y, tuning.population, length, numbers.walk)
     of_b = jnp.sqrt(1 - length**2) * target.standard_effects(begin, state.b) + length * numbers.walk.effects
     b = target.effects_at(end, of_b)
@@ -355,6 +357,9 @@ def by_impact(target: Target, tuning: Tuning, steps: Steps, state: State, number
 
 MOVES = (by_impact, by_population, by_level)
 _BY_IMPACT, _BY_POPULATION, _BY_LEVEL = range(3)
+# One of so many moves of the population is shorter, down to this share: where the sites' posterior has lighter
+# tails than the true one, long moves out of a tail are seldom accepted.
+_SHORTER, _SHORTEST = 3, 0.05
 
 
 def centred(
