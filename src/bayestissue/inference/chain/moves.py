@@ -357,8 +357,8 @@ def by_impact(target: Target, tuning: Tuning, steps: Steps, state: State, number
 
 MOVES = (by_impact, by_population, by_level)
 _BY_IMPACT, _BY_POPULATION, _BY_LEVEL = range(3)
-# One of so many moves of the population is shorter, down to this share: where the sites' posterior has lighter
-# tails than the true one, long moves out of a tail are seldom accepted.
+# One in so many moves of the population is shorter, down to this share: where the sites' posterior has
+# lighter tails than the true one, long moves out of a tail are seldom accepted.
 _SHORTER, _SHORTEST = 3, 0.05
 
 
