@@ -155,7 +155,7 @@ def deviations(formula: str) -> list[str]:
 
 # The objectives are MixedModels.jl's. What fixed effects known to 1e-5 leave open is far below 1e-6, as is
 # what a search that ends at slopes of 1e-5 does.
-CLOSE = 1e-6
+CLOSE = 1e-8
 
 
 @pytest.mark.parametrize(

@@ -459,7 +459,12 @@ def _acceptances(
     )
 
 
-def _followed(
+def followed(step: Array, gain: Array, excess: Array, bounds: tuple[float, float]) -> Array:
+    """A step that grows by the ``excess`` of its acceptance over what is wanted, within its bounds."""
+    return jnp.clip(step * jnp.exp(gain * excess), *bounds)
+
+
+def _steps_after(
     settings: ChainSettings,
     steps: Steps,
     gain: Array,
@@ -472,7 +477,7 @@ def _followed(
     population, alone = settings.population_acceptance, settings.impact_acceptance
 
     def longer(step: Array, among: Any, rate: Array, wanted: float, bounds: tuple[float, float]) -> Array:
-        return jnp.where(among, jnp.clip(step * jnp.exp(gain * (rate - wanted)), *bounds), step)
+        return jnp.where(among, followed(step, gain, rate - wanted, bounds), step)
 
     of_impact, of_level = accepted[: len(walks)], accepted[: len(steps.level)]
     by_impact, by_level = kind == _BY_IMPACT, kind == _BY_LEVEL
@@ -507,8 +512,8 @@ def transition(
     state, steps = carried
     numbers = random_numbers(target, settings, key)
     state, of_centred = centred(target, tuning, steps, state, numbers.centred)
-    further = jnp.exp(gain * (of_centred - settings.population_acceptance))
-    steps = steps._replace(centred=jnp.clip(steps.centred * further, *settings.population_steps))
+    excess = of_centred - settings.population_acceptance
+    steps = steps._replace(centred=followed(steps.centred, gain, excess, settings.population_steps))
     # Levels move by themselves the oftener, the shorter the steps are that all of the population moves by.
     by_levels = jnp.clip(1 - steps.population, *settings.levels) * (len(target.level_effects) > 0)
 
@@ -522,7 +527,7 @@ def transition(
         proposal = jax.lax.switch(kind, moves, state, of_move)
         state, accepted = decided(target, state, proposal, of_move.decision)
         here = _acceptances(target, kind, walks, accepted, proposal.inner)
-        steps = _followed(settings, steps, gain, kind, walks, accepted, proposal.inner)
+        steps = _steps_after(settings, steps, gain, kind, walks, accepted, proposal.inner)
         return state, steps, jax.tree.map(lambda new, old: jnp.where(jnp.isnan(new), old, new), here, rates)
 
     none = jnp.asarray(jnp.nan)

@@ -56,11 +56,15 @@ def nearest_t(y: Float[np.ndarray, "draw hyperparameter"]) -> StudentT:
 
 def covariance_root(draws: Float[np.ndarray, "draw *batch one"]) -> Float[np.ndarray, "*batch one one"]:
     """Cholesky factor of the draws' covariance, and a little of its diagonal."""
-    deviation = draws - draws.mean(0)
-    covariance = np.einsum("d...a,d...b->...ab", deviation, deviation) / len(draws)
+    covariance = _covariance(draws)
     variance = np.maximum(np.diagonal(covariance, axis1=-2, axis2=-1), _LEAST)
     diagonal = variance[..., None] * np.eye(draws.shape[-1])
     return np.linalg.cholesky((1 - _SHRUNK) * covariance + _SHRUNK * diagonal)
+
+
+def _covariance(draws: Float[np.ndarray, "draw *batch one"]) -> Float[np.ndarray, "*batch one one"]:
+    deviation = draws - draws.mean(0)
+    return np.einsum("d...a,d...b->...ab", deviation, deviation) / len(draws)
 
 
 class Start(NamedTuple):
@@ -116,8 +120,7 @@ def retuned(target: Target, tuning: Tuning, first: Tuning, visited: Any, *, refi
             has terms.
     """
     u, value = np.asarray(visited.u).transpose(0, 2, 1), np.asarray(visited.log_likelihood)
-    deviation = u - u.mean(0)
-    of_impact = np.einsum("dia,dib->iab", deviation, deviation) / len(u)
+    of_impact = _covariance(u)
     first_impact = first.impact_root @ np.swapaxes(first.impact_root, 1, 2)
     size, first_size = (np.trace(matrix, axis1=1, axis2=2) for matrix in (of_impact, first_impact))
     shrunk = np.minimum(1.0, size / first_size)[:, None, None] * first_impact

@@ -21,7 +21,7 @@ from bayestissue.hierarchy.gaussian.effects import effects_from_standard
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.traces import constrained
 from bayestissue.inference.chain.ending import Verdict
-from bayestissue.inference.chain.moves import FREEDOM, StudentT, WalkNumbers, walk
+from bayestissue.inference.chain.moves import FREEDOM, StudentT, WalkNumbers, followed, walk
 from bayestissue.inference.chain.run import Chains, Say, Segment, sampled, warmed_up
 from bayestissue.inference.chain.settings import ChainSettings
 from bayestissue.inference.chain.warm_up import nearest_t, walk_start
@@ -176,8 +176,7 @@ def _advanced(
             jnp.where(accepted, b, state.b),
             jnp.where(accepted, there.scatter, here.scatter),
         )
-        length = length * jnp.exp(gain * (inner - settings.population_acceptance))
-        length = jnp.clip(length, *settings.population_steps)
+        length = followed(length, gain, inner - settings.population_acceptance, settings.population_steps)
         return (state, length), (state, Rates(jnp.where(accepted, 1.0, 0.0), inner))
 
     of_segment = jax.lax.scan(transition, carried, jax.random.split(key, settings.segment))
