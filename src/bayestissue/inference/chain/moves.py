@@ -305,9 +305,7 @@ def by_population(
     pulled = small.turned_times(here.root, list(state.u - here.factor.centre))
     standard = [p - h for p, h in zip(pulled, here.half(list(mean)), strict=True)]
     density = partial(target.given_sites, blocked=target.blocked(sites))
-    # The first step of a walk is taken whatever its number is: that is free to say how far this move goes.
-    shorter = jnp.maximum(_SHORTER * numbers.walk.decision[0] - _SHORTER + 1, 0.0)
-    length = steps.population * _SHORTEST**shorter
+    length = steps.population
     y, (begin, end), inner = walk(density, state.y, tuning.population, length, numbers.walk)
     of_b = jnp.sqrt(1 - length**2) * target.standard_effects(begin, state.b) + length * numbers.walk.effects
     b = target.effects_at(end, of_b)
@@ -357,9 +355,6 @@ def by_impact(target: Target, tuning: Tuning, steps: Steps, state: State, number
 
 MOVES = (by_impact, by_population, by_level)
 _BY_IMPACT, _BY_POPULATION, _BY_LEVEL = range(3)
-# One in so many moves of the population is shorter, down to this share: where the sites' posterior has
-# lighter tails than the true one, long moves out of a tail are seldom accepted.
-_SHORTER, _SHORTEST = 3, 0.05
 
 
 def centred(
@@ -523,7 +518,9 @@ def transition(
         of_move = jax.tree.map(lambda leaf: leaf[index], numbers.moves)
         of_population = jnp.where(of_move.way[0] < by_levels, _BY_LEVEL, _BY_POPULATION)
         kind, walks = jnp.where(index == 0, _BY_IMPACT, of_population), of_move.way < steps.walks
-        moves = [partial(one, target, tuning, steps) for one in MOVES]
+        # The first step of a walk is taken whatever its number is: that is free to say how far the move goes.
+        length = steps.population * settings.shortened(of_move.walk.decision[0])
+        moves = [partial(one, target, tuning, steps._replace(population=length)) for one in MOVES]
         proposal = jax.lax.switch(kind, moves, state, of_move)
         state, accepted = decided(target, state, proposal, of_move.decision)
         here = _acceptances(target, kind, walks, accepted, proposal.inner)

@@ -58,7 +58,7 @@ class ChainEnd(NamedTuple):
 
 @dataclass(frozen=True)
 class ChainDraws:
-    """The last half of all transitions since the warm-up, [chain, draw, ...], impacts before parameters.
+    """All transitions since the warm-up but the first of them, [chain, draw, ...], impacts before parameters.
 
     Attributes:
         y: hyperparameters, unconstrained.

@@ -114,7 +114,7 @@ class Sampled(NamedTuple):
     """What a run leaves.
 
     Attributes:
-        path: the last half of all states since the warm-up, [chain, draw, ...].
+        path: the states since the warm-up, without the first of them, [chain, draw, ...].
         rates: mean acceptances of these, by kind.
         segments: since the warm-up.
         verdict: of the last look.
@@ -156,7 +156,8 @@ def sampled(
         rates.append(jax.tree.map(_mean, *[segment.rates for segment in segments]))
         if len(paths) < next_look:
             continue
-        path = jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *paths[len(paths) // 2 :])
+        kept = paths[int(settings.dropped * len(paths)) :]
+        path = jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *kept)
         verdict = look(*quantities(path), sampler.effective)
         in_a_row = in_a_row + 1 if verdict.passed else 0
         stage = f"sampling, R-hat {verdict.r_hat:.3f}, {verdict.effective:.0f} effective draws"

@@ -5,6 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Self
 
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Float
+
 # Up to so many impacts everything is kept of each; of more, so many tell the population first.
 FEW, FIRST = 4000, 500
 
@@ -17,6 +21,9 @@ class ChainSettings:
         walks: least and greatest share of an impact's moves that are walks, the others being by its site.
         surrogates: moves of the population in a transition, each an evaluation of all traces.
         levels: least and greatest share of these that move each level's effects by themselves.
+        shorter: the share of the population's moves that are shorter, down to ``shortest``: where the sites'
+            posterior has lighter tails than the true one, long moves out of a tail are seldom accepted.
+        shortest: see ``shorter``.
         inner: steps of a surrogate's own walk. As many as make its end nearly independent of its
             beginning, where they still cost no more than that evaluation.
         centred: steps of the population with the impacts fixed, which cost next to nothing.
@@ -37,6 +44,7 @@ class ChainSettings:
         population_steps: those of the walks of hyperparameters.
         first_look: segments since the warm-up before the first look at the draws. Chains that are each in
             one of two modes look alike early.
+        dropped: the share of the segments since the warm-up that is not kept, the first of them.
         growth: of the number of segments from look to look.
         in_a_row: looks that are to pass.
     """
@@ -44,6 +52,8 @@ class ChainSettings:
     walks: tuple[float, float] = (0.1, 0.8)
     surrogates: int = 1
     levels: tuple[float, float] = (0.1, 0.8)
+    shorter: float = 1 / 6
+    shortest: float = 0.05
     inner: int = 10
     centred: int = 5
     impact_acceptance: float = 0.3
@@ -60,6 +70,7 @@ class ChainSettings:
     impact_steps: tuple[float, float] = (1e-3, 20.0)
     population_steps: tuple[float, float] = (1e-3, 1.0)
     first_look: int = 10
+    dropped: float = 0.25
     growth: float = 1.25
     in_a_row: int = 2
 
@@ -80,3 +91,7 @@ class ChainSettings:
     def evaluations(self) -> int:
         """Of all traces, in one transition."""
         return 1 + self.surrogates
+
+    def shortened(self, uniform: Float[Array, ""]) -> Float[Array, ""]:
+        """The share of its full length that a move of the population goes, of a uniform random number."""
+        return self.shortest ** jnp.maximum(1 - (1 - uniform) / self.shorter, 0.0)
