@@ -38,6 +38,6 @@ def test_heel_strikes_are_fitted_and_people_ranked(heel_strikes: Path, tmp_path:
     # An interval's end has a Monte Carlo error; a tenth is far more than that of 1000 effective draws.
     assert (half > 0.9 * least).all()
     page = (out / "report.html").read_text(encoding="utf-8")
-    assert "People and conditions, ranked" in page
+    assert "ranked: posterior median" in page
     assert "no surer than that mass" in page
     assert all(person in page for person in K.index)

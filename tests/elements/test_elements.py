@@ -10,7 +10,7 @@ import pytest
 from element_values import MASS, NAMES, VALUES, VELOCITY, hertz, solved
 from scipy.linalg import expm
 
-from bayestissue.elements import comparables, element, element_names, impact, linear, solver
+from bayestissue.elements import element, element_names, impact, linear, outcomes, solver
 from bayestissue.elements.element import complete
 from bayestissue.oscillator import impact_motion, spring_damper_inverse
 
@@ -76,13 +76,13 @@ def test_flight_along_gravity_is_a_fall(name: str) -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_a_drops_energy_is_stored_lost_or_still_there(name: str) -> None:
     """What C_equivalent takes over the independent path is M V^2 / 2 + M g x less what is stored."""
-    found = comparables(name, VALUES[name], MASS, VELOCITY, gravity=9.80665)
+    found = outcomes(name, VALUES[name], MASS, VELOCITY, gravity=9.80665)
     for row in range(len(MASS)):
         peak = float(found.time_to_peak[row])
         time = np.linspace(0, peak, 2001)
         x, v, force = solved(name, row, time, 9.80665)
         assert abs(v[-1]) < 1e-6 * VELOCITY[row]
-        np.testing.assert_allclose(found.peak_displacement[row], x[-1], rtol=1e-6)
+        np.testing.assert_allclose(found.peak_depth[row], x[-1], rtol=1e-6)
         taken = MASS[row] * (VELOCITY[row] ** 2 / 2 + 9.80665 * x[-1])
         np.testing.assert_allclose(np.trapezoid(MASS[row] * force, x), taken, rtol=1e-5)
         if name in ("kelvin_voigt", "stiffening", "wall"):
@@ -118,7 +118,7 @@ _ALONG = [
 def test_even_grid_of_the_likelihood_is_the_same_path(name: str, gravity: np.ndarray | None) -> None:
     which, count = element(name), TIME.shape[1]
     values = {key: np.full(3, value) for key, value in VALUES[name].items()}
-    peak = np.asarray(comparables(name, VALUES[name], MASS, VELOCITY).time_to_peak)
+    peak = np.asarray(outcomes(name, VALUES[name], MASS, VELOCITY).time_to_peak)
     dt, first = peak / (count - 1), peak / (count - 1) * np.array([0.0, 0.4, 1.0])
     y = even_grid(name, complete(which, values, None, gravity), MASS, VELOCITY, first, dt, count=count)
     time = first[:, None] + dt[:, None] * np.arange(count)
@@ -224,7 +224,7 @@ def test_derivatives_agree_with_differences(name: str) -> None:
         p = dict(zip(names, jnp.exp(logs[:-1]), strict=True))
         velocity = VELOCITY + logs[-1]
         path = impact(name, p, MASS, velocity, time)
-        found = comparables(name, p, MASS, velocity)
+        found = outcomes(name, p, MASS, velocity)
         return {"d": path.deceleration, "K": found.K_secant, "C": found.C_equivalent, "e": found.energy_lost}
 
     # Compiled once, slopes and values.
@@ -270,14 +270,14 @@ def test_derivatives_are_finite_where_roots_repeat(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_comparables_are_what_they_say(name: str) -> None:
-    found = comparables(name, VALUES[name], MASS, VELOCITY)
+def test_outcomes_are_what_they_say(name: str) -> None:
+    found = outcomes(name, VALUES[name], MASS, VELOCITY)
     row = 1
     time = np.linspace(0, float(found.time_to_peak[row]), 4001)
     x, v, d = solved(name, row, time)
     tolerance = 1e-6
     np.testing.assert_allclose(v[-1], 0, atol=tolerance * VELOCITY[row])
-    np.testing.assert_allclose(found.peak_displacement[row], x[-1], rtol=tolerance)
+    np.testing.assert_allclose(found.peak_depth[row], x[-1], rtol=tolerance)
     np.testing.assert_allclose(found.K_secant[row], MASS[row] * d[-1] / x[-1], rtol=1e-5)
     known = {
         "kelvin_voigt": (3000.0, 25.0),

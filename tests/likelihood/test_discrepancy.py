@@ -12,7 +12,7 @@ from scipy.stats import multivariate_normal, norm
 
 from bayestissue.elements import element, impact
 from bayestissue.elements.element import Element
-from bayestissue.inference.quantities.elements import integrals
+from bayestissue.inference.quantities.whole import integrals
 from bayestissue.likelihood.element.impact import MeasuredImpact, NoiseParameters
 from bayestissue.likelihood.element.noise import discrepancy_modes
 from bayestissue.likelihood.element.record import Contact, DecelerationRecord

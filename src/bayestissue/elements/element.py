@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import jax.numpy as jnp
 from jax import Array
+from jaxtyping import Float
 
 # The middle one of the thesis's three wooden balls.
 REFERENCE_DIAMETER_M = 0.0318
@@ -36,6 +38,8 @@ class Parameter:
 
 
 STIFFNESS = "K"
+# m/s^2, the unit of decelerations in g (CGPM 1901).
+STANDARD_GRAVITY = 9.80665
 # Beside an element's parameters, where it is not 0: the part of gravity along the motion [m/s^2].
 GRAVITY = "gravity_m_s2"
 DAMPING = "C"
@@ -49,6 +53,61 @@ def unchanged(K: Array, C: Array, mass: Array) -> tuple[Array, Array]:
 def no_rates(x: Array, v: Array, s: States, p: Parameters) -> States:
     """The rates of an element that remembers nothing."""
     return ()
+
+
+class Outcomes(NamedTuple):
+    """What an impact comes to, in terms that all elements share, each [impact].
+
+    Where there is no greatest penetration, or the tissue is never left, what is said of that moment is said
+    of the end instead, when the impactor has come to rest.
+
+    Attributes:
+        mass: M [kg].
+        velocity: V at contact [m/s].
+        K_tangent: slope of the force that comes with penetration at contact, a damper's own force left out
+            [N/m].
+        K_secant: force over penetration where penetration is greatest and the velocity 0 [N/m].
+        C_equivalent: of the damper beside the spring that would have lost the same energy from contact to
+            peak: (M V^2 / 2 + M g x - energy stored at the peak) / integral of x'^2 [N s/m].
+        energy_lost: 1 - (v_end / V)^2, v_end being the velocity at which the impactor leaves: the share of
+            its kinetic energy at contact that it has not got back.
+        energy_share: work done on the tissue over that kinetic energy, 1 - (v_end^2 - 2 g x_end) / V^2, x_end
+            being the depth at which the impactor leaves: the same but along gravity, whose work to there is
+            lost too.
+        peak_depth: greatest penetration [m].
+        time_to_peak: from contact to it [s]; infinite where there is none.
+        peak_force: greatest force on the impactor [N]. Of a damper beside a spring it may be at contact.
+        contact_duration: from contact to where the force is 0 [s]; infinite where it never is.
+        rebound_velocity: -v_end, at which the impactor leaves [m/s].
+    """
+
+    mass: Float[Array, " impact"]
+    velocity: Float[Array, " impact"]
+    K_tangent: Float[Array, " impact"]
+    K_secant: Float[Array, " impact"]
+    C_equivalent: Float[Array, " impact"]
+    energy_lost: Float[Array, " impact"]
+    energy_share: Float[Array, " impact"]
+    peak_depth: Float[Array, " impact"]
+    time_to_peak: Float[Array, " impact"]
+    peak_force: Float[Array, " impact"]
+    contact_duration: Float[Array, " impact"]
+    rebound_velocity: Float[Array, " impact"]
+
+    @property
+    def peak_deceleration(self) -> Float[Array, " impact"]:
+        """The greatest force over mass, in units of standard gravity."""
+        return self.peak_force / (self.mass * STANDARD_GRAVITY)
+
+    @property
+    def restitution(self) -> Float[Array, " impact"]:
+        """The velocity at which the impactor leaves over that at contact."""
+        return self.rebound_velocity / self.velocity
+
+    @property
+    def energy_absorbed(self) -> Float[Array, " impact"]:
+        """Work done on the tissue from contact to leaving, `energy_share` M V^2 / 2 [J]."""
+        return self.energy_share * self.mass * self.velocity**2 / 2
 
 
 @dataclass(frozen=True)
@@ -71,6 +130,8 @@ class Element:
         linear: whether force and rates are linear in x, v and s.
         jumps: whether the force jumps at contact, as a damper between impactor and ground makes it. Where it
             does not, a recording does not show when contact was.
+        level_outcomes: of an impact without gravity along its motion, from the parameters, M and V, where
+            there is a closed form.
         guess: K and C of an impact that spring and damper side by side with (K, C) describe roughly, at
             this mass [kg].
     """
@@ -84,6 +145,7 @@ class Element:
     states: int = 0
     linear: bool = False
     jumps: bool = True
+    level_outcomes: Callable[[Parameters, Array, Array], Outcomes] | None = None
     guess: Callable[[Array, Array, Array], tuple[Array, Array]] = unchanged
 
     @property

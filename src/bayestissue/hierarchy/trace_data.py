@@ -262,7 +262,8 @@ def _record(
     if specification.likelihood == "impact":
         record = _deceleration_record(dataset, specification, signal, velocity_sd, offset_sd)
         return record, np.abs(signal.deceleration).max(axis=1)
-    gravity = signal.gravity if specification.signal.equilibrium != "sample-mean" else 0.0
+    at_rest = specification.signal.equilibrium != "sample-mean" or not dataset.gravity
+    gravity = signal.gravity if at_rest and dataset.gravity else None
     level_sd = signal.velocity * signal.contact_time_sd
     # Along gravity a gain in error is an offset too, and a contact time a velocity.
     velocity_sd = np.hypot(velocity_sd, signal.gravity * signal.contact_time_sd)
@@ -270,12 +271,23 @@ def _record(
     if dataset.quantity == "displacement":
         level_sd = np.hypot(level_sd, chain.offset_sd)
         velocity_sd, offset_sd = np.zeros_like(velocity_sd), np.zeros_like(offset_sd)
+        at_rest = False
     peak = signal.peak_displacement
     if specification.signal.equilibrium == "estimated":
         level_sd = np.hypot(level_sd, peak)
     errors = np.stack([level_sd, velocity_sd, offset_sd], axis=1)
     start = (signal.n_samples, signal.first_sample_s, signal.dt)
-    return displacement_record(signal.x, *start, errors, gravity), peak
+    of_traces = displacement_record(signal.x, *start, errors, gravity)
+    if at_rest:
+        share = _share(chain.velocity_sd_m_s, velocity_sd)
+        known = (jnp.asarray(signal.velocity), jnp.asarray(share))
+        of_traces = of_traces._replace(velocity=known[0], velocity_share=known[1])
+    return of_traces, peak
+
+
+def _share(velocity_sd: float, together: np.ndarray) -> np.ndarray:
+    """Of the variance of errors that act together, that of the velocity's."""
+    return np.divide(velocity_sd**2, together**2, out=np.ones_like(together), where=together > 0)
 
 
 def common_depth(signal: Displacements) -> float:
@@ -323,6 +335,7 @@ def _deceleration_record(
         else:
             contact = Contact.anywhere(before, np.zeros_like(n_before), sample=sample)
     gain_sd, chain_sd = np.full(number, chain.relative_gain_sd), [offset_sd, contact_sd]
+    velocity_share = _share(chain.velocity_sd_m_s, velocity_sd)
     # Of an impact along gravity an error of the gain is not one of the velocity.
     separate = recorder or discrepancy or reach or (dataset.gravity and chain.relative_gain_sd)
     if side_by_side and white and not separate:
@@ -331,6 +344,7 @@ def _deceleration_record(
         chain_sd = [velocity_sd, np.zeros(number), *chain_sd]
     else:
         chain_sd = [np.full(number, chain.velocity_sd_m_s), gain_sd, *chain_sd]
+        velocity_share = np.ones(number)
     diameter = dataset.impacts.get("diameter_m", pd.Series(REFERENCE_DIAMETER_M, dataset.impacts.index))
     surroundings = {"diameter_m": diameter.astype(float).fillna(REFERENCE_DIAMETER_M).to_numpy()}
     record = DecelerationRecord.from_arrays(
@@ -349,6 +363,7 @@ def _deceleration_record(
         modes = discrepancy_modes(signal.n_samples, signal.sample_number)
         record = record._replace(discrepancy=modes)
     return record._replace(
+        velocity_share=jnp.asarray(velocity_share),
         colour=colour,
         rate=jnp.asarray(rate),
         quiet=jnp.asarray(np.isfinite(signal.offset_sd)),

@@ -38,7 +38,7 @@ from bayestissue.inference.factors.expansions import expanded
 from bayestissue.inference.factors.noise_left import noise_p
 from bayestissue.inference.posterior.constrained_draws import quantities_of_draws
 from bayestissue.inference.posterior.scores import of_draws
-from bayestissue.inference.quantities.elements import COMMON_DEPTH
+from bayestissue.inference.quantities.impacts import COMMON_DEPTH
 from bayestissue.inference.results.cross_validation import cross_validation, prior_sensitivity
 from bayestissue.inference.results.labels import labelled
 from bayestissue.inference.results.summary import summarise as summary_table

@@ -149,6 +149,21 @@ def prior_errors(
     return errors.at[..., -1].set(last)
 
 
+def part_of(
+    error: Float[Array, " impact"], sd: Float[Array, " impact"], share: Float[Array, " impact"], key: Array
+) -> Float[Array, " impact"]:
+    """A draw of one of two normal errors whose sum is known: N(share error, share (1 - share) sd^2).
+
+    Args:
+        error: the sum.
+        sd: its standard deviation.
+        share: of its variance that of the one.
+        key: of the draw.
+    """
+    spread = sd * jnp.sqrt(share * (1 - share))
+    return share * error + spread * jax.random.normal(key, error.shape)
+
+
 def scales(error_sd: Float[Array, "impact error"], uniform: Bool[Array, " impact"] | None) -> Array:
     """The errors' units: their standard deviations, and a uniform one's half width."""
     if uniform is None:

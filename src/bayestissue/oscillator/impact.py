@@ -118,6 +118,41 @@ def peak_displacement(
     return gravity / omega_n**2 + jnp.where(peaks, ratio * velocity / omega_n * decay, 0.0)
 
 
+@jax.jit
+def contact_duration(omega_n: ArrayLike, zeta: ArrayLike) -> Array:
+    """From contact to where the force is 0, twice the time to the peak [s] (thesis, section 2.12).
+
+    With phi = arccos zeta the force over mass is omega_n V e^(-zeta omega_n t) sin(2 phi - omega_d t) / sin
+    phi. Without gravity along the motion; arguments as of `time_to_peak`.
+    """
+    return 2 * time_to_peak(omega_n, zeta)
+
+
+@jax.jit
+def restitution(zeta: ArrayLike) -> Array:
+    """The velocity at which the impactor leaves over that at contact, exp(-2 zeta phi / sin phi).
+
+    phi = arccos zeta, and phi / sin phi is omega_n times the time to the peak, also past critical damping.
+    Without gravity along the motion.
+    """
+    zeta = jnp.asarray(zeta, float)
+    return jnp.exp(-2 * zeta * time_to_peak(1.0, zeta))
+
+
+@jax.jit
+def peak_deceleration(omega_n: ArrayLike, zeta: ArrayLike, velocity: ArrayLike) -> Array:
+    """The greatest F / M [m/s^2]: omega_n V exp(-zeta (3 phi - pi) / sin phi), phi = arccos zeta.
+
+    From zeta = 1/2 on it is at contact, where the damper pushes with 2 zeta omega_n V. Without gravity along
+    the motion; arguments as of `time_to_peak`.
+    """
+    omega_n, zeta, velocity = _floats(omega_n, zeta, velocity)
+    weak = jnp.minimum(zeta, 0.5)
+    phi = jnp.arccos(weak)
+    later = jnp.exp(-weak * (3 * phi - jnp.pi) / jnp.sin(phi))
+    return omega_n * velocity * jnp.where(zeta < 0.5, later, 2 * zeta)
+
+
 def _turn(omega_n: Array, zeta: Array, velocity: Array, gravity: Array) -> tuple[Array, Array, Array]:
     """R, (zeta - s) / R and whether there is a peak: see `time_to_peak`."""
     fall = gravity / (omega_n * velocity)

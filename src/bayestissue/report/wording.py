@@ -17,6 +17,11 @@ PREDICTED = {
     "peak_displacement_m": ("depth", "mm", 1e3),
     "peak_force_N": ("force", "N", 1.0),
     "time_to_peak_s": ("time to peak", "ms", 1e3),
+    "peak_deceleration_g": ("deceleration", "g", 1.0),
+    "contact_duration_s": ("contact", "ms", 1e3),
+    "rebound_velocity_m_s": ("rebound", "m/s", 1.0),
+    "restitution": ("restitution", "1", 1.0),
+    "energy_absorbed_J": ("energy absorbed", "J", 1.0),
 }
 
 
@@ -136,8 +141,11 @@ def listed(words: list[str]) -> str:
 def predicted_words(row: Mapping[Any, Any], name: str) -> list[str]:
     """The median of a quantity of `PREDICTED` in a row of predictions, and its interval; empty without."""
     factor = PREDICTED[name][2]
-    median, low, high = (significant(factor * row[f"{name}{end}"]) for end in ("", "_low", "_high"))
-    return [median, f"{low} to {high}"] if math.isfinite(row[name]) else []
+    median, low, high = (
+        "never" if math.isinf(value := row[f"{name}{end}"]) else significant(factor * value)
+        for end in ("", "_low", "_high")
+    )
+    return [] if math.isnan(row[name]) else [median, f"{low} to {high}"]
 
 
 def covariate_words(row: Mapping[Any, Any]) -> str:

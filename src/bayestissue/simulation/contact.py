@@ -11,9 +11,9 @@ import pandas as pd
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.elements import comparables, element, impact
+from bayestissue.elements import element, impact, outcomes
 from bayestissue.hierarchy import SIDE_BY_SIDE
-from bayestissue.oscillator import impact_motion, peak_displacement, spring_damper_inverse, time_to_peak
+from bayestissue.oscillator import impact_motion, spring_damper_inverse
 from bayestissue.simulation.specification import Tissue
 
 # A soft damper in series with the spring lets a mass creep for ever: it is recorded for so long.
@@ -36,49 +36,38 @@ def what_is_met(
     Of those the ``effects`` of groups are added to the log.
 
     omega_n and zeta are those of stiffness and damping as they compare across elements: K_secant and
-    C_equivalent of `bayestissue.elements.comparables`. Along gravity, m/s², a spring and damper also has a
+    C_equivalent of `bayestissue.elements.Outcomes`. Along gravity, m/s², a spring and damper also has a
     moment of its own at which it leaves, or none.
     """
-    along = gravity or None
-    if tissue.element == SIDE_BY_SIDE:
-        omega_n, zeta = (np.asarray(part) for part in spring_damper_inverse(K, C, mass))
-        peak = np.asarray(time_to_peak(omega_n, zeta, velocity, gravity))
-        columns = {
-            "omega_n_rad_s": omega_n,
-            "zeta": zeta,
-            "time_to_peak_s": peak,
-            "peak_displacement_m": np.asarray(peak_displacement(omega_n, zeta, velocity, gravity)),
-        }
-        if along is None:
-            return columns
-        p = {"K": jnp.asarray(K), "C": jnp.asarray(C)}
-        path = impact(SIDE_BY_SIDE, p, mass, velocity, jnp.zeros((len(K), 1)), gravity=along)
-        return columns | {"leaves_s": _until(np.asarray(path.leaves), peak)}
-    scatter = tissue.sd_impact_parameters * random.standard_normal((len(tissue.parameters), len(K)))
     names = [parameter.name for parameter in element(tissue.element).extra]
+    scatter = tissue.sd_impact_parameters * random.standard_normal((len(tissue.parameters), len(K)))
     logs = {name: s + effects.get(name, 0.0) for name, s in zip(names, scatter, strict=True)}
     further = {name: tissue.parameters[name] * np.exp(log) for name, log in logs.items()}
     size = {"diameter_m": impacts["diameter_m"].to_numpy()} if "diameter_m" in impacts else {}
     p = {name: jnp.asarray(value) for name, value in {"K": K, "C": C, **further}.items()}
-    diameter = size.get("diameter_m")
-    surroundings = {"diameter": diameter, "gravity": along}
-    compared = comparables(tissue.element, p, mass, velocity, **surroundings)
-    path = impact(tissue.element, p, mass, velocity, jnp.zeros((len(K), 1)), **surroundings)
-    stiffness, damping = np.asarray(compared.K_secant), np.asarray(compared.C_equivalent)
-    omega_n, zeta = (np.asarray(part) for part in spring_damper_inverse(stiffness, damping, mass))
-    end, peak = np.asarray(path.leaves), np.asarray(compared.time_to_peak)
-    return {
+    comes = jax.device_get(
+        outcomes(tissue.element, p, mass, velocity, diameter=size.get("diameter_m"), gravity=gravity or None)
+    )
+    omega_n, zeta = map(np.asarray, spring_damper_inverse(comes.K_secant, comes.C_equivalent, mass))
+    columns = {
         "omega_n_rad_s": omega_n,
         "zeta": zeta,
-        "time_to_peak_s": peak,
-        "peak_displacement_m": np.asarray(compared.peak_displacement),
-        "leaves_s": _until(end, peak),
+        "time_to_peak_s": comes.time_to_peak,
+        "peak_displacement_m": comes.peak_depth,
+    }
+    side_by_side = tissue.element == SIDE_BY_SIDE
+    if gravity or not side_by_side:
+        columns["leaves_s"] = _until(comes.contact_duration, comes.time_to_peak)
+    if side_by_side:
+        return columns
+    return {
+        **columns,
         **further,
         **size,
-        "K_secant_N_per_m": stiffness,
-        "C_equivalent_N_s_per_m": damping,
-        "energy_lost": np.asarray(compared.energy_lost),
-        **({"energy_share": np.asarray(compared.energy_share)} if gravity else {}),
+        "K_secant_N_per_m": comes.K_secant,
+        "C_equivalent_N_s_per_m": comes.C_equivalent,
+        "energy_lost": comes.energy_lost,
+        **({"energy_share": comes.energy_share} if gravity else {}),
     }
 
 

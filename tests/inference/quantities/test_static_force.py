@@ -11,16 +11,14 @@ import numpy as np
 import pytest
 from jax import Array
 
-from bayestissue.elements import element, impact
-from bayestissue.elements.comparables import comparables
+from bayestissue.elements import element, impact, outcomes
 from bayestissue.elements.element import GRAVITY, Element
-from bayestissue.inference.quantities.elements import (
-    Whole,
+from bayestissue.inference.quantities.common_depth import (
     at_common_depth,
     static_force,
     whole_at_common_depth,
-    whole_impact,
 )
+from bayestissue.inference.quantities.whole import Whole, whole_impact
 from bayestissue.likelihood.element.impact import MeasuredImpact, NoiseParameters
 from bayestissue.likelihood.element.record import Contact, DecelerationRecord
 from bayestissue.likelihood.element.response import motion
@@ -82,7 +80,7 @@ def as_discrepancy(
     tissue: str, values: dict[str, float], gravity: float | None = None
 ) -> tuple[MeasuredImpact, Whole]:
     """A tissue's impacts as spring and damper, with all that these lack of it as discrepancy."""
-    true = comparables(tissue, values, MASS, VELOCITY, gravity=gravity)
+    true = outcomes(tissue, values, MASS, VELOCITY, gravity=gravity)
     given = measured("kelvin_voigt", SIDE_BY_SIDE, np.asarray(true.time_to_peak), gravity=gravity)
     own = _motion(given.element, given.parameters, given.record)
     all_of_it = impact(tissue, values, MASS, VELOCITY, given.record.time(), gravity=gravity).deceleration
@@ -94,7 +92,7 @@ def as_discrepancy(
 def test_without_a_discrepancy_the_secant_is_the_element_s(
     name: str, values: dict[str, float], off: int
 ) -> None:
-    true = comparables(name, values, MASS, VELOCITY)
+    true = outcomes(name, values, MASS, VELOCITY)
     given = measured(name, values, np.asarray(true.time_to_peak), off)
     found = whole(given, jnp.zeros_like(given.record.d), NONE)
     np.testing.assert_allclose(found.secant, true.K_secant, rtol=TOLERANCE)
@@ -103,20 +101,20 @@ def test_without_a_discrepancy_the_secant_is_the_element_s(
 @pytest.mark.parametrize("gravity", [None, 9.80665])
 def test_the_secant_is_that_of_element_and_discrepancy_together(gravity: float | None) -> None:
     """What spring and damper lack of a stiffening element, given as discrepancy, makes up its secant."""
-    true = comparables("stiffening", STIFF, MASS, VELOCITY, gravity=gravity)
+    true = outcomes("stiffening", STIFF, MASS, VELOCITY, gravity=gravity)
     _, found = as_discrepancy("stiffening", STIFF, gravity)
     np.testing.assert_allclose(found.secant, true.K_secant, rtol=OF_DISCREPANCY)
-    np.testing.assert_allclose(found.peak, true.peak_displacement, rtol=OF_DISCREPANCY)
+    np.testing.assert_allclose(found.peak, true.peak_depth, rtol=OF_DISCREPANCY)
     np.testing.assert_allclose(found.damping, STIFF["C"], rtol=OF_DAMPING)
     assert (np.abs(SIDE_BY_SIDE["K"] / true.K_secant - 1) > 0.02).all()
 
 
 def test_a_faster_impactor_goes_deeper() -> None:
-    faster = comparables("stiffening", STIFF, MASS, VELOCITY + 0.05)
+    faster = outcomes("stiffening", STIFF, MASS, VELOCITY + 0.05)
     given = measured("stiffening", STIFF, np.asarray(faster.time_to_peak))
     found = whole(given, jnp.zeros_like(given.record.d), jnp.full(2, 0.05))
     np.testing.assert_allclose(found.secant, faster.K_secant, rtol=TOLERANCE)
-    np.testing.assert_allclose(found.peak, faster.peak_displacement, rtol=TOLERANCE)
+    np.testing.assert_allclose(found.peak, faster.peak_depth, rtol=TOLERANCE)
 
 
 @pytest.mark.parametrize(
@@ -135,7 +133,7 @@ def test_an_element_s_stiffness_at_one_depth_is_its_simulated_force_there(
     sizes: Any = {**p, "diameter_m": jnp.array([0.02, 0.05])}
     found = jax.jit(partial(at_common_depth, which))(sizes, DEPTH)
     np.testing.assert_allclose(found[0], found[1], rtol=4 * EPSILON)
-    time = np.linspace(0, np.asarray(comparables(name, values, MASS, VELOCITY).time_to_peak), 2001).T
+    time = np.linspace(0, np.asarray(outcomes(name, values, MASS, VELOCITY).time_to_peak), 2001).T
     path = impact(name, values, MASS, VELOCITY, time)
     for row, stiffness in enumerate(found):
         x = np.asarray(path.x)[row]
@@ -161,7 +159,7 @@ def test_beside_a_discrepancy_the_law_at_one_depth_is_found_whatever_the_mass(
 
 
 def test_a_damper_that_grows_with_depth_is_taken_off_as_the_element_has_it() -> None:
-    true = comparables("hunt_crossley", BALL, MASS, VELOCITY)
+    true = outcomes("hunt_crossley", BALL, MASS, VELOCITY)
     given = measured("hunt_crossley", BALL, np.asarray(true.time_to_peak))
     found = whole(given, jnp.zeros_like(given.record.d), NONE)
     p: Any = {**{key: jnp.full(2, value) for key, value in BALL.items()}, "diameter_m": NONE}

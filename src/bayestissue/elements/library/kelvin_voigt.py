@@ -4,7 +4,15 @@ from __future__ import annotations
 
 from jax import Array
 
-from bayestissue.elements.element import Element, Parameter, Parameters, States
+from bayestissue.elements.element import Element, Outcomes, Parameter, Parameters, States
+from bayestissue.oscillator import (
+    contact_duration,
+    peak_deceleration,
+    peak_displacement,
+    restitution,
+    spring_damper_inverse,
+    time_to_peak,
+)
 
 
 def force(x: Array, v: Array, s: States, p: Parameters) -> Array:
@@ -17,6 +25,28 @@ def stored(x: Array, v: Array, s: States, p: Parameters) -> Array:
     return p["K"] * x**2 / 2
 
 
+def level_outcomes(p: Parameters, mass: Array, velocity: Array) -> Outcomes:
+    """From the closed forms of `bayestissue.oscillator`."""
+    K, C, V = p["K"], p["C"], velocity
+    omega_n, zeta = spring_damper_inverse(K, C, mass)
+    rebounds = restitution(zeta)
+    lost = 1 - rebounds**2
+    return Outcomes(
+        mass=mass,
+        velocity=V,
+        K_tangent=K,
+        K_secant=K,
+        C_equivalent=C,
+        energy_lost=lost,
+        energy_share=lost,
+        peak_depth=peak_displacement(omega_n, zeta, V),
+        time_to_peak=time_to_peak(omega_n, zeta),
+        peak_force=mass * peak_deceleration(omega_n, zeta, V),
+        contact_duration=contact_duration(omega_n, zeta),
+        rebound_velocity=rebounds * V,
+    )
+
+
 ELEMENT = Element(
     name="kelvin_voigt",
     title="spring and damper side by side (Kelvin-Voigt)",
@@ -27,4 +57,5 @@ ELEMENT = Element(
     force=force,
     stored=stored,
     linear=True,
+    level_outcomes=level_outcomes,
 )

@@ -21,23 +21,31 @@ from jaxtyping import Float
 
 from bayestissue.dataset.cells import cells_of, read_cells
 from bayestissue.elements import REFERENCE_DIAMETER_M, element
-from bayestissue.elements.comparables import Peaks, peaks_of
 from bayestissue.elements.element import GRAVITY
+from bayestissue.elements.outcomes import OUTCOMES, outcomes_of
 from bayestissue.errors import Coded, InputError, Problem, has_control_characters
 from bayestissue.hierarchy.effects import RESPONSES, intercept, parameter_of, sd_impact
 from bayestissue.hierarchy.levels import NEW, Condition, Recorded, log_at_levels
 from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.checking.pooled_parameters import pooled_parameters
 from bayestissue.inference.samplers.diagnostics import ELEMENT_ALONE
+from bayestissue.inference.samplers.sampling import quantiles
 
 # Units stand in the names of the columns; each has beside it the ends of the 90 % interval, _low and _high.
 QUANTITIES = {
     "K": "K_N_per_m",
     "C": "C_N_s_per_m",
-    "depth": "peak_displacement_m",
-    "force": "peak_force_N",
-    "time": "time_to_peak_s",
+    "peak_depth": "peak_displacement_m",
+    "peak_force": "peak_force_N",
+    "time_to_peak": "time_to_peak_s",
+    "peak_deceleration": "peak_deceleration_g",
+    "contact_duration": "contact_duration_s",
+    "rebound_velocity": "rebound_velocity_m_s",
+    "restitution": "restitution",
+    "energy_absorbed": "energy_absorbed_J",
 }
+# What may never happen, on a tissue that is never left.
+NEVER = ("time_to_peak", "contact_duration")
 NO_LAW = Coded("no peaks: beside a discrepancy there is no law to simulate by", "not-simulated")
 NO_VELOCITY = Coded("no peaks: no velocity_m_s, and the run has none", "not-simulated")
 _QUANTILES = {"": 0.5, "_low": 0.05, "_high": 0.95}
@@ -91,7 +99,7 @@ def predict(finished: Finished, conditions: Sequence[Condition]) -> pd.DataFrame
         arguments = {"diameter_m": diameter}
         if finished.gravity:
             arguments[GRAVITY] = np.full(len(conditions), finished.gravity)
-        values |= _peaks(finished.element, simulated, mass, velocity, arguments)
+        values |= _outcomes(finished.element, simulated, mass, velocity, arguments)
         notes = [[*n, *([] if v > 0 else [NO_VELOCITY])] for n, v in zip(notes, velocity, strict=True)]
     return pd.DataFrame(
         [
@@ -140,16 +148,16 @@ def _numbers(
     return np.array([float(condition.get(name, otherwise)) for condition in conditions])
 
 
-def _peaks(
+def _outcomes(
     which: str,
     parameters: dict[str, Float[np.ndarray, "draw condition"]],
     mass: Float[np.ndarray, " condition"],
     velocity: Float[np.ndarray, " condition"],
     arguments: dict[str, Float[np.ndarray, " condition"]],
 ) -> dict[str, Float[np.ndarray, "draw condition"]]:
-    """Each of the peaks in every draw and condition; NaN where there is no velocity.
+    """Each outcome in every draw and condition; NaN where there is no velocity.
 
-    ``beside`` is what the element's functions take beside its parameters.
+    ``arguments`` are what the element's functions take beside its parameters.
     """
     shape = parameters["K"].shape
     p = parameters | {name: np.broadcast_to(flat, shape) for name, flat in arguments.items()}
@@ -159,8 +167,8 @@ def _peaks(
     for begin in range(0, flat[0].size, _AT_ONCE):
         # The last part is filled up with what stands in it already.
         *values, M, V = (jnp.asarray(np.resize(v[begin : begin + _AT_ONCE], _AT_ONCE)) for v in flat)
-        parts.append(peaks_of(element(which), dict(zip(p, values, strict=True)), M, V))
-    columns = dict(zip(Peaks._fields, zip(*parts, strict=True), strict=True))
+        parts.append(outcomes_of(element(which), dict(zip(p, values, strict=True)), M, V))
+    columns = {name: [getattr(part, name) for part in parts] for name in OUTCOMES}
     whole = {name: np.concatenate(column)[: flat[0].size].reshape(shape) for name, column in columns.items()}
     return {name: np.where(velocity > 0, values, np.nan) for name, values in whole.items()}
 
@@ -169,15 +177,10 @@ def _summary(values: dict[str, Float[np.ndarray, " draw"]]) -> dict[str, float]:
     """Median and 90 % interval of each quantity that there is."""
     summary = {f"{column}{end}": np.nan for column in QUANTITIES.values() for end in _QUANTILES}
     for name, draws in values.items():
-        # Some draws of a strongly damped impact may have no peak: their time is infinite.
-        probabilities = np.asarray(list(_QUANTILES.values()))
-        finite = np.isfinite(draws).all()
-        ends = (
-            np.quantile(draws, probabilities)
-            if finite
-            else np.quantile(draws, probabilities, method="inverted_cdf")
-        )
+        ends = quantiles(draws[None], list(_QUANTILES.values()))[:, 0]
         summary |= {f"{QUANTITIES[name]}{end}": float(v) for end, v in zip(_QUANTILES, ends, strict=True)}
+        if name in NEVER:
+            summary[f"{QUANTITIES[name]}_never"] = float(np.isinf(draws).mean())
     return summary
 
 

@@ -37,6 +37,7 @@ from bayestissue.inference.results.meanings import MOSTLY
 from bayestissue.inference.results.summary import prior_overlap
 from bayestissue.inference.samplers.convergence import effective_size
 from bayestissue.inference.samplers.diagnostics import ELEMENT_ALONE, of_element_alone
+from bayestissue.inference.samplers.sampling import quantiles
 from bayestissue.results.tables import table_of_rows
 
 FEWEST = 10
@@ -145,7 +146,7 @@ def _answer(finished: Finished, question: Question) -> dict[str, Any]:
     prior, note = _prior(finished, node)
     row = {"question": question.text, "name": question.name, "unit": "", "draws": posterior.size}
     if not claims(node):
-        note = _largely_prior(posterior, prior)
+        note = _never(posterior) or _largely_prior(posterior, prior)
         row |= _interval(posterior) | {"unit": unit_of(node, finished.posterior)}
     else:
         p, error, size = _probability(posterior)
@@ -181,6 +182,12 @@ def _prior(finished: Finished, node: Node) -> tuple[xr.DataArray | None, str]:
         return None, Coded(f"no prior: this run has no prior draws of {which}", "no-prior")
     except QuestionError as slip:
         return None, Coded(f"no prior: {slip.actual} of the prior", "no-prior")
+
+
+def _never(posterior: xr.DataArray) -> str:
+    """In how many draws that does not happen which a question asks the time of."""
+    share = float(np.isinf(posterior).mean())
+    return f"never in {100 * share:.3g} % of the draws" if share else ""
 
 
 def _largely_prior(posterior: xr.DataArray, prior: xr.DataArray | None) -> str:
@@ -225,7 +232,7 @@ def _short(value: float) -> str:
 
 def _interval(values: xr.DataArray) -> dict[str, float]:
     draws = values.transpose("chain", "draw").to_numpy()
-    low, median, high = np.quantile(draws, np.array([0.05, 0.5, 0.95]))
+    low, median, high = quantiles(draws.reshape(1, -1), [0.05, 0.5, 0.95])[:, 0]
     return {"median": median, "low": low, "high": high, "mcse": _error_of_median(draws)}
 
 

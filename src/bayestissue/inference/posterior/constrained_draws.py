@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -14,19 +13,17 @@ from jax import Array
 from jaxtyping import Float, Int
 
 from bayestissue.hierarchy.derived import named_sites
+from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign
 from bayestissue.hierarchy.gaussian.covariances import Covariances
 from bayestissue.hierarchy.population import of_impacts
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import TraceData, TraceModel, physical, population, trace_likelihood
+from bayestissue.hierarchy.traces import TraceData, TraceModel, population
 from bayestissue.inference.execution.chunks import in_blocks
 from bayestissue.inference.execution.compiling import by_row
-from bayestissue.inference.factors.conditional import (
-    PopulationDraws,
-    of_cells,
-)
-from bayestissue.inference.quantities.elements import element_quantities, measured_of
+from bayestissue.inference.factors.conditional import PopulationDraws, of_cells
+from bayestissue.inference.quantities.impacts import Impacts, impact_quantities
 from bayestissue.inference.samplers.sampling import ConstrainedDraws
-from bayestissue.padding import padded_impacts
+from bayestissue.padding import padded_impacts, padded_rows
 
 # Draws of one call.
 DRAWS = 256
@@ -74,11 +71,10 @@ def quantities_of_draws(
         of_errors, of_mass = np.moveaxis(np.asarray(jax.vmap(jax.random.split)(of_block)), 1, 0)
         shared = people if model.mass_error == "subject" else of_mass
         # Of the design X b of these impacts is asked alone.
-        part = replace(part, design=design._replace(cell=cell[rows]))
-        population_here = (kept_population.sites, kept_population.b)
-        padded = constrained_impacts(
-            model, part.padded, *population_here, *padded_impacts((here.mean, u), 1), shared, of_errors
-        )
+        of_rows = design._replace(cell=cell[rows[padded_rows(len(rows))]])
+        mean, u = padded_impacts((here.mean, u), 1)
+        mass_error = _mass_errors(model, of_rows, kept_population.sites, kept_population.b, mean, u, shared)
+        padded = constrained_impacts(model, part.padded, True, u, mass_error, of_errors)
         impacts_by_name = {name: values[:, : len(rows)] for name, values in padded.items()}
         if len(kept_numbers) < shape[1]:
             # Seven digits of a draw are more than it knows, and half the memory.
@@ -99,24 +95,51 @@ def quantities_of_draws(
 
 
 @by_row(DRAWS, constant=2)
-def constrained_impacts(
+def _mass_errors(
     model: TraceModel,
-    data: TraceData,
+    design: PopulationDesign,
     sites: dict[str, Array],
     b: Float[Array, " location"],
     prior_mean: Float[Array, "impact parameter"],
     u: Float[Array, "impact parameter"],
-    of_mass: Array,
-    of_errors: Array,
+    key: Array,
+) -> Float[Array, " impact"]:
+    """The error of every impact's log mass."""
+    covariances = population(model, sites)
+    if covariances.shared is not None:
+        return of_impacts(design, covariances, error_of_people(covariances, b, key))
+    pair = [entry - model.log_mass_sd**2 for entry in covariances.pair]
+    return error_given(model.log_mass_sd**2, pair, (u - prior_mean).T, key)
+
+
+@by_row(DRAWS, constant=3)
+def constrained_impacts(
+    model: TraceModel,
+    data: TraceData,
+    recorded: bool,
+    u: Float[Array, "impact parameter"],
+    mass_error: Float[Array, " impact"],
+    key: Array,
 ) -> dict[str, Float[Array, "impact ..."]]:
-    """Every impact's quantities; ``of_mass`` and ``of_errors`` are keys of errors of mass and all others."""
-    covariances, columns = population(model, sites), list(u.T)
-    if covariances.shared is None:
-        pair = [entry - model.log_mass_sd**2 for entry in covariances.pair]
-        mass_error = error_given(model.log_mass_sd**2, pair, (u - prior_mean).T, of_mass)
-    else:
-        mass_error = of_impacts(data.design, covariances, error_of_people(covariances, b, of_mass))
-    return impact_quantities(model, data, columns, mass_error, of_errors)
+    """Every impact's quantities, given what was recorded or as the priors alone have them."""
+    return impact_quantities(Impacts.drawn(model, data, list(u.T), mass_error, key, jnp.asarray(recorded)))
+
+
+def prior_impacts(
+    prepared: Prepared,
+    u: Float[np.ndarray, "draw impact parameter"],
+    mass_error: Float[np.ndarray, "draw impact"],
+    key: Array,
+) -> dict[str, Float[np.ndarray, "draw impact ..."]]:
+    """Every impact's quantities as the priors have them: see `constrained_impacts`."""
+    keys = np.asarray(jax.random.split(key, len(u)))
+
+    def one(part: TraceData, rows: np.ndarray) -> dict[str, np.ndarray]:
+        of_rows = padded_impacts((u[:, rows], mass_error[:, rows]), 1)
+        padded = constrained_impacts(prepared.model, part.padded, False, *of_rows, keys)
+        return {name: np.moveaxis(values[:, : len(rows)], 1, 0) for name, values in padded.items()}
+
+    return {name: np.moveaxis(values, 0, 1) for name, values in in_blocks(prepared.data, one).items()}
 
 
 @by_row(DRAWS, constant=1)
@@ -129,32 +152,6 @@ def _at_true_masses(
         return b
     error = error_of_people(covariances, b, key)
     return b.at[covariances.shared.effect_on_K].add(error).at[covariances.shared.effect_on_C].add(error)
-
-
-def impact_quantities(
-    model: TraceModel, data: TraceData, u: list[Array], mass_error: Array, key: Array
-) -> dict[str, Array]:
-    """What an impact's parameters stand for, and a draw of the chain's errors given them.
-
-    Args:
-        model: the model.
-        data: the dataset.
-        u: each impact's parameters, K and C at the recorded mass.
-        mass_error: of the log mass.
-        key: of the chain's errors.
-    """
-    at, measured = physical(model, data, u), measured_of(model, data, u, key)
-    impacts = {
-        "K": jnp.exp(u[0] + mass_error),
-        "C": jnp.exp(u[1] + mass_error),
-        "omega_n": at.omega_n,
-        "zeta": at.zeta,
-        "mass": jnp.exp(data.log_mass + mass_error),
-        "chain_error": measured.chain_error,
-        **trace_likelihood(model, data, u).noise_quantities(),
-        "parameters": jnp.stack(u, axis=-1),
-    }
-    return impacts | element_quantities(model, data, u, mass_error, measured)
 
 
 def error_of_people(covariances: Covariances, b: Array, key: Array) -> Float[Array, " person"]:

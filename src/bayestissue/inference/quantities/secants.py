@@ -19,7 +19,7 @@ from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.formulas.group_terms import stem_of
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.execution.kept import some_impacts
-from bayestissue.inference.quantities.elements import COMMON_DEPTH
+from bayestissue.inference.quantities.impacts import COMMON_DEPTH
 from bayestissue.inference.samplers.sampling import ConstrainedDraws
 
 # By what it is called: what of an impact it is the exponent of.

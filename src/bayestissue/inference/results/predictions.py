@@ -13,7 +13,7 @@ from jaxtyping import Float
 from numpyro.infer import Predictive
 
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import TraceData, TraceModel, impacts_model, physical, trace_likelihood
+from bayestissue.hierarchy.traces import TraceData, TraceModel, impacts_model, trace_likelihood
 from bayestissue.inference.execution.compiling import by_row, compiled_quickly
 from bayestissue.inference.execution.kept import some_impacts
 from bayestissue.inference.samplers.sampling import ConstrainedDraws, thinned
@@ -78,24 +78,16 @@ def _replicates(
 
 def prior_draws(
     model: TraceModel, data: TraceData, key: Array
-) -> tuple[
-    dict[str, np.ndarray],
-    Float[np.ndarray, "draw impact parameter"],
-    dict[str, Float[np.ndarray, "draw impact"]],
-]:
-    """Draws from the priors: of the population, of each impact's parameters, and of what these stand for.
-
-    The last are the natural frequency and damping ratio, where the element is spring and damper side by side.
-    """
-    count = len(data.log_mass)
-    drawn, u, ratios = jax.device_get(_prior_draws(model, data.padded, key))
-    return drawn, u[:, :count], {name: values[:, :count] for name, values in ratios.items()}
+) -> tuple[dict[str, np.ndarray], Float[np.ndarray, "draw impact parameter"]]:
+    """Draws from the priors: of the population, and of each impact's parameters."""
+    drawn, u = jax.device_get(_prior_draws(model, data.padded, key))
+    return drawn, u[:, : len(data.log_mass)]
 
 
 @compiled_quickly
 def _prior_draws(
     model: TraceModel, data: TraceData, key: Array
-) -> tuple[dict[str, Array], Float[Array, "draw impact parameter"], dict[str, Float[Array, "draw impact"]]]:
+) -> tuple[dict[str, Array], Float[Array, "draw impact parameter"]]:
     """What is compiled of `prior_draws`."""
     shared = ["log_mass_error"] if model.mass_error == "subject" else []
     bare = Predictive(
@@ -105,8 +97,4 @@ def _prior_draws(
     )
     drawn = bare(key)
     nuisance = [drawn.pop(name)[..., None] for name in model.nuisance]
-    u = jnp.concatenate([drawn.pop("log_K_and_C"), *nuisance], axis=-1)
-    if not data.record.side_by_side:
-        return drawn, u, {}
-    at = physical(model, data, [u[..., a] for a in range(u.shape[-1])])
-    return drawn, u, {"omega_n": at.omega_n, "zeta": at.zeta}
+    return drawn, jnp.concatenate([drawn.pop("log_K_and_C"), *nuisance], axis=-1)

@@ -10,6 +10,7 @@ import xarray as xr
 from jaxtyping import Float
 
 from bayestissue.inference.samplers.convergence import convergence, elements_of
+from bayestissue.inference.samplers.sampling import quantiles
 from bayestissue.results.tables import columns_of
 
 QUANTILES = {"eti50_low": 0.25, "eti50_high": 0.75, "eti90_low": 0.05, "eti90_high": 0.95, "median": 0.5}
@@ -23,7 +24,8 @@ def summarise(posterior: xr.Dataset) -> pd.DataFrame:
     ``label`` joins the coordinates of the element's dimensions, such as ``7, s03``; the unit is the
     variable's attribute. R-hat and the effective sample sizes are those of
     `bayestissue.inference.samplers.convergence`; ``mcse_mean``, the Monte Carlo standard error of the mean,
-    is sd / ess^1/2 with the mean's effective sample size. Of what has some draws only ("kept_draw"), drawn
+    is sd / ess^1/2 with the mean's effective sample size. Of what is infinite in some draws, since it never
+    happens there, ``never`` is their share, and mean and sd are open. Of what has some draws only ("kept_draw"), drawn
     afresh for each of them, no chain has to be judged: its sample sizes and R-hat are left open.
     """
     table = _of_chains(posterior.drop_dims("kept_draw", errors="ignore"))
@@ -38,17 +40,20 @@ def _of_kept(name: str, array: xr.DataArray) -> pd.DataFrame:
     labels = levels.dims[2]
     draws = levels.transpose("chain", "kept_draw", labels).to_numpy()
     draws = draws.reshape(-1, draws.shape[2])
-    sd = draws.std(0, ddof=1, dtype=float)
+    mean, sd = _moments(draws.T.astype(float))
+    never = np.isinf(draws).mean(axis=0)
     # By the usual rule 90 % intervals of a hundred draws would hold 88 %.
-    quantiles = np.quantile(draws, list(QUANTILES.values()), axis=0, method="weibull")
+    method = "inverted_cdf" if never.any() else "weibull"
+    ends = np.quantile(draws, list(QUANTILES.values()), axis=0, method=method)
     columns = {
         "variable": name,
         "label": levels[labels].to_numpy().astype(str),
         "unit": array.attrs.get("unit", ""),
-        "mean": draws.mean(0, dtype=float),
+        "mean": mean,
         "sd": sd,
         "mcse_mean": sd / np.sqrt(len(draws)),
-        **dict(zip(QUANTILES, quantiles, strict=True)),
+        "never": never,
+        **dict(zip(QUANTILES, ends, strict=True)),
     }
     return pd.DataFrame(columns).reindex(columns=COLUMNS)
 
@@ -58,17 +63,26 @@ def _of_chains(posterior: xr.Dataset) -> pd.DataFrame:
     draws = np.concatenate([elements_of(array) for array in posterior.data_vars.values()])
     flat = draws.reshape(len(draws), -1)
     sampled = convergence(draws)
-    sd = np.nanstd(flat, axis=1, ddof=1)
+    mean, sd = _moments(flat)
     columns = {
-        "mean": np.nanmean(flat, axis=1),
+        "mean": mean,
         "sd": sd,
         "ess_bulk": sampled.ess_bulk,
         "ess_tail": sampled.ess_tail,
         "r_hat": sampled.r_hat,
         "mcse_mean": sd / np.sqrt(sampled.ess_mean),
-        **dict(zip(QUANTILES, np.nanquantile(flat, list(QUANTILES.values()), axis=1), strict=True)),
+        "never": np.isinf(flat).mean(axis=1),
+        **dict(zip(QUANTILES, quantiles(flat, list(QUANTILES.values())), strict=True)),
     }
     return pd.concat(names, ignore_index=True).assign(**columns)[COLUMNS]
+
+
+def _moments(
+    draws: Float[np.ndarray, "quantity draw"],
+) -> tuple[Float[np.ndarray, " quantity"], Float[np.ndarray, " quantity"]]:
+    """Mean and standard deviation, open where a draw is infinite."""
+    known = np.where(np.isinf(draws), np.nan, draws)
+    return known.mean(axis=1), known.std(axis=1, ddof=1)
 
 
 def _named(name: str, array: xr.DataArray) -> pd.DataFrame:

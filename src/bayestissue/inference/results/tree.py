@@ -21,7 +21,8 @@ from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared, common_depth
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.execution.kept import some_impacts, some_of
-from bayestissue.inference.quantities.elements import per_impact
+from bayestissue.inference.posterior.constrained_draws import prior_impacts
+from bayestissue.inference.quantities.impacts import NAMES
 from bayestissue.inference.quantities.secants import EXPONENTS, mass_exponents_of_secants
 from bayestissue.inference.quantities.together import comparable_draws
 from bayestissue.inference.results.labels import (
@@ -38,8 +39,6 @@ from bayestissue.inference.results.predictions import (
     replicates,
 )
 from bayestissue.inference.samplers.sampling import ConstrainedDraws
-
-PER_IMPACT = ("K", "C", "omega_n", "zeta", "theta1", "sigma_a", "sigma_d", "mass", *per_impact())
 
 
 def posterior_tree(
@@ -66,7 +65,7 @@ def posterior_tree(
         prepared = some_of(prepared, some_impacts(len(prepared.impacts)))
         of_impacts = partial(named, coordinates=_coordinates(prepared, kept_numbers))
         of_all_impacts = partial(
-            of_all_impacts, thinned=frozenset({*PER_IMPACT, *EXPONENTS, *prepared.data.record.errors})
+            of_all_impacts, thinned=frozenset({*NAMES, *EXPONENTS, *prepared.data.record.errors})
         )
     quantities = _quantities(whole, constrained.sites, constrained.impacts, rng)
     quantities |= mass_exponents_of_secants(whole, constrained, seed)
@@ -109,7 +108,7 @@ def dimensions(
     """What follows chain and draw: of every variable that is no single number."""
     stems = {name: stem_of(name) for name in design.groupings}
     return {
-        **dict.fromkeys((*PER_IMPACT, *errors, "trace"), ("impact",)),
+        **dict.fromkeys((*NAMES, *errors, "trace"), ("impact",)),
         **{f"{name}_sd": ("impact",) for name in errors},
         **design_dimensions(design),
         **{f"traces_of_{stem}": (name,) for name, stem in stems.items()},
@@ -133,7 +132,7 @@ def _quantities(
         values |= {f"{name}_mean": sites[f"{name}_mean"], f"sd_{name}": sites[f"sd_{name}"]}
     levels = derived.values_at_levels(design, values)
     values |= levels
-    values |= {name: impacts[name] for name in PER_IMPACT if name in impacts}
+    values |= {name: impacts[name] for name in NAMES if name in impacts}
     if "chain_error" in impacts:
         record = prepared.data.record
         known = np.asarray(record.error_sd).any(axis=0)
@@ -191,7 +190,7 @@ def _column_attributes(prepared: Prepared) -> dict[str, dict[str, str]]:
 def _prior_groups(prepared: Prepared, put: Any, seed: int, rng: np.random.Generator) -> dict[str, xr.Dataset]:
     model, data = prepared.model, prepared.data
     key = jax.random.fold_in(jax.random.PRNGKey(seed), 13)
-    prior_sites, u, ratios = prior_draws(model, data, key)
+    prior_sites, u = prior_draws(model, data, key)
     drawn = {name: values[None] for name, values in prior_sites.items()}
     sites = named_sites(
         model.locations,
@@ -199,18 +198,15 @@ def _prior_groups(prepared: Prepared, put: Any, seed: int, rng: np.random.Genera
         {name: drawn[name] for name in model.hyperparameters},
         drawn["locations"],
     )
-    if "log_mass_error" in drawn:
+    if "log_mass_error" in prior_sites:
         person = pd.Index(prepared.design.subjects).get_indexer(
             pd.Index(prepared.impacts["subject"].astype(str))
         )
-        error = drawn["log_mass_error"][..., person]
+        error = prior_sites["log_mass_error"][..., person]
     else:
-        error = model.log_mass_sd * rng.standard_normal(u[None].shape[:-1])
-    impacts = {
-        "K": np.exp(u[None, ..., 0] + error),
-        "C": np.exp(u[None, ..., 1] + error),
-        **{name: values[None] for name, values in ratios.items()},
-    }
+        error = model.log_mass_sd * rng.standard_normal(u[None].shape[:-1])[0]
+    made = prior_impacts(prepared, u, error, jax.random.fold_in(key, 1))
+    impacts = {name: values[None] for name, values in made.items() if name in NAMES}
     predicted_from = u[:PRIOR_PREDICTIVE_DRAWS]
     replicated = replicates(model, data, predicted_from, jax.random.split(key, len(predicted_from)))
     # A prior's wall may be thin enough to throw the impactor back faster than any number.

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 
 @dataclass(frozen=True)
@@ -22,6 +24,22 @@ class ConstrainedDraws:
     impacts: dict[str, np.ndarray]
     log_likelihood: dict[str, np.ndarray]
     kept_numbers: np.ndarray | None = None
+
+
+def quantiles(
+    draws: Float[np.ndarray, "quantity draw"], probabilities: Sequence[float]
+) -> Float[np.ndarray, "probability quantity"]:
+    """Quantiles of each quantity; where it is infinite in some draws, each is one of them.
+
+    A quantity is infinite where what it is the time of never happens. Between a number and infinity there is
+    nothing to interpolate.
+    """
+    with np.errstate(invalid="ignore"):
+        between = np.quantile(draws, probabilities, axis=1)
+    never = np.isinf(draws).any(axis=1)
+    if never.any():
+        between[:, never] = np.quantile(draws[never], probabilities, axis=1, method="inverted_cdf")
+    return between
 
 
 def thinned(draws: dict[str, Any], number: int) -> dict[str, Any]:

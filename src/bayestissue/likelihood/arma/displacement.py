@@ -19,6 +19,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float, Int
 
+from bayestissue.elements.element import GRAVITY
 from bayestissue.likelihood import small
 from bayestissue.likelihood.arma.arma21 import arma21_series
 from bayestissue.likelihood.linear_errors import (
@@ -26,6 +27,8 @@ from bayestissue.likelihood.linear_errors import (
     draw_errors,
     from_lower_entries,
     marginal_log_likelihood,
+    part_of,
+    prior_errors,
 )
 from bayestissue.likelihood.quadratic import eigenvalues, log_determinant, sums_over_frequencies
 from bayestissue.likelihood.transforms import FILLED, transformed
@@ -45,7 +48,10 @@ class DisplacementRecord(NamedTuple):
             in blocks of frequencies.
         spread: 2 - 2 cos(j pi / (n - 1)) in the same blocks.
         error_sd: standard deviations of the constant [m], the ramp [m/s] and the parabola [m/s^2].
-        gravity: g, along the motion [m/s^2].
+        gravity: g, along the motion [m/s^2]; None where there is none.
+        velocity: recorded velocity at contact [m/s]; None where there is none, or the traces have another
+            mean than at rest.
+        velocity_share: of the variance of the ramp that which an error of the velocity makes.
     """
 
     x: Float[Array, "impact sample"]
@@ -55,7 +61,9 @@ class DisplacementRecord(NamedTuple):
     columns: tuple[Float[Array, "block impact lane"], ...]
     spread: Float[Array, "block impact lane"]
     error_sd: Float[Array, "impact 3"]
-    gravity: Float[Array, " impact"]
+    gravity: Float[Array, " impact"] | None = None
+    velocity: Float[Array, " impact"] | None = None
+    velocity_share: Float[Array, " impact"] | None = None
 
     @property
     def traces(self) -> Float[Array, "impact sample"]:
@@ -66,6 +74,17 @@ class DisplacementRecord(NamedTuple):
     def side_by_side(self) -> bool:
         """Whether it is of a spring and damper side by side alone."""
         return True
+
+    @property
+    def surroundings(self) -> dict[str, Float[Array, " impact"]]:
+        """What an element's functions take beside its parameters: gravity, where there is any."""
+        return {} if self.gravity is None else {GRAVITY: self.gravity}
+
+    def velocity_error(self, errors: Float[Array, "impact 3"], key: Array) -> Float[Array, " impact"] | None:
+        """A draw of the error of the recorded velocity given those of the chain; None without a velocity."""
+        if self.velocity_share is None:
+            return None
+        return part_of(-errors[:, 1], self.error_sd[:, 1], self.velocity_share, key)
 
     @property
     def errors(self) -> dict[str, str]:
@@ -80,8 +99,10 @@ class DisplacementRecord(NamedTuple):
         self, traces: Float[np.ndarray, "impact sample"], n_samples: Int[np.ndarray, " impact"]
     ) -> DisplacementRecord:
         """The record of other traces, or of fewer of their samples."""
-        same = map(np.asarray, (self.first_time, self.dt, self.error_sd, self.gravity))
-        return displacement_record(traces, n_samples, *same)
+        same = map(np.asarray, (self.first_time, self.dt, self.error_sd))
+        record = displacement_record(traces, n_samples, *same)
+        others = {name: getattr(self, name) for name in ("gravity", "velocity", "velocity_share")}
+        return record._replace(**others)
 
     def impacts(self, rows: Int[np.ndarray, " row"]) -> DisplacementRecord:
         """The record of some impacts."""
@@ -105,7 +126,7 @@ def displacement_record(
     first_time: Float[np.ndarray, " impact"],
     dt: Float[np.ndarray, " impact"],
     error_sd: Float[np.ndarray, "impact 3"],
-    gravity: float | Float[np.ndarray, " impact"] = 0.0,
+    gravity: Float[np.ndarray, " impact"] | None = None,
 ) -> DisplacementRecord:
     """Transform the traces and the errors' columns once, those of one length in one call.
 
@@ -119,8 +140,7 @@ def displacement_record(
     time = first_time[:, None] + np.arange(x.shape[1]) * dt[:, None]
     registers = bucket(-(-(x.shape[1] - 2) // FILLED))
     columns, spread = transformed(x, lengths, registers, np.ones_like(time), time, time**2)
-    along = np.broadcast_to(np.asarray(gravity, float), lengths.shape)
-    parts: Any = (x, lengths, first_time, dt, columns, spread, error_sd, along)
+    parts: Any = (x, lengths, first_time, dt, columns, spread, error_sd, gravity)
     return DisplacementRecord(*jax.tree.map(jnp.asarray, parts))
 
 
@@ -265,7 +285,8 @@ class MeasuredDisplacement:
 
     def equilibrium(self) -> Array:
         """x_e = g / omega_n^2, the mean of the process [m]."""
-        return self.record.gravity / self.omega_n**2
+        along = self.record.gravity
+        return jnp.zeros_like(self.omega_n) if along is None else along / self.omega_n**2
 
     def products(self) -> Products:
         """See `displacement_products`."""
@@ -281,13 +302,17 @@ class MeasuredDisplacement:
         """The chain's errors given the recorded traces: constant, ramp and parabola."""
         return draw_errors(key, self.products(), self.log_sigma, self.record.error_sd)
 
+    def prior_errors(self, key: Array) -> Float[Array, "impact 3"]:
+        """The same before any trace is seen."""
+        return prior_errors(key, self.omega_n.shape, self.record.error_sd)
+
     def sample(self, key: Array, sample_shape: tuple[int, ...] = ()) -> Array:
         """Draw traces from the record's first two values on: the recursion, then the chain's errors."""
         key_of_x, key_of_errors = jax.random.split(key)
         record = self.record
         c1, c2, theta1 = self.differences()
         shape, width = (*sample_shape, len(record.x)), record.x.shape[1]
-        errors = record.error_sd * jax.random.normal(key_of_errors, (*shape, 3))
+        errors = prior_errors(key_of_errors, shape, record.error_sd)
         time = record.first_time[:, None] + jnp.arange(width) * record.dt[:, None]
         e0, e1, e2 = (errors[..., i, None] for i in range(3))
         added = e0 + e1 * time + e2 * time**2 / 2 + self.equilibrium()[:, None]
@@ -306,7 +331,8 @@ class MeasuredDisplacement:
         Along gravity the deceleration is force over mass, as recorded ones are.
         """
         record, trace = self.record, self.sample(key)
-        bend = record.gravity[:, None] - jnp.diff(trace, n=2, axis=1) / record.dt[:, None] ** 2
+        fall = 0.0 if record.gravity is None else record.gravity[:, None]
+        bend = fall - jnp.diff(trace, n=2, axis=1) / record.dt[:, None] ** 2
         edges = jnp.pad(bend, ((0, 0), (1, 1)), constant_values=jnp.nan)
         left = record.n_samples[:, None] - jnp.arange(trace.shape[1])
         return {

@@ -236,6 +236,22 @@ class MeasuredImpact:
         weights = jax.vmap(noise.weights_given)(left[:, ::stride], basis[..., ::stride], alone, sd, shocks)
         return jnp.einsum("im,imr->ir", weights, record.discrepancy.basis)
 
+    def prior_errors(
+        self, key: Array, sample_shape: tuple[int, ...] = ()
+    ) -> Float[Array, "*batch impact error"]:
+        """The chain's errors before any trace is seen; contact is known."""
+        record, error_sd = self.record, self.noise_parameters.error_sd(self.record)[0]
+        return prior_errors(key, (*sample_shape, len(record.d)), error_sd, record.contact.uniform)
+
+    def prior_discrepancy(
+        self, key: Array, sample_shape: tuple[int, ...] = ()
+    ) -> Float[Array, "*batch impact sample"]:
+        """The discrepancy before any trace is seen [m/s^2]."""
+        modes = self.record.discrepancy
+        scale = (self.sigma * self.noise_parameters.ratio())[:, None] * jnp.sqrt(modes.share)
+        weights = scale * jax.random.normal(key, (*sample_shape, *scale.shape))
+        return jnp.einsum("...im,imr->...ir", weights, modes.basis)
+
     def innovations(
         self, left: Float[Array, "impact sample"]
     ) -> tuple[Float[Array, "impact shock"], Int[Array, " impact"]]:
@@ -269,16 +285,13 @@ class MeasuredImpact:
         key_of_noise, key_of_errors = jax.random.split(key)
         record, predicted = self.record, self.response()
         shape = (*sample_shape, len(record.d))
-        error_sd = self.noise_parameters.error_sd(record)[0]
-        errors = prior_errors(key_of_errors, shape, error_sd, record.contact.uniform)
+        errors = self.prior_errors(key_of_errors, sample_shape)
         shocks = jax.random.normal(key_of_noise, (*shape, record.d.shape[1]))
         if not record.colour.is_white:
             shocks = noise.drawn(record.colour, record.rate, jax.random.fold_in(key, 4), shocks.shape)
         elif self.noise_parameters.atanh_correlation is not None:
             shocks = noise.correlated(shocks, self.noise_parameters.atanh_correlation)
-        scale = (self.sigma * self.noise_parameters.ratio())[:, None] * jnp.sqrt(record.discrepancy.share)
-        weights = scale * jax.random.normal(jax.random.fold_in(key, 2), (*shape, scale.shape[1]))
-        delta = jnp.einsum("...im,imr->...ir", weights, record.discrepancy.basis)
+        delta = self.prior_discrepancy(jax.random.fold_in(key, 2), sample_shape)
         added = _added(errors, predicted, record) + self.sigma[:, None] * shocks
         return jnp.where(record.inside(), predicted.d + delta + added, 0.0)
 

@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float, Int
 
 from bayestissue.elements.element import GRAVITY
 from bayestissue.likelihood.element.recorder import Colour, LowPass
-from bayestissue.likelihood.linear_errors import LOG_2PI
+from bayestissue.likelihood.linear_errors import LOG_2PI, part_of
 from bayestissue.padding import padded_zeros
 
 # Among the errors of the measuring chain; the gain, if it is another than the velocity's, is between them.
@@ -138,6 +138,8 @@ class DecelerationRecord(NamedTuple):
         error_sd: standard deviations of velocity [m/s], gain [1], offset [m/s^2] and contact time [s]. One of
             velocity and gain together, without the second column, makes the record one of a spring and damper
             side by side with white noise and known contact: see `side_by_side`.
+        velocity_share: of the variance of the velocity's error that which is its own; where it is that of
+            velocity and gain together, the rest is the gain's.
         mass: recorded mass [kg].
         surroundings: what an element's functions take beside its parameters, by name: the impactor's diameter
             [m] and, where there is any, gravity along the motion [m/s^2]; decelerations are force over mass
@@ -161,6 +163,7 @@ class DecelerationRecord(NamedTuple):
     dt: Float[Array, " impact"]
     velocity: Float[Array, " impact"]
     error_sd: Float[Array, "impact error"]
+    velocity_share: Float[Array, " impact"]
     mass: Float[Array, " impact"]
     surroundings: dict[str, Float[Array, " impact"]]
     contact: Contact
@@ -196,6 +199,7 @@ class DecelerationRecord(NamedTuple):
             "dt": dt,
             "velocity": velocity,
             "error_sd": error_sd,
+            "velocity_share": np.ones(number),
             "mass": mass,
             "rate": np.zeros(number, int),
             "quiet": np.zeros(number, bool),
@@ -226,6 +230,10 @@ class DecelerationRecord(NamedTuple):
     def errors(self) -> dict[str, str]:
         """What each column of ``error_sd`` is called in the posterior, and which link of the chain errs."""
         return _MERGED if self.side_by_side else _SEPARATE
+
+    def velocity_error(self, errors: Float[Array, "impact error"], key: Array) -> Float[Array, " impact"]:
+        """A draw of the error of the recorded velocity given those of the chain [m/s]."""
+        return part_of(errors[:, VELOCITY], self.error_sd[:, VELOCITY], self.velocity_share, key)
 
     @property
     def gravity(self) -> Float[Array, " impact"]:

@@ -1,0 +1,249 @@
+"""The quantities of every impact in one draw, of posterior or prior: the one place where they are made.
+
+A new quantity is an entry of `QUANTITIES`, and its unit and meaning in ``results/variables.toml``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import Any, Self, cast
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Bool, Float
+
+from bayestissue.elements import Element, Outcomes, element, element_names
+from bayestissue.elements.element import GRAVITY
+from bayestissue.elements.outcomes import MEASURED, OUTCOMES, outcomes_of
+from bayestissue.hierarchy.traces import (
+    Physical,
+    TraceData,
+    TraceModel,
+    element_parameters,
+    impact_likelihood,
+    physical,
+    trace_likelihood,
+)
+from bayestissue.inference.quantities.common_depth import at_common_depth, whole_at_common_depth
+from bayestissue.inference.quantities.whole import Whole, whole_impact
+from bayestissue.likelihood.element.impact import MeasuredImpact
+from bayestissue.likelihood.element.record import CONTACT, DecelerationRecord
+
+# Of elements whose stiffness depends on depth, and of any with a discrepancy.
+COMMON_DEPTH = "K_common_depth"
+
+
+@dataclass(frozen=True)
+class Impacts:
+    """Every impact in one draw.
+
+    Forces are in proportion to K, C and mass together, so that an error of the mass moves them alike and
+    changes no motion.
+
+    Attributes:
+        model: what is assumed.
+        data: the recordings.
+        u: each impact's parameters, K and C at the recorded mass.
+        mass_error: of the log mass.
+        chain_error: the measuring chain's errors.
+        velocity_error: that of the recorded velocity [m/s]; None where none is recorded.
+        measured: beside a discrepancy, the traces' likelihood with contact where the errors put it.
+        discrepancy: the force beside the element's, over mass [m/s^2].
+    """
+
+    model: TraceModel
+    data: TraceData
+    u: list[Array]
+    mass_error: Float[Array, " impact"]
+    chain_error: Float[Array, "impact error"]
+    velocity_error: Float[Array, " impact"] | None
+    measured: MeasuredImpact | None = None
+    discrepancy: Float[Array, "impact sample"] | None = None
+
+    @classmethod
+    def drawn(
+        cls,
+        model: TraceModel,
+        data: TraceData,
+        u: list[Array],
+        mass_error: Float[Array, " impact"],
+        key: Array,
+        recorded: Bool[Array, ""],
+    ) -> Self:
+        """With a draw of the chain's errors, and of the discrepancy.
+
+        Args:
+            model: what is assumed.
+            data: the recordings.
+            u: each impact's parameters.
+            mass_error: of the log mass.
+            key: of the draw.
+            recorded: whether it is given what was recorded, else as nothing but the priors has it.
+        """
+        velocity_key = jax.random.fold_in(key, 5)
+        if not model.discrepancy:
+            likelihood = trace_likelihood(model, data, u)
+            errors = jax.lax.cond(recorded, likelihood.draw_errors, likelihood.prior_errors, key)
+            return cls(model, data, u, mass_error, errors, data.record.velocity_error(errors, velocity_key))
+        stated = impact_likelihood(model, data, u)
+        found = stated.with_contact_found(key)
+        response = found.response()
+
+        def given_record(key: Array) -> tuple[Array, Array]:
+            errors = found.draw_errors(key, response)
+            return errors, found.draw_discrepancy(jax.random.fold_in(key, 3), errors, response)
+
+        def before_record(key: Array) -> tuple[Array, Array]:
+            return found.prior_errors(key), found.prior_discrepancy(jax.random.fold_in(key, 3))
+
+        errors, delta = jax.lax.cond(recorded, given_record, before_record, key)
+        measured = found.as_drawn(errors[:, CONTACT])
+        errors = errors.at[:, CONTACT].add(stated.record.first_time - found.record.first_time)
+        velocity_error = data.record.velocity_error(errors, velocity_key)
+        return cls(model, data, u, mass_error, errors, velocity_error, measured, delta)
+
+    @cached_property
+    def physical(self) -> Physical:
+        """Natural frequency, damping ratio and noise, as the likelihood takes them."""
+        return physical(self.model, self.data, self.u)
+
+    @cached_property
+    def element(self) -> Element:
+        """What is hit."""
+        return element(self.model.element)
+
+    @cached_property
+    def recorded_parameters(self) -> dict[str, Float[Array, " impact"]]:
+        """The element's parameters by name, at the recorded mass."""
+        values = element_parameters(self.model, self.u)
+        return {one.name: value for one, value in zip(self.element.parameters, values, strict=True)}
+
+    @cached_property
+    def parameters(self) -> dict[str, Float[Array, " impact"]]:
+        """The element's parameters by name."""
+        true = {"K": jnp.exp(self.u[0] + self.mass_error), "C": jnp.exp(self.u[1] + self.mass_error)}
+        return self.recorded_parameters | true
+
+    @cached_property
+    def mass(self) -> Float[Array, " impact"]:
+        """M [kg]."""
+        return jnp.exp(self.data.log_mass + self.mass_error)
+
+    @property
+    def side_by_side(self) -> bool:
+        """Whether K and C are those of a spring and damper whose trace is told by these alone."""
+        return self.data.record.side_by_side
+
+    @cached_property
+    def whole(self) -> Whole | None:
+        """The motion under element and discrepancy together; of recorded mass."""
+        if self.measured is None or self.discrepancy is None or self.velocity_error is None:
+            return None
+        return whole_impact(self.measured, self.discrepancy, self.velocity_error)
+
+    @cached_property
+    def outcomes(self) -> Outcomes | None:
+        """What each impact comes to; None where no velocity is recorded.
+
+        Beside a discrepancy the measured motion tells peaks and secant stiffness, and the rest is the
+        element's own.
+        """
+        record = self.data.record
+        if self.velocity_error is None or record.velocity is None:
+            return None
+        p, velocity = self.parameters | record.surroundings, record.velocity + self.velocity_error
+        of_element = outcomes_of(self.element, p, self.mass, velocity)
+        if self.whole is None:
+            return of_element
+        heavier = jnp.exp(self.mass_error)
+        return of_element._replace(
+            K_secant=self.whole.secant * heavier,
+            peak_depth=self.whole.peak,
+            time_to_peak=self.whole.time,
+            peak_force=self.whole.greatest * heavier,
+        )
+
+    @cached_property
+    def common_depth(self) -> Float[Array, " impact"] | None:
+        """Static force over depth at the one depth that every impact reaches [N/m]."""
+        if self.side_by_side or not self.model.depends_on_depth:
+            return None
+        record, heavier = cast(DecelerationRecord, self.data.record), jnp.exp(self.mass_error)
+        if self.measured is not None and self.whole is not None:
+            return whole_at_common_depth(self.measured, self.whole, record.common_depth) * heavier
+        arguments = self.recorded_parameters | record.surroundings
+        return at_common_depth(self.element, arguments, record.common_depth) * heavier
+
+    @cached_property
+    def noise(self) -> dict[str, Float[Array, " impact"]]:
+        """The parameters of each trace's noise by name; of autoregressive noise its standard deviation."""
+        if not self.model.autoregressive:
+            return trace_likelihood(self.model, self.data, self.u).noise_quantities()
+        sigma = jnp.exp(self.physical.log_sigma) * jnp.cosh(self.u[-1])
+        return {"sigma_d": sigma, "noise_correlation": jnp.tanh(self.u[-1])}
+
+    def omega_n(self) -> Float[Array, " impact"]:
+        """(K / M)^1/2 [rad/s], K being K_secant."""
+        if self.side_by_side or self.outcomes is None:
+            return self.physical.omega_n
+        return jnp.sqrt(self.outcomes.K_secant / self.mass)
+
+    def zeta(self) -> Float[Array, " impact"]:
+        """C / (2 (K M)^1/2), K being K_secant and C C_equivalent."""
+        if self.side_by_side or self.outcomes is None:
+            return self.physical.zeta
+        return self.outcomes.C_equivalent / (2 * jnp.sqrt(self.outcomes.K_secant * self.mass))
+
+
+def _comparable(impacts: Impacts, name: str) -> Array | None:
+    """Of spring and damper side by side alone these are K and C themselves."""
+    return None if impacts.side_by_side else getattr(impacts.outcomes, name)
+
+
+def _outcome(impacts: Impacts, name: str) -> Array | None:
+    """What the measured motion does not reach, beside a discrepancy, is not known."""
+    if impacts.outcomes is None or (impacts.model.discrepancy and name not in MEASURED):
+        return None
+    value: Array = getattr(impacts.outcomes, name)
+    return value
+
+
+def _energy_share(impacts: Impacts) -> Array | None:
+    """Of impacts along gravity; of others it is energy_lost."""
+    return _comparable(impacts, "energy_share") if GRAVITY in impacts.data.record.surroundings else None
+
+
+# By the names of variables; None where these impacts have no such quantity.
+QUANTITIES: dict[str, Callable[[Impacts], Array | None]] = {
+    "K": lambda impacts: impacts.parameters["K"],
+    "C": lambda impacts: impacts.parameters["C"],
+    "omega_n": Impacts.omega_n,
+    "zeta": Impacts.zeta,
+    "theta1": lambda impacts: impacts.noise.get("theta1"),
+    "sigma_a": lambda impacts: impacts.noise.get("sigma_a"),
+    "sigma_d": lambda impacts: impacts.noise.get("sigma_d"),
+    "mass": lambda impacts: impacts.mass,
+    "K_tangent": partial(_comparable, name="K_tangent"),
+    "K_secant": partial(_comparable, name="K_secant"),
+    "C_equivalent": partial(_comparable, name="C_equivalent"),
+    "energy_lost": partial(_comparable, name="energy_lost"),
+    "energy_share": _energy_share,
+    COMMON_DEPTH: lambda impacts: impacts.common_depth,
+    "discrepancy": lambda impacts: jnp.exp(impacts.u[-1]) if impacts.model.discrepancy else None,
+    "noise_correlation": lambda impacts: impacts.noise.get("noise_correlation"),
+    **{name: partial(_outcome, name=name) for name in OUTCOMES},
+}
+# Those of all impacts, and the further parameters of elements.
+NAMES = (*QUANTITIES, *dict.fromkeys(one.name for name in element_names() for one in element(name).extra))
+
+
+def impact_quantities(impacts: Impacts) -> dict[str, Float[Array, "impact ..."]]:
+    """All quantities of every impact by name, with its parameters and the chain's errors."""
+    made: dict[str, Any] = {name: quantity(impacts) for name, quantity in QUANTITIES.items()}
+    further = {one.name: impacts.parameters[one.name] for one in impacts.element.extra}
+    known = {name: value for name, value in made.items() if value is not None}
+    parameters = jnp.stack(impacts.u, axis=-1)
+    return known | further | {"parameters": parameters, "chain_error": impacts.chain_error}
