@@ -24,9 +24,10 @@ def summarise(posterior: xr.Dataset) -> pd.DataFrame:
     ``label`` joins the coordinates of the element's dimensions, such as ``7, s03``; the unit is the
     variable's attribute. R-hat and the effective sample sizes are those of
     `bayestissue.inference.samplers.convergence`; ``mcse_mean``, the Monte Carlo standard error of the mean,
-    is sd / ess^1/2 with the mean's effective sample size. Of what is infinite in some draws, since it never
-    happens there, ``never`` is their share, and mean and sd are open. Of what has some draws only ("kept_draw"), drawn
-    afresh for each of them, no chain has to be judged: its sample sizes and R-hat are left open.
+    is sd / ess^1/2 with the mean's effective sample size. ``never`` is the share of infinite draws, in which
+    what the quantity is the time of never happens; mean and sd are then open. Of what has some draws only
+    ("kept_draw"), drawn afresh for each of them, no chain has to be judged: its sample sizes and R-hat are
+    left open.
     """
     table = _of_chains(posterior.drop_dims("kept_draw", errors="ignore"))
     if "kept_draw" not in posterior.dims:
@@ -40,11 +41,10 @@ def _of_kept(name: str, array: xr.DataArray) -> pd.DataFrame:
     labels = levels.dims[2]
     draws = levels.transpose("chain", "kept_draw", labels).to_numpy()
     draws = draws.reshape(-1, draws.shape[2])
-    mean, sd = _moments(draws.T.astype(float))
-    never = np.isinf(draws).mean(axis=0)
+    flat = draws.T.astype(float)
+    mean, sd = _moments(flat)
     # By the usual rule 90 % intervals of a hundred draws would hold 88 %.
-    method = "inverted_cdf" if never.any() else "weibull"
-    ends = np.quantile(draws, list(QUANTILES.values()), axis=0, method=method)
+    ends = quantiles(flat, list(QUANTILES.values()), "weibull")
     columns = {
         "variable": name,
         "label": levels[labels].to_numpy().astype(str),
@@ -52,7 +52,7 @@ def _of_kept(name: str, array: xr.DataArray) -> pd.DataFrame:
         "mean": mean,
         "sd": sd,
         "mcse_mean": sd / np.sqrt(len(draws)),
-        "never": never,
+        "never": np.isinf(flat).mean(axis=1),
         **dict(zip(QUANTILES, ends, strict=True)),
     }
     return pd.DataFrame(columns).reindex(columns=COLUMNS)

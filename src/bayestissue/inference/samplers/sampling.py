@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -27,7 +27,9 @@ class ConstrainedDraws:
 
 
 def quantiles(
-    draws: Float[np.ndarray, "quantity draw"], probabilities: Sequence[float]
+    draws: Float[np.ndarray, "quantity draw"],
+    probabilities: Sequence[float],
+    method: Literal["linear", "weibull"] = "linear",
 ) -> Float[np.ndarray, "probability quantity"]:
     """Quantiles of each quantity; where it is infinite in some draws, each is one of them.
 
@@ -35,7 +37,7 @@ def quantiles(
     nothing to interpolate.
     """
     with np.errstate(invalid="ignore"):
-        between = np.quantile(draws, probabilities, axis=1)
+        between = np.quantile(draws, probabilities, axis=1, method=method)
     never = np.isinf(draws).any(axis=1)
     if never.any():
         between[:, never] = np.quantile(draws[never], probabilities, axis=1, method="inverted_cdf")
