@@ -82,7 +82,7 @@ def test_a_parameter_whose_formula_has_the_factor_is_predicted_at_its_levels(
         simulated.update(parameters)
         return {}
 
-    monkeypatch.setattr(predictions, "_peaks", without_motion)
+    monkeypatch.setattr(predictions, "_outcomes", without_motion)
     finished = Finished(posterior, None, design.recorded, "stiffening")
     table = predictions.predict(finished, [{"pad": pad, "velocity_m_s": 2.0} for pad in "ab"])
     assert not any("mixture" in note for note in table["note"])

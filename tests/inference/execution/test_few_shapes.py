@@ -27,7 +27,7 @@ from bayestissue.inference.chain.target import Target
 from bayestissue.inference.factors.expansions import expanded, first_guess
 from bayestissue.inference.factors.likelihoods import POINTS, densities_at, log_likelihoods
 from bayestissue.inference.fit import quantities_of_chain
-from bayestissue.inference.posterior.constrained_draws import constrained_impacts
+from bayestissue.inference.quantities.draws import constrained_impacts
 from bayestissue.padding import padded_impacts
 from bayestissue.simulation import simulate
 from bayestissue.simulation.specification import Simulation

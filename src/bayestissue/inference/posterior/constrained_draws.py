@@ -21,12 +21,9 @@ from bayestissue.hierarchy.traces import TraceData, TraceModel, population
 from bayestissue.inference.execution.chunks import in_blocks
 from bayestissue.inference.execution.compiling import by_row
 from bayestissue.inference.factors.conditional import PopulationDraws, of_cells
-from bayestissue.inference.quantities.impacts import Impacts, impact_quantities
+from bayestissue.inference.quantities.draws import DRAWS, constrained_impacts
 from bayestissue.inference.samplers.sampling import ConstrainedDraws
 from bayestissue.padding import padded_impacts, padded_rows
-
-# Draws of one call.
-DRAWS = 256
 
 
 def _kept(
@@ -110,36 +107,6 @@ def _mass_errors(
         return of_impacts(design, covariances, error_of_people(covariances, b, key))
     pair = [entry - model.log_mass_sd**2 for entry in covariances.pair]
     return error_given(model.log_mass_sd**2, pair, (u - prior_mean).T, key)
-
-
-@by_row(DRAWS, constant=3)
-def constrained_impacts(
-    model: TraceModel,
-    data: TraceData,
-    recorded: bool,
-    u: Float[Array, "impact parameter"],
-    mass_error: Float[Array, " impact"],
-    key: Array,
-) -> dict[str, Float[Array, "impact ..."]]:
-    """Every impact's quantities, given what was recorded or as the priors alone have them."""
-    return impact_quantities(Impacts.drawn(model, data, list(u.T), mass_error, key, jnp.asarray(recorded)))
-
-
-def prior_impacts(
-    prepared: Prepared,
-    u: Float[np.ndarray, "draw impact parameter"],
-    mass_error: Float[np.ndarray, "draw impact"],
-    key: Array,
-) -> dict[str, Float[np.ndarray, "draw impact ..."]]:
-    """Every impact's quantities as the priors have them: see `constrained_impacts`."""
-    keys = np.asarray(jax.random.split(key, len(u)))
-
-    def one(part: TraceData, rows: np.ndarray) -> dict[str, np.ndarray]:
-        of_rows = padded_impacts((u[:, rows], mass_error[:, rows]), 1)
-        padded = constrained_impacts(prepared.model, part.padded, False, *of_rows, keys)
-        return {name: np.moveaxis(values[:, : len(rows)], 1, 0) for name, values in padded.items()}
-
-    return {name: np.moveaxis(values, 0, 1) for name, values in in_blocks(prepared.data, one).items()}
 
 
 @by_row(DRAWS, constant=1)

@@ -21,7 +21,7 @@ from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared, common_depth
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.execution.kept import some_impacts, some_of
-from bayestissue.inference.posterior.constrained_draws import prior_impacts
+from bayestissue.inference.quantities.draws import prior_impacts
 from bayestissue.inference.quantities.impacts import NAMES
 from bayestissue.inference.quantities.secants import EXPONENTS, mass_exponents_of_secants
 from bayestissue.inference.quantities.together import comparable_draws
