@@ -1,4 +1,4 @@
-"""The quantities of every impact in many draws: `impact_quantities`, compiled once for posterior and prior."""
+"""The quantities of every impact in many draws, compiled once for posterior and prior."""
 
 from __future__ import annotations
 

@@ -30,6 +30,8 @@ Sizes = Float[np.ndarray, " quantity"]
 class Convergence(NamedTuple):
     """How far the draws of each quantity can be relied on; NaN where a draw is none, or draws are too few.
 
+    Infinite draws, of what never happens in them, count as greatest; their mean has no size.
+
     Attributes:
         r_hat: the greater of the rank-normalised split R-hats of the draws and of their distance from the
             median.
@@ -82,15 +84,25 @@ def _parts(draws: Draws) -> list[Draws]:
 def _of_some(draws: Draws) -> list[Sizes]:
     if draws.shape[2] < _FEWEST:
         return [np.full(len(draws), np.nan)] * len(Convergence._fields)
+    infinite = np.isinf(draws)
+    draws = _ranked_last(draws, infinite) if infinite.any() else draws
     split = _split(draws)
     median = np.median(split, axis=(1, 2), keepdims=True)
     bulk, folded = _normal_scores(split), _normal_scores(np.abs(split - median))
     ends = np.quantile(draws, TAILS, axis=(1, 2), keepdims=True)
     tails = [_size(_split((draws <= end).astype(float))) for end in ends]
-    sizes = (np.fmax(_r_hat(bulk), _r_hat(folded)), _size(bulk), np.minimum(*tails), _size(split))
+    of_mean = np.where(infinite.any(axis=(1, 2)), np.nan, _size(split))
+    sizes = (np.fmax(_r_hat(bulk), _r_hat(folded)), _size(bulk), np.minimum(*tails), of_mean)
     known = _known(draws)
     compared = known & (draws.shape[1] > 1)
     return [np.where(compared if n == 0 else known, size, np.nan) for n, size in enumerate(sizes)]
+
+
+def _ranked_last(draws: Draws, infinite: Bool[np.ndarray, "quantity chain draw"]) -> Draws:
+    """Infinite draws as one number above, or below, all others: ranks are all that is asked of them."""
+    others = np.where(infinite, 0.0, draws)
+    beyond = 1 + 3 * np.abs(others).max(axis=(1, 2), keepdims=True)
+    return np.where(infinite, np.sign(draws) * beyond, draws)
 
 
 def _known(draws: Draws) -> Bool[np.ndarray, " quantity"]:
