@@ -17,7 +17,7 @@ import bayestissue
 ROOT = Path(__file__).resolve().parents[1]
 GUIDE = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
 RECIPE = re.compile(r"^ *<!-- recipe: (\S+) -->\n *```(python|diff)\n(.*?)^ *```$", re.MULTILINE | re.DOTALL)
-# Prints what each of the three recipes has added; a copy of the source is first on the path.
+# Prints what each of the recipes has added; a copy of the source is first on the path.
 TRIED = """
 import numpy as np
 from types import SimpleNamespace
@@ -51,6 +51,13 @@ data = SimpleNamespace(
 found = {each.kind.flag: each for each in inspect(data)}
 print("check", found["a peak below 1 m/s²"].said, found["a peak below 1 m/s²"].kind.flag.code)
 explain.run(["too-quiet"], as_json=False)
+
+from bayestissue.inference.quantities.impacts import QUANTITIES
+from bayestissue.inference.results.labels import element_attributes
+out = SimpleNamespace(mass=2.0, velocity=1.5, rebound_velocity=0.5)
+level = SimpleNamespace(record=SimpleNamespace(surroundings={}))
+impulse = QUANTITIES["impulse"](SimpleNamespace(outcomes=out, data=level))
+print("quantity", impulse, element_attributes()["impulse"]["unit"])
 """
 
 
@@ -108,9 +115,17 @@ def test_recipes_work_as_they_are_written(tmp_path: Path) -> None:
     assert said[1] == "format [0.0, 5.0, 1.0] [0.0, 0.001, 0.002]"
     assert said[2] == "check ['a peak of 0.5 m/s²'] too-quiet"
     assert said[3] == "too-quiet: The recording is too quiet"
+    # 2 kg that came with 1.5 m/s and leave with 0.5 m/s.
+    assert said[-1] == "quantity 4.0 N s"
 
 
-@pytest.mark.parametrize("title", ["Add an element", "Add a recorder format", "Add a check of recordings"])
+TITLES = [
+    *("Add an element", "Add a quantity of each impact", "Add a recorder format"),
+    *("Add a check of recordings", "Add a setting", "Add a move of the sampler"),
+]
+
+
+@pytest.mark.parametrize("title", TITLES)
 def test_a_recipe_has_ten_lines_at_most(title: str) -> None:
     section = GUIDE.split(f"## {title}\n")[1].split("\n## ")[0]
     told = RECIPE.sub("", section)
