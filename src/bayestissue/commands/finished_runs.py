@@ -197,12 +197,12 @@ def _print_predictions(predictions: pd.DataFrame, nouns: Words) -> None:
     """The median of each quantity with its 90 % interval, and under the table what each row was given."""
     from bayestissue.commands.console import explained, line, show, table
     from bayestissue.remedies import codes_in
-    from bayestissue.report.wording import PREDICTED, covariate_words, predicted_words
+    from bayestissue.report.wording import FIRST_PREDICTED, covariate_words, predicted_words
 
-    headings = [f"{heading.removeprefix('time ')} ({unit})" for heading, unit, _ in PREDICTED.values()]
+    headings = [f"{heading.removeprefix('time ')} ({unit})" for heading, unit, _ in FIRST_PREDICTED.values()]
     rows = predictions.to_dict("records")
     cells = (
-        [str(number), *("\n".join(predicted_words(row, name)) for name in PREDICTED)]
+        [str(number), *("\n".join(predicted_words(row, name)) for name in FIRST_PREDICTED)]
         for number, row in enumerate(rows, start=1)
     )
     show(table(nouns("a new impact: median and 90 % interval"), ["row", *headings], cells))

@@ -17,6 +17,7 @@ from bayestissue.outline import counted
 from bayestissue.report.page import part, render_page
 from bayestissue.report.tables import Field, Table, number_field, table_of
 from bayestissue.report.wording import (
+    FIRST_PREDICTED,
     PREDICTED,
     covariate_words,
     interval,
@@ -135,7 +136,7 @@ def predictions_page(predictions: pd.DataFrame, record: Mapping[str, Any]) -> st
         subtitle=_model_words(record),
         nouns=nouns_of(record, names_in(predictions)),
         record=record,
-        figures=[drawn for name in PREDICTED if (drawn := _intervals(first, name)) is not None],
+        figures=[drawn for name in FIRST_PREDICTED if (drawn := _intervals(first, name)) is not None],
         drawn=len(first),
         total=len(predictions),
         predictions=_table(predictions),

@@ -12,11 +12,15 @@ from bayestissue.inference.results.meanings import COLUMNS, UNITS
 from bayestissue.words import NOUNS, Words
 
 # What is predicted of a new impact, by column: its name, the unit it is shown in, and how many per SI unit.
-PREDICTED = {
+# A console has room for the first of them, a page for all.
+FIRST_PREDICTED = {
     **{COLUMNS[q]: (q, UNITS[q], 1.0) for q in UNITS},
     "peak_displacement_m": ("depth", "mm", 1e3),
     "peak_force_N": ("force", "N", 1.0),
     "time_to_peak_s": ("time to peak", "ms", 1e3),
+}
+PREDICTED = {
+    **FIRST_PREDICTED,
     "peak_deceleration_g": ("deceleration", "g", 1.0),
     "contact_duration_s": ("contact", "ms", 1e3),
     "rebound_velocity_m_s": ("rebound", "m/s", 1.0),
