@@ -89,19 +89,19 @@ class Impacts:
             errors = jax.lax.cond(recorded, likelihood.draw_errors, likelihood.prior_errors, key)
             return cls(model, data, u, mass_error, errors, data.record.velocity_error(errors, velocity_key))
         stated = impact_likelihood(model, data, u)
-        found = stated.with_contact_found(key)
-        response = found.response()
+        located = stated.with_contact_found(key)
+        response = located.response()
 
         def given_record(key: Array) -> tuple[Array, Array]:
-            errors = found.draw_errors(key, response)
-            return errors, found.draw_discrepancy(jax.random.fold_in(key, 3), errors, response)
+            errors = located.draw_errors(key, response)
+            return errors, located.draw_discrepancy(jax.random.fold_in(key, 3), errors, response)
 
         def before_record(key: Array) -> tuple[Array, Array]:
-            return found.prior_errors(key), found.prior_discrepancy(jax.random.fold_in(key, 3))
+            return located.prior_errors(key), located.prior_discrepancy(jax.random.fold_in(key, 3))
 
         errors, delta = jax.lax.cond(recorded, given_record, before_record, key)
-        measured = found.as_drawn(errors[:, CONTACT])
-        errors = errors.at[:, CONTACT].add(stated.record.first_time - found.record.first_time)
+        measured = located.as_drawn(errors[:, CONTACT])
+        errors = errors.at[:, CONTACT].add(stated.record.first_time - located.record.first_time)
         velocity_error = data.record.velocity_error(errors, velocity_key)
         return cls(model, data, u, mass_error, errors, velocity_error, measured, delta)
 
@@ -242,8 +242,8 @@ NAMES = (*QUANTITIES, *dict.fromkeys(one.name for name in element_names() for on
 
 def impact_quantities(impacts: Impacts) -> dict[str, Float[Array, "impact ..."]]:
     """All quantities of every impact by name, with its parameters and the chain's errors."""
-    made: dict[str, Any] = {name: quantity(impacts) for name, quantity in QUANTITIES.items()}
+    values: dict[str, Any] = {name: quantity(impacts) for name, quantity in QUANTITIES.items()}
     further = {one.name: impacts.parameters[one.name] for one in impacts.element.extra}
-    known = {name: value for name, value in made.items() if value is not None}
+    known = {name: value for name, value in values.items() if value is not None}
     parameters = jnp.stack(impacts.u, axis=-1)
     return known | further | {"parameters": parameters, "chain_error": impacts.chain_error}

@@ -205,8 +205,8 @@ def _prior_groups(prepared: Prepared, put: Any, seed: int, rng: np.random.Genera
         error = prior_sites["log_mass_error"][..., person]
     else:
         error = model.log_mass_sd * rng.standard_normal(u[None].shape[:-1])[0]
-    made = prior_impacts(prepared, u, error, jax.random.fold_in(key, 1))
-    impacts = {name: values[None] for name, values in made.items() if name in NAMES}
+    of_prior = prior_impacts(prepared, u, error, jax.random.fold_in(key, 1))
+    impacts = {name: values[None] for name, values in of_prior.items() if name in NAMES}
     predicted_from = u[:PRIOR_PREDICTIVE_DRAWS]
     replicated = replicates(model, data, predicted_from, jax.random.split(key, len(predicted_from)))
     # A prior's wall may be thin enough to throw the impactor back faster than any number.
