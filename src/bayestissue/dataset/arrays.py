@@ -24,7 +24,7 @@ from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.dataset.settings import Gravity, Settings, SignalSettings, Zero, parse_settings, stated_table
 from bayestissue.dataset.tables import Columns, Labels, Numbers
 from bayestissue.dataset.traces import long_reading
-from bayestissue.errors import InputError, Problem, all_of, along_with
+from bayestissue.errors import InputError, Problem, all_of, along_with, refuse
 
 # What messages call the tables; the checks count rows as a spreadsheet does, a caller's from 0.
 _LONG, _SINGLE = "traces (rows from 0)", "traces (samples from 0)"
@@ -201,8 +201,7 @@ def _columns(traces: Any, impacts: list[str], signal: SignalSettings) -> tuple[s
     """What messages call the recordings, all samples under one another, and their rows."""
     columns = (signal.time_column, signal.value_column)
     if isinstance(traces, pd.DataFrame):
-        if problems := column_problems(_LONG, [str(name) for name in traces], ["impact", *columns]):
-            raise InputError(problems)
+        refuse(column_problems(_LONG, [str(name) for name in traces], ["impact", *columns]))
         codes, names = pd.factorize(traces["impact"], use_na_sentinel=False)
         labels = Labels.distinct(codes, map(plain_text, names))
         numbers = {name: _numbers(traces[name], _LONG, name, None) for name in columns}
@@ -231,8 +230,8 @@ def _pair(trace: Any, impact: str, columns: tuple[str, str]) -> tuple[int, Numbe
     if isinstance(trace, Trace):
         trace = trace.time_s, trace.value
     elif isinstance(trace, pd.DataFrame):
-        if problems := column_problems(_SINGLE, [str(name) for name in trace], columns):
-            raise InputError(replace(problem, impact=impact) for problem in problems)
+        problems = column_problems(_SINGLE, [str(name) for name in trace], columns)
+        refuse(replace(problem, impact=impact) for problem in problems)
         trace = trace[columns[0]], trace[columns[1]]
     elif isinstance(trace, np.ndarray) and trace.ndim == 2 and min(trace.shape) == 2 < max(trace.shape):
         # As `numpy.loadtxt` has it, with or without ``unpack``: which axis is the samples' is no question.

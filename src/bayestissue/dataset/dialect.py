@@ -19,7 +19,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from bayestissue.dataset.files import as_utf8, first_line, is_workbook, sheet_text
-from bayestissue.dataset.units import Dimension, to_si
+from bayestissue.dataset.units import dimension_of
 from bayestissue.errors import InputError
 
 Encoding = Literal["utf-8", "utf-16", "cp1252"]
@@ -359,7 +359,7 @@ def text_table(
     below = None if stated.units_row == 0 else below
     last = max(filter(None, (header, below)), key=lambda record: record.row, default=None)
     first_row = lines.first_row(last, named=named)
-    body = memoryview(data)[_offset(head, first_row) :]
+    body = memoryview(data)[sum(map(len, head.splitlines(keepends=True)[: first_row - 1])) :]
     cells = [record.cells for record in lines.records if record.row >= first_row]
     decimal = DECIMALS[stated.decimal] if stated.decimal else _decimal(cells, body)
     thousands = stated.thousands
@@ -461,31 +461,11 @@ def _are_units(cells: Sequence[str]) -> bool:
 
 def _is_unit(text: str) -> bool:
     # Names and numbers are no units, and looking them up would take long.
-    if not text or len(text) > 10 or not text[0].isalpha():
-        return False
-    dimensions: tuple[Dimension, ...] = ("time", "acceleration", "length")
-    for dimension in dimensions:
-        try:
-            to_si(text, dimension)
-        except ValueError:
-            continue
-        return True
-    return False
+    return text[:1].isalpha() and len(text) <= 10 and dimension_of(text) is not None
 
 
 def _bare(unit: str) -> str:
     return unit.strip().strip("[]()").strip()
-
-
-def _offset(data: bytes, row: int) -> int:
-    """Where a row begins, counted from 1."""
-    at = 0
-    for _ in range(row - 1):
-        ends = [end for end in (data.find(b"\n", at), data.find(b"\r", at)) if end >= 0]
-        if not ends:
-            return len(data)
-        at = min(ends) + (2 if data[min(ends) : min(ends) + 2] == b"\r\n" else 1)
-    return at
 
 
 def _decimal(records: Sequence[Sequence[str]], body: memoryview) -> str:

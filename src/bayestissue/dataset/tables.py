@@ -19,7 +19,7 @@ from bayestissue.dataset import clock_times
 from bayestissue.dataset.cells import column_problems, ragged_problem
 from bayestissue.dataset.dialect import Dialect, Stated, TextTable, is_clock, text_table
 from bayestissue.dataset.files import error_line, of_part, read_bytes, require_small
-from bayestissue.errors import InputError, Problem
+from bayestissue.errors import InputError, Problem, refuse
 
 TABLE_SUFFIXES = (".csv", ".csv.gz", ".tsv", ".xlsx", ".parquet")
 # What else may be a table, or a note to the reader.
@@ -123,11 +123,11 @@ def read_table(
     schema = _schema(data, label)
     numbers = [*(name for name in optional if name in schema.names), *numbers]
     table = _parquet(data, schema, label, numbers, labels)
-    if unfit := [name for name in numbers if not _numeric(table[name].type)]:
-        raise InputError(
-            Problem.stated("column-type.numbers", label, column=name, value=str(table[name].type))
-            for name in unfit
-        )
+    refuse(
+        Problem.stated("column-type.numbers", label, column=name, value=str(table[name].type))
+        for name in numbers
+        if not _numeric(table[name].type)
+    )
     if not table.num_rows:
         raise InputError(_no_rows(label))
     return Columns(
@@ -173,8 +173,7 @@ def _parse_text(
 ) -> Columns:
     """The columns of a text; where it need not be ``whole``, a row may end before the last of them."""
     wanted = [*labels, *numbers]
-    if problems := column_problems(label, text.names, wanted, text.dialect.header_row, stated=True):
-        raise InputError(problems)
+    refuse(column_problems(label, text.names, wanted, text.dialect.header_row, stated=True))
     if text.empty:
         raise InputError(_no_rows(label))
     lines = int(np.count_nonzero(np.frombuffer(text.body, np.uint8) == ord("\n")))
@@ -276,8 +275,7 @@ def _parquet(
     data: bytes, schema: pa.Schema, label: str, numbers: Sequence[str], labels: Sequence[str]
 ) -> pa.Table:
     wanted = [*labels, *numbers]
-    if problems := [*column_problems(label, schema.names, wanted), *_no_names(label, schema, labels)]:
-        raise InputError(problems)
+    refuse([*column_problems(label, schema.names, wanted), *_no_names(label, schema, labels)])
     try:
         # A name that stands in many rows is kept once: otherwise a small file could fill any memory.
         once = [name for name in labels if _is_text(schema.field(name).type)]

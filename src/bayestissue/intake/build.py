@@ -23,7 +23,7 @@ from bayestissue.dataset.recordings import CROP, in_seconds
 from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.dataset.settings import SignalSettings, parse_settings
 from bayestissue.dataset.traces import read_one
-from bayestissue.errors import InputError, Problem, collected
+from bayestissue.errors import InputError, Problem, collected, refuse
 from bayestissue.intake.choices import Choices, require_steady
 from bayestissue.intake.facts import Facts
 from bayestissue.intake.folder import File, RecorderFolder
@@ -418,8 +418,7 @@ def _require_unit(file: File, usual: dict[str, str]) -> None:
         for name, unit in usual.items()
         if name in file.channels and file.channels[name].unit != unit
     ]
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
 
 
 def _ends(signal: SignalSettings) -> tuple[float, float]:

@@ -4,22 +4,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
-from bayestissue.dataset.chain import Quantity
 from bayestissue.dataset.recordings import MIN_SAMPLES, RATE_WITHIN
-from bayestissue.dataset.units import EXAMPLES, Dimension, to_si
-from bayestissue.errors import InputError, Problem
+from bayestissue.dataset.settings import DIMENSIONS
+from bayestissue.dataset.units import EXAMPLES, Dimension, dimension_of, to_si
+from bayestissue.errors import InputError, Problem, refuse
 from bayestissue.intake.folder import ChannelSummary, File, RecorderFolder
 from bayestissue.intake.names import is_height
 
-_QUANTITIES: tuple[str, ...] = get_args(Quantity)
-_DIMENSION: dict[str, Dimension] = {
-    name: "length" if name == "displacement" else "acceleration" for name in _QUANTITIES
-}
 _VOLTS = {"V", "mV", "Volt", "Volts", "volt", "volts"}
 _TIME = re.compile(
     r"(time|timestamp|elapsed|zeit|uhrzeit|temps|tiempo|tempo|t)\b|time_|seconds_elapsed", re.IGNORECASE
@@ -204,18 +199,18 @@ def settle(
     # A scale makes another unit of the one that the files state, and of several channels one is to be chosen.
     kind = _kind_of(units) if choices.unit or abs(choices.scale) == 1 else ""
     kind = "" if kind == "other" and choices.channel is None else kind
-    possible = [name for name in _QUANTITIES if kind not in _DIMENSION.values() or _DIMENSION[name] == kind]
+    possible = [name for name in DIMENSIONS if kind not in DIMENSIONS.values() or DIMENSIONS[name] == kind]
     if choices.quantity is None and len(possible) == 1:
         choices = replace(choices, quantity=possible[0])
     elif choices.quantity is None:
         what = "what it recorded (a deceleration is positive while the impactor slows)"
         questions.append(Question("--quantity", what, tuple(possible), possible[0]))
-    elif choices.unit is None and choices.quantity in _QUANTITIES and choices.quantity not in possible:
+    elif choices.unit is None and choices.quantity in DIMENSIONS and choices.quantity not in possible:
         can_be = {"unit": ", ".join(sorted(units)), "possible": " or ".join(possible)}
         raise InputError.stated("option-value.quantity", "--quantity", value=choices.quantity, **can_be)
-    dimensions = list(dict.fromkeys(_DIMENSION[name] for name in possible))
+    dimensions = list(dict.fromkeys(DIMENSIONS[name] for name in possible))
     if choices.quantity is not None:
-        dimensions = [_DIMENSION.get(choices.quantity, "acceleration")]
+        dimensions = [DIMENSIONS.get(choices.quantity, "acceleration")]
     if choices.unit is None and (unit := _unit(chosen, dimensions)) is None:
         stated = ", ".join(sorted(unit for unit in units if unit))
         scaled = kind in ("other", "voltage")
@@ -249,13 +244,8 @@ def _kind_of(units: Iterable[str]) -> str:
     units = set(units)
     if "" in units:
         return ""
-    dimensions: tuple[Dimension, ...] = ("acceleration", "length")
-    for dimension in dimensions:
-        with suppress(ValueError):
-            for unit in units:
-                to_si(unit, dimension)
-            return dimension
-    return "voltage" if units <= _VOLTS else "other"
+    kind, *others = {dimension_of(unit, ("acceleration", "length")) for unit in units}
+    return kind if kind and not others else "voltage" if units <= _VOLTS else "other"
 
 
 def times_among(channels: Mapping[str, Sequence[ChannelSummary]]) -> list[str]:
@@ -288,8 +278,7 @@ def require_steady(file: File, rate: float) -> None:
         if measured is not None and abs(measured / rate - 1) > within:
             where = file.name, None, name, f"{measured:.4g} Hz"
             problems.append(Problem.stated("sampling-rate.option", *where, rate=rate, name=name))
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
 
 
 def _no_channel(option: str, name: str, names: Iterable[str]) -> Problem:
@@ -303,13 +292,5 @@ def _no_values(file: File, files: int) -> Problem:
 
 def _unit(channels: Sequence[ChannelSummary], dimensions: Sequence[Dimension]) -> str | None:
     """The unit that every file states for a channel, if it measures what it should."""
-    units = {channel.unit for channel in channels}
-    if len(units) != 1 or not (unit := units.pop()):
-        return None
-    for dimension in dimensions:
-        try:
-            to_si(unit, dimension)
-        except ValueError:
-            continue
-        return unit
-    return None
+    unit, *others = {channel.unit for channel in channels}
+    return unit if not others and dimension_of(unit, dimensions) else None

@@ -8,7 +8,7 @@ from pathlib import Path, PurePosixPath
 
 from bayestissue.dataset.cells import read_cells
 from bayestissue.dataset.files import BEFORE_PART
-from bayestissue.errors import InputError, Problem, collected
+from bayestissue.errors import InputError, Problem, collected, refuse
 from bayestissue.intake.folder import File, RecorderFolder
 from bayestissue.intake.names import Pattern, bare_name, columns, contradictions, fills, is_height, is_number
 from bayestissue.outline import first_of
@@ -104,8 +104,7 @@ def _once(sources: dict[str, tuple[str, ...]]) -> None:
     ]
     if "trace" in by_column:
         problems.append(Problem.stated("facts-of-recordings.trace", "init", column="trace"))
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
 
 
 @dataclass(frozen=True)

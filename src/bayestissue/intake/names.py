@@ -15,7 +15,7 @@ import pyarrow.compute as pc
 
 from bayestissue.dataset.chain import STANDARD_GRAVITY
 from bayestissue.dataset.files import BEFORE_PART
-from bayestissue.errors import InputError, Problem
+from bayestissue.errors import InputError, Problem, refuse
 from bayestissue.intake.folder import File
 
 _PLAIN = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
@@ -84,8 +84,7 @@ def columns(fields: dict[str, str], file: str) -> dict[str, str | float]:
         cells[column] = float(f"{fill(value):.12g}")
         if is_height(name):
             cells[name] = value
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     return cells
 
 
