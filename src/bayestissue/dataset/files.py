@@ -175,22 +175,21 @@ def as_utf8(data: bytes, label: str, encoding: str | None = None) -> tuple[bytes
     Raises:
         InputError: it is no such text, with the row of the first wrong byte.
     """
-    marked = data.startswith(_UTF8_MARK)
-    if encoding in (None, "utf-8") and (marked or data.isascii()) and b"\0" not in data:
-        data = data.removeprefix(_UTF8_MARK)
-        name = "utf-8-sig" if marked else "utf-8"
-        return (data, name) if data.isascii() else (_require(data, label, "utf-8"), name)
-    if encoding == "utf-16" or (encoding is None and _utf16(data)):
-        return _require(data, label, _utf16(data) or "utf-16"), "utf-16"
-    if encoding is None:
-        encoding = "utf-8"
-        with suppress(UnicodeDecodeError):
-            data.decode("utf-8")
-            return _require(data, label, "utf-8"), "utf-8"
-        # A text of which parts are UTF-8 is a damaged one.
-        if data.decode("utf-8", "ignore").isascii():
-            encoding = "cp1252"
+    encoding = encoding or _encoding(data)
+    if encoding == "utf-16":
+        return _require(data, label, _utf16(data) or encoding), encoding
+    if encoding == "utf-8" and data.startswith(_UTF8_MARK):
+        return _require(data.removeprefix(_UTF8_MARK), label, encoding), "utf-8-sig"
     return _require(data, label, encoding), encoding
+
+
+def _encoding(data: bytes) -> str:
+    if _utf16(data):
+        return "utf-16"
+    # Without the bytes that are no UTF-8 plain letters are left of cp1252; of a damaged text others too.
+    with suppress(UnicodeDecodeError):
+        return "utf-8" if data.isascii() or data.decode("utf-8") else ""
+    return "cp1252" if data.decode("utf-8", "ignore").isascii() else "utf-8"
 
 
 def _utf16(data: bytes) -> str:
@@ -210,6 +209,8 @@ def _require(data: bytes, label: str, encoding: str) -> bytes:
     Raises:
         InputError: it is not in this encoding, or holds characters that are 0, as damaged files do.
     """
+    if encoding == "utf-8" and data.isascii() and b"\0" not in data:
+        return data
     try:
         text = data.decode(encoding)
     except UnicodeDecodeError as error:

@@ -24,7 +24,7 @@ from bayestissue.dataset.formats import (
 )
 from bayestissue.dataset.recordings import MIN_SAMPLES
 from bayestissue.dataset.settings import SignalSettings
-from bayestissue.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES, Columns, read_numbers, read_table
+from bayestissue.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES, Columns, read_table
 from bayestissue.errors import InputError, Problem, refuse
 
 REMEDY = "Correct the cell in column trace of impacts.csv, or put the file there."
@@ -95,7 +95,7 @@ def contents_of(path: Path, label: str, stated: Stated | None = None) -> Content
     """
     if not _is_table(path):
         return _contents(path, label)
-    numbers = read_numbers(path, label, remedy=REMEDY, stated=stated)
+    numbers = read_table(path, label, numbers=None, remedy=REMEDY, stated=stated)
     channels = {}
     for name, column in numbers.numbers.items():
         values = _to_its_end(column.array)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import io
 import logging
+from typing import Any
 
 import numpy as np
 
 from bayestissue.dataset.files import require_small, unpacked_size
-from bayestissue.dataset.formats.channel import Channel, Contents, Format, UnfitError, even_clock
+from bayestissue.dataset.formats.channel import Channel, Contents, Format, UnfitError, even_clock, unique
 
 # Of a file's channels. Where it can't find their types, bioread looks for all of them at 4,096 places.
 _MOST_CHANNELS = 500
@@ -52,15 +53,14 @@ def read(data: bytes, label: str) -> Contents:
             "an end that is missing",
         )
     require_small(sum(8.0 * channel.point_count for channel in headers.datafile.channels), label)
-    channels: dict[str, Channel] = {}
-    for number, channel in enumerate(Reader.read(io.BytesIO(data)).datafile.channels, 1):
-        values = np.asarray(channel.data, dtype=np.float64)
-        name = channel.name.strip() or f"channel {number}"
-        name = name if name not in channels else f"{name} {number}"
-        rate = float(channel.samples_per_second)
-        clock = even_clock(1 / rate, 0.0, values.size) if rate > 0 else None
-        channels[name] = Channel(values, clock, channel.units.strip())
-    return Contents(channels)
+    recorded = Reader.read(io.BytesIO(data)).datafile.channels
+    names = unique((channel.name.strip() for channel in recorded), "channel")
+    return Contents(dict(zip(names, map(_channel, recorded), strict=True)))
+
+
+def _channel(channel: Any) -> Channel:
+    values, rate = np.asarray(channel.data, dtype=np.float64), float(channel.samples_per_second)
+    return Channel(values, even_clock(1 / rate if rate else 0.0, 0.0, values.size), channel.units.strip())
 
 
 FORMAT = Format("Biopac AcqKnowledge", ".acq", read)

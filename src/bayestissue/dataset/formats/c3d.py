@@ -10,13 +10,12 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from bayestissue.dataset.files import require_small
-from bayestissue.dataset.formats.channel import Channel, Contents, Format, UnfitError, even_clock
+from bayestissue.dataset.formats.channel import Channel, Contents, Format, UnfitError, even_clock, unique
 
 _BLOCK = 512
 _KEY = 0x50
@@ -27,14 +26,14 @@ _COORDINATES = 4
 type Parameters = dict[tuple[str, str], Any]
 
 
-@dataclass(frozen=True)
-class _Header:
+class _Header(NamedTuple):
     """What the first block says: counts per frame of the points, the first and last frame, the rate."""
 
     points: int
     analog: int
     first: int
     last: int
+    gap: int
     scale: float
     data_block: int
     samples: int
@@ -86,20 +85,16 @@ def read(data: bytes, label: str) -> Contents:
 def _markers(table: np.ndarray, parameters: Parameters, header: _Header) -> dict[str, Channel]:
     """Each coordinate of each marker; no number where the cameras did not see it."""
     count = header.points
-    rate = float(_numbers(parameters, "RATE", 1, header.rate, "POINT")[0])
-    clock = even_clock(1 / rate, 0.0, len(table)) if rate > 0 and math.isfinite(rate) else None
+    clock = _clock(_numbers(parameters, "RATE", 1, header.rate, "POINT"), len(table))
     labels, (unit,) = _texts(parameters, "LABELS", count, "POINT"), _texts(parameters, "UNITS", 1, "POINT")
     points = table.reshape(len(table), count, _COORDINATES).astype(np.float64)
-    visible = points[..., -1] >= 0
-    scale = 1.0 if header.scale < 0 else header.scale
-    channels: dict[str, Channel] = {}
-    for number in range(count):
-        name = labels[number] or f"marker {number + 1}"
-        name = name if f"{name}.x" not in channels else f"{name} {number + 1}"
-        for axis, letter in enumerate("xyz"):
-            values = np.where(visible[:, number], scale * points[:, number, axis], np.nan)
-            channels[f"{name}.{letter}"] = Channel(values, clock, unit)
-    return channels
+    visible = points[..., -1:] >= 0
+    places = np.where(visible, (1.0 if header.scale < 0 else header.scale) * points, np.nan)
+    return {
+        f"{name}.{letter}": Channel(places[:, number, axis], clock, unit)
+        for number, name in enumerate(unique(labels, "marker"))
+        for axis, letter in enumerate("xyz")
+    }
 
 
 def _channels(raw: np.ndarray, parameters: Parameters, header: _Header) -> dict[str, Channel]:
@@ -108,24 +103,22 @@ def _channels(raw: np.ndarray, parameters: Parameters, header: _Header) -> dict[
     offsets = _numbers(parameters, "OFFSET", count, 0.0)
     if _integer(parameters) == "u2":
         offsets = np.where(offsets < 0, offsets + 2.0**16, offsets)
-    rate = float(_numbers(parameters, "RATE", 1, header.rate * header.samples)[0])
-    clock = even_clock(1 / rate, 0.0, raw.shape[0]) if rate > 0 and math.isfinite(rate) else None
+    clock = _clock(_numbers(parameters, "RATE", 1, header.rate * header.samples), len(raw))
     labels, units = (_texts(parameters, name, count) for name in ("LABELS", "UNITS"))
-    channels: dict[str, Channel] = {}
-    for number in range(count):
-        name = labels[number] or f"analog {number + 1}"
-        name = name if name not in channels else f"{name} {number + 1}"
-        values = (raw[:, number].astype(np.float64) - offsets[number]) * scales[number]
-        channels[name] = Channel(values, clock, units[number])
-    return channels
+    values = (raw.astype(np.float64) - offsets) * scales
+    return {
+        name: Channel(column, clock, unit)
+        for name, column, unit in zip(unique(labels, "analog"), values.T, units, strict=True)
+    }
+
+
+def _clock(rate: np.ndarray, samples: int) -> np.ndarray | None:
+    return even_clock(1 / float(rate[0]) if rate[0] else 0.0, 0.0, samples)
 
 
 def _header(data: bytes, order: str) -> _Header:
-    points, analog, first, last, _, scale, block, samples, rate = struct.unpack_from(
-        f"{order}HHHHHfHHf", data, 2
-    )
-    header = _Header(points, analog, first, last, scale, block, samples, rate)
-    return replace(header, samples=0) if samples and analog % samples else header
+    header = _Header._make(struct.unpack_from(f"{order}HHHHHfHHf", data, 2))
+    return header._replace(samples=0) if header.samples and header.analog % header.samples else header
 
 
 def _frames(header: _Header, parameters: Parameters) -> int:

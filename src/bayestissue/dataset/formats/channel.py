@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -73,6 +73,15 @@ class UnfitError(Exception):
     def __init__(self, expected: str, remedy: str, value: object) -> None:
         super().__init__(expected)
         self.expected, self.remedy, self.value = expected, remedy, value
+
+
+def unique(names: Iterable[str], otherwise: str) -> list[str]:
+    """The names, each once: an empty one is ``otherwise`` with its number, one that repeats has it behind."""
+    named: list[str] = []
+    for number, name in enumerate(names, 1):
+        name = name or f"{otherwise} {number}"
+        named.append(name if name not in named else f"{name} {number}")
+    return named
 
 
 def even_clock(step: object, start: object, samples: int) -> Float64[np.ndarray, " sample"] | None:
