@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from bayestissue.dataset.chain import STANDARD_GRAVITY
-from bayestissue.dataset.limits import FLAT_SAMPLES
+from bayestissue.dataset.limits import LIMITS
 from bayestissue.dataset.motion import Motion, motion
 from bayestissue.dataset.recordings import EVEN_WITHIN, MIN_SAMPLES, RATE_WITHIN, Recordings, Samples, uneven
 from bayestissue.dataset.settings import FILE
@@ -170,7 +170,7 @@ def _clipped(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
     slowing = np.abs(samples.value) > 0.1 * np.maximum(np.abs(moving.high), np.abs(moving.low))[samples.owner]
     left = np.add.reduceat((slowing & ~limited).astype(int), samples.begin)
     count = np.add.reduceat(limited.astype(int), samples.begin)
-    plateau = count >= FLAT_SAMPLES
+    plateau = count >= LIMITS.plateau
     no_place = recordings.recorder is not None or recordings.quantity == "displacement"
     for which in np.flatnonzero(plateau & no_place | (count > 0) & (left < MIN_SAMPLES)):
         at = samples.begin[which] + int(np.argmax(limited[samples.begin[which] : samples.end[which]]))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -93,41 +92,6 @@ def motion(samples: Samples, quantity: Quantity, gravity: float = 0.0) -> Motion
         pulse_loss=pulse_loss,
         step_loss=np.maximum(greatest, 0) * interval,
     )
-
-
-def flat_top(
-    samples: Samples, moving: Motion, quantity: Quantity, least: int
-) -> Iterator[tuple[int, int, int, float]]:
-    """Recordings cut off at one value: which, the first such sample, how many there are, and the value.
-
-    At a recorder's limit samples pile up: more stand there than the few steps of the recorder's scale below
-    it hold together. A smooth or noisy peak has its readings spread over these steps.
-
-    Args:
-        samples: all recordings.
-        moving: their `Motion`.
-        quantity: what was recorded; for a displacement only the peak counts.
-        least: how many equal samples are suspicious.
-    """
-    begin, end, owner = samples.start[:-1], samples.start[1:], samples.owner
-    greatest = np.maximum(np.abs(moving.high), np.abs(moving.low))
-    for limit in (moving.high,) if quantity == "displacement" else (moving.high, moving.low):
-        same = samples.value == limit[owner]
-        count = np.add.reduceat(same.astype(int), begin)
-        extreme = (np.abs(limit) > 0.5 * greatest) & (moving.high > moving.low)
-        for which in np.flatnonzero(extreme & (count >= least)):
-            mine = slice(begin[which], end[which])
-            if count[which] > 3 * _just_inside(samples.value[mine], limit[which]) + 2:
-                first = begin[which] + int(np.argmax(same[mine]))
-                yield int(which), int(first), int(count[which]), float(limit[which])
-
-
-def _just_inside(values: np.ndarray, limit: float) -> int:
-    steps = np.diff(np.unique(values))
-    # Equal readings may differ in their last digit once a scale has been applied.
-    smallest = steps[steps > 1e-9 * (values.max() - values.min())].min()
-    distance = np.abs(values - limit)
-    return int(np.count_nonzero((distance > 0) & (distance < 4.5 * smallest)))
 
 
 def _climb(samples: Samples, rate: np.ndarray, step: np.ndarray) -> np.ndarray:
