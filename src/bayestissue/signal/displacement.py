@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 import pandas as pd
@@ -17,6 +17,7 @@ from bayestissue.signal.filters import ahead_s, low_pass
 from bayestissue.signal.integration import cumulative, derivatives
 from bayestissue.signal.options import SignalOptions
 from bayestissue.signal.phase import BETWEEN, ContactEvidence, Phase, phase_of
+from bayestissue.signal.settings import CONTACT, WINDOW
 from bayestissue.signal.start import Start, find_start
 from bayestissue.signal.traces import (
     Column,
@@ -32,11 +33,7 @@ from bayestissue.signal.traces import (
 )
 from bayestissue.signal.window import Stop, samples_in, slowest, still_pushed, zero_velocity
 
-# Arrays of about this many samples at a time stay in a processor's cache and bound the memory in use.
-_BLOCK = 1_000_000
 FEWEST_SAMPLES = 8
-# With fewer that are not at the sensor's limit until zero velocity, those of the rebound are asked too.
-_FEW_BELOW = 16
 UNEVEN = Coded("times are uneven: each sample is taken at its own", "uneven-times")
 LONGER = Coded("few samples below the sensor's limit: the window goes on to the rebound", "clipped")
 NO_OFFSET = Coded("no quiet part before contact: no offset was removed", "no-quiet-part")
@@ -46,8 +43,6 @@ BELOW_ZERO = Coded(
 )
 # Samples before contact that are kept, at the most.
 BEFORE = 60
-# Of the greatest force, that a first sample in contact may have where contact is judged by it.
-_MOST_JUMP = 0.9
 
 
 class RecordedImpacts(Protocol):
@@ -180,41 +175,28 @@ def displacements(dataset: RecordedImpacts, options: SignalOptions | None = None
         InputError: the filter class asks for a higher sampling rate than an impact has.
     """
     options = options or SignalOptions()
-    mass = dataset.impacts["mass_kg"].to_numpy(dtype=float)
-    velocity = dataset.impacts["velocity_m_s"].to_numpy(dtype=float)
+    mass, velocity = (dataset.impacts[name].to_numpy(dtype=float) for name in ("mass_kg", "velocity_m_s"))
     gravity = np.full(len(mass), dataset.gravity)
     sign = -1.0 if dataset.quantity == "acceleration" else 1.0
-    longest = max(len(trace.value) for trace in dataset.traces)
+    blocks = _blocks(len(mass), max(len(trace.value) for trace in dataset.traces))
 
-    def recordings(rows: slice) -> tuple[Recordings, Column, Column, Column, SignalOptions]:
-        stacked = stack(dataset.traces[rows])
-        ahead = float(ahead_s(dataset.recorder, stacked.dt).max())
-        return (
-            replace(stacked.signed(sign), ahead_s=ahead),
-            mass[rows],
-            velocity[rows],
-            gravity[rows],
-            options,
-        )
+    def met(rows: slice) -> _Met:
+        stacked = stack(dataset.traces[rows]).signed(sign)
+        stacked = replace(stacked, ahead_s=float(ahead_s(dataset.recorder, stacked.dt).max()))
+        return _Met(stacked, mass[rows], velocity[rows], gravity[rows])
 
     if dataset.quantity == "displacement":
-        return _in_blocks(lambda rows: _recorded(*recordings(rows)), len(mass), longest)
-    evidence: list[ContactEvidence] = []
-
-    def with_evidence(rows: slice) -> Displacements:
-        signal, of_block = _integrated(*recordings(rows))
-        evidence.append(of_block)
-        return signal
-
-    signal = _in_blocks(with_evidence, len(mass), longest)
+        return _joined([_recorded(met(rows), options) for rows in blocks])
+    signals, evidence = zip(*(_integrated(met(rows), options) for rows in blocks), strict=True)
     if dataset.recorder is not None:
         # No force jumps behind a low-pass, and contact has no interval of its own.
-        return signal
+        return _joined(signals)
     sd = np.hypot(dataset.uncertainty.velocity_sd_m_s / velocity, dataset.uncertainty.relative_gain_sd)
-    joined = ContactEvidence(*map(np.concatenate, zip(*evidence, strict=True)))
-    phase = phase_of(joined, sd, dataset.contact)
+    of_all = ContactEvidence(*map(np.concatenate, zip(*evidence, strict=True)))
+    phase = phase_of(of_all, sd, dataset.contact)
     if phase.kind != "between":
-        signal = _in_blocks(lambda rows: _integrated(*recordings(rows), phase)[0], len(mass), longest)
+        signals = tuple(_integrated(met(rows), options, phase)[0] for rows in blocks)
+    signal = _joined(signals)
     noted = [[*row, ON_SAMPLE] for row in signal.notes] if phase.known and phase.judged else signal.notes
     return replace(signal, phase=phase, notes=noted)
 
@@ -233,24 +215,24 @@ def integrated(
     Raises:
         InputError: the filter class asks for a higher sampling rate than an impact has.
     """
+    blocks, gravity = _blocks(*recordings.value.shape), np.zeros_like(mass)
+    parts = (_Met(recordings.rows(rows), mass[rows], velocity[rows], gravity[rows]) for rows in blocks)
+    return _joined([_integrated(part, options)[0] for part in parts])
 
-    def block(rows: slice) -> Displacements:
-        value, n, start, dt = recordings.value, recordings.n, recordings.start, recordings.dt
-        sample_number = None if recordings.sample_number is None else recordings.sample_number[rows]
-        part = Recordings(value[rows], n[rows], start[rows], dt[rows], recordings.ahead_s, sample_number)
-        return _integrated(part, mass[rows], velocity[rows], np.zeros_like(mass[rows]), options)[0]
 
-    return _in_blocks(block, len(mass), recordings.value.shape[1])
+class _Met(NamedTuple):
+    """Recordings under one another, and of each the mass (kg), its velocity (m/s) and gravity (m/s²)."""
+
+    recordings: Recordings
+    mass: Column
+    velocity: Column
+    gravity: Column
 
 
 def _integrated(
-    recordings: Recordings,
-    mass: Column,
-    velocity: Column,
-    gravity: Column,
-    options: SignalOptions,
-    phase: Phase = BETWEEN,
+    met: _Met, options: SignalOptions, phase: Phase = BETWEEN
 ) -> tuple[Displacements, ContactEvidence]:
+    recordings, mass, velocity, gravity = met
     onset = find_onset(recordings, options)
     offset = onset.offset if options.remove_offset else np.zeros_like(onset.offset)
     removed = onset.quiet & options.remove_offset
@@ -298,7 +280,7 @@ def _integrated(
     bracketed &= (clipped == 0).all(axis=1)
     # Nor does one that begins with its greatest force, of heavily damped tissue: what falls from there on
     # falls the same way whenever it began, and least squares have too small an error.
-    bracketed &= d[:, 0] < _MOST_JUMP * np.where(inside, d, 0.0).max(axis=1)
+    bracketed &= d[:, 0] < CONTACT.most_jump * np.where(inside, d, 0.0).max(axis=1)
     at_zero = np.abs(part.start[:, None] - np.array([0.0, 1.0]) * dt[:, None]) < 1e-6 * dt[:, None]
     return signal, ContactEvidence(start.free, start.free_sd, start.by_velocity, dt, bracketed, at_zero)
 
@@ -319,9 +301,8 @@ def _before(recordings: Recordings, onset: Onset, offset: Column) -> dict[str, A
     }
 
 
-def _recorded(
-    recordings: Recordings, mass: Column, velocity: Column, gravity: Column, options: SignalOptions
-) -> Displacements:
+def _recorded(met: _Met, options: SignalOptions) -> Displacements:
+    recordings, mass, velocity, gravity = met
     noise = noise_sd(recordings)
     if options.filter != "none":
         whole = from_sample(recordings, np.zeros_like(recordings.n))
@@ -370,7 +351,7 @@ def _windowed(
     n = samples_in(options.window, stop, *moved)
     at_limit = clipped != 0
     below = (at_limit[:, : int(n.max())] & (np.arange(int(n.max())) < n[:, None])).sum(axis=1)
-    longer = at_limit.any(axis=1) & (n - below < _FEW_BELOW)
+    longer = at_limit.any(axis=1) & (n - below < WINDOW.few_below)
     if longer.any():
         # What the sensor did not see on the way in stands on the way back.
         n = np.where(longer, np.maximum(n, samples_in("rebound", stop, *moved)), n)
@@ -409,22 +390,25 @@ def _raised(words: dict[Coded, Mask], count: int) -> list[list[Coded]]:
     return [[text for text, up in words.items() if up[row]] for row in range(count)]
 
 
-def _in_blocks(block: Callable[[slice], Displacements], count: int, longest: int) -> Displacements:
-    """All of ``count`` impacts, so many at a time that arrays of ``longest`` samples each stay small."""
-    size = max(1, _BLOCK // longest)
-    blocks = [block(slice(begin, begin + size)) for begin in range(0, count, size)]
-    if len(blocks) == 1:
-        return blocks[0]
-    joined: dict[str, Any] = {
-        "flags": [row for block in blocks for row in block.flags],
-        "notes": [row for block in blocks for row in block.notes],
-    }
-    for field in fields(Displacements):
-        if field.name in joined or field.name == "phase":
-            continue
-        parts = [getattr(block, field.name) for block in blocks]
-        if parts[0].ndim == 2:
-            width = max(part.shape[1] for part in parts)
-            parts = [np.pad(part, ((0, 0), (0, width - part.shape[1]))) for part in parts]
-        joined[field.name] = np.concatenate(parts)
-    return Displacements(**joined)
+def _blocks(count: int, longest: int) -> list[slice]:
+    """Of ``count`` impacts so many at a time that arrays of ``longest`` samples each stay small."""
+    size = max(1, WINDOW.block // longest)
+    return [slice(begin, begin + size) for begin in range(0, count, size)]
+
+
+def _joined(parts: Sequence[Displacements]) -> Displacements:
+    """The impacts of all parts; the phase is that of none of them."""
+    if len(parts) == 1:
+        return parts[0]
+    names = [field.name for field in fields(Displacements) if field.name != "phase"]
+    return Displacements(**{name: _end_to_end([getattr(part, name) for part in parts]) for name in names})
+
+
+def _end_to_end(parts: list[Any]) -> Any:
+    """Lists, columns, or rows of which shorter ones are filled up with 0."""
+    if isinstance(parts[0], list):
+        return [row for part in parts for row in part]
+    if parts[0].ndim == 2:
+        width = max(part.shape[1] for part in parts)
+        parts = [np.pad(part, ((0, 0), (0, width - part.shape[1]))) for part in parts]
+    return np.concatenate(parts)

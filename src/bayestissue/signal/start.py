@@ -21,10 +21,6 @@ from scipy.special import ndtr
 
 from bayestissue.signal.traces import Column, Mask, Rows, at, first_where
 
-_ORDER = 12
-_GRID = 65
-_SAME = 1 + 1e-6
-
 
 @dataclass(frozen=True)
 class Start:
@@ -180,7 +176,7 @@ class LeastSquares:
             [np.nan_to_num(self._residual(p) + whole * (p[:, 1] < 0), nan=np.inf) for p in within]
         )
         # The first of those that came to the same, or rounding would choose.
-        least = (left_over <= _SAME * left_over.min(axis=0)).argmax(axis=0)
+        least = (left_over <= (1 + 1e-6) * left_over.min(axis=0)).argmax(axis=0)
         best = np.take_along_axis(np.stack(tried), least[None, :, None], axis=0)[0]
         _, covariance = self._step(best, free=3)
         variance = self._residual(best) / np.maximum(self.count - 3, 1)
@@ -277,11 +273,13 @@ def _jacobian(parameters: np.ndarray, fall: Column) -> np.ndarray:
     )
 
 
-def grown(a: np.ndarray, b: np.ndarray, delta: np.ndarray, fall: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The motion x″ = ``fall`` − a x′ − b x from x = 0, v = 1, by their Taylor series."""
+def grown(
+    a: np.ndarray, b: np.ndarray, delta: np.ndarray, fall: np.ndarray, orders: int = 12
+) -> tuple[np.ndarray, np.ndarray]:
+    """The motion x″ = ``fall`` − a x′ − b x from x = 0, v = 1, by so many ``orders`` of its Taylor series."""
     earlier, later = np.zeros_like(delta), np.ones_like(delta)
     x, v, power = earlier, later, np.ones_like(delta)
-    for order in range(1, _ORDER):
+    for order in range(1, orders):
         power = power * delta / order
         x = x + later * power
         earlier, later = later, -a * later - b * earlier + (fall if order == 1 else 0.0)
@@ -289,22 +287,36 @@ def grown(a: np.ndarray, b: np.ndarray, delta: np.ndarray, fall: np.ndarray) -> 
     return x, v
 
 
+def deceleration(
+    a: float, b: float, since: Float[np.ndarray, "*time"], velocity: float, gravity: float
+) -> Float[np.ndarray, "*time"]:
+    """D of a mass that met spring and damper at ``velocity``, so long ``since``: -V u'' + g (1 - u').
+
+    u is the answer to a unit impulse of u'' + a u' + b u = 0, in closed form by the two roots.
+    """
+    # Apart even at critical damping, where the two would be one.
+    root = np.sqrt(complex(a**2 / 4 - b)) + 1e-6 * np.sqrt(b)
+    p, q = -a / 2 + root, -a / 2 - root
+    u1, u2 = ((p**k * np.exp(p * since) - q**k * np.exp(q * since)) / (p - q) for k in (1, 2))
+    return np.asarray((gravity * (1 - u1) - velocity * u2).real)
+
+
 def _mean_within(
-    mean: Column, sd: Column, low: Column, high: Column, at_ends: tuple[Column, Column]
+    mean: Column, sd: Column, low: Column, high: Column, at_ends: tuple[Column, Column], nodes: int = 65
 ) -> tuple[Column, Column]:
-    """Posterior mean and standard deviation of δ under N(mean, sd²) as likelihood.
+    """Posterior mean and standard deviation of δ under N(mean, sd²) as likelihood, at so many ``nodes``.
 
     The prior is uniform over [low, high], but for the probabilities of δ being exactly ``low`` or ``high``.
     """
     width = high - low
-    grid = low[:, None] + width[:, None] * np.linspace(0, 1, _GRID)
+    grid = low[:, None] + width[:, None] * np.linspace(0, 1, nodes)
     distance = ((grid - mean[:, None]) / sd[:, None]) ** 2
     weight = np.exp((distance.min(axis=1, keepdims=True) - distance) / 2)
     weight /= weight.sum(axis=1, keepdims=True)
     middle = (weight * grid).sum(axis=1)
     variance = (weight * (grid - middle[:, None]) ** 2).sum(axis=1)
     # Where the likelihood is narrower than the grid the cut matters only if the mean lies outside.
-    narrow = ~(sd > width / (_GRID - 1))
+    narrow = ~(sd > width / (nodes - 1))
     middle = np.where(narrow, np.clip(mean, low, high), middle)
     variance = np.where(narrow, np.minimum(sd, width) ** 2, variance)
     inside = np.maximum(ndtr((high - mean) / sd) - ndtr((low - mean) / sd), 1e-300)

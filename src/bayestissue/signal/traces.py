@@ -52,6 +52,12 @@ class Recordings:
         clipped = None if self.clipped is None else sign * self.clipped
         return replace(self, value=sign * self.value, clipped=clipped)
 
+    def rows(self, which: slice) -> Recordings:
+        """Some of the recordings."""
+        number, clipped = (None if a is None else a[which] for a in (self.sample_number, self.clipped))
+        columns = (column[which] for column in (self.value, self.n, self.start, self.dt))
+        return Recordings(*columns, self.ahead_s, number, clipped)
+
     @property
     def sample_numbers(self) -> Rows:
         """The ``sample_number`` of even times too: 0, 1, 2 and so on; past a row's end evenly on."""

@@ -7,13 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayestissue.signal.options import Window
+from bayestissue.signal.settings import CONTACT, WINDOW
 from bayestissue.signal.traces import Column, Index, Mask, Rows, at, first_where, last_where
-
-# Noise standard deviations of a force that is clear of it, and the share of the velocity at contact below
-# which a mass that nothing pushes any more has stopped.
-_CLEAR, _STOPPED = 5.0, 0.05
-# A motion that some other force keeps going counts as stopped where it is slowest, below this fraction of V.
-_SLOW = 0.25
 
 
 @dataclass(frozen=True)
@@ -32,7 +27,7 @@ class Stop:
 
 def still_pushed(deceleration: Rows, inside: Mask, noise_sd: Column) -> Mask:
     """The samples up to the last one with a force clear of the noise; all of them where there is none."""
-    clear = (deceleration > _CLEAR * noise_sd[:, None]) & inside
+    clear = (deceleration > CONTACT.certain * noise_sd[:, None]) & inside
     last = np.where(clear.any(axis=1), last_where(clear), inside.shape[1])
     return np.arange(inside.shape[1]) <= last[:, None]
 
@@ -65,7 +60,7 @@ def zero_velocity(
     last = pushed.sum(axis=1) - 1
     passed = (v <= 0) & pushed
     index = first_where(passed, last)
-    left = (last < inside.sum(axis=1) - 1) & (at(v, last) < _STOPPED * velocity)
+    left = (last < inside.sum(axis=1) - 1) & (at(v, last) < WINDOW.stopped * velocity)
     reached = passed.any(axis=1)
     before = np.maximum(index - 1, 0)
     v0, v1 = at(v, before), at(v, index)
@@ -98,7 +93,7 @@ def slowest(v: Rows, x: Rows, inside: Mask, dt: Column, velocity: Column) -> Sto
     last = inside.sum(axis=1) - 1
     passed = (v <= 0) & inside
     reached = passed.any(axis=1)
-    slower = np.pad(v[:, 1:] >= v[:, :-1], ((0, 0), (0, 1))) & (v < _SLOW * velocity[:, None]) & inside
+    slower = np.pad(v[:, 1:] >= v[:, :-1], ((0, 0), (0, 1))) & (v < WINDOW.slow * velocity[:, None]) & inside
     index = np.where(reached, first_where(passed, last), first_where(slower, last))
     before = np.maximum(index - 1, 0)
     v0, v1 = at(v, before), at(v, index)

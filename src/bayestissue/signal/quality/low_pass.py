@@ -25,6 +25,7 @@ from bayestissue.signal.filters import answers
 from bayestissue.signal.integration import trapezoids
 from bayestissue.signal.quality import law
 from bayestissue.signal.quality.recorded import WORTH
+from bayestissue.signal.start import deceleration
 from bayestissue.signal.traces import Column
 
 # Of false alarms a sound recording, for each of the two ways in which one may come about.
@@ -123,16 +124,7 @@ def _without(signal: Displacements, row: int, a: float, b: float) -> tuple[float
     reach = np.sqrt(3) * signal.bracket_sd[row] + 1e-12
 
     def left(logs: np.ndarray) -> np.ndarray:
-        damping, stiffness = np.exp(logs[:2])
-        # Apart even at critical damping, where the two would be one.
-        root = np.sqrt(complex(damping**2 / 4 - stiffness)) + 1e-6 * np.sqrt(stiffness)
-        first, second = -damping / 2 + root, -damping / 2 - root
-        since = time + logs[2]
-        bend, slope = (
-            (first**k * np.exp(first * since) - second**k * np.exp(second * since)) / (first - second)
-            for k in (2, 1)
-        )
-        return (gravity * (1 - slope) - velocity * bend).real - y
+        return deceleration(*np.exp(logs[:2]), time + logs[2], velocity, gravity) - y
 
     begin = signal.bracket_s[row]
     low, high = [-np.inf, -np.inf, begin - reach], [np.inf, np.inf, begin + reach]
