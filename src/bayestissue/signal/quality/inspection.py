@@ -17,12 +17,8 @@ from bayestissue.signal.displacement import Displacements, RecordedImpacts, disp
 from bayestissue.signal.options import SignalOptions
 from bayestissue.signal.quality import beginning, law, samples, velocity
 from bayestissue.signal.quality.recorded import Recorded
+from bayestissue.signal.quality.settings import PULSE
 from bayestissue.signal.traces import Column, Index, Mask, Trace, stack
-
-# So many samples, and impacts, at a time: their laws' terms then take some hundred megabytes at most.
-_BLOCK, _MOST = 200_000, 256
-# Of the peak: a first sample above it is an offset or late where nothing else can be asked.
-_ABOVE = 0.04
 
 
 class Kind(NamedTuple):
@@ -105,7 +101,7 @@ def inspect(dataset: RecordedImpacts, options: SignalOptions | None = None) -> l
     """
     options = options or SignalOptions()
     longest = max((len(trace.value) for trace in dataset.traces), default=1)
-    size, joined = max(1, min(_MOST, _BLOCK // longest)), dict[Kind, list[str]]()
+    size, joined = max(1, min(PULSE.most, PULSE.block // longest)), dict[Kind, list[str]]()
     implied: list[velocity.Implied] = []
     for begin in range(0, len(dataset.traces), size):
         rows = slice(begin, begin + size)
@@ -160,20 +156,20 @@ def _inspected(part: _Part, options: SignalOptions, implied: list[velocity.Impli
     if part.quantity == "displacement":
         # A displacement that passes 0 on its way shows its contact.
         early = np.arange(recorded.value.shape[1]) <= recorded.top[:, None]
-        deep = (start > _ABOVE) & (np.where(early, recorded.value, np.inf).min(axis=1) > 0)
+        deep = (start > PULSE.above) & (np.where(early, recorded.value, np.inf).min(axis=1) > 0)
         yield from (*findings, KINDS["starts-deep"].where(deep, start))
         return
     whole = {"window": "rebound", "filter": "none", "equilibrium": "rest"}
     signal = displacements(part, options.model_copy(update=whole))
     findings += _at_rest(recorded, signal.time_to_peak, part.gravity)
-    above, longest = start > _ABOVE, np.zeros_like(start)
+    above, longest = start > PULSE.above, np.zeros_like(start)
     if part.recorder is None:
         # An impact's force may jump at contact; behind a low-pass it can't.
         candidate = (start > 0) & (limited == 0)
         above, longest = beginning.beginning(recorded, signal, candidate, part.uncertainty)
     findings += [
         KINDS["starts-above-zero"].where(above, start),
-        KINDS["starts-below-zero"].where(start < -_ABOVE, start),
+        KINDS["starts-below-zero"].where(start < -PULSE.above, start),
     ]
     yield KINDS["contact-earlier"].where(longest > 0, 1e3 * longest)
     yield from (
