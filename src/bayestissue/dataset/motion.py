@@ -8,10 +8,8 @@ import numpy as np
 from jaxtyping import Float64, Int
 
 from bayestissue.dataset.chain import Quantity
+from bayestissue.dataset.plausible import PLAUSIBLE
 from bayestissue.dataset.recordings import Samples
-
-# A recording has begun to go somewhere where it is this share of its farthest way from where it began.
-_BEGINS = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +43,11 @@ class Motion:
     pulse_loss: Float64[np.ndarray, " impact"]
     step_loss: Float64[np.ndarray, " impact"]
 
+    @property
+    def farthest(self) -> Float64[np.ndarray, " impact"]:
+        """The value farthest from 0, on either side."""
+        return np.maximum(np.abs(self.high), np.abs(self.low))
+
 
 def motion(samples: Samples, quantity: Quantity, gravity: float = 0.0) -> Motion:
     """The figures of `Motion` for every recording.
@@ -59,7 +62,7 @@ def motion(samples: Samples, quantity: Quantity, gravity: float = 0.0) -> Motion
     greatest = np.maximum.reduceat(slowing, begin)
     displaced = samples.value - samples.value[begin][owner]
     begins = _first_at(
-        np.abs(displaced) >= _BEGINS * np.maximum.reduceat(np.abs(displaced), begin)[owner], begin
+        np.abs(displaced) >= PLAUSIBLE.begins * np.maximum.reduceat(np.abs(displaced), begin)[owner], begin
     )
     side = np.where(displaced[begins] < 0, -1.0, 1.0)
     interval = (samples.time[end - 1] - samples.time[begin]) / (samples.count - 1)
@@ -67,7 +70,7 @@ def motion(samples: Samples, quantity: Quantity, gravity: float = 0.0) -> Motion
     loss = gain = pulse_loss = rise = np.zeros(begin.size)
     pulse = samples.count
     if quantity != "displacement":
-        above, position = slowing > 0.1 * greatest[owner], np.arange(owner.size)
+        above, position = slowing > PLAUSIBLE.pulse * greatest[owner], np.arange(owner.size)
         pulse = np.add.reduceat(above.astype(int), begin)
         below = np.where(~above & (position < peak[owner]), position, begin[owner])
         rise = samples.time[peak] - samples.time[np.maximum.reduceat(below, begin)]

@@ -20,6 +20,7 @@ from bayestissue.dataset.chain import (
     Uncertainty,
 )
 from bayestissue.dataset.dialect import Stated
+from bayestissue.dataset.plausible import PLAUSIBLE
 from bayestissue.dataset.units import EXAMPLES, Dimension, dimension_of, to_si
 from bayestissue.errors import InputError, Problem, collected, has_control_characters, refuse
 from bayestissue.settings import checked, parse_toml, read_text, row_of
@@ -35,11 +36,7 @@ MOST_POLES = 8
 DIMENSIONS: dict[str, Dimension] = {
     "deceleration": "acceleration", "acceleration": "acceleration", "displacement": "length",
 }  # fmt: skip
-# With half of a quantity as its standard deviation, none of it at all lies within two of them.
-_MOST_RELATIVE = 0.5
 _GRAVITIES = {"none": 0.0, "drop": STANDARD_GRAVITY}
-# More than gravity is anywhere on Earth, in m/s²: a greater number has another unit.
-_MOST_GRAVITY = 9.9
 
 
 def _not_zero(value: float) -> float:
@@ -55,15 +52,15 @@ def _plain(value: str) -> str:
 
 
 def _on_earth(value: float) -> float:
-    if abs(value) > _MOST_GRAVITY:
-        raise ValueError(f"a number of m/s² from -{_MOST_GRAVITY:g} to {_MOST_GRAVITY:g}")
+    if abs(value) > PLAUSIBLE.most_gravity:
+        raise ValueError(f"a number of m/s² from -{PLAUSIBLE.most_gravity:g} to {PLAUSIBLE.most_gravity:g}")
     return value
 
 
 def _fraction(value: float) -> float:
-    if value >= _MOST_RELATIVE:
-        meant = f"; {value:g} %, if that is meant, is {value / 100:g}" if value < 100 * _MOST_RELATIVE else ""
-        raise ValueError(f"a fraction below {_MOST_RELATIVE:g}{meant}")
+    if value >= (most := PLAUSIBLE.most_sd):
+        meant = f"; {value:g} %, if that is meant, is {value / 100:g}" if value < 100 * most else ""
+        raise ValueError(f"a fraction below {most:g}{meant}")
     return value
 
 

@@ -24,6 +24,8 @@ from bayestissue.errors import InputError, Problem, refuse
 TABLE_SUFFIXES = (".csv", ".csv.gz", ".tsv", ".xlsx", ".parquet")
 # What else may be a table, or a note to the reader.
 TEXT_SUFFIXES = (".txt", ".dat", ".asc")
+# The row of the first record below names in the first one, as a spreadsheet counts.
+FIRST_ROW = 2
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,7 @@ class Columns:
 
     numbers: dict[str, Numbers]
     labels: dict[str, Labels] = field(default_factory=dict)
-    first_row: int = 2
+    first_row: int = FIRST_ROW
     dialect: Dialect | None = None
     clock: tuple[float, float] | None = None
 

@@ -15,7 +15,7 @@ from bayestissue.dataset.recorders import SUFFIXES, suffix_of
 from bayestissue.dataset.settings import Gravity, Zero, stated_table
 from bayestissue.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES
 from bayestissue.errors import InputError, Problem
-from bayestissue.intake.build import SEPARATION_S, THRESHOLD, Built, Cutting, build
+from bayestissue.intake.build import Built, Cutting, build
 from bayestissue.intake.choices import Choices, Question, settle
 from bayestissue.intake.facts import Facts, gather, joins_by_names
 from bayestissue.intake.folder import ChannelSummary, RecorderFolder, look
@@ -257,8 +257,8 @@ def init_dataset(
     uncertainty: Mapping[str, float] | Uncertainty | None = None,
     name: str = "",
     several: bool = False,
-    threshold: float = THRESHOLD,
-    separation_s: float = SEPARATION_S,
+    threshold: float = Cutting.threshold,
+    separation_s: float = Cutting.separation_s,
     skip_bad: bool = False,
     overwrite: bool = False,
 ) -> Dataset:

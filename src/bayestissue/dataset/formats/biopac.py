@@ -11,11 +11,8 @@ import numpy as np
 from bayestissue.dataset.files import require_small, unpacked_size
 from bayestissue.dataset.formats.channel import Channel, Contents, Format, UnfitError, even_clock, unique
 
-# Of a file's channels. Where it can't find their types, bioread looks for all of them at 4,096 places.
-_MOST_CHANNELS = 500
 
-
-def read(data: bytes, label: str) -> Contents:
+def read(data: bytes, label: str, most_channels: int = 500) -> Contents:
     """The channels by name; their clock begins at 0 s and runs at each channel's own rate.
 
     Raises:
@@ -36,7 +33,8 @@ def read(data: bytes, label: str) -> Contents:
     logging.getLogger("bioread").setLevel(logging.CRITICAL)
     graph = GraphHeaderReader.bootstrap(io.BytesIO(data))
     header_size = ChannelHeader.for_revision(graph.file_revision, graph.byte_order_char).struct_length
-    if graph.channel_count > min(len(data) / header_size, _MOST_CHANNELS):
+    # Where it can't find their types, bioread looks for all channels at 4,096 places.
+    if graph.channel_count > min(len(data) / header_size, most_channels):
         raise ValueError(f"a header that states {graph.channel_count} channels")
     headers = Reader.read_headers(io.BytesIO(data))
     if headers.datafile is None or headers.data_length is None:

@@ -17,11 +17,10 @@ import numpy as np
 from bayestissue.dataset.files import require_small
 from bayestissue.dataset.formats.channel import Channel, Contents, Format, UnfitError, even_clock, unique
 
-_BLOCK = 512
-_KEY = 0x50
+# Bytes of a block, the second byte of every file, and the numbers of a point: x, y, z and its residual.
+BLOCK, KEY, COORDINATES = 512, 0x50, 4
 _ORDERS = {84: "<", 86: ">"}
 _TYPES = {-1: "S1", 1: "i1", 2: "i2", 4: "f4"}
-_COORDINATES = 4
 
 type Parameters = dict[tuple[str, str], Any]
 
@@ -52,7 +51,7 @@ def read(data: bytes, label: str) -> Contents:
             is missing.
         ValueError, IndexError, struct.error: the file is damaged, or is no C3D file.
     """
-    if data[1] != _KEY:
+    if data[1] != KEY:
         raise ValueError("no C3D file: its second byte is not 0x50")
     order, parameters = _parameters(data)
     header = _header(data, order)
@@ -65,11 +64,11 @@ def read(data: bytes, label: str) -> Contents:
         )
     frames = _frames(header, parameters)
     stored = np.dtype(f"{order}f4" if header.scale < 0 else f"{order}{_integer(parameters)}")
-    words = _COORDINATES * header.points + header.analog
+    words = COORDINATES * header.points + header.analog
     # Held once as they are stored, and once as numbers of 8 bytes.
     require_small(8.0 * frames * (header.analog or 3 * header.points), label)
-    begin = _BLOCK * (header.data_block - 1)
-    if begin < _BLOCK or begin + frames * words * stored.itemsize > len(data):
+    begin = BLOCK * (header.data_block - 1)
+    if begin < BLOCK or begin + frames * words * stored.itemsize > len(data):
         raise UnfitError(
             f"{frames} frames, as its header states",
             "Copy or export the recording anew.",
@@ -78,7 +77,7 @@ def read(data: bytes, label: str) -> Contents:
     table = np.frombuffer(data, stored, frames * words, begin).reshape(frames, words)
     if not count:
         return Contents(_markers(table, parameters, header))
-    raw = table[:, _COORDINATES * header.points :].reshape(frames * header.samples, count)
+    raw = table[:, COORDINATES * header.points :].reshape(frames * header.samples, count)
     return Contents(_channels(raw, parameters, header))
 
 
@@ -87,7 +86,7 @@ def _markers(table: np.ndarray, parameters: Parameters, header: _Header) -> dict
     count = header.points
     clock = _clock(_numbers(parameters, "RATE", 1, header.rate, "POINT"), len(table))
     labels, (unit,) = _texts(parameters, "LABELS", count, "POINT"), _texts(parameters, "UNITS", 1, "POINT")
-    points = table.reshape(len(table), count, _COORDINATES).astype(np.float64)
+    points = table.reshape(len(table), count, COORDINATES).astype(np.float64)
     visible = points[..., -1:] >= 0
     places = np.where(visible, (1.0 if header.scale < 0 else header.scale) * points, np.nan)
     return {
@@ -134,14 +133,14 @@ def _frames(header: _Header, parameters: Parameters) -> int:
 
 
 def _parameters(data: bytes) -> tuple[str, Parameters]:
-    at = _BLOCK * (data[0] - 1)
+    at = BLOCK * (data[0] - 1)
     if data[0] < 1 or data[at + 3] not in _ORDERS:
         raise UnfitError(
             "a C3D file of an Intel or MIPS computer",
             "Convert the file: any recent program writes it anew in Intel format.",
             "one of a DEC computer" if data[at + 3] == 85 else "another kind of file",
         )
-    order, end = _ORDERS[data[at + 3]], at + _BLOCK * data[at + 2]
+    order, end = _ORDERS[data[at + 3]], at + BLOCK * data[at + 2]
     groups: dict[int, str] = {}
     parameters: dict[tuple[int, str], Any] = {}
     at += 4

@@ -98,20 +98,17 @@ def even_clock(step: object, start: object, samples: int) -> Float64[np.ndarray,
         return np.asarray(start + step * np.arange(samples), dtype=np.float64)
 
 
-# A table of more columns is a picture or the like, and no recording of some channels.
-_MOST_COLUMNS = 64
-
-
-def columns(name: str, values: np.ndarray) -> dict[str, Float64[np.ndarray, " sample"]]:
+def columns(name: str, values: np.ndarray, most: int = 64) -> dict[str, Float64[np.ndarray, " sample"]]:
     """The channels in an array: a vector by its name, the columns of a table as ``name:1``, ``name:2``.
 
     A table with more than 64 columns, but not of so many rows, lies on its side: its rows are the channels.
+    One of more of both is a picture or the like, and no recording of some channels.
     """
     if max(values.shape, default=1) == values.size:
         return {name: np.ravel(values).astype(np.float64)}
-    if values.ndim != 2 or min(values.shape) > _MOST_COLUMNS:
+    if values.ndim != 2 or min(values.shape) > most:
         return {}
-    upright = values if values.shape[1] <= _MOST_COLUMNS else values.T
+    upright = values if values.shape[1] <= most else values.T
     return {f"{name}:{number}": column for number, column in enumerate(upright.T.astype(np.float64), 1)}
 
 
