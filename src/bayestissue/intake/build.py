@@ -19,7 +19,7 @@ from bayestissue.dataset.dialect import Stated
 from bayestissue.dataset.files import BEFORE_PART, of_part
 from bayestissue.dataset.left_out import NEVER_READ, reason_of, write_left_out
 from bayestissue.dataset.recorders import suffix_of
-from bayestissue.dataset.recordings import CROP, MIN_SAMPLES, in_seconds
+from bayestissue.dataset.recordings import CROP, MIN_SAMPLES, ends_of
 from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.dataset.settings import SignalSettings, parse_settings
 from bayestissue.dataset.traces import read_one
@@ -289,7 +289,7 @@ class _Plan:
                 count = f"{len(numbers)} rows of the table"
                 raise InputError.stated("several-impacts.one", file.name, value=count)
             return [dict(common)]
-        trace, (first, last) = self.oriented(file), _ends(self.signal)
+        trace, (first, last) = self.oriented(file), ends_of(self.signal)
         if bad := int(np.count_nonzero(~np.isfinite(trace.value))):
             words = f"no number at {bad} of {trace.value.size} samples"
             raise InputError.stated("not-a-number.recording", file.name, value=words)
@@ -310,7 +310,7 @@ class _Plan:
         """A recording, as far as it is read, positive while the impactor slows or into the tissue."""
         time, value = read_one(file.path, file.name, self.signal, self._rate(file))
         value = -value if self.signal.quantity == "acceleration" else value
-        start, stop = _ends(self.signal)
+        start, stop = ends_of(self.signal)
         inside = (time >= start) & (time <= stop)
         return Trace(time[inside], value[inside])
 
@@ -423,9 +423,3 @@ def _require_unit(file: File, usual: dict[str, str]) -> None:
         if name in file.channels and file.channels[name].unit != unit
     ]
     refuse(problems)
-
-
-def _ends(signal: SignalSettings) -> tuple[float, float]:
-    """The times from which and to which recordings are read, s."""
-    start, stop = in_seconds(np.array(signal.crop or [-np.inf, np.inf]), signal)
-    return float(start), float(stop)

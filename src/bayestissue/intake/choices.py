@@ -136,8 +136,7 @@ class Question:
         try:
             return replace(choices, rate_hz=float(text))
         except ValueError:
-            problem = Problem.stated("option-value.rate", self.option, value=text)
-            raise InputError(problem) from None
+            raise InputError.stated("option-value.rate", self.option, value=text) from None
 
 
 def settle(

@@ -125,11 +125,8 @@ class _Table:
         table = cls(path.name, facts, records, f"{path.name}: {cells.attrs['written']}", keys)  # type: ignore[arg-type]
         if FILE not in names and not keys:
             example = next((name for name in names if not is_number(name)), "subject")
-            raise InputError(
-                Problem.stated(
-                    "facts-of-recordings.no-key", path.name, value=", ".join(names), example=example
-                )
-            )
+            value = ", ".join(names)
+            raise InputError.stated("facts-of-recordings.no-key", path.name, value=value, example=example)
         return table
 
     def cells_of(self, file: File, from_name: Mapping[str, str]) -> dict[int | None, dict[str, str]]:

@@ -183,12 +183,9 @@ def _channels(
 
 def _goes_on(before: Contents, after: Contents) -> bool:
     """Whether every channel begins one sampling interval after the end of that of the block before."""
-    if [(name, c.unit) for name, c in before.channels.items()] != [
-        (name, c.unit) for name, c in after.channels.items()
-    ]:
-        return False
-    pairs = zip(before.channels.values(), after.channels.values(), strict=True)
-    return all(_follows(first.clock, second.clock) for first, second in pairs)
+    units = [{name: c.unit for name, c in piece.channels.items()} for piece in (before, after)]
+    pairs = zip(before.channels.values(), after.channels.values(), strict=False)
+    return units[0] == units[1] and all(_follows(first.clock, second.clock) for first, second in pairs)
 
 
 def _follows(

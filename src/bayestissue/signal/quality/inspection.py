@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import pandas as pd
 
-from bayestissue.dataset.chain import Contact, Recorder, Uncertainty
 from bayestissue.declarations import declared
 from bayestissue.errors import Coded
 from bayestissue.remedies import entries
@@ -18,7 +17,7 @@ from bayestissue.signal.options import SignalOptions
 from bayestissue.signal.quality import beginning, law, samples, velocity
 from bayestissue.signal.quality.recorded import Recorded
 from bayestissue.signal.quality.settings import PULSE
-from bayestissue.signal.traces import Column, Index, Mask, Trace, stack
+from bayestissue.signal.traces import Column, Index, Mask, stack
 
 
 class Kind(NamedTuple):
@@ -68,17 +67,6 @@ _DECLARED = declared(__package__, "kinds.toml")
 KINDS = {name: _kind(**{"code": name, **entry}) for name, entry in _DECLARED.items()}
 
 
-@dataclass(frozen=True)
-class _Part:
-    quantity: Literal["deceleration", "acceleration", "displacement"]
-    impacts: pd.DataFrame
-    traces: Sequence[Trace]
-    recorder: Recorder | None
-    gravity: float
-    uncertainty: Uncertainty
-    contact: Contact | None
-
-
 def inspect(dataset: RecordedImpacts, options: SignalOptions | None = None) -> list[Finding]:
     """Look at every recording of a dataset.
 
@@ -90,7 +78,7 @@ def inspect(dataset: RecordedImpacts, options: SignalOptions | None = None) -> l
     impacts that no other detector names.
 
     Args:
-        dataset: the recordings.
+        dataset: the recordings; a dataclass.
         options: how displacements are made from them. With contact = "time-zero" a recording may begin in
             contact.
 
@@ -105,9 +93,7 @@ def inspect(dataset: RecordedImpacts, options: SignalOptions | None = None) -> l
     implied: list[velocity.Implied] = []
     for begin in range(0, len(dataset.traces), size):
         rows = slice(begin, begin + size)
-        impacts, traces = dataset.impacts.iloc[rows], dataset.traces[rows]
-        chain = dataset.recorder, dataset.gravity, dataset.uncertainty, dataset.contact
-        part = _Part(dataset.quantity, impacts, traces, *chain)
+        part = replace(cast("Any", dataset), impacts=dataset.impacts.iloc[rows], traces=dataset.traces[rows])
         # A recording that is no impact at all may divide by nothing: what comes of that finds nothing.
         with np.errstate(all="ignore"):
             for finding in _inspected(part, options, implied):
@@ -141,7 +127,9 @@ def raised(findings: Sequence[Finding], count: int, *, notes: bool = False) -> l
     return [[finding.kind.flag for finding in of_kind if finding.said[row]] for row in range(count)]
 
 
-def _inspected(part: _Part, options: SignalOptions, implied: list[velocity.Implied]) -> Iterator[Finding]:
+def _inspected(
+    part: RecordedImpacts, options: SignalOptions, implied: list[velocity.Implied]
+) -> Iterator[Finding]:
     sign = -1.0 if part.quantity == "acceleration" else 1.0
     recordings = stack(part.traces)
     recordings = recordings.signed(sign)
