@@ -13,39 +13,33 @@ from jaxtyping import Float
 
 from bayestissue.signal.settings import BEYOND_LIMIT
 from bayestissue.signal.start import deceleration
-from bayestissue.signal.traces import Column, Mask, Rows
+from bayestissue.signal.traces import Column, Recordings, Rows
 
 
 def beyond_limit(
-    d: Rows,
+    decelerations: Recordings,
     clipped: Rows,
-    inside: Mask,
-    time: Rows,
     velocity: Column,
     gravity: Column,
-    least: Column,
-    most: Column,
+    bracket: tuple[Column, Column],
 ) -> Rows:
     """The deceleration with the fitted one in place of samples at the limit, if it lies beyond.
 
     Args:
-        d: [impact, sample], from the first sample in contact on, offset removed, m/s².
+        decelerations: from the first sample in contact on, offset removed, m/s².
         clipped: [impact, sample], 1 or -1 where a sample is at the limit, else 0.
-        inside: [impact, sample], where there is a sample.
-        time: [impact, sample], since the first sample, s.
         velocity: [impact], at contact, m/s.
         gravity: [impact], along the motion, m/s².
-        least: [impact], from contact to the first sample, s, at the least.
-        most: [impact], and at the most.
+        bracket: [impact], from contact to the first sample, s, at the least and at the most.
     """
-    whole = d.copy()
+    whole, times = decelerations.value.copy(), decelerations.time_s
     for row in np.flatnonzero(clipped.any(axis=1)):
-        here = np.flatnonzero(inside[row])
-        bounds = float(least[row]), float(most[row])
-        sign = clipped[row, here]
-        fitted = _fitted(d[row, here], sign, time[row, here], velocity[row], gravity[row], bounds)
+        here = slice(0, decelerations.n[row])
+        bounds = float(bracket[0][row]), float(bracket[1][row])
+        d, sign = whole[row, here], clipped[row, here]
+        fitted = _fitted(d, sign, times[row, here], velocity[row], gravity[row], bounds)
         if fitted is not None:
-            whole[row, here] = np.where(sign * fitted > sign * d[row, here], fitted, d[row, here])
+            whole[row, here] = np.where(sign * fitted > sign * d, fitted, d)
     return whole
 
 

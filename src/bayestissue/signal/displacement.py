@@ -239,32 +239,24 @@ def _integrated(
     offset_sd = np.where(removed, onset.noise_sd / np.sqrt(np.maximum(onset.quiet_samples, 1)), np.nan)
     part = from_sample(recordings, onset.first)
     part = replace(part, value=part.value - offset[:, None])
-    recorded, clipped = part.value, np.zeros_like(part.value)
+    recorded, clipped, bracket = part.value, np.zeros_like(part.value), (onset.least, onset.most)
     if recordings.clipped is not None:
         clipped = from_sample(replace(recordings, value=recordings.clipped), onset.first).value
-        moments = velocity, gravity, onset.least, onset.most
-        through = beyond_limit(
-            recorded, clipped, part.inside, part.sample_numbers * part.dt[:, None], *moments
-        )
-        part = replace(part, value=through)
+        part = replace(part, value=beyond_limit(part, clipped, velocity, gravity, bracket))
     if options.filter != "none":
         part = replace(part, value=low_pass(part.value, part.dt, options.filter))
     d, inside, dt = part.value, part.inside, part.dt
-    slows = d - gravity[:, None]
-    first = cumulative(replace(part, value=slows), options.integration)
+    slowing = replace(part, value=d - gravity[:, None])
+    first = cumulative(slowing, options.integration)
     second = cumulative(replace(part, value=first), options.integration)
     bracketed = (onset.most > onset.least) & (onset.most < 1.5 * dt) & ~onset.blurred & ~part.uneven
     at_ends = (np.where(bracketed, phase.first, 0.0), np.where(bracketed, phase.before, 0.0))
-    sample_number = part.sample_numbers
-    start = find_start(
-        d, first, second, inside, sample_number, dt, velocity, onset.least, onset.most, gravity, at_ends
-    )
-    time = sample_number * dt[:, None]
+    start = find_start(part, (first, second), velocity, gravity, bracket, at_ends)
     v = start.v[:, None] - first
-    x = start.x[:, None] + start.v[:, None] * time - second
+    x = start.x[:, None] + start.v[:, None] * part.time_s - second
     # The last sample clear of great noise is one that the noise has lifted.
-    pushed = inside & (still_pushed(d, inside, onset.noise_sd) | onset.blurred[:, None])
-    stop = zero_velocity(slows, v, x, inside, pushed, sample_number, dt, velocity)
+    pushed = inside & (still_pushed(part, onset.noise_sd) | onset.blurred[:, None])
+    stop = zero_velocity(slowing, v, x, pushed, velocity)
     contact_words = "contact as chosen is more than 1 ms from where the trace shows it"
     flags = {
         Coded("velocity does not reach zero", "no-zero-velocity"): ~stop.reached,
@@ -315,7 +307,7 @@ def _recorded(met: _Met, options: SignalOptions) -> Displacements:
     v, d = (from_sample(replace(recordings, value=rows), first).value for rows in derivatives(recordings))
     velocity = np.where(np.isfinite(velocity), velocity, v[:, 0])
     x = part.value - at_contact[:, None]
-    stop = slowest(v, x, part.inside, part.dt, velocity)
+    stop = slowest(replace(part, value=x), v, velocity)
     slowest_words = "velocity does not reach zero: the window ends where it is least"
     greatest = np.where(recordings.inside, recordings.value, -np.inf).max(axis=1)
     below = (greatest <= 0) & (options.contact != "time-zero")
@@ -347,7 +339,7 @@ def _windowed(
     """The motion (x, v and deceleration) over the window; ``columns`` are attributes as they are."""
     x, _, deceleration = motion
     since_contact, noise = start.since_contact, columns["noise_sd"]
-    moved = since_contact, deceleration, x, part.inside, part.sample_numbers, part.dt, noise
+    moved = since_contact, replace(part, value=deceleration), x, noise
     n = samples_in(options.window, stop, *moved)
     at_limit = clipped != 0
     below = (at_limit[:, : int(n.max())] & (np.arange(int(n.max())) < n[:, None])).sum(axis=1)

@@ -65,6 +65,11 @@ class Recordings:
             return self.sample_number
         return np.broadcast_to(np.arange(self.value.shape[1], dtype=float), self.value.shape)
 
+    @property
+    def time_s(self) -> Rows:
+        """Times since the first sample of each row, s."""
+        return self.sample_numbers * self.dt[:, None]
+
     def sample_number_of(self, index: Int[np.ndarray, "impact ..."]) -> Float[np.ndarray, "impact ..."]:
         """The ``sample_number`` at these indices; beyond either end evenly on."""
         if self.sample_number is None:

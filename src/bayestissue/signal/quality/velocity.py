@@ -34,7 +34,7 @@ from bayestissue.signal.displacement import Displacements
 from bayestissue.signal.integration import trapezoids
 from bayestissue.signal.quality.settings import LAW, PULSE, VELOCITY
 from bayestissue.signal.start import LeastSquares
-from bayestissue.signal.traces import Column, Mask, Rows, at
+from bayestissue.signal.traces import Column, Mask, Recordings, Rows
 
 # Fractions of the stated velocity that are tried, and the place of 0 among them.
 _STATED = len(VELOCITY.steps)
@@ -91,18 +91,16 @@ def implied(
     d, n, dt = signal.deceleration, signal.n_samples, signal.dt
     steps = np.diff(signal.sample_number, axis=1) * dt[:, None]
     first = trapezoids(d - signal.gravity[:, None], steps)
-    used = np.arange(d.shape[1]) < n[:, None]
-    duration = np.where(n > 1, at(signal.sample_number, np.maximum(n - 1, 0)), 1.0) * dt
-    fall = signal.gravity * duration / signal.velocity
-    problem = LeastSquares.from_recordings(
-        d, first, trapezoids(first, steps), used, signal.sample_number, dt, signal.velocity, duration, fall
-    )
+    part = Recordings(d, n, signal.first_sample_s, dt, sample_number=signal.sample_number)
+    lost = first, trapezoids(first, steps)
+    problem = LeastSquares.until(np.maximum(n - 1, 0), part, lost, signal.velocity, signal.gravity)
+    duration = problem.duration
     half = np.sqrt(3) * signal.bracket_sd
     low, high = np.maximum(signal.bracket_s - half, 0) / duration, (signal.bracket_s + half) / duration
     zero = np.where(np.isfinite(signal.offset_sd), signal.offset_sd, offset_sd)
     taken = 1 - 1 / np.sqrt(1 + n * np.square(zero / np.maximum(noise_sd, 1e-12)))
     squares = (
-        _least(problem, used, signal.sample_number * (dt / duration)[:, None], low, high, taken)
+        _least(problem, part.inside, signal.sample_number * (dt / duration)[:, None], low, high, taken)
         * np.square(signal.velocity / duration)[:, None]
     )
     freedom = np.maximum(n - VELOCITY.parameters, 1)
