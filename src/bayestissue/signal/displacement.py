@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 
-from bayestissue.dataset.chain import Contact, Recorder, Uncertainty
+from bayestissue.dataset.model import Dataset
 from bayestissue.errors import Coded
 from bayestissue.signal.beyond_limit import beyond_limit
 from bayestissue.signal.contact import Onset, displacement_contact, find_onset
@@ -25,7 +24,6 @@ from bayestissue.signal.traces import (
     Mask,
     Recordings,
     Rows,
-    Trace,
     at,
     from_sample,
     noise_sd,
@@ -43,38 +41,6 @@ BELOW_ZERO = Coded(
 )
 # Samples before contact that are kept, at the most.
 BEFORE = 60
-
-
-class RecordedImpacts(Protocol):
-    """What is needed of a dataset: see `bayestissue.dataset.Dataset`."""
-
-    @property
-    def quantity(self) -> Literal["deceleration", "acceleration", "displacement"]:
-        """What the traces hold."""
-
-    @property
-    def impacts(self) -> pd.DataFrame:
-        """One row per impact, with ``mass_kg`` and ``velocity_m_s``."""
-
-    @property
-    def traces(self) -> Sequence[Trace]:
-        """The recordings in the order of ``impacts``, in SI units."""
-
-    @property
-    def recorder(self) -> Recorder | None:
-        """The low-pass that they went through, if one is known."""
-
-    @property
-    def gravity(self) -> float:
-        """g, the part of gravity along the motion, m/s²: decelerations are force over mass."""
-
-    @property
-    def uncertainty(self) -> Uncertainty:
-        """Standard deviations of the measuring chain, as declared."""
-
-    @property
-    def contact(self) -> Contact | None:
-        """Where contact falls within a sampling interval, as declared; None where nothing was."""
 
 
 @dataclass(frozen=True)
@@ -163,7 +129,7 @@ class Displacements:
         return self.first_sample_s[:, None] + self.sample_number * self.dt[:, None]
 
 
-def displacements(dataset: RecordedImpacts, options: SignalOptions | None = None) -> Displacements:
+def displacements(dataset: Dataset, options: SignalOptions | None = None) -> Displacements:
     """The displacement of every impact, from contact over the window that the options choose.
 
     v(t) = V − ∫(d − g) and x(t) = ∫v from contact on, both by the rule that the options name (thesis, section

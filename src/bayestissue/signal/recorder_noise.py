@@ -13,14 +13,15 @@ from jaxtyping import Float
 from scipy.linalg import toeplitz
 
 from bayestissue.dataset.chain import Recorder
-from bayestissue.signal.displacement import Displacements, RecordedImpacts
+from bayestissue.dataset.model import Dataset
+from bayestissue.signal.displacement import Displacements
 from bayestissue.signal.filters import ahead_s, autocorrelation
 from bayestissue.signal.settings import FILTER
 
 _SHARES = np.concatenate([[0.0], np.geomspace(1e-4, 1.0, 61)])
 
 
-def white_share(dataset: RecordedImpacts, signal: Displacements) -> float:
+def white_share(dataset: Dataset, signal: Displacements) -> float:
     """The share f of a recorder's noise that did not go through its filter, 0 to 1.
 
     By what was declared: none of noise before the filter, all of noise behind it. Else by maximum
@@ -47,7 +48,7 @@ def white_share(dataset: RecordedImpacts, signal: Displacements) -> float:
 
 
 def _quiet_parts(
-    dataset: RecordedImpacts, signal: Displacements, recorder: Recorder
+    dataset: Dataset, signal: Displacements, recorder: Recorder
 ) -> list[tuple[Float[np.ndarray, " sample"], float]]:
     """What was recorded before an impact could show, and the sampling interval, where that is noise."""
     first = signal.contact_time_s + signal.first_sample_s

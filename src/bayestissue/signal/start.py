@@ -131,7 +131,7 @@ class LeastSquares:
     def until(
         cls, last: Index, recorded: Recordings, lost: tuple[Rows, Rows], velocity: Column, gravity: Column
     ) -> LeastSquares:
-        """The products over the samples until ``last`` of each impact; ``recorded`` and the others as of `find_start`."""
+        """The products over the samples until ``last`` of each impact; the others as of `find_start`."""
         d, dt, number = recorded.value, recorded.dt, recorded.sample_numbers
         used = recorded.inside & (np.arange(d.shape[1]) <= last[:, None])
         duration = np.where(last > 0, at(number, last), 1.0) * dt

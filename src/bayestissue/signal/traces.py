@@ -4,29 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from bayestissue.dataset.model import Trace
 from bayestissue.dataset.recordings import uneven
 
 type Rows = Float[np.ndarray, "impact sample"]
 type Mask = Bool[np.ndarray, "impact sample"]
 type Column = Float[np.ndarray, " impact"]
 type Index = Int[np.ndarray, " impact"]
-
-
-class Trace(Protocol):
-    """One recording: times in s and values in SI units, both of shape [sample]."""
-
-    @property
-    def time_s(self) -> Float[np.ndarray, " sample"]:
-        """Times of the samples in s."""
-
-    @property
-    def value(self) -> Float[np.ndarray, " sample"]:
-        """Recorded values in SI units."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +91,7 @@ def stack(traces: Sequence[Trace]) -> Recordings:
     last = np.array([trace.time_s[-1] for trace in traces], dtype=float)
     value = np.zeros((len(traces), int(n.max())))
     value[np.arange(value.shape[1]) < n[:, None]] = np.concatenate([trace.value for trace in traces])
-    limits = [getattr(trace, "clipped", None) for trace in traces]
+    limits = [trace.clipped for trace in traces]
     clipped = None
     if any(limit is not None for limit in limits):
         clipped = np.zeros_like(value)

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
+from bayestissue.dataset.model import Dataset
 from bayestissue.declarations import declared
 from bayestissue.errors import Coded
 from bayestissue.remedies import entries
-from bayestissue.signal.displacement import Displacements, RecordedImpacts, displacements
+from bayestissue.signal.displacement import Displacements, displacements
 from bayestissue.signal.options import SignalOptions
 from bayestissue.signal.quality import beginning, law, samples, velocity
 from bayestissue.signal.quality.recorded import Recorded
@@ -67,7 +68,7 @@ _DECLARED = declared(__package__, "kinds.toml")
 KINDS = {name: _kind(**{"code": name, **entry}) for name, entry in _DECLARED.items()}
 
 
-def inspect(dataset: RecordedImpacts, options: SignalOptions | None = None) -> list[Finding]:
+def inspect(dataset: Dataset, options: SignalOptions | None = None) -> list[Finding]:
     """Look at every recording of a dataset.
 
     Each detector is a test with a false alarm rate of 0.001 (0.003 where laws are fitted) a sound recording,
@@ -78,7 +79,7 @@ def inspect(dataset: RecordedImpacts, options: SignalOptions | None = None) -> l
     impacts that no other detector names.
 
     Args:
-        dataset: the recordings; a dataclass.
+        dataset: the recordings.
         options: how displacements are made from them. With contact = "time-zero" a recording may begin in
             contact.
 
@@ -93,7 +94,7 @@ def inspect(dataset: RecordedImpacts, options: SignalOptions | None = None) -> l
     implied: list[velocity.Implied] = []
     for begin in range(0, len(dataset.traces), size):
         rows = slice(begin, begin + size)
-        part = replace(cast("Any", dataset), impacts=dataset.impacts.iloc[rows], traces=dataset.traces[rows])
+        part = replace(dataset, impacts=dataset.impacts.iloc[rows], traces=dataset.traces[rows])
         # A recording that is no impact at all may divide by nothing: what comes of that finds nothing.
         with np.errstate(all="ignore"):
             for finding in _inspected(part, options, implied):
@@ -106,7 +107,7 @@ def inspect(dataset: RecordedImpacts, options: SignalOptions | None = None) -> l
     return [Finding(kind, values) for kind, values in joined.items() if any(values)]
 
 
-def _velocities(dataset: RecordedImpacts, implied: Sequence[velocity.Implied]) -> list[str]:
+def _velocities(dataset: Dataset, implied: Sequence[velocity.Implied]) -> list[str]:
     """What all recordings together say of the velocities, of each impact."""
     impacts = dataset.impacts
     trial = (
@@ -127,9 +128,7 @@ def raised(findings: Sequence[Finding], count: int, *, notes: bool = False) -> l
     return [[finding.kind.flag for finding in of_kind if finding.said[row]] for row in range(count)]
 
 
-def _inspected(
-    part: RecordedImpacts, options: SignalOptions, implied: list[velocity.Implied]
-) -> Iterator[Finding]:
+def _inspected(part: Dataset, options: SignalOptions, implied: list[velocity.Implied]) -> Iterator[Finding]:
     sign = -1.0 if part.quantity == "acceleration" else 1.0
     recordings = stack(part.traces)
     recordings = recordings.signed(sign)
