@@ -169,6 +169,9 @@ def settle(
     ]
     if not values:
         raise InputError(_no_values(file, len(recordings.files)) for file in recordings.files)
+    for option, name in (("--channel", choices.channel), ("--time", choices.time)):
+        if name is not None and name not in candidates:
+            raise InputError.stated("no-channel.option", option, value=name, names=", ".join(candidates))
     kinds = {name: _kind_of({channel.unit for channel in candidates[name]}) for name in values}
     # Volts may be any quantity; where a unit is right, a force or a temperature is none.
     if set(kinds.values()) & {"acceleration", "length"}:
@@ -177,11 +180,8 @@ def settle(
         choices = replace(choices, channel=values[0])
     elif choices.channel is None:
         questions.append(Question("--channel", "the channel with the impact", tuple(values), values[0]))
-    elif choices.channel not in candidates:
-        raise InputError(_no_channel("--channel", choices.channel, candidates))
-    chosen = [
-        channel for name in ([choices.channel] if choices.channel else values) for channel in candidates[name]
-    ]
+    names = [choices.channel] if choices.channel is not None else values
+    chosen = [channel for name in names for channel in candidates[name]]
     rated = choices.rate_hz is not None or "sampling_rate_hz" in facts
     if choices.time is None and not rated and not all(channel.clock for channel in chosen):
         if len(times) == 1:
@@ -190,8 +190,6 @@ def settle(
             questions.append(Question("--time", "the channel with the times", tuple(likely), likely[0]))
         else:
             questions.append(Question("--rate-hz", "the sampling rate in Hz", (), "10000"))
-    if choices.time is not None and choices.time not in candidates:
-        raise InputError(_no_channel("--time", choices.time, candidates))
     if choices.time is not None and choices.time_unit is None:
         choices = replace(choices, time_unit=_unit(candidates[choices.time], ["time"]))
     units = {choices.unit} if choices.unit else {channel.unit for channel in chosen}
@@ -278,10 +276,6 @@ def require_steady(file: File, rate: float) -> None:
             where = file.name, None, name, f"{measured:.4g} Hz"
             problems.append(Problem.stated("sampling-rate.option", *where, rate=rate, name=name))
     refuse(problems)
-
-
-def _no_channel(option: str, name: str, names: Iterable[str]) -> Problem:
-    return Problem.stated("no-channel.option", option, value=name, names=", ".join(names))
 
 
 def _no_values(file: File, files: int) -> Problem:

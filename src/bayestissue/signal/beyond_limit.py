@@ -64,11 +64,8 @@ def _fitted(
     stop = min(end, last + 1 + max(BEYOND_LIMIT.fewest, int(np.count_nonzero(sign)) // 2))
     part, near = slice(0, stop), sign[:stop]
 
-    def model(logs: np.ndarray, time: np.ndarray) -> np.ndarray:
-        return deceleration(*np.exp(logs[:2]), time + logs[2], velocity, gravity)
-
     def left(logs: np.ndarray) -> np.ndarray:
-        difference = (model(logs, time[part]) - d[part]) / limit
+        difference = (deceleration(logs, time[part], velocity, gravity) - d[part]) / limit
         return np.where(near == 0, difference, np.minimum(near * difference, 0.0))
 
     best, least_left = None, np.inf
@@ -83,4 +80,4 @@ def _fitted(
             best, least_left = fit.x, fit.cost
         if least_left < BEYOND_LIMIT.well * stop:
             break
-    return None if best is None else model(best, time)
+    return None if best is None else deceleration(best, time, velocity, gravity)

@@ -270,12 +270,19 @@ def grown(
 
 
 def deceleration(
-    a: float, b: float, since: Float[np.ndarray, "*time"], velocity: float, gravity: float
+    logs: np.ndarray, time: Float[np.ndarray, "*time"], velocity: float, gravity: float
 ) -> Float[np.ndarray, "*time"]:
-    """D of a mass that met spring and damper at ``velocity``, so long ``since``: -V u'' + g (1 - u').
+    """d of a mass that met spring and damper: -V u'' + g (1 - u'), u the answer to a unit impulse.
 
-    u is the answer to a unit impulse of u'' + a u' + b u = 0, in closed form by the two roots.
+    u'' + a u' + b u = 0, solved in closed form by the two roots.
+
+    Args:
+        logs: log a, log b, and how long before time 0 contact was, s.
+        time: s.
+        velocity: V, at contact, m/s.
+        gravity: g, along the motion, m/s².
     """
+    (a, b), since = np.exp(logs[:2]), time + logs[2]
     # Apart even at critical damping, where the two would be one.
     root = np.sqrt(complex(a**2 / 4 - b)) + 1e-6 * np.sqrt(b)
     p, q = -a / 2 + root, -a / 2 - root

@@ -42,9 +42,9 @@ class Recordings:
 
     def rows(self, which: slice) -> Recordings:
         """Some of the recordings."""
+        value, n, start, dt = (column[which] for column in (self.value, self.n, self.start, self.dt))
         number, clipped = (None if a is None else a[which] for a in (self.sample_number, self.clipped))
-        columns = (column[which] for column in (self.value, self.n, self.start, self.dt))
-        return Recordings(*columns, self.ahead_s, number, clipped)
+        return Recordings(value, n, start, dt, self.ahead_s, number, clipped)
 
     @property
     def sample_numbers(self) -> Rows:

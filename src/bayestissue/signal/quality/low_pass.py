@@ -114,7 +114,7 @@ def _without(signal: Displacements, row: int, a: float, b: float) -> tuple[float
     reach = np.sqrt(3) * signal.bracket_sd[row] + 1e-12
 
     def left(logs: np.ndarray) -> np.ndarray:
-        return deceleration(*np.exp(logs[:2]), time + logs[2], velocity, gravity) - y
+        return deceleration(logs, time, velocity, gravity) - y
 
     begin = signal.bracket_s[row]
     low, high = [-np.inf, -np.inf, begin - reach], [np.inf, np.inf, begin + reach]
