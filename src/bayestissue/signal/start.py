@@ -272,7 +272,7 @@ def grown(
 def deceleration(
     logs: np.ndarray, time: Float[np.ndarray, "*time"], velocity: float, gravity: float
 ) -> Float[np.ndarray, "*time"]:
-    """d of a mass that met spring and damper: -V u'' + g (1 - u'), u the answer to a unit impulse.
+    """Deceleration of a mass that met spring and damper: -V u'' + g (1 - u'), u the answer to an impulse.
 
     u'' + a u' + b u = 0, solved in closed form by the two roots.
 
