@@ -64,20 +64,19 @@ def _fitted(
     stop = min(end, last + 1 + max(BEYOND_LIMIT.fewest, int(np.count_nonzero(sign)) // 2))
     part, near = slice(0, stop), sign[:stop]
 
-    def left(logs: np.ndarray) -> np.ndarray:
+    def residuals(logs: np.ndarray) -> np.ndarray:
         difference = (deceleration(logs, time[part], velocity, gravity) - d[part]) / limit
         return np.where(near == 0, difference, np.minimum(near * difference, 0.0))
 
-    best, least_left = None, np.inf
+    best = None
     for share in BEYOND_LIMIT.starts:
         omega = np.pi * share / lasts
         start = np.array([np.log(0.4 * omega), 2 * np.log(omega), (bounds[0] + bounds[1]) / 2])
         wide = 1e-9 * lasts
         low = np.array([np.log(1e-3 * omega), 2 * np.log(0.1 * omega), bounds[0] - wide])
         high = np.array([np.log(1e2 * omega), 2 * np.log(1e2 * omega), bounds[1] + wide])
-        fit = least_squares(left, start, bounds=(low, high), x_scale=[1.0, 1.0, lasts])
-        if fit.cost < least_left:
-            best, least_left = fit.x, fit.cost
-        if least_left < BEYOND_LIMIT.well * stop:
+        fit = least_squares(residuals, start, bounds=(low, high), x_scale=[1.0, 1.0, lasts])
+        best = fit if best is None or fit.cost < best.cost else best
+        if best.cost < BEYOND_LIMIT.well * stop:
             break
-    return None if best is None else deceleration(best, time, velocity, gravity)
+    return None if best is None else deceleration(best.x, time, velocity, gravity)

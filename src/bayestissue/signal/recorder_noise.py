@@ -41,7 +41,7 @@ def white_share(dataset: Dataset, signal: Displacements) -> float:
     parts = _quiet_parts(dataset, signal, recorder)
     if sum(len(part) for part, _ in parts) < FILTER.fewest:
         return 0.0 if recorder.digital or recorder.zero_phase else 1.0
-    same = cache(lambda length, dt: _own(recorder, length, dt))
+    same = cache(lambda length, dt: _spectrum(recorder, length, dt))
     log_likelihood = sum(_profile(part, *same(len(part), dt)) for part, dt in parts)
     share = float(_SHARES[int(np.argmax(log_likelihood))])
     return 1.0 if share >= FILTER.all_white else share
@@ -66,7 +66,7 @@ def _quiet_parts(
     return parts
 
 
-def _own(recorder: Recorder, length: int, dt: float) -> tuple[np.ndarray, np.ndarray]:
+def _spectrum(recorder: Recorder, length: int, dt: float) -> tuple[np.ndarray, np.ndarray]:
     """Eigenvalues and eigenvectors of R about the mean, that of the mean itself left out."""
     centred = np.eye(length) - 1 / length
     correlations = toeplitz(autocorrelation(recorder, np.arange(length), dt))

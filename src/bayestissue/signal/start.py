@@ -74,9 +74,9 @@ def find_start(
     d, inside, dt, (least, most) = decelerations.value, decelerations.inside, decelerations.dt, bracket
     # Some velocity is gone by the first sample; past zero velocity the impactor may have left the tissue.
     fall = np.maximum(d[:, 0] - d[:, min(1, d.shape[1] - 1)], 0)
-    left = velocity - (d[:, 0] - gravity + fall * most / (2 * dt)) * most
-    left = np.clip(left - 0.03 * velocity, 0.5 * velocity, velocity)
-    stopped = first_where((lost[0] >= left[:, None]) & inside, decelerations.n - 1)
+    slowed = velocity - (d[:, 0] - gravity + fall * most / (2 * dt)) * most
+    slowed = np.clip(slowed - 0.03 * velocity, 0.5 * velocity, velocity)
+    stopped = first_where((lost[0] >= slowed[:, None]) & inside, decelerations.n - 1)
     problem = LeastSquares.until(stopped, decelerations, lost, velocity, gravity)
     duration = problem.duration
     low, high = least / duration, most / duration
@@ -153,11 +153,11 @@ class LeastSquares:
         tried = [self._descend(low + share * (high - low), low, high) for share in (0.1, 0.5, 0.9)]
         within = [self._within(parameters, low, high) for parameters in tried]
         whole = np.square(self.target).sum(axis=1)
-        left_over = np.stack(
+        squares = np.stack(
             [np.nan_to_num(self._residual(p) + whole * (p[:, 1] < 0), nan=np.inf) for p in within]
         )
         # The first of those that came to the same, or rounding would choose.
-        least = (left_over <= (1 + 1e-6) * left_over.min(axis=0)).argmax(axis=0)
+        least = (squares <= (1 + 1e-6) * squares.min(axis=0)).argmax(axis=0)
         best = np.take_along_axis(np.stack(tried), least[None, :, None], axis=0)[0]
         _, covariance = self._step(best, free=3)
         variance = self._residual(best) / np.maximum(self.count - 3, 1)
@@ -220,8 +220,8 @@ class LeastSquares:
 
     def _step(self, parameters: np.ndarray, free: int) -> tuple[np.ndarray, np.ndarray]:
         jacobian = _jacobian(parameters, self.fall)[:, :, :free]
-        left_over = self.moment - (self.gram @ _coefficients(parameters, self.fall)[..., None])[..., 0]
-        step, covariance = self._solve(jacobian, left_over)
+        remaining = self.moment - (self.gram @ _coefficients(parameters, self.fall)[..., None])[..., 0]
+        step, covariance = self._solve(jacobian, remaining)
         return np.pad(step, ((0, 0), (0, 3 - free))), covariance
 
     def _solve(self, jacobian: np.ndarray, moment: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -171,10 +171,10 @@ def _accounts(
     residuals = _residuals(law, blocks, since, offset, faster)
     # Errors of velocity and offset as they are declared; and, with an offset, contact in the interval.
     of_velocity = (residuals[-2] - residuals[1]) * (sd[0] / BEGINNING.small)[:, None]
-    of_offset = _without((residuals[-1] - residuals[1]) * (sd[1] / BEGINNING.small)[:, None], of_velocity)
-    of_contact = _without(_without(residuals[2] - residuals[0], of_velocity), of_offset)
-    residuals = _without(_without(residuals[:-2], of_velocity), of_offset)
-    shifted = _without(residuals[len(moments) :], of_contact)
+    of_offset = _less_error((residuals[-1] - residuals[1]) * (sd[1] / BEGINNING.small)[:, None], of_velocity)
+    of_contact = _less_error(_less_error(residuals[2] - residuals[0], of_velocity), of_offset)
+    residuals = _less_error(_less_error(residuals[:-2], of_velocity), of_offset)
+    shifted = _less_error(residuals[len(moments) :], of_contact)
     late = residuals[3 : len(moments)]
     half = len(offsets) // 2
     offset_least = np.minimum(_least(shifted[:half]), _least(shifted[half:]))
@@ -237,7 +237,7 @@ def _not_negative(terms: Float[np.ndarray, "*row block term"], target: Residuals
     return np.maximum(best, 0) / scale
 
 
-def _without(residuals: Residuals, change: Residuals) -> Residuals:
+def _less_error(residuals: Residuals, change: Residuals) -> Residuals:
     """(1 + u uᵀ)^(−1/2) r: the residuals less what an error may have made of them that changes them by u."""
     square = (change**2).sum(axis=-1, keepdims=True)
     share = (1 - 1 / np.sqrt(1 + square)) / np.maximum(square, 1e-300)

@@ -56,7 +56,7 @@ def suspected(signal: Displacements) -> Suspected:
     )
     peak = np.where(used, signal.deceleration, 0).max(axis=1)
     with np.errstate(all="ignore"):
-        plain = law.best_left(signal.deceleration, used, start, np.ones_like(signal.x))
+        plain = law.least_sum_of_squares(signal.deceleration, used, start, np.ones_like(signal.x))
     variance = signal.noise_sd**2 + (LAW.misfit * peak) ** 2
     freedom = np.maximum(PULSE.worth * signal.n_samples, 1)
     count = np.maximum(signal.n_samples - 4, 1)
@@ -66,11 +66,11 @@ def suspected(signal: Displacements) -> Suspected:
     tried = odd & (signal.n_samples >= 12) & (signal.n_before >= 4) & ~signal.uneven
     tried &= ~signal.clipped.any(axis=1)
     for row in np.flatnonzero(tried):
-        columns[row] = _asked(signal, int(row), plain[row], variance[row], freedom[row])
+        columns[row] = _explanation(signal, int(row), plain[row], variance[row], freedom[row])
     return Suspected(*columns.T)
 
 
-def _asked(
+def _explanation(
     signal: Displacements, row: int, plain: float, variance: float, freedom: float
 ) -> tuple[float, float, float]:
     """Corner and changes of K and C of one impact; NaN where no filter explains it better than a law."""
@@ -101,11 +101,11 @@ def _asked(
     inside = lowest * 1.01 < corner < 0.24 / dt
     if not (well and better and inside and a > 0 and b > 0):
         return np.nan, np.nan, np.nan
-    a_plain, b_plain = _without(signal, row, float(a), float(b))
+    a_plain, b_plain = _without_filter(signal, row, float(a), float(b))
     return corner, b_plain / float(b) - 1, a_plain / float(a) - 1
 
 
-def _without(signal: Displacements, row: int, a: float, b: float) -> tuple[float, float]:
+def _without_filter(signal: Displacements, row: int, a: float, b: float) -> tuple[float, float]:
     """The a and b nearest to the samples of an impact behind no filter, as a fit has them."""
     from scipy.optimize import least_squares
 
@@ -113,12 +113,12 @@ def _without(signal: Displacements, row: int, a: float, b: float) -> tuple[float
     time, y = np.arange(n) * signal.dt[row], signal.deceleration[row, :n]
     reach = np.sqrt(3) * signal.bracket_sd[row] + 1e-12
 
-    def left(logs: np.ndarray) -> np.ndarray:
+    def residuals(logs: np.ndarray) -> np.ndarray:
         return deceleration(logs, time, velocity, gravity) - y
 
-    begin = signal.bracket_s[row]
-    low, high = [-np.inf, -np.inf, begin - reach], [np.inf, np.inf, begin + reach]
-    solution = least_squares(left, [np.log(a), np.log(b), begin], bounds=(low, high), x_scale=[1, 1, reach])
+    start, reaches = np.array([np.log(a), np.log(b), signal.bracket_s[row]]), [np.inf, np.inf, reach]
+    bounds = start - reaches, start + reaches
+    solution = least_squares(residuals, start, bounds=bounds, x_scale=[1, 1, reach])
     return float(np.exp(solution.x[0])), float(np.exp(solution.x[1]))
 
 

@@ -190,14 +190,14 @@ def hum(recorded: Recorded, chosen: Mask) -> Column:
         index = np.flatnonzero(recorded.quiet[which])
         time = recorded.sample_number[which, index] * recorded.dt[which]
         values = recorded.value[which, index]
-        line = _left_over(values, time)
-        left = [_left_over(values, np.cos(w := 2 * np.pi * f * time), np.sin(w)) for f in frequencies]
-        if min(left) < 0.5 * line and index.size > 2 * SAMPLES.fewest:
-            frequency[which] = frequencies[int(np.argmin(left))]
+        line = _sum_of_squares(values, time)
+        squares = [_sum_of_squares(values, np.cos(w := 2 * np.pi * f * time), np.sin(w)) for f in frequencies]
+        if min(squares) < 0.5 * line and index.size > 2 * SAMPLES.fewest:
+            frequency[which] = frequencies[int(np.argmin(squares))]
     return frequency
 
 
-def _left_over(values: np.ndarray, *columns: np.ndarray) -> float:
+def _sum_of_squares(values: np.ndarray, *columns: np.ndarray) -> float:
     design = np.column_stack([np.ones_like(values), *columns])
     residual = values - design @ np.linalg.lstsq(design, values, rcond=None)[0]
     return float(residual @ residual)

@@ -133,7 +133,7 @@ def _least(
     time = time[:, None]
     unused, fall = ~used[:, None], problem.fall[:, None, None]
 
-    def left(at: np.ndarray) -> np.ndarray:
+    def residuals(at: np.ndarray) -> np.ndarray:
         a, b = np.exp(np.clip(at[..., :2], -20, 20)).swapaxes(0, -1).swapaxes(1, -1)[..., None]
         t = time + at[..., 2:]
         root = np.sqrt(a**2 / 4 - b + 0j) + 1e-9
@@ -147,9 +147,9 @@ def _least(
 
     best = np.full(at.shape[:2], np.inf)
     for _ in range(VELOCITY.rounds):
-        residual = left(at)
+        residual = residuals(at)
         best = np.minimum(best, np.nan_to_num((residual**2).sum(axis=-1), nan=np.inf))
-        changed = [left(at + step) - residual for step in VELOCITY.small * np.eye(3)]
+        changed = [residuals(at + step) - residual for step in VELOCITY.small * np.eye(3)]
         slope = np.stack(changed, axis=-1) / VELOCITY.small
         normal = np.nan_to_num(slope.swapaxes(-1, -2) @ slope)
         normal += (VELOCITY.ridge * np.einsum("ifkk->ifk", normal) + 1e-12)[..., None] * np.eye(3)
@@ -160,7 +160,7 @@ def _least(
         reduced = moment[..., :2] - normal[..., :2, 2] * change[..., 2:]
         change[..., :2] = np.linalg.solve(normal[..., :2, :2], reduced[..., None])[..., 0]
         at = at - np.clip(change, -0.5, 0.5)
-    return np.where(pushes, np.minimum(best, (left(at) ** 2).sum(axis=-1)), np.inf)
+    return np.where(pushes, np.minimum(best, (residuals(at) ** 2).sum(axis=-1)), np.inf)
 
 
 def _exponentials(rate: np.ndarray, t: np.ndarray) -> np.ndarray:
