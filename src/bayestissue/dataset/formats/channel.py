@@ -112,6 +112,14 @@ def columns(name: str, values: np.ndarray, most: int = 64) -> dict[str, Float64[
     return {f"{name}:{number}": column for number, column in enumerate(upright.T.astype(np.float64), 1)}
 
 
+def of_arrays(arrays: Iterable[tuple[str, np.ndarray, str]]) -> Contents:
+    """The channels in arrays of numbers, each with its name and unit, as of `columns`."""
+    channels: dict[str, Channel] = {}
+    for name, array, unit in arrays:
+        channels |= {part: Channel(values, unit=unit) for part, values in columns(name, array).items()}
+    return Contents(channels)
+
+
 def unit_in_name(name: str) -> str:
     """The unit in brackets at the end of a column's name, such as ``Impact (m/s^2)``; empty if none."""
     match = _UNIT_IN_NAME.fullmatch(_PLACE.sub("", name))
