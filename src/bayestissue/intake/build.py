@@ -46,14 +46,11 @@ _TEMPLATE = """
 # relative_gain_sd = 0.005     # the sensor's calibration: 0.5 %
 # offset_sd = 0.1              # the sensor's zero, in m/s^2, or in m of a displacement
 """
+_ALIKE = ("quantity", "unit", "time_unit", "scale", "offset", "crop", "gravity", "zero")
 _OPTIONS = {
-    f"signal.{key}": f"--{option}"
-    for key, option in (
-        *(("quantity", "quantity"), ("unit", "unit"), ("time_unit", "time-unit"), ("scale", "scale")),
-        *(("value_column", "channel"), ("time_column", "time"), ("offset", "offset")),
-        *((key, f"text {key}") for key in Stated.model_fields),
-        *(("crop", "crop"), ("gravity", "gravity"), ("zero", "zero")),
-    )
+    **{f"signal.{key}": f"--{key.replace('_', '-')}" for key in _ALIKE},
+    **{f"signal.{key}": f"--text {key}" for key in Stated.model_fields},
+    **{"signal.value_column": "--channel", "signal.time_column": "--time"},
 }
 
 

@@ -124,13 +124,10 @@ def prepare(folder: str | Path, choices: Choices) -> Intake:
     Raises:
         InputError: there are no recorder files, or the pattern or the table can't be used.
     """
-    ends = [
-        suffix
-        for suffix in (*SUFFIXES, *TEXT_SUFFIXES)
-        if choices.pattern and choices.pattern.lower().endswith(suffix)
-    ]
-    sheets = None if choices.pattern is None else "#" in choices.pattern
-    before_part = BEFORE_PART.search(choices.pattern or "")
+    pattern = choices.pattern or ""
+    ends = [suffix for suffix in (*SUFFIXES, *TEXT_SUFFIXES) if pattern.lower().endswith(suffix)]
+    sheets = None if choices.pattern is None else "#" in pattern
+    before_part = BEFORE_PART.search(pattern)
     suffix = before_part[0][:-1].lower() if before_part else max(ends, key=len, default="")
     ignore = [choices.table] if choices.table else []
     stated = checked(choices.text, Stated, file="--text")
