@@ -208,9 +208,12 @@ def as_utf8(data: bytes, label: str, encoding: str | None = None) -> tuple[bytes
 def _encoding(data: bytes) -> str:
     if _utf16(data):
         return "utf-16"
-    # Without the bytes that are no UTF-8 plain letters are left of cp1252; of a damaged text others too.
+    if data.isascii():
+        return "utf-8"
     with suppress(UnicodeDecodeError):
-        return "utf-8" if data.isascii() or data.decode("utf-8") else ""
+        data.decode("utf-8")
+        return "utf-8"
+    # A text of which parts are UTF-8 is a damaged one.
     return "cp1252" if data.decode("utf-8", "ignore").isascii() else "utf-8"
 
 
