@@ -20,7 +20,6 @@ RECIPE = re.compile(r"^ *<!-- recipe: (\S+) -->\n *```(python|diff)\n(.*?)^ *```
 # Prints what each of the recipes has added; a copy of the source is first on the path.
 TRIED = """
 import numpy as np
-from types import SimpleNamespace
 
 from bayestissue.elements.element import complete, deceleration_of
 from bayestissue.elements.registry import element
@@ -33,21 +32,13 @@ from bayestissue.dataset.formats import FORMATS
 read = FORMATS[".f64"].read(np.array([1000.0, 0.0, 5.0, 1.0]).tobytes(), "a.f64").channels["signal"]
 print("format", read.values.tolist(), read.clock.tolist())
 
-import pandas as pd
+import bayestissue as bt
 from bayestissue.commands import explain
-from bayestissue.dataset.chain import Uncertainty
 from bayestissue.signal.quality import inspect
 time = np.arange(400) / 1e4
 pulse = 0.5 * np.exp(-(((time - 0.02) / 0.004) ** 2)) + np.random.default_rng(0).normal(0, 1e-3, time.size)
-data = SimpleNamespace(
-    quantity="deceleration",
-    impacts=pd.DataFrame({"impact": ["i"], "mass_kg": [1.0], "velocity_m_s": [0.003]}),
-    traces=[SimpleNamespace(time_s=time, value=pulse)],
-    recorder=None,
-    gravity=0.0,
-    contact=None,
-    uncertainty=Uncertainty(),
-)
+impacts = {"impact": ["i"], "subject": ["s"], "mass_kg": [1.0], "velocity_m_s": [0.003]}
+data = bt.dataset(impacts, [(time, pulse)], quantity="deceleration", unit="m/s^2")
 found = {each.kind.flag: each for each in inspect(data)}
 print("check", found["a peak below 1 m/s²"].said, found["a peak below 1 m/s²"].kind.flag.code)
 explain.run(["too-quiet"], as_json=False)

@@ -129,9 +129,14 @@ def all_of[Item, Result](function: Callable[[Item], Result], items: Iterable[Ite
     for item in items:
         with collected(problems):
             results.append(function(item))
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     return results
+
+
+def refuse(problems: Iterable[Problem]) -> None:
+    """Raise one `InputError` of all ``problems``, if there are any."""
+    if listed := tuple(problems):
+        raise InputError(listed)
 
 
 @contextmanager

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from bayestissue.dataset.cells import read_cells
 from bayestissue.dataset.dialect import DECIMALS, DELIMITERS, Dialect, Stated, text_table
-from bayestissue.dataset.tables import Columns, read_numbers, read_table
+from bayestissue.dataset.tables import Columns, read_table
 from bayestissue.errors import InputError
 
 TIME = np.arange(300) / 1000 - 0.005
@@ -48,7 +48,7 @@ def table(
 
 def read(path: Path, text: str, encoding: str = "utf-8", stated: Stated | None = None):
     path.write_bytes(text.encode(encoding))
-    return read_numbers(path, path.name, remedy="", stated=stated)
+    return read_table(path, path.name, numbers=None, remedy="", stated=stated)
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "cp1252"])
@@ -123,7 +123,7 @@ def test_a_mark_at_the_end_of_each_line_makes_no_column(tmp_path: Path) -> None:
 def test_columns_by_spaces(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     np.savetxt(path, np.column_stack([TIME, VALUE]), header="t  a", fmt="%12.4f")
-    found = read_numbers(path, "a.csv", remedy="")
+    found = read_table(path, "a.csv", numbers=None, remedy="")
     assert list(found.numbers) == ["t", "a"]
     np.testing.assert_array_equal(found.numbers["a"].array, VALUE.round(4))
 
@@ -184,7 +184,7 @@ def test_rows_that_break_are_one_problem_with_the_first_place(tmp_path: Path) ->
     path = tmp_path / "a.csv"
     path.write_text("Gerät;1\n\nt;v\n1;2\n3;4;5\n6;7\n8;9;1\n" + "1;2\n" * 20)
     with pytest.raises(InputError) as refused:
-        read_numbers(path, "a.csv", remedy="")
+        read_table(path, "a.csv", numbers=None, remedy="")
     (problem,) = refused.value.problems
     assert problem.row == 5
     assert "1 more rows are like this" in problem.remedy

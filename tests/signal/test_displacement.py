@@ -8,6 +8,7 @@ import pytest
 from impacts_bench import Impact, Lab, Recorded, record
 
 from bayestissue.signal import SignalOptions, displacement, displacements
+from bayestissue.signal.settings import WindowSettings
 
 TISSUE = [Impact(np.sqrt(3000 / mass), zeta) for mass in (0.1, 0.666, 5.0) for zeta in (0.02, 0.28, 1.0, 2.0)]
 TYPICAL = Impact(67.0, 0.28)
@@ -112,7 +113,7 @@ def test_impacts_of_unequal_length_and_in_blocks_give_what_each_gives_alone(monk
     # Where contact falls is told by all of them; all else each tells alone.
     lab = replace(record(impacts, 1e4, noise=0.005), contact="between")
     together = displacements(lab)
-    monkeypatch.setattr(displacement, "_BLOCK", 1)
+    monkeypatch.setattr(displacement, "WINDOW", WindowSettings(block=1))
     blocks = displacements(lab)
     for row, n in enumerate(together.n_samples):
         alone = displacements(Lab(lab.impacts.iloc[[row]], [lab.traces[row]], contact="between"))

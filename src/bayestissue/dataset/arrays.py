@@ -22,13 +22,12 @@ from bayestissue.dataset.read import checked_dataset
 from bayestissue.dataset.recordings import Reading
 from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.dataset.settings import Gravity, Settings, SignalSettings, Zero, parse_settings, stated_table
-from bayestissue.dataset.tables import Columns, Labels, Numbers
+from bayestissue.dataset.tables import FIRST_ROW, Columns, Labels, Numbers
 from bayestissue.dataset.traces import long_reading
-from bayestissue.errors import InputError, Problem, all_of, along_with
+from bayestissue.errors import InputError, Problem, all_of, along_with, refuse
 
 # What messages call the tables; the checks count rows as a spreadsheet does, a caller's from 0.
 _LONG, _SINGLE = "traces (rows from 0)", "traces (samples from 0)"
-_FIRST_ROW = 2
 _CALLED = {IMPACTS: "impacts (rows from 0)", SETTINGS: "arguments", _LONG: _LONG, _SINGLE: _SINGLE}
 _WORDS = (
     (re.compile(r" (in|to|of|than) dataset\.toml"), ""),
@@ -36,7 +35,7 @@ _WORDS = (
     (re.compile(r"impacts\.csv"), "the table impacts"),
     (re.compile(r"\bthe key (\w)"), r"the argument \1"),
     (re.compile(r"\ba table with\b"), "a dictionary with"),
-    (re.compile(r"\brow (\d+)"), lambda match: f"row {int(match[1]) - _FIRST_ROW}"),
+    (re.compile(r"\brow (\d+)"), lambda match: f"row {int(match[1]) - FIRST_ROW}"),
 )
 
 
@@ -101,28 +100,27 @@ def dataset(
         InputError: everything that is wrong, each with its table, row (counted from 0), column and value,
             what was expected and how to mend it.
     """
+    optional = {"gravity": gravity, "contact": contact, "limit": limit}
+    tables = {
+        "uncertainty": None if uncertainty is None else _mapped(_plain, stated_table(uncertainty)),
+        "recorder": None if recorder is None else _mapped(_python, stated_table(recorder)),
+        "words": None if words is None else dict(words),
+    }
     content: dict[str, Any] = {
         **{"name": name, "description": description, "licence": licence, "source": source},
         "signal": {
             **{"quantity": quantity, "unit": unit, "time_unit": time_unit, "zero": zero},
             **{"time_column": time_column, "value_column": value_column},
             **{"scale": _plain(scale), "offset": _plain(offset)},
-            **({} if gravity is None else {"gravity": _plain(gravity)}),
-            **({} if contact is None else {"contact": contact}),
-            **({} if limit is None else {"limit": _plain(limit)}),
+            **{key: _plain(value) for key, value in optional.items() if value is not None},
         },
+        **{key: table for key, table in tables.items() if table is not None},
     }
-    if uncertainty is not None:
-        content["uncertainty"] = _mapped(_plain, stated_table(uncertainty))
-    if recorder is not None:
-        content["recorder"] = _mapped(_python, stated_table(recorder))
-    if words is not None:
-        content["words"] = dict(words)
     with _in_the_callers_words():
         settings = parse_settings(content)
         needs_velocity = quantity != "displacement"
         names, body = _texts(impacts)
-        numbers = range(_FIRST_ROW, len(body) + _FIRST_ROW)
+        numbers = range(FIRST_ROW, len(body) + FIRST_ROW)
         cells, rows = cells_of(names, body, numbers, wanted(needs_velocity=needs_velocity))
         table = impact_table(cells, rows, needs_velocity=needs_velocity)
         listed = cells["impact"].tolist()
@@ -135,7 +133,7 @@ def dataset(
     warnings, left_out = (
         tuple(map(_in_words, problems)) for problems in (checked.warnings, checked.left_out)
     )
-    counted_from_0 = {impact: row - _FIRST_ROW for impact, row in checked.rows.items()}
+    counted_from_0 = {impact: row - FIRST_ROW for impact, row in checked.rows.items()}
     return replace(checked, warnings=warnings, left_out=left_out, table=_CALLED[IMPACTS], rows=counted_from_0)
 
 
@@ -152,7 +150,7 @@ def _in_words(problem: Problem) -> Problem:
     texts = {"expected": problem.expected, "remedy": problem.remedy, "column": problem.column or ""}
     for pattern, words in _WORDS:
         texts = {key: pattern.sub(words, text) for key, text in texts.items()}
-    row = None if problem.row is None or problem.row < _FIRST_ROW else problem.row - _FIRST_ROW
+    row = None if problem.row is None or problem.row < FIRST_ROW else problem.row - FIRST_ROW
     changed: dict[str, Any] = {**texts, "column": texts["column"] or None}
     return replace(problem, file=_CALLED.get(problem.file, problem.file), row=row, **changed)
 
@@ -201,14 +199,13 @@ def _columns(traces: Any, impacts: list[str], signal: SignalSettings) -> tuple[s
     """What messages call the recordings, all samples under one another, and their rows."""
     columns = (signal.time_column, signal.value_column)
     if isinstance(traces, pd.DataFrame):
-        if problems := column_problems(_LONG, [str(name) for name in traces], ["impact", *columns]):
-            raise InputError(problems)
+        refuse(column_problems(_LONG, [str(name) for name in traces], ["impact", *columns]))
         codes, names = pd.factorize(traces["impact"], use_na_sentinel=False)
         labels = Labels.distinct(codes, map(plain_text, names))
         numbers = {name: _numbers(traces[name], _LONG, name, None) for name in columns}
         if not len(codes):
             raise InputError.stated("no-rows.samples", _LONG, value="no rows")
-        return _LONG, Columns(numbers, {"impact": labels}), np.arange(len(codes)) + _FIRST_ROW
+        return _LONG, Columns(numbers, {"impact": labels}), np.arange(len(codes)) + FIRST_ROW
     if isinstance(traces, Mapping):
         named = [(plain_text(name), trace) for name, trace in traces.items()]
     elif isinstance(traces, Sequence) and not isinstance(traces, str) and len(traces) == len(impacts):
@@ -220,7 +217,7 @@ def _columns(traces: Any, impacts: list[str], signal: SignalSettings) -> tuple[s
     count = [len(times.array) for _, times, _ in pairs]
     labels = Labels(np.repeat(np.arange(len(named)), count), tuple(name for name, _ in named))
     row_ranges = (first + np.arange(number) for (first, *_), number in zip(pairs, count, strict=True))
-    rows = np.concatenate([np.empty(0, int), *row_ranges]) + _FIRST_ROW
+    rows = np.concatenate([np.empty(0, int), *row_ranges]) + FIRST_ROW
     parts = zip(columns, ([times for _, times, _ in pairs], [values for *_, values in pairs]), strict=True)
     numbers = {name: Numbers.joined(part) for name, part in parts}
     return _SINGLE, Columns(numbers, {"impact": labels}), rows
@@ -231,8 +228,8 @@ def _pair(trace: Any, impact: str, columns: tuple[str, str]) -> tuple[int, Numbe
     if isinstance(trace, Trace):
         trace = trace.time_s, trace.value
     elif isinstance(trace, pd.DataFrame):
-        if problems := column_problems(_SINGLE, [str(name) for name in trace], columns):
-            raise InputError(replace(problem, impact=impact) for problem in problems)
+        problems = column_problems(_SINGLE, [str(name) for name in trace], columns)
+        refuse(replace(problem, impact=impact) for problem in problems)
         trace = trace[columns[0]], trace[columns[1]]
     elif isinstance(trace, np.ndarray) and trace.ndim == 2 and min(trace.shape) == 2 < max(trace.shape):
         # As `numpy.loadtxt` has it, with or without ``unpack``: which axis is the samples' is no question.

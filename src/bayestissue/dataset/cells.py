@@ -17,7 +17,7 @@ import pandas as pd
 
 from bayestissue.dataset.dialect import text_table
 from bayestissue.dataset.files import of_part, read_bytes
-from bayestissue.errors import InputError, Problem, has_control_characters
+from bayestissue.errors import InputError, Problem, has_control_characters, refuse
 from bayestissue.outline import counted
 
 FILE = "impacts.csv"
@@ -120,8 +120,7 @@ def cells_of(
     problems += [ragged_problem(label, len(names), ragged, delimiter)] if ragged else []
     if not body:
         problems.append(Problem.stated("no-rows.impacts", label, value="no rows below the header"))
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     return pd.DataFrame(body, columns=names, dtype=str), np.array(lines)
 
 

@@ -14,30 +14,14 @@ import numpy as np
 from jaxtyping import Float64
 
 from bayestissue.dataset.chain import STANDARD_GRAVITY
-from bayestissue.dataset.limits import FLAT_SAMPLES
+from bayestissue.dataset.limits import LIMITS
 from bayestissue.dataset.motion import Motion, motion
+from bayestissue.dataset.plausible import PLAUSIBLE
 from bayestissue.dataset.recordings import EVEN_WITHIN, MIN_SAMPLES, RATE_WITHIN, Recordings, Samples, uneven
 from bayestissue.dataset.settings import FILE
 from bayestissue.dataset.twins import twins
 from bayestissue.errors import Problem
 
-# With half of a quantity as its standard deviation, none of it at all lies within two of them.
-_MOST = 0.5
-_FALL_WITHIN = 0.05
-# The answer of a low-pass of the second order to the shortest blow of all rises for 0.17 over its corner.
-_SLOWEST = 0.15
-# Of the greatest value: a recording that ends below it shows the whole force.
-_FORCE_IS_GONE = 0.1
-# Of the greatest value: more than contact's jump is, of a tissue that is not next to all damper.
-_AMID_FORCE = 0.6
-# An impact on tissue lasts some hundredths of a second: longer steps hold no eight samples of it.
-_LONGEST_STEP_S = 0.02
-_SHORTEST_S = 1e-4
-_DEEPEST_M = 1.0
-# Mean speed from a twentieth of the greatest displacement to the greatest, over that at contact.
-_MEAN_SPEED = (0.03, 3.0)
-# A sensor that is held, or falls, reads g about so closely for longer than any impact lasts.
-_ABOUT_G, _HELD_S = 0.1, 0.1
 _FALLS = "a speed that falls by {:.4g} m/s"
 
 
@@ -108,10 +92,10 @@ def _clock_problems(recordings: Recordings) -> Iterator[Problem]:
     off = (np.abs(rate / stated - 1) > RATE_WITHIN) & np.isfinite(stated)
     limits = {"stated": stated, "within": RATE_WITHIN}
     yield from recordings.where(off, "sampling-rate.impacts", "{:g} Hz", rate, column=column, **limits)
-    slow, short = mean > _LONGEST_STEP_S, (samples.duration > 0) & (samples.duration < _SHORTEST_S)
-    limits = {"longest": _LONGEST_STEP_S, "shortest": _SHORTEST_S}
+    limits = {"longest": PLAUSIBLE.longest_step_s, "shortest": PLAUSIBLE.shortest_s}
+    lasts, slow = samples.duration, mean > limits["longest"]
+    short = (lasts > 0) & (lasts < limits["shortest"])
     yield from recordings.where(slow, "unit.slow-clock", "one every {:.4g} s", mean, column=column, **limits)
-    lasts = samples.duration
     yield from recordings.where(short, "unit.short-clock", "one of {:.4g} s", lasts, column=column, **limits)
 
 
@@ -167,10 +151,10 @@ def _clipped(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
     if samples.clipped is None:
         return
     limited = samples.clipped != 0
-    slowing = np.abs(samples.value) > 0.1 * np.maximum(np.abs(moving.high), np.abs(moving.low))[samples.owner]
+    slowing = np.abs(samples.value) > PLAUSIBLE.pulse * moving.farthest[samples.owner]
     left = np.add.reduceat((slowing & ~limited).astype(int), samples.begin)
     count = np.add.reduceat(limited.astype(int), samples.begin)
-    plateau = count >= FLAT_SAMPLES
+    plateau = count >= LIMITS.plateau
     no_place = recordings.recorder is not None or recordings.quantity == "displacement"
     for which in np.flatnonzero(plateau & no_place | (count > 0) & (left < MIN_SAMPLES)):
         at = samples.begin[which] + int(np.argmax(limited[samples.begin[which] : samples.end[which]]))
@@ -189,25 +173,26 @@ def _impossible_low_pass(recordings: Recordings, moving: Motion) -> Iterator[Pro
         column = "recorder.sae_class" if recorder.sae_class else "recorder.low_pass_hz"
         value = f"{corner:g} Hz"
         yield Problem.stated("impossible-low-pass.digital", FILE, None, column, value, half_rate=half_rate)
-    elif corner * typical < _SLOWEST:
+    elif corner * typical < PLAUSIBLE.slowest:
         yield Problem.stated(
             "impossible-low-pass.slow", FILE, column="recorder.low_pass_hz", value=f"{corner:g} Hz",
-            rise_ms=1e3 * typical, typical=1 / typical, least=_SLOWEST / typical,
+            rise_ms=1e3 * typical, typical=1 / typical, least=PLAUSIBLE.slowest / typical,
         )  # fmt: skip
 
 
 def _depths(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
     samples, velocity, depth = recordings.samples, recordings.velocity, moving.extreme
     yield from recordings.where(depth < 0, "sign.displacement", "{:g} m from the first sample", depth)
-    yield from recordings.where(depth > _DEEPEST_M, "unit.depth", "{:.4g} m", depth, deepest=_DEEPEST_M)
+    deepest = PLAUSIBLE.deepest_m
+    yield from recordings.where(depth > deepest, "unit.depth", "{:.4g} m", depth, deepest=deepest)
     speed = np.full(depth.size, np.nan)
-    for which in np.flatnonzero((depth > 0) & (depth <= _DEEPEST_M) & (velocity > 0)):
+    for which in np.flatnonzero((depth > 0) & (depth <= deepest) & (velocity > 0)):
         until_peak = slice(samples.begin[which], moving.peak[which] + 1)
         displaced = samples.value[until_peak] - samples.value[until_peak.start]
-        shallow = int(np.flatnonzero(displaced <= _FALL_WITHIN * displaced[-1])[-1])
+        shallow = int(np.flatnonzero(displaced <= PLAUSIBLE.fall_within * displaced[-1])[-1])
         lasts = samples.time[moving.peak[which]] - samples.time[until_peak][shallow]
         speed[which] = (displaced[-1] - displaced[shallow]) / lasts
-    low, high = _MEAN_SPEED
+    low, high = PLAUSIBLE.mean_speed
     off = ~np.isnan(speed) & ~((low < speed / velocity) & (speed / velocity < high))
     words = "{:.4g} m/s on average"
     yield from recordings.where(off, "velocity-off.displacement", words, speed, velocity=velocity)
@@ -216,30 +201,27 @@ def _depths(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
 def _speeds(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
     velocity, uncertainty = recordings.velocity, recordings.uncertainty
     known = np.isfinite(velocity) & (moving.high > moving.low)
-    allowed = _FALL_WITHIN + 3 * (uncertainty.relative_gain_sd + uncertainty.velocity_sd_m_s / velocity)
+    gain_sd, velocity_sd = uncertainty.relative_gain_sd, uncertainty.velocity_sd_m_s / velocity
+    allowed = PLAUSIBLE.fall_within + 3 * (gain_sd + velocity_sd)
     # Contact may precede the first sample by an interval, and its jump may be as high as the peak.
     allowed += (moving.step_loss + 3 * uncertainty.offset_sd * moving.duration) / velocity
     faster = known & (moving.gain > 0.5 * velocity) & (moving.gain > moving.loss)
     # How much speed was lost beyond the sensor's limit is not recorded.
-    short = (
-        known
-        & ~faster
-        & ~recordings.samples.limited
-        & (moving.loss < velocity * (1 - np.minimum(allowed, 0.9)))
-    )
+    short = known & ~faster & ~recordings.samples.limited
+    short &= moving.loss < velocity * (1 - np.minimum(allowed, 0.9))
     absurd = known & ~faster & ~(moving.pulse_loss <= 3 * velocity)
     # A recording that goes on until the force is gone has not ended early.
     last = np.abs(recordings.samples.value[recordings.samples.end - 1])
-    gone = last < _FORCE_IS_GONE * np.maximum(np.abs(moving.high), np.abs(moving.low))
+    gone = last < PLAUSIBLE.gone * moving.farthest
     loss, held = moving.loss, _seconds_at_g(recordings.samples, moving)
-    grows, carried = "a speed that grows by {:.4g} m/s", held > _HELD_S
+    grows, carried = "a speed that grows by {:.4g} m/s", held > PLAUSIBLE.held_s
     for key, which in (("sign.speed", faster & ~carried), ("sign.held", faster & carried)):
         yield from recordings.where(which, key, grows, moving.gain, held=held)
     yield from recordings.where(absurd & carried, "sign.held", _FALLS, moving.pulse_loss, held=held)
     absurd &= ~carried
     # What begins amid the force has lost the speed before: contact, or a trigger, came first.
     first = np.abs(recordings.samples.value[recordings.samples.begin])
-    late = short & gone & (first > _AMID_FORCE * np.maximum(np.abs(moving.high), np.abs(moving.low)))
+    late = short & gone & (first > PLAUSIBLE.amid * moving.farthest)
     yield from recordings.where(late, "starts-above-zero.late", _FALLS, loss, velocity=velocity)
     few = short & gone & ~late
     yield from recordings.where(few, "velocity-off.too-little", _FALLS, loss, velocity=velocity)
@@ -250,7 +232,7 @@ def _speeds(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
 def _seconds_at_g(samples: Samples, moving: Motion) -> Float64[np.ndarray, " impact"]:
     """For how long each recording reads about gravity before its greatest deceleration, s."""
     earlier = np.arange(samples.time.size) < moving.peak[samples.owner]
-    at_g = np.abs(np.abs(samples.value) / STANDARD_GRAVITY - 1) < _ABOUT_G
+    at_g = np.abs(np.abs(samples.value) / STANDARD_GRAVITY - 1) < PLAUSIBLE.about_g
     return np.add.reduceat((earlier & at_g).astype(np.float64), samples.begin) * samples.interval
 
 
@@ -275,12 +257,12 @@ def stated_problems(recordings: Recordings) -> Iterator[Problem]:
     if not recordings.name.size:
         return
     moving, displaced = motion(recordings.samples, recordings.quantity), recordings.quantity == "displacement"
-    reach = np.median(np.maximum(np.abs(moving.high), np.abs(moving.low)))
+    reach = np.median(moving.farthest)
     words: dict[str, Any] = {"quantity": recordings.quantity, "unit": "m" if displaced else "m/s^2"}
     for key, name, median in (
         ("velocity", "velocity_sd_m_s", np.median(velocity) if velocity.size else np.inf),
         ("offset", "offset_sd", reach),
     ):
         key, column, sd = f"stated-error-too-large.{key}", f"uncertainty.{name}", getattr(sds, name)
-        if sd >= _MOST * median:
+        if sd >= PLAUSIBLE.most_sd * median:
             yield Problem.stated(key, FILE, None, column, sd, median=median, **words)

@@ -18,8 +18,8 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from bayestissue.dataset.files import as_utf8, first_line, is_workbook, sheet_text
-from bayestissue.dataset.units import Dimension, to_si
+from bayestissue.dataset.files import FILES, as_utf8, first_line, is_workbook, sheet_text
+from bayestissue.dataset.units import dimension_of
 from bayestissue.errors import InputError
 
 Encoding = Literal["utf-8", "utf-16", "cp1252"]
@@ -35,8 +35,6 @@ THOUSANDS: dict[Thousands, str] = {
     "none": "", "point": ".", "comma": ",", "space": " \u00a0\u202f", "apostrophe": "'\u2019",
 }  # fmt: skip
 _ENCODINGS = {"utf-8": "UTF-8", "utf-8-sig": "UTF-8 with a mark", "utf-16": "UTF-16", "cp1252": "cp1252"}
-_FEW = 200
-_HEAD = 1 << 18
 _EXPONENT = r"([eE][+-]?\d+)?"
 # A number in any country's spelling; a date such as 24.11.2026 is none.
 _ANY_NUMBER = re.compile(
@@ -183,7 +181,7 @@ class _Lines:
 
     @classmethod
     def cut(cls, text: str, delimiter: str) -> _Lines:
-        return cls(delimiter, list(islice(_records(text, delimiter), _FEW)))
+        return cls(delimiter, list(islice(_records(text, delimiter), FILES.lines)))
 
     @property
     def lower(self) -> list[_Record]:
@@ -273,9 +271,10 @@ class _Lines:
         called = [record for record in above if _CALLED_UNITS.fullmatch(record.bare[0])]
         return next((record for record in called if _are_units(record.cells)), None)
 
-    def stated(self, key: str, stated: Stated, label: str) -> _Record | None:
-        """The record that somebody named by its row; None where nobody did, or said that there is none."""
-        row = getattr(stated, key)
+    def stated(self, key: str, stated: Stated, label: str, otherwise: _Record | None) -> _Record | None:
+        """The record that somebody named by its row, None for the row 0; ``otherwise`` where nobody did."""
+        if (row := getattr(stated, key)) is None:
+            return otherwise
         record = next((candidate for candidate in self.records if candidate.row == row), None)
         if row and record is None:
             count = len(self.records)
@@ -350,16 +349,14 @@ def text_table(
         stated = stated.model_copy(update={"encoding": "utf-8", "delimiter": "comma"})
     data, encoding = as_utf8(data, label, stated.encoding)
     first_line(data, label)
-    head = data if len(data) <= _HEAD else data[: data.rfind(b"\n", 0, _HEAD) + 1 or _HEAD]
+    head = data if len(data) <= FILES.head else data[: data.rfind(b"\n", 0, FILES.head) + 1 or FILES.head]
     text = head.decode("utf-8", "ignore")
     lines = _Lines.cut(text, DELIMITERS[stated.delimiter]) if stated.delimiter else _cut(text)
-    header = lines.stated("header_row", stated, label) or lines.names(wanted, named=named)
-    header = None if stated.header_row == 0 else header
-    below = lines.stated("units_row", stated, label) or lines.units(header)
-    below = None if stated.units_row == 0 else below
+    header = lines.stated("header_row", stated, label, lines.names(wanted, named=named))
+    below = lines.stated("units_row", stated, label, lines.units(header))
     last = max(filter(None, (header, below)), key=lambda record: record.row, default=None)
     first_row = lines.first_row(last, named=named)
-    body = memoryview(data)[_offset(head, first_row) :]
+    body = memoryview(data)[sum(map(len, head.splitlines(keepends=True)[: first_row - 1])) :]
     cells = [record.cells for record in lines.records if record.row >= first_row]
     decimal = DECIMALS[stated.decimal] if stated.decimal else _decimal(cells, body)
     thousands = stated.thousands
@@ -461,31 +458,11 @@ def _are_units(cells: Sequence[str]) -> bool:
 
 def _is_unit(text: str) -> bool:
     # Names and numbers are no units, and looking them up would take long.
-    if not text or len(text) > 10 or not text[0].isalpha():
-        return False
-    dimensions: tuple[Dimension, ...] = ("time", "acceleration", "length")
-    for dimension in dimensions:
-        try:
-            to_si(text, dimension)
-        except ValueError:
-            continue
-        return True
-    return False
+    return text[:1].isalpha() and len(text) <= 10 and dimension_of(text) is not None
 
 
 def _bare(unit: str) -> str:
     return unit.strip().strip("[]()").strip()
-
-
-def _offset(data: bytes, row: int) -> int:
-    """Where a row begins, counted from 1."""
-    at = 0
-    for _ in range(row - 1):
-        ends = [end for end in (data.find(b"\n", at), data.find(b"\r", at)) if end >= 0]
-        if not ends:
-            return len(data)
-        at = min(ends) + (2 if data[min(ends) : min(ends) + 2] == b"\r\n" else 1)
-    return at
 
 
 def _decimal(records: Sequence[Sequence[str]], body: memoryview) -> str:

@@ -13,6 +13,7 @@ import zipfile
 import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from functools import reduce
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,10 +24,31 @@ if TYPE_CHECKING:
     from python_calamine import CalamineWorkbook
 
 LIMIT = "BAYESTISSUE_LARGEST_FILE_MB"
-_LARGEST_MB = 1000.0
-_CHUNK = 1 << 20
-_LONGEST_LINE = 1 << 16
 _UTF8_MARK = codecs.BOM_UTF8
+
+
+@dataclass(frozen=True)
+class FileSettings:
+    """How much of a file is looked at, in bytes where nothing else is said.
+
+    Attributes:
+        largest_mb: a file once it is unpacked, and all recordings of a dataset, MB: see `largest`.
+        chunk: that is unpacked at a time to count its bytes.
+        longest_line: more than any line of column names has.
+        head: of a text, in which its marks and names are looked for,
+        lines: and so many lines with cells.
+        cell: of a workbook while a sheet is read.
+    """
+
+    largest_mb: float = 1000.0
+    chunk: int = 1 << 20
+    longest_line: int = 1 << 16
+    head: int = 1 << 18
+    lines: int = 200
+    cell: int = 40
+
+
+FILES = FileSettings()
 
 
 def largest() -> float:
@@ -40,7 +62,7 @@ def largest() -> float:
     """
     said = os.environ.get(LIMIT, "")
     try:
-        megabytes = float(said) if said.strip() else _LARGEST_MB
+        megabytes = float(said) if said.strip() else FILES.largest_mb
     except ValueError:
         megabytes = float("nan")
     if not megabytes > 0:
@@ -107,7 +129,7 @@ def _unpacked(path: Path, label: str) -> bytes:
     # Counted before any of it is kept, so that what is too large takes no memory.
     size = 0
     with gzip.open(path) as packed:
-        while chunk := packed.read(_CHUNK):
+        while chunk := packed.read(FILES.chunk):
             if not size:
                 first_line(chunk, label)
             size += len(chunk)
@@ -128,7 +150,7 @@ def unpacked_size(packed: bytes, label: str, *, before: int = 0) -> int:
         InputError: they are too many; see `require_small`.
     """
     unpacking, size, remaining = zlib.decompressobj(), before, packed
-    while chunk := unpacking.decompress(remaining, _CHUNK):
+    while chunk := unpacking.decompress(remaining, FILES.chunk):
         size, remaining = size + len(chunk), unpacking.unconsumed_tail
         require_small(size, label, known=False)
     return size
@@ -145,7 +167,7 @@ def first_line(data: bytes, label: str) -> bytes:
     Raises:
         InputError: it is longer than any line of column names.
     """
-    start = data[:_LONGEST_LINE].removeprefix(_UTF8_MARK)
+    start = data[: FILES.longest_line].removeprefix(_UTF8_MARK)
     line = start.split(b"\n", 1)[0].split(b"\r", 1)[0]
     if len(line) == len(start) < len(data) - 3:
         raise InputError.stated(
@@ -153,7 +175,7 @@ def first_line(data: bytes, label: str) -> bytes:
             label,
             row=1,
             value=line[:60].decode("utf-8", "replace"),
-            longest=_LONGEST_LINE,
+            longest=FILES.longest_line,
         )
     return line
 
@@ -175,29 +197,31 @@ def as_utf8(data: bytes, label: str, encoding: str | None = None) -> tuple[bytes
     Raises:
         InputError: it is no such text, with the row of the first wrong byte.
     """
-    marked = data.startswith(_UTF8_MARK)
-    if encoding in (None, "utf-8") and (marked or data.isascii()) and b"\0" not in data:
-        data = data.removeprefix(_UTF8_MARK)
-        name = "utf-8-sig" if marked else "utf-8"
-        return (data, name) if data.isascii() else (_require(data, label, "utf-8"), name)
-    if encoding == "utf-16" or (encoding is None and _utf16(data)):
-        return _require(data, label, _utf16(data) or "utf-16"), "utf-16"
-    if encoding is None:
-        encoding = "utf-8"
-        with suppress(UnicodeDecodeError):
-            data.decode("utf-8")
-            return _require(data, label, "utf-8"), "utf-8"
-        # A text of which parts are UTF-8 is a damaged one.
-        if data.decode("utf-8", "ignore").isascii():
-            encoding = "cp1252"
+    encoding = encoding or _encoding(data)
+    if encoding == "utf-16":
+        return _require(data, label, _utf16(data) or encoding), encoding
+    if encoding == "utf-8" and data.startswith(_UTF8_MARK):
+        return _require(data.removeprefix(_UTF8_MARK), label, encoding), "utf-8-sig"
     return _require(data, label, encoding), encoding
+
+
+def _encoding(data: bytes) -> str:
+    if _utf16(data):
+        return "utf-16"
+    if data.isascii():
+        return "utf-8"
+    with suppress(UnicodeDecodeError):
+        data.decode("utf-8")
+        return "utf-8"
+    # A text of which parts are UTF-8 is a damaged one.
+    return "cp1252" if data.decode("utf-8", "ignore").isascii() else "utf-8"
 
 
 def _utf16(data: bytes) -> str:
     """The order of bytes of UTF-16 text; empty where it is none."""
     if data[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
         return "utf-16"
-    start = data[:_LONGEST_LINE]
+    start = data[: FILES.longest_line]
     zeros = {order: start[first::2].count(0) for order, first in (("utf-16-le", 1), ("utf-16-be", 0))}
     order = max(zeros, key=lambda candidate: zeros[candidate])
     # Of each pair one byte is 0 in nearly all text of numbers, and never the other.
@@ -210,6 +234,8 @@ def _require(data: bytes, label: str, encoding: str) -> bytes:
     Raises:
         InputError: it is not in this encoding, or holds characters that are 0, as damaged files do.
     """
+    if encoding == "utf-8" and data.isascii() and b"\0" not in data:
+        return data
     try:
         text = data.decode(encoding)
     except UnicodeDecodeError as error:
@@ -308,8 +334,6 @@ def _opened(data: bytes, label: str) -> Iterator[CalamineWorkbook]:
         raise InputError.stated("damaged-file.workbook", label, value=error_line(error)) from error
 
 
-# Of a cell while a sheet is read.
-_CELL_BYTES = 40
 _ROW, _COLUMN = (
     re.compile(rb"\sr\s*=\s*[\"'][A-Za-z]*(\d+)[\"']"),
     re.compile(rb"\sr\s*=\s*[\"']([A-Za-z]+)\d"),
@@ -325,7 +349,7 @@ def _require_near(data: bytes, label: str) -> None:
                 continue
             last = max(map(int, set(_ROW.findall(content))), default=1)
             far = max({name.upper() for name in _COLUMN.findall(content)}, key=_number_of, default=b"A")
-            if last * _number_of(far) * _CELL_BYTES > largest():
+            if last * _number_of(far) * FILES.cell > largest():
                 extent = f"cells as far as column {far.decode()} and row {last}"
                 raise InputError.stated("file-too-large.cells", label, value=extent)
 

@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from bayestissue.dataset.cells import FILE, read_cells
+from bayestissue.dataset.plausible import PLAUSIBLE
 from bayestissue.dataset.recordings import CROP
 from bayestissue.errors import Problem, has_control_characters
 
@@ -58,8 +59,6 @@ COLUMNS = {
     "energy_J": f"{_MEASURED['energy_J'].meaning}, M V²/2",
     "diameter_m": f"{_MEASURED['diameter_m'].meaning}, for the element hunt_crossley",
 }
-# A model squares what it is given.
-_LARGEST_COVARIATE = 1e30
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _WHOLE_NUMBER = re.compile(r"(?<![\d.])(\d+)\.0+(?![\d.])")
 
@@ -128,8 +127,9 @@ def impact_table(cells: pd.DataFrame, rows: np.ndarray, *, needs_velocity: bool)
         elif name not in RESERVED:
             content[name], odd = column.covariate()
             warnings += odd
-            too_large = np.abs(column.numbers) >= _LARGEST_COVARIATE
-            problems += column.wrong(too_large, "impossible-value.covariate", limit=_LARGEST_COVARIATE)
+            most = PLAUSIBLE.largest_covariate
+            too_large = np.abs(column.numbers) >= most
+            problems += column.wrong(too_large, "impossible-value.covariate", limit=most)
     content.setdefault("velocity_m_s", np.full(len(rows), np.nan))
     table = pd.DataFrame(content)
     if set(CROP) <= set(table):

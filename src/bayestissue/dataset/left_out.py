@@ -9,7 +9,7 @@ from pathlib import Path
 import pandas as pd
 
 from bayestissue.dataset.cells import read_cells
-from bayestissue.errors import InputError, Problem, has_control_characters, printable
+from bayestissue.errors import InputError, Problem, has_control_characters, printable, refuse
 from bayestissue.remedies import entries
 from bayestissue.results import sync_folder, whole_file
 
@@ -56,8 +56,7 @@ def reasons(folder: Path) -> dict[str, str]:
             value = f"{impact}: {reason}"
             problems.append(Problem.stated("left-out.row", FILE, row, value=value, impact=impact))
         by_impact[impact] = reason
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     return by_impact
 
 

@@ -2,21 +2,37 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
-from jaxtyping import Int8
+from jaxtyping import Float64, Int8
 
 from bayestissue.dataset.chain import Quantity
-from bayestissue.dataset.motion import flat_top, motion
 from bayestissue.dataset.recordings import Samples
 
-# So many equal greatest values make a plateau of one recording, if hardly any stands just below.
-FLAT_SAMPLES = 4
-# Of the values' range: equal readings may differ in their last digit once a scale has been applied.
-_SAME = 1e-9
-# A limit is the greatest value of so many recordings, or of two with so many such samples together.
-_SHARED, _FEW_SHARED = 3, 3
-# So many steps of the recorder below a limit hardly any recording has its greatest value.
-_JUST_BELOW = 4.5
+
+@dataclass(frozen=True)
+class LimitSettings:
+    """By what samples at a sensor's limit are told from the peak of an impact.
+
+    Attributes:
+        plateau: so many equal greatest values make a plateau of one recording, if hardly any stand just
+            below.
+        recordings: a limit is the greatest value of so many recordings,
+        samples: or of two with more than so many such samples together.
+        steps_below: within so many steps of the recorder below a limit hardly any recording has its greatest
+            value.
+        same: of the values' size: equal readings may differ in their last digit once a scale was applied.
+    """
+
+    plateau: int = 4
+    recordings: int = 3
+    samples: int = 3
+    steps_below: float = 4.5
+    same: float = 1e-9
+
+
+LIMITS = LimitSettings()
 
 
 def at_limit(
@@ -32,31 +48,21 @@ def at_limit(
         quantity: what was recorded.
         stated: the lower and the upper limit, m/s² or m; None where none is known.
     """
-    clipped = np.zeros(samples.value.size, np.int8)
+    value, clipped = samples.value, np.zeros(samples.value.size, np.int8)
     if not samples.impact.size:
         return clipped
-    with np.errstate(invalid="ignore"):
+    with np.errstate(all="ignore"):
         if stated is not None:
             low, high = (
-                limit * (1 - np.copysign(_SAME, limit * side))
+                limit * (1 - np.copysign(LIMITS.same, limit * side))
                 for limit, side in zip(stated, (-1, 1), strict=True)
             )
-            return (samples.value >= high).astype(np.int8) - (samples.value <= low).astype(np.int8)
+            return (value >= high).astype(np.int8) - (value <= low).astype(np.int8)
         for sign in (1, -1):
             limit = _shared(samples, sign)
             if limit is not None:
-                close = np.abs(samples.value - limit) <= _SAME * np.abs(limit)
-                clipped[close] = sign
-    whole = samples.only(np.logical_and.reduceat(np.isfinite(samples.value), samples.begin))
-    if not whole.impact.size:
-        return clipped
-    names = {impact: which for which, impact in enumerate(samples.impact)}
-    with np.errstate(all="ignore"):
-        moving = motion(whole, quantity)
-        for which, _, _, limit in flat_top(whole, moving, quantity, FLAT_SAMPLES):
-            mine = names[whole.impact[which]]
-            here = slice(samples.begin[mine], samples.end[mine])
-            clipped[here][samples.value[here] == limit] = 1 if limit == moving.high[which] else -1
+                clipped[np.abs(value - limit) <= LIMITS.same * np.abs(limit)] = sign
+        _mark_plateaus(samples, quantity, clipped)
     return clipped
 
 
@@ -69,15 +75,39 @@ def _shared(samples: Samples, sign: int) -> float | None:
     if known.sum() < 2:
         return None
     limit = greatest[known].max()
-    same = known & (greatest >= limit - _SAME * limit)
+    same = known & (greatest >= limit * (1 - LIMITS.same))
     # What was exported twice has its greatest value twice.
-    different = {value[samples.begin[w] : samples.end[w]].tobytes() for w in np.flatnonzero(same)}
-    count = sum(
-        int((value[samples.begin[w] : samples.end[w]] >= limit - _SAME * limit).sum())
-        for w in np.flatnonzero(same)
-    )
-    steps = np.diff(np.unique(value[np.isfinite(value)]))
-    step = steps[steps > _SAME * limit].min(initial=limit)
-    below = int((known & ~same & (greatest > limit - _JUST_BELOW * step)).sum())
-    several = len(different) >= _SHARED or (len(different) == 2 and count > _FEW_SHARED)
-    return float(sign * limit) if several and len(different) > 3 * below else None
+    parts = [value[samples.begin[which] : samples.end[which]] for which in np.flatnonzero(same)]
+    different = len({part.tobytes() for part in parts})
+    count = sum(np.count_nonzero(part >= limit * (1 - LIMITS.same)) for part in parts)
+    step = _step(value[np.isfinite(value)], LIMITS.same * limit, otherwise=limit)
+    below = np.count_nonzero(known & ~same & (greatest > limit - LIMITS.steps_below * step))
+    several = different >= LIMITS.recordings or (different == 2 and count > LIMITS.samples)
+    return float(sign * limit) if several and different > 3 * below else None
+
+
+def _mark_plateaus(samples: Samples, quantity: Quantity, clipped: Int8[np.ndarray, " sample"]) -> None:
+    """Write into ``clipped`` where recordings are cut off at one value.
+
+    At a recorder's limit samples pile up: more stand there than the few steps of the recorder's scale below
+    it hold together. A smooth or noisy peak has its readings spread over these steps. Of a displacement only
+    the upper side counts.
+    """
+    value = samples.value
+    ends = [np.maximum.reduceat(value, samples.begin), np.minimum.reduceat(value, samples.begin)]
+    greatest = np.maximum(*np.abs(ends))
+    for limit, sign in zip(ends[:1] if quantity == "displacement" else ends, (1, -1), strict=False):
+        count = np.add.reduceat((value == limit[samples.owner]).astype(int), samples.begin)
+        extreme = (np.abs(limit) > 0.5 * greatest) & (ends[0] > ends[1])
+        for which in np.flatnonzero(extreme & (count >= LIMITS.plateau)):
+            mine = value[samples.begin[which] : samples.end[which]]
+            distance = np.abs(mine - limit[which])
+            near = LIMITS.steps_below * _step(mine, LIMITS.same * np.ptp(mine))
+            if count[which] > 3 * np.count_nonzero((distance > 0) & (distance < near)) + 2:
+                clipped[samples.begin[which] : samples.end[which]][mine == limit[which]] = sign
+
+
+def _step(values: Float64[np.ndarray, " sample"], rounding: float, otherwise: float = np.inf) -> float:
+    """The recorder's step: the least difference of values that is more than ``rounding``."""
+    steps = np.diff(np.unique(values))
+    return float(steps[steps > rounding].min(initial=otherwise))

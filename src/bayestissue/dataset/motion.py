@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64, Int
 
 from bayestissue.dataset.chain import Quantity
+from bayestissue.dataset.plausible import PLAUSIBLE
 from bayestissue.dataset.recordings import Samples
-
-# A recording has begun to go somewhere where it is this share of its farthest way from where it began.
-_BEGINS = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +43,11 @@ class Motion:
     pulse_loss: Float64[np.ndarray, " impact"]
     step_loss: Float64[np.ndarray, " impact"]
 
+    @property
+    def farthest(self) -> Float64[np.ndarray, " impact"]:
+        """The value farthest from 0, on either side."""
+        return np.maximum(np.abs(self.high), np.abs(self.low))
+
 
 def motion(samples: Samples, quantity: Quantity, gravity: float = 0.0) -> Motion:
     """The figures of `Motion` for every recording.
@@ -60,7 +62,7 @@ def motion(samples: Samples, quantity: Quantity, gravity: float = 0.0) -> Motion
     greatest = np.maximum.reduceat(slowing, begin)
     displaced = samples.value - samples.value[begin][owner]
     begins = _first_at(
-        np.abs(displaced) >= _BEGINS * np.maximum.reduceat(np.abs(displaced), begin)[owner], begin
+        np.abs(displaced) >= PLAUSIBLE.begins * np.maximum.reduceat(np.abs(displaced), begin)[owner], begin
     )
     side = np.where(displaced[begins] < 0, -1.0, 1.0)
     interval = (samples.time[end - 1] - samples.time[begin]) / (samples.count - 1)
@@ -68,7 +70,7 @@ def motion(samples: Samples, quantity: Quantity, gravity: float = 0.0) -> Motion
     loss = gain = pulse_loss = rise = np.zeros(begin.size)
     pulse = samples.count
     if quantity != "displacement":
-        above, position = slowing > 0.1 * greatest[owner], np.arange(owner.size)
+        above, position = slowing > PLAUSIBLE.pulse * greatest[owner], np.arange(owner.size)
         pulse = np.add.reduceat(above.astype(int), begin)
         below = np.where(~above & (position < peak[owner]), position, begin[owner])
         rise = samples.time[peak] - samples.time[np.maximum.reduceat(below, begin)]
@@ -93,41 +95,6 @@ def motion(samples: Samples, quantity: Quantity, gravity: float = 0.0) -> Motion
         pulse_loss=pulse_loss,
         step_loss=np.maximum(greatest, 0) * interval,
     )
-
-
-def flat_top(
-    samples: Samples, moving: Motion, quantity: Quantity, least: int
-) -> Iterator[tuple[int, int, int, float]]:
-    """Recordings cut off at one value: which, the first such sample, how many there are, and the value.
-
-    At a recorder's limit samples pile up: more stand there than the few steps of the recorder's scale below
-    it hold together. A smooth or noisy peak has its readings spread over these steps.
-
-    Args:
-        samples: all recordings.
-        moving: their `Motion`.
-        quantity: what was recorded; for a displacement only the peak counts.
-        least: how many equal samples are suspicious.
-    """
-    begin, end, owner = samples.start[:-1], samples.start[1:], samples.owner
-    greatest = np.maximum(np.abs(moving.high), np.abs(moving.low))
-    for limit in (moving.high,) if quantity == "displacement" else (moving.high, moving.low):
-        same = samples.value == limit[owner]
-        count = np.add.reduceat(same.astype(int), begin)
-        extreme = (np.abs(limit) > 0.5 * greatest) & (moving.high > moving.low)
-        for which in np.flatnonzero(extreme & (count >= least)):
-            mine = slice(begin[which], end[which])
-            if count[which] > 3 * _just_inside(samples.value[mine], limit[which]) + 2:
-                first = begin[which] + int(np.argmax(same[mine]))
-                yield int(which), int(first), int(count[which]), float(limit[which])
-
-
-def _just_inside(values: np.ndarray, limit: float) -> int:
-    steps = np.diff(np.unique(values))
-    # Equal readings may differ in their last digit once a scale has been applied.
-    smallest = steps[steps > 1e-9 * (values.max() - values.min())].min()
-    distance = np.abs(values - limit)
-    return int(np.count_nonzero((distance > 0) & (distance < 4.5 * smallest)))
 
 
 def _climb(samples: Samples, rate: np.ndarray, step: np.ndarray) -> np.ndarray:

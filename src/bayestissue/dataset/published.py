@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from bayestissue.declarations import declared
-from bayestissue.errors import InputError, Problem
+from bayestissue.errors import Problem, refuse
 from bayestissue.resources import shared
 
 _CONDITION = ("energy_J", "velocity_m_s", "mass_kg")
@@ -74,8 +74,7 @@ def read_published(folder: Path | None = None) -> PublishedTables:
     tables = {name: _read_table(paths[name], name, problems) for name in _LAYOUTS}
     if not problems:
         problems += _conditions_that_disagree(tables["estimates"], tables["averages"], paths)
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     return PublishedTables(**tables, folder=folder, paths=tuple(paths.values()))
 
 

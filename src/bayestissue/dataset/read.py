@@ -210,14 +210,10 @@ def _refuse_none_left(problems: list[Problem], table: ImpactTable) -> None:
 
 
 def _traces(samples: Samples, keep: np.ndarray) -> list[Trace]:
+    bounds = zip(samples.impact, samples.begin, samples.end, samples.limited, strict=True)
+    parts = [(slice(begin, end), limited) for impact, begin, end, limited in bounds if keep[impact]]
+    clipped = np.zeros(samples.time.size, np.int8) if samples.clipped is None else samples.clipped
     return [
-        Trace(
-            samples.time[begin:end],
-            samples.value[begin:end],
-            None
-            if samples.clipped is None or not samples.clipped[begin:end].any()
-            else samples.clipped[begin:end],
-        )
-        for impact, begin, end in zip(samples.impact, samples.start[:-1], samples.start[1:], strict=True)
-        if keep[impact]
+        Trace(samples.time[part], samples.value[part], clipped[part] if limited else None)
+        for part, limited in parts
     ]

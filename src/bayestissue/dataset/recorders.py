@@ -24,8 +24,8 @@ from bayestissue.dataset.formats import (
 )
 from bayestissue.dataset.recordings import MIN_SAMPLES
 from bayestissue.dataset.settings import SignalSettings
-from bayestissue.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES, Columns, read_numbers, read_table
-from bayestissue.errors import InputError, Problem
+from bayestissue.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES, Columns, read_table
+from bayestissue.errors import InputError, Problem, refuse
 
 REMEDY = "Correct the cell in column trace of impacts.csv, or put the file there."
 _TABLES = (*TABLE_SUFFIXES, *TEXT_SUFFIXES)
@@ -95,7 +95,7 @@ def contents_of(path: Path, label: str, stated: Stated | None = None) -> Content
     """
     if not _is_table(path):
         return _contents(path, label)
-    numbers = read_numbers(path, label, remedy=REMEDY, stated=stated)
+    numbers = read_table(path, label, numbers=None, remedy=REMEDY, stated=stated)
     channels = {}
     for name, column in numbers.numbers.items():
         values = _to_its_end(column.array)
@@ -187,8 +187,7 @@ def _pick(contents: Contents, label: str, signal: SignalSettings) -> Recording:
         if wanted not in channels and (key == "value_column" or key in signal.model_fields_set):
             listed = ", ".join(channels) or "no channels of numbers"
             problems.append(Problem.stated("no-channel.named", label, None, wanted, listed, setting=key))
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     value, time = channels[name], channels.get(signal.time_column)
     count = value.values.size
     if count < MIN_SAMPLES and (others := long_enough(channels)):

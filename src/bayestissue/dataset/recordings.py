@@ -216,6 +216,12 @@ def in_seconds(time: np.ndarray, signal: SignalSettings) -> np.ndarray:
         return time * to_si(signal.time_unit, "time")
 
 
+def ends_of(signal: SignalSettings) -> tuple[float, float]:
+    """The times from which and to which recordings are read, s, by ``signal.crop``."""
+    start, stop = in_seconds(np.array(signal.crop or [-np.inf, np.inf]), signal)
+    return float(start), float(stop)
+
+
 @dataclass(frozen=True, eq=False)
 class Windows:
     """The times between which each impact is read, both included, on the recorder's clock.
@@ -231,12 +237,9 @@ class Windows:
     @classmethod
     def stated(cls, impacts: pd.DataFrame, signal: SignalSettings) -> Windows:
         """What ``impacts.csv`` says; where a cell is empty, what ``signal.crop`` says."""
-        general = in_seconds(np.array(signal.crop or [-np.inf, np.inf]), signal)
-        ends = [
-            np.where(np.isfinite(cell), cell, end)
-            for cell, end in zip((_column(impacts, name) for name in CROP), general, strict=True)
-        ]
-        return cls(*ends)
+        cells = (_column(impacts, name) for name in CROP)
+        ends = zip(cells, ends_of(signal), strict=True)
+        return cls(*(np.where(np.isfinite(cell), cell, end) for cell, end in ends))
 
     def inside(self, which: int, time: Float64[np.ndarray, " sample"]) -> Bool[np.ndarray, " sample"] | slice:
         """The samples of impact ``which``; one whose time is no number stays, to be found as such."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -20,8 +20,9 @@ from bayestissue.dataset.chain import (
     Uncertainty,
 )
 from bayestissue.dataset.dialect import Stated
-from bayestissue.dataset.units import EXAMPLES, Dimension, to_si
-from bayestissue.errors import InputError, Problem, has_control_characters
+from bayestissue.dataset.plausible import PLAUSIBLE
+from bayestissue.dataset.units import EXAMPLES, Dimension, dimension_of, to_si
+from bayestissue.errors import InputError, Problem, collected, has_control_characters, refuse
 from bayestissue.settings import checked, parse_toml, read_text, row_of
 
 FILE = "dataset.toml"
@@ -31,11 +32,11 @@ FILE = "dataset.toml"
 # -3 dB corner at 5/3 of the class, since (1 + 0.8022⁴)⁻¹ = 2^(-1/2) and 2.0775 × 0.8022 = 5/3.
 SAE_CORNER = 2.0775
 MOST_POLES = 8
-# With half of a quantity as its standard deviation, none of it at all lies within two of them.
-_MOST_RELATIVE = 0.5
+# What each quantity is measured in.
+DIMENSIONS: dict[str, Dimension] = {
+    "deceleration": "acceleration", "acceleration": "acceleration", "displacement": "length",
+}  # fmt: skip
 _GRAVITIES = {"none": 0.0, "drop": STANDARD_GRAVITY}
-# More than gravity is anywhere on Earth, in m/s²: a greater number has another unit.
-_MOST_GRAVITY = 9.9
 
 
 def _not_zero(value: float) -> float:
@@ -51,15 +52,15 @@ def _plain(value: str) -> str:
 
 
 def _on_earth(value: float) -> float:
-    if abs(value) > _MOST_GRAVITY:
-        raise ValueError(f"a number of m/s² from -{_MOST_GRAVITY:g} to {_MOST_GRAVITY:g}")
+    if abs(value) > PLAUSIBLE.most_gravity:
+        raise ValueError(f"a number of m/s² from -{PLAUSIBLE.most_gravity:g} to {PLAUSIBLE.most_gravity:g}")
     return value
 
 
 def _fraction(value: float) -> float:
-    if value >= _MOST_RELATIVE:
-        meant = f"; {value:g} %, if that is meant, is {value / 100:g}" if value < 100 * _MOST_RELATIVE else ""
-        raise ValueError(f"a fraction below {_MOST_RELATIVE:g}{meant}")
+    if value >= (most := PLAUSIBLE.most_sd):
+        meant = f"; {value:g} %, if that is meant, is {value / 100:g}" if value < 100 * most else ""
+        raise ValueError(f"a fraction below {most:g}{meant}")
     return value
 
 
@@ -144,7 +145,7 @@ class SignalSettings(Stated):
     @property
     def dimension(self) -> Dimension:
         """What ``unit`` has to measure."""
-        return _dimension(self.quantity)
+        return DIMENSIONS[self.quantity]
 
     @property
     def gravity_m_s2(self) -> float:
@@ -309,36 +310,20 @@ def parse_settings(raw: dict[str, Any], text: str = "") -> Settings:
     Raises:
         InputError: every unknown, missing or wrong entry.
     """
-    problems = _unit_problems(raw, text)
-    try:
+    problems: list[Problem] = []
+    with collected(problems):
         settings = checked(raw, Settings, file=FILE, text=text)
-    except InputError as error:
-        raise InputError([*error.problems, *problems]) from None
-    if problems:
-        raise InputError(problems)
+    refuse([*problems, *_unit_problems(raw.get("signal"), text)])
     return settings
 
 
-def _dimension(quantity: str) -> Dimension:
-    return "length" if quantity == "displacement" else "acceleration"
-
-
-def _unit_problems(raw: dict[str, Any], text: str) -> list[Problem]:
-    signal = raw.get("signal")
+def _unit_problems(signal: Any, text: str) -> Iterator[Problem]:
+    """Units in the table ``[signal]`` that measure something else than they should."""
     signal = signal if isinstance(signal, dict) else {}
-    wanted: dict[str, Dimension] = {"time_unit": "time"}
-    if signal.get("quantity") in ("deceleration", "acceleration", "displacement"):
-        wanted["unit"] = _dimension(signal["quantity"])
-    problems = []
+    quantity = signal.get("quantity")
+    wanted = {"time_unit": "time", "unit": DIMENSIONS.get(quantity) if isinstance(quantity, str) else None}
     for key, dimension in wanted.items():
         unit = signal.get(key)
-        if not isinstance(unit, str) or not unit:
-            continue
-        try:
-            to_si(unit, dimension)
-        except ValueError:
+        if dimension and isinstance(unit, str) and unit and not dimension_of(unit, [dimension]):
             row, expected = row_of(text, ("signal", key)), EXAMPLES[dimension]
-            problems.append(
-                Problem.stated("unit.unknown", FILE, row, f"signal.{key}", unit, expected=expected)
-            )
-    return problems
+            yield Problem.stated("unit.unknown", FILE, row, f"signal.{key}", unit, expected=expected)

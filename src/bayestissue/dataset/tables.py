@@ -19,11 +19,13 @@ from bayestissue.dataset import clock_times
 from bayestissue.dataset.cells import column_problems, ragged_problem
 from bayestissue.dataset.dialect import Dialect, Stated, TextTable, is_clock, text_table
 from bayestissue.dataset.files import error_line, of_part, read_bytes, require_small
-from bayestissue.errors import InputError, Problem
+from bayestissue.errors import InputError, Problem, refuse
 
 TABLE_SUFFIXES = (".csv", ".csv.gz", ".tsv", ".xlsx", ".parquet")
 # What else may be a table, or a note to the reader.
 TEXT_SUFFIXES = (".txt", ".dat", ".asc")
+# The row of the first record below names in the first one, as a spreadsheet counts.
+FIRST_ROW = 2
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,7 @@ class Columns:
 
     numbers: dict[str, Numbers]
     labels: dict[str, Labels] = field(default_factory=dict)
-    first_row: int = 2
+    first_row: int = FIRST_ROW
     dialect: Dialect | None = None
     clock: tuple[float, float] | None = None
 
@@ -94,7 +96,7 @@ def read_table(
     path: Path,
     label: str,
     *,
-    numbers: Sequence[str],
+    numbers: Sequence[str] | None,
     labels: Sequence[str] = (),
     optional: Sequence[str] = (),
     remedy: str,
@@ -105,61 +107,33 @@ def read_table(
     Args:
         path: the file.
         label: what to call it in a message.
-        numbers: columns that hold numbers.
+        numbers: columns that hold numbers; if None, all in which at least half of the filled cells do.
         labels: columns that hold names.
         optional: further columns of numbers, which need not be there.
         remedy: what to do if the file is not there.
         stated: how a text is written, as far as somebody said so.
 
     Raises:
-        InputError: the file can't be read, lacks a column, or has rows of the wrong length.
+        InputError: the file can't be read, lacks a column or names it twice, or has rows of the wrong length.
     """
-    data = read_bytes(path, label, remedy)
-    if path.suffix != ".parquet":
-        wanted, sheet = [*labels, *optional, *numbers], of_part(path)[1]
-        text = text_table(data, label, wanted=wanted, stated=stated, sheet=sheet)
-        numbers = [*(name for name in optional if name in text.names), *numbers]
-        return _parse_text(text, label, numbers, labels)
-    schema = _schema(data, label)
-    numbers = [*(name for name in optional if name in schema.names), *numbers]
-    table = _parquet(data, schema, label, numbers, labels)
-    if unfit := [name for name in numbers if not _numeric(table[name].type)]:
-        raise InputError(
-            Problem.stated("column-type.numbers", label, column=name, value=str(table[name].type))
-            for name in unfit
-        )
-    if not table.num_rows:
-        raise InputError(_no_rows(label))
-    return Columns(
-        {name: _parquet_numbers(table[name]) for name in numbers},
-        {name: _labels(table[name]) for name in labels},
-    )
-
-
-def read_numbers(path: Path, label: str, *, remedy: str, stated: Stated | None = None) -> Columns:
-    """Every column in which at least half of the cells that are filled hold a number.
-
-    Args:
-        path: a text (also packed), Excel or Parquet file.
-        label: what to call it in a message.
-        remedy: what to do if the file is not there.
-        stated: how a text is written, as far as somebody said so.
-
-    Raises:
-        InputError: the file can't be read, names a column twice, or has rows of the wrong length.
-    """
+    data, wanted = read_bytes(path, label, remedy), numbers or ()
     if path.suffix == ".parquet":
-        schema = _schema(read_bytes(path, label, remedy), label)
-        names = [field.name for field in schema if _numeric(field.type)]
-        table = read_table(path, label, numbers=names, remedy=remedy)
+        schema = _schema(data, label)
+        present, able = schema.names, [field.name for field in schema if _numeric(field.type)]
     else:
-        text = text_table(read_bytes(path, label, remedy), label, stated=stated, sheet=of_part(path)[1])
-        names = [name for name in text.names if name and not (text.clock and is_clock(name))]
-        table = _parse_text(text, label, names, (), whole=False)
-    return replace(
-        table,
-        numbers={name: column for name, column in table.numbers.items() if _holds_numbers(column)},
-    )
+        sought = [*labels, *optional, *wanted]
+        text = text_table(data, label, wanted=sought, stated=stated, sheet=of_part(path)[1])
+        present = text.names
+        able = [name for name in present if name and not (text.clock and is_clock(name))]
+    names = able if numbers is None else [*(name for name in optional if name in present), *wanted]
+    if path.suffix == ".parquet":
+        table = _parse_parquet(data, schema, label, names, labels)
+    else:
+        table = _parse_text(text, label, names, labels, whole=numbers is not None)
+    if numbers is not None:
+        return table
+    filled = {name: column for name, column in table.numbers.items() if _holds_numbers(column)}
+    return replace(table, numbers=filled)
 
 
 def _holds_numbers(column: Numbers) -> bool:
@@ -173,21 +147,22 @@ def _parse_text(
 ) -> Columns:
     """The columns of a text; where it need not be ``whole``, a row may end before the last of them."""
     wanted = [*labels, *numbers]
-    if problems := column_problems(label, text.names, wanted, text.dialect.header_row, stated=True):
-        raise InputError(problems)
+    refuse(column_problems(label, text.names, wanted, text.dialect.header_row, stated=True))
     if text.empty:
         raise InputError(_no_rows(label))
     lines = int(np.count_nonzero(np.frombuffer(text.body, np.uint8) == ord("\n")))
     require_small(8 * lines * len(wanted), label)
-    name_type = pa.dictionary(pa.int32(), pa.string())
-    types: dict[str, pa.DataType] = dict.fromkeys(labels, name_type) | dict.fromkeys(numbers, pa.float64())
+    types: dict[str, pa.DataType] = dict.fromkeys(labels, pa.dictionary(pa.int32(), pa.string()))
     least = max(map(text.names.index, wanted), default=0) + 1 if whole else 1
     try:
-        table = _parse(text, label, types, least)
+        table = _parse(text, label, types | dict.fromkeys(numbers, pa.float64()), least)
         columns = {name: Numbers(_floats(table[name])) for name in numbers}
     except pa.ArrowInvalid:
         # Some cell is no number: read the cells as text, to say which.
-        table = _as_text(text, label, types | dict.fromkeys(numbers, pa.string()), least)
+        try:
+            table = _parse(text, label, types | dict.fromkeys(numbers, pa.string()), least)
+        except pa.ArrowInvalid as error:
+            raise InputError.stated("cells-in-a-row.table", label, value=error_line(error)) from error
         columns = {name: _sifted(table[name].combine_chunks(), text.dialect) for name in numbers}
     if not table.num_rows:
         raise InputError(_no_rows(label))
@@ -203,13 +178,6 @@ def _parse_text(
 
 def _no_rows(label: str) -> Problem:
     return Problem.stated("no-rows.table", label, value="no rows")
-
-
-def _as_text(text: TextTable, label: str, types: dict[str, pa.DataType], least: int) -> pa.Table:
-    try:
-        return _parse(text, label, types, least)
-    except pa.ArrowInvalid as error:
-        raise InputError.stated("cells-in-a-row.table", label, value=error_line(error)) from error
 
 
 def _parse(text: TextTable, label: str, types: dict[str, pa.DataType], least: int) -> pa.Table:
@@ -272,12 +240,11 @@ def _sifted(cells: pa.Array, dialect: Dialect) -> Numbers:
     return Numbers(values, {int(index): cells[int(index)].as_py() or "" for index in bad})
 
 
-def _parquet(
+def _parse_parquet(
     data: bytes, schema: pa.Schema, label: str, numbers: Sequence[str], labels: Sequence[str]
-) -> pa.Table:
+) -> Columns:
     wanted = [*labels, *numbers]
-    if problems := [*column_problems(label, schema.names, wanted), *_no_names(label, schema, labels)]:
-        raise InputError(problems)
+    refuse([*column_problems(label, schema.names, wanted), *_no_names(label, schema, labels)])
     try:
         # A name that stands in many rows is kept once: otherwise a small file could fill any memory.
         once = [name for name in labels if _is_text(schema.field(name).type)]
@@ -289,7 +256,17 @@ def _parquet(
         raise
     except Exception as error:
         raise _damaged(label, error) from error
-    return table
+    refuse(
+        Problem.stated("column-type.numbers", label, column=name, value=str(table[name].type))
+        for name in numbers
+        if not _numeric(table[name].type)
+    )
+    if not table.num_rows:
+        raise InputError(_no_rows(label))
+    return Columns(
+        {name: _parquet_numbers(table[name]) for name in numbers},
+        {name: _labels(table[name]) for name in labels},
+    )
 
 
 def _schema(data: bytes, label: str) -> pa.Schema:

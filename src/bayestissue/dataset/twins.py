@@ -7,21 +7,37 @@ standard deviation; of one recording that was exported twice, by rounding.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import ndtri
 
 from bayestissue.dataset.recordings import Samples
 
-# Of the noise: with 16 samples or more, two impacts come nearer than this less than once in 10¹⁰ pairs.
-_NEAR = 0.5
-# Fifth differences of a smooth signal are small; those of white noise have this standard deviation, times σ.
-_FIFTH = np.sqrt(252.0)
-_MEDIAN_OF_NORMAL = 0.6744897501960817
-# Samples behind a landmark that are compared first, how far the landmarks may differ, and what is steep.
-_WINDOW, _SHIFTS, _STEEP = 16, (-1, 0, 1), 8
-_GAIN = 0.01
-# Of the peak: what arithmetic leaves of a recording that is scaled and scaled back.
-_ARITHMETIC = 1e-9
+
+@dataclass(frozen=True)
+class TwinSettings:
+    """By what two recordings are one.
+
+    Attributes:
+        near: of the noise: with 16 samples or more, two impacts come nearer than this less than once in 10¹⁰
+            pairs.
+        window: samples behind a landmark that are compared first.
+        shifts: in samples: how far the landmarks of two may differ.
+        steep: the samples over which a recording is steepest.
+        gain: that two exports may differ by.
+        arithmetic: of the peak: what arithmetic leaves of a recording that is scaled and scaled back.
+    """
+
+    near: float = 0.5
+    window: int = 16
+    shifts: tuple[int, ...] = (-1, 0, 1)
+    steep: int = 8
+    gain: float = 0.01
+    arithmetic: float = 1e-9
+
+
+TWINS = TwinSettings()
 
 
 def twins(samples: Samples) -> Iterator[tuple[int, int, bool]]:
@@ -42,7 +58,8 @@ def twins(samples: Samples) -> Iterator[tuple[int, int, bool]]:
             distinct.append(which)
         else:
             yield which, earlier, True
-    candidates = [which for which in distinct if values[which].size > 2 * _WINDOW and _varies(values[which])]
+    long = (which for which in distinct if values[which].size > 2 * TWINS.window)
+    candidates = [which for which in long if _varies(values[which])]
     yield from _again([values[which] for which in candidates], candidates)
 
 
@@ -59,20 +76,21 @@ def _again(values: list[np.ndarray], places: list[int]) -> Iterator[tuple[int, i
     first: dict[int, int] = {}
     for landmark in (_highest, _steepest):
         at = np.array([landmark(value) for value in values])
-        for later, earlier, lag in _alike(values, at, _NEAR * noise + _ARITHMETIC * height):
-            limit = _NEAR * min(noise[later], noise[earlier]) + _ARITHMETIC * height[later]
+        for later, earlier, lag in _alike(values, at, TWINS.near * noise + TWINS.arithmetic * height):
+            limit = TWINS.near * min(noise[later], noise[earlier]) + TWINS.arithmetic * height[later]
             if _differ(values[later], values[earlier], lag) < limit:
                 first[later] = min(earlier, first.get(later, earlier))
     yield from ((places[later], places[first[later]], False) for later in sorted(first))
 
 
 def _highest(value: np.ndarray) -> int:
-    inside = value[1:-_WINDOW]
+    inside = value[1 : -TWINS.window]
     return 1 + int(np.argmax(np.abs(inside - value.mean())))
 
 
 def _steepest(value: np.ndarray) -> int:
-    return 1 + int(np.argmax(np.abs(value[1 + _STEEP : _STEEP - _WINDOW] - value[1:-_WINDOW])))
+    later, inside = value[1 + TWINS.steep : TWINS.steep - TWINS.window], value[1 : -TWINS.window]
+    return 1 + int(np.argmax(np.abs(later - inside)))
 
 
 def _alike(values: list[np.ndarray], at: np.ndarray, near: np.ndarray) -> Iterator[tuple[int, int, int]]:
@@ -81,7 +99,7 @@ def _alike(values: list[np.ndarray], at: np.ndarray, near: np.ndarray) -> Iterat
 
     def behind(shift: int) -> tuple[np.ndarray, np.ndarray]:
         windows = np.array(
-            [value[i + shift : i + shift + _WINDOW] for value, i in zip(values, at, strict=True)]
+            [value[i + shift : i + shift + TWINS.window] for value, i in zip(values, at, strict=True)]
         )
         windows -= windows.mean(axis=1, keepdims=True)
         length = np.maximum(np.linalg.norm(windows, axis=1), np.finfo(float).tiny)
@@ -89,9 +107,9 @@ def _alike(values: list[np.ndarray], at: np.ndarray, near: np.ndarray) -> Iterat
 
     # Of length 1 each: a copy may have another offset and gain.
     tree = KDTree(behind(0)[0])
-    for shift in _SHIFTS:
+    for shift in TWINS.shifts:
         directions, length = behind(shift)
-        reach = np.minimum(near * np.sqrt(_WINDOW) / length, _NEAR)
+        reach = np.minimum(near * np.sqrt(TWINS.window) / length, TWINS.near)
         for later, others in enumerate(tree.query_ball_point(directions, reach)):
             for earlier in others:
                 if earlier < later:
@@ -99,7 +117,8 @@ def _alike(values: list[np.ndarray], at: np.ndarray, near: np.ndarray) -> Iterat
 
 
 def _noise(value: np.ndarray) -> float:
-    return float(np.median(np.abs(np.diff(value, 5)))) / (_MEDIAN_OF_NORMAL * _FIFTH)
+    # Fifth differences of a smooth signal are small; of white noise they have the sd √252 σ.
+    return float(np.median(np.abs(np.diff(value, 5)))) / (ndtri(0.75) * np.sqrt(252.0))
 
 
 def _differ(first: np.ndarray, second: np.ndarray, lag: int) -> float:
@@ -110,4 +129,4 @@ def _differ(first: np.ndarray, second: np.ndarray, lag: int) -> float:
     x, y = second[begin - lag : end - lag], first[begin:end]
     x, y = x - x.mean(), y - y.mean()
     gain = float(x @ y) / float(x @ x) if x.any() else 0.0
-    return float(np.sqrt(np.mean((y - gain * x) ** 2))) if abs(gain - 1) < _GAIN else np.inf
+    return float(np.sqrt(np.mean((y - gain * x) ** 2))) if abs(gain - 1) < TWINS.gain else np.inf

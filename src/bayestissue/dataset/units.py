@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
+from contextlib import suppress
 from functools import cache
 from typing import TYPE_CHECKING, Literal
 
@@ -41,6 +43,15 @@ def to_si(unit: str, dimension: Dimension) -> float:
     if (known := COMMON[dimension].get(unit.strip())) is not None:
         return known
     return _by_definition(unit, dimension)
+
+
+def dimension_of(unit: str, dimensions: Iterable[Dimension] = EXAMPLES) -> Dimension | None:
+    """Which of ``dimensions`` a unit measures; None where it measures none of them."""
+    for dimension in dimensions:
+        with suppress(ValueError):
+            to_si(unit, dimension)
+            return dimension
+    return None
 
 
 def _by_definition(unit: str, dimension: Dimension) -> float:

@@ -19,11 +19,11 @@ from bayestissue.dataset.dialect import Stated
 from bayestissue.dataset.files import BEFORE_PART, of_part
 from bayestissue.dataset.left_out import NEVER_READ, reason_of, write_left_out
 from bayestissue.dataset.recorders import suffix_of
-from bayestissue.dataset.recordings import CROP, in_seconds
+from bayestissue.dataset.recordings import CROP, MIN_SAMPLES, ends_of
 from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.dataset.settings import SignalSettings, parse_settings
 from bayestissue.dataset.traces import read_one
-from bayestissue.errors import InputError, Problem, collected
+from bayestissue.errors import InputError, Problem, collected, refuse
 from bayestissue.intake.choices import Choices, require_steady
 from bayestissue.intake.facts import Facts
 from bayestissue.intake.folder import File, RecorderFolder
@@ -32,14 +32,6 @@ from bayestissue.outline import first_of
 from bayestissue.signal.traces import noise_sd, stack
 
 RECORDINGS = "recordings"
-THRESHOLD, SEPARATION_S = 20.0, 0.5
-# Of the greatest peak: the handling of the impactor between two impacts stays below it.
-_SHARE = 0.1
-# Of the separation, before and after an impact: enough rest to learn the noise and the zero from.
-_BEFORE, _AFTER = 0.1, 0.5
-_FEWEST = 8
-# Nanoseconds: no recorder's clock is read finer.
-_DIGITS = 9
 FIRST = ("impact", "subject", "trial", "mass_kg", "velocity_m_s")
 _CHAIN = (
     "Before a fit, state how well mass, velocity, gain and zero are known, by --uncertainty velocity=0.01 or "
@@ -54,23 +46,32 @@ _TEMPLATE = """
 # relative_gain_sd = 0.005     # the sensor's calibration: 0.5 %
 # offset_sd = 0.1              # the sensor's zero, in m/s^2, or in m of a displacement
 """
+_ALIKE = ("quantity", "unit", "time_unit", "scale", "offset", "crop", "gravity", "zero")
 _OPTIONS = {
-    f"signal.{key}": f"--{option}"
-    for key, option in (
-        *(("quantity", "quantity"), ("unit", "unit"), ("time_unit", "time-unit"), ("scale", "scale")),
-        *(("value_column", "channel"), ("time_column", "time"), ("offset", "offset")),
-        *((key, f"text {key}") for key in Stated.model_fields),
-        *(("crop", "crop"), ("gravity", "gravity"), ("zero", "zero")),
-    )
+    **{f"signal.{key}": f"--{key.replace('_', '-')}" for key in _ALIKE},
+    **{f"signal.{key}": f"--text {key}" for key in Stated.model_fields},
+    **{"signal.value_column": "--channel", "signal.time_column": "--time"},
 }
 
 
 @dataclass(frozen=True)
 class Cutting:
-    """How several impacts in one recording are told apart; see `cut`."""
+    """How several impacts in one recording are told apart; see `cut`.
 
-    threshold: float = THRESHOLD
-    separation_s: float = SEPARATION_S
+    Attributes:
+        threshold: standard deviations of the noise that an impact rises above,
+        share: and this share of the greatest peak: the handling of the impactor between two stays below it.
+        separation_s: the least time between two impacts.
+        before, after: of the separation: enough rest to learn the noise and the zero from.
+        digits: of the times, s: no recorder's clock is read finer than nanoseconds.
+    """
+
+    threshold: float = 20.0
+    separation_s: float = 0.5
+    share: float = 0.1
+    before: float = 0.1
+    after: float = 0.5
+    digits: int = 9
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,7 +227,7 @@ def _notes(dataset: Dataset, cutting: Cutting | None) -> tuple[str, ...]:
     oriented = [Trace(trace.time_s, sign * trace.value) for trace in dataset.traces]
     named = list(zip(map(str, dataset.impacts["impact"]), oriented, strict=True))
     several = [] if cutting else [impact for impact, trace in named if len(cut(trace)) > 1]
-    threshold = cutting.threshold if cutting else THRESHOLD
+    threshold = cutting.threshold if cutting else Cutting.threshold
     alone = {impact: trace for impact, trace in named if impact not in several}
     later = {impact: blow_again(trace, threshold=threshold) for impact, trace in alone.items()}
     again = {impact: seconds for impact, seconds in later.items() if seconds is not None}
@@ -285,7 +286,7 @@ class _Plan:
                 count = f"{len(numbers)} rows of the table"
                 raise InputError.stated("several-impacts.one", file.name, value=count)
             return [dict(common)]
-        trace, (first, last) = self.oriented(file), _ends(self.signal)
+        trace, (first, last) = self.oriented(file), ends_of(self.signal)
         if bad := int(np.count_nonzero(~np.isfinite(trace.value))):
             words = f"no number at {bad} of {trace.value.size} samples"
             raise InputError.stated("not-a-number.recording", file.name, value=words)
@@ -306,7 +307,7 @@ class _Plan:
         """A recording, as far as it is read, positive while the impactor slows or into the tissue."""
         time, value = read_one(file.path, file.name, self.signal, self._rate(file))
         value = -value if self.signal.quantity == "acceleration" else value
-        start, stop = _ends(self.signal)
+        start, stop = ends_of(self.signal)
         inside = (time >= start) & (time <= stop)
         return Trace(time[inside], value[inside])
 
@@ -327,7 +328,7 @@ class _Plan:
 
 
 def cut(
-    trace: Trace, *, threshold: float = THRESHOLD, separation_s: float = SEPARATION_S
+    trace: Trace, *, threshold: float = Cutting.threshold, separation_s: float = Cutting.separation_s
 ) -> list[tuple[float, float]]:
     """When each impact of a recording begins and ends, in order, s on the recorder's clock.
 
@@ -352,8 +353,8 @@ def cut(
     starts, ends = np.append(moments[:1], moments[gap + 1]), np.append(moments[gap], moments[-1:])
     return list(
         zip(
-            (starts - _BEFORE * separation_s).round(_DIGITS).tolist(),
-            (ends + _AFTER * separation_s).round(_DIGITS).tolist(),
+            (starts - Cutting.before * separation_s).round(Cutting.digits).tolist(),
+            (ends + Cutting.after * separation_s).round(Cutting.digits).tolist(),
             strict=True,
         )
     )
@@ -362,14 +363,14 @@ def cut(
 def _loud(trace: Trace, threshold: float) -> np.ndarray:
     """The samples that rise above the noise and a tenth of the highest, in order; see `cut`."""
     value = trace.value
-    if value.size < _FEWEST or not (np.isfinite(value).all() and np.isfinite(trace.time_s).all()):
+    if value.size < MIN_SAMPLES or not (np.isfinite(value).all() and np.isfinite(trace.time_s).all()):
         return np.empty(0, int)
     above = value - np.median(value)
     noise = max(float(noise_sd(stack([trace]))[0]), float(np.median(np.abs(above))) / 0.6745)
-    return np.flatnonzero(above > max(threshold * noise, _SHARE * above.max()))
+    return np.flatnonzero(above > max(threshold * noise, Cutting.share * above.max()))
 
 
-def blow_again(trace: Trace, *, threshold: float = THRESHOLD) -> float | None:
+def blow_again(trace: Trace, *, threshold: float = Cutting.threshold) -> float | None:
     """The time in s between the highest blow of a recording and another one nearly as high; None without.
 
     A blow is a run of samples as `cut` takes them. Runs less than twice the longest one apart are one blow,
@@ -418,11 +419,4 @@ def _require_unit(file: File, usual: dict[str, str]) -> None:
         for name, unit in usual.items()
         if name in file.channels and file.channels[name].unit != unit
     ]
-    if problems:
-        raise InputError(problems)
-
-
-def _ends(signal: SignalSettings) -> tuple[float, float]:
-    """The times from which and to which recordings are read, s."""
-    start, stop = in_seconds(np.array(signal.crop or [-np.inf, np.inf]), signal)
-    return float(start), float(stop)
+    refuse(problems)

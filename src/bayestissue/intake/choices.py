@@ -4,22 +4,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
-from bayestissue.dataset.chain import Quantity
 from bayestissue.dataset.recordings import MIN_SAMPLES, RATE_WITHIN
-from bayestissue.dataset.units import EXAMPLES, Dimension, to_si
-from bayestissue.errors import InputError, Problem
+from bayestissue.dataset.settings import DIMENSIONS
+from bayestissue.dataset.units import EXAMPLES, Dimension, dimension_of, to_si
+from bayestissue.errors import InputError, Problem, refuse
 from bayestissue.intake.folder import ChannelSummary, File, RecorderFolder
 from bayestissue.intake.names import is_height
 
-_QUANTITIES: tuple[str, ...] = get_args(Quantity)
-_DIMENSION: dict[str, Dimension] = {
-    name: "length" if name == "displacement" else "acceleration" for name in _QUANTITIES
-}
 _VOLTS = {"V", "mV", "Volt", "Volts", "volt", "volts"}
 _TIME = re.compile(
     r"(time|timestamp|elapsed|zeit|uhrzeit|temps|tiempo|tempo|t)\b|time_|seconds_elapsed", re.IGNORECASE
@@ -141,8 +136,7 @@ class Question:
         try:
             return replace(choices, rate_hz=float(text))
         except ValueError:
-            problem = Problem.stated("option-value.rate", self.option, value=text)
-            raise InputError(problem) from None
+            raise InputError.stated("option-value.rate", self.option, value=text) from None
 
 
 def settle(
@@ -175,6 +169,9 @@ def settle(
     ]
     if not values:
         raise InputError(_no_values(file, len(recordings.files)) for file in recordings.files)
+    for option, name in (("--channel", choices.channel), ("--time", choices.time)):
+        if name is not None and name not in candidates:
+            raise InputError.stated("no-channel.option", option, value=name, names=", ".join(candidates))
     kinds = {name: _kind_of({channel.unit for channel in candidates[name]}) for name in values}
     # Volts may be any quantity; where a unit is right, a force or a temperature is none.
     if set(kinds.values()) & {"acceleration", "length"}:
@@ -183,11 +180,8 @@ def settle(
         choices = replace(choices, channel=values[0])
     elif choices.channel is None:
         questions.append(Question("--channel", "the channel with the impact", tuple(values), values[0]))
-    elif choices.channel not in candidates:
-        raise InputError(_no_channel("--channel", choices.channel, candidates))
-    chosen = [
-        channel for name in ([choices.channel] if choices.channel else values) for channel in candidates[name]
-    ]
+    names = [choices.channel] if choices.channel is not None else values
+    chosen = [channel for name in names for channel in candidates[name]]
     rated = choices.rate_hz is not None or "sampling_rate_hz" in facts
     if choices.time is None and not rated and not all(channel.clock for channel in chosen):
         if len(times) == 1:
@@ -196,26 +190,24 @@ def settle(
             questions.append(Question("--time", "the channel with the times", tuple(likely), likely[0]))
         else:
             questions.append(Question("--rate-hz", "the sampling rate in Hz", (), "10000"))
-    if choices.time is not None and choices.time not in candidates:
-        raise InputError(_no_channel("--time", choices.time, candidates))
     if choices.time is not None and choices.time_unit is None:
         choices = replace(choices, time_unit=_unit(candidates[choices.time], ["time"]))
     units = {choices.unit} if choices.unit else {channel.unit for channel in chosen}
     # A scale makes another unit of the one that the files state, and of several channels one is to be chosen.
     kind = _kind_of(units) if choices.unit or abs(choices.scale) == 1 else ""
     kind = "" if kind == "other" and choices.channel is None else kind
-    possible = [name for name in _QUANTITIES if kind not in _DIMENSION.values() or _DIMENSION[name] == kind]
+    possible = [name for name in DIMENSIONS if kind not in DIMENSIONS.values() or DIMENSIONS[name] == kind]
     if choices.quantity is None and len(possible) == 1:
         choices = replace(choices, quantity=possible[0])
     elif choices.quantity is None:
         what = "what it recorded (a deceleration is positive while the impactor slows)"
         questions.append(Question("--quantity", what, tuple(possible), possible[0]))
-    elif choices.unit is None and choices.quantity in _QUANTITIES and choices.quantity not in possible:
+    elif choices.unit is None and choices.quantity in DIMENSIONS and choices.quantity not in possible:
         can_be = {"unit": ", ".join(sorted(units)), "possible": " or ".join(possible)}
         raise InputError.stated("option-value.quantity", "--quantity", value=choices.quantity, **can_be)
-    dimensions = list(dict.fromkeys(_DIMENSION[name] for name in possible))
+    dimensions = list(dict.fromkeys(DIMENSIONS[name] for name in possible))
     if choices.quantity is not None:
-        dimensions = [_DIMENSION.get(choices.quantity, "acceleration")]
+        dimensions = [DIMENSIONS.get(choices.quantity, "acceleration")]
     if choices.unit is None and (unit := _unit(chosen, dimensions)) is None:
         stated = ", ".join(sorted(unit for unit in units if unit))
         scaled = kind in ("other", "voltage")
@@ -249,13 +241,8 @@ def _kind_of(units: Iterable[str]) -> str:
     units = set(units)
     if "" in units:
         return ""
-    dimensions: tuple[Dimension, ...] = ("acceleration", "length")
-    for dimension in dimensions:
-        with suppress(ValueError):
-            for unit in units:
-                to_si(unit, dimension)
-            return dimension
-    return "voltage" if units <= _VOLTS else "other"
+    kind, *others = {dimension_of(unit, ("acceleration", "length")) for unit in units}
+    return kind if kind and not others else "voltage" if units <= _VOLTS else "other"
 
 
 def times_among(channels: Mapping[str, Sequence[ChannelSummary]]) -> list[str]:
@@ -288,12 +275,7 @@ def require_steady(file: File, rate: float) -> None:
         if measured is not None and abs(measured / rate - 1) > within:
             where = file.name, None, name, f"{measured:.4g} Hz"
             problems.append(Problem.stated("sampling-rate.option", *where, rate=rate, name=name))
-    if problems:
-        raise InputError(problems)
-
-
-def _no_channel(option: str, name: str, names: Iterable[str]) -> Problem:
-    return Problem.stated("no-channel.option", option, value=name, names=", ".join(names))
+    refuse(problems)
 
 
 def _no_values(file: File, files: int) -> Problem:
@@ -303,13 +285,5 @@ def _no_values(file: File, files: int) -> Problem:
 
 def _unit(channels: Sequence[ChannelSummary], dimensions: Sequence[Dimension]) -> str | None:
     """The unit that every file states for a channel, if it measures what it should."""
-    units = {channel.unit for channel in channels}
-    if len(units) != 1 or not (unit := units.pop()):
-        return None
-    for dimension in dimensions:
-        try:
-            to_si(unit, dimension)
-        except ValueError:
-            continue
-        return unit
-    return None
+    unit, *others = {channel.unit for channel in channels}
+    return unit if not others and dimension_of(unit, dimensions) else None

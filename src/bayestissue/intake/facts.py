@@ -8,7 +8,7 @@ from pathlib import Path, PurePosixPath
 
 from bayestissue.dataset.cells import read_cells
 from bayestissue.dataset.files import BEFORE_PART
-from bayestissue.errors import InputError, Problem, collected
+from bayestissue.errors import InputError, Problem, collected, refuse
 from bayestissue.intake.folder import File, RecorderFolder
 from bayestissue.intake.names import Pattern, bare_name, columns, contradictions, fills, is_height, is_number
 from bayestissue.outline import first_of
@@ -62,23 +62,17 @@ def gather(
         InputError: the pattern or the table can't be used, or a fact is given in two ways.
     """
     names = Pattern.parse(pattern) if pattern else None
-    rows = _Table.read(table, names.fields if names else ()) if table else None
-    sources = {
-        "--pattern": names.fields if names else (),
-        "--table": rows.facts if rows else (),
-        "--set": tuple(shared),
-    }
+    fields = names.fields if names else ()
+    rows = _Table.read(table, fields) if table else _Table()
+    sources = {"--pattern": fields, "--table": rows.facts, "--set": tuple(shared)}
     _once(sources)
-    problems: list[Problem] = []
+    problems = list(rows.unmatched_rows(recordings.files))
     of_file: dict[str, Cells] = {}
     of_number: dict[tuple[str, int], Cells] = {}
-    if rows:
-        problems += rows.unmatched_rows(recordings.files)
     for file in recordings.files:
         with collected(problems):
             from_name = names.read(file.name, file.suffix) if names else {}
-            mine = rows.cells_of(file, from_name) if rows else {None: {}}
-            for number, cells in mine.items():
+            for number, cells in rows.cells_of(file, from_name).items():
                 problems += contradictions(file, {**shared, **cells}) if loose else ()
                 filled = columns({**shared, **from_name, **cells}, file.name)
                 of_file[file.name] = filled
@@ -86,10 +80,8 @@ def gather(
                     of_number[file.name, number] = filled
     named = [name for fields in sources.values() for name in fields]
     filled_columns = frozenset([*map(fills, named), *filter(is_height, named)])
-    passed_over = rows.unused(of_file.values()) if rows else ()
-    return Facts(
-        of_file, of_number, filled_columns, tuple(problems), rows.written if rows else "", passed_over
-    )
+    passed_over = rows.unused(of_file.values())
+    return Facts(of_file, of_number, filled_columns, tuple(problems), rows.written, passed_over)
 
 
 def _once(sources: dict[str, tuple[str, ...]]) -> None:
@@ -104,16 +96,17 @@ def _once(sources: dict[str, tuple[str, ...]]) -> None:
     ]
     if "trace" in by_column:
         problems.append(Problem.stated("facts-of-recordings.trace", "init", column="trace"))
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
 
 
 @dataclass(frozen=True)
 class _Table:
-    label: str
-    facts: tuple[str, ...]
-    rows: tuple[tuple[int, dict[str, str]], ...]
-    written: str
+    """A table of facts: their columns, its rows by line, and what it is joined by in place of ``file``."""
+
+    label: str = ""
+    facts: tuple[str, ...] = ()
+    rows: tuple[tuple[int, dict[str, str]], ...] = ()
+    written: str = ""
     keys: tuple[str, ...] = ()
 
     @classmethod
@@ -126,20 +119,19 @@ class _Table:
         table = cls(path.name, facts, records, f"{path.name}: {cells.attrs['written']}", keys)  # type: ignore[arg-type]
         if FILE not in names and not keys:
             example = next((name for name in names if not is_number(name)), "subject")
-            raise InputError(
-                Problem.stated(
-                    "facts-of-recordings.no-key", path.name, value=", ".join(names), example=example
-                )
-            )
+            value = ", ".join(names)
+            raise InputError.stated("facts-of-recordings.no-key", path.name, value=value, example=example)
         return table
 
     def cells_of(self, file: File, from_name: Mapping[str, str]) -> dict[int | None, dict[str, str]]:
-        """The facts of a file; by the number of the impact where the table has a column of that name.
+        """The facts of a file, by the number of the impact where the table has that column; none without one.
 
         Args:
             file: the recording.
             from_name: what its name says, by which a table without names of files is joined.
         """
+        if not self.rows:
+            return {None: {}}
         if self.keys:
             return {None: self._joined(file, from_name)}
         mine = [(line, row) for line, row in self.rows if row[FILE] in _possible_names(file)]
@@ -176,15 +168,13 @@ class _Table:
             for _, row in self.rows
             if tuple(_alike(row[key]) for key in self.keys) not in met
         ]
-        return (
-            (f"rows of {self.label} without a recording: {first_of(alone, 3)}",)
-            if self.keys and alone
-            else ()
-        )
+        if not self.keys or not alone:
+            return ()
+        return (f"rows of {self.label} without a recording: {first_of(alone, 3)}",)
 
     def unmatched_rows(self, files: tuple[File, ...]) -> Iterator[Problem]:
         """Rows that belong to no file, and to more than one."""
-        for line, row in self.rows if not self.keys else ():
+        for line, row in () if self.keys else self.rows:
             named = [file.name for file in files if row[FILE] in _possible_names(file)]
             if len(named) != 1:
                 value = f"{row[FILE]}: {', '.join(named) or 'no such file'}"

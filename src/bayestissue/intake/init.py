@@ -15,7 +15,7 @@ from bayestissue.dataset.recorders import SUFFIXES, suffix_of
 from bayestissue.dataset.settings import Gravity, Zero, stated_table
 from bayestissue.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES
 from bayestissue.errors import InputError, Problem
-from bayestissue.intake.build import SEPARATION_S, THRESHOLD, Built, Cutting, build
+from bayestissue.intake.build import Built, Cutting, build
 from bayestissue.intake.choices import Choices, Question, settle
 from bayestissue.intake.facts import Facts, gather, joins_by_names
 from bayestissue.intake.folder import ChannelSummary, RecorderFolder, look
@@ -124,13 +124,10 @@ def prepare(folder: str | Path, choices: Choices) -> Intake:
     Raises:
         InputError: there are no recorder files, or the pattern or the table can't be used.
     """
-    ends = [
-        suffix
-        for suffix in (*SUFFIXES, *TEXT_SUFFIXES)
-        if choices.pattern and choices.pattern.lower().endswith(suffix)
-    ]
-    sheets = None if choices.pattern is None else "#" in choices.pattern
-    before_part = BEFORE_PART.search(choices.pattern or "")
+    pattern = choices.pattern or ""
+    ends = [suffix for suffix in (*SUFFIXES, *TEXT_SUFFIXES) if pattern.lower().endswith(suffix)]
+    sheets = None if choices.pattern is None else "#" in pattern
+    before_part = BEFORE_PART.search(pattern)
     suffix = before_part[0][:-1].lower() if before_part else max(ends, key=len, default="")
     ignore = [choices.table] if choices.table else []
     stated = checked(choices.text, Stated, file="--text")
@@ -257,8 +254,8 @@ def init_dataset(
     uncertainty: Mapping[str, float] | Uncertainty | None = None,
     name: str = "",
     several: bool = False,
-    threshold: float = THRESHOLD,
-    separation_s: float = SEPARATION_S,
+    threshold: float = Cutting.threshold,
+    separation_s: float = Cutting.separation_s,
     skip_bad: bool = False,
     overwrite: bool = False,
 ) -> Dataset:

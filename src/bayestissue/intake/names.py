@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 import re
 import string
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import PurePosixPath
 
 import pyarrow as pa
@@ -15,30 +14,22 @@ import pyarrow.compute as pc
 
 from bayestissue.dataset.chain import STANDARD_GRAVITY
 from bayestissue.dataset.files import BEFORE_PART
-from bayestissue.errors import InputError, Problem
+from bayestissue.errors import InputError, Problem, refuse
 from bayestissue.intake.folder import File
 
 _PLAIN = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 
-def _times(factor: float, value: float) -> float:
-    return factor * value
-
-
-def _fallen(unit_m: float, height: float) -> float:
-    """The speed v = √(2 g h), m/s, after a fall, of a pendulum too, of ``height`` times ``unit_m`` metres."""
-    return math.sqrt(2 * STANDARD_GRAVITY * unit_m * height)
-
-
-# Of each name the column that it fills, and how; a height of fall stays as a covariate too.
-_FILLS: dict[str, tuple[str, Callable[[float], float]]] = {
-    "mass_g": ("mass_kg", partial(_times, 1e-3)),
-    "velocity_cm_s": ("velocity_m_s", partial(_times, 1e-2)),
-    "velocity_mm_s": ("velocity_m_s", partial(_times, 1e-3)),
-    "diameter_mm": ("diameter_m", partial(_times, 1e-3)),
-    "drop_height_m": ("velocity_m_s", partial(_fallen, 1.0)),
-    "drop_height_cm": ("velocity_m_s", partial(_fallen, 1e-2)),
-    "drop_height_mm": ("velocity_m_s", partial(_fallen, 1e-3)),
+# Of each name the column that it fills with (factor x number)^power. After a fall, of a pendulum too, the
+# velocity is v = (2 g h)^(1/2); the height stays as a covariate as well.
+_FILLS: dict[str, tuple[str, float, float]] = {
+    "mass_g": ("mass_kg", 1e-3, 1),
+    "velocity_cm_s": ("velocity_m_s", 1e-2, 1),
+    "velocity_mm_s": ("velocity_m_s", 1e-3, 1),
+    "diameter_mm": ("diameter_m", 1e-3, 1),
+    "drop_height_m": ("velocity_m_s", 2 * STANDARD_GRAVITY, 0.5),
+    "drop_height_cm": ("velocity_m_s", 2e-2 * STANDARD_GRAVITY, 0.5),
+    "drop_height_mm": ("velocity_m_s", 2e-3 * STANDARD_GRAVITY, 0.5),
 }
 _NUMBERS = {"mass_kg", "velocity_m_s", "sampling_rate_hz", "energy_J", "diameter_m", *_FILLS}
 
@@ -79,13 +70,12 @@ def columns(fields: dict[str, str], file: str) -> dict[str, str | float]:
         if not 0 < value < math.inf:
             problems.append(Problem.stated("impossible-value.fact", file, column=name, value=text, name=name))
             continue
-        column, fill = _FILLS.get(name, (name, partial(_times, 1.0)))
+        column, factor, power = _FILLS.get(name, (name, 1.0, 1.0))
         # Twelve digits are more than anybody measured, and fewer than show how 0.07 is kept.
-        cells[column] = float(f"{fill(value):.12g}")
+        cells[column] = float(f"{(factor * value) ** power:.12g}")
         if is_height(name):
             cells[name] = value
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     return cells
 
 

@@ -11,47 +11,35 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from bayestissue.signal.traces import Column, Mask, Rows
-
-# Of the force's duration above a fifth of the limit: half a period of the oscillations that are tried first.
-_STARTS = (0.7, 1.0, 1.6)
-# Of the limit: below it, after the plateau, the tissue may no longer push as it did.
-_PUSHES = 0.2
-_FEWEST = 4
-# Half of a squared error of 4 % of the limit: no other start is tried.
-_WELL = 8e-4
+from bayestissue.signal.settings import BEYOND_LIMIT
+from bayestissue.signal.start import deceleration
+from bayestissue.signal.traces import Column, Recordings, Rows
 
 
 def beyond_limit(
-    d: Rows,
+    decelerations: Recordings,
     clipped: Rows,
-    inside: Mask,
-    time: Rows,
     velocity: Column,
     gravity: Column,
-    least: Column,
-    most: Column,
+    bracket: tuple[Column, Column],
 ) -> Rows:
     """The deceleration with the fitted one in place of samples at the limit, if it lies beyond.
 
     Args:
-        d: [impact, sample], from the first sample in contact on, offset removed, m/s².
+        decelerations: from the first sample in contact on, offset removed, m/s².
         clipped: [impact, sample], 1 or -1 where a sample is at the limit, else 0.
-        inside: [impact, sample], where there is a sample.
-        time: [impact, sample], since the first sample, s.
         velocity: [impact], at contact, m/s.
         gravity: [impact], along the motion, m/s².
-        least: [impact], from contact to the first sample, s, at the least.
-        most: [impact], and at the most.
+        bracket: [impact], from contact to the first sample, s, at the least and at the most.
     """
-    whole = d.copy()
+    whole, times = decelerations.value.copy(), decelerations.time_s
     for row in np.flatnonzero(clipped.any(axis=1)):
-        here = np.flatnonzero(inside[row])
-        bounds = float(least[row]), float(most[row])
-        sign = clipped[row, here]
-        fitted = _fitted(d[row, here], sign, time[row, here], velocity[row], gravity[row], bounds)
+        here = slice(0, decelerations.n[row])
+        bounds = float(bracket[0][row]), float(bracket[1][row])
+        d, sign = whole[row, here], clipped[row, here]
+        fitted = _fitted(d, sign, times[row, here], velocity[row], gravity[row], bounds)
         if fitted is not None:
-            whole[row, here] = np.where(sign * fitted > sign * d[row, here], fitted, d[row, here])
+            whole[row, here] = np.where(sign * fitted > sign * d, fitted, d)
     return whole
 
 
@@ -67,39 +55,28 @@ def _fitted(
     from scipy.optimize import least_squares
 
     limit, last = float(np.abs(d[sign != 0]).max()), int(np.flatnonzero(sign)[-1])
-    gone = np.flatnonzero((d < _PUSHES * limit) & (np.arange(d.size) > last))
+    gone = np.flatnonzero((d < BEYOND_LIMIT.pushes * limit) & (np.arange(d.size) > last))
     end = int(gone[0]) if gone.size else d.size
     lasts = time[end - 1] + bounds[1]
-    if end < _FEWEST or not lasts > 0:
+    if end < BEYOND_LIMIT.fewest or not lasts > 0:
         return None
     # After the plateau as long as it took, and no longer: what comes back is another law.
-    stop = min(end, last + 1 + max(_FEWEST, int(np.count_nonzero(sign)) // 2))
+    stop = min(end, last + 1 + max(BEYOND_LIMIT.fewest, int(np.count_nonzero(sign)) // 2))
     part, near = slice(0, stop), sign[:stop]
 
-    def model(logs: np.ndarray, since: np.ndarray) -> np.ndarray:
-        a, b = np.exp(logs[:2])
-        root = np.sqrt(complex(a**2 / 4 - b)) + 1e-6 * np.sqrt(b)
-        first, second = -a / 2 + root, -a / 2 - root
-        v, bend = (
-            (first**k * np.exp(first * since) - second**k * np.exp(second * since)) / (first - second)
-            for k in (1, 2)
-        )
-        return (-velocity * bend + gravity * (1 - v)).real
-
-    def left(logs: np.ndarray) -> np.ndarray:
-        difference = (model(logs, time[part] + logs[2]) - d[part]) / limit
+    def residuals(logs: np.ndarray) -> np.ndarray:
+        difference = (deceleration(logs, time[part], velocity, gravity) - d[part]) / limit
         return np.where(near == 0, difference, np.minimum(near * difference, 0.0))
 
-    best, least_left = None, np.inf
-    for share in _STARTS:
+    best = None
+    for share in BEYOND_LIMIT.starts:
         omega = np.pi * share / lasts
         start = np.array([np.log(0.4 * omega), 2 * np.log(omega), (bounds[0] + bounds[1]) / 2])
         wide = 1e-9 * lasts
         low = np.array([np.log(1e-3 * omega), 2 * np.log(0.1 * omega), bounds[0] - wide])
         high = np.array([np.log(1e2 * omega), 2 * np.log(1e2 * omega), bounds[1] + wide])
-        fit = least_squares(left, start, bounds=(low, high), x_scale=[1.0, 1.0, lasts])
-        if fit.cost < least_left:
-            best, least_left = fit.x, fit.cost
-        if least_left < _WELL * stop:
+        fit = least_squares(residuals, start, bounds=(low, high), x_scale=[1.0, 1.0, lasts])
+        best = fit if best is None or fit.cost < best.cost else best
+        if best.cost < BEYOND_LIMIT.well * stop:
             break
-    return None if best is None else model(best, time + best[2])
+    return None if best is None else deceleration(best.x, time, velocity, gravity)

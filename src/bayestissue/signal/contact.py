@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayestissue.signal.options import SignalOptions
+from bayestissue.signal.settings import CONTACT
 from bayestissue.signal.traces import (
     Column,
     Index,
@@ -21,24 +22,6 @@ from bayestissue.signal.traces import (
 )
 
 type LastBelow = Callable[[Column], Index]
-
-# A quiet part is at least this long, this far below the peak, and this level (fractions of the peak).
-QUIET_SAMPLES = 5
-_QUIET_CEILING = 0.3
-_QUIET_DRIFT = 0.01
-# How many noise standard deviations a sample must rise to be in contact, and may rise and still be quiet.
-_CERTAIN = 5.0
-_QUIET = 3.0
-_DOUBTFUL_S = 1e-3
-# A force that rises evenly passes five standard deviations, with noise in its way, about twice as long after
-# contact as the bracket says, and twice that level as long after as before; one that rises as x^(3/2) passes
-# the first in three fifths of the time to the second.
-_REACH, _RISES = 4, 2.5
-# Times the noise's share of the peak, squared: how many samples a mean has. Five of its standard deviations
-# are then a sixth of the peak.
-_BLUR = 30.0
-# Recorded numbers are rounded; below this fraction of the peak a difference means nothing.
-_ROUNDING = 1e-6
 
 
 @dataclass(frozen=True)
@@ -73,7 +56,7 @@ def find_onset(recordings: Recordings, options: SignalOptions) -> Onset:
     sd = noise_sd(recordings)
     peak = np.maximum(np.where(recordings.inside, recordings.value, 0.0).max(axis=1), 0.0)
     share = np.minimum(sd, peak) / np.where(peak > 0, peak, 1.0)
-    width = np.minimum((_BLUR * share) ** 2, recordings.n / 8)
+    width = np.minimum((CONTACT.blur * share) ** 2, recordings.n / 8)
     half = np.maximum(np.ceil((width - 1) / 2), 0).astype(int)
     if options.contact != "automatic" or not half.any():
         return _onset(recordings, options, sd)
@@ -130,24 +113,25 @@ def _onset(recordings: Recordings, options: SignalOptions, noise: Column) -> Ons
     def last_below(level: Column) -> Index:
         return last_where((deceleration <= level[:, None]) & until_peak)
 
-    sd = np.maximum(noise, _ROUNDING * np.abs(peak))
+    sd = np.maximum(noise, CONTACT.rounding * np.abs(peak))
     baseline = _first_baseline(recordings, peak, last_below)
-    first = last_below(baseline + _CERTAIN * sd) + 1
+    first = last_below(baseline + CONTACT.certain * sd) + 1
     ahead = _ahead(recordings)
     quiet, baseline, sd = _quiet_part(recordings, first - ahead, sd, peak, baseline)
     # The second look has the mean and the scatter of the whole quiet part to go by.
-    first = last_below(baseline + _CERTAIN * sd) + 1
+    first = last_below(baseline + CONTACT.certain * sd) + 1
     last_quiet = _last_quiet(recordings, first, baseline, sd)
     quiet, offset, sd = _quiet_part(recordings, last_quiet - ahead, sd, peak, baseline)
     least, most = np.zeros(len(peak)), recordings.span(last_quiet, first)
     shown, earliest, end = first, most, last_quiet
-    passed = (deceleration >= (baseline + 2 * _CERTAIN * sd)[:, None]) & until_peak
+    passed = (deceleration >= (baseline + 2 * CONTACT.certain * sd)[:, None]) & until_peak
     passed &= np.arange(deceleration.shape[1]) >= first[:, None]
     rise = recordings.span(first, first_where(passed, first))
-    reach = np.maximum(_REACH * most, _RISES * rise) + 2 * recordings.dt
+    reach = np.maximum(CONTACT.reach * most, CONTACT.rises * rise) + 2 * recordings.dt
     if options.contact == "threshold":
-        first, least = _crossing(recordings, offset + options.threshold * (peak - offset), last_below)
-        most = least
+        level = offset + options.threshold * (peak - offset)
+        first = last_below(level) + 1
+        most = least = _since_crossing(recordings, level, first) * recordings.span(first - 1, first)
         reach = reach + np.maximum(recordings.span(shown, first), 0)
     elif options.contact == "time-zero":
         first, least = from_time_zero(recordings)
@@ -155,7 +139,7 @@ def _onset(recordings: Recordings, options: SignalOptions, noise: Column) -> Ons
         quiet, offset, sd = _quiet_part(recordings, end - ahead, sd, peak, offset)
         most, reach = least, np.zeros_like(least)
     later = recordings.span(shown, first) - least
-    tolerance = np.maximum(_DOUBTFUL_S, 5 * recordings.dt)
+    tolerance = np.maximum(CONTACT.doubtful_s, 5 * recordings.dt)
     doubtful = (least == most) & ((later > tolerance) | (later < -earliest - tolerance))
     return Onset(
         first,
@@ -187,9 +171,7 @@ def displacement_contact(recordings: Recordings, options: SignalOptions) -> tupl
     # A rest of exact zeros, as a coarse recorder writes it, is before contact; its last zero may be contact.
     still = np.pad((x[:, :-1] == level[:, None]) & (x[:, 1:] == level[:, None]), ((0, 0), (0, 1)))
     first = last_where(((x < level[:, None]) | still) & until_peak) + 1
-    above, below = at(recordings.value, first), at(recordings.value, first - 1)
-    rise = np.where(above > below, above - below, 1)
-    return first, np.where(first > 0, (above - level) / rise, 0) * recordings.dt
+    return first, _since_crossing(recordings, level, first) * recordings.dt
 
 
 def from_time_zero(recordings: Recordings) -> tuple[Index, Column]:
@@ -204,12 +186,12 @@ def from_time_zero(recordings: Recordings) -> tuple[Index, Column]:
 
 
 def _first_baseline(recordings: Recordings, peak: Column, last_below: LastBelow) -> Column:
-    start, _ = segment_moments(recordings.value, np.minimum(recordings.n, QUIET_SAMPLES))
-    start = np.where(start < _QUIET_CEILING * peak, start, 0)
+    start, _ = segment_moments(recordings.value, np.minimum(recordings.n, CONTACT.quiet_samples))
+    start = np.where(start < CONTACT.quiet_ceiling * peak, start, 0)
     low = last_below(start + 0.2 * (peak - start)) + 1
     # The later half of these samples may hold the foot of a gentle rise.
     mean, _ = segment_moments(recordings.value, low // 2)
-    return np.where((low // 2 >= QUIET_SAMPLES) & (mean < _QUIET_CEILING * peak), mean, start)
+    return np.where((low // 2 >= CONTACT.quiet_samples) & (mean < CONTACT.quiet_ceiling * peak), mean, start)
 
 
 def _quiet_part(
@@ -219,26 +201,30 @@ def _quiet_part(
     mean, scatter = segment_moments(recordings.value, end)
     early, _ = segment_moments(recordings.value, end // 2)
     drift = 2 * np.abs(mean - early)
-    level = drift <= np.maximum(_QUIET_DRIFT * peak, 8 * sd / np.sqrt(np.maximum(end, 1)))
-    quiet = (end >= QUIET_SAMPLES) & level & (np.abs(mean) < _QUIET_CEILING * peak)
+    level = drift <= np.maximum(CONTACT.quiet_drift * peak, 8 * sd / np.sqrt(np.maximum(end, 1)))
+    quiet = (end >= CONTACT.quiet_samples) & level & (np.abs(mean) < CONTACT.quiet_ceiling * peak)
     # Without a quiet part the baseline is 0: an offset can't be told from the impact itself.
-    measured = quiet & (end >= 4 * QUIET_SAMPLES)
-    return quiet, np.where(quiet, mean, 0), np.where(measured, np.maximum(scatter, _ROUNDING * peak), sd)
+    measured = quiet & (end >= 4 * CONTACT.quiet_samples)
+    return (
+        quiet,
+        np.where(quiet, mean, 0),
+        np.where(measured, np.maximum(scatter, CONTACT.rounding * peak), sd),
+    )
 
 
 def _last_quiet(recordings: Recordings, first: Index, baseline: Column, sd: Column) -> Index:
     before = np.arange(recordings.value.shape[1]) < first[:, None]
-    last = last_where((recordings.value <= (baseline + _QUIET * sd)[:, None]) & before)
+    last = last_where((recordings.value <= (baseline + CONTACT.quiet * sd)[:, None]) & before)
     gap = first - last
     # Where d jumps there is no foot: the sample before the jump is a quiet one that noise has lifted.
-    jump = at(recordings.value, first) - at(recordings.value, first - 1) > 2 * _CERTAIN * sd
+    jump = at(recordings.value, first) - at(recordings.value, first - 1) > 2 * CONTACT.certain * sd
     last = np.where(jump & (gap > 1), first - 1, last)
     gap = first - last
     return np.maximum(last - np.where(gap > 1, np.ceil(1.5 * gap).astype(int), 0), -1)
 
 
-def _crossing(recordings: Recordings, level: Column, last_below: LastBelow) -> tuple[Index, Column]:
-    first = last_below(level) + 1
+def _since_crossing(recordings: Recordings, level: Column, first: Index) -> Column:
+    """The part of the interval before sample ``first`` in which the straight line was above ``level``."""
     above, below = at(recordings.value, first), at(recordings.value, first - 1)
     rise = np.where(above > below, above - below, 1)
-    return first, np.where(first > 0, (above - level) / rise, 0) * recordings.span(first - 1, first)
+    return np.where(first > 0, (above - level) / rise, 0)

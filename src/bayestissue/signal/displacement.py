@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, Literal, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 
-from bayestissue.dataset.chain import Contact, Recorder, Uncertainty
+from bayestissue.dataset.model import Dataset
 from bayestissue.errors import Coded
 from bayestissue.signal.beyond_limit import beyond_limit
 from bayestissue.signal.contact import Onset, displacement_contact, find_onset
@@ -17,6 +16,7 @@ from bayestissue.signal.filters import ahead_s, low_pass
 from bayestissue.signal.integration import cumulative, derivatives
 from bayestissue.signal.options import SignalOptions
 from bayestissue.signal.phase import BETWEEN, ContactEvidence, Phase, phase_of
+from bayestissue.signal.settings import CONTACT, WINDOW
 from bayestissue.signal.start import Start, find_start
 from bayestissue.signal.traces import (
     Column,
@@ -24,7 +24,6 @@ from bayestissue.signal.traces import (
     Mask,
     Recordings,
     Rows,
-    Trace,
     at,
     from_sample,
     noise_sd,
@@ -32,11 +31,7 @@ from bayestissue.signal.traces import (
 )
 from bayestissue.signal.window import Stop, samples_in, slowest, still_pushed, zero_velocity
 
-# Arrays of about this many samples at a time stay in a processor's cache and bound the memory in use.
-_BLOCK = 1_000_000
 FEWEST_SAMPLES = 8
-# With fewer that are not at the sensor's limit until zero velocity, those of the rebound are asked too.
-_FEW_BELOW = 16
 UNEVEN = Coded("times are uneven: each sample is taken at its own", "uneven-times")
 LONGER = Coded("few samples below the sensor's limit: the window goes on to the rebound", "clipped")
 NO_OFFSET = Coded("no quiet part before contact: no offset was removed", "no-quiet-part")
@@ -46,40 +41,6 @@ BELOW_ZERO = Coded(
 )
 # Samples before contact that are kept, at the most.
 BEFORE = 60
-# Of the greatest force, that a first sample in contact may have where contact is judged by it.
-_MOST_JUMP = 0.9
-
-
-class RecordedImpacts(Protocol):
-    """What is needed of a dataset: see `bayestissue.dataset.Dataset`."""
-
-    @property
-    def quantity(self) -> Literal["deceleration", "acceleration", "displacement"]:
-        """What the traces hold."""
-
-    @property
-    def impacts(self) -> pd.DataFrame:
-        """One row per impact, with ``mass_kg`` and ``velocity_m_s``."""
-
-    @property
-    def traces(self) -> Sequence[Trace]:
-        """The recordings in the order of ``impacts``, in SI units."""
-
-    @property
-    def recorder(self) -> Recorder | None:
-        """The low-pass that they went through, if one is known."""
-
-    @property
-    def gravity(self) -> float:
-        """g, the part of gravity along the motion, m/s²: decelerations are force over mass."""
-
-    @property
-    def uncertainty(self) -> Uncertainty:
-        """Standard deviations of the measuring chain, as declared."""
-
-    @property
-    def contact(self) -> Contact | None:
-        """Where contact falls within a sampling interval, as declared; None where nothing was."""
 
 
 @dataclass(frozen=True)
@@ -168,7 +129,7 @@ class Displacements:
         return self.first_sample_s[:, None] + self.sample_number * self.dt[:, None]
 
 
-def displacements(dataset: RecordedImpacts, options: SignalOptions | None = None) -> Displacements:
+def displacements(dataset: Dataset, options: SignalOptions | None = None) -> Displacements:
     """The displacement of every impact, from contact over the window that the options choose.
 
     v(t) = V − ∫(d − g) and x(t) = ∫v from contact on, both by the rule that the options name (thesis, section
@@ -180,41 +141,28 @@ def displacements(dataset: RecordedImpacts, options: SignalOptions | None = None
         InputError: the filter class asks for a higher sampling rate than an impact has.
     """
     options = options or SignalOptions()
-    mass = dataset.impacts["mass_kg"].to_numpy(dtype=float)
-    velocity = dataset.impacts["velocity_m_s"].to_numpy(dtype=float)
+    mass, velocity = (dataset.impacts[name].to_numpy(dtype=float) for name in ("mass_kg", "velocity_m_s"))
     gravity = np.full(len(mass), dataset.gravity)
     sign = -1.0 if dataset.quantity == "acceleration" else 1.0
-    longest = max(len(trace.value) for trace in dataset.traces)
+    blocks = _blocks(len(mass), max(len(trace.value) for trace in dataset.traces))
 
-    def recordings(rows: slice) -> tuple[Recordings, Column, Column, Column, SignalOptions]:
-        stacked = stack(dataset.traces[rows])
-        ahead = float(ahead_s(dataset.recorder, stacked.dt).max())
-        return (
-            replace(stacked.signed(sign), ahead_s=ahead),
-            mass[rows],
-            velocity[rows],
-            gravity[rows],
-            options,
-        )
+    def met(rows: slice) -> _Met:
+        stacked = stack(dataset.traces[rows]).signed(sign)
+        stacked = replace(stacked, ahead_s=float(ahead_s(dataset.recorder, stacked.dt).max()))
+        return _Met(stacked, mass[rows], velocity[rows], gravity[rows])
 
     if dataset.quantity == "displacement":
-        return _in_blocks(lambda rows: _recorded(*recordings(rows)), len(mass), longest)
-    evidence: list[ContactEvidence] = []
-
-    def with_evidence(rows: slice) -> Displacements:
-        signal, of_block = _integrated(*recordings(rows))
-        evidence.append(of_block)
-        return signal
-
-    signal = _in_blocks(with_evidence, len(mass), longest)
+        return _joined([_recorded(met(rows), options) for rows in blocks])
+    signals, evidence = zip(*(_integrated(met(rows), options) for rows in blocks), strict=True)
     if dataset.recorder is not None:
         # No force jumps behind a low-pass, and contact has no interval of its own.
-        return signal
+        return _joined(signals)
     sd = np.hypot(dataset.uncertainty.velocity_sd_m_s / velocity, dataset.uncertainty.relative_gain_sd)
-    joined = ContactEvidence(*map(np.concatenate, zip(*evidence, strict=True)))
-    phase = phase_of(joined, sd, dataset.contact)
+    of_all = ContactEvidence(*map(np.concatenate, zip(*evidence, strict=True)))
+    phase = phase_of(of_all, sd, dataset.contact)
     if phase.kind != "between":
-        signal = _in_blocks(lambda rows: _integrated(*recordings(rows), phase)[0], len(mass), longest)
+        signals = tuple(_integrated(met(rows), options, phase)[0] for rows in blocks)
+    signal = _joined(signals)
     noted = [[*row, ON_SAMPLE] for row in signal.notes] if phase.known and phase.judged else signal.notes
     return replace(signal, phase=phase, notes=noted)
 
@@ -233,56 +181,48 @@ def integrated(
     Raises:
         InputError: the filter class asks for a higher sampling rate than an impact has.
     """
+    blocks, gravity = _blocks(*recordings.value.shape), np.zeros_like(mass)
+    parts = (_Met(recordings.rows(rows), mass[rows], velocity[rows], gravity[rows]) for rows in blocks)
+    return _joined([_integrated(part, options)[0] for part in parts])
 
-    def block(rows: slice) -> Displacements:
-        value, n, start, dt = recordings.value, recordings.n, recordings.start, recordings.dt
-        sample_number = None if recordings.sample_number is None else recordings.sample_number[rows]
-        part = Recordings(value[rows], n[rows], start[rows], dt[rows], recordings.ahead_s, sample_number)
-        return _integrated(part, mass[rows], velocity[rows], np.zeros_like(mass[rows]), options)[0]
 
-    return _in_blocks(block, len(mass), recordings.value.shape[1])
+class _Met(NamedTuple):
+    """Recordings under one another, and of each the mass (kg), its velocity (m/s) and gravity (m/s²)."""
+
+    recordings: Recordings
+    mass: Column
+    velocity: Column
+    gravity: Column
 
 
 def _integrated(
-    recordings: Recordings,
-    mass: Column,
-    velocity: Column,
-    gravity: Column,
-    options: SignalOptions,
-    phase: Phase = BETWEEN,
+    met: _Met, options: SignalOptions, phase: Phase = BETWEEN
 ) -> tuple[Displacements, ContactEvidence]:
+    recordings, mass, velocity, gravity = met
     onset = find_onset(recordings, options)
     offset = onset.offset if options.remove_offset else np.zeros_like(onset.offset)
     removed = onset.quiet & options.remove_offset
     offset_sd = np.where(removed, onset.noise_sd / np.sqrt(np.maximum(onset.quiet_samples, 1)), np.nan)
     part = from_sample(recordings, onset.first)
     part = replace(part, value=part.value - offset[:, None])
-    recorded, clipped = part.value, np.zeros_like(part.value)
+    recorded, clipped, bracket = part.value, np.zeros_like(part.value), (onset.least, onset.most)
     if recordings.clipped is not None:
         clipped = from_sample(replace(recordings, value=recordings.clipped), onset.first).value
-        moments = velocity, gravity, onset.least, onset.most
-        through = beyond_limit(
-            recorded, clipped, part.inside, part.sample_numbers * part.dt[:, None], *moments
-        )
-        part = replace(part, value=through)
+        part = replace(part, value=beyond_limit(part, clipped, velocity, gravity, bracket))
     if options.filter != "none":
         part = replace(part, value=low_pass(part.value, part.dt, options.filter))
     d, inside, dt = part.value, part.inside, part.dt
-    slows = d - gravity[:, None]
-    first = cumulative(replace(part, value=slows), options.integration)
+    slowing = replace(part, value=d - gravity[:, None])
+    first = cumulative(slowing, options.integration)
     second = cumulative(replace(part, value=first), options.integration)
     bracketed = (onset.most > onset.least) & (onset.most < 1.5 * dt) & ~onset.blurred & ~part.uneven
     at_ends = (np.where(bracketed, phase.first, 0.0), np.where(bracketed, phase.before, 0.0))
-    sample_number = part.sample_numbers
-    start = find_start(
-        d, first, second, inside, sample_number, dt, velocity, onset.least, onset.most, gravity, at_ends
-    )
-    time = sample_number * dt[:, None]
+    start = find_start(part, (first, second), velocity, gravity, bracket, at_ends)
     v = start.v[:, None] - first
-    x = start.x[:, None] + start.v[:, None] * time - second
+    x = start.x[:, None] + start.v[:, None] * part.time_s - second
     # The last sample clear of great noise is one that the noise has lifted.
-    pushed = inside & (still_pushed(d, inside, onset.noise_sd) | onset.blurred[:, None])
-    stop = zero_velocity(slows, v, x, inside, pushed, sample_number, dt, velocity)
+    pushed = inside & (still_pushed(part, onset.noise_sd) | onset.blurred[:, None])
+    stop = zero_velocity(slowing, v, x, pushed, velocity)
     contact_words = "contact as chosen is more than 1 ms from where the trace shows it"
     flags = {
         Coded("velocity does not reach zero", "no-zero-velocity"): ~stop.reached,
@@ -298,7 +238,7 @@ def _integrated(
     bracketed &= (clipped == 0).all(axis=1)
     # Nor does one that begins with its greatest force, of heavily damped tissue: what falls from there on
     # falls the same way whenever it began, and least squares have too small an error.
-    bracketed &= d[:, 0] < _MOST_JUMP * np.where(inside, d, 0.0).max(axis=1)
+    bracketed &= d[:, 0] < CONTACT.most_jump * np.where(inside, d, 0.0).max(axis=1)
     at_zero = np.abs(part.start[:, None] - np.array([0.0, 1.0]) * dt[:, None]) < 1e-6 * dt[:, None]
     return signal, ContactEvidence(start.free, start.free_sd, start.by_velocity, dt, bracketed, at_zero)
 
@@ -319,9 +259,8 @@ def _before(recordings: Recordings, onset: Onset, offset: Column) -> dict[str, A
     }
 
 
-def _recorded(
-    recordings: Recordings, mass: Column, velocity: Column, gravity: Column, options: SignalOptions
-) -> Displacements:
+def _recorded(met: _Met, options: SignalOptions) -> Displacements:
+    recordings, mass, velocity, gravity = met
     noise = noise_sd(recordings)
     if options.filter != "none":
         whole = from_sample(recordings, np.zeros_like(recordings.n))
@@ -334,7 +273,7 @@ def _recorded(
     v, d = (from_sample(replace(recordings, value=rows), first).value for rows in derivatives(recordings))
     velocity = np.where(np.isfinite(velocity), velocity, v[:, 0])
     x = part.value - at_contact[:, None]
-    stop = slowest(v, x, part.inside, part.dt, velocity)
+    stop = slowest(replace(part, value=x), v, velocity)
     slowest_words = "velocity does not reach zero: the window ends where it is least"
     greatest = np.where(recordings.inside, recordings.value, -np.inf).max(axis=1)
     below = (greatest <= 0) & (options.contact != "time-zero")
@@ -366,11 +305,11 @@ def _windowed(
     """The motion (x, v and deceleration) over the window; ``columns`` are attributes as they are."""
     x, _, deceleration = motion
     since_contact, noise = start.since_contact, columns["noise_sd"]
-    moved = since_contact, deceleration, x, part.inside, part.sample_numbers, part.dt, noise
+    moved = since_contact, replace(part, value=deceleration), x, noise
     n = samples_in(options.window, stop, *moved)
     at_limit = clipped != 0
     below = (at_limit[:, : int(n.max())] & (np.arange(int(n.max())) < n[:, None])).sum(axis=1)
-    longer = at_limit.any(axis=1) & (n - below < _FEW_BELOW)
+    longer = at_limit.any(axis=1) & (n - below < WINDOW.few_below)
     if longer.any():
         # What the sensor did not see on the way in stands on the way back.
         n = np.where(longer, np.maximum(n, samples_in("rebound", stop, *moved)), n)
@@ -409,22 +348,25 @@ def _raised(words: dict[Coded, Mask], count: int) -> list[list[Coded]]:
     return [[text for text, up in words.items() if up[row]] for row in range(count)]
 
 
-def _in_blocks(block: Callable[[slice], Displacements], count: int, longest: int) -> Displacements:
-    """All of ``count`` impacts, so many at a time that arrays of ``longest`` samples each stay small."""
-    size = max(1, _BLOCK // longest)
-    blocks = [block(slice(begin, begin + size)) for begin in range(0, count, size)]
-    if len(blocks) == 1:
-        return blocks[0]
-    joined: dict[str, Any] = {
-        "flags": [row for block in blocks for row in block.flags],
-        "notes": [row for block in blocks for row in block.notes],
-    }
-    for field in fields(Displacements):
-        if field.name in joined or field.name == "phase":
-            continue
-        parts = [getattr(block, field.name) for block in blocks]
-        if parts[0].ndim == 2:
-            width = max(part.shape[1] for part in parts)
-            parts = [np.pad(part, ((0, 0), (0, width - part.shape[1]))) for part in parts]
-        joined[field.name] = np.concatenate(parts)
-    return Displacements(**joined)
+def _blocks(count: int, longest: int) -> list[slice]:
+    """Of ``count`` impacts so many at a time that arrays of ``longest`` samples each stay small."""
+    size = max(1, WINDOW.block // longest)
+    return [slice(begin, begin + size) for begin in range(0, count, size)]
+
+
+def _joined(parts: Sequence[Displacements]) -> Displacements:
+    """The impacts of all parts; the phase is that of none of them."""
+    if len(parts) == 1:
+        return parts[0]
+    names = [field.name for field in fields(Displacements) if field.name != "phase"]
+    return Displacements(**{name: _end_to_end([getattr(part, name) for part in parts]) for name in names})
+
+
+def _end_to_end(parts: list[Any]) -> Any:
+    """Lists, columns, or rows of which shorter ones are filled up with 0."""
+    if isinstance(parts[0], list):
+        return [row for part in parts for row in part]
+    if parts[0].ndim == 2:
+        width = max(part.shape[1] for part in parts)
+        parts = [np.pad(part, ((0, 0), (0, width - part.shape[1]))) for part in parts]
+    return np.concatenate(parts)

@@ -11,12 +11,8 @@ from jaxtyping import Complex, Float, Num
 from bayestissue.dataset.chain import Recorder
 from bayestissue.dataset.settings import SAE_CORNER
 from bayestissue.errors import InputError
+from bayestissue.signal.settings import FILTER
 from bayestissue.signal.traces import Column, Rows
-
-# What is left out of the answer before contact, as a part of it.
-_LEFT_OUT = 1e-3
-# Time constants of a filter's slowest pole until nothing is left that rounding would not hide.
-_AT_REST = 40.0
 
 
 def low_pass(values: Rows, dt: Column, frequency_class: int) -> Rows:
@@ -136,7 +132,7 @@ def _of_samples(recorder: Recorder, lag: np.ndarray, dt: float) -> np.ndarray:
     """Over a circle that is long enough for the correlations to die away."""
     from scipy.signal import sosfreqz
 
-    length = 2 << int(lag.max() + _AT_REST / (dt * decay(recorder, dt))).bit_length()
+    length = 2 << int(lag.max() + FILTER.at_rest / (dt * decay(recorder, dt))).bit_length()
     _, response = sosfreqz(_design(recorder, fs=1 / dt, output="sos"), 2 * np.pi * np.fft.rfftfreq(length))
     covariances = np.fft.irfft(np.abs(response) ** (4 if recorder.zero_phase else 2), length)
     return covariances[lag] / covariances[0]
@@ -166,14 +162,14 @@ def decay(recorder: Recorder, dt: Float[np.ndarray, "*dt"] | float) -> Float[np.
     corner = 2 * np.pi * recorder.low_pass_hz
     q = poles * (np.tan(corner * dt / 2) / corner)[..., None]
     # Of one pole at a quarter of the sampling rate nothing is left after a sample.
-    return -np.log(np.maximum(np.abs((1 + q) / (1 - q)).max(-1), _LEFT_OUT)) / dt
+    return -np.log(np.maximum(np.abs((1 + q) / (1 - q)).max(-1), FILTER.left_out)) / dt
 
 
 def ahead_s(recorder: Recorder | None, dt: Column) -> Column:
     """How long before contact a filter that is run backwards too answers, s, to a thousandth; else 0."""
     if recorder is None or not recorder.zero_phase:
         return np.zeros_like(dt)
-    return -np.log(_LEFT_OUT) / decay(recorder, dt)
+    return -np.log(FILTER.left_out) / decay(recorder, dt)
 
 
 def delay(recorder: Recorder) -> float:

@@ -7,11 +7,8 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
+from bayestissue.signal.settings import WINDOW
 from bayestissue.signal.traces import Recordings, Rows
-
-# Derivatives are those of a parabola fitted over about this long: a millimetre's tenth of noise at 1 kHz
-# then leaves a few per cent of noise on the velocity of a heel strike.
-_SMOOTHING_S = 0.005
 
 type Rule = Literal["trapezoidal", "quintic"]
 
@@ -92,7 +89,7 @@ def derivatives(recordings: Recordings) -> tuple[Rows, Rows]:
     from scipy.signal import savgol_filter
 
     dt = np.median(recordings.dt)
-    width = max(5, 2 * round(_SMOOTHING_S / dt / 2) + 1)
+    width = max(5, 2 * round(WINDOW.smoothing_s / dt / 2) + 1)
     width = min(width, recordings.value.shape[1] - 1 + recordings.value.shape[1] % 2)
     if width < 3:
         return np.zeros_like(recordings.value), np.zeros_like(recordings.value)

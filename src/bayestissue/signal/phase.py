@@ -31,18 +31,8 @@ from scipy.special import log_ndtr, logsumexp
 from scipy.stats import norm
 
 from bayestissue.dataset.chain import Contact
+from bayestissue.signal.settings import PHASE
 from bayestissue.signal.traces import Column, Mask
-
-# Of sampling intervals: clocks and integrals are no better than this.
-_LEAST_SD = 2e-3
-# Beforehand, of contact at a sample: at the one where the clock begins, or half of it for each of the two.
-# Without it recordings that were cut at contact held C in 39 % of 90 % intervals at 5 kHz, and with it in
-# 94 %, cut or not.
-_ON_SAMPLE = 0.2
-_SURE = 0.95
-# Of log evidence, by which one of the two samples is clearly likelier than the other. Contact declared
-# to be at a sample is at the first one, or where the clock begins, unless the other is so.
-_CLEAR = 3.0
 
 
 class ContactEvidence(NamedTuple):
@@ -112,13 +102,13 @@ def phase_of(evidence: ContactEvidence, velocity_sd: Column, declared: Contact |
     """
     if declared == "between" or not (evidence.bracketed.any() or declared):
         return BETWEEN
-    prior = np.where(evidence.at_zero[evidence.bracketed].all(axis=0), _ON_SAMPLE, 0.0)
+    prior = np.where(evidence.at_zero[evidence.bracketed].all(axis=0), PHASE.on_sample, 0.0)
     begins_there = prior.any()
     if not begins_there:
-        prior[:] = _ON_SAMPLE / 2
+        prior[:] = PHASE.on_sample / 2
     *accounts, anywhere = _log_evidence(evidence, velocity_sd)
     if declared:
-        needed = -_CLEAR if prior[1] > prior[0] else _CLEAR
+        needed = -PHASE.clear if prior[1] > prior[0] else PHASE.clear
         return _BEFORE if accounts[1] > accounts[0] + needed else _FIRST
     if max(accounts) < anywhere:
         return BETWEEN
@@ -126,11 +116,11 @@ def phase_of(evidence: ContactEvidence, velocity_sd: Column, declared: Contact |
         posterior = np.log([*prior, 1 - prior.sum()]) + accounts
     first, before, between = np.exp(posterior - logsumexp(posterior))
     for phase, share in ((BETWEEN, between), (_FIRST, first), (_BEFORE, before)):
-        if share > _SURE:
+        if share > PHASE.sure:
             return phase._replace(judged=True)
     # Recordings that do not tell the two samples apart say little that was not known, and anywhere between
     # is as good. Where one of the two is excluded, the other moves contact, and C, to its side.
-    apart = abs(accounts[0] - accounts[1]) > _CLEAR
+    apart = abs(accounts[0] - accounts[1]) > PHASE.clear
     return Phase(float(first), float(before), judged=True) if begins_there or apart else BETWEEN
 
 
@@ -149,7 +139,7 @@ def _log_evidence(
         part[evidence.bracketed] / evidence.dt[evidence.bracketed]
         for part in (evidence.before_s, evidence.sd, evidence.by_velocity)
     )
-    s = np.hypot(s, _LEAST_SD)
+    s = np.hypot(s, PHASE.least_sd)
     quantiles = norm.ppf((np.arange(nodes) + 0.5) / nodes)[:, None]
     shifted = t + quantiles * moved * velocity_sd[evidence.bracketed]
     at = [norm.logpdf(shifted, centre, s) for centre in (0.0, 1.0)]

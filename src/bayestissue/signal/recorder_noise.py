@@ -13,21 +13,15 @@ from jaxtyping import Float
 from scipy.linalg import toeplitz
 
 from bayestissue.dataset.chain import Recorder
-from bayestissue.signal.displacement import Displacements, RecordedImpacts
+from bayestissue.dataset.model import Dataset
+from bayestissue.signal.displacement import Displacements
 from bayestissue.signal.filters import ahead_s, autocorrelation
+from bayestissue.signal.settings import FILTER
 
-# From here on noise counts as white: behind a corner of a fiftieth of the sampling rate its variance at low
-# frequencies is then a tenth more than that of white noise.
-ALL_WHITE = 0.99
-_LENGTHS = (256, 128, 64, 32, 16)
-# Quiet samples of all impacts together that can tell, and impacts that are asked.
-_FEWEST, _ASKED = 64, 200
-# Of the eigenvalues, whose sum is the number of samples.
-_ROUNDING = 1e-12
 _SHARES = np.concatenate([[0.0], np.geomspace(1e-4, 1.0, 61)])
 
 
-def white_share(dataset: RecordedImpacts, signal: Displacements) -> float:
+def white_share(dataset: Dataset, signal: Displacements) -> float:
     """The share f of a recorder's noise that did not go through its filter, 0 to 1.
 
     By what was declared: none of noise before the filter, all of noise behind it. Else by maximum
@@ -45,40 +39,40 @@ def white_share(dataset: RecordedImpacts, signal: Displacements) -> float:
     if recorder.noise == "before":
         return 0.0
     parts = _quiet_parts(dataset, signal, recorder)
-    if sum(len(part) for part, _ in parts) < _FEWEST:
+    if sum(len(part) for part, _ in parts) < FILTER.fewest:
         return 0.0 if recorder.digital or recorder.zero_phase else 1.0
-    same = cache(lambda length, dt: _own(recorder, length, dt))
+    same = cache(lambda length, dt: _spectrum(recorder, length, dt))
     log_likelihood = sum(_profile(part, *same(len(part), dt)) for part, dt in parts)
     share = float(_SHARES[int(np.argmax(log_likelihood))])
-    return 1.0 if share >= ALL_WHITE else share
+    return 1.0 if share >= FILTER.all_white else share
 
 
 def _quiet_parts(
-    dataset: RecordedImpacts, signal: Displacements, recorder: Recorder
+    dataset: Dataset, signal: Displacements, recorder: Recorder
 ) -> list[tuple[Float[np.ndarray, " sample"], float]]:
     """What was recorded before an impact could show, and the sampling interval, where that is noise."""
     first = signal.contact_time_s + signal.first_sample_s
     end = first - signal.reach_s - ahead_s(recorder, signal.dt)
     rows = np.flatnonzero(np.isfinite(signal.offset_sd))
-    rows = rows[np.unique(np.linspace(0, max(len(rows) - 1, 0), min(len(rows), _ASKED)).astype(int))]
+    rows = rows[np.unique(np.linspace(0, max(len(rows) - 1, 0), min(len(rows), FILTER.impacts)).astype(int))]
     parts = []
     for row in rows:
         trace = dataset.traces[row]
         quiet = np.asarray(trace.value)[: np.searchsorted(trace.time_s, end[row])]
-        length = next((length for length in _LENGTHS if length <= len(quiet)), 0)
+        length = next((length for length in FILTER.lengths if length <= len(quiet)), 0)
         # What a recorder rounds to one number tells nothing.
         if length and np.ptp(quiet[-length:]) > 0:
             parts.append((quiet[-length:], float(f"{signal.dt[row]:.6g}")))
     return parts
 
 
-def _own(recorder: Recorder, length: int, dt: float) -> tuple[np.ndarray, np.ndarray]:
+def _spectrum(recorder: Recorder, length: int, dt: float) -> tuple[np.ndarray, np.ndarray]:
     """Eigenvalues and eigenvectors of R about the mean, that of the mean itself left out."""
     centred = np.eye(length) - 1 / length
     correlations = toeplitz(autocorrelation(recorder, np.arange(length), dt))
     values, vectors = np.linalg.eigh(centred @ correlations @ centred)
     mean = int(np.argmax(np.abs(vectors.sum(axis=0))))
-    return np.delete(np.maximum(values, _ROUNDING), mean), np.delete(vectors, mean, axis=1)
+    return np.delete(np.maximum(values, FILTER.rounding), mean), np.delete(vectors, mean, axis=1)
 
 
 def _profile(part: np.ndarray, values: np.ndarray, vectors: np.ndarray) -> Float[np.ndarray, " share"]:

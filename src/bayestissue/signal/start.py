@@ -19,11 +19,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import ndtr
 
-from bayestissue.signal.traces import Column, Mask, Rows, at, first_where
-
-_ORDER = 12
-_GRID = 65
-_SAME = 1 + 1e-6
+from bayestissue.signal.traces import Column, Index, Mask, Recordings, Rows, at, first_where
 
 
 @dataclass(frozen=True)
@@ -53,19 +49,14 @@ class Start:
 
 
 def find_start(
-    deceleration: Rows,
-    first_integral: Rows,
-    second_integral: Rows,
-    inside: Mask,
-    sample_number: Rows,
-    dt: Column,
+    decelerations: Recordings,
+    lost: tuple[Rows, Rows],
     velocity: Column,
-    least: Column,
-    most: Column,
     gravity: Column,
+    bracket: tuple[Column, Column],
     at_ends: tuple[Column, Column],
 ) -> Start:
-    """The state at the first sample, contact lying between ``least`` and ``most`` seconds before it.
+    """The state at the first sample, contact lying between two moments before it.
 
     δ, a and b are fitted by least squares to the samples until zero velocity; δ is then its mean under the
     normal likelihood that this gives and a uniform prior over the bracket. Noise-free samples thus pin
@@ -73,40 +64,31 @@ def find_start(
     by no more than the bracket, one sampling interval as a rule.
 
     Args:
-        deceleration: [impact, sample], m/s², from the first sample in contact on, offset removed.
-        first_integral: [impact, sample], the integral of d − g from that sample, m/s.
-        second_integral: [impact, sample], the integral of that, m.
-        inside: [impact, sample], true where there is a sample.
-        sample_number: [impact, sample], times since the first sample, in sampling intervals.
-        dt: [impact], sampling interval, s.
+        decelerations: m/s², from the first sample in contact on, offset removed.
+        lost: [impact, sample], the integral of d − g from that sample, m/s, and the integral of that, m.
         velocity: [impact], at contact, m/s.
-        least: [impact], s; equal to ``most`` where contact is known.
-        most: [impact], s.
         gravity: [impact], g, along the motion, m/s².
-        at_ends: [impact], probabilities of contact at exactly ``least``, and at exactly ``most``.
+        bracket: [impact], from contact to that sample, s, at the least and at the most; equal where known.
+        at_ends: [impact], probabilities of contact at exactly the one, and at exactly the other.
     """
+    d, inside, dt, (least, most) = decelerations.value, decelerations.inside, decelerations.dt, bracket
     # Some velocity is gone by the first sample; past zero velocity the impactor may have left the tissue.
-    fall = np.maximum(deceleration[:, 0] - deceleration[:, min(1, inside.shape[1] - 1)], 0)
-    left = velocity - (deceleration[:, 0] - gravity + fall * most / (2 * dt)) * most
-    left = np.clip(left - 0.03 * velocity, 0.5 * velocity, velocity)
-    stopped = first_where((first_integral >= left[:, None]) & inside, inside.sum(axis=1) - 1)
-    used = inside & (np.arange(inside.shape[1]) <= stopped[:, None])
-    duration = np.where(stopped > 0, at(sample_number, stopped), 1.0) * dt
-    fall = gravity * duration / velocity
-    problem = LeastSquares.from_recordings(
-        deceleration, first_integral, second_integral, used, sample_number, dt, velocity, duration, fall
-    )
+    fall = np.maximum(d[:, 0] - d[:, min(1, d.shape[1] - 1)], 0)
+    slowed = velocity - (d[:, 0] - gravity + fall * most / (2 * dt)) * most
+    slowed = np.clip(slowed - 0.03 * velocity, 0.5 * velocity, velocity)
+    stopped = first_where((lost[0] >= slowed[:, None]) & inside, decelerations.n - 1)
+    problem = LeastSquares.until(stopped, decelerations, lost, velocity, gravity)
+    duration = problem.duration
     low, high = least / duration, most / duration
     with np.errstate(all="ignore"):
         ab, free, free_sd, by_velocity = problem.fit(low, high)
         delta, delta_sd = _mean_within(free, free_sd, low, high, at_ends)
         ab = problem.fit_given(ab, delta)
-        x, v = grown(ab[:, 0], ab[:, 1], delta, fall)
+        x, v = grown(ab[:, 0], ab[:, 1], delta, problem.fall)
     # Too few samples, or a motion no spring and damper makes: d is held constant back to contact.
-    d1 = np.where(inside[:, 0], deceleration[:, 0] - gravity, 0) * duration / velocity
-    sound = (
-        np.isfinite(x) & np.isfinite(v) & (np.abs(v - 1) < 0.5) & (np.abs(x - delta) < 0.5 * delta + 1e-12)
-    )
+    d1 = np.where(inside[:, 0], d[:, 0] - gravity, 0) * duration / velocity
+    # Comparisons with no number are false.
+    sound = (np.abs(v - 1) < 0.5) & (np.abs(x - delta) < 0.5 * delta + 1e-12)
     delta = np.where(np.isfinite(delta), delta, (low + high) / 2)
     x = np.where(sound, x, delta - d1 * delta**2 / 2)
     v = np.where(sound, v, 1 - d1 * delta)
@@ -143,28 +125,23 @@ class LeastSquares:
     moment: Float[np.ndarray, "impact 4"]
     count: Column
     fall: Column
+    duration: Column
 
     @classmethod
-    def from_recordings(
-        cls,
-        d: Rows,
-        first: Rows,
-        second: Rows,
-        used: Mask,
-        sample_number: Rows,
-        dt: Column,
-        velocity: Column,
-        duration: Column,
-        fall: Column,
+    def until(
+        cls, last: Index, recorded: Recordings, lost: tuple[Rows, Rows], velocity: Column, gravity: Column
     ) -> LeastSquares:
-        """The products over the ``used`` samples; arguments as of `find_start`, ``fall`` in these units."""
-        unit = (velocity * duration)[:, None]
-        time = sample_number * (dt / duration)[:, None]
-        rows = np.stack([np.ones_like(d), time, first / velocity[:, None], second / unit], axis=1)
+        """The products over the samples until ``last`` of each impact; the others as of `find_start`."""
+        d, dt, number = recorded.value, recorded.dt, recorded.sample_numbers
+        used = recorded.inside & (np.arange(d.shape[1]) <= last[:, None])
+        duration = np.where(last > 0, at(number, last), 1.0) * dt
+        units = velocity[:, None], (velocity * duration)[:, None]
+        time = number * (dt / duration)[:, None]
+        rows = np.stack([np.ones_like(d), time, lost[0] / units[0], lost[1] / units[1]], axis=1)
         basis = np.where(used[:, None, :], rows, 0)
         target = np.where(used, d * (duration / velocity)[:, None], 0)
-        gram = basis @ basis.transpose(0, 2, 1)
-        return cls(basis, target, gram, (basis @ target[..., None])[..., 0], used.sum(axis=1), fall)
+        gram, moment = basis @ basis.transpose(0, 2, 1), (basis @ target[..., None])[..., 0]
+        return cls(basis, target, gram, moment, used.sum(axis=1), gravity * duration / velocity, duration)
 
     def fit(self, low: Column, high: Column) -> tuple[np.ndarray, Column, Column, Column]:
         """(a, b), δ, its standard error and its slope by log V, δ free within twice the bracket around it.
@@ -176,11 +153,11 @@ class LeastSquares:
         tried = [self._descend(low + share * (high - low), low, high) for share in (0.1, 0.5, 0.9)]
         within = [self._within(parameters, low, high) for parameters in tried]
         whole = np.square(self.target).sum(axis=1)
-        left_over = np.stack(
+        squares = np.stack(
             [np.nan_to_num(self._residual(p) + whole * (p[:, 1] < 0), nan=np.inf) for p in within]
         )
         # The first of those that came to the same, or rounding would choose.
-        least = (left_over <= _SAME * left_over.min(axis=0)).argmax(axis=0)
+        least = (squares <= (1 + 1e-6) * squares.min(axis=0)).argmax(axis=0)
         best = np.take_along_axis(np.stack(tried), least[None, :, None], axis=0)[0]
         _, covariance = self._step(best, free=3)
         variance = self._residual(best) / np.maximum(self.count - 3, 1)
@@ -201,9 +178,10 @@ class LeastSquares:
             (part[:, None] * unit).reshape(-1, *part.shape[1:])
             for part, unit in zip(parts, units, strict=True)
         )
-        fall, count = (self.fall[:, None] / ratio).ravel(), np.repeat(self.count, len(ratio))
-        scaled = LeastSquares(self.basis[:0], target, gram, moment, count, fall)
-        low, high = np.repeat(low, len(ratio)), np.repeat(high, len(ratio))
+        columns = self.count, self.fall, self.duration, low, high
+        count, fall, duration, low, high = (np.repeat(column, len(ratio)) for column in columns)
+        fall = fall / np.tile(ratio, len(self.fall))
+        scaled = LeastSquares(self.basis[:0], target, gram, moment, count, fall, duration)
         parameters = scaled._within(scaled._descend((low + high) / 2, low, high), low, high)
         return parameters.reshape(-1, len(ratio), 3)
 
@@ -242,8 +220,8 @@ class LeastSquares:
 
     def _step(self, parameters: np.ndarray, free: int) -> tuple[np.ndarray, np.ndarray]:
         jacobian = _jacobian(parameters, self.fall)[:, :, :free]
-        left_over = self.moment - (self.gram @ _coefficients(parameters, self.fall)[..., None])[..., 0]
-        step, covariance = self._solve(jacobian, left_over)
+        remaining = self.moment - (self.gram @ _coefficients(parameters, self.fall)[..., None])[..., 0]
+        step, covariance = self._solve(jacobian, remaining)
         return np.pad(step, ((0, 0), (0, 3 - free))), covariance
 
     def _solve(self, jacobian: np.ndarray, moment: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -277,11 +255,13 @@ def _jacobian(parameters: np.ndarray, fall: Column) -> np.ndarray:
     )
 
 
-def grown(a: np.ndarray, b: np.ndarray, delta: np.ndarray, fall: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The motion x″ = ``fall`` − a x′ − b x from x = 0, v = 1, by their Taylor series."""
+def grown(
+    a: np.ndarray, b: np.ndarray, delta: np.ndarray, fall: np.ndarray, orders: int = 12
+) -> tuple[np.ndarray, np.ndarray]:
+    """The motion x″ = ``fall`` − a x′ − b x from x = 0, v = 1, by so many ``orders`` of its Taylor series."""
     earlier, later = np.zeros_like(delta), np.ones_like(delta)
     x, v, power = earlier, later, np.ones_like(delta)
-    for order in range(1, _ORDER):
+    for order in range(1, orders):
         power = power * delta / order
         x = x + later * power
         earlier, later = later, -a * later - b * earlier + (fall if order == 1 else 0.0)
@@ -289,22 +269,43 @@ def grown(a: np.ndarray, b: np.ndarray, delta: np.ndarray, fall: np.ndarray) -> 
     return x, v
 
 
+def deceleration(
+    logs: np.ndarray, time: Float[np.ndarray, "*time"], velocity: float, gravity: float
+) -> Float[np.ndarray, "*time"]:
+    """Deceleration of a mass that met spring and damper: -V u'' + g (1 - u'), u the answer to an impulse.
+
+    u'' + a u' + b u = 0, solved in closed form by the two roots.
+
+    Args:
+        logs: log a, log b, and how long before time 0 contact was, s.
+        time: s.
+        velocity: V, at contact, m/s.
+        gravity: g, along the motion, m/s².
+    """
+    (a, b), since = np.exp(logs[:2]), time + logs[2]
+    # Apart even at critical damping, where the two would be one.
+    root = np.sqrt(complex(a**2 / 4 - b)) + 1e-6 * np.sqrt(b)
+    p, q = -a / 2 + root, -a / 2 - root
+    u1, u2 = ((p**k * np.exp(p * since) - q**k * np.exp(q * since)) / (p - q) for k in (1, 2))
+    return np.asarray((gravity * (1 - u1) - velocity * u2).real)
+
+
 def _mean_within(
-    mean: Column, sd: Column, low: Column, high: Column, at_ends: tuple[Column, Column]
+    mean: Column, sd: Column, low: Column, high: Column, at_ends: tuple[Column, Column], nodes: int = 65
 ) -> tuple[Column, Column]:
-    """Posterior mean and standard deviation of δ under N(mean, sd²) as likelihood.
+    """Posterior mean and standard deviation of δ under N(mean, sd²) as likelihood, at so many ``nodes``.
 
     The prior is uniform over [low, high], but for the probabilities of δ being exactly ``low`` or ``high``.
     """
     width = high - low
-    grid = low[:, None] + width[:, None] * np.linspace(0, 1, _GRID)
+    grid = low[:, None] + width[:, None] * np.linspace(0, 1, nodes)
     distance = ((grid - mean[:, None]) / sd[:, None]) ** 2
     weight = np.exp((distance.min(axis=1, keepdims=True) - distance) / 2)
     weight /= weight.sum(axis=1, keepdims=True)
     middle = (weight * grid).sum(axis=1)
     variance = (weight * (grid - middle[:, None]) ** 2).sum(axis=1)
     # Where the likelihood is narrower than the grid the cut matters only if the mean lies outside.
-    narrow = ~(sd > width / (_GRID - 1))
+    narrow = ~(sd > width / (nodes - 1))
     middle = np.where(narrow, np.clip(mean, low, high), middle)
     variance = np.where(narrow, np.minimum(sd, width) ** 2, variance)
     inside = np.maximum(ndtr((high - mean) / sd) - ndtr((low - mean) / sd), 1e-300)

@@ -4,29 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from bayestissue.dataset.model import Trace
 from bayestissue.dataset.recordings import uneven
 
 type Rows = Float[np.ndarray, "impact sample"]
 type Mask = Bool[np.ndarray, "impact sample"]
 type Column = Float[np.ndarray, " impact"]
 type Index = Int[np.ndarray, " impact"]
-
-
-class Trace(Protocol):
-    """One recording: times in s and values in SI units, both of shape [sample]."""
-
-    @property
-    def time_s(self) -> Float[np.ndarray, " sample"]:
-        """Times of the samples in s."""
-
-    @property
-    def value(self) -> Float[np.ndarray, " sample"]:
-        """Recorded values in SI units."""
 
 
 @dataclass(frozen=True)
@@ -52,12 +40,23 @@ class Recordings:
         clipped = None if self.clipped is None else sign * self.clipped
         return replace(self, value=sign * self.value, clipped=clipped)
 
+    def rows(self, which: slice) -> Recordings:
+        """Some of the recordings."""
+        value, n, start, dt = (column[which] for column in (self.value, self.n, self.start, self.dt))
+        number, clipped = (None if a is None else a[which] for a in (self.sample_number, self.clipped))
+        return Recordings(value, n, start, dt, self.ahead_s, number, clipped)
+
     @property
     def sample_numbers(self) -> Rows:
         """The ``sample_number`` of even times too: 0, 1, 2 and so on; past a row's end evenly on."""
         if self.sample_number is not None:
             return self.sample_number
         return np.broadcast_to(np.arange(self.value.shape[1], dtype=float), self.value.shape)
+
+    @property
+    def time_s(self) -> Rows:
+        """Times since the first sample of each row, s."""
+        return self.sample_numbers * self.dt[:, None]
 
     def sample_number_of(self, index: Int[np.ndarray, "impact ..."]) -> Float[np.ndarray, "impact ..."]:
         """The ``sample_number`` at these indices; beyond either end evenly on."""
@@ -92,7 +91,7 @@ def stack(traces: Sequence[Trace]) -> Recordings:
     last = np.array([trace.time_s[-1] for trace in traces], dtype=float)
     value = np.zeros((len(traces), int(n.max())))
     value[np.arange(value.shape[1]) < n[:, None]] = np.concatenate([trace.value for trace in traces])
-    limits = [getattr(trace, "clipped", None) for trace in traces]
+    limits = [trace.clipped for trace in traces]
     clipped = None
     if any(limit is not None for limit in limits):
         clipped = np.zeros_like(value)

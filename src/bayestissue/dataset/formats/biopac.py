@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import io
 import logging
+from typing import Any
 
 import numpy as np
 
 from bayestissue.dataset.files import require_small, unpacked_size
-from bayestissue.dataset.formats.channel import Channel, Contents, Format, UnfitError, even_clock
-
-# Of a file's channels. Where it can't find their types, bioread looks for all of them at 4,096 places.
-_MOST_CHANNELS = 500
+from bayestissue.dataset.formats.channel import Channel, Contents, Format, UnfitError, even_clock, unique
 
 
-def read(data: bytes, label: str) -> Contents:
+def read(data: bytes, label: str, most_channels: int = 500) -> Contents:
     """The channels by name; their clock begins at 0 s and runs at each channel's own rate.
 
     Raises:
@@ -35,7 +33,8 @@ def read(data: bytes, label: str) -> Contents:
     logging.getLogger("bioread").setLevel(logging.CRITICAL)
     graph = GraphHeaderReader.bootstrap(io.BytesIO(data))
     header_size = ChannelHeader.for_revision(graph.file_revision, graph.byte_order_char).struct_length
-    if graph.channel_count > min(len(data) / header_size, _MOST_CHANNELS):
+    # Where it can't find their types, bioread looks for all channels at 4,096 places.
+    if graph.channel_count > min(len(data) / header_size, most_channels):
         raise ValueError(f"a header that states {graph.channel_count} channels")
     headers = Reader.read_headers(io.BytesIO(data))
     if headers.datafile is None or headers.data_length is None:
@@ -52,15 +51,14 @@ def read(data: bytes, label: str) -> Contents:
             "an end that is missing",
         )
     require_small(sum(8.0 * channel.point_count for channel in headers.datafile.channels), label)
-    channels: dict[str, Channel] = {}
-    for number, channel in enumerate(Reader.read(io.BytesIO(data)).datafile.channels, 1):
-        values = np.asarray(channel.data, dtype=np.float64)
-        name = channel.name.strip() or f"channel {number}"
-        name = name if name not in channels else f"{name} {number}"
-        rate = float(channel.samples_per_second)
-        clock = even_clock(1 / rate, 0.0, values.size) if rate > 0 else None
-        channels[name] = Channel(values, clock, channel.units.strip())
-    return Contents(channels)
+    recorded = Reader.read(io.BytesIO(data)).datafile.channels
+    names = unique((channel.name.strip() for channel in recorded), "channel")
+    return Contents(dict(zip(names, map(_channel, recorded), strict=True)))
+
+
+def _channel(channel: Any) -> Channel:
+    values, rate = np.asarray(channel.data, dtype=np.float64), float(channel.samples_per_second)
+    return Channel(values, even_clock(1 / rate if rate else 0.0, 0.0, values.size), channel.units.strip())
 
 
 FORMAT = Format("Biopac AcqKnowledge", ".acq", read)

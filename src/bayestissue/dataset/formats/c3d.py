@@ -10,31 +10,29 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from bayestissue.dataset.files import require_small
-from bayestissue.dataset.formats.channel import Channel, Contents, Format, UnfitError, even_clock
+from bayestissue.dataset.formats.channel import Channel, Contents, Format, UnfitError, even_clock, unique
 
-_BLOCK = 512
-_KEY = 0x50
+# Bytes of a block, the second byte of every file, and the numbers of a point: x, y, z and its residual.
+BLOCK, KEY, COORDINATES = 512, 0x50, 4
 _ORDERS = {84: "<", 86: ">"}
 _TYPES = {-1: "S1", 1: "i1", 2: "i2", 4: "f4"}
-_COORDINATES = 4
 
 type Parameters = dict[tuple[str, str], Any]
 
 
-@dataclass(frozen=True)
-class _Header:
+class _Header(NamedTuple):
     """What the first block says: counts per frame of the points, the first and last frame, the rate."""
 
     points: int
     analog: int
     first: int
     last: int
+    gap: int
     scale: float
     data_block: int
     samples: int
@@ -53,7 +51,7 @@ def read(data: bytes, label: str) -> Contents:
             is missing.
         ValueError, IndexError, struct.error: the file is damaged, or is no C3D file.
     """
-    if data[1] != _KEY:
+    if data[1] != KEY:
         raise ValueError("no C3D file: its second byte is not 0x50")
     order, parameters = _parameters(data)
     header = _header(data, order)
@@ -66,11 +64,11 @@ def read(data: bytes, label: str) -> Contents:
         )
     frames = _frames(header, parameters)
     stored = np.dtype(f"{order}f4" if header.scale < 0 else f"{order}{_integer(parameters)}")
-    words = _COORDINATES * header.points + header.analog
+    words = COORDINATES * header.points + header.analog
     # Held once as they are stored, and once as numbers of 8 bytes.
     require_small(8.0 * frames * (header.analog or 3 * header.points), label)
-    begin = _BLOCK * (header.data_block - 1)
-    if begin < _BLOCK or begin + frames * words * stored.itemsize > len(data):
+    begin = BLOCK * (header.data_block - 1)
+    if begin < BLOCK or begin + frames * words * stored.itemsize > len(data):
         raise UnfitError(
             f"{frames} frames, as its header states",
             "Copy or export the recording anew.",
@@ -79,27 +77,23 @@ def read(data: bytes, label: str) -> Contents:
     table = np.frombuffer(data, stored, frames * words, begin).reshape(frames, words)
     if not count:
         return Contents(_markers(table, parameters, header))
-    raw = table[:, _COORDINATES * header.points :].reshape(frames * header.samples, count)
+    raw = table[:, COORDINATES * header.points :].reshape(frames * header.samples, count)
     return Contents(_channels(raw, parameters, header))
 
 
 def _markers(table: np.ndarray, parameters: Parameters, header: _Header) -> dict[str, Channel]:
     """Each coordinate of each marker; no number where the cameras did not see it."""
     count = header.points
-    rate = float(_numbers(parameters, "RATE", 1, header.rate, "POINT")[0])
-    clock = even_clock(1 / rate, 0.0, len(table)) if rate > 0 and math.isfinite(rate) else None
+    clock = _clock(_numbers(parameters, "RATE", 1, header.rate, "POINT"), len(table))
     labels, (unit,) = _texts(parameters, "LABELS", count, "POINT"), _texts(parameters, "UNITS", 1, "POINT")
-    points = table.reshape(len(table), count, _COORDINATES).astype(np.float64)
-    visible = points[..., -1] >= 0
-    scale = 1.0 if header.scale < 0 else header.scale
-    channels: dict[str, Channel] = {}
-    for number in range(count):
-        name = labels[number] or f"marker {number + 1}"
-        name = name if f"{name}.x" not in channels else f"{name} {number + 1}"
-        for axis, letter in enumerate("xyz"):
-            values = np.where(visible[:, number], scale * points[:, number, axis], np.nan)
-            channels[f"{name}.{letter}"] = Channel(values, clock, unit)
-    return channels
+    points = table.reshape(len(table), count, COORDINATES).astype(np.float64)
+    visible = points[..., -1:] >= 0
+    places = np.where(visible, (1.0 if header.scale < 0 else header.scale) * points, np.nan)
+    return {
+        f"{name}.{letter}": Channel(places[:, number, axis], clock, unit)
+        for number, name in enumerate(unique(labels, "marker"))
+        for axis, letter in enumerate("xyz")
+    }
 
 
 def _channels(raw: np.ndarray, parameters: Parameters, header: _Header) -> dict[str, Channel]:
@@ -108,24 +102,22 @@ def _channels(raw: np.ndarray, parameters: Parameters, header: _Header) -> dict[
     offsets = _numbers(parameters, "OFFSET", count, 0.0)
     if _integer(parameters) == "u2":
         offsets = np.where(offsets < 0, offsets + 2.0**16, offsets)
-    rate = float(_numbers(parameters, "RATE", 1, header.rate * header.samples)[0])
-    clock = even_clock(1 / rate, 0.0, raw.shape[0]) if rate > 0 and math.isfinite(rate) else None
+    clock = _clock(_numbers(parameters, "RATE", 1, header.rate * header.samples), len(raw))
     labels, units = (_texts(parameters, name, count) for name in ("LABELS", "UNITS"))
-    channels: dict[str, Channel] = {}
-    for number in range(count):
-        name = labels[number] or f"analog {number + 1}"
-        name = name if name not in channels else f"{name} {number + 1}"
-        values = (raw[:, number].astype(np.float64) - offsets[number]) * scales[number]
-        channels[name] = Channel(values, clock, units[number])
-    return channels
+    values = (raw.astype(np.float64) - offsets) * scales
+    return {
+        name: Channel(column, clock, unit)
+        for name, column, unit in zip(unique(labels, "analog"), values.T, units, strict=True)
+    }
+
+
+def _clock(rate: np.ndarray, samples: int) -> np.ndarray | None:
+    return even_clock(1 / float(rate[0]) if rate[0] else 0.0, 0.0, samples)
 
 
 def _header(data: bytes, order: str) -> _Header:
-    points, analog, first, last, _, scale, block, samples, rate = struct.unpack_from(
-        f"{order}HHHHHfHHf", data, 2
-    )
-    header = _Header(points, analog, first, last, scale, block, samples, rate)
-    return replace(header, samples=0) if samples and analog % samples else header
+    header = _Header._make(struct.unpack_from(f"{order}HHHHHfHHf", data, 2))
+    return header._replace(samples=0) if header.samples and header.analog % header.samples else header
 
 
 def _frames(header: _Header, parameters: Parameters) -> int:
@@ -141,14 +133,14 @@ def _frames(header: _Header, parameters: Parameters) -> int:
 
 
 def _parameters(data: bytes) -> tuple[str, Parameters]:
-    at = _BLOCK * (data[0] - 1)
+    at = BLOCK * (data[0] - 1)
     if data[0] < 1 or data[at + 3] not in _ORDERS:
         raise UnfitError(
             "a C3D file of an Intel or MIPS computer",
             "Convert the file: any recent program writes it anew in Intel format.",
             "one of a DEC computer" if data[at + 3] == 85 else "another kind of file",
         )
-    order, end = _ORDERS[data[at + 3]], at + _BLOCK * data[at + 2]
+    order, end = _ORDERS[data[at + 3]], at + BLOCK * data[at + 2]
     groups: dict[int, str] = {}
     parameters: dict[tuple[int, str], Any] = {}
     at += 4

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -75,6 +75,15 @@ class UnfitError(Exception):
         self.expected, self.remedy, self.value = expected, remedy, value
 
 
+def unique(names: Iterable[str], otherwise: str) -> list[str]:
+    """The names, each once: an empty one is ``otherwise`` with its number, one that repeats has it behind."""
+    named: list[str] = []
+    for number, name in enumerate(names, 1):
+        name = name or f"{otherwise} {number}"
+        named.append(name if name not in named else f"{name} {number}")
+    return named
+
+
 def even_clock(step: object, start: object, samples: int) -> Float64[np.ndarray, " sample"] | None:
     """``start + step · i`` in s for each sample i; None where that is no clock.
 
@@ -89,21 +98,26 @@ def even_clock(step: object, start: object, samples: int) -> Float64[np.ndarray,
         return np.asarray(start + step * np.arange(samples), dtype=np.float64)
 
 
-# A table of more columns is a picture or the like, and no recording of some channels.
-_MOST_COLUMNS = 64
-
-
-def columns(name: str, values: np.ndarray) -> dict[str, Float64[np.ndarray, " sample"]]:
+def columns(name: str, values: np.ndarray, most: int = 64) -> dict[str, Float64[np.ndarray, " sample"]]:
     """The channels in an array: a vector by its name, the columns of a table as ``name:1``, ``name:2``.
 
     A table with more than 64 columns, but not of so many rows, lies on its side: its rows are the channels.
+    One of more of both is a picture or the like, and no recording of some channels.
     """
     if max(values.shape, default=1) == values.size:
         return {name: np.ravel(values).astype(np.float64)}
-    if values.ndim != 2 or min(values.shape) > _MOST_COLUMNS:
+    if values.ndim != 2 or min(values.shape) > most:
         return {}
-    upright = values if values.shape[1] <= _MOST_COLUMNS else values.T
+    upright = values if values.shape[1] <= most else values.T
     return {f"{name}:{number}": column for number, column in enumerate(upright.T.astype(np.float64), 1)}
+
+
+def of_arrays(arrays: Iterable[tuple[str, np.ndarray, str]]) -> Contents:
+    """The channels in arrays of numbers, each with its name and unit, as of `columns`."""
+    channels: dict[str, Channel] = {}
+    for name, array, unit in arrays:
+        channels |= {part: Channel(values, unit=unit) for part, values in columns(name, array).items()}
+    return Contents(channels)
 
 
 def unit_in_name(name: str) -> str:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bayestissue.dataset.files import require_small
-from bayestissue.dataset.formats.channel import Channel, Contents, Format, columns
+from bayestissue.dataset.formats.channel import Contents, Format, of_arrays
 
 if TYPE_CHECKING:
     import h5py
@@ -30,15 +30,10 @@ def read(data: bytes, label: str) -> Contents:
     """
     import h5py
 
-    channels: dict[str, Channel] = {}
     with h5py.File(io.BytesIO(data), "r") as file:
         numeric = {name: item for name, item in _datasets(file) if item.dtype.kind in "fiu" and item.size}
         require_small(sum(8 * item.size for item in numeric.values()), label)
-        for name, item in numeric.items():
-            unit = _unit(item)
-            for channel, values in columns(name, np.asarray(item)).items():
-                channels[channel] = Channel(values, unit=unit)
-    return Contents(channels)
+        return of_arrays((name, np.asarray(item), _unit(item)) for name, item in numeric.items())
 
 
 def variables(data: bytes, label: str) -> dict[str, np.ndarray]:

@@ -7,10 +7,9 @@ import logging
 import re
 from codecs import BOM_UTF8
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
-from typing import Any
+from itertools import chain, pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float64
@@ -62,17 +61,14 @@ def _recordings(data: bytes) -> tuple[Contents, ...]:
         # LabVIEW writes names and units in the code page of its machine; the numbers are plain.
         text = data.decode("latin-1")
     recordings: list[list[Contents]] = []
-    for block in _blocks(text.removeprefix("\ufeff")):
-        for piece in _pieces(block):
-            if recordings and _goes_on(recordings[-1][-1], piece):
-                recordings[-1].append(piece)
-            else:
-                recordings.append([piece])
+    for piece in chain.from_iterable(map(_pieces, _blocks(text.removeprefix("\ufeff")))):
+        if not recordings or not _goes_on(recordings[-1][-1], piece):
+            recordings.append([])
+        recordings[-1].append(piece)
     return tuple(map(_joined, recordings))
 
 
-@dataclass(frozen=True)
-class _Block:
+class _Block(NamedTuple):
     """A block of data as text.
 
     Attributes:
@@ -183,12 +179,9 @@ def _channels(
 
 def _goes_on(before: Contents, after: Contents) -> bool:
     """Whether every channel begins one sampling interval after the end of that of the block before."""
-    if [(name, c.unit) for name, c in before.channels.items()] != [
-        (name, c.unit) for name, c in after.channels.items()
-    ]:
-        return False
-    pairs = zip(before.channels.values(), after.channels.values(), strict=True)
-    return all(_follows(first.clock, second.clock) for first, second in pairs)
+    units = [{name: c.unit for name, c in piece.channels.items()} for piece in (before, after)]
+    pairs = zip(before.channels.values(), after.channels.values(), strict=False)
+    return units[0] == units[1] and all(_follows(first.clock, second.clock) for first, second in pairs)
 
 
 def _follows(
@@ -209,13 +202,11 @@ def _joined(pieces: Sequence[Contents]) -> Contents:
         return pieces[0]
     channels = {}
     for name, first in pieces[0].channels.items():
-        parts = [piece.channels[name] for piece in pieces]
-        rows = [
-            piece.first_row + np.arange(part.values.size) for piece, part in zip(pieces, parts, strict=True)
-        ]
-        clocks = [part.clock for part in parts if part.clock is not None]
-        values = np.concatenate([part.values for part in parts])
-        channels[name] = Channel(values, np.concatenate(clocks), first.unit, np.concatenate(rows))
+        parts = [(piece.first_row, piece.channels[name]) for piece in pieces]
+        values = np.concatenate([part.values for _, part in parts])
+        clock = np.concatenate([part.clock for _, part in parts if part.clock is not None])
+        rows = np.concatenate([row + np.arange(part.values.size) for row, part in parts])
+        channels[name] = Channel(values, clock, first.unit, rows)
     return Contents(channels, pieces[0].first_row)
 
 

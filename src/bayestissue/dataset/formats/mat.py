@@ -11,7 +11,7 @@ import numpy as np
 
 from bayestissue.dataset.files import require_small, unpacked_size
 from bayestissue.dataset.formats import hdf5
-from bayestissue.dataset.formats.channel import Channel, Contents, Format, columns
+from bayestissue.dataset.formats.channel import Contents, Format, of_arrays
 
 # How numbers are kept, by the type of the data element.
 _KEPT = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
@@ -123,13 +123,7 @@ def read(data: bytes, label: str) -> Contents:
         content = hdf5.variables(data, label)
     else:
         content = numeric_variables(data, label)
-    return Contents(
-        {
-            channel: Channel(values)
-            for name, array in content.items()
-            for channel, values in columns(name, array).items()
-        }
-    )
+    return of_arrays((name, array, "") for name, array in content.items())
 
 
 FORMAT = Format("MATLAB", ".mat", read)

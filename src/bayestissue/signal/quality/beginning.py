@@ -29,32 +29,8 @@ from bayestissue.dataset.chain import Uncertainty
 from bayestissue.signal.displacement import Displacements
 from bayestissue.signal.integration import trapezoids
 from bayestissue.signal.quality.recorded import Recorded
+from bayestissue.signal.quality.settings import BEGINNING
 from bayestissue.signal.traces import Column, Index, Mask, Rows
-
-# Of a sound recording: for another account to gain so much, and for no law to leave so much.
-_GAINS, _LEAVES = 0.03, 0.001
-# What the laws leave of the elements' own traces, over the peak.
-_MISFIT = 0.0007
-# So many times less left over explains a trace well enough.
-_BETTER = 4.0
-# Of the velocity at contact, where no more is declared.
-_VELOCITY = 0.003
-# Earlier contact by so many intervals, and by this share of the time to peak: less moves C by some 5 %.
-_INTERVALS, _SHARE = 1.5, 0.015
-# Of the time to peak: what is looked back at the most.
-_LONGEST = 0.4
-_MOMENTS = 9
-# Offsets over the peak: less than the least moves K by some 5 % at the most.
-_OFFSETS = np.array([-0.3, -0.15, -0.05, -0.015, 0.015, 0.05, 0.15, 0.3])
-# After the peak the fit ends where the force has come down to this share of it: it may let go before 0.
-_ENDS = 0.3
-_BLOCKS = 64
-_ROUNDS, _STEPS = 3, 4
-# The step of a derivative by velocity or offset: one that changes no set of positive coefficients.
-_SMALL = 1e-4
-_PARAMETERS = 4
-# Chi squared of one degree of freedom: less speaks against no account.
-_LIKELY = 3.84
 
 type State = Float[np.ndarray, "4 ..."]
 type Terms = Float[np.ndarray, "*row term"]
@@ -128,22 +104,25 @@ def beginning(recorded: Recorded, signal: Displacements, chosen: Mask, uncertain
         return Beginning(missed, longest)
     blocks, unit = _blocks(recorded, signal, rows)
     peak, interval = recorded.peak[rows] / unit, signal.dt[rows] / signal.time_to_peak[rows]
-    least = np.maximum(_INTERVALS * interval, _SHARE)
-    early = least + (np.maximum(_LONGEST, 2 * least) - least) * np.linspace(0, 1, _MOMENTS)[:, None] ** 2
+    least = np.maximum(BEGINNING.intervals * interval, BEGINNING.share)
+    most = np.maximum(BEGINNING.longest, 2 * least)
+    early = least + (most - least) * np.linspace(0, 1, BEGINNING.moments)[:, None] ** 2
     velocity_sd = np.hypot(uncertainty.velocity_sd_m_s / signal.velocity[rows], uncertainty.relative_gain_sd)
-    sd = np.hypot(velocity_sd, _VELOCITY), uncertainty.offset_sd / unit
-    accounts = [_accounts(law, blocks, interval, early, _OFFSETS[:, None] * peak, sd) for law in _LAWS]
+    sd = np.hypot(velocity_sd, BEGINNING.velocity), uncertainty.offset_sd / unit
+    offsets = np.multiply.outer(BEGINNING.offsets, peak)
+    accounts = [_accounts(law, blocks, interval, early, offsets, sd) for law in _LAWS]
     contact, late, shifted, of_early = (np.min(squares, axis=0) for squares in zip(*accounts, strict=True))
-    count = np.maximum((blocks.weight > 0).sum(axis=1) - _PARAMETERS, 1)
+    count = np.maximum((blocks.weight > 0).sum(axis=1) - BEGINNING.parameters, 1)
     freedom = recorded.freedom[rows]
     unexplained = np.zeros(rows.size, bool)
     for square in (late, shifted):
         gain = np.maximum(contact - square, 0) / np.maximum(square / count, 1)
         # Between the moments and offsets tried a trace of little noise is explained roughly.
-        explains = (fdtrc(count, freedom, square / count) > _LEAVES) | (square < contact / _BETTER)
-        unexplained |= explains & (fdtrc(1, np.minimum(count, freedom), gain) < _GAINS)
+        explains = fdtrc(count, freedom, square / count) > BEGINNING.leaves
+        explains |= square < contact / BEGINNING.better
+        unexplained |= explains & (fdtrc(1, np.minimum(count, freedom), gain) < BEGINNING.gains)
     missed[rows] = unexplained
-    possible = np.where(~unexplained & (of_early < contact + _LIKELY), early, 0).max(axis=0)
+    possible = np.where(~unexplained & (of_early < contact + BEGINNING.likely), early, 0).max(axis=0)
     longest[rows] = possible * signal.time_to_peak[rows]
     return Beginning(missed, longest)
 
@@ -155,13 +134,14 @@ def _blocks(recorded: Recorded, signal: Displacements, rows: Index) -> tuple[_Bl
     sample = np.arange(d.shape[1])
     sample_number = signal.sample_number[rows]
     time, unit = sample_number * dt, velocity / to_peak
-    over = np.cumsum((time > to_peak) & (d < _ENDS * peak), axis=1) > 0
+    over = np.cumsum((time > to_peak) & (d < BEGINNING.ends * peak), axis=1) > 0
     count = ((sample < signal.n_samples[rows, None]) & ~over).sum(axis=1)
     v, x = signal.v[rows], signal.x[rows]
     x = (x - x[:, :1] - v[:, :1] * time) / (velocity * to_peak)
     v, fall = (v - v[:, :1]) / velocity, signal.gravity[rows, None] / unit
     t = time / to_peak
-    ends = np.minimum(np.arange(_BLOCKS + 1) * -(-count // _BLOCKS)[:, None], count[:, None])
+    longest = -(-count // BEGINNING.blocks)[:, None]
+    ends = np.minimum(np.arange(BEGINNING.blocks + 1) * longest, count[:, None])
     size = np.diff(ends, axis=1)
 
     def means(value: Rows) -> Rows:
@@ -169,7 +149,7 @@ def _blocks(recorded: Recorded, signal: Displacements, rows: Index) -> tuple[_Bl
         sums = np.take_along_axis(np.pad(sums, ((0, 0), (1, 0))), ends, axis=1)
         return np.diff(sums, axis=1) / np.maximum(size, 1)
 
-    sd = np.hypot(recorded.sd[rows, None] / np.sqrt(np.maximum(size, 1)), _MISFIT * peak) / unit
+    sd = np.hypot(recorded.sd[rows, None] / np.sqrt(np.maximum(size, 1)), BEGINNING.misfit * peak) / unit
     columns = (t, d / unit, fall * t - v, v, x, trapezoids(x, np.diff(sample_number, axis=1) * dt / to_peak))
     t, d, lost, v, x, x_integral = (means(column) for column in columns)
     weight = np.where(size > 0, 1 / sd, 0)
@@ -187,14 +167,14 @@ def _accounts(
     moments = np.concatenate([none + np.array([0, 0.5, 1])[:, None] * interval, early])
     since = np.concatenate([moments, 0 * offsets + middle, middle, middle])
     offset, faster = np.zeros_like(since), np.zeros_like(since)
-    offset[len(moments) : -2], offset[-1], faster[-2] = offsets, _SMALL, _SMALL
+    offset[len(moments) : -2], offset[-1], faster[-2] = offsets, BEGINNING.small, BEGINNING.small
     residuals = _residuals(law, blocks, since, offset, faster)
     # Errors of velocity and offset as they are declared; and, with an offset, contact in the interval.
-    of_velocity = (residuals[-2] - residuals[1]) * (sd[0] / _SMALL)[:, None]
-    of_offset = _without((residuals[-1] - residuals[1]) * (sd[1] / _SMALL)[:, None], of_velocity)
-    of_contact = _without(_without(residuals[2] - residuals[0], of_velocity), of_offset)
-    residuals = _without(_without(residuals[:-2], of_velocity), of_offset)
-    shifted = _without(residuals[len(moments) :], of_contact)
+    of_velocity = (residuals[-2] - residuals[1]) * (sd[0] / BEGINNING.small)[:, None]
+    of_offset = _less_error((residuals[-1] - residuals[1]) * (sd[1] / BEGINNING.small)[:, None], of_velocity)
+    of_contact = _less_error(_less_error(residuals[2] - residuals[0], of_velocity), of_offset)
+    residuals = _less_error(_less_error(residuals[:-2], of_velocity), of_offset)
+    shifted = _less_error(residuals[len(moments) :], of_contact)
     late = residuals[3 : len(moments)]
     half = len(offsets) // 2
     offset_least = np.minimum(_least(shifted[:half]), _least(shifted[half:]))
@@ -213,7 +193,7 @@ def _residuals(law: Law, blocks: _Blocks, since: Moments, offset: Moments, faste
     first = np.maximum(d[..., 0], 0)
     v1 = np.clip(1 - (first - fall[:, 0]) * since, 0.2, 1)
     y = np.stack([since * (1 + v1) / 2, v1, since**2 / 2, first * since])
-    for _ in range(_ROUNDS):
+    for _ in range(BEGINNING.rounds):
         x1, v1, x1_integral, lost1 = y[..., None]
         path = x1_integral + x1 * t + v1 * t**2 / 2 + x_integral
         terms = law(np.stack([x1 + v1 * t + x, v1 + v, path, lost1 + lost])) * weight[..., None]
@@ -225,13 +205,13 @@ def _residuals(law: Law, blocks: _Blocks, since: Moments, offset: Moments, faste
 def _grown(law: Law, coefficients: Terms, since: Moments, velocity: Moments, fall: Column) -> State:
     """(x, v, ∫x, ∫d) a time after contact, by Runge and Kutta's rule."""
     zero = np.zeros_like(since)
-    y, step = np.stack([zero, velocity, zero, zero]), since / _STEPS
+    y, step = np.stack([zero, velocity, zero, zero]), since / BEGINNING.steps
 
     def rate(y: State) -> State:
         d = (law(y) * coefficients).sum(axis=-1)
         return np.stack([y[1], fall - d, y[0], d])
 
-    for _ in range(_STEPS):
+    for _ in range(BEGINNING.steps):
         first = rate(y)
         second = rate(y + step / 2 * first)
         third = rate(y + step / 2 * second)
@@ -257,7 +237,7 @@ def _not_negative(terms: Float[np.ndarray, "*row block term"], target: Residuals
     return np.maximum(best, 0) / scale
 
 
-def _without(residuals: Residuals, change: Residuals) -> Residuals:
+def _less_error(residuals: Residuals, change: Residuals) -> Residuals:
     """(1 + u uᵀ)^(−1/2) r: the residuals less what an error may have made of them that changes them by u."""
     square = (change**2).sum(axis=-1, keepdims=True)
     share = (1 - 1 / np.sqrt(1 + square)) / np.maximum(square, 1e-300)

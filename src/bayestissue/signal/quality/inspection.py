@@ -3,26 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from bayestissue.dataset.chain import Contact, Recorder, Uncertainty
+from bayestissue.dataset.model import Dataset
 from bayestissue.declarations import declared
 from bayestissue.errors import Coded
 from bayestissue.remedies import entries
-from bayestissue.signal.displacement import Displacements, RecordedImpacts, displacements
+from bayestissue.signal.displacement import Displacements, displacements
 from bayestissue.signal.options import SignalOptions
 from bayestissue.signal.quality import beginning, law, samples, velocity
 from bayestissue.signal.quality.recorded import Recorded
-from bayestissue.signal.traces import Column, Index, Mask, Trace, stack
-
-# So many samples, and impacts, at a time: their laws' terms then take some hundred megabytes at most.
-_BLOCK, _MOST = 200_000, 256
-# Of the peak: a first sample above it is an offset or late where nothing else can be asked.
-_ABOVE = 0.04
+from bayestissue.signal.quality.settings import PULSE
+from bayestissue.signal.traces import Column, Index, Mask, stack
 
 
 class Kind(NamedTuple):
@@ -72,18 +68,7 @@ _DECLARED = declared(__package__, "kinds.toml")
 KINDS = {name: _kind(**{"code": name, **entry}) for name, entry in _DECLARED.items()}
 
 
-@dataclass(frozen=True)
-class _Part:
-    quantity: Literal["deceleration", "acceleration", "displacement"]
-    impacts: pd.DataFrame
-    traces: Sequence[Trace]
-    recorder: Recorder | None
-    gravity: float
-    uncertainty: Uncertainty
-    contact: Contact | None
-
-
-def inspect(dataset: RecordedImpacts, options: SignalOptions | None = None) -> list[Finding]:
+def inspect(dataset: Dataset, options: SignalOptions | None = None) -> list[Finding]:
     """Look at every recording of a dataset.
 
     Each detector is a test with a false alarm rate of 0.001 (0.003 where laws are fitted) a sound recording,
@@ -105,13 +90,11 @@ def inspect(dataset: RecordedImpacts, options: SignalOptions | None = None) -> l
     """
     options = options or SignalOptions()
     longest = max((len(trace.value) for trace in dataset.traces), default=1)
-    size, joined = max(1, min(_MOST, _BLOCK // longest)), dict[Kind, list[str]]()
+    size, joined = max(1, min(PULSE.most, PULSE.block // longest)), dict[Kind, list[str]]()
     implied: list[velocity.Implied] = []
     for begin in range(0, len(dataset.traces), size):
         rows = slice(begin, begin + size)
-        impacts, traces = dataset.impacts.iloc[rows], dataset.traces[rows]
-        chain = dataset.recorder, dataset.gravity, dataset.uncertainty, dataset.contact
-        part = _Part(dataset.quantity, impacts, traces, *chain)
+        part = replace(dataset, impacts=dataset.impacts.iloc[rows], traces=dataset.traces[rows])
         # A recording that is no impact at all may divide by nothing: what comes of that finds nothing.
         with np.errstate(all="ignore"):
             for finding in _inspected(part, options, implied):
@@ -124,7 +107,7 @@ def inspect(dataset: RecordedImpacts, options: SignalOptions | None = None) -> l
     return [Finding(kind, values) for kind, values in joined.items() if any(values)]
 
 
-def _velocities(dataset: RecordedImpacts, implied: Sequence[velocity.Implied]) -> list[str]:
+def _velocities(dataset: Dataset, implied: Sequence[velocity.Implied]) -> list[str]:
     """What all recordings together say of the velocities, of each impact."""
     impacts = dataset.impacts
     trial = (
@@ -145,7 +128,7 @@ def raised(findings: Sequence[Finding], count: int, *, notes: bool = False) -> l
     return [[finding.kind.flag for finding in of_kind if finding.said[row]] for row in range(count)]
 
 
-def _inspected(part: _Part, options: SignalOptions, implied: list[velocity.Implied]) -> Iterator[Finding]:
+def _inspected(part: Dataset, options: SignalOptions, implied: list[velocity.Implied]) -> Iterator[Finding]:
     sign = -1.0 if part.quantity == "acceleration" else 1.0
     recordings = stack(part.traces)
     recordings = recordings.signed(sign)
@@ -160,20 +143,20 @@ def _inspected(part: _Part, options: SignalOptions, implied: list[velocity.Impli
     if part.quantity == "displacement":
         # A displacement that passes 0 on its way shows its contact.
         early = np.arange(recorded.value.shape[1]) <= recorded.top[:, None]
-        deep = (start > _ABOVE) & (np.where(early, recorded.value, np.inf).min(axis=1) > 0)
+        deep = (start > PULSE.above) & (np.where(early, recorded.value, np.inf).min(axis=1) > 0)
         yield from (*findings, KINDS["starts-deep"].where(deep, start))
         return
     whole = {"window": "rebound", "filter": "none", "equilibrium": "rest"}
     signal = displacements(part, options.model_copy(update=whole))
     findings += _at_rest(recorded, signal.time_to_peak, part.gravity)
-    above, longest = start > _ABOVE, np.zeros_like(start)
+    above, longest = start > PULSE.above, np.zeros_like(start)
     if part.recorder is None:
         # An impact's force may jump at contact; behind a low-pass it can't.
         candidate = (start > 0) & (limited == 0)
         above, longest = beginning.beginning(recorded, signal, candidate, part.uncertainty)
     findings += [
         KINDS["starts-above-zero"].where(above, start),
-        KINDS["starts-below-zero"].where(start < -_ABOVE, start),
+        KINDS["starts-below-zero"].where(start < -PULSE.above, start),
     ]
     yield KINDS["contact-earlier"].where(longest > 0, 1e3 * longest)
     yield from (

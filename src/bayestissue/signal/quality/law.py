@@ -16,27 +16,10 @@ from scipy.special import fdtrc
 from bayestissue.dataset.chain import STANDARD_GRAVITY
 from bayestissue.signal.displacement import Displacements
 from bayestissue.signal.integration import trapezoids
+from bayestissue.signal.quality.settings import LAW
 from bayestissue.signal.traces import Column, Mask, Rows
 
 type Law = Float[np.ndarray, "impact sample term"]
-ALARMS = 3e-3
-# What the laws below leave over of the elements' own noise-free traces, as a fraction of the peak.
-MISFIT = 0.0015
-TERMS = 4
-# A limit that explains the trace leaves at most so many times the noise's sum of squares.
-_WELL = 4.0
-# Of the peak: more noise bends a sensor's limit so much that sound traces look cut off (1 of 300 at 0.03, 72
-# of 300 at 0.05).
-_LITTLE_NOISE = 0.03
-# The sensor's limits tried, as multiples of the greatest recorded value.
-LIMITS = (1.02, 1.05, 1.1, 1.2, 1.35, 1.6, 2.0)
-# Of the velocity: of errors that are nobody's mistake.
-_VELOCITY = 0.02
-# What the other gravity gains, in the noise's variance: e^(-this / 2) of the likelihood.
-_GAIN = 30.0
-# Noise alone where chance leaves as much in one of a hundred.
-_NOISE_ALONE = 0.01
-_FEWEST = 16
 
 
 class Start(NamedTuple):
@@ -88,9 +71,9 @@ def any_law(x: Rows, v: Rows, used: Mask) -> Law:
     return np.concatenate([first, second[..., 2:], third[..., :2], product], axis=-1)
 
 
-def left_over(law: Law, d: Rows, used: Mask) -> Float[np.ndarray, "impact sample"]:
+def residuals(law: Law, d: Rows, used: Mask) -> Float[np.ndarray, "impact sample"]:
     """What least squares leave of d; 0 outside ``used``."""
-    coefficients = _solved(law, d, used, ridge=1e-10)
+    coefficients = _coefficients(law, d, used, ridge=1e-10)
     return np.where(used, d - np.einsum("isk,ik->is", law, coefficients), 0.0)
 
 
@@ -99,16 +82,15 @@ def no_law(d: Rows, used: Mask, start: Start, sd: Column, freedom: Column, peak:
     law = any_law(*motion(d, start), used)
     samples = used.sum(axis=1)
     count = np.maximum(samples - law.shape[-1], 1)
-    residual = left_over(law, d, used)
-    variance = sd**2 + (MISFIT * peak) ** 2
-    wide = fdtrc(count, freedom, (residual**2).sum(axis=1) / count / variance) < ALARMS / 2
+    residual = residuals(law, d, used)
+    variance = sd**2 + (LAW.misfit * peak) ** 2
+    wide = fdtrc(count, freedom, (residual**2).sum(axis=1) / count / variance) < LAW.alarms / 2
     # A step's own share, at the sample where it is greatest; less is left of a step than itself.
     sums, index = np.cumsum(residual[:, ::-1], axis=1)[:, ::-1], np.arange(d.shape[1])
     after = np.maximum(samples[:, None] - index, 1)
     share = sums**2 / (after * (1 - after / np.maximum(samples, 1)[:, None]) + 1)
-    step = fdtrc(1, freedom, np.where(used, share, 0).max(axis=1) / variance) < ALARMS / 2 / np.maximum(
-        samples, 1
-    )
+    p = fdtrc(1, freedom, np.where(used, share, 0).max(axis=1) / variance) * np.maximum(samples, 1)
+    step = p < LAW.alarms / 2
     return (wide | step) & (samples >= 2 * law.shape[-1])
 
 
@@ -125,33 +107,33 @@ def saturation(d: Rows, used: Mask, start: Start, sd: Column) -> Column:
     """
     limit = np.full(len(d), np.nan)
     peak, count = np.where(used, d, 0).max(axis=1), used.sum(axis=1)
-    plain = best_left(d, used, start, np.ones_like(d))
-    floor = (sd**2 + (MISFIT * peak) ** 2) * np.maximum(count - TERMS, 1)
+    plain = least_sum_of_squares(d, used, start, np.ones_like(d))
+    floor = (sd**2 + (LAW.misfit * peak) ** 2) * np.maximum(count - LAW.terms, 1)
     # A further parameter can't gain much where the laws leave noise alone.
-    rows = np.flatnonzero((count >= 12) & (plain > 0.8 * floor) & (sd < _LITTLE_NOISE * peak))
+    rows = np.flatnonzero((count >= 12) & (plain > 0.8 * floor) & (sd < LAW.little_noise * peak))
     if not rows.size:
         return limit
     d, used, peak = (values[rows] for values in (d, used, peak))
     start = Start(*(column[rows] for column in start))
     plain, count, floor = plain[rows], count[rows], floor[rows]
     limits, best = np.ones(rows.size), plain.copy()
-    for factor in LIMITS:
+    for factor in LAW.limits:
         scale = (factor * peak)[:, None]
         z = np.clip(d / scale, -0.99, 0.99)
-        square = best_left(np.arctanh(z) * scale, used, start, 1 - z**2)
+        square = least_sum_of_squares(np.arctanh(z) * scale, used, start, 1 - z**2)
         limits, best = np.where(square < best, factor, limits), np.minimum(best, square)
-    freedom = np.maximum(count - TERMS - 1, 1)
+    freedom = np.maximum(count - LAW.terms - 1, 1)
     gain = (plain - best) / np.maximum(best, floor) * freedom
-    sure = fdtrc(1, freedom, gain) < ALARMS
-    limit[rows[sure]] = np.where(best < _WELL * floor, limits, 0.0)[sure]
+    sure = fdtrc(1, freedom, gain) < LAW.alarms
+    limit[rows[sure]] = np.where(best < LAW.well * floor, limits, 0.0)[sure]
     return limit
 
 
-def best_left(d: Rows, used: Mask, start: Start, weight: Rows) -> Column:
+def least_sum_of_squares(d: Rows, used: Mask, start: Start, weight: Rows) -> Column:
     """The least sum of squares that any of the laws leaves of each impact."""
     xs, vs = motion(d, start)
     squares = [
-        (left_over(law * weight[..., None], d * weight, used) ** 2).sum(axis=1) for law in laws(xs, vs, used)
+        (residuals(law * weight[..., None], d * weight, used) ** 2).sum(axis=1) for law in laws(xs, vs, used)
     ]
     return np.min(squares, axis=0)
 
@@ -183,30 +165,30 @@ def another_gravity(signal: Displacements, used: Mask, sd: Column, freedom: Colu
     """
     change = gravity_tried(signal) - signal.gravity
     peak = np.where(used, signal.deceleration, 0).max(axis=1)
-    variance = sd**2 + (MISFIT * peak) ** 2
-    declared, changed = (_left(signal, used, variance, added) for added in (np.zeros_like(change), change))
+    variance = sd**2 + (LAW.misfit * peak) ** 2
+    declared, changed = (_sum_of_squares(signal, used, variance, by) for by in (0 * change, change))
     count = np.maximum(used.sum(axis=1) - 2, 1)
-    well = fdtrc(count, freedom, changed / count) > _NOISE_ALONE
-    return (used.sum(axis=1) >= _FEWEST) & well & (declared - changed > _GAIN)
+    well = fdtrc(count, freedom, changed / count) > LAW.noise_alone
+    return (used.sum(axis=1) >= LAW.fewest) & well & (declared - changed > LAW.gain)
 
 
-def _left(signal: Displacements, used: Mask, variance: Column, change: Column) -> Column:
+def _sum_of_squares(signal: Displacements, used: Mask, variance: Column, change: Column) -> Column:
     """The least sum of squares in units of the variance, that of the errors in theirs included."""
     time = signal.since_contact_s[:, : used.shape[1]]
     v = signal.v + change[:, None] * time
     x = signal.x + signal.equilibrium[:, None] + change[:, None] * time**2 / 2
-    a, b = np.maximum(_solved(np.stack([v, x], axis=-1), signal.deceleration, used), 0).T
-    errors = (a[:, None] + b[:, None] * time) * _VELOCITY * signal.velocity[:, None]
+    a, b = np.maximum(_coefficients(np.stack([v, x], axis=-1), signal.deceleration, used), 0).T
+    errors = (a[:, None] + b[:, None] * time) * LAW.velocity * signal.velocity[:, None]
     late = (b * signal.velocity * signal.dt / np.sqrt(12))[:, None] + np.zeros_like(time)
     terms = np.stack([v, x, errors, late], axis=-1)
     target = signal.deceleration / np.sqrt(variance)[:, None]
     terms = terms / np.sqrt(variance)[:, None, None]
-    weights = _solved(terms, target, used, np.array([0.0, 0.0, 1.0, 1.0]))
+    weights = _coefficients(terms, target, used, np.array([0.0, 0.0, 1.0, 1.0]))
     residual = np.where(used, target - np.einsum("isk,ik->is", terms, weights), 0.0)
     return (residual**2).sum(axis=1) + (weights[:, 2:] ** 2).sum(axis=1)
 
 
-def _solved(
+def _coefficients(
     terms: Law, target: Rows, used: Mask, precision: np.ndarray | float = 0.0, ridge: float = 1e-12
 ) -> Float[np.ndarray, "impact term"]:
     """Least squares over the ``used`` samples, with a normal prior of each coefficient about 0."""

@@ -24,18 +24,9 @@ from bayestissue.signal.displacement import BEFORE, Displacements
 from bayestissue.signal.filters import answers
 from bayestissue.signal.integration import trapezoids
 from bayestissue.signal.quality import law
-from bayestissue.signal.quality.recorded import WORTH
+from bayestissue.signal.quality.settings import LAW, PULSE, SAMPLES
+from bayestissue.signal.start import deceleration
 from bayestissue.signal.traces import Column
-
-# Of false alarms a sound recording, for each of the two ways in which one may come about.
-ALARMS = 1e-3
-# A filter leaves noise alone where chance leaves as much in one of a hundred.
-_WELL = 0.01
-# What it gains over the best law, in the noise's variance: e^(-this / 2) of the likelihood.
-_GAIN = 30.0
-_CORNERS = 24
-# Moments of contact that are tried: so many, from this many of the filter's delays before the first sample.
-_MOMENTS = 41
 
 
 @dataclass(frozen=True)
@@ -65,21 +56,21 @@ def suspected(signal: Displacements) -> Suspected:
     )
     peak = np.where(used, signal.deceleration, 0).max(axis=1)
     with np.errstate(all="ignore"):
-        plain = law.best_left(signal.deceleration, used, start, np.ones_like(signal.x))
-    variance = signal.noise_sd**2 + (law.MISFIT * peak) ** 2
-    freedom = np.maximum(WORTH * signal.n_samples, 1)
+        plain = law.least_sum_of_squares(signal.deceleration, used, start, np.ones_like(signal.x))
+    variance = signal.noise_sd**2 + (LAW.misfit * peak) ** 2
+    freedom = np.maximum(PULSE.worth * signal.n_samples, 1)
     count = np.maximum(signal.n_samples - 4, 1)
-    odd = fdtrc(count, freedom, plain / count / variance) < ALARMS
+    odd = fdtrc(count, freedom, plain / count / variance) < SAMPLES.alarms
     columns = np.full((len(peak), 3), np.nan)
     # A filter is tried on even times.
     tried = odd & (signal.n_samples >= 12) & (signal.n_before >= 4) & ~signal.uneven
     tried &= ~signal.clipped.any(axis=1)
     for row in np.flatnonzero(tried):
-        columns[row] = _asked(signal, int(row), plain[row], variance[row], freedom[row])
+        columns[row] = _explanation(signal, int(row), plain[row], variance[row], freedom[row])
     return Suspected(*columns.T)
 
 
-def _asked(
+def _explanation(
     signal: Displacements, row: int, plain: float, variance: float, freedom: float
 ) -> tuple[float, float, float]:
     """Corner and changes of K and C of one impact; NaN where no filter explains it better than a law."""
@@ -92,8 +83,8 @@ def _asked(
     twice = trapezoids(lost, dt)
     lowest = max(20.0, 1 / (signal.dt[row] * n))
     best: tuple[float, float, np.ndarray] = (np.inf, np.nan, np.zeros(2))
-    for corner in np.geomspace(lowest, max(0.25 / dt, 1.01 * lowest), _CORNERS):
-        moments = np.linspace(-2.5 / (2 * np.pi * corner) - 3 * dt, dt, _MOMENTS)
+    for corner in np.geomspace(lowest, max(0.25 / dt, 1.01 * lowest), LAW.corners):
+        moments = np.linspace(-2.5 / (2 * np.pi * corner) - 3 * dt, dt, LAW.moments)
         moments = moments[moments > time[0]]
         step, ramp = answers(Recorder(corner), time - moments[:, None])
         gained = velocity * step + gravity * ramp, velocity * ramp + gravity * trapezoids(ramp, dt)
@@ -105,16 +96,16 @@ def _asked(
     square, corner, (a, b) = best
     # The law was fitted from the first sample in contact on.
     number = len(y) - 4
-    well = fdtrc(number, freedom, square / number / variance) > _WELL
-    better = plain - square + early * variance > _GAIN * variance
+    well = fdtrc(number, freedom, square / number / variance) > LAW.noise_alone
+    better = plain - square + early * variance > LAW.gain * variance
     inside = lowest * 1.01 < corner < 0.24 / dt
     if not (well and better and inside and a > 0 and b > 0):
         return np.nan, np.nan, np.nan
-    a_plain, b_plain = _without(signal, row, float(a), float(b))
+    a_plain, b_plain = _without_filter(signal, row, float(a), float(b))
     return corner, b_plain / float(b) - 1, a_plain / float(a) - 1
 
 
-def _without(signal: Displacements, row: int, a: float, b: float) -> tuple[float, float]:
+def _without_filter(signal: Displacements, row: int, a: float, b: float) -> tuple[float, float]:
     """The a and b nearest to the samples of an impact behind no filter, as a fit has them."""
     from scipy.optimize import least_squares
 
@@ -122,21 +113,12 @@ def _without(signal: Displacements, row: int, a: float, b: float) -> tuple[float
     time, y = np.arange(n) * signal.dt[row], signal.deceleration[row, :n]
     reach = np.sqrt(3) * signal.bracket_sd[row] + 1e-12
 
-    def left(logs: np.ndarray) -> np.ndarray:
-        damping, stiffness = np.exp(logs[:2])
-        # Apart even at critical damping, where the two would be one.
-        root = np.sqrt(complex(damping**2 / 4 - stiffness)) + 1e-6 * np.sqrt(stiffness)
-        first, second = -damping / 2 + root, -damping / 2 - root
-        since = time + logs[2]
-        bend, slope = (
-            (first**k * np.exp(first * since) - second**k * np.exp(second * since)) / (first - second)
-            for k in (2, 1)
-        )
-        return (gravity * (1 - slope) - velocity * bend).real - y
+    def residuals(logs: np.ndarray) -> np.ndarray:
+        return deceleration(logs, time, velocity, gravity) - y
 
-    begin = signal.bracket_s[row]
-    low, high = [-np.inf, -np.inf, begin - reach], [np.inf, np.inf, begin + reach]
-    solution = least_squares(left, [np.log(a), np.log(b), begin], bounds=(low, high), x_scale=[1, 1, reach])
+    start, reaches = np.array([np.log(a), np.log(b), signal.bracket_s[row]]), [np.inf, np.inf, reach]
+    bounds = start - reaches, start + reaches
+    solution = least_squares(residuals, start, bounds=bounds, x_scale=[1, 1, reach])
     return float(np.exp(solution.x[0])), float(np.exp(solution.x[1]))
 
 

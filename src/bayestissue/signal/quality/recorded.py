@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bayestissue.signal.quality.settings import PULSE
 from bayestissue.signal.traces import (
     Column,
     Index,
@@ -17,14 +18,6 @@ from bayestissue.signal.traces import (
     last_where,
     noise_sd,
 )
-
-# The running median that finds the pulse forgets spikes of up to three samples.
-_MEDIAN = 7
-# Where a pulse that rises as sin^(3/2) passes a fifth of its peak, 0.3 of the way from there to the peak has
-# gone by since contact; a force that only fades takes longer to end than it took to rise.
-_LOW, _FOOT, _TAIL = 0.2, 0.5, 0.6
-# The share of third differences that the noise estimate, a median of correlated values, is worth.
-WORTH = 0.3
 
 
 @dataclass(frozen=True)
@@ -57,7 +50,7 @@ class Recorded:
     @property
     def freedom(self) -> Column:
         """Degrees of freedom of ``sd``, about."""
-        return np.maximum(WORTH * self.inside.sum(axis=1), 1)
+        return np.maximum(PULSE.worth * self.inside.sum(axis=1), 1)
 
     @property
     def quiet(self) -> Mask:
@@ -73,11 +66,11 @@ class Recorded:
         index = np.arange(value.shape[1])
         level = _quiet_level(value, smooth, top)
         peak = at(smooth, top) - level
-        low = smooth <= (level + _LOW * peak)[:, None]
+        low = smooth <= (level + PULSE.low * peak)[:, None]
         rises = last_where(low & (index < top[:, None]))
         falls = first_where(low & (index > top[:, None]), recordings.n)
-        foot = rises - np.ceil(_FOOT * (top - rises)).astype(int) - 2
-        tail = falls + np.ceil(_TAIL * (falls - top)).astype(int) + 2
+        foot = rises - np.ceil(PULSE.foot * (top - rises)).astype(int) - 2
+        tail = falls + np.ceil(PULSE.tail * (falls - top)).astype(int) + 2
         step = _step(value, inside)
         sd = np.hypot(noise_sd(recordings), np.where(np.isfinite(step), step, 0) / np.sqrt(12))
         return cls(
@@ -110,7 +103,7 @@ def _quiet_level(value: Rows, smooth: Rows, top: Index) -> Column:
 
 
 def _running_median(value: Rows, n: Index) -> Rows:
-    half = _MEDIAN // 2
+    half = PULSE.median // 2
     index = np.clip(np.arange(value.shape[1]) + np.arange(-half, half + 1)[:, None], 0, None)
     return np.median(
         [np.take_along_axis(value, np.minimum(row, n[:, None] - 1), axis=1) for row in index], axis=0

@@ -10,28 +10,8 @@ import numpy as np
 from scipy.special import fdtrc, ndtri, stdtr
 
 from bayestissue.signal.quality.recorded import Recorded
+from bayestissue.signal.quality.settings import SAMPLES
 from bayestissue.signal.traces import Column, Index, Mask, Rows
-
-# The noise of one sound recording in a thousand alone passes for each of these.
-ALARMS = 1e-3
-FEWEST, FEWEST_OF_LINE = 12, 6
-_SLOW = 5
-# Below these fractions of the peak K and C change by less than some 5 %.
-WAVE, SHIFT, FIRST = 0.007, 0.015, 0.01
-# Where chance gives less than this a rest after contact is taken for a force that fades.
-_FADES = 0.01
-_HUM_HZ = np.arange(20.0, 410.0, 5.0)
-# A low-pass that passes this many times the frequency of a pulse, 1 over the time to peak, moves K and C by
-# a few per cent at most.
-_PASSES = 10.0
-_WIDEST = 3
-_SIDE = 4
-# A fraction of the peak: a spike of three samples among fifteen until the peak then moves K by some 3 %.
-_HIGH = 0.1
-_LEVELS = 20
-# The line before a jump misses so many times more than that behind it; of a decay by e in a sampling interval
-# nothing is left to tell its rate from.
-_JUMP, _FASTEST = 2.0, 1.0
 
 
 def spikes(recorded: Recorded) -> Index:
@@ -43,38 +23,37 @@ def spikes(recorded: Recorded) -> Index:
     a strong damper's, is missed by the line behind it, and not by an exponential.
     """
     value, width = recorded.value, recorded.value.shape[1]
-    best, spike = np.zeros(len(value)), np.full(len(value), -1)
+    best, spike, side = np.zeros(len(value)), np.full(len(value), -1), SAMPLES.side
     quiet = recorded.before.sum(axis=1, keepdims=True)
     level = np.where(recorded.before, value, 0.0).sum(axis=1, keepdims=True) / np.maximum(quiet, 1)
-    for wide in range(1, _WIDEST + 1):
-        window = 2 * _SIDE + wide
+    for wide in range(1, SAMPLES.widest + 1):
+        window = 2 * side + wide
         if width < window:
             break
-        offsets = np.concatenate([np.arange(_SIDE), np.arange(_SIDE) + _SIDE + wide])
-        middle = (window - 1) / 2
-        t = offsets - middle
-        left, right = _predicting(t[:_SIDE], 1), _predicting(t[_SIDE:], 1)
+        offsets = np.concatenate([np.arange(side), np.arange(side) + side + wide])
+        t = offsets - (window - 1) / 2
+        left, right = _predicting(t[:side], 1), _predicting(t[side:], 1)
         either_side = _predicting(t, 3)
         views = np.lib.stride_tricks.sliding_window_view(value, window, axis=1)
-        at_spike = views[..., _SIDE : _SIDE + wide].mean(axis=-1)
-        before, behind = views[..., :_SIDE], views[..., _SIDE + wide :]
+        at_spike = views[..., side : side + wide].mean(axis=-1)
+        before, behind = views[..., :side], views[..., side + wide :]
         misses = [
             at_spike - before @ left,
             at_spike - behind @ right,
             at_spike - views[..., offsets] @ either_side,
         ]
-        jumps = np.abs(misses[0]) > _JUMP * np.abs(misses[1])
+        jumps = np.abs(misses[0]) > SAMPLES.jump * np.abs(misses[1])
         decayed = at_spike - _decaying(level, behind, wide)
         toward = np.sign(misses[0])
         misses[1] = np.where(jumps, toward * np.minimum(toward * misses[1], toward * decayed), misses[1])
         same = (np.sign(misses[0]) == np.sign(misses[1])) & (np.sign(misses[0]) == np.sign(misses[2]))
         least = np.where(same, np.min(np.abs(misses), axis=0), 0.0)
-        chance = -ndtri(ALARMS / 2 / _WIDEST / np.maximum(recorded.inside.sum(axis=1), 1))
+        chance = -ndtri(SAMPLES.alarms / 2 / SAMPLES.widest / np.maximum(recorded.inside.sum(axis=1), 1))
         error = recorded.sd * np.sqrt(1 / wide + max(float(w @ w) for w in (left, right, either_side)))
-        limit = np.maximum(chance * error, _HIGH * recorded.peak)
+        limit = np.maximum(chance * error, SAMPLES.high * recorded.peak)
         least = np.where(recorded.inside[:, window - 1 :], least, 0.0)
         highest = least.max(axis=1)
-        here = np.argmax(least, axis=1) + _SIDE
+        here = np.argmax(least, axis=1) + side
         better = (highest > limit) & (highest > best)
         best, spike = np.where(better, highest, best), np.where(better, here, spike)
     return spike
@@ -85,10 +64,10 @@ def _decaying(level: np.ndarray, behind: np.ndarray, wide: int) -> np.ndarray:
 
     Its rate is that of the halves of ``behind``.
     """
-    halves = [part.mean(axis=-1) - level for part in np.split(behind, 2, axis=-1)]
+    halves, side = [part.mean(axis=-1) - level for part in np.split(behind, 2, axis=-1)], behind.shape[-1]
     with np.errstate(all="ignore"):
-        rate = np.nan_to_num(np.clip(np.log(halves[0] / halves[1]) / (_SIDE / 2), 0.0, _FASTEST))
-    earlier, later = (np.mean([np.exp(-rate * t) for t in range(count)], axis=0) for count in (wide, _SIDE))
+        rate = np.nan_to_num(np.clip(np.log(halves[0] / halves[1]) / (side / 2), 0.0, SAMPLES.fastest))
+    earlier, later = (np.mean([np.exp(-rate * t) for t in range(count)], axis=0) for count in (wide, side))
     return level + (behind.mean(axis=-1) - level) * np.exp(rate * wide) * earlier / later
 
 
@@ -131,7 +110,7 @@ def _longest(condition: Mask) -> Index:
 def levels(recorded: Recorded) -> Column:
     """The recorder's steps in the peak, where there are fewer than 20; NaN elsewhere."""
     count = recorded.peak / recorded.step
-    return np.where(count < _LEVELS, count, np.nan)
+    return np.where(count < SAMPLES.levels, count, np.nan)
 
 
 def segment(recorded: Recorded, quiet: Mask) -> tuple[Rows, Index]:
@@ -149,17 +128,22 @@ def wave(values: Rows, count: Index) -> tuple[Column, Column]:
     The cosine transform of white noise is white: the mean square of its five slowest terms, the mean left
     out, over that of all others has the F distribution.
     """
-    m, index = np.maximum(count, 1)[:, None], np.arange(values.shape[1])
-    inside = index < count[:, None]
-    deviation = np.where(inside, values - values.sum(axis=1, keepdims=True) / m, 0.0)
+    m, middle = np.maximum(count, 1)[:, None], np.arange(values.shape[1]) + 0.5
+    deviation = _centred(values, count)
     total = (deviation**2).sum(axis=1)
-    slow = np.zeros(len(values))
-    for k in range(1, _SLOW + 1):
-        cosine = np.where(inside, np.cos(np.pi * k * (index + 0.5) / m), 0.0)
-        slow += (deviation * cosine).sum(axis=1) ** 2 * 2 / m[:, 0]
-    freedom = np.maximum(count - 1 - _SLOW, 1)
-    ratio = slow / _SLOW / np.maximum((total - slow) / freedom, 1e-12 * total + 1e-300)
-    return np.sqrt(slow / m[:, 0]), np.where(count >= FEWEST, fdtrc(_SLOW, freedom, ratio), 1.0)
+    cosines = (np.cos(np.pi * k * middle / m) for k in range(1, SAMPLES.slow + 1))
+    slow = sum((deviation * cosine).sum(axis=1) ** 2 * 2 / m[:, 0] for cosine in cosines)
+    freedom = np.maximum(count - 1 - SAMPLES.slow, 1)
+    ratio = slow / SAMPLES.slow / np.maximum((total - slow) / freedom, 1e-12 * total + 1e-300)
+    p = np.where(count >= SAMPLES.fewest, fdtrc(SAMPLES.slow, freedom, ratio), 1.0)
+    return np.sqrt(slow / m[:, 0]), p
+
+
+def _centred(values: Rows, count: Index) -> Rows:
+    """Each row less its mean, 0 past its end."""
+    inside = np.arange(values.shape[1]) < count[:, None]
+    mean = values.sum(axis=1, keepdims=True) / np.maximum(count, 1)[:, None]
+    return np.where(inside, values - mean, 0.0)
 
 
 def slope(values: Rows, count: Index, sd: Column) -> tuple[Column, Column]:
@@ -168,16 +152,14 @@ def slope(values: Rows, count: Index, sd: Column) -> tuple[Column, Column]:
     Student's t with the scatter about the line, which is taken no smaller than the recorder's noise ``sd``.
     """
     m, index = np.maximum(count, 3)[:, None], np.arange(values.shape[1])
-    inside = index < count[:, None]
-    time = np.where(inside, index - (m - 1) / 2, 0.0)
+    time = np.where(index < count[:, None], index - (m - 1) / 2, 0.0)
     square = (m * (m**2 - 1) / 12)[:, 0]
     rate = (values * time).sum(axis=1) / square
-    mean = values.sum(axis=1, keepdims=True) / m
-    residual = np.where(inside, values - mean - rate[:, None] * time, 0.0)
+    residual = _centred(values, count) - rate[:, None] * time
     freedom = m[:, 0] - 2
     scatter = np.maximum(np.sqrt((residual**2).sum(axis=1) / freedom), sd)
     p = 2 * stdtr(freedom, -np.abs(rate) * np.sqrt(square) / scatter)
-    return rate, np.where(count >= FEWEST_OF_LINE, p, 1.0)
+    return rate, np.where(count >= SAMPLES.fewest_of_line, p, 1.0)
 
 
 def uneven(recorded: Recorded, to_peak: Column) -> Mask:
@@ -188,32 +170,34 @@ def uneven(recorded: Recorded, to_peak: Column) -> Mask:
     """
     values, count = segment(recorded, recorded.before)
     size, p = wave(values, count)
-    wavy = (p < ALARMS / 2) & (size > WAVE * recorded.peak)
+    wavy = (p < SAMPLES.alarms / 2) & (size > SAMPLES.wave * recorded.peak)
     rate, p = slope(values, count, recorded.sd)
-    return wavy | (p < ALARMS / 2) & (np.abs(rate) * to_peak / recorded.dt > SHIFT * recorded.peak)
+    risen = np.abs(rate) * to_peak / recorded.dt
+    return wavy | (p < SAMPLES.alarms / 2) & (risen > SAMPLES.shift * recorded.peak)
 
 
 def level(recorded: Recorded, quiet: Mask) -> Mask:
     """Whether neither a wave nor a line is found in a rest: what fades has not yet come to rest."""
     values, count = segment(recorded, quiet)
-    return (wave(values, count)[1] > _FADES) & (slope(values, count, recorded.sd)[1] > _FADES)
+    chances = wave(values, count)[1], slope(values, count, recorded.sd)[1]
+    return np.minimum(*chances) > SAMPLES.fades
 
 
 def hum(recorded: Recorded, chosen: Mask) -> Column:
     """The frequency of a sine through both rests, Hz, where it leaves less than a line does; else NaN."""
-    frequency = np.full(len(recorded.dt), np.nan)
+    frequency, frequencies = np.full(len(recorded.dt), np.nan), np.arange(*SAMPLES.hum_hz)
     for which in np.flatnonzero(chosen):
         index = np.flatnonzero(recorded.quiet[which])
         time = recorded.sample_number[which, index] * recorded.dt[which]
         values = recorded.value[which, index]
-        line = _left_over(values, time)
-        left = [_left_over(values, np.cos(w := 2 * np.pi * f * time), np.sin(w)) for f in _HUM_HZ]
-        if min(left) < 0.5 * line and index.size > 2 * FEWEST:
-            frequency[which] = _HUM_HZ[int(np.argmin(left))]
+        line = _sum_of_squares(values, time)
+        squares = [_sum_of_squares(values, np.cos(w := 2 * np.pi * f * time), np.sin(w)) for f in frequencies]
+        if min(squares) < 0.5 * line and index.size > 2 * SAMPLES.fewest:
+            frequency[which] = frequencies[int(np.argmin(squares))]
     return frequency
 
 
-def _left_over(values: np.ndarray, *columns: np.ndarray) -> float:
+def _sum_of_squares(values: np.ndarray, *columns: np.ndarray) -> float:
     design = np.column_stack([np.ones_like(values), *columns])
     residual = values - design @ np.linalg.lstsq(design, values, rcond=None)[0]
     return float(residual @ residual)
@@ -244,7 +228,7 @@ def moved_zero(recorded: Recorded, gravity: float) -> Column:
         moved = (
             level(recorded, recorded.after)
             & (np.abs(change) > 5 * error)
-            & (np.abs(change) > SHIFT * recorded.peak)
+            & (np.abs(change) > SAMPLES.shift * recorded.peak)
         )
     return np.where(moved, change / recorded.peak, 0.0)
 
@@ -253,7 +237,7 @@ def starts_off_zero(recorded: Recorded) -> Column:
     """The first sample as a fraction of the peak, where no rest stands before it and noise is no reason."""
     first = recorded.value[:, 0]
     alone = recorded.before.sum(axis=1) < 5
-    off_zero = alone & (np.abs(first) > 5 * recorded.sd) & (np.abs(first) > FIRST * recorded.peak)
+    off_zero = alone & (np.abs(first) > 5 * recorded.sd) & (np.abs(first) > SAMPLES.first * recorded.peak)
     return np.where(off_zero, first / recorded.peak, 0.0)
 
 
@@ -266,10 +250,9 @@ def slow_noise(recorded: Recorded, to_peak: Column) -> Column:
     frequency = np.full(len(recorded.dt), np.nan)
     for quiet in (recorded.before, recorded.after):
         values, count = segment(recorded, quiet)
-        m = np.maximum(count, 2)
-        inside = np.arange(values.shape[1]) < count[:, None]
-        deviation = np.where(inside, values - values.sum(axis=1, keepdims=True) / m[:, None], 0.0)
-        steps = np.where(inside[:, 1:], np.diff(deviation, axis=1), 0.0)
+        m, deviation = np.maximum(count, 2), _centred(values, count)
+        inside = np.arange(1, values.shape[1]) < count[:, None]
+        steps = np.where(inside, np.diff(deviation, axis=1), 0.0)
         square, change = (deviation**2).sum(axis=1) / (m - 1), (steps**2).sum(axis=1) / (m - 1)
         # Rounding adds a twelfth of a squared step to every sample, and a sixth to every difference.
         change = np.maximum(change - np.where(np.isfinite(recorded.step), recorded.step, 0) ** 2 / 6, 0)
@@ -278,9 +261,9 @@ def slow_noise(recorded: Recorded, to_peak: Column) -> Column:
             # Von Neumann's ratio of white noise is 2, with a standard deviation of 2 / m^(1/2).
             slow = (change / square < 2 - 2 * 4 / np.sqrt(m)) & (square > recorded.step**2)
         slow &= (
-            (count >= 2 * FEWEST)
+            (count >= 2 * SAMPLES.fewest)
             & (level(recorded, quiet) | (quiet is recorded.before))
-            & (corner * to_peak < _PASSES)
+            & (corner * to_peak < SAMPLES.passes)
         )
         frequency = np.where(slow & ~(frequency < corner), corner, frequency)
     return frequency

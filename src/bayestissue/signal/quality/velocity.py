@@ -32,29 +32,13 @@ from scipy.stats import chi2, median_abs_deviation
 from bayestissue.dataset.chain import STANDARD_GRAVITY
 from bayestissue.signal.displacement import Displacements
 from bayestissue.signal.integration import trapezoids
-from bayestissue.signal.quality.law import MISFIT
-from bayestissue.signal.quality.recorded import WORTH
+from bayestissue.signal.quality.settings import LAW, PULSE, VELOCITY
 from bayestissue.signal.start import LeastSquares
-from bayestissue.signal.traces import Column, Mask, Rows, at
+from bayestissue.signal.traces import Column, Mask, Recordings, Rows
 
-# Of a dataset of right velocities: that anything is said.
-ALARMS = 1e-3
-# Fractions of the stated velocity that are tried.
-_STEPS = np.array([0.008, 0.016, 0.03, 0.045, 0.065, 0.09, 0.13, 0.18, 0.25, 0.35, 0.5])
-FRACTIONS = np.concatenate([-_STEPS[::-1], [0.0], _STEPS])
-_STATED = len(_STEPS)
-_ROUNDS, _SMALL, _RIDGE = 4, 1e-5, 1e-3
-# Less than this moves K by less than 5 %; one impact less than this apart may be one of its own condition.
-_LEAST, _APART = 0.02, 0.08
-# Below this probability no velocity leaves noise alone.
-_UNEXPLAINED = 1e-3
-_FEWEST, _PARAMETERS = 12, 4
-# Of a group's impacts, that some velocity has to explain.
-_MAJORITY = 0.5
-# To say that an impact lies apart from the others of its condition.
-_OTHERS, _SPREADS = 4, 6.0
-# Two standard errors of a median, in the spread of what it is of over the root of their number.
-_OF_MEDIAN = 2.5
+# Fractions of the stated velocity that are tried, and the place of 0 among them.
+_STATED = len(VELOCITY.steps)
+FRACTIONS = np.array([*np.negative(VELOCITY.steps[::-1]), 0.0, *VELOCITY.steps])
 
 
 class Implied(NamedTuple):
@@ -107,25 +91,23 @@ def implied(
     d, n, dt = signal.deceleration, signal.n_samples, signal.dt
     steps = np.diff(signal.sample_number, axis=1) * dt[:, None]
     first = trapezoids(d - signal.gravity[:, None], steps)
-    used = np.arange(d.shape[1]) < n[:, None]
-    duration = np.where(n > 1, at(signal.sample_number, np.maximum(n - 1, 0)), 1.0) * dt
-    fall = signal.gravity * duration / signal.velocity
-    problem = LeastSquares.from_recordings(
-        d, first, trapezoids(first, steps), used, signal.sample_number, dt, signal.velocity, duration, fall
-    )
+    part = Recordings(d, n, signal.first_sample_s, dt, sample_number=signal.sample_number)
+    lost = first, trapezoids(first, steps)
+    problem = LeastSquares.until(np.maximum(n - 1, 0), part, lost, signal.velocity, signal.gravity)
+    duration = problem.duration
     half = np.sqrt(3) * signal.bracket_sd
     low, high = np.maximum(signal.bracket_s - half, 0) / duration, (signal.bracket_s + half) / duration
     zero = np.where(np.isfinite(signal.offset_sd), signal.offset_sd, offset_sd)
     taken = 1 - 1 / np.sqrt(1 + n * np.square(zero / np.maximum(noise_sd, 1e-12)))
     squares = (
-        _least(problem, used, signal.sample_number * (dt / duration)[:, None], low, high, taken)
+        _least(problem, part.inside, signal.sample_number * (dt / duration)[:, None], low, high, taken)
         * np.square(signal.velocity / duration)[:, None]
     )
-    freedom = np.maximum(n - _PARAMETERS, 1)
+    freedom = np.maximum(n - VELOCITY.parameters, 1)
     least = np.maximum([-_peak(-row)[1] for row in squares], 0)
-    floor = noise_sd**2 + (MISFIT * peak) ** 2
-    explained = fdtrc(freedom, np.maximum(WORTH * n, 1), least / freedom / floor) > _UNEXPLAINED
-    explained &= (n >= _FEWEST) & np.isfinite(squares[:, _STATED]) & (noise_sd > 0)
+    floor = noise_sd**2 + (LAW.misfit * peak) ** 2
+    explained = fdtrc(freedom, np.maximum(PULSE.worth * n, 1), least / freedom / floor) > VELOCITY.unexplained
+    explained &= (n >= VELOCITY.fewest) & np.isfinite(squares[:, _STATED]) & (noise_sd > 0)
     # What a sensor cut off is no part of the integrals.
     whole = ~(signal.clipped != 0).any(axis=1)
     share = np.maximum(squares - least[:, None], 0) / np.maximum(least, freedom * floor)[:, None]
@@ -151,7 +133,7 @@ def _least(
     time = time[:, None]
     unused, fall = ~used[:, None], problem.fall[:, None, None]
 
-    def left(at: np.ndarray) -> np.ndarray:
+    def residuals(at: np.ndarray) -> np.ndarray:
         a, b = np.exp(np.clip(at[..., :2], -20, 20)).swapaxes(0, -1).swapaxes(1, -1)[..., None]
         t = time + at[..., 2:]
         root = np.sqrt(a**2 / 4 - b + 0j) + 1e-9
@@ -164,12 +146,13 @@ def _least(
         return np.where(unused, 0.0, residual - taken[:, None, None] * mean)
 
     best = np.full(at.shape[:2], np.inf)
-    for _ in range(_ROUNDS):
-        residual = left(at)
+    for _ in range(VELOCITY.rounds):
+        residual = residuals(at)
         best = np.minimum(best, np.nan_to_num((residual**2).sum(axis=-1), nan=np.inf))
-        slope = np.stack([(left(at + _SMALL * axis) - residual) / _SMALL for axis in np.eye(3)], axis=-1)
+        changed = [residuals(at + step) - residual for step in VELOCITY.small * np.eye(3)]
+        slope = np.stack(changed, axis=-1) / VELOCITY.small
         normal = np.nan_to_num(slope.swapaxes(-1, -2) @ slope)
-        normal += (_RIDGE * np.einsum("ifkk->ifk", normal) + 1e-12)[..., None] * np.eye(3)
+        normal += (VELOCITY.ridge * np.einsum("ifkk->ifk", normal) + 1e-12)[..., None] * np.eye(3)
         moment = np.nan_to_num((slope * residual[..., None]).sum(axis=-2))
         change = np.linalg.solve(normal, moment[..., None])[..., 0]
         # Contact stops at the bracket's ends, and the other two are the best given that.
@@ -177,7 +160,7 @@ def _least(
         reduced = moment[..., :2] - normal[..., :2, 2] * change[..., 2:]
         change[..., :2] = np.linalg.solve(normal[..., :2, :2], reduced[..., None])[..., 0]
         at = at - np.clip(change, -0.5, 0.5)
-    return np.where(pushes, np.minimum(best, (left(at) ** 2).sum(axis=-1)), np.inf)
+    return np.where(pushes, np.minimum(best, (residuals(at) ** 2).sum(axis=-1)), np.inf)
 
 
 def _exponentials(rate: np.ndarray, t: np.ndarray) -> np.ndarray:
@@ -215,7 +198,7 @@ def contradictions(implied: Implied, trial: np.ndarray) -> list[Contradiction]:
         for code in range(codes.max(initial=-1) + 1):
             which = (codes == code) & ~said & explained
             members = (codes == code) & ~said
-            if which.sum() < max(2, _MAJORITY * members.sum()):
+            if which.sum() < max(2, VELOCITY.majority * members.sum()):
                 continue
             fraction = _greatest(log_likelihood[which].sum(axis=0), tests)
             if fraction and _common(log_likelihood[which], fraction):
@@ -229,8 +212,8 @@ def contradictions(implied: Implied, trial: np.ndarray) -> list[Contradiction]:
 def _greatest(log_likelihood: np.ndarray, tests: int) -> float:
     """Where it is greatest, if that gains more over the stated velocity than chance does; else 0."""
     fraction, greatest = _peak(log_likelihood)
-    gain = greatest - log_likelihood[_STATED]
-    return fraction if abs(fraction) >= _LEAST and 2 * gain > chi2.isf(ALARMS / tests, 1) else 0.0
+    gain, least = greatest - log_likelihood[_STATED], chi2.isf(VELOCITY.alarms / tests, 1) / 2
+    return fraction if abs(fraction) >= VELOCITY.least and gain > least else 0.0
 
 
 def _peak(log_likelihood: np.ndarray) -> tuple[float, float]:
@@ -250,7 +233,7 @@ def _common(log_likelihood: np.ndarray, fraction: float) -> bool:
     """Whether one fraction explains the traces of a group about as well as one of each."""
     nearest = np.abs(FRACTIONS - fraction).argmin()
     lost = 2 * (log_likelihood.max(axis=1) - log_likelihood[:, nearest]).sum()
-    return bool(lost < chi2.isf(ALARMS, len(log_likelihood)))
+    return bool(lost < chi2.isf(VELOCITY.alarms, len(log_likelihood)))
 
 
 def _apart(implied: Implied, trial: np.ndarray) -> Mask:
@@ -260,15 +243,15 @@ def _apart(implied: Implied, trial: np.ndarray) -> Mask:
     the trace's own noise lets it be.
     """
     apart, fraction = np.zeros(len(trial), bool), np.log1p(implied.fraction)
-    beyond_chance = chi2.isf(ALARMS / len(trial), 1)
+    beyond_chance = chi2.isf(VELOCITY.alarms / len(trial), 1)
     for code in np.unique(trial):
         rows = np.flatnonzero((trial == code) & implied.usable)
-        if len(rows) <= _OTHERS:
+        if len(rows) <= VELOCITY.others:
             continue
         middle, spread = np.median(fraction[rows]), median_abs_deviation(fraction[rows], scale="normal")
         deviation = fraction[rows] - middle
-        far = np.abs(deviation) > max(_SPREADS * spread, np.log1p(_APART))
-        nearest = np.expm1(middle + np.sign(deviation) * _OF_MEDIAN * spread / np.sqrt(len(rows)))
+        far = np.abs(deviation) > max(VELOCITY.spreads * spread, np.log1p(VELOCITY.apart))
+        nearest = np.expm1(middle + np.sign(deviation) * VELOCITY.of_median * spread / np.sqrt(len(rows)))
         log_likelihood = implied.log_likelihood[rows]
         there = [np.interp(at, FRACTIONS, row) for at, row in zip(nearest, log_likelihood, strict=True)]
         apart[rows] = far & (2 * (log_likelihood.max(axis=1) - there) > beyond_chance)
