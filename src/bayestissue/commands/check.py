@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from bayestissue import results
 from bayestissue.commands.options import DatasetFolder, Excel, Json, Overwrite, Quiet, SkipBad
@@ -24,17 +22,18 @@ _NAMED = 10
 
 def run(
     dataset: DatasetFolder,
-    out: Annotated[
-        Path | None,
-        typer.Option(help="Also write quality figures and a page with one panel per impact."),
-    ] = None,
+    out: Path | None = None,
     skip_bad: SkipBad = False,
     excel: Excel = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
-    """Say what is wrong with a dataset: file, row, column, value, what was expected, how to mend it."""
+    """Say what is wrong with a dataset: file, row, column, value, what was expected, how to mend it.
+
+    Args:
+        out: Also write quality figures and a page with one panel per impact.
+    """
     with results.claim_if(out, overwrite=overwrite, command="check", inputs=(dataset,)) as target:
         from bayestissue.checking import check
         from bayestissue.commands.console import echo

@@ -35,16 +35,19 @@ _OF_IMPACTS = ("K", "C", "K_secant", "C_equivalent")
 
 
 def run(
-    runs: Annotated[
-        list[Path], typer.Argument(help="Folders of two or more finished fits of one dataset.", metavar="DIR")
-    ],
-    out: Annotated[Path | None, typer.Option(help="Also write the tables and a page with figures.")] = None,
+    runs: Annotated[list[Path], typer.Argument(metavar="DIR")],
+    out: Path | None = None,
     excel: Excel = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
-    """Which finished fit predicts best what it has not seen, and whether the fits agree on K and C."""
+    """Which finished fit predicts best what it has not seen, and whether the fits agree on K and C.
+
+    Args:
+        runs: Folders of two or more finished fits of one dataset.
+        out: Also write the tables and a page with figures.
+    """
     start = runtime.Start()
     _require_distinct(runs)
     with results.claim_if(out, overwrite=overwrite, command="compare", inputs=runs) as target:

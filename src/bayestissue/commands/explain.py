@@ -20,13 +20,14 @@ _WIDTH = 88
 
 
 def run(
-    codes: Annotated[
-        list[str] | None,
-        typer.Argument(help="As messages end with; all are listed unless given.", metavar="[CODE]..."),
-    ] = None,
+    codes: Annotated[list[str] | None, typer.Argument(metavar="[CODE]...")] = None,
     as_json: Json = False,
 ) -> None:
-    """What a warning or an error means, what it does to K and C, and what to do."""
+    """What a warning or an error means, what it does to K and C, and what to do.
+
+    Args:
+        codes: As messages end with; all are listed unless given.
+    """
     from bayestissue.commands.console import echo
 
     known = {str(code): entry for code, entry in entries().items()}
