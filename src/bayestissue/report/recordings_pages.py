@@ -131,11 +131,9 @@ def check_page(
     shown = np.sort(order[:MOST_CHECK_PANELS].to_numpy())
     return render_page(
         "check.html",
-        title=f"{dataset.name}: {verdict}",
-        subtitle=dataset.description,
+        dataset=dataset,
+        verdict=verdict,
         nouns=_nouns(dataset),
-        contents=[("found", "What was found"), ("panels", "Recordings"), ("quality", "Quality")],
-        quantity=dataset.quantity,
         total=len(quality),
         shown=len(shown),
         sheets=sheets(
@@ -153,9 +151,8 @@ def check_page(
         ),
         codes=[problem.code for problem in (*dataset.left_out, *warnings)],
         quality=frame_table(
-            quality.loc[shown].rename(columns=lambda name: name.replace("_", " ")), partial(_digits, digits=4)
+            quality.loc[shown].rename(columns=lambda name: name.replace("_", " ")), _cell_words(4)
         ),
-        input_hash=dataset.input_hash,
     )
 
 
@@ -196,8 +193,8 @@ def _problems(severity: str, problems: Sequence[Problem]) -> list[Row]:
     return rows
 
 
-def _digits(cell: Any, digits: int) -> str:
-    return cell if isinstance(cell, str) else f"{cell:.{digits}g}"
+def _cell_words(digits: int) -> Callable[[Any], str]:
+    return lambda cell: cell if isinstance(cell, str) else f"{cell:.{digits}g}"
 
 
 MOST_INIT_PANELS = 120
@@ -223,9 +220,8 @@ def init_page(
     signal = displacements(dataset)
     return render_page(
         "init.html",
-        title=f"{dataset.name}: {total} impact{'s' if total > 1 else ''} from recorder files",
+        dataset=dataset,
         nouns=_nouns(dataset),
-        contents=[("understood", "What was understood"), ("panels", "Recordings"), ("impacts", "Impacts")],
         understood=Table(
             columns("what", "understood as", words=("understood as",)), [Row(pair) for pair in understood]
         ),
@@ -242,7 +238,7 @@ def init_page(
             "displacement (mm)" if dataset.quantity == "displacement" else "deceleration (m/s²)",
             "Recording with contact and peak",
         ),
-        impacts=frame_table(dataset.impacts.dropna(axis="columns", how="all"), partial(_digits, digits=6)),
+        impacts=frame_table(dataset.impacts.dropna(axis="columns", how="all"), _cell_words(6)),
     )
 
 
