@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float
 from bayestissue.figures.traces import BANDS
 from bayestissue.inference.points.whiteness import autocorrelation
 from bayestissue.report.fit.run import FitRun
+from bayestissue.report.fit.sentences import said
 from bayestissue.report.wording import listed, percent
 
 STRUCTURED = 0.01
@@ -100,7 +101,7 @@ def inside_band(left: Residuals) -> float:
 
 def middle_impact(run: FitRun) -> int:
     """The impact of the median stiffness, as a number among those that have predictions."""
-    order = np.argsort(run.side_by_side["K"]["median"].to_numpy()[run.predicted], kind="stable")
+    order = np.argsort(run.estimates_by_method["K"]["median"].to_numpy()[run.predicted], kind="stable")
     return int(order[len(order) // 2])
 
 
@@ -150,22 +151,15 @@ def other_noise(run: FitRun, left: Residuals) -> bool:
 
 def residual_words(run: FitRun, left: Residuals, one_step: np.ndarray) -> list[str]:
     """Whether the residuals have structure, and whether the model expects what they have."""
-    sentences = [
-        f"{percent(inside_band(left))} of all measured samples lie in the predicted 90 % band of a new "
-        "recording of the same impact, whose chain has errors of its own."
-    ]
+    sentences = [said("traces.inside", share=percent(inside_band(left)))]
     if run.tested:
         return [*sentences, str(run.diagnostics["model_form"]["words"])]
     if np.isfinite(one_step).any():
         sentences.append(
             _structure("One step ahead, by the exact point fit", one_step, np.array(run.impacts))
         )
-    table = left.lag_one
-    inside = int(table["inside"].sum())
-    words = f"The autocorrelation at lag 1 is what the model expects in {inside} of {len(table)} impacts"
-    if other_noise(run, left):
-        words += ": the noise that it assumes is not the noise that was recorded"
-    return [*sentences, f"{words}."]
+    inside, also = left.lag_one["inside"], said("traces.other_noise") if other_noise(run, left) else ""
+    return [*sentences, said("traces.lag_one", inside=int(inside.sum()), all=len(inside), also=also)]
 
 
 def _structure(what: str, p: np.ndarray, names: np.ndarray) -> str:
@@ -174,12 +168,9 @@ def _structure(what: str, p: np.ndarray, names: np.ndarray) -> str:
     # By Bonferroni: so small that among all of them not even one would be expected.
     sure = names[tested][p[tested] * total < STRUCTURED]
     if count > _STRUCTURED_SHARE * total:
-        verdict = "the residuals have structure that a single trace's ARMA(2,1) does not explain"
+        verdict = said("traces.structured")
     elif sure.size:
-        verdict = f"structure beyond chance in {listed([str(name) for name in sure])} only"
+        verdict = said("traces.structured_some", names=listed([str(name) for name in sure]))
     else:
-        verdict = "no more structure than chance gives"
-    return (
-        f"{what}: {count} of {total} impacts have p below 0.01, where white residuals give about 1 %: "
-        f"{verdict}."
-    )
+        verdict = said("traces.unstructured")
+    return said("traces.structure", what=what, count=count, total=total, verdict=verdict)
