@@ -17,6 +17,7 @@ from bayestissue.inference.points.notes import said_once
 from bayestissue.inference.results.meanings import COLUMNS, NAMES, QUANTITIES, UNITS
 from bayestissue.remedies import codes_in
 from bayestissue.report.page import render_page
+from bayestissue.report.settings import LIMITS
 from bayestissue.report.tables import Field, Table, number_field, settings_table, table_of
 from bayestissue.report.wording import digits, interval, listed, nouns_of, significant
 from bayestissue.report.wording import number as in_words
@@ -53,7 +54,6 @@ _FURTHER_HEADINGS = {
     "C_N_s_per_m_5": "C, 5 % of impacts below",
     "C_N_s_per_m_95": "C, 95 % of impacts below",
 }
-MOST_ROWS = 300
 # Tables that a run may hold beside its estimates, with their heading and what to look for.
 _FURTHER = {
     "centring": (
@@ -139,7 +139,9 @@ def flag_counts(table: pd.DataFrame) -> str:
 
 def estimates_table(table: pd.DataFrame) -> Table:
     """The impacts that need a look first: those with flags, then the others in their order."""
-    order = table.assign(_clean=table["flags"] == "").sort_values("_clean", kind="stable").index[:MOST_ROWS]
+    order = (
+        table.assign(_clean=table["flags"] == "").sort_values("_clean", kind="stable").index[: LIMITS.rows]
+    )
     named = _OF_POSTERIORS if by_posterior(table) else _HEADINGS
     return table_of(
         table.loc[order],

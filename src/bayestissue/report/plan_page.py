@@ -19,6 +19,7 @@ from bayestissue.outline import counted, numbers_in_short
 from bayestissue.remedies import codes_in
 from bayestissue.report.page import render_page
 from bayestissue.report.run_folder import read_json, require_files
+from bayestissue.report.settings import LIMITS
 from bayestissue.report.tables import Field, Table, number_field, settings_table, table_of
 from bayestissue.report.wording import (
     decimals,
@@ -32,8 +33,6 @@ from bayestissue.report.wording import (
 )
 from bayestissue.results import read_table
 
-# A figure of more lines can't be read.
-_MOST_LINES = 6
 # In what designs differ.
 _AXES = ("people", "masses_kg", "velocities_m_s", "conditions", "repeats", "recorder")
 # What stands for more people, by its key in plan.json.
@@ -166,7 +165,7 @@ def curves(designs: pd.DataFrame, goal: str, wanted: float) -> Figure:
                 low=line["answered"] - line["se"],
                 high=line["answered"] + line["se"],
             )
-            for key, line in lines[:_MOST_LINES]
+            for key, line in lines[: LIMITS.lines]
         ],
         ignore_index=True,
     )

@@ -16,6 +16,7 @@ from bayestissue.figures.theme import Figure
 from bayestissue.hierarchy.formulas.group_terms import stem_of
 from bayestissue.inference.results.meanings import NAMES, SECANTS, TOGETHER, UNITS
 from bayestissue.report.run_folder import PosteriorRun
+from bayestissue.report.settings import LIMITS
 from bayestissue.report.wording import (
     decimals_of,
     interval,
@@ -131,16 +132,13 @@ def exponent_words(quantity: str, beta: Spread) -> str:
     return f"excludes {fixed} and {constant}: it lies {where}"
 
 
-_GRID = 60
-
-
 def mass_curve(run: PosteriorRun, quantity: str, masses: np.ndarray, reference: float) -> pd.DataFrame:
     """K (or C) of a typical person over the range of ``masses`` [kg], as `over_mass` draws it.
 
     ``reference`` is the mass at which people are reported. Beside a discrepancy the curve is that of K_secant
     of the recorded impacts, about their mean log mass.
     """
-    grid = np.geomspace(0.93 * masses.min(), 1.07 * masses.max(), _GRID)
+    grid = np.geomspace(0.93 * masses.min(), 1.07 * masses.max(), LIMITS.curve)
     if quantity == "K" and run.has(TOGETHER):
         quantity, drawn = OWN_DEPTH, run.draws(TOGETHER)
         reference = float(np.exp(np.log(masses).mean()))

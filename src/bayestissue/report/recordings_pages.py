@@ -17,14 +17,10 @@ from bayestissue.figures.theme import Figure
 from bayestissue.figures.traces import CONTACT, PEAK, TURN, panels, thinned
 from bayestissue.outline import first_of
 from bayestissue.report.page import render_page
+from bayestissue.report.settings import LIMITS
 from bayestissue.report.tables import Row, Table, columns, frame_table
 from bayestissue.signal import Displacements, displacements
 from bayestissue.words import Words
-
-# Of all curves of a page together: some 2 MB of it.
-_MOST_SAMPLES = 60_000
-_IN_A_FIGURE = 12
-
 
 # Time [ms] and value of each curve and event, by kind.
 type Panel = dict[str, tuple[Any, Any]]
@@ -57,7 +53,7 @@ def sheets(
         shown = panel(index)
         for kind, (times, values) in shown.items():
             times, values = np.atleast_1d(times), np.atleast_1d(values)
-            samples = thinned(values, max(_MOST_SAMPLES // (len(which) * len(shown)), 40))
+            samples = thinned(values, max(LIMITS.samples // (len(which) * len(shown)), 40))
             yield pd.DataFrame({"time_ms": times[samples], "value": values[samples]}).assign(
                 impact=names[index], kind=kind
             )
@@ -67,7 +63,7 @@ def sheets(
         shown = ", ".join(names[index] for index in part)
         return panels(rows, time, value, f"{words} for the impacts {shown}.", domain=domain)
 
-    return [sheet(which[begin : begin + _IN_A_FIGURE]) for begin in range(0, len(which), _IN_A_FIGURE)]
+    return [sheet(which[begin : begin + LIMITS.panels]) for begin in range(0, len(which), LIMITS.panels)]
 
 
 MOST_CHECK_PANELS = 216

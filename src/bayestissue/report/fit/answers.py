@@ -22,6 +22,7 @@ from bayestissue.report.posterior import (
     hypothesis_probability,
     spread,
 )
+from bayestissue.report.settings import LIMITS, WORTH
 from bayestissue.report.wording import likelihood_words, listed, relative, significant
 
 
@@ -88,12 +89,6 @@ def further_words(run: FitRun) -> list[str]:
     return [*[said("depth.same_damper")] * has_common_depth(run), said("depth.damper_beside")]
 
 
-# A slope of the point estimates this far off zero is spoken of, if its interval excludes zero too.
-_WORTH_A_WORD = 0.1
-# As many as a card can show.
-_MOST_CATEGORIES = 4
-
-
 def person_words(run: FitRun) -> dict[str, str]:
     """Who the intervals are of, in words: a "typical" and a "new" one, and who stands in a "condition"."""
     return dict(SENTENCES["one_person" if run.people_count == 1 else "people"])
@@ -125,7 +120,7 @@ def averaged_sentence(run: FitRun, *, by_level: bool = True) -> str:
     sentences = [f"Averaged over {over}, each level with equal weight."]
     for name in over.split(" and ") if by_level else ():
         variables = {q: variable for q in QUANTITIES if (variable := run.of_levels(q, name))}
-        if not variables or len(run.labels(name)) > _MOST_CATEGORIES:
+        if not variables or len(run.labels(name)) > LIMITS.categories:
             continue
         levels = []
         for index, label in enumerate(run.labels(name)):
@@ -217,6 +212,6 @@ def _made_by_method(run: FitRun, quantity: str) -> bool:
     return (
         hypothesis_probability(run, name, FIXED) > SURE
         and not slope.holds(0)
-        and abs(slope.median) > _WORTH_A_WORD
+        and abs(slope.median) > WORTH.slope
         and (slope.low > beta.high or slope.high < beta.low)
     )

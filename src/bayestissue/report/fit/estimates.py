@@ -14,17 +14,19 @@ from bayestissue.inference.answers.agreement import METHODS, agreement
 from bayestissue.inference.results.meanings import COLUMNS, UNITS
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.posterior import QUANTITIES, Spread
+from bayestissue.report.settings import LIMITS, WORTH
 from bayestissue.report.tables import Field, Table, number_field, table_of
 from bayestissue.report.wording import digits, interval, percent
-
-MOST_ROWS = 300
-_MOST_DRAWN = 1000
-_MASS_MUST_VARY = 1.01
 
 
 def shown_rows(table: pd.DataFrame) -> pd.DataFrame:
     """The rows that a figure shows: all, or a thousand evenly spaced ones if there are more."""
-    return table.iloc[np.unique(np.linspace(0, len(table) - 1, min(len(table), _MOST_DRAWN)).astype(int))]
+    return table.iloc[evenly_spaced(len(table), LIMITS.impacts_drawn)]
+
+
+def evenly_spaced(count: int, most: int) -> np.ndarray:
+    """All the numbers below ``count``, or ``most`` of them, evenly spaced, if they are more."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
 
 
 @dataclass(frozen=True)
@@ -71,7 +73,7 @@ def dds_ratio(run: FitRun, quantity: str) -> float:
 def mass_varies(run: FitRun) -> bool:
     """Whether the impactors' masses differ by more than a hundredth."""
     mass = run.constant("mass_kg")
-    return bool(mass.max() > _MASS_MUST_VARY * mass.min())
+    return bool(mass.max() > WORTH.masses * mass.min())
 
 
 @dataclass(frozen=True)
@@ -92,7 +94,7 @@ def apparent_exponent(run: FitRun, quantity: str) -> ApparentExponent | None:
     table = run.estimates_dds[["mass_kg", COLUMNS[quantity]]].dropna()
     table = table[(table > 0).all(axis=1)]
     mass = table["mass_kg"].to_numpy()
-    if len(table) < 3 or mass.max() <= _MASS_MUST_VARY * mass.min():
+    if len(table) < 3 or mass.max() <= WORTH.masses * mass.min():
         return None
     x, y = np.log(mass / run.reference_mass), np.log(table[COLUMNS[quantity]].to_numpy())
     centred, degrees = x - x.mean(), len(x) - 2
@@ -128,7 +130,7 @@ def estimates_table(run: FitRun) -> Table:
             Field(f"{symbol}, 90 %", partial(_range, q), "number"),
             *(number_field(title, column, digits(4), "not known") for title, column in points.items()),
         ]
-    return table_of(table[:MOST_ROWS], *fields)
+    return table_of(table[: LIMITS.rows], *fields)
 
 
 def _spread(quantity: str, row: Mapping[str, Any]) -> Spread:

@@ -12,6 +12,7 @@ import pandas as pd
 from bayestissue.figures.browser import packed
 from bayestissue.figures.impacts import factors
 from bayestissue.figures.traces import BANDS
+from bayestissue.report.fit.estimates import evenly_spaced
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.fit.traces import SCALES
 
@@ -28,8 +29,7 @@ def carried(run: FitRun) -> np.ndarray:
     samples = np.isfinite(run.constant("time")[run.predicted]).sum(axis=1)
     size = int(samples.sum()) * (1 + len(BANDS))
     count = len(run.predicted)
-    most = count if size <= MOST_VALUES else max(int(count * MOST_VALUES / size), 1)
-    return np.unique(np.linspace(0, count - 1, most).round().astype(int))
+    return evenly_spaced(count, count if size <= MOST_VALUES else max(int(count * MOST_VALUES / size), 1))
 
 
 def carried_words(run: FitRun) -> str:

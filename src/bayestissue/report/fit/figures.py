@@ -25,9 +25,7 @@ from bayestissue.report.fit.population import OwnSlope, groupings, own_slopes
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.fit.sentences import said
 from bayestissue.report.posterior import QUANTITIES, exponent_figure, group_words, mass_curve
-
-# Levels of a factor that a figure of pairs has room for.
-_MOST_SIDES = 6
+from bayestissue.report.settings import LIMITS
 
 
 def impacts(run: FitRun, x: str = "C", y: str = "K") -> Figure:
@@ -60,7 +58,7 @@ def sides(run: FitRun) -> list[str]:
         name
         for name in dict.fromkeys((*of_impacts.factors(table), "condition"))
         if name != "person"
-        and 2 <= table[name].nunique() <= _MOST_SIDES
+        and 2 <= table[name].nunique() <= LIMITS.sides
         and table[["person", name]].drop_duplicates()["person"].duplicated().any()
     ]
     # Conditions that stand for masses are in the figure of the mass.

@@ -11,13 +11,14 @@ from jaxtyping import Bool, Float
 
 from bayestissue.figures.traces import BANDS
 from bayestissue.inference.points.whiteness import autocorrelation
+from bayestissue.report.fit.estimates import evenly_spaced
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.fit.sentences import said
+from bayestissue.report.settings import LIMITS, WORTH
 from bayestissue.report.wording import listed, percent
 
 STRUCTURED = 0.01
 OTHER_NOISE = 0.01
-_MOST_TESTED = 250
 
 
 @dataclass(frozen=True)
@@ -84,8 +85,7 @@ class Residuals:
 
 def residuals(run: FitRun) -> Residuals:
     """The residuals of every impact, or of 250 evenly spaced ones if there are more."""
-    count = len(run.predicted)
-    which = np.unique(np.linspace(0, count - 1, min(count, _MOST_TESTED)).round().astype(int))
+    which = evenly_spaced(len(run.predicted), LIMITS.impacts_tested)
     replicates = run.draws(run.shown, "posterior_predictive")[:, which].astype(float)
     middle = np.median(replicates, axis=0)
     measured = run.groups["observed_data"][run.shown].to_numpy()[which]
@@ -137,10 +137,6 @@ def trace_rows(run: FitRun, index: int) -> pd.DataFrame:
     return rows[np.isfinite(rows).all(axis=1)].reset_index(drop=True)
 
 
-# Beyond this share of small p-values residuals as a whole are called structured.
-_STRUCTURED_SHARE = 0.05
-
-
 def other_noise(run: FitRun, left: Residuals) -> bool:
     """Whether the residuals' autocorrelation is not the model's; by chance in one of a hundred fits.
 
@@ -167,7 +163,7 @@ def _structure(what: str, p: np.ndarray, names: np.ndarray) -> str:
     count, total = int((p[tested] < STRUCTURED).sum()), int(tested.sum())
     # By Bonferroni: so small that among all of them not even one would be expected.
     sure = names[tested][p[tested] * total < STRUCTURED]
-    if count > _STRUCTURED_SHARE * total:
+    if count > WORTH.structured_share * total:
         verdict = said("traces.structured")
     elif sure.size:
         verdict = said("traces.structured_some", names=listed([str(name) for name in sure]))

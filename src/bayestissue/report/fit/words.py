@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from importlib.resources import files
+from statistics import NormalDist
 
-import numpy as np
 import pandas as pd
 
 from bayestissue.hierarchy import SIDE_BY_SIDE
@@ -98,10 +99,9 @@ def error_of_end(draws: int, p: float = 0.05) -> float:
 
     That is (p (1 - p) / draws)^1/2 over the density there, and the interval from there to the quantile 1 - p.
     """
-    from scipy.stats import norm
-
-    end = norm.ppf(p)
-    return float(np.sqrt(p * (1 - p) / draws) / norm.pdf(end) / (-2 * end))
+    normal = NormalDist()
+    end = normal.inv_cdf(p)
+    return math.sqrt(p * (1 - p) / draws) / normal.pdf(end) / (-2 * end)
 
 
 def coverage_table(run: FitRun) -> Table | None:
