@@ -208,21 +208,14 @@ def exponent_rows(run: PosteriorRun, answering: Mapping[str, str] | None = None)
     for quantity in QUANTITIES:
         which = (answering or {}).get(quantity, quantity)
         beta = exponent(run, which)
-        if beta is not None:
-            fixed = hypothesis_probability(run, which, FIXED)
-            constant = hypothesis_probability(run, which, CONSTANT)
-            rows.append(
-                {
-                    "quantity": quantity,
-                    "value": beta.value,
-                    "range": beta.range,
-                    "words": exponent_words(quantity, beta),
-                    "fixed": probability(fixed),
-                    "constant": probability(constant),
-                    "fixed_words": likelihood_words(fixed),
-                    "constant_words": likelihood_words(constant),
-                }
-            )
+        if beta is None:
+            continue
+        row = {"quantity": quantity, "value": beta.value, "range": beta.range}
+        row["words"] = exponent_words(quantity, beta)
+        for name, hypothesis in (("fixed", FIXED), ("constant", CONSTANT)):
+            p = hypothesis_probability(run, which, hypothesis)
+            row |= {name: probability(p), f"{name}_words": likelihood_words(p)}
+        rows.append(row)
     return rows
 
 

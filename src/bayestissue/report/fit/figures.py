@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import combinations
@@ -249,6 +249,21 @@ def published(run: FitRun) -> Iterator[tuple[str, Callable[[], Figure]]]:
     yield "recording", partial(recording, run)
     for coefficient in own_slopes(run):
         yield coefficient.name, partial(slope, run, coefficient)
+
+
+def level_figures(run: FitRun, level: str, quantities: Sequence[str]) -> list[Figure]:
+    """Quantities of every person, or level of another grouping."""
+    return [people(run, q, level) for q in quantities]
+
+
+def slope_figures(run: FitRun) -> list[Figure]:
+    """Every coefficient that differs between levels."""
+    return [slope(run, chosen) for chosen in own_slopes(run)]
+
+
+def repeat_figures(run: FitRun) -> list[Figure]:
+    """Successive measurements of one person, of K and of C, where there are several pairs."""
+    return [repeatability(run, q) for q in QUANTITIES if len(repeats(run, q)) > 1]
 
 
 def method_figures(run: FitRun) -> list[Figure]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from bayestissue.hierarchy.formulas.group_terms import stem_of
@@ -42,6 +43,21 @@ class OwnSlope(NamedTuple):
         if self.covariate:
             return f"effect of {self.covariate} on log {self.quantity}"
         return f"mass exponent of {self.quantity}"
+
+
+def ranked(run: FitRun) -> dict[str, list[str]]:
+    """What the levels of each grouping have in the posterior, K, C or others: people, then conditions."""
+    levels = {}
+    for level in dict.fromkeys((*_FIRST, *groupings(run))):
+        with_effects = [q for q in run.responses if run.has(f"{stem_of(level)}_effect_{q}")]
+        if quantities := [q for q in with_effects if run.of_levels(q, level)]:
+            levels[level] = quantities
+    return levels
+
+
+def in_words(run: FitRun, quantities: Sequence[str]) -> str:
+    """Quantities of the tissue, listed."""
+    return listed([run.symbols.get(q, q) for q in quantities])
 
 
 def groupings(run: FitRun) -> list[str]:
