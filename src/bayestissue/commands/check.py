@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     from bayestissue.checking import Check
 
-_NAMED = 10
-
 
 def run(
     dataset: DatasetFolder,
@@ -121,9 +119,12 @@ def _entry(checked: Check) -> str:
 
 def _names(problems: list[Problem]) -> str:
     """The impacts, up to ten by name."""
+    from bayestissue.commands.console import SCREEN
+
     names = list(dict.fromkeys(problem.impact for problem in problems if problem.impact))
-    more = f" and {len(names) - _NAMED} more impacts" if len(names) > _NAMED else ""
-    return f"{', '.join(names[:_NAMED])}{more}" if names else f"{len(problems)} more places"
+    named, more = names[: SCREEN.named], len(names) - SCREEN.named
+    others = f" and {more} more impacts" if more > 0 else ""
+    return f"{', '.join(named)}{others}" if names else f"{len(problems)} more places"
 
 
 def _range(values: pd.Series, unit: str, digits: int = 6) -> str:

@@ -29,8 +29,6 @@ _GROUPS: dict[str, tuple[str, ...]] = {
 _unfit = partial(Problem, code="runs-to-compare")
 _DIGITS = {"elpd": 1, "elpd_difference": 1, "se_difference": 1, "weight": 2}
 _HEADINGS = {"elpd_difference": "off the best", "se_difference": "its se"}
-# As many as a screen can show.
-_PEOPLE = 12
 _OF_IMPACTS = ("K", "C", "K_secant", "C_equivalent")
 
 
@@ -170,7 +168,7 @@ def print_comparison(comparison: pd.DataFrame, posteriors: pd.DataFrame, of_weig
     """Print the three tables; see `bayestissue.inference.comparing`."""
     import pandas as pd
 
-    from bayestissue.commands.console import echo, explained, line, show, table
+    from bayestissue.commands.console import SCREEN, echo, explained, line, show, table
     from bayestissue.remedies import codes_in
 
     words = ["model"] + (["data"] if len(comparison["data"].unique()) > 1 else [])
@@ -191,7 +189,7 @@ def print_comparison(comparison: pd.DataFrame, posteriors: pd.DataFrame, of_weig
             line(f"  {row['model']}: {row['warning']}")
     explained(codes_in("; ".join(comparison["warning"])))
     people = posteriors[posteriors["label"] != ""]
-    few = people["label"].nunique() <= _PEOPLE
+    few = people["label"].nunique() <= SCREEN.people
     shown = posteriors if few else posteriors[posteriors["label"] == ""]
     _print_intervals("posteriors", shown, shown["run"])
     if len(of_weights):
