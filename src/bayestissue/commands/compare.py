@@ -51,13 +51,13 @@ def run(
     with results.claim_if(out, overwrite=overwrite, command="compare", inputs=runs) as target:
         runtime.configure()
         from bayestissue.commands.console import echo, echo_tables
-        from bayestissue.inference.comparing import compare_runs, implied, same_questions, side_by_side
+        from bayestissue.inference.comparing import compare_runs, implied, posteriors_by_run, same_questions
         from bayestissue.report import draw_page
         from bayestissue.report.comparison import page_of
 
         abouts = _abouts(runs)
         finished = _finished(runs, abouts)
-        comparison, posteriors = compare_runs(finished), side_by_side(finished)
+        comparison, posteriors = compare_runs(finished), posteriors_by_run(finished)
         of_weights = implied(finished, comparison)
         answered = {
             run.name: results.read_tables(path, (), ("contrasts", "questions"))

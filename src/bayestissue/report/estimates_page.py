@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bayestissue.figures.impacts import MASS, axis_title, end
+from bayestissue.figures.impacts import INTERVALS, MASS, axis_title, end
 from bayestissue.figures.study import points
 from bayestissue.figures.theme import Figure, number
 from bayestissue.inference.points.notes import said_once
@@ -24,35 +24,23 @@ from bayestissue.report.wording import number as in_words
 from bayestissue.results import read_tables
 from bayestissue.results.tables import declared_files, typed
 
+_RECORDED = {"mass_kg": "M (kg)", "velocity_m_s": "V (m/s)"}
 _HEADINGS = {
-    "mass_kg": "M (kg)",
-    "velocity_m_s": "V (m/s)",
-    "omega_n_rad_s": "ωₙ (rad/s)",
-    "zeta": "ζ",
-    "K_N_per_m": "K (N/m)",
-    "K_se_N_per_m": "standard error",
-    "C_N_s_per_m": "C (N s/m)",
-    "C_se_N_s_per_m": "standard error",
+    **_RECORDED,
+    **{"omega_n_rad_s": "ωₙ (rad/s)", "zeta": "ζ"},
+    **{"K_N_per_m": "K (N/m)", "K_se_N_per_m": "standard error"},
+    **{"C_N_s_per_m": "C (N s/m)", "C_se_N_s_per_m": "standard error"},
 }
 # Of the method "impact", whose intervals hold.
-_OF_POSTERIORS = {
-    "mass_kg": "M (kg)",
-    "velocity_m_s": "V (m/s)",
-    "zeta": "ζ",
-    "K_N_per_m": "K (N/m)",
-    "K_low_N_per_m": "K, 5 %",
-    "K_high_N_per_m": "K, 95 %",
-    "C_N_s_per_m": "C (N s/m)",
-    "C_low_N_s_per_m": "C, 5 %",
-    "C_high_N_s_per_m": "C, 95 %",
-}
+_OF_POSTERIORS = _RECORDED | {"zeta": "ζ"} | INTERVALS
 _FURTHER_HEADINGS = {
-    "K_N_per_m_median": "K (N/m), median impact",
-    "K_N_per_m_5": "K, 5 % of impacts below",
-    "K_N_per_m_95": "K, 95 % of impacts below",
-    "C_N_s_per_m_median": "C (N s/m), median impact",
-    "C_N_s_per_m_5": "C, 5 % of impacts below",
-    "C_N_s_per_m_95": "C, 95 % of impacts below",
+    f"{COLUMNS[q]}_{which}": title
+    for q in QUANTITIES
+    for which, title in (
+        ("median", f"{q} ({UNITS[q]}), median impact"),
+        ("5", f"{q}, 5 % of impacts below"),
+        ("95", f"{q}, 95 % of impacts below"),
+    )
 }
 # Tables that a run may hold beside its estimates, with their heading and what to look for.
 _FURTHER = {

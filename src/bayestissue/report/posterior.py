@@ -71,6 +71,11 @@ class Spread:
         return interval(self.low, self.high, self.decimals)
 
     @property
+    def words(self) -> str:
+        """The median, and the interval in brackets."""
+        return f"{self.value} ({self.range})"
+
+    @property
     def factor(self) -> float:
         """Half the interval's width on the log scale, as a ratio: 0.1 says "to within 10 %"."""
         return float(np.sqrt(self.high / self.low) - 1)

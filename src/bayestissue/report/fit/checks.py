@@ -10,8 +10,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bayestissue.hierarchy.formulas.group_terms import stem_of
-from bayestissue.report.fit.population import groupings, own_slopes
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.fit.sentences import said
 from bayestissue.report.posterior import QUANTITIES
@@ -136,23 +134,11 @@ def left_out_table(run: FitRun) -> Table:
     )
 
 
-def population_names(run: FitRun) -> tuple[str, ...]:
-    """The parameters of the population, covariates' effects among them, in the order of `summary.csv`."""
-    stems_of_responses = tuple(
-        f"{stem}_{quantity}"
-        for stem in ("intercept", "mass_exponent", "sd_subject", "sd_trial", "sd_impact")
-        for quantity in run.responses
-    )
-    stems = ("atanh_theta1", "atanh_noise_correlation")
-    last = (name for stem in stems for name in (f"{stem}_mean", f"sd_{stem}"))
-    others = ("residual_correlation", "noise_mean", "sd_noise", *last)
+def population_names(run: FitRun) -> list[str]:
+    """The parameters of the population, covariates' effects among them."""
+    begins = ("intercept_", "mass_exponent_", "sd_", "log_", "effect_of_", "covariate_effect_", "atanh_")
     names = [str(name) for name in dict.fromkeys(run.summary["variable"])]
-    covariates = [name for name in names if name.startswith(("effect_of_", "covariate_effect_"))]
-    further = [name for name in names if name.startswith(("log_", "sd_log_"))]
-    further += [f"sd_{stem_of(group)}_{q}" for group in groupings(run) for q in run.responses]
-    further += [f"sd_{slope.name}" for slope in own_slopes(run)]
-    secants = ("mass_exponent_K_common_depth", "mass_exponent_K_secant")
-    return (*stems_of_responses, *further, *secants, *covariates, *others)
+    return [name for name in names if name.startswith((*begins, "residual_correlation", "noise_mean"))]
 
 
 _LEVELS = {"impact": "impact", "typical person": "typical person", "new person": "new person"}
@@ -190,16 +176,15 @@ def sources_table(run: FitRun) -> Table:
     present = set(sources["source"])
     names = _source_names(sources)
     rows = [
-        Row((words, *(_cell(cells.get((name, *column))) for column in columns_shown)))
+        (words, *(_cell(cells.get((name, *column))) for column in columns_shown))
         for name, words in names.items()
         if name in present
     ]
     if "element" not in present:
-        rows.append(Row((_NAMES["element"], *("taken as true" for _ in columns_shown))))
-    rows.append(
-        Row(("all together", *(_half_width(cells[(_ALL, *column)]["sd"]) for column in columns_shown)))
-    )
-    return Table(columns("source", *titles, number=titles), rows)
+        rows.append((_NAMES["element"], *["taken as true"] * len(titles)))
+    widths = (_half_width(cells[(_ALL, *column)]["sd"]) for column in columns_shown)
+    rows.append(("all together", *widths))
+    return Table(columns("source", *titles, number=titles), [Row(row) for row in rows])
 
 
 def _source_names(sources: pd.DataFrame) -> dict[str, str]:

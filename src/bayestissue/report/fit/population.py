@@ -110,8 +110,7 @@ def _apart(run: FitRun, slope: OwnSlope) -> list[str]:
 
 
 def _scatter(run: FitRun, slope: OwnSlope) -> str:
-    scatter = spread(run.draws(f"sd_{slope.name}"))
-    return f"{scatter.value} ({scatter.range})"
+    return spread(run.draws(f"sd_{slope.name}")).words
 
 
 def slope_words(run: FitRun, slope: OwnSlope) -> str:

@@ -261,17 +261,12 @@ def reliability_words(run: FitRun) -> list[str]:
         ]
         words = said("study.error", quantity=q, errors=" and ".join(errors), changes=_changes(cells, q))
         if (q, ICC, "ICC(A,1)", "1") in cells:
-            consistency, agreement = (_in_words(cells[q, ICC, f"ICC({form},1)", "1"]) for form in "CA")
+            consistency, agreement = (_spread(cells[q, ICC, f"ICC({form},1)", "1"]).words for form in "CA")
             repeats = _repeats_words(_spread(cells[q, REPEATS, "ICC(A,k) of 0.9", "1"]))
             icc = said("study.icc", consistency=consistency, agreement=agreement, repeats=repeats)
             words = f"{words} {icc}"
         sentences.append(words)
     return sentences
-
-
-def _in_words(row: dict[Any, Any]) -> str:
-    coefficient = _spread(row)
-    return f"{coefficient.value} ({coefficient.range})"
 
 
 def _repeats_words(need: Spread) -> str:
