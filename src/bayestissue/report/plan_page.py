@@ -15,7 +15,7 @@ from markupsafe import Markup
 from bayestissue.figures import study
 from bayestissue.figures.theme import Figure
 from bayestissue.figures.theme import number as channel
-from bayestissue.outline import counted, numbers_in_short
+from bayestissue.outline import numbers_in_short
 from bayestissue.remedies import codes_in
 from bayestissue.report.page import render_page
 from bayestissue.report.run_folder import read_json, require_files
@@ -24,10 +24,7 @@ from bayestissue.report.tables import Field, Table, number_field, settings_table
 from bayestissue.report.wording import (
     decimals,
     digits,
-    half_width,
-    listed,
     nouns_of_plan,
-    number,
     significant,
     with_error,
 )
@@ -79,13 +76,6 @@ def goal_name(goal: str) -> str:
     return goal.replace("_", " ")
 
 
-def questions(plan: Mapping[str, Any]) -> dict[str, str]:
-    """What is to be found out, by the name of the goal."""
-    numbers = plan.get("precision", {})
-    widths = {name: f"{wanted['of']} to ± {half_width(wanted)}" for name, wanted in numbers.items()}
-    return {goal_name(name): text for name, text in (plan["questions"] | widths).items()}
-
-
 def _share(goal: Mapping[str, Any]) -> str:
     return with_error(goal["answered"], goal["se"])
 
@@ -121,34 +111,6 @@ def along(content: Mapping[str, Any], axis: str) -> Table:
         Field(axis, str, "number" if axis == "people" else ""),
         *(Field(titles[name], partial(cell, goal=name), "number") for name in goals),
     )
-
-
-def duration(minutes: float) -> str:
-    """How long a study takes, in hours if that is long."""
-    return f"{significant(minutes / 60, 2)} hours" if minutes >= 90 else f"{minutes:.0f} minutes"
-
-
-def design_words(design: Mapping[str, Any]) -> str:
-    """A design in a line."""
-    return (
-        f"{counted(design['people'], 'person', 'people')}, {counted(design['impacts'], 'impact')}: "
-        f"{numbers_in_short(design['masses_kg'].split())} kg at "
-        f"{numbers_in_short(design['velocities_m_s'].split())} m/s, "
-        f"{counted(design['repeats'], 'repeat')}{', ' if design['recorder'] else ''}{design['recorder']}."
-    )
-
-
-def misleads(design: Mapping[str, Any]) -> list[str]:
-    """What happens else, in a sentence each."""
-    sentences = []
-    for name, goal in design["goals"].items():
-        if goal["misleads"] is None:
-            mean, most = significant(goal["width"], 2), significant(goal["width_q80"], 2)
-            sentences.append(f"{goal_name(name)}: ± {mean} on average; 80 % of the studies are below {most}.")
-        else:
-            undecided, misleads = number(goal["undecided"], 2), number(goal["misleads"], 2)
-            sentences.append(f"{goal_name(name)}: undecided {undecided}, answered wrongly {misleads}.")
-    return sentences
 
 
 def curves(designs: pd.DataFrame, goal: str, wanted: float) -> Figure:
@@ -277,24 +239,15 @@ def gains_table(content: Mapping[str, Any]) -> Table:
         Field("with", kind="words"),
         *_goal_fields(chosen["goals"]),
         Field("assurance", _share, "number"),
-        Field("more by", _gain, "number"),
+        Field("more by", gain, "number"),
         *_WIDTHS,
         empty=False,
     )
 
 
-def _gain(goal: Mapping[str, Any]) -> str:
+def gain(goal: Mapping[str, Any]) -> str:
+    """What is added to the assurance of a goal."""
     return with_error(goal["gain"], goal["gain_se"])
-
-
-def gain_words(content: Mapping[str, Any]) -> list[str]:
-    """For the first screen: what the next ten people would add."""
-    chosen, more = content["designs"][content["chosen"] - 1], content["variants"]["more people"]
-    return [
-        f"{more['people'] - chosen['people']} more people add {_gain(goal)}"
-        + (f" ({goal_name(name)})" if len(more["goals"]) > 1 else "")
-        for name, goal in more["goals"].items()
-    ]
 
 
 def power_table(content: Mapping[str, Any]) -> Table:
@@ -319,15 +272,3 @@ def looks_table(rows: Sequence[Mapping[str, Any]]) -> Table:
         number_field("estimate too large by", "error", digits(2)),
         number_field("without stops", "error_without", digits(2)),
     )
-
-
-def formulas(content: Mapping[str, Any]) -> list[str]:
-    """The analyses: which designs, and by which formulas."""
-    everything = len(content["designs"])
-    sentences = []
-    for analysis in content["analyses"]:
-        numbers, model = analysis["designs"], analysis["model"]
-        which = "All designs" if len(numbers) == everything else f"Designs {listed(list(map(str, numbers)))}"
-        by = ", ".join(f"log {q} by {model['formula'][q]}" for q in ("K", "C"))
-        sentences.append(f"{which}: model {model['name']}, {by}.")
-    return sentences

@@ -11,7 +11,6 @@ from bayestissue.hierarchy.formulas.formula import left_out_words
 from bayestissue.hierarchy.untried import untried_words
 from bayestissue.inference.results.meanings import ONE_IMPACT
 from bayestissue.inference.samplers.diagnostics import warned_codes
-from bayestissue.outline import counted
 from bayestissue.report import answers_page, posterior, tables
 from bayestissue.report.fit import (
     answers,
@@ -55,14 +54,8 @@ def page_of(run: FitRun, **served: Any) -> str:
     terms_left_out = left_out_words(record.get("terms_left_out", []))
     # Of the first screen's warnings, the verdict's first.
     codes = [*warned_codes(run.diagnostics), *codes_of([*untried, terms_left_out, *one_alone])]
-    counts = (
-        counted(len(run.impacts), "impact"),
-        counted(run.people_count, "person", "people"),
-        counted(len(run.labels("trial")), "condition"),
-    )
     return render_page(
         "fit.html",
-        subtitle=f"{', '.join(counts)}; model “{model.get('name', '')}”",
         nouns=run.nouns,
         first_codes=codes,
         codes=[*codes, *codes_of([prior_remark])],
