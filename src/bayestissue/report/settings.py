@@ -20,6 +20,7 @@ class Limits:
         categories: levels whose K and C a card lists.
         lines: of a figure of designs; of more the eye finds none again.
         rows: of a table; the file has all.
+        steps: of a recording's numbers, above 0 and below, which two bytes hold: finer than a screen shows.
     """
 
     samples: int = 60_000
@@ -32,6 +33,7 @@ class Limits:
     categories: int = 4
     lines: int = 6
     rows: int = 300
+    steps: int = 32_000
 
 
 @dataclass(frozen=True)

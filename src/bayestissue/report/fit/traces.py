@@ -121,12 +121,14 @@ def one_step_p(run: FitRun) -> np.ndarray:
 SCALES = {"deceleration": ("m/s²", 1.0), "displacement": ("mm", 1e3)}
 
 
-def trace_rows(run: FitRun, index: int) -> pd.DataFrame:
+def trace_rows(
+    run: FitRun, index: int, replicates: Float[np.ndarray, "draw sample"] | None = None
+) -> pd.DataFrame:
     """One of the impacts that have predictions: ``time_ms``, ``recorded`` and `BANDS` of its replicates."""
     scale = SCALES[run.shown][1]
-    bands = scale * np.percentile(
-        run.draws(run.shown, "posterior_predictive")[:, index].astype(float), list(BANDS.values()), axis=0
-    )
+    if replicates is None:
+        replicates = run.draws(run.shown, "posterior_predictive")[:, index]
+    bands = scale * np.percentile(replicates.astype(float), list(BANDS.values()), axis=0)
     rows = pd.DataFrame(
         {
             "time_ms": 1e3 * run.constant("time")[run.predicted[index]],
