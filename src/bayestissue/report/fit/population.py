@@ -92,33 +92,22 @@ def differing_words(run: FitRun) -> str:
 
 
 def _differing(run: FitRun, slope: OwnSlope) -> str:
-    apart, (one, several), scatter = _apart(run, slope), group_words(slope.grouping), _scatter(run, slope)
-    count = len(run.labels(slope.grouping))
-    which = f"{len(apart)} of {count} {several}" if apart else f"no {one}"
-    verb, differ = "are" if len(apart) > 1 else "is", "differ" if apart else "are not seen to differ"
+    differing, (one, several) = apart(run, slope), group_words(slope.grouping)
+    which = f"{len(differing)} of {len(run.labels(slope.grouping))} {several}" if differing else f"no {one}"
+    verb, differ = "are" if len(differing) > 1 else "is", "differ" if differing else "are not seen to differ"
     return (
         f"{several.capitalize()} {differ} in it: in {slope.quantity} {which} {verb} told apart from the "
-        f"common exponent by 90 % intervals; standard deviation of the exponents {scatter}."
+        f"common exponent by 90 % intervals; standard deviation of the exponents {scatter(run, slope)}."
     )
 
 
-def _apart(run: FitRun, slope: OwnSlope) -> list[str]:
+def apart(run: FitRun, slope: OwnSlope) -> list[str]:
     """The levels whose coefficient a 90 % interval tells from the population's."""
     slopes = run.draws(slope.name)
     deviations = slopes - run.draws(slope.shared)[:, None] if run.has(slope.shared) else slopes
     return without_zero(deviations, run.labels(slope.grouping))
 
 
-def _scatter(run: FitRun, slope: OwnSlope) -> str:
+def scatter(run: FitRun, slope: OwnSlope) -> str:
+    """The standard deviation of the levels' coefficients, in words."""
     return spread(run.draws(f"sd_{slope.name}")).words
-
-
-def slope_words(run: FitRun, slope: OwnSlope) -> str:
-    """Which levels' coefficients are told from the population's."""
-    apart, one = _apart(run, slope), group_words(slope.grouping)[0]
-    named = f": {listed(apart)}" if apart else ""
-    return (
-        f"The {slope.words} differs between one {one} and the next with a standard deviation of "
-        f"{_scatter(run, slope)}. A 90 % interval tells {len(apart) or 'none'} of "
-        f"{len(run.labels(slope.grouping))} from the typical one{named}."
-    )
