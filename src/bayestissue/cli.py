@@ -68,7 +68,8 @@ _COMMANDS: dict[str, Callable[..., None]] = {
     **{"export": export.run, "watch": watch.run, "open": open_page.run, "explain": explain.run},
 }
 for name, command in _COMMANDS.items():
-    app.command(name)(command)
+    function, words = options.documented(command)
+    app.command(name, help=words)(function)
 
 
 @app.callback(invoke_without_command=True)

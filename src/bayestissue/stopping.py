@@ -74,6 +74,21 @@ def explained(end: Callable[[], str]) -> Iterator[None]:
 
 
 @contextmanager
+def cleared(end: Callable[[], object]) -> Iterator[None]:
+    """However the block ends, also on a request to stop, ``end`` is called, as of `explained`."""
+
+    def silently() -> str:
+        end()
+        return ""
+
+    with explained(silently):
+        try:
+            yield
+        finally:
+            end()
+
+
+@contextmanager
 def whole_step() -> Iterator[None]:
     """A block that a request to stop waits for; it must be short."""
     with _step:

@@ -26,10 +26,12 @@ def test_side_by_side_is_held_against_the_other_element_s_secant_stiffness(
     truth = pd.read_csv(path)
     truth.assign(K_secant_N_per_m=2 * truth["K_N_per_m"]).to_csv(path, index=False)
     run = read_fit_run(folder, about)
-    np.testing.assert_array_equal(run.side_by_side["K"]["truth"], 2 * truth["K_N_per_m"])
-    np.testing.assert_array_equal(run.side_by_side["C"]["truth"], truth["C_N_s_per_m"])
+    np.testing.assert_array_equal(run.estimates_by_method["K"]["truth"], 2 * truth["K_N_per_m"])
+    np.testing.assert_array_equal(run.estimates_by_method["C"]["truth"], truth["C_N_s_per_m"])
     about["model"]["element"] = "maxwell"
-    np.testing.assert_array_equal(read_fit_run(folder, about).side_by_side["K"]["truth"], truth["K_N_per_m"])
+    np.testing.assert_array_equal(
+        read_fit_run(folder, about).estimates_by_method["K"]["truth"], truth["K_N_per_m"]
+    )
 
 
 def test_the_apparent_exponent_is_the_line_of_least_squares_with_its_interval(tmp_path: Path) -> None:

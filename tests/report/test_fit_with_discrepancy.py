@@ -53,7 +53,7 @@ def test_the_first_screen_leads_with_the_secant_stiffness(run: FitRun) -> None:
 
 def test_impacts_show_it_beside_point_estimates_and_truth(run: FitRun) -> None:
     rows = run.summary[run.summary["variable"] == "K_secant"].set_index("label")
-    table = run.side_by_side["K"]
+    table = run.estimates_by_method["K"]
     np.testing.assert_array_equal(table["median"], rows["median"].reindex(table.index))
     assert estimates.held_by_intervals(run, "K")[1].quantity == "K_secant"
     # The made-up point estimates lie about the truth, by 1 % like the medians.

@@ -21,37 +21,14 @@ _TABLES = ("causes", "predictive", "observed", "confusion", "reliability")
 
 
 def run(
-    target: Annotated[
-        str,
-        typer.Argument(
-            help='Folder of a dataset, or "published" for the thesis\'s own tables.',
-            metavar="DATASET|published",
-        ),
-    ],
+    target: Annotated[str, typer.Argument(metavar="DATASET|published")],
     out: Out,
-    model: Annotated[
-        str | None,
-        typer.Option(metavar="NAME|FILE", help="What is simulated; causes unless given."),
-    ] = None,
-    cause: Annotated[
-        list[str] | None, typer.Option(help="Only this cause of the model file; may be repeated.")
-    ] = None,
-    campaigns: Annotated[
-        int | None,
-        typer.Option(help="Campaigns of every cause, instead of the model file's.", min=40),
-    ] = None,
-    method: Annotated[
-        Literal["exact", "dds"],
-        typer.Option(help="How a dataset's impacts are estimated, as in estimate."),
-    ] = "exact",
-    jobs: Annotated[
-        int | None,
-        typer.Option(help="Worker processes; 1 works in this one. One per core unless given.", min=1),
-    ] = None,
-    scheduler: Annotated[
-        str | None,
-        typer.Option(help="Address of a Dask scheduler that computes instead."),
-    ] = None,
+    model: Annotated[str | None, typer.Option(metavar="NAME|FILE")] = None,
+    cause: list[str] | None = None,
+    campaigns: Annotated[int | None, typer.Option(min=40)] = None,
+    method: Literal["exact", "dds"] = "exact",
+    jobs: Annotated[int | None, typer.Option(min=1)] = None,
+    scheduler: str | None = None,
     seed: Seed = 0,
     skip_bad: SkipBad = False,
     overwrite: Overwrite = False,
@@ -61,6 +38,15 @@ def run(
     """Why K grows with mass: simulate each proposed cause and say which could have made the numbers.
 
     An interrupted run goes on where it stopped when the same command is given again.
+
+    Args:
+        target: Folder of a dataset, or "published" for the thesis's own tables.
+        model: What is simulated; causes unless given.
+        cause: Only this cause of the model file; may be repeated.
+        campaigns: Campaigns of every cause, instead of the model file's.
+        method: How a dataset's impacts are estimated, as in estimate.
+        jobs: Worker processes; 1 works in this one. One per core unless given.
+        scheduler: Address of a Dask scheduler that computes instead.
     """
     start = runtime.Start()
     inputs = (model,) if target == "published" else (Path(target), model)

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from bayestissue import results
 from bayestissue.commands.options import DatasetFolder, Excel, Json, Overwrite, Quiet, SkipBad
@@ -19,22 +17,21 @@ if TYPE_CHECKING:
 
     from bayestissue.checking import Check
 
-_NAMED = 10
-
 
 def run(
     dataset: DatasetFolder,
-    out: Annotated[
-        Path | None,
-        typer.Option(help="Also write quality figures and a page with one panel per impact."),
-    ] = None,
+    out: Path | None = None,
     skip_bad: SkipBad = False,
     excel: Excel = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
-    """Say what is wrong with a dataset: file, row, column, value, what was expected, how to mend it."""
+    """Say what is wrong with a dataset: file, row, column, value, what was expected, how to mend it.
+
+    Args:
+        out: Also write quality figures and a page with one panel per impact.
+    """
     with results.claim_if(out, overwrite=overwrite, command="check", inputs=(dataset,)) as target:
         from bayestissue.checking import check
         from bayestissue.commands.console import echo
@@ -122,9 +119,12 @@ def _entry(checked: Check) -> str:
 
 def _names(problems: list[Problem]) -> str:
     """The impacts, up to ten by name."""
+    from bayestissue.commands.console import SCREEN
+
     names = list(dict.fromkeys(problem.impact for problem in problems if problem.impact))
-    more = f" and {len(names) - _NAMED} more impacts" if len(names) > _NAMED else ""
-    return f"{', '.join(names[:_NAMED])}{more}" if names else f"{len(problems)} more places"
+    named, more = names[: SCREEN.named], len(names) - SCREEN.named
+    others = f" and {more} more impacts" if more > 0 else ""
+    return f"{', '.join(named)}{others}" if names else f"{len(problems)} more places"
 
 
 def _range(values: pd.Series, unit: str, digits: int = 6) -> str:

@@ -29,34 +29,35 @@ _GROUPS: dict[str, tuple[str, ...]] = {
 _unfit = partial(Problem, code="runs-to-compare")
 _DIGITS = {"elpd": 1, "elpd_difference": 1, "se_difference": 1, "weight": 2}
 _HEADINGS = {"elpd_difference": "off the best", "se_difference": "its se"}
-# As many as a screen can show.
-_PEOPLE = 12
 _OF_IMPACTS = ("K", "C", "K_secant", "C_equivalent")
 
 
 def run(
-    runs: Annotated[
-        list[Path], typer.Argument(help="Folders of two or more finished fits of one dataset.", metavar="DIR")
-    ],
-    out: Annotated[Path | None, typer.Option(help="Also write the tables and a page with figures.")] = None,
+    runs: Annotated[list[Path], typer.Argument(metavar="DIR")],
+    out: Path | None = None,
     excel: Excel = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
-    """Which finished fit predicts best what it has not seen, and whether the fits agree on K and C."""
+    """Which finished fit predicts best what it has not seen, and whether the fits agree on K and C.
+
+    Args:
+        runs: Folders of two or more finished fits of one dataset.
+        out: Also write the tables and a page with figures.
+    """
     start = runtime.Start()
     _require_distinct(runs)
     with results.claim_if(out, overwrite=overwrite, command="compare", inputs=runs) as target:
         runtime.configure()
         from bayestissue.commands.console import echo, echo_tables
-        from bayestissue.inference.comparing import compare_runs, implied, same_questions, side_by_side
+        from bayestissue.inference.comparing import compare_runs, implied, posteriors_by_run, same_questions
         from bayestissue.report import draw_page
         from bayestissue.report.comparison import page_of
 
         abouts = _abouts(runs)
         finished = _finished(runs, abouts)
-        comparison, posteriors = compare_runs(finished), side_by_side(finished)
+        comparison, posteriors = compare_runs(finished), posteriors_by_run(finished)
         of_weights = implied(finished, comparison)
         answered = {
             run.name: results.read_tables(path, (), ("contrasts", "questions"))
@@ -167,7 +168,7 @@ def print_comparison(comparison: pd.DataFrame, posteriors: pd.DataFrame, of_weig
     """Print the three tables; see `bayestissue.inference.comparing`."""
     import pandas as pd
 
-    from bayestissue.commands.console import echo, explained, line, show, table
+    from bayestissue.commands.console import SCREEN, echo, explained, line, show, table
     from bayestissue.remedies import codes_in
 
     words = ["model"] + (["data"] if len(comparison["data"].unique()) > 1 else [])
@@ -188,7 +189,7 @@ def print_comparison(comparison: pd.DataFrame, posteriors: pd.DataFrame, of_weig
             line(f"  {row['model']}: {row['warning']}")
     explained(codes_in("; ".join(comparison["warning"])))
     people = posteriors[posteriors["label"] != ""]
-    few = people["label"].nunique() <= _PEOPLE
+    few = people["label"].nunique() <= SCREEN.people
     shown = posteriors if few else posteriors[posteriors["label"] == ""]
     _print_intervals("posteriors", shown, shown["run"])
     if len(of_weights):

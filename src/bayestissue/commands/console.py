@@ -6,6 +6,7 @@ import json
 import sys
 import time
 from collections.abc import Collection, Iterable
+from dataclasses import dataclass
 from types import TracebackType
 from typing import TYPE_CHECKING
 
@@ -30,7 +31,25 @@ from bayestissue.remedies import Code
 if TYPE_CHECKING:
     import pandas as pd
 
-_UNBOUNDED = 10_000
+
+@dataclass(frozen=True)
+class Screen:
+    """How much a command prints, what a terminal shows at once.
+
+    Attributes:
+        width: letters of a line of text that is read from its beginning to its end.
+        people: whose posteriors are listed; of more there is a file.
+        named: impacts that a warning names.
+        unbounded: letters of a line of which a table is measured without breaking a word.
+    """
+
+    width: int = 88
+    people: int = 12
+    named: int = 10
+    unbounded: int = 10_000
+
+
+SCREEN = Screen()
 
 
 def echo(text: str, *, err: bool = False) -> None:
@@ -80,7 +99,7 @@ def show(table: Table) -> None:
     """Print a table; on a terminal too narrow for it each cell on a line of its own, behind its heading."""
     console = Console(highlight=False)
     # A measurement says no more than the width that it may use.
-    free = console.options.update(max_width=_UNBOUNDED)
+    free = console.options.update(max_width=SCREEN.unbounded)
     if Measurement.get(console, free, table).minimum <= console.width:
         console.print(table)
         return

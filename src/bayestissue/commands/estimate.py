@@ -26,29 +26,9 @@ if TYPE_CHECKING:
 def run(
     dataset: DatasetFolder,
     out: Out,
-    method: Annotated[
-        Literal["impact", "exact", "dds"] | None,
-        typer.Option(
-            help="impact: each deceleration by itself under the impact likelihood with its measuring chain; "
-            "its intervals hold. exact: maximum likelihood of an ARMA(2,1) about the rest position. "
-            "dds: the thesis's conditional fit about the sample mean. Unless given: impact, and exact for "
-            "displacements and where [signal] filters, centres or integrates otherwise.",
-        ),
-    ] = None,
-    model: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME|FILE",
-            help="A model, by name or as a file, as in fit; its [signal] table says how x is made from the "
-            "recording.",
-        ),
-    ] = None,
-    vary: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="Also tabulate K and C over the values of a signal choice: window, contact, filter.",
-        ),
-    ] = None,
+    method: Literal["impact", "exact", "dds"] | None = None,
+    model: Annotated[str | None, typer.Option(metavar="NAME|FILE")] = None,
+    vary: list[str] | None = None,
     scheduler: Scheduler = None,
     skip_bad: SkipBad = False,
     excel: Excel = None,
@@ -56,7 +36,17 @@ def run(
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
-    """K and C of every impact by itself, with 90 % intervals; --method dds is the thesis's own chain."""
+    """K and C of every impact by itself, with 90 % intervals; --method dds is the thesis's own chain.
+
+    Args:
+        method: impact: each deceleration by itself under the impact likelihood with its measuring chain; its
+            intervals hold. exact: maximum likelihood of an ARMA(2,1) about the rest position. dds: the
+            thesis's conditional fit about the sample mean. Unless given: impact, and exact for displacements
+            and where [signal] filters, centres or integrates otherwise.
+        model: A model, by name or as a file, as in fit; its [signal] table says how x is made from the
+            recording.
+        vary: Also tabulate K and C over the values of a signal choice: window, contact, filter.
+    """
     start = Start()
     with claim(out, overwrite=overwrite, command="estimate", inputs=(dataset, model)) as target:
         configure()

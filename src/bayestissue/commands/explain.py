@@ -16,17 +16,16 @@ from bayestissue.commands.options import Json
 from bayestissue.errors import InputError, Problem
 from bayestissue.remedies import Remedy, entries
 
-_WIDTH = 88
-
 
 def run(
-    codes: Annotated[
-        list[str] | None,
-        typer.Argument(help="As messages end with; all are listed unless given.", metavar="[CODE]..."),
-    ] = None,
+    codes: Annotated[list[str] | None, typer.Argument(metavar="[CODE]...")] = None,
     as_json: Json = False,
 ) -> None:
-    """What a warning or an error means, what it does to K and C, and what to do."""
+    """What a warning or an error means, what it does to K and C, and what to do.
+
+    Args:
+        codes: As messages end with; all are listed unless given.
+    """
     from bayestissue.commands.console import echo
 
     known = {str(code): entry for code, entry in entries().items()}
@@ -42,10 +41,12 @@ def run(
 
 
 def _lines(entry: Remedy) -> Iterator[str]:
+    from bayestissue.commands.console import SCREEN
+
     yield f"{entry.code}: {entry.title}"
     for heading, text in entry.parts:
         yield f"\n  {heading}"
-        yield textwrap.fill(text, _WIDTH, initial_indent="    ", subsequent_indent="    ")
+        yield textwrap.fill(text, SCREEN.width, initial_indent="    ", subsequent_indent="    ")
 
 
 def _list(chosen: Sequence[Remedy]) -> Iterator[str]:

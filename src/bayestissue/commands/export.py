@@ -14,15 +14,7 @@ from bayestissue.paper import WIDTH_MM
 def run(
     run: FinishedFit,
     out: Out,
-    width: Annotated[
-        float,
-        typer.Option(
-            metavar="MM",
-            min=40,
-            max=400,
-            help="Of a figure in print; a journal's column is about 85 mm wide, its page 170.",
-        ),
-    ] = WIDTH_MM,
+    width: Annotated[float, typer.Option(metavar="MM", min=40, max=400)] = WIDTH_MM,
     excel: Excel = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
@@ -34,6 +26,9 @@ def run(
     tables.xlsx has every table of the run, an impact a row, and people_wide, a row a person and a column a
     side and condition, as SPSS, JASP and Excel want it; its sheet columns says what each means. figures/ has
     each figure as SVG, PDF and PNG, and the rows that it is drawn from as CSV.
+
+    Args:
+        width: Of a figure in print; a journal's column is about 85 mm wide, its page 170.
     """
     runtime.configure()
     from bayestissue.commands.console import echo

@@ -23,16 +23,8 @@ _HEADINGS = {"bayes_factor": "Bayes factor", "mcse": "Monte Carlo error"}
 
 def ask(
     run: FinishedFit,
-    questions: Annotated[
-        list[str],
-        typer.Argument(
-            metavar="QUESTION...",
-            help='Such as "K[side=left] / K[side=right] > 1.1" or "mass_exponent_K between -0.1 and 0.1".',
-        ),
-    ],
-    out: Annotated[
-        Path | None, typer.Option(help="Also write questions.csv and report.html to this folder.")
-    ] = None,
+    questions: Annotated[list[str], typer.Argument(metavar="QUESTION...")],
+    out: Path | None = None,
     excel: Excel = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
@@ -50,6 +42,10 @@ def ask(
     exp, log, max, min, mean, < <= > >=, between, and, or, not. Odd names stand in quotes, those of quantities
     in backticks. Without a comparison
     the answer is a median and a 90 % interval.
+
+    Args:
+        questions: Such as "K[side=left] / K[side=right] > 1.1" or "mass_exponent_K between -0.1 and 0.1".
+        out: Also write questions.csv and report.html to this folder.
     """
     output = _Output(out, excel, overwrite, quiet, as_json)
     _answer("ask", "questions", run, lambda fit: fit.ask(*questions), print_answers, output)
@@ -57,16 +53,8 @@ def ask(
 
 def predict(
     run: FinishedFit,
-    at: Annotated[
-        Path,
-        typer.Option(
-            metavar="TABLE.csv",
-            help="A row for each new impact, with any columns of impacts.csv: subject, mass_kg, ...",
-        ),
-    ],
-    out: Annotated[
-        Path | None, typer.Option(help="Also write predictions.csv and report.html to this folder.")
-    ] = None,
+    at: Annotated[Path, typer.Option(metavar="TABLE.csv")],
+    out: Path | None = None,
     excel: Excel = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
@@ -78,16 +66,24 @@ def predict(
     are at the reference, which is the reference mass and the mean of others; categories that are not given
     are averaged over; what belongs to a known person follows the person. A person, condition or other level
     that is not given, or was not measured, is a new one of its population.
+
+    Args:
+        at: A row for each new impact, with any columns of impacts.csv: subject, mass_kg, ...
+        out: Also write predictions.csv and report.html to this folder.
     """
     output = _Output(out, excel, overwrite, quiet, as_json)
     _answer("predict", "predictions", run, lambda fit: fit.predict(at), _print_predictions, output, at)
 
 
 def report(
-    run: Annotated[Path, typer.Argument(help="Folder of a finished run.", metavar="DIR")],
+    run: Annotated[Path, typer.Argument(metavar="DIR")],
     quiet: Quiet = False,
 ) -> None:
-    """Write report.html anew from the files of a finished run."""
+    """Write report.html anew from the files of a finished run.
+
+    Args:
+        run: Folder of a finished run.
+    """
     from bayestissue.commands.console import echo
     from bayestissue.report import write_report
 

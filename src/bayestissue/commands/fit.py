@@ -38,37 +38,11 @@ def run(
     dataset: DatasetFolder,
     out: Out,
     model: Model = None,
-    K: Annotated[
-        str | None,
-        typer.Option(
-            "--K",
-            metavar="FORMULA",
-            help='What log K depends on, such as "log(mass_kg) + side + (1|subject)"; as the model has it '
-            "unless given.",
-        ),
-    ] = None,
+    K: Annotated[str | None, typer.Option("--K", metavar="FORMULA")] = None,
     C: FormulaOfC = None,
-    ask: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="QUESTION",
-            help='Answered at the end and on the page, such as "K[side=left] / K[side=right] > 1.1"; may be '
-            "given again.",
-        ),
-    ] = None,
-    continue_from: Annotated[
-        Path | None,
-        typer.Option(
-            "--continue",
-            metavar="RUN",
-            help="Folder of a finished fit of the same recordings and model, whose chains go on where they "
-            "ended; may be --out itself, with --overwrite.",
-        ),
-    ] = None,
-    path: Annotated[
-        str | None,
-        typer.Option(help="Of an earlier version, which had several samplers: without effect."),
-    ] = None,
+    ask: Annotated[list[str] | None, typer.Option(metavar="QUESTION")] = None,
+    continue_from: Annotated[Path | None, typer.Option("--continue", metavar="RUN")] = None,
+    path: str | None = None,
     scheduler: Scheduler = None,
     seed: Seed = 0,
     skip_bad: SkipBad = False,
@@ -80,6 +54,15 @@ def run(
 
     An interrupted fit goes on where it stopped when the same command is given again. A finished one goes on
     with --continue: for more draws, or where its chains did not agree yet.
+
+    Args:
+        K: What log K depends on, such as "log(mass_kg) + side + (1|subject)"; as the model has it unless
+            given.
+        ask: Answered at the end and on the page, such as "K[side=left] / K[side=right] > 1.1"; may be given
+            again.
+        continue_from: Folder of a finished fit of the same recordings and model, whose chains go on where
+            they ended; may be --out itself, with --overwrite.
+        path: Of an earlier version, which had several samplers: without effect.
     """
     runtime.configure(one_core=True)
     with results.claim(out, overwrite=overwrite, command="fit", inputs=(dataset, model)) as target:

@@ -24,114 +24,29 @@ _CHAIN = {
 
 
 def run(
-    folder: Annotated[
-        Path, typer.Argument(help="Folder of recorder files; nothing in it is changed.", metavar="FOLDER")
-    ],
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            help="Folder for the dataset, new or empty; that of the recordings with -dataset behind unless "
-            "given. The dataset is called after it.",
-        ),
-    ] = None,
-    pattern: Annotated[
-        str | None,
-        typer.Option(
-            metavar="PATTERN",
-            help="How file names are read; guessed from the names unless given. A name in braces is a "
-            "column of impacts.csv; {} is what does not matter. mass_g, velocity_cm_s, drop_height_m, _cm "
-            "and _mm are converted (v = sqrt(2 g h), for a pendulum too). With / the folders above the file "
-            "are read as well.",
-        ),
-    ] = None,
-    table: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE.csv",
-            help="A table with a column file, the name of a recording, and a column for each fact; with a "
-            "column number too, a row for each impact of a recording. Without file it is joined by the "
-            "columns that names have too, such as subject.",
-        ),
-    ] = None,
-    shared: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set", metavar="NAME=VALUE", help="A fact that holds for all recordings; may be repeated."
-        ),
-    ] = None,
-    channel: Annotated[str | None, typer.Option(help="The channel with the values.")] = None,
-    quantity: Annotated[
-        Literal["deceleration", "acceleration", "displacement"] | None,
-        typer.Option(help="What it recorded; a deceleration is positive while it slows."),
-    ] = None,
-    unit: Annotated[
-        str | None, typer.Option(help='Its unit, such as "m/s^2", g or mm, after scale and offset.')
-    ] = None,
-    scale: Annotated[float, typer.Option(help="Raw values are multiplied by it.")] = 1.0,
-    offset: Annotated[float, typer.Option(help="Added to them after that.")] = 0.0,
-    time: Annotated[
-        str | None, typer.Option(help="The channel with the times, if the format has no clock.")
-    ] = None,
-    time_unit: Annotated[str | None, typer.Option(help="Its unit; s unless stated.")] = None,
-    rate_hz: Annotated[
-        float | None, typer.Option(help="The sampling rate, where there are no times.", min=0)
-    ] = None,
-    crop: Annotated[
-        tuple[float, float] | None,
-        typer.Option(
-            metavar="START STOP",
-            help="The stretch of every recording that is read, in its unit of time.",
-        ),
-    ] = None,
-    recorder: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="KEY=VALUE",
-            help="An entry of the table [recorder], a known low-pass that the recordings went through: "
-            "low_pass_hz, order, kind, zero_phase, or sae_class; noise, applied; may be repeated.",
-        ),
-    ] = None,
-    text: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="KEY=VALUE",
-            help="How text files are written, where that is not found rightly: encoding (utf-8, utf-16, "
-            "cp1252), delimiter (comma, semicolon, tab, pipe, space), decimal (point, comma), thousands "
-            "(none, point, comma, space, apostrophe), header_row, units_row; may be repeated.",
-        ),
-    ] = None,
-    uncertainty: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME=SD",
-            help="How well the measuring chain is known, as a standard deviation: mass and gain as a "
-            "fraction, velocity in m/s, offset in m/s^2, such as velocity=0.01; may be repeated.",
-        ),
-    ] = None,
-    gravity: Annotated[
-        str | None,
-        typer.Option(
-            metavar="none|drop|M_S2",
-            help="The part of gravity along the motion: none (a pendulum at its lowest point), drop "
-            "(straight down), or a number of m/s², positive into the tissue. Asked for where a drop height "
-            "is given.",
-        ),
-    ] = None,
-    zero: Annotated[
-        Literal["free_fall", "rest"] | None,
-        typer.Option(help="Where an accelerometer read 0; in free fall unless stated."),
-    ] = None,
-    several: Annotated[
-        bool, typer.Option("--several", help="Cut several impacts in one recording apart.")
-    ] = False,
-    threshold: Annotated[
-        float,
-        typer.Option(help="Standard deviations of the noise an impact rises above.", min=1),
-    ] = 20.0,
-    separation_s: Annotated[
-        float, typer.Option(help="The least time between two impacts, s.", min=0.001)
-    ] = 0.5,
-    name: Annotated[str, typer.Option(help="Name of the dataset; the folder's if not given.")] = "",
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER")],
+    out: Path | None = None,
+    pattern: Annotated[str | None, typer.Option(metavar="PATTERN")] = None,
+    table: Annotated[Path | None, typer.Option(metavar="FILE.csv")] = None,
+    shared: Annotated[list[str] | None, typer.Option("--set", metavar="NAME=VALUE")] = None,
+    channel: str | None = None,
+    quantity: Literal["deceleration", "acceleration", "displacement"] | None = None,
+    unit: str | None = None,
+    scale: float = 1.0,
+    offset: float = 0.0,
+    time: str | None = None,
+    time_unit: str | None = None,
+    rate_hz: Annotated[float | None, typer.Option(min=0)] = None,
+    crop: Annotated[tuple[float, float] | None, typer.Option(metavar="START STOP")] = None,
+    recorder: Annotated[list[str] | None, typer.Option(metavar="KEY=VALUE")] = None,
+    text: Annotated[list[str] | None, typer.Option(metavar="KEY=VALUE")] = None,
+    uncertainty: Annotated[list[str] | None, typer.Option(metavar="NAME=SD")] = None,
+    gravity: Annotated[str | None, typer.Option(metavar="none|drop|M_S2")] = None,
+    zero: Literal["free_fall", "rest"] | None = None,
+    several: bool = False,
+    threshold: Annotated[float, typer.Option(min=1)] = 20.0,
+    separation_s: Annotated[float, typer.Option(min=0.001)] = 0.5,
+    name: str = "",
     skip_bad: SkipBad = False,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
@@ -146,6 +61,42 @@ def run(
         --uncertainty velocity=0.01
 
     The recordings are copied as they are; init.html beside them shows what was understood.
+
+    Args:
+        folder: Folder of recorder files; nothing in it is changed.
+        out: Folder for the dataset, new or empty; that of the recordings with -dataset behind unless given.
+            The dataset is called after it.
+        pattern: How file names are read; guessed from the names unless given. A name in braces is a column of
+            impacts.csv; {} is what does not matter. mass_g, velocity_cm_s, drop_height_m, _cm and _mm are
+            converted (v = sqrt(2 g h), for a pendulum too). With / the folders above the file are read as
+            well.
+        table: A table with a column file, the name of a recording, and a column for each fact; with a column
+            number too, a row for each impact of a recording. Without file it is joined by the columns that
+            names have too, such as subject.
+        shared: A fact that holds for all recordings; may be repeated.
+        channel: The channel with the values.
+        quantity: What it recorded; a deceleration is positive while it slows.
+        unit: Its unit, such as "m/s^2", g or mm, after scale and offset.
+        scale: Raw values are multiplied by it.
+        offset: Added to them after that.
+        time: The channel with the times, if the format has no clock.
+        time_unit: Its unit; s unless stated.
+        rate_hz: The sampling rate, where there are no times.
+        crop: The stretch of every recording that is read, in its unit of time.
+        recorder: An entry of the table [recorder], a known low-pass that the recordings went through:
+            low_pass_hz, order, kind, zero_phase, or sae_class; noise, applied; may be repeated.
+        text: How text files are written, where that is not found rightly: encoding (utf-8, utf-16, cp1252),
+            delimiter (comma, semicolon, tab, pipe, space), decimal (point, comma), thousands (none, point,
+            comma, space, apostrophe), header_row, units_row; may be repeated.
+        uncertainty: How well the measuring chain is known, as a standard deviation: mass and gain as a
+            fraction, velocity in m/s, offset in m/s^2, such as velocity=0.01; may be repeated.
+        gravity: The part of gravity along the motion: none (a pendulum at its lowest point), drop (straight
+            down), or a number of m/s², positive into the tissue. Asked for where a drop height is given.
+        zero: Where an accelerometer read 0; in free fall unless stated.
+        several: Cut several impacts in one recording apart.
+        threshold: Standard deviations of the noise an impact rises above.
+        separation_s: The least time between two impacts, s.
+        name: Name of the dataset; the folder's if not given.
     """
     from bayestissue.commands.console import echo, explained
     from bayestissue.intake import Choices, Cutting, default_out, prepare, write

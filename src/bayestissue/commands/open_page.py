@@ -15,18 +15,8 @@ from bayestissue.runtime import configure
 
 
 def run(
-    folder: Annotated[
-        Path,
-        typer.Argument(
-            help="A finished run of `bayestissue fit`, or a dataset.",
-            metavar="RUN|DATASET",
-            show_default=False,
-        ),
-    ],
-    dataset: Annotated[
-        Path | None,
-        typer.Option(metavar="DATASET", help="Of a run: where the recordings lie now, if they were moved."),
-    ] = None,
+    folder: Annotated[Path, typer.Argument(metavar="RUN|DATASET", show_default=False)],
+    dataset: Annotated[Path | None, typer.Option(metavar="DATASET")] = None,
     port: Port = 0,
 ) -> None:
     """Ask a finished fit on its report, look at each impact of a dataset, and leave one out with a reason.
@@ -35,6 +25,10 @@ def run(
     with its trace, K and C by itself. On both, impacts are left out and accepted again; reasons are written
     into left_out.csv in the dataset, recordings and runs stay as they are. `check`, `estimate`, `fit` and
     their pages then do without these impacts and say why. Stop it by Ctrl-C.
+
+    Args:
+        folder: A finished run of `bayestissue fit`, or a dataset.
+        dataset: Of a run: where the recordings lie now, if they were moved.
     """
     configure()
     from bayestissue.bench.server import require_server, serve

@@ -1,9 +1,13 @@
-"""Arguments and options that several commands have."""
+"""What a command's function says of its options, and those that several commands have."""
 
 from __future__ import annotations
 
+import inspect
+import re
+from collections.abc import Callable
+from copy import copy
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import typer
 
@@ -69,3 +73,34 @@ FinishedFit = Annotated[
 Seed = Annotated[
     int, typer.Option("--seed", help="Same seed, same machine: same numbers.", min=0, max=runtime.MOST_SEED)
 ]
+
+
+def documented(command: Callable[..., None]) -> tuple[Callable[..., None], str]:
+    """The function of a command with the help of each option, and the help of the command itself.
+
+    Both are its docstring: what stands under ``Args:`` is an option's help, the rest the command's. An option
+    is so declared once: its name, type and default in the signature, its meaning in the docstring. What else
+    there is of it, such as bounds or another name, is `typer.Option` in its annotation; a bool is a flag.
+    """
+    words, _, arguments = inspect.cleandoc(command.__doc__ or "").partition("\n\nArgs:\n")
+    helps = dict(re.findall(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", arguments, re.MULTILINE))
+    signature = inspect.signature(command, eval_str=True)
+    options = [
+        _with_help(option, helps[option.name]) if option.name in helps else option
+        for option in signature.parameters.values()
+    ]
+    command.__signature__ = signature.replace(parameters=options)  # type: ignore[attr-defined]
+    return command, words
+
+
+def _with_help(option: inspect.Parameter, text: str) -> inspect.Parameter:
+    """A parameter whose annotation says what typer is to say of it."""
+    kind, *stated = get_args(option.annotation) if _is_annotated(option.annotation) else (option.annotation,)
+    flag = [f"--{option.name.replace('_', '-')}"] if kind is bool else []
+    stated_option: Any = copy(stated[0]) if stated else typer.Option(*flag)
+    stated_option.help = " ".join(text.split())
+    return option.replace(annotation=Annotated[kind, stated_option])
+
+
+def _is_annotated(annotation: Any) -> bool:
+    return hasattr(annotation, "__metadata__")

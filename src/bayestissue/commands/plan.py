@@ -20,86 +20,21 @@ if TYPE_CHECKING:
 
 def run(
     out: Out,
-    file: Annotated[
-        Path | None,
-        typer.Argument(help="The plan; without it the options say what is planned.", metavar="PLAN.toml"),
-    ] = None,
-    people: Annotated[
-        str | None,
-        typer.Option(metavar="NUMBERS", help="How many are recruited; 10,20,30 compares three."),
-    ] = None,
-    masses: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="KG",
-            help="The masses that each person is hit by, such as 0.5,1; given again it is compared.",
-        ),
-    ] = None,
-    velocities: Annotated[
-        list[str] | None,
-        typer.Option(metavar="M_S", help="Velocities at contact, in the same way; 1.5 unless given."),
-    ] = None,
-    repeats: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NUMBERS",
-            help="Impacts of each person by each mass; 1,3 compares two; 1 unless given.",
-        ),
-    ] = None,
-    within: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME=LEVELS",
-            help="What each person is hit at every level of, such as side=left,right. Without this and "
-            "--groups it is what questions name.",
-        ),
-    ] = None,
-    groups: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME=LEVELS",
-            help="Groups that people belong to, as many people each, such as sex=f,m.",
-        ),
-    ] = None,
-    ask: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="CLAIM",
-            help='What is to be decided, such as "K[side=left] / K[side=right] > 1.1"; may be given again.',
-        ),
-    ] = None,
+    file: Annotated[Path | None, typer.Argument(metavar="PLAN.toml")] = None,
+    people: Annotated[str | None, typer.Option(metavar="NUMBERS")] = None,
+    masses: Annotated[list[str] | None, typer.Option(metavar="KG")] = None,
+    velocities: Annotated[list[str] | None, typer.Option(metavar="M_S")] = None,
+    repeats: Annotated[str | None, typer.Option(metavar="NUMBERS")] = None,
+    within: Annotated[list[str] | None, typer.Option(metavar="NAME=LEVELS")] = None,
+    groups: Annotated[list[str] | None, typer.Option(metavar="NAME=LEVELS")] = None,
+    ask: Annotated[list[str] | None, typer.Option(metavar="CLAIM")] = None,
     model: Model = None,
-    K: Annotated[
-        str | None,
-        typer.Option(
-            "--K",
-            metavar="FORMULA",
-            help="What log K depends on, as `fit` takes it; as the model has it unless given.",
-        ),
-    ] = None,
+    K: Annotated[str | None, typer.Option("--K", metavar="FORMULA")] = None,
     C: FormulaOfC = None,
-    after: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="RUN",
-            help="The fit of a study that has begun: what is planned is still to come.",
-        ),
-    ] = None,
-    dataset: Annotated[
-        Path | None,
-        typer.Option(metavar="DATASET", help="The recordings that were fitted, beside --after."),
-    ] = None,
-    studies: Annotated[
-        int | None,
-        typer.Option(
-            help="Studies that are drawn of each design, a multiple of 100; 500 unless the plan says.",
-            min=100,
-        ),
-    ] = None,
-    seed: Annotated[
-        int | None,
-        typer.Option(help="Instead of the plan's.", min=0, max=runtime.MOST_SEED),
-    ] = None,
+    after: Annotated[Path | None, typer.Option(metavar="RUN")] = None,
+    dataset: Annotated[Path | None, typer.Option(metavar="DATASET")] = None,
+    studies: Annotated[int | None, typer.Option(min=100)] = None,
+    seed: Annotated[int | None, typer.Option(min=0, max=runtime.MOST_SEED)] = None,
     excel: Excel = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
@@ -114,6 +49,22 @@ def run(
 
     With --overwrite a plan goes on from the studies that --out holds: more --studies, or further designs in
     PLAN.toml, take the time of what is new. So does an interrupted one when the same command is given again.
+
+    Args:
+        file: The plan; without it the options say what is planned.
+        people: How many are recruited; 10,20,30 compares three.
+        masses: The masses that each person is hit by, such as 0.5,1; given again it is compared.
+        velocities: Velocities at contact, in the same way; 1.5 unless given.
+        repeats: Impacts of each person by each mass; 1,3 compares two; 1 unless given.
+        within: What each person is hit at every level of, such as side=left,right. Without this and --groups
+            it is what questions name.
+        groups: Groups that people belong to, as many people each, such as sex=f,m.
+        ask: What is to be decided, such as "K[side=left] / K[side=right] > 1.1"; may be given again.
+        K: What log K depends on, as `fit` takes it; as the model has it unless given.
+        after: The fit of a study that has begun: what is planned is still to come.
+        dataset: The recordings that were fitted, beside --after.
+        studies: Studies that are drawn of each design, a multiple of 100; 500 unless the plan says.
+        seed: Instead of the plan's.
     """
     with results.claim(
         out, overwrite=overwrite, command="plan", inputs=(file, model, after, dataset)

@@ -18,19 +18,18 @@ if TYPE_CHECKING:
 
 def run(
     out: Out,
-    model: Annotated[
-        str | None,
-        typer.Option(metavar="NAME|FILE", help="Model of the re-analysis; published unless given."),
-    ] = None,
-    published: Annotated[
-        Path | None,
-        typer.Option(help="Folder of published tables; the thesis's own unless given."),
-    ] = None,
+    model: Annotated[str | None, typer.Option(metavar="NAME|FILE")] = None,
+    published: Path | None = None,
     seed: Seed = 0,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
-    """Recompute, audit and re-analyse the thesis's published estimates, and write the report."""
+    """Recompute, audit and re-analyse the thesis's published estimates, and write the report.
+
+    Args:
+        model: Model of the re-analysis; published unless given.
+        published: Folder of published tables; the thesis's own unless given.
+    """
     inputs = (model, published)
     with results.claim(out, overwrite=overwrite, command="reproduce", inputs=inputs) as target:
         runtime.configure()

@@ -13,15 +13,18 @@ from bayestissue.runtime import configure
 
 
 def run(
-    specification: Annotated[
-        Path, typer.Argument(help="Design, tissue, measuring chain and seed.", metavar="SPEC.toml")
-    ],
+    specification: Annotated[Path, typer.Argument(metavar="SPEC.toml")],
     out: Out,
-    seed: Annotated[int | None, typer.Option(help="Instead of the one in SPEC.toml.", min=0)] = None,
+    seed: Annotated[int | None, typer.Option(min=0)] = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
-    """Make a dataset whose truth is known: a design, a tissue, a measuring chain, and truth.csv beside it."""
+    """Make a dataset whose truth is known: a design, a tissue, a measuring chain, and truth.csv beside it.
+
+    Args:
+        specification: Design, tissue, measuring chain and seed.
+        seed: Instead of the one in SPEC.toml.
+    """
     with claim(out, overwrite=overwrite, command="simulate", inputs=(specification,)) as target:
         configure()
         from bayestissue.commands.console import echo

@@ -15,38 +15,30 @@ from bayestissue.runtime import configure
 
 
 def run(
-    recordings: Annotated[
-        Path,
-        typer.Argument(
-            help="The folder that a recorder writes to; nothing in it is changed.", metavar="RECORDINGS"
-        ),
-    ],
-    campaign: Annotated[Path, typer.Option(help="How its files are read, and what is wanted of drops.")],
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            help="Folder of the dataset: new, or that of an earlier watch, which goes on; that of the "
-            "recordings with -dataset behind unless given.",
-        ),
-    ] = None,
-    plan: Annotated[
-        Path | None,
-        typer.Option(metavar="PLANDIR", help="A finished plan: how many drops are left and which is next."),
-    ] = None,
-    plain: Annotated[bool, typer.Option("--plain", help="Lines on the terminal, and no page.")] = False,
-    once: Annotated[
-        bool, typer.Option("--once", help="Take what lies there, and end; lines alone, as with --plain.")
-    ] = False,
+    recordings: Annotated[Path, typer.Argument(metavar="RECORDINGS")],
+    campaign: Annotated[Path, typer.Option()],
+    out: Path | None = None,
+    plan: Annotated[Path | None, typer.Option(metavar="PLANDIR")] = None,
+    plain: bool = False,
+    once: bool = False,
     port: Port = 0,
-    poll_s: Annotated[
-        float, typer.Option(help="Seconds between looks at the folder.", min=0.05, max=60)
-    ] = 0.4,
+    poll_s: Annotated[float, typer.Option(min=0.05, max=60)] = 0.4,
     quiet: Quiet = False,
 ) -> None:
     """Judge each drop while it is measured: good, or again and why, with its K and C.
 
     The recordings are copied into a dataset that `check`, `estimate` and `fit` read at any time. Stop it by
     Ctrl-C; the same command goes on from there. Which drops were left out, and why, stands in left_out.csv.
+
+    Args:
+        recordings: The folder that a recorder writes to; nothing in it is changed.
+        campaign: How its files are read, and what is wanted of drops.
+        out: Folder of the dataset: new, or that of an earlier watch, which goes on; that of the recordings
+            with -dataset behind unless given.
+        plan: A finished plan: how many drops are left and which is next.
+        plain: Lines on the terminal, and no page.
+        once: Take what lies there, and end; lines alone, as with --plain.
+        poll_s: Seconds between looks at the folder.
     """
     configure()
     from bayestissue.bench.campaign import read_campaign

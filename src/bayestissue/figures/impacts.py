@@ -10,6 +10,7 @@ from bayestissue.figures.theme import (
     DASHED,
     DOTTED,
     INK,
+    LOOK,
     MUTED,
     POSTERIOR,
     RECORDED,
@@ -27,13 +28,16 @@ from bayestissue.figures.theme import (
 from bayestissue.inference.results.meanings import COLUMNS, NAMES, UNITS
 
 MASS = "mass of the impactor, M (kg)"
-_TITLES = {
-    **{"impact": "impact", "person": "person", "condition": "condition"},
-    **{"mass_kg": "mass (kg)", "velocity_m_s": "velocity (m/s)"},
+# Headings of K and C, and of the ends of their 90 % intervals.
+INTERVALS = {
     **{"K_N_per_m": "K (N/m)", "K_low_N_per_m": "K, 5 %", "K_high_N_per_m": "K, 95 %"},
     **{"C_N_s_per_m": "C (N s/m)", "C_low_N_s_per_m": "C, 5 %", "C_high_N_s_per_m": "C, 95 %"},
 }
-_SMALL, _LARGE = 36, 130
+_TITLES = {
+    **{"impact": "impact", "person": "person", "condition": "condition"},
+    **{"mass_kg": "mass (kg)", "velocity_m_s": "velocity (m/s)"},
+    **INTERVALS,
+}
 # Over the mass.
 LINES: dict[str, Specification] = {
     "exponent 0": {"color": INK, "strokeDash": DASHED},
@@ -118,7 +122,7 @@ def scatter(rows: pd.DataFrame, x: str, y: str, words: str, names: Mapping[str, 
     if x == "order" and f"true_{y}" in rows:
         crosses = {"x": X, "y": number(f"true_{y}", axis_title(y, names)), "opacity": faint}
         layers.append(mark("point", rows, crosses, shape="cross", size=20, color=INK))
-    size = where(_CHOSEN, _LARGE, _SMALL if x != "order" else 14)
+    size = where(_CHOSEN, LOOK.chosen, LOOK.in_order if x == "order" else LOOK.point)
     points = {
         "x": X,
         "y": Y,
@@ -180,7 +184,7 @@ def over_mass(
         "x": X,
         "y": y(column),
         "color": where(_CHOSEN, RECORDED, colour),
-        "size": where(_CHOSEN, _LARGE, 22),
+        "size": where(_CHOSEN, LOOK.chosen, LOOK.over_mass),
         "opacity": where(shown, 0.7, 0.06),
         "tooltip": tooltips(impacts, **_TITLES),
     }

@@ -40,15 +40,36 @@ _CONFIG: dict[str, Any] = {
     "point": {"filled": True, "size": 40, "opacity": 0.8},
     "rule": {"color": INK},
 }
-# Beyond this ratio of the greatest to the least a logarithmic axis shows more than a straight one.
-_MANY_FOLD = 3.0
 # A figure of more marks is painted rather than kept as elements.
 MANY = 1500
 WIDTH, HEIGHT = 460, 300
 SOLID, DASHED, DOTTED = [1, 0], [5, 4], [2, 3]
 SHAPES = ("circle", "square", "diamond", "triangle-up", "cross", "triangle-down", "stroke")
-# A legend of longer names has one column.
-_LONG = 30
+
+
+@dataclass(frozen=True)
+class Look:
+    """What figures were set by eye to.
+
+    Attributes:
+        many_fold: ratio of the greatest to the least beyond which a logarithmic axis shows more than a
+            straight one.
+        long: letters of a name from which on a legend has one column.
+        point: area of an impact's mark, in pixels.
+        in_order: that of one among all impacts in order.
+        over_mass: that of one behind the line over the mass.
+        chosen: that of the chosen impact.
+    """
+
+    many_fold: float = 3.0
+    long: int = 30
+    point: int = 36
+    in_order: int = 14
+    over_mass: int = 22
+    chosen: int = 130
+
+
+LOOK = Look()
 
 
 @dataclass(frozen=True)
@@ -136,7 +157,7 @@ def where(test: str, then: Any, otherwise: Any) -> Specification:
 def scale_over(values: Iterable[float]) -> Specification:
     """A scale that suits ``values``: logarithmic where they are positive and differ by a factor of three."""
     known = [float(value) for value in values if pd.notna(value)]
-    if known and min(known) > 0 and max(known) > _MANY_FOLD * min(known):
+    if known and min(known) > 0 and max(known) > LOOK.many_fold * min(known):
         return {"type": "log", "nice": False}
     return {"type": "linear", "zero": False}
 
@@ -170,7 +191,7 @@ def _legend(kinds: Sequence[str]) -> Specification | None:
     """None of one kind."""
     if len(kinds) < 2:
         return None
-    return {"columns": 1} if max(map(len, kinds)) > _LONG else {}
+    return {"columns": 1} if max(map(len, kinds)) > LOOK.long else {}
 
 
 def level(at: Iterable[float], axis: str, channel: str = "y", **properties: Any) -> Specification:

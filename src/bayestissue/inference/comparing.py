@@ -319,7 +319,7 @@ def _data_names(groups: Sequence[Sequence[FinishedRun]]) -> list[str]:
     return names
 
 
-def side_by_side(runs: Sequence[FinishedRun]) -> pd.DataFrame:
+def posteriors_by_run(runs: Sequence[FinishedRun]) -> pd.DataFrame:
     """Median and 90 % interval of what every run estimates, whatever its likelihood is a density of.
 
     Mass exponents, of K also that at a common depth where K depends on depth; the secant stiffness and

@@ -11,7 +11,8 @@ from bayestissue.paper.text import Text
 _MARKUP = re.compile(
     r"[\\`*]|<(?=[A-Za-z/!?])|&(?=#?\w+;)|(?<!\w)_|_(?!\w)|~(?=~)|\](?=[(\[])|^\[(?=[^\]]*\]:)"
 )
-_LONGEST_TITLE = 255
+# Word's limit of a document's property.
+LONGEST_TITLE = 255
 _CAPTION = "Posterior medians and 90 % intervals."
 
 
@@ -39,7 +40,7 @@ def write_word(text: Text, path: Path) -> None:
     from docx import Document
 
     document = Document()
-    document.core_properties.title = text.title[:_LONGEST_TITLE]
+    document.core_properties.title = text.title[:LONGEST_TITLE]
     document.core_properties.author = ""
     document.add_heading(text.title, level=0)
     for heading, paragraphs in text.sections.items():

@@ -7,13 +7,12 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from bayestissue.figures.theme import Figure, Specification
-from bayestissue.paper import WIDTH_MM
+from bayestissue.paper import PRINT, WIDTH_MM
 from bayestissue.results import Excel, write_table
 from bayestissue.words import PLAIN, Words
 
-_PIXELS_PER_INCH, _POINTS_PER_INCH, _DOTS_PER_INCH = 96, 72, 300
-# What labels and titles take of the width where panels stand one above the other.
-_BESIDE = 75
+# Of CSS and of PostScript.
+PIXELS_PER_INCH, POINTS_PER_INCH = 96, 72
 _SIZE = re.compile(r'width="([\d.]+)" height="([\d.]+)"')
 
 
@@ -36,15 +35,17 @@ def write_figures(
     """
     import vl_convert
 
-    in_print = _POINTS_PER_INCH / _PIXELS_PER_INCH
+    in_print = POINTS_PER_INCH / PIXELS_PER_INCH
     for name, make in figures:
         figure = make()
-        svg = _drawn(nouns.chart(figure.specification()), width_mm / 25.4 * _PIXELS_PER_INCH)
+        svg = _drawn(nouns.chart(figure.specification()), width_mm / 25.4 * PIXELS_PER_INCH)
         (folder / f"{name}.svg").write_text(svg, encoding="utf-8")
         # A unit of the drawing is a point of the page there, and not a pixel.
         points = _SIZE.sub(lambda size: _size(size, in_print), svg, count=1)
         (folder / f"{name}.pdf").write_bytes(vl_convert.svg_to_pdf(points))
-        (folder / f"{name}.png").write_bytes(vl_convert.svg_to_png(svg, scale=in_print, ppi=_DOTS_PER_INCH))
+        (folder / f"{name}.png").write_bytes(
+            vl_convert.svg_to_png(svg, scale=in_print, ppi=PRINT.dots_per_inch)
+        )
         write_table(figure.data, folder / f"{name}.csv", excel)
 
 
@@ -55,7 +56,7 @@ def _drawn(chart: Specification, pixels: float) -> str:
     # A legend of three columns is wider than a journal's.
     chart["config"] = chart["config"] | {"legend": chart["config"]["legend"] | {"columns": 2}}
     if "vconcat" in chart:
-        chart["vconcat"] = [panel | {"width": pixels - _BESIDE} for panel in chart["vconcat"]]
+        chart["vconcat"] = [panel | {"width": pixels - PRINT.beside} for panel in chart["vconcat"]]
     else:
         chart |= {"width": pixels, "autosize": {"type": "fit-x", "contains": "padding"}}
     svg = vl_convert.vegalite_to_svg(chart)

@@ -224,7 +224,7 @@ def _levels(run: FitRun) -> str:
 
 
 def _comparison(contrast: Mapping[str, Any]) -> str:
-    ratios = [f"{quantity} {s.value} ({s.range})" for quantity, s in contrast["ratios"]]
+    ratios = [f"{quantity} {ratio.words}" for quantity, ratio in contrast["ratios"]]
     name = "Ratio of ratios" if contrast["kind"] == INTERACTION else "Ratio of"
     return f"{name} {contrast['what']}: {listed(ratios)}. {contrast['words']}"
 
@@ -234,7 +234,7 @@ def _mass(run: FitRun) -> str:
     slopes = {q: beta for q in QUANTITIES if (beta := exponent(run, by[q])) is not None}
     if not slopes:
         return ""
-    parts = [f"{q} changed as its power {beta.value} ({beta.range})" for q, beta in slopes.items()]
+    parts = [f"{q} changed as its power {beta.words}" for q, beta in slopes.items()]
     return f"With the mass of the impactor {listed(parts)}. {answers.mass_conclusion(run)}"
 
 
@@ -281,4 +281,4 @@ def _cells(part: pd.DataFrame, value: str) -> list[str]:
 
 
 def _cell(spread: Spread | None) -> str:
-    return "" if spread is None else f"{spread.value} ({spread.range})"
+    return "" if spread is None else spread.words

@@ -13,11 +13,11 @@ import pandas as pd
 import xarray as xr
 
 from bayestissue.inference.results.meanings import UNITS, symbols
+from bayestissue.paper import PRINT
 from bayestissue.results.tables import declared_files
 
-_WIDEST = 60
-# A sheet has no more rows.
-_MOST_ROWS = 1_048_575
+# A sheet of Excel has 2^20 rows, the heading among them.
+MOST_ROWS = 2**20 - 1
 
 
 def write_workbook(
@@ -125,11 +125,11 @@ def write_sheets(sheets: Mapping[str, pd.DataFrame], path: Path) -> None:
     with pd.ExcelWriter(path, **settings) as writer:
         heading = writer.book.add_format({"bold": True, "bottom": 1})
         for name, table in sheets.items():
-            shown, sheet = table[:_MOST_ROWS], writer.book.add_worksheet(name[:31])
+            shown, sheet = table[:MOST_ROWS], writer.book.add_worksheet(name[:31])
             for column, title in enumerate(table):
                 sheet.write_string(0, column, str(title), heading)
                 longest = max((len(cell) for cell in shown[title] if isinstance(cell, str)), default=10)
-                sheet.set_column(column, column, min(max(longest, len(str(title))) + 2, _WIDEST))
+                sheet.set_column(column, column, min(max(longest, len(str(title))) + 2, PRINT.widest))
             sheet.freeze_panes(1, 1)
             body = shown.replace(-np.inf, "−∞")
             body.to_excel(writer, sheet_name=sheet.name, header=False, index=False, startrow=1, inf_rep="∞")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,17 +12,17 @@ from markupsafe import Markup
 from bayestissue.figures.intervals import intervals
 from bayestissue.figures.theme import Figure
 from bayestissue.inference.samplers.diagnostics import ELEMENT_ALONE
-from bayestissue.outline import counted
 from bayestissue.report.page import part, render_page
 from bayestissue.report.tables import Field, Table, number_field, table_of
 from bayestissue.report.wording import (
     FIRST_PREDICTED,
     PREDICTED,
     covariate_words,
+    decimals,
+    digits,
     interval,
     names_in,
     nouns_of,
-    number,
     predicted_words,
     probability,
     significant,
@@ -39,15 +38,15 @@ def _range(row: Mapping[str, Any]) -> str:
 
 _FIELDS = (
     Field("name", lambda row: row["name"].replace("_", " ")),
-    Field("question", lambda row: row["question"], "words"),
-    number_field("posterior", "posterior", partial(number, decimals=3)),
-    number_field("prior", "prior", partial(number, decimals=3)),
+    Field("question", kind="words"),
+    number_field("posterior", words=decimals(3)),
+    number_field("prior", words=decimals(3)),
     number_field("Bayes factor", "bayes_factor"),
-    number_field("Monte Carlo error", "mcse", partial(significant, digits=2)),
-    number_field("median", "median", partial(significant, digits=4)),
+    number_field("Monte Carlo error", "mcse", digits(2)),
+    number_field("median", words=digits(4)),
     Field("90 % interval", _range, "number"),
-    Field("unit", lambda row: row["unit"], "words"),
-    Field("note", lambda row: row["note"], "words"),
+    Field("unit", kind="words"),
+    Field("note", kind="words"),
 )
 
 
@@ -73,11 +72,7 @@ def _line(row: dict[str, Any]) -> dict[str, str]:
 
 def questions_table(answers: pd.DataFrame) -> Table:
     """Every question with all that is known of its answer, without columns that are empty in all of them."""
-    rows = _rows(answers)
-    present = [
-        field for field in _FIELDS if field.title == "question" or any(field.cell(row) for row in rows)
-    ]
-    return table_of(rows, *present)
+    return table_of(_rows(answers), *_FIELDS, empty=False)
 
 
 def _rows(answers: pd.DataFrame) -> list[dict[str, Any]]:
@@ -95,9 +90,13 @@ def answered(lines: Sequence[Mapping[str, str]], answers: pd.DataFrame, saved: s
         answers: the table of those that have one.
         saved: address of that table.
     """
-    draws = f"{int(answers['draws'].max()):,}" if len(answers) else ""
-    table = questions_table(answers) if len(answers) else None
-    return part("macros.html").answered(lines, table, draws, saved)
+    known = (questions_table(answers), _draws(answers)) if len(answers) else (None, "")
+    return part("macros.html").answered(lines, *known, saved)
+
+
+def _draws(table: pd.DataFrame) -> str:
+    """How many draws a table of answers is by."""
+    return f"{int(table['draws'].max()):,}"
 
 
 MOST_DRAWN = 60
@@ -112,13 +111,11 @@ def questions_page(answers: pd.DataFrame, record: Mapping[str, Any]) -> str:
     """
     return render_page(
         "questions.html",
-        title=f"{counted(len(answers), 'question')} to a fit of {record['dataset']}",
-        subtitle=_model_words(record),
         nouns=nouns_of(record, names_in(answers)),
         record=record,
         questions=question_lines(answers, len(answers)),
         questions_table=questions_table(answers),
-        draws=f"{int(answers['draws'].max()):,}",
+        draws=_draws(answers),
     )
 
 
@@ -132,20 +129,14 @@ def predictions_page(predictions: pd.DataFrame, record: Mapping[str, Any]) -> st
     first = predictions[:MOST_DRAWN]
     return render_page(
         "predictions.html",
-        title=f"{counted(len(predictions), 'new impact')} by a fit of {record['dataset']}",
-        subtitle=_model_words(record),
         nouns=nouns_of(record, names_in(predictions)),
         record=record,
         figures=[drawn for name in FIRST_PREDICTED if (drawn := _intervals(first, name)) is not None],
         drawn=len(first),
         total=len(predictions),
         predictions=_table(predictions),
-        draws=f"{int(predictions['draws'].max()):,}",
+        draws=_draws(predictions),
     )
-
-
-def _model_words(record: Mapping[str, Any]) -> str:
-    return f"by the model {record['model']['name']}, sampled {record['started'][:10]}"
 
 
 def _intervals(predictions: pd.DataFrame, name: str) -> Figure | None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import sys
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,10 +20,10 @@ from bayestissue.report.page import render_page
 from bayestissue.report.posterior import best_explanations
 from bayestissue.report.tables import Field, Row, Table, columns, number_field, settings_table, table_of
 from bayestissue.report.wording import (
+    decimals,
     interval,
     listed,
     nouns_of,
-    number,
     probability,
     significant,
     with_error,
@@ -47,42 +48,31 @@ def comparison_figure(table: pd.DataFrame, scheme: str) -> Figure:
     )
 
 
-def side_by_side_figures(
-    posteriors: pd.DataFrame, quantity: str, *, same_element: bool = True
-) -> list[Figure]:
+def figures_by_run(posteriors: pd.DataFrame, quantity: str, alike: bool) -> list[Figure]:
     """The mass exponent, K (or C) of a typical, a new and each person: a colour and a mark a run.
 
-    Unless the runs are of the ``same_element``, what means the same in all stands for K (or C): the
-    secant stiffness (the equivalent damping) of the recorded impacts, and of each person's own.
+    Unless K and C are ``alike`` in all runs, those of one element, what means the same in all stands for K
+    (or C): the secant stiffness (the equivalent damping) of the recorded impacts, and of each person's own.
     """
-    figures = []
-    for variable, rows in _parts(posteriors, quantity, same_element):
-        exponent = variable.startswith("mass_exponent")
-        what, unit = heading_words(variable, rows["of"].iloc[0]), "no unit" if exponent else UNITS[quantity]
-        named = rows.rename(columns={"run": "series"}).replace({"label": {"": "all"}})
-        figures.append(
-            intervals(
-                named[["label", "series", "median", "eti90_low", "eti90_high"]],
-                f"{what} ({unit})",
-                f"{NAMES[quantity]} by run: {what}; posterior median and 90 % interval, a colour and a "
-                "mark for each run.",
-                lines=(0, 1) if exponent else (),
-                straight=exponent,
-            )
-        )
-    return figures
-
-
-def _parts(posteriors: pd.DataFrame, quantity: str, same_element: bool) -> list[tuple[str, pd.DataFrame]]:
-    parts = []
     of_element = (f"{quantity}_typical_person", f"{quantity}_new", f"{quantity}_subject")
-    values = of_element if same_element else (OF_IMPACTS[quantity], _OF_SUBJECT[quantity])
-    for variable in (f"mass_exponent_{quantity}", f"mass_exponent_{quantity}_common_depth", *values):
-        rows = posteriors[posteriors["variable"] == variable]
-        rows = rows[rows["label"].isin(rows["label"].drop_duplicates()[:MOST_PEOPLE])]
-        if len(rows):
-            parts.append((variable, rows))
-    return parts
+    values = of_element if alike else (OF_IMPACTS[quantity], _OF_SUBJECT[quantity])
+    exponents = (f"mass_exponent_{quantity}", f"mass_exponent_{quantity}_common_depth")
+    parts = {variable: posteriors[posteriors["variable"] == variable] for variable in (*exponents, *values)}
+    return [_by_run(rows, quantity, variable in exponents) for variable, rows in parts.items() if len(rows)]
+
+
+def _by_run(rows: pd.DataFrame, quantity: str, exponent: bool) -> Figure:
+    what = heading_words(rows["variable"].iloc[0], rows["of"].iloc[0])
+    shown = rows[rows["label"].isin(rows["label"].drop_duplicates()[:MOST_PEOPLE])]
+    shown = shown.rename(columns={"run": "series"}).replace({"label": {"": "all"}})
+    return intervals(
+        shown[["label", "series", "median", "eti90_low", "eti90_high"]],
+        f"{what} ({'no unit' if exponent else UNITS[quantity]})",
+        f"{NAMES[quantity]} by run: {what}; posterior median and 90 % interval, a colour and a mark for "
+        "each run.",
+        lines=(0, 1) if exponent else (),
+        straight=exponent,
+    )
 
 
 def answers_table(answers: pd.DataFrame, runs: Sequence[str]) -> Table:
@@ -118,7 +108,7 @@ def answers_figure(answers: pd.DataFrame) -> Figure | None:
 
 
 _INTERVAL = (
-    Field("median", lambda row: significant(row["median"]), "number"),
+    number_field("median", missing="not known"),
     Field("90 % interval", lambda row: interval(row["eti90_low"], row["eti90_high"]), "number"),
 )
 
@@ -163,27 +153,18 @@ def weighted_words(implied: pd.DataFrame) -> list[str]:
 def implied_table(implied: pd.DataFrame) -> Table:
     """Every row of `implied.csv`."""
     return table_of(
-        implied.to_dict("records"),
+        implied,
         Field("quantity", quantity),
         Field("weights by", lambda row: what_is_left_out(row["scheme"])),
-        Field("density of", lambda row: row["data"]),
+        Field("density of", "data"),
         *_INTERVAL,
-        Field("unit", lambda row: row["unit"]),
+        Field("unit"),
     )
 
 
 TABLES = ("comparison", "posteriors", "implied")
-# The page says once, and first, which densities can't be compared.
 _APART = (r"(; )?densities of other numbers.*", "")
 _AGAIN = "Compare the runs anew with `bayestissue compare`."
-_CONTENTS = (
-    ("accuracy", "Accuracy"),
-    ("weights", "Weights"),
-    ("answers", "Answers"),
-    ("posteriors", "Posteriors"),
-    ("models", "Models"),
-    ("provenance", "Provenance"),
-)
 
 
 def comparison_page(folder: Path, record: dict[str, Any]) -> str:
@@ -203,46 +184,28 @@ def comparison_page(folder: Path, record: dict[str, Any]) -> str:
 def page_of(tables: Mapping[str, pd.DataFrame], record: dict[str, Any]) -> str:
     """The HTML of a comparison: its `TABLES` by name, and the content of ``run.json``."""
     comparison, posteriors, implied = (typed(name, tables[name]) for name in TABLES)
-    answers = tables.get("answers", table_of_rows("answers"))
     runs = record["runs"]
     names = [str(run["name"]) for run in runs]
+    verdicts = {str(run["name"]): run.get("verdict") or {} for run in runs}
     # Beside a discrepancy K is the element's own, of which there are no rows.
-    same = same_element(runs) and set(posteriors.loc[posteriors["variable"] == "K_new", "run"]) == set(names)
-    shown = {q: f"{q}_new" if same else together for q, together in OF_IMPACTS.items()}
+    alike = same_element(runs) and set(posteriors.loc[posteriors["variable"] == "K_new", "run"]) == set(names)
     return render_page(
         "comparison.html",
-        title=f"Fits of {record.get('dataset') or 'one dataset'} beside each other",
-        subtitle=f"{len(names)} runs: {', '.join(names)}",
-        contents=_CONTENTS,
+        page=sys.modules[__name__],
         nouns=nouns_of(record, names),
-        record=record,
-        failed=[str(run["name"]) for run in runs if not (run.get("verdict") or {}).get("passed")],
-        warned=[run for run in runs if (run.get("verdict") or {}).get("warned")],
-        best=best_of_each_data(comparison),
-        unsure=unsure_words(comparison),
-        apart=apart_words(comparison),
         codes=codes_in("; ".join(comparison["warning"])),
-        at_depth=bool((posteriors["variable"] == "mass_exponent_K_common_depth").any()),
-        exponents={q: exponent_rows(posteriors, names, q) for q in ("K", "C")},
-        alike=same,
-        new={q: quantity_rows(posteriors, names, variable) for q, variable in shown.items()},
-        new_of=interval_subject(posteriors, shown["K"]),
-        people_typical={q: quantity_rows(posteriors, names, f"{q}_typical_person") for q in shown},
-        typical_of=interval_subject(posteriors, "K_typical_person"),
-        weighted=weighted_words(implied),
-        implied_table=implied_table(implied),
-        masses=reference_masses(runs),
-        accuracy_plots=accuracy_figures(comparison),
-        comparison_table=comparison_table(comparison),
-        answers_table=answers_table(answers, names),
-        answers_plot=answers_figure(answers),
-        posterior_plots=[
-            figure for q in ("K", "C") for figure in side_by_side_figures(posteriors, q, same_element=same)
-        ],
-        people=int(posteriors["label"].nunique()) - int((posteriors["label"] == "").any()),
-        most_people=MOST_PEOPLE,
-        posteriors_table=posteriors_table(posteriors),
-        models_table=differing_settings(runs),
+        record=record,
+        names=names,
+        failed=[name for name, verdict in verdicts.items() if not verdict.get("passed")],
+        warned=[run for run in runs if verdicts[str(run["name"])].get("warned")],
+        alike=alike,
+        # The page says once, and first, which densities can't be compared.
+        comparison=comparison.assign(warning=comparison["warning"].str.replace(*_APART, regex=True)),
+        posteriors=posteriors,
+        implied=implied,
+        answers=tables.get("answers", table_of_rows("answers")),
+        shown={q: f"{q}_new" if alike else together for q, together in OF_IMPACTS.items()},
+        people=len(set(posteriors["label"]) - {""}),
     )
 
 
@@ -255,10 +218,9 @@ def _comparable(comparison: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
 def best_of_each_data(comparison: pd.DataFrame) -> list[str]:
     """Which run predicts best in each scheme, among those whose densities are of the same numbers."""
     several = len(comparison["data"].unique()) > 1
-    warnings = comparison["warning"].str.replace(*_APART, regex=True)
     return [
         f"Densities of {data}: {sentence}" if several else sentence
-        for data, rows in _comparable(comparison.assign(warning=warnings))
+        for data, rows in _comparable(comparison)
         for sentence in best_explanations(rows)
     ]
 
@@ -300,32 +262,28 @@ def interval_subject(posteriors: pd.DataFrame, variable: str) -> str:
 
 def quantity_rows(posteriors: pd.DataFrame, runs: list[str], variable: str) -> list[dict[str, str]]:
     """Median and 90 % interval of a quantity without labels, by run; "not in this model" where it lacks."""
-    chosen = posteriors[posteriors["variable"] == variable]
-    absent = {"value": "not in this model", "range": "", "unit": ""}
-    present = {
-        row["run"]: {
-            "value": significant(row["median"]),
-            "range": interval(row["eti90_low"], row["eti90_high"]),
-            "unit": "" if row["unit"] == "1" else str(row["unit"]),
-        }
-        for row in chosen.to_dict("records")
-    }
-    return [{"run": run, **present.get(run, absent)} for run in runs]
+    return _rows_by_run(posteriors[posteriors["variable"] == variable], runs, significant)
 
 
 def exponent_rows(posteriors: pd.DataFrame, runs: list[str], quantity: str) -> list[dict[str, str]]:
     """The mass exponent of K or C by run, of K that at the common depth in runs that have one."""
-    name, common = f"mass_exponent_{quantity}", f"mass_exponent_{quantity}_common_depth"
-    at_depth = posteriors.loc[posteriors["variable"] == common, "run"]
-    relevant = (posteriors["variable"] == common) | (
-        (posteriors["variable"] == name) & ~posteriors["run"].isin(at_depth)
-    )
-    chosen = posteriors[relevant].assign(variable=name)
-    table = chosen.set_index("run")["median"]
-    return [
-        {**row, "value": number(table[row["run"]], 2) if row["run"] in table else row["value"]}
-        for row in quantity_rows(chosen, runs, name)
-    ]
+    name = f"mass_exponent_{quantity}"
+    at_depth = posteriors[posteriors["variable"] == f"{name}_common_depth"]
+    own = posteriors[(posteriors["variable"] == name) & ~posteriors["run"].isin(at_depth["run"])]
+    return _rows_by_run(pd.concat([at_depth, own]), runs, decimals(2))
+
+
+def _rows_by_run(rows: pd.DataFrame, runs: list[str], words: Callable[[float], str]) -> list[dict[str, str]]:
+    present = {
+        row["run"]: {
+            "value": words(row["median"]),
+            "range": interval(row["eti90_low"], row["eti90_high"]),
+            "unit": "" if row["unit"] == "1" else str(row["unit"]),
+        }
+        for row in rows.to_dict("records")
+    }
+    absent = {"value": "not in this model", "range": "", "unit": ""}
+    return [{"run": run, **present.get(run, absent)} for run in runs]
 
 
 def reference_masses(runs: list[dict[str, Any]]) -> str:
@@ -339,33 +297,30 @@ def reference_masses(runs: list[dict[str, Any]]) -> str:
 
 
 def comparison_table(comparison: pd.DataFrame) -> Table:
-    """Every row of `comparison.csv`; what the page says of densities apart is not said again."""
-    warnings = comparison["warning"].str.replace(*_APART, regex=True)
+    """Every row of `comparison.csv`."""
+
+    def beside_error(value: str, error: str, row: Mapping[str, Any]) -> str:
+        return "" if pd.isna(row[value]) else with_error(row[value], row[error], 1)
+
     return table_of(
-        comparison.assign(warning=warnings).to_dict("records"),
+        comparison,
         Field("left out", lambda row: what_is_left_out(row["scheme"])),
-        Field("run", lambda row: row["model"]),
-        Field("density of", lambda row: row["data"]),
-        Field("elpd", lambda row: _with_error(row["elpd"], row["se"]), "number"),
-        Field(
-            "off the best", lambda row: _with_error(row["elpd_difference"], row["se_difference"]), "number"
-        ),
-        number_field("effective parameters", "p_effective", partial(number, decimals=1)),
-        number_field("weight", "weight", partial(number, decimals=2)),
-        Field("warning", lambda row: row["warning"], "words"),
+        Field("run", "model"),
+        Field("density of", "data"),
+        Field("elpd", partial(beside_error, "elpd", "se"), "number"),
+        Field("off the best", partial(beside_error, "elpd_difference", "se_difference"), "number"),
+        number_field("effective parameters", "p_effective", decimals(1)),
+        number_field("weight", words=decimals(2)),
+        Field("warning", kind="words"),
     )
-
-
-def _with_error(value: float, error: float) -> str:
-    return "" if pd.isna(value) else with_error(value, error, 1)
 
 
 def posteriors_table(posteriors: pd.DataFrame) -> Table:
     """Every row of `posteriors.csv`."""
     return table_of(
-        posteriors.to_dict("records"),
+        posteriors,
         Field("quantity", quantity),
-        Field("run", lambda row: row["run"]),
+        Field("run"),
         *_INTERVAL,
         Field("unit", lambda row: "" if row["unit"] == "1" else row["unit"]),
     )

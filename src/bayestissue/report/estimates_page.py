@@ -2,58 +2,46 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from operator import itemgetter
+import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from bayestissue.figures.impacts import MASS, axis_title, end
+from bayestissue.figures.impacts import INTERVALS, MASS, axis_title, end
 from bayestissue.figures.study import points
 from bayestissue.figures.theme import Figure, number
 from bayestissue.inference.points.notes import said_once
 from bayestissue.inference.results.meanings import COLUMNS, NAMES, QUANTITIES, UNITS
 from bayestissue.remedies import codes_in
 from bayestissue.report.page import render_page
-from bayestissue.report.tables import Field, Row, Table, columns, settings_table, table_of
-from bayestissue.report.wording import interval, listed, nouns_of, significant
+from bayestissue.report.settings import LIMITS
+from bayestissue.report.tables import Field, Table, number_field, settings_table, table_of
+from bayestissue.report.wording import digits, interval, listed, nouns_of, significant
 from bayestissue.report.wording import number as in_words
 from bayestissue.results import read_tables
 from bayestissue.results.tables import declared_files, typed
 
+_RECORDED = {"mass_kg": "M (kg)", "velocity_m_s": "V (m/s)"}
 _HEADINGS = {
-    "mass_kg": "M (kg)",
-    "velocity_m_s": "V (m/s)",
-    "omega_n_rad_s": "ωₙ (rad/s)",
-    "zeta": "ζ",
-    "K_N_per_m": "K (N/m)",
-    "K_se_N_per_m": "standard error",
-    "C_N_s_per_m": "C (N s/m)",
-    "C_se_N_s_per_m": "standard error",
+    **_RECORDED,
+    **{"omega_n_rad_s": "ωₙ (rad/s)", "zeta": "ζ"},
+    **{"K_N_per_m": "K (N/m)", "K_se_N_per_m": "standard error"},
+    **{"C_N_s_per_m": "C (N s/m)", "C_se_N_s_per_m": "standard error"},
 }
 # Of the method "impact", whose intervals hold.
-_OF_POSTERIORS = {
-    "mass_kg": "M (kg)",
-    "velocity_m_s": "V (m/s)",
-    "zeta": "ζ",
-    "K_N_per_m": "K (N/m)",
-    "K_low_N_per_m": "K, 5 %",
-    "K_high_N_per_m": "K, 95 %",
-    "C_N_s_per_m": "C (N s/m)",
-    "C_low_N_s_per_m": "C, 5 %",
-    "C_high_N_s_per_m": "C, 95 %",
-}
+_OF_POSTERIORS = _RECORDED | {"zeta": "ζ"} | INTERVALS
 _FURTHER_HEADINGS = {
-    "K_N_per_m_median": "K (N/m), median impact",
-    "K_N_per_m_5": "K, 5 % of impacts below",
-    "K_N_per_m_95": "K, 95 % of impacts below",
-    "C_N_s_per_m_median": "C (N s/m), median impact",
-    "C_N_s_per_m_5": "C, 5 % of impacts below",
-    "C_N_s_per_m_95": "C, 95 % of impacts below",
+    f"{COLUMNS[q]}_{which}": title
+    for q in QUANTITIES
+    for which, title in (
+        ("median", f"{q} ({UNITS[q]}), median impact"),
+        ("5", f"{q}, 5 % of impacts below"),
+        ("95", f"{q}, 95 % of impacts below"),
+    )
 }
-_SHOWN = 300
 # Tables that a run may hold beside its estimates, with their heading and what to look for.
 _FURTHER = {
     "centring": (
@@ -82,45 +70,34 @@ def estimates_page(folder: Path, record: dict[str, Any]) -> str:
 def page_of(tables: Mapping[str, pd.DataFrame], record: dict[str, Any]) -> str:
     """The HTML of the page of point estimates: ``tables`` by name, the content of ``run.json``."""
     table = typed("estimates", tables["estimates"])
-    further = [
-        (name, heading, words, plain_table(name, tables[name]))
-        for name, (heading, words) in _FURTHER.items()
-        if name in tables
-    ]
+    notes = list(table.get("notes", []))
     return render_page(
         "estimates.html",
-        title="Stiffness K and damping C of each impact",
-        subtitle=f"{record.get('dataset', '')}: {len(table)} impacts".removeprefix(": "),
-        contents=[
-            ("estimates", "Estimates"),
-            *((name, heading) for name, heading, _, _ in further),
-            ("options", "Options"),
-            ("provenance", "Provenance"),
-        ],
+        page=sys.modules[__name__],
         nouns=nouns_of(record, set(table[["impact", "subject", "trial"]].to_numpy(str).ravel())),
+        codes=codes_in("; ".join([*table["flags"], *notes])),
         record=record,
-        levels=[_level(table, q) for q in QUANTITIES],
+        impacts=table,
         flagged=int((table["flags"] != "").sum()),
-        flags=flag_counts(table),
-        codes=codes_in("; ".join([*table["flags"], *table.get("notes", [])])),
-        by_posterior=_by_posterior(table),
-        notes=said_once(table["notes"]) if "notes" in table else [],
-        total=len(table),
-        trend=mass_trend(table),
+        notes=said_once(notes),
         plots=[estimate_figure(table, q) for q in QUANTITIES] if table["mass_kg"].notna().any() else [],
-        estimates=estimates_table(table),
-        shown=min(len(table), _SHOWN),
-        further=further,
+        further={
+            name: (heading, words, plain_table(name, tables[name]))
+            for name, (heading, words) in _FURTHER.items()
+            if name in tables
+        },
+        sections=[(name, heading) for name, (heading, _) in _FURTHER.items() if name in tables],
         settings=settings_table({key: record[key] for key in _SETTINGS if key in record}),
     )
 
 
-def _by_posterior(table: pd.DataFrame) -> bool:
+def by_posterior(table: pd.DataFrame) -> bool:
     """Whether the method was "impact", which alone weights importance."""
     return "pareto_k" in table
 
 
-def _level(table: pd.DataFrame, q: str) -> dict[str, str]:
+def level(table: pd.DataFrame, q: str) -> dict[str, str]:
+    """The middle and the spread of K or C over the impacts, as text."""
     values = table[COLUMNS[q]].dropna()
     low, median, high = np.percentile(values, [5, 50, 95]) if len(values) else [np.nan] * 3
     return {
@@ -135,7 +112,7 @@ def _level(table: pd.DataFrame, q: str) -> dict[str, str]:
 
 def _relative_half_width(table: pd.DataFrame, q: str) -> str:
     """Half of a single impact's interval, as a share of it, in the median impact; of posteriors alone."""
-    if not _by_posterior(table):
+    if not by_posterior(table):
         return ""
     half = ((table[end(q, "high")] - table[end(q, "low")]) / 2 / table[COLUMNS[q]]).median()
     return "" if pd.isna(half) else f"{100 * half:.2g} %"
@@ -150,17 +127,19 @@ def flag_counts(table: pd.DataFrame) -> str:
 
 def estimates_table(table: pd.DataFrame) -> Table:
     """The impacts that need a look first: those with flags, then the others in their order."""
-    order = table.assign(_clean=table["flags"] == "").sort_values("_clean", kind="stable").index[:_SHOWN]
-    named = _OF_POSTERIORS if _by_posterior(table) else _HEADINGS
-
-    def digits(column: str) -> Callable[[Any], str]:
-        return lambda row: significant(row[column], 4)
-
+    order = (
+        table.assign(_clean=table["flags"] == "").sort_values("_clean", kind="stable").index[: LIMITS.rows]
+    )
+    named = _OF_POSTERIORS if by_posterior(table) else _HEADINGS
     return table_of(
-        table.loc[order].to_dict("records"),
-        *(Field(name, itemgetter(name)) for name in ("impact", "subject", "trial")),
-        *(Field(named[column], digits(column), "number") for column in named if column in table),
-        Field("flags", itemgetter("flags"), "words"),
+        table.loc[order],
+        *map(Field, ("impact", "subject", "trial")),
+        *(
+            number_field(title, column, digits(4), missing="not known")
+            for column, title in named.items()
+            if column in table
+        ),
+        Field("flags", kind="words"),
         mark=lambda row: "disagrees" if row["flags"] else "",
     )
 
@@ -170,7 +149,7 @@ def estimate_figure(table: pd.DataFrame, q: str) -> Figure:
     rows = table[["impact", "subject", "trial", "mass_kg", COLUMNS[q]]]
     rows = rows.rename(columns={"subject": "person", "trial": "condition"})
     rows["kind"] = table["flags"].map(lambda flags: "flagged" if flags else "no flag")
-    if _by_posterior(table):
+    if by_posterior(table):
         rows["low"], rows["high"] = (table[end(q, side)] for side in ("low", "high"))
     rows = rows.sort_values("kind", ascending=False, ignore_index=True)
     return points(
@@ -199,20 +178,13 @@ def mass_trend(table: pd.DataFrame) -> str:
 def plain_table(name: str, frame: pd.DataFrame) -> Table:
     """A whole table as it is declared: numbers to the right, those that aren't whole with four digits."""
     declared, frame = declared_files()[f"{name}.csv"].columns, typed(name, frame)
-    kinds = {}
-    for column in map(str, frame):
+
+    def field(column: str) -> Field:
         otherwise = "number" if pd.api.types.is_numeric_dtype(frame[column]) else "text"
-        kinds[column] = declared[column].kind if column in declared else otherwise
-    titles = {column: _FURTHER_HEADINGS.get(column, column) for column in kinds}
-    numbers = [titles[column] for column, kind in kinds.items() if kind != "text"]
-    rows = [
-        Row([_cell(line[column], kind) for column, kind in kinds.items()])
-        for line in frame.to_dict("records")
-    ]
-    return Table(columns(*titles.values(), number=numbers, words=("expected", "remedy", "note")), rows)
+        kind = declared[column].kind if column in declared else otherwise
+        title = _FURTHER_HEADINGS.get(column, column)
+        if kind == "text":
+            return Field(title, column, "words" if column in ("expected", "remedy", "note") else "text")
+        return number_field(title, column, "{:.0f}".format if kind == "whole" else digits(4))
 
-
-def _cell(value: Any, kind: str) -> str:
-    if kind == "text":
-        return str(value)
-    return "" if pd.isna(value) else f"{value:.0f}" if kind == "whole" else significant(value, 4)
+    return table_of(frame, *map(field, map(str, frame)))

@@ -15,8 +15,10 @@ from markupsafe import Markup, escape
 
 from bayestissue.figures.browser import library, packed_json
 from bayestissue.figures.theme import Figure
+from bayestissue.outline import counted, numbers_in_short
 from bayestissue.remedies import Code, entries
 from bayestissue.report.tables import frame_table
+from bayestissue.report.wording import half_width, listed, number, significant
 from bayestissue.words import PLAIN, Words
 
 
@@ -117,7 +119,9 @@ def _environment() -> jinja2.Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["prose"] = prose
+    # How sentences of a template write numbers and names.
+    for words in (prose, counted, half_width, listed, number, numbers_in_short, significant):
+        environment.filters[words.__name__] = words
     for draw in (again, drawn):
         environment.filters[draw.__name__] = _in_the_pages_nouns(draw)
     environment.globals["script"] = script

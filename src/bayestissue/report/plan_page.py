@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import sys
+from collections.abc import Collection, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,16 +15,21 @@ from markupsafe import Markup
 from bayestissue.figures import study
 from bayestissue.figures.theme import Figure
 from bayestissue.figures.theme import number as channel
-from bayestissue.outline import counted, numbers_in_short
+from bayestissue.outline import numbers_in_short
 from bayestissue.remedies import codes_in
 from bayestissue.report.page import render_page
 from bayestissue.report.run_folder import read_json, require_files
+from bayestissue.report.settings import LIMITS
 from bayestissue.report.tables import Field, Table, number_field, settings_table, table_of
-from bayestissue.report.wording import half_width, listed, nouns_of_plan, number, significant, with_error
+from bayestissue.report.wording import (
+    decimals,
+    digits,
+    nouns_of_plan,
+    significant,
+    with_error,
+)
 from bayestissue.results import read_table
 
-# A figure of more lines can't be read.
-_MOST_LINES = 6
 # In what designs differ.
 _AXES = ("people", "masses_kg", "velocities_m_s", "conditions", "repeats", "recorder")
 # What stands for more people, by its key in plan.json.
@@ -51,61 +57,33 @@ def page_of(content: Mapping[str, Any], designs: pd.DataFrame, record: Mapping[s
     goals = list(chosen["goals"])
     return render_page(
         "plan.html",
-        title="How many people and impacts does the study need?",
-        subtitle=f"{plan['name']}: {counted(len(content['designs']), 'design')} compared",
+        page=sys.modules[__name__],
         nouns=nouns_of_plan(content),
-        contents=[
-            ("application", "For the application"),
-            ("designs", "All designs"),
-            ("more", "What limits the answer"),
-            *([("power", "Power at one truth")] if "one truth" in content["variants"] else []),
-            *([("looks", "Stopping early")] if content["looks"] else []),
-            ("assumed", "What is assumed"),
-            ("provenance", "Provenance"),
-        ],
+        codes=codes_in(content["warning"]),
         record=record,
         plan=plan,
         content=content,
-        codes=codes_in(content["warning"]),
-        questions=_questions(plan),
-        by_people=along(content, "people"),
-        by_recorder=along(content, "recorder") if chosen["recorder"] else None,
-        cost=_cost(chosen, plan["cost"]),
-        misleads=_misleads(chosen),
+        chosen=chosen,
+        designs=designs,
         curves=[curves(designs, name, wanted) for name in goals],
         grids=[grid for name in goals if (grid := people_and_repeats(designs, name, chosen, wanted))],
-        designs_table=designs_table(designs, content["chosen"], wanted),
-        gains=gains_table(content),
-        gain_words=_gain_words(content),
         limit_studies=next(iter(content["limits"]["people"]["goals"].values()))["studies"],
-        power=power_table(content) if "one truth" in content["variants"] else None,
-        looks=[(_name(name), looks_table(rows)) for name, rows in content["looks"].items()],
-        formulas=_formulas(content),
-        believed=settings_table({"population": plan["population"]}),
-        chain=settings_table({key: plan[key] for key in _chain(plan) if key in plan}),
-        settings=settings_table({key: plan[key] for key in ("candidates", "cost", "goal")}),
     )
 
 
-def _name(goal: str) -> str:
+def goal_name(goal: str) -> str:
+    """A goal in words."""
     return goal.replace("_", " ")
-
-
-def _questions(plan: Mapping[str, Any]) -> list[dict[str, str]]:
-    claims = [{"name": _name(name), "text": text} for name, text in plan["questions"].items()]
-    for name, wanted in plan.get("precision", {}).items():
-        claims.append({"name": _name(name), "text": f"{wanted['of']} to ± {half_width(wanted)}"})
-    return claims
 
 
 def _share(goal: Mapping[str, Any]) -> str:
     return with_error(goal["answered"], goal["se"])
 
 
-def _chain(plan: Mapping[str, Any]) -> list[str]:
-    """The tables of the measuring chain: recorders that are compared stand among the candidates."""
-    recorders = plan["candidates"].get("recorders")
-    return [*([] if recorders else ["recording"]), "recorder", "gravity"]
+def settings(plan: Mapping[str, Any], *keys: str) -> Table:
+    """Tables of the plan, those that it has; recorders that are compared stand among the candidates."""
+    compared = ["recording"] if plan["candidates"].get("recorders") else []
+    return settings_table({key: plan[key] for key in keys if key in plan and key not in compared})
 
 
 def along(content: Mapping[str, Any], axis: str) -> Table:
@@ -127,39 +105,12 @@ def along(content: Mapping[str, Any], axis: str) -> Table:
         return Markup("<strong>{}</strong>").format(share) if value == chosen[axis] else share
 
     goals = list(chosen["goals"])
-    titles = {name: _name(name) if len(goals) > 1 else "answers" for name in goals}
+    titles = {name: goal_name(name) if len(goals) > 1 else "answers" for name in goals}
     return table_of(
         sorted(rows) if axis == "people" else list(rows),
         Field(axis, str, "number" if axis == "people" else ""),
         *(Field(titles[name], partial(cell, goal=name), "number") for name in goals),
     )
-
-
-def _cost(design: Mapping[str, Any], cost: Mapping[str, float]) -> dict[str, str]:
-    hours = design["minutes"] / 60
-    size = f"{significant(hours, 2)} hours" if hours >= 1.5 else f"{design['minutes']:.0f} minutes"
-    minutes = f"{cost['person_min']:g} minutes a person, {cost['impact_min']:g} an impact"
-    return {
-        "time": size,
-        "design": f"{counted(design['people'], 'person', 'people')}, {counted(design['impacts'], 'impact')}: "
-        f"{numbers_in_short(design['masses_kg'].split())} kg at "
-        f"{numbers_in_short(design['velocities_m_s'].split())} m/s, "
-        f"{counted(design['repeats'], 'repeat')}{', ' if design['recorder'] else ''}{design['recorder']}.",
-        "of": f"{minutes}, {cost['mass_change_min']:g} a change of the mass.",
-    }
-
-
-def _misleads(design: Mapping[str, Any]) -> list[str]:
-    """What happens else, in a sentence each."""
-    sentences = []
-    for name, goal in design["goals"].items():
-        if goal["misleads"] is None:
-            mean, most = significant(goal["width"], 2), significant(goal["width_q80"], 2)
-            sentences.append(f"{_name(name)}: ± {mean} on average; 80 % of the studies are below {most}.")
-        else:
-            undecided, misleads = number(goal["undecided"], 2), number(goal["misleads"], 2)
-            sentences.append(f"{_name(name)}: undecided {undecided}, answered wrongly {misleads}.")
-    return sentences
 
 
 def curves(designs: pd.DataFrame, goal: str, wanted: float) -> Figure:
@@ -176,7 +127,7 @@ def curves(designs: pd.DataFrame, goal: str, wanted: float) -> Figure:
                 low=line["answered"] - line["se"],
                 high=line["answered"] + line["se"],
             )
-            for key, line in lines[:_MOST_LINES]
+            for key, line in lines[: LIMITS.lines]
         ],
         ignore_index=True,
     )
@@ -185,8 +136,9 @@ def curves(designs: pd.DataFrame, goal: str, wanted: float) -> Figure:
     return study.points(
         shown,
         channel(over, over, scale={"zero": False}, axis={"values": values}),
-        channel("answered", f"assurance: {_name(goal)}", scale={"domain": [0, 1]}),
-        f"Assurance of {_name(goal)} over {over}, with standard errors; the dashed line is what is wanted.",
+        channel("answered", f"assurance: {goal_name(goal)}", scale={"domain": [0, 1]}),
+        f"Assurance of {goal_name(goal)} over {over}, with standard errors; the dashed line is what is "
+        "wanted.",
         lines=ends,
         joined=True,
     )
@@ -223,8 +175,8 @@ def people_and_repeats(
         rows[["people", "repeats", "answered"]].rename(columns={"answered": "share"}).reset_index(drop=True),
         "people",
         "repeats",
-        f"Assurance of {_name(goal)} over people and repeats; in bold what reaches the wanted {wanted:g}, "
-        "framed the design above.",
+        f"Assurance of {goal_name(goal)} over people and repeats; in bold what reaches the wanted "
+        f"{wanted:g}, framed the design above.",
         wanted=wanted,
         chosen=(chosen["people"], chosen["repeats"]),
     )
@@ -237,27 +189,35 @@ def designs_table(designs: pd.DataFrame, chosen: int, wanted: float) -> Table:
         words = _share(row)
         return Markup("<strong>{}</strong>").format(words) if row["answered"] >= wanted else words
 
-    hundredths, digits = partial(number, decimals=2), partial(significant, digits=2)
-    fields = [
+    return table_of(
+        designs,
         Field("design", lambda row: f"{row['design']:.0f}{' ◂' if row['design'] == chosen else ''}"),
-        Field("people", lambda row: f"{row['people']:.0f}", "number"),
+        number_field("people", words=decimals(0)),
         Field("kg", lambda row: numbers_in_short(row["masses_kg"].split())),
         Field("m/s", lambda row: numbers_in_short(row["velocities_m_s"].split())),
-        Field("repeats", lambda row: f"{row['repeats']:.0f}", "number"),
-        Field("recorder", lambda row: row["recorder"]),
-        Field("impacts", lambda row: f"{row['impacts']:.0f}", "number"),
+        number_field("repeats", words=decimals(0)),
+        Field("recorder"),
+        number_field("impacts", words=decimals(0)),
         Field("hours", lambda row: significant(row["minutes"] / 60, 2), "number"),
-        Field("goal", lambda row: _name(row["goal"])),
+        *_goal_fields(set(designs["goal"])),
         Field("assurance", share, "number"),
-        *(number_field(name, name, hundredths) for name in ("yes", "no", "undecided", "misleads")),
-        number_field("bits left", "undecided_bits", hundredths),
-        number_field("half width", "width", digits),
-        number_field("80 % below", "width_q80", digits),
-    ]
-    rows = designs.to_dict("records")
-    shown = [field for field in fields if any(field.cell(row) for row in rows)]
-    several = len(set(designs["goal"])) > 1
-    return table_of(rows, *(field for field in shown if several or field.title != "goal"))
+        *(number_field(name, words=decimals(2)) for name in ("yes", "no", "undecided", "misleads")),
+        *_WIDTHS,
+        number_field("80 % below", "width_q80", digits(2)),
+        empty=False,
+    )
+
+
+# What a study leaves open: of a claim, and of a number.
+_WIDTHS = (
+    number_field("bits left", "undecided_bits", decimals(2)),
+    number_field("half width", "width", digits(2)),
+)
+
+
+def _goal_fields(goals: Collection[str]) -> list[Field]:
+    """The column of the goal; none where there is one goal alone."""
+    return [Field("goal", lambda row: goal_name(row["goal"]))] * (len(goals) > 1)
 
 
 def gains_table(content: Mapping[str, Any]) -> Table:
@@ -274,29 +234,20 @@ def gains_table(content: Mapping[str, Any]) -> Table:
         for words, variant in named
         for name, goal in variant["goals"].items()
     ]
-    fields = [
-        Field("with", lambda row: row["with"], "words"),
-        *([Field("goal", lambda row: _name(row["goal"]))] if len(chosen["goals"]) > 1 else []),
+    return table_of(
+        rows,
+        Field("with", kind="words"),
+        *_goal_fields(chosen["goals"]),
         Field("assurance", _share, "number"),
-        Field("more by", _gain, "number"),
-        number_field("bits left", "undecided_bits", partial(number, decimals=2)),
-        number_field("half width", "width", partial(significant, digits=2)),
-    ]
-    return table_of(rows, *(field for field in fields if any(field.cell(row) for row in rows)))
+        Field("more by", gain, "number"),
+        *_WIDTHS,
+        empty=False,
+    )
 
 
-def _gain(goal: Mapping[str, Any]) -> str:
+def gain(goal: Mapping[str, Any]) -> str:
+    """What is added to the assurance of a goal."""
     return with_error(goal["gain"], goal["gain_se"])
-
-
-def _gain_words(content: Mapping[str, Any]) -> list[str]:
-    """For the first screen: what the next ten people would add."""
-    chosen, more = content["designs"][content["chosen"] - 1], content["variants"]["more people"]
-    return [
-        f"{more['people'] - chosen['people']} more people add {_gain(goal)}"
-        + (f" ({_name(name)})" if len(more["goals"]) > 1 else "")
-        for name, goal in more["goals"].items()
-    ]
 
 
 def power_table(content: Mapping[str, Any]) -> Table:
@@ -305,7 +256,7 @@ def power_table(content: Mapping[str, Any]) -> Table:
     truth = content["variants"]["one truth"]["goals"]
     return table_of(
         list(truth),
-        Field("goal", _name),
+        Field("goal", goal_name),
         Field("assurance", lambda name: _share(chosen[name]), "number"),
         Field("power at one truth", lambda name: _share(truth[name]), "number"),
     )
@@ -315,21 +266,9 @@ def looks_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     """What stopping at the first answer does, by the number of people at each look."""
     return table_of(
         rows,
-        number_field("people", "people", str),
-        number_field("stopped by then", "stopped", partial(number, decimals=2)),
-        number_field("answered wrongly", "misled", partial(number, decimals=2)),
-        number_field("estimate too large by", "error", partial(significant, digits=2)),
-        number_field("without stops", "error_without", partial(significant, digits=2)),
+        number_field("people", words=str),
+        number_field("stopped by then", "stopped", decimals(2)),
+        number_field("answered wrongly", "misled", decimals(2)),
+        number_field("estimate too large by", "error", digits(2)),
+        number_field("without stops", "error_without", digits(2)),
     )
-
-
-def _formulas(content: Mapping[str, Any]) -> list[str]:
-    """The analyses: which designs, and by which formulas."""
-    everything = len(content["designs"])
-    sentences = []
-    for analysis in content["analyses"]:
-        numbers, model = analysis["designs"], analysis["model"]
-        which = "All designs" if len(numbers) == everything else f"Designs {listed(list(map(str, numbers)))}"
-        by = ", ".join(f"log {q} by {model['formula'][q]}" for q in ("K", "C"))
-        sentences.append(f"{which}: model {model['name']}, {by}.")
-    return sentences

@@ -16,6 +16,7 @@ from bayestissue.figures.theme import Figure
 from bayestissue.hierarchy.formulas.group_terms import stem_of
 from bayestissue.inference.results.meanings import NAMES, SECANTS, TOGETHER, UNITS
 from bayestissue.report.run_folder import PosteriorRun
+from bayestissue.report.settings import LIMITS
 from bayestissue.report.wording import (
     decimals_of,
     interval,
@@ -68,6 +69,11 @@ class Spread:
         if self.manifold:
             return f"{significant(self.low, 2)} to {significant(self.high, 2)}"
         return interval(self.low, self.high, self.decimals)
+
+    @property
+    def words(self) -> str:
+        """The median, and the interval in brackets."""
+        return f"{self.value} ({self.range})"
 
     @property
     def factor(self) -> float:
@@ -131,16 +137,13 @@ def exponent_words(quantity: str, beta: Spread) -> str:
     return f"excludes {fixed} and {constant}: it lies {where}"
 
 
-_GRID = 60
-
-
 def mass_curve(run: PosteriorRun, quantity: str, masses: np.ndarray, reference: float) -> pd.DataFrame:
     """K (or C) of a typical person over the range of ``masses`` [kg], as `over_mass` draws it.
 
     ``reference`` is the mass at which people are reported. Beside a discrepancy the curve is that of K_secant
     of the recorded impacts, about their mean log mass.
     """
-    grid = np.geomspace(0.93 * masses.min(), 1.07 * masses.max(), _GRID)
+    grid = np.geomspace(0.93 * masses.min(), 1.07 * masses.max(), LIMITS.curve)
     if quantity == "K" and run.has(TOGETHER):
         quantity, drawn = OWN_DEPTH, run.draws(TOGETHER)
         reference = float(np.exp(np.log(masses).mean()))
@@ -210,21 +213,14 @@ def exponent_rows(run: PosteriorRun, answering: Mapping[str, str] | None = None)
     for quantity in QUANTITIES:
         which = (answering or {}).get(quantity, quantity)
         beta = exponent(run, which)
-        if beta is not None:
-            fixed = hypothesis_probability(run, which, FIXED)
-            constant = hypothesis_probability(run, which, CONSTANT)
-            rows.append(
-                {
-                    "quantity": quantity,
-                    "value": beta.value,
-                    "range": beta.range,
-                    "words": exponent_words(quantity, beta),
-                    "fixed": probability(fixed),
-                    "constant": probability(constant),
-                    "fixed_words": likelihood_words(fixed),
-                    "constant_words": likelihood_words(constant),
-                }
-            )
+        if beta is None:
+            continue
+        row = {"quantity": quantity, "value": beta.value, "range": beta.range}
+        row["words"] = exponent_words(quantity, beta)
+        for name, hypothesis in (("fixed", FIXED), ("constant", CONSTANT)):
+            p = hypothesis_probability(run, which, hypothesis)
+            row |= {name: probability(p), f"{name}_words": likelihood_words(p)}
+        rows.append(row)
     return rows
 
 

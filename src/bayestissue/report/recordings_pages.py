@@ -17,14 +17,10 @@ from bayestissue.figures.theme import Figure
 from bayestissue.figures.traces import CONTACT, PEAK, TURN, panels, thinned
 from bayestissue.outline import first_of
 from bayestissue.report.page import render_page
+from bayestissue.report.settings import LIMITS
 from bayestissue.report.tables import Row, Table, columns, frame_table
 from bayestissue.signal import Displacements, displacements
 from bayestissue.words import Words
-
-# Of all curves of a page together: some 2 MB of it.
-_MOST_SAMPLES = 60_000
-_IN_A_FIGURE = 12
-
 
 # Time [ms] and value of each curve and event, by kind.
 type Panel = dict[str, tuple[Any, Any]]
@@ -57,7 +53,7 @@ def sheets(
         shown = panel(index)
         for kind, (times, values) in shown.items():
             times, values = np.atleast_1d(times), np.atleast_1d(values)
-            samples = thinned(values, max(_MOST_SAMPLES // (len(which) * len(shown)), 40))
+            samples = thinned(values, max(LIMITS.samples // (len(which) * len(shown)), 40))
             yield pd.DataFrame({"time_ms": times[samples], "value": values[samples]}).assign(
                 impact=names[index], kind=kind
             )
@@ -67,7 +63,7 @@ def sheets(
         shown = ", ".join(names[index] for index in part)
         return panels(rows, time, value, f"{words} for the impacts {shown}.", domain=domain)
 
-    return [sheet(which[begin : begin + _IN_A_FIGURE]) for begin in range(0, len(which), _IN_A_FIGURE)]
+    return [sheet(which[begin : begin + LIMITS.panels]) for begin in range(0, len(which), LIMITS.panels)]
 
 
 MOST_CHECK_PANELS = 216
@@ -131,11 +127,9 @@ def check_page(
     shown = np.sort(order[:MOST_CHECK_PANELS].to_numpy())
     return render_page(
         "check.html",
-        title=f"{dataset.name}: {verdict}",
-        subtitle=dataset.description,
+        dataset=dataset,
+        verdict=verdict,
         nouns=_nouns(dataset),
-        contents=[("found", "What was found"), ("panels", "Recordings"), ("quality", "Quality")],
-        quantity=dataset.quantity,
         total=len(quality),
         shown=len(shown),
         sheets=sheets(
@@ -153,9 +147,8 @@ def check_page(
         ),
         codes=[problem.code for problem in (*dataset.left_out, *warnings)],
         quality=frame_table(
-            quality.loc[shown].rename(columns=lambda name: name.replace("_", " ")), partial(_digits, digits=4)
+            quality.loc[shown].rename(columns=lambda name: name.replace("_", " ")), _cell_words(4)
         ),
-        input_hash=dataset.input_hash,
     )
 
 
@@ -196,8 +189,8 @@ def _problems(severity: str, problems: Sequence[Problem]) -> list[Row]:
     return rows
 
 
-def _digits(cell: Any, digits: int) -> str:
-    return cell if isinstance(cell, str) else f"{cell:.{digits}g}"
+def _cell_words(digits: int) -> Callable[[Any], str]:
+    return lambda cell: cell if isinstance(cell, str) else f"{cell:.{digits}g}"
 
 
 MOST_INIT_PANELS = 120
@@ -223,9 +216,8 @@ def init_page(
     signal = displacements(dataset)
     return render_page(
         "init.html",
-        title=f"{dataset.name}: {total} impact{'s' if total > 1 else ''} from recorder files",
+        dataset=dataset,
         nouns=_nouns(dataset),
-        contents=[("understood", "What was understood"), ("panels", "Recordings"), ("impacts", "Impacts")],
         understood=Table(
             columns("what", "understood as", words=("understood as",)), [Row(pair) for pair in understood]
         ),
@@ -242,7 +234,7 @@ def init_page(
             "displacement (mm)" if dataset.quantity == "displacement" else "deceleration (m/s²)",
             "Recording with contact and peak",
         ),
-        impacts=frame_table(dataset.impacts.dropna(axis="columns", how="all"), partial(_digits, digits=6)),
+        impacts=frame_table(dataset.impacts.dropna(axis="columns", how="all"), _cell_words(6)),
     )
 
 

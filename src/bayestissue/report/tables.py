@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import pandas as pd
@@ -12,7 +13,7 @@ from markupsafe import Markup
 
 from bayestissue.declarations import declared
 from bayestissue.inference.results.meanings import SECANTS
-from bayestissue.report.wording import decimals_of, interval, number, probability, significant
+from bayestissue.report.wording import decimals, decimals_of, interval, number, probability, significant
 
 
 @dataclass(frozen=True)
@@ -42,23 +43,47 @@ class Table:
 
 @dataclass(frozen=True)
 class Field:
-    """A column with what makes its cell of a row of the data; ``kind`` as of `Column`."""
+    """A column with what makes its cell of a row of the data; ``kind`` as of `Column`.
+
+    That is a function of the row, or the name of what the row has there, which is the title unless given.
+    """
 
     title: str
-    cell: Callable[[Any], str]
+    cell: Callable[[Any], str] | str = ""
     kind: str = "text"
 
+    def text(self, row: Any) -> str:
+        """The cell of a row."""
+        return str(row[self.cell or self.title]) if isinstance(self.cell, str) else self.cell(row)
 
-def number_field(title: str, column: str, words: Callable[[float], str] = significant) -> Field:
-    """A column of numbers in words; a row that lacks its number has an empty cell."""
-    return Field(title, lambda row: "" if pd.isna(row[column]) else words(row[column]), "number")
+
+def number_field(
+    title: str, column: str = "", words: Callable[[float], str] = significant, missing: str = ""
+) -> Field:
+    """A column of numbers in words; ``missing`` where a row lacks its number."""
+
+    def cell(row: Any) -> str:
+        value = row[column or title]
+        return missing if pd.isna(value) else words(value)
+
+    return Field(title, cell, "number")
 
 
-def table_of(rows: Iterable[Any], *fields: Field, mark: Callable[[Any], str] = lambda row: "") -> Table:
-    """A table with a row for each of ``rows``, and a cell in it for each of ``fields``."""
+def table_of(
+    rows: Iterable[Any] | pd.DataFrame,
+    *fields: Field,
+    mark: Callable[[Any], str] = lambda row: "",
+    empty: bool = True,
+) -> Table:
+    """A table with a row for each of ``rows``, and a cell in it for each of ``fields``.
+
+    Unless ``empty`` columns stay, those without a word in any row are left out.
+    """
+    rows = rows.to_dict("records") if isinstance(rows, pd.DataFrame) else list(rows)
+    shown = [field for field in fields if empty or any(field.text(row) for row in rows)]
     return Table(
-        [Column(field.title, field.kind) for field in fields],
-        [Row(tuple(field.cell(row) for field in fields), mark(row)) for row in rows],
+        [Column(field.title, field.kind) for field in shown],
+        [Row(tuple(field.text(row) for field in shown), mark(row)) for row in rows],
     )
 
 
@@ -165,12 +190,12 @@ def formulas(model: Mapping[str, Any]) -> list[tuple[str, str]]:
 def hypotheses_table(hypotheses: pd.DataFrame) -> Table:
     """`hypotheses.csv`: the posterior probability that a mass exponent counts as 0, as 1, or as neither."""
     return table_of(
-        lines(hypotheses),
-        Field("quantity", lambda line: SECANTS.get(line.quantity, line.quantity)),
-        Field("hypothesis", lambda line: line.hypothesis),
-        Field("exponent", lambda line: "" if math.isnan(line.value) else f"{line.value:g}", "number"),
-        Field("counts as equal", lambda line: _region(line.rope_low, line.rope_high), "number"),
-        Field("probability", lambda line: probability(line.probability), "number"),
+        hypotheses,
+        Field("quantity", lambda row: SECANTS.get(row["quantity"], row["quantity"])),
+        Field("hypothesis"),
+        number_field("exponent", "value", "{:g}".format),
+        Field("counts as equal", lambda row: _region(row["rope_low"], row["rope_high"]), "number"),
+        number_field("probability", words=probability, missing="not known"),
     )
 
 
@@ -182,49 +207,41 @@ def _region(low: float, high: float) -> str:
 def summary_table(summary: pd.DataFrame, variables: Collection[str]) -> Table:
     """The rows of `summary.csv` for ``variables``, without the impacts' own."""
 
-    def ends(line: Any, percent: int) -> str:
-        low, high = (getattr(line, f"eti{percent}_{end}") for end in ("low", "high"))
-        return interval(low, high, places(line))
+    def places(row: Any) -> int:
+        return decimals_of(row["eti90_high"] - row["eti90_low"])
 
-    def places(line: Any) -> int:
-        return decimals_of(line.eti90_high - line.eti90_low)
+    def ends(stem: str, row: Any) -> str:
+        return interval(row[f"{stem}_low"], row[f"{stem}_high"], places(row))
 
     chosen = summary[summary["variable"].isin(variables)]
     noted = "note" in chosen and bool(chosen["note"].ne("").any())
     return table_of(
-        lines(chosen),
-        Field("variable", lambda line: line.variable),
-        Field("label", lambda line: line.label),
-        Field("unit", lambda line: line.unit),
-        Field("median", lambda line: number(line.median, places(line)), "number"),
-        Field("50 %", lambda line: ends(line, 50), "number"),
-        Field("90 %", lambda line: ends(line, 90), "number"),
-        Field("effective draws", lambda line: number(line.ess_bulk, 0), "number"),
-        Field("R̂", lambda line: number(line.r_hat, 3), "number"),
-        *[Field("note", lambda line: line.note, "words")] * noted,
+        chosen,
+        *map(Field, ("variable", "label", "unit")),
+        Field("median", lambda row: number(row["median"], places(row)), "number"),
+        Field("50 %", partial(ends, "eti50"), "number"),
+        Field("90 %", partial(ends, "eti90"), "number"),
+        number_field("effective draws", "ess_bulk", decimals(0), missing="not known"),
+        number_field("R̂", "r_hat", decimals(3), missing="not known"),
+        *[Field("note", kind="words")] * noted,
     )
 
 
 def sensitivity_table(sensitivity: pd.DataFrame) -> Table:
     """`sensitivity.csv`: how much each posterior moves when prior or likelihood is weighted up or down."""
-    return table_of(
-        lines(sensitivity),
-        Field("variable", lambda line: line.variable),
-        Field("prior", lambda line: number(line.prior, 3), "number"),
-        Field("likelihood", lambda line: number(line.likelihood, 3), "number"),
-        Field("diagnosis", lambda line: line.diagnosis),
-    )
+    weights = (number_field(name, words=decimals(3), missing="not known") for name in ("prior", "likelihood"))
+    return table_of(sensitivity, Field("variable"), *weights, Field("diagnosis"))
 
 
 def diagnostics_table(diagnostics: Mapping[str, Any]) -> Table:
     """Every check of the sampler: value, limit, verdict, meaning and next step."""
     return table_of(
         diagnostics["checks"],
-        Field("check", lambda check: check["name"]),
+        Field("check", "name"),
         Field("value", lambda check: _plain(check["value"]), "number"),
         Field("limit", lambda check: _plain(check["limit"]), "number"),
         Field("verdict", lambda check: tag("yes", "passed") if check["passed"] else tag("no", "FAILED")),
-        Field("what it means", lambda check: check["meaning"], "words"),
+        Field("what it means", "meaning", "words"),
         Field("next step", lambda check: check["next_step"] or "", "words"),
         mark=lambda check: "" if check["passed"] else "failed",
     )

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from typing import Any
 
 import pandas as pd
@@ -66,6 +67,16 @@ def number(value: float, decimals: int) -> str:
         return "not known"
     text = f"{round(value, decimals):.0f}" if decimals < 0 else f"{value:.{decimals}f}"
     return text.lstrip("-") if float(text) == 0 else text.replace("-", "−")
+
+
+def decimals(count: int) -> Callable[[float], str]:
+    """What writes numbers with so many decimals."""
+    return partial(number, decimals=count)
+
+
+def digits(count: int) -> Callable[[float], str]:
+    """What writes numbers with so many significant digits."""
+    return partial(significant, digits=count)
 
 
 def with_error(value: float, error: float, decimals: int = 2) -> str:

@@ -118,17 +118,9 @@ def scratch() -> Iterator[Path]:
 @contextmanager
 def passing(path: Path) -> Iterator[None]:
     """What the block makes at ``path`` is gone after it, also where the process is asked to stop."""
-
-    def end() -> str:
-        _remove(path)
-        return ""
-
     # Known before it is there, so that no moment of interruption leaves it behind.
-    with stopping.explained(end):
-        try:
-            yield
-        finally:
-            _remove(path)
+    with stopping.cleared(lambda: _remove(path)):
+        yield
 
 
 def _remove(path: Path) -> None:

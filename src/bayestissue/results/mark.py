@@ -142,9 +142,6 @@ def _read(path: Path) -> dict[str, Any]:
     return content if isinstance(content, dict) else {}
 
 
-_NAMED = 3
-
-
 def require_place(out: Path, inputs: Sequence[str | Path | None] = ()) -> Path:
     """Where ``out`` leads, refused if results must never stand there, with ``--overwrite`` or without.
 
@@ -181,7 +178,7 @@ def require_free(out: Path, *, overwrite: bool) -> None:
         key = "out-taken.others" if others else "out-taken.results"
         raise InputError.stated(key, str(out), value="a folder that is not empty")
     if others:
-        raise InputError.stated("out-taken.mixed", str(out), value=first_of(others, _NAMED))
+        raise InputError.stated("out-taken.mixed", str(out), value=first_of(others, most=3))
 
 
 def _wrong_place(out: Path, inputs: Sequence[str | Path | None]) -> tuple[str, str, str | Path] | None:

@@ -36,58 +36,47 @@ def making_parents(out: Path) -> Iterator[None]:
     """
     missing: list[Path] = []
 
-    def end() -> str:
-        for parent in missing:
-            try:
+    def end() -> None:
+        with suppress(OSError):
+            for parent in missing:
                 parent.rmdir()
-            except OSError:
-                break
-        return ""
 
-    with stopping.explained(end):
-        try:
-            with _as_input_errors(out):
-                missing += [parent for parent in out.parents if not parent.exists()]
-                out.parent.mkdir(parents=True, exist_ok=True)
-                # The longest name that is wanted beside it, tried before anything is computed.
-                with suppress(FileNotFoundError):
-                    (out.parent / f".{out.name}{_LONGEST}").lstat()
-            yield
-        finally:
-            end()
+    with stopping.cleared(end):
+        with _as_input_errors(out):
+            missing += [parent for parent in out.parents if not parent.exists()]
+            out.parent.mkdir(parents=True, exist_ok=True)
+            # The longest name that is wanted beside it, tried before anything is computed.
+            with suppress(FileNotFoundError):
+                (out.parent / f".{out.name}{_LONGEST}").lstat()
+        yield
 
 
 @contextmanager
-def locked(path: Path, out: Path) -> Iterator[None]:
-    """A lock on ``out`` by the file ``path``, which is gone after the block; a dead process holds none.
+def locked(out: Path) -> Iterator[None]:
+    """A lock on ``out`` by a file beside it, which is gone after the block; a dead process holds none.
 
     Raises:
-        InputError: another process holds it, or ``path`` can't be made.
+        InputError: another process holds it, or the file can't be made.
     """
     from filelock import FileLock, Timeout
 
+    path = _hidden(out, "lock")
     # A moment's patience, since a command that is just ending removes its file.
     lock = FileLock(path, timeout=0.2)
-
-    def end() -> str:
-        # Whoever waits for a file that is gone begins again with another, so it may go while it is locked.
-        path.unlink(missing_ok=True)
-        return ""
-
     try:
         with _as_input_errors(out):
             lock.acquire()
     except Timeout:
         raise InputError(_in_use(out, path) if path.exists() else _no_place(out, "no such place")) from None
-    with stopping.explained(end):
-        try:
+    try:
+        # Whoever waits for a file that is gone begins again with another, so it may go while it is locked.
+        with stopping.cleared(lambda: path.unlink(missing_ok=True)):
             with _as_input_errors(out):
                 now = f"{datetime.now().astimezone():%Y-%m-%d %H:%M}"
                 path.write_text(f"process {os.getpid()} on {platform.node()} since {now}\n", encoding="utf-8")
             yield
-        finally:
-            end()
-            lock.release()
+    finally:
+        lock.release()
 
 
 def _in_use(out: Path, path: Path) -> Problem:
@@ -222,11 +211,10 @@ def claim(
         InputError: ``out`` would lose something, can't be made, or another command is writing it.
         PartialResultError: the results could not take their place, and are beside it.
     """
-    named, out = Path(out), require_place(out, inputs)
-    with making_parents(out), locked(_hidden(out, "lock"), out):
-        _recover(out)
-        require_free(out, overwrite=overwrite)
-        claimed = Place(named, out, command, overwrite=overwrite)
+    with locked_folder(out, inputs) as target:
+        _recover(target)
+        require_free(target, overwrite=overwrite)
+        claimed = Place(Path(out), target, command, overwrite=overwrite)
         yield claimed
     if claimed.remark:
         raise PartialResultError(claimed.remark, code="results-elsewhere")
@@ -284,15 +272,15 @@ def _kept_words(folder: Path) -> str:
 
 
 @contextmanager
-def locked_folder(out: Path, inputs: Sequence[str | Path | None]) -> Iterator[None]:
-    """A folder that one process at a time changes in place, refused to all others until the block ends.
+def locked_folder(out: Path, inputs: Sequence[str | Path | None]) -> Iterator[Path]:
+    """Where ``out`` leads, which one process at a time writes: refused to all others until the block ends.
 
     Raises:
         InputError: it can't be made, or another command is writing it.
     """
     target = require_place(out, inputs)
-    with making_parents(target), locked(_hidden(target, "lock"), target):
-        yield
+    with making_parents(target), locked(target):
+        yield target
 
 
 @contextmanager
@@ -302,8 +290,7 @@ def locked_in_place(folder: Path) -> Iterator[None]:
     Raises:
         InputError: nothing can be written beside it, or another command is writing it.
     """
-    resolved = folder.resolve()
-    with locked(_hidden(resolved, "lock"), resolved):
+    with locked(folder.resolve()):
         yield
 
 

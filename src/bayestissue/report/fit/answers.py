@@ -9,6 +9,7 @@ from bayestissue.inference.results.meanings import UNITS
 from bayestissue.report.fit.estimates import apparent_exponent, dds_ratio, held_by_intervals, mass_varies
 from bayestissue.report.fit.population import differing_words
 from bayestissue.report.fit.run import FitRun
+from bayestissue.report.fit.sentences import SENTENCES, said
 from bayestissue.report.posterior import (
     COMMON_DEPTH,
     CONSTANT,
@@ -21,26 +22,8 @@ from bayestissue.report.posterior import (
     hypothesis_probability,
     spread,
 )
+from bayestissue.report.settings import LIMITS, WORTH
 from bayestissue.report.wording import likelihood_words, listed, relative, significant
-
-_SECANT = (
-    "It is force over depth at the greatest depth, the tissue's stiffness; K in tables is the element's own "
-    "part of the force."
-)
-_ASSUMED = (
-    "Beside a discrepancy the damper's part of the force at that depth is told by the force's slope at the "
-    "greatest depth, where the velocity is 0. It is assumed that the damper is the same at all depths."
-)
-_IF = ", if the damper is the same at all depths"
-_OWN_ALONE = Markup(
-    "K is force over depth at each impact's own greatest depth: where heavier impactors go deeper, depth "
-    "alone may make its exponent, and C's. These traces do not tell K at one depth that all impacts reach."
-)
-_OTHER_DAMPER = (
-    "C is the damping constant of the element beside the discrepancy: where the tissue's damping depends on "
-    "depth, depth has a part in C's exponent."
-)
-_DAMPER = "C's exponent is that of the damping constant in the element's law, so the depth has no part in it."
 
 
 def has_common_depth(run: FitRun) -> bool:
@@ -69,25 +52,22 @@ def depth_sentence(run: FitRun) -> Markup:
     if deepest is None:
         return Markup()
     if not has_common_depth(run) or common is None:
-        return _OWN_ALONE
-    sentence = Markup(
-        "Here K is force over depth at {}, which every impact reaches{}. At each impact's own greatest depth "
-        "K ∝ M<sup>{}</sup> ({})."
-    ).format(depth_words(run), _IF if run.record.get("discrepancy") else "", deepest.value, deepest.range)
-    return (sentence + " " + _explanation(run, common, deepest)).strip()
+        return Markup(said("depth.own_alone"))  # noqa: S704 - a sentence of the program alone
+    also = said("depth.if_same_damper") if run.record.get("discrepancy") else ""
+    values = {"value": deepest.value, "range": deepest.range}
+    sentence = said("depth.common", depth=depth_words(run), also=also, **values)
+    why = _explanation(run, common, deepest)
+    return Markup(f"{sentence} {why}".strip())  # noqa: S704 - sentences of the program, and numbers
 
 
-def _explanation(run: FitRun, common: Spread, deepest: Spread) -> Markup:
+def _explanation(run: FitRun, common: Spread, deepest: Spread) -> str:
     where = _direction(run, deepest)
     if deepest.holds(0) or not where:
-        return Markup()
+        return ""
     if not common.holds(0):
-        said = f"Heavier impactors go {where}, but the law itself differs between the masses too."
-    elif hypothesis_probability(run, COMMON_DEPTH, FIXED) > SURE:
-        said = f"The tissue's law is the same for every mass: heavier impactors go {where}."
-    else:
-        said = f"One law of the tissue for every mass explains this: heavier impactors go {where}."
-    return Markup(said)  # noqa: S704 - words of this module alone
+        return said("depth.law_differs", where=where)
+    sure = hypothesis_probability(run, COMMON_DEPTH, FIXED) > SURE
+    return said("depth.law_is_one" if sure else "depth.law_may_be_one", where=where)
 
 
 def _direction(run: FitRun, deepest: Spread) -> str:
@@ -96,7 +76,7 @@ def _direction(run: FitRun, deepest: Spread) -> str:
     log_mass = np.log(run.constant("mass_kg"))
     deeper = float(np.cov(log_mass, np.log(depth))[0, 1]) > 0
     if deeper == (deepest.median > 0):
-        return "deeper, where it is stiffer" if deeper else "less deep, where it is softer"
+        return said("depth.deeper" if deeper else "depth.less_deep")
     return ""
 
 
@@ -105,41 +85,26 @@ def further_words(run: FitRun) -> list[str]:
     if not run.has(f"mass_exponent_{OWN_DEPTH}"):
         return []
     if not run.record.get("discrepancy"):
-        return [_DAMPER]
-    return [_ASSUMED, _OTHER_DAMPER] if has_common_depth(run) else [_OTHER_DAMPER]
-
-
-# A slope of the point estimates this far off zero is spoken of, if its interval excludes zero too.
-_WORTH_A_WORD = 0.1
-# As many as a card can show.
-_MOST_CATEGORIES = 4
+        return [said("depth.damper")]
+    return [*[said("depth.same_damper")] * has_common_depth(run), said("depth.damper_beside")]
 
 
 def person_words(run: FitRun) -> dict[str, str]:
     """Who the intervals are of, in words: a "typical" and a "new" one, and who stands in a "condition"."""
-    if run.people_count == 1:
-        return {"typical": "this person", "new": "new impact", "new_impact": "A new impact on this person"}
-    return {
-        "typical": "typical person",
-        "new": "new person",
-        "new_impact": "A new impact on a new person",
-    }
+    return dict(SENTENCES["one_person" if run.people_count == 1 else "people"])
 
 
 def the_only_impact(run: FitRun) -> list[tuple[str, str, Spread]]:
     """K and C of a single impact, each with its unit; empty where there are several impacts."""
     if len(run.impacts) > 1:
         return []
-    ends = ["median", "eti90_low", "eti90_high"]
-    return [
-        (run.symbols[q], UNITS[q], Spread(*table[ends].to_numpy()[0]))
-        for q, table in run.side_by_side.items()
-    ]
+    impact = {q: table[["median", "eti90_low", "eti90_high"]] for q, table in run.estimates_by_method.items()}
+    return [(run.symbols[q], UNITS[q], Spread(*ends.to_numpy()[0])) for q, ends in impact.items()]
 
 
 def secant_sentence(run: FitRun) -> str:
     """What K_secant is beside the element's own K; empty of other runs."""
-    return _SECANT if run.element_alone else ""
+    return said("model.secant") if run.element_alone else ""
 
 
 def averaged_over(run: FitRun, variable: str) -> str:
@@ -155,7 +120,7 @@ def averaged_sentence(run: FitRun, *, by_level: bool = True) -> str:
     sentences = [f"Averaged over {over}, each level with equal weight."]
     for name in over.split(" and ") if by_level else ():
         variables = {q: variable for q in QUANTITIES if (variable := run.of_levels(q, name))}
-        if not variables or len(run.labels(name)) > _MOST_CATEGORIES:
+        if not variables or len(run.labels(name)) > LIMITS.categories:
             continue
         levels = []
         for index, label in enumerate(run.labels(name)):
@@ -193,16 +158,15 @@ def mass_conclusion(run: FitRun) -> str:
 def _typical_conclusion(run: FitRun) -> str:
     """Whether K and C of a typical person depend on it, by the probabilities of the hypotheses."""
     if not mass_varies(run):
-        return "The mass of the impactor never varies here, so nothing can be said of its part."
+        return said("mass.never_varies")
     if exponent(run, "K") is None and exponent(run, "C") is None:
-        return "This model has no mass exponent, so it can't tell whether K and C depend on the mass."
+        return said("mass.no_exponent")
     by = answering(run)
     fixed = {
         q: hypothesis_probability(run, by[q], FIXED) for q in QUANTITIES if exponent(run, by[q]) is not None
     }
     if min(fixed.values()) > SURE and len(fixed) > 1:
-        word = likelihood_words(min(fixed.values()))
-        return f"No dependence: {word} neither K nor C depends on the mass in practice."
+        return said("mass.neither", likely=likelihood_words(min(fixed.values())))
     return " ".join(_one_conclusion(run, quantity) for quantity in fixed)
 
 
@@ -214,16 +178,13 @@ def _one_conclusion(run: FitRun, quantity: str) -> str:
     if beta is None:
         return ""
     if fixed > SURE:
-        return f"{quantity} {likelihood_words(fixed)} does not depend on the mass in practice."
+        return said("mass.fixed", quantity=quantity, likely=likelihood_words(fixed))
     if constant > SURE:
-        return (
-            f"{quantity} {likelihood_words(constant)} grows in proportion to the mass: what a method gives "
-            "whose ωₙ carries no information on the tissue."
-        )
+        return said("mass.proportional", quantity=quantity, likely=likelihood_words(constant))
     if beta.holds(0):
         also = " or from proportion to the mass" if beta.holds(1) else ""
-        return f"{quantity}: not told from no dependence on the mass{also}."
-    return f"{quantity} {'grows' if beta.low > 0 else 'falls'} with the mass."
+        return said("mass.untold", quantity=quantity, also=also)
+    return said("mass.grows" if beta.low > 0 else "mass.falls", quantity=quantity)
 
 
 def contrast_sentence(run: FitRun) -> Markup:
@@ -251,6 +212,6 @@ def _made_by_method(run: FitRun, quantity: str) -> bool:
     return (
         hypothesis_probability(run, name, FIXED) > SURE
         and not slope.holds(0)
-        and abs(slope.median) > _WORTH_A_WORD
+        and abs(slope.median) > WORTH.slope
         and (slope.low > beta.high or slope.high < beta.low)
     )

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from bayestissue.hierarchy.formulas.group_terms import stem_of
-from bayestissue.report.fit.population import groupings, own_slopes
 from bayestissue.report.fit.run import FitRun
+from bayestissue.report.fit.sentences import said
 from bayestissue.report.posterior import QUANTITIES
-from bayestissue.report.tables import Field, Row, Table, columns, lines, table_of
-from bayestissue.report.wording import listed, number, percent, relative, significant
+from bayestissue.report.settings import LIMITS, WORTH
+from bayestissue.report.tables import Field, Row, Table, columns, number_field, table_of
+from bayestissue.report.wording import decimals, digits, listed, number, percent, relative
 
 _ERRORS = {
     "mass": ("mass of the impactor", "g", 1e3),
@@ -30,10 +31,6 @@ _DECLARED = {
     "relative_gain_sd": ("gain", percent),
     "offset_sd": ("zero of the recorder", "{:.2g} in the signal's unit".format),
 }
-MOST_ROWS = 300
-# The greatest of even 10,000 normal errors is seldom beyond this many standard deviations.
-_FAR = 4.5
-_FROM_TRACE = "read off each trace"
 
 
 def declared_sd(run: FitRun, error: str) -> np.ndarray:
@@ -51,34 +48,36 @@ def declared_sd(run: FitRun, error: str) -> np.ndarray:
 
 def chain_table(run: FitRun) -> Table:
     """How far each error of the measuring chain was known before, and is known after, the fit."""
-    rows = []
-    for error, (words, unit, scale) in _ERRORS.items():
-        errors = run.of_impacts(error)
-        if errors.empty or not (errors["sd"] > 0).any():
-            continue
-        before, after = declared_sd(run, error), errors["sd"].to_numpy()
-        declared = bool((before > 0).all())
-        moved = (errors["median"] - (run.constant("mass_kg") if error == "mass" else 0)).abs()
-        farthest = float((moved / before).max()) if declared else 0.0
-        rows.append(
-            Row(
-                (
-                    words,
-                    unit,
-                    significant(scale * float(np.median(before)), 2) if declared else _FROM_TRACE,
-                    significant(scale * float(np.median(after)), 2),
-                    percent(float(np.median(after / before))) if declared else "",
-                    significant(scale * float(moved.max()), 2),
-                    f"{farthest:.1f} sd" if declared else "",
-                ),
-                "disagrees" if farthest > _FAR else "",
-            )
-        )
-    titles = (
-        *("error of", "unit", "sd before", "sd after", "after / before"),
-        *("greatest correction", "of its sd before"),
+    return table_of(
+        [row for error in _ERRORS if (row := _chain_row(run, error))],
+        Field("error of", kind="words"),
+        Field("unit"),
+        number_field("sd before", "before", digits(2), "read off each trace"),
+        number_field("sd after", "after", digits(2), "not known"),
+        number_field("after / before", "left", percent),
+        number_field("greatest correction", "moved", digits(2), "not known"),
+        number_field("of its sd before", "farthest", "{:.1f} sd".format),
+        mark=lambda row: "disagrees" if row["farthest"] > WORTH.correction else "",
     )
-    return Table(columns(*titles, number=titles[2:], words=titles[:1]), rows)
+
+
+def _chain_row(run: FitRun, error: str) -> dict[str, Any]:
+    """Of an error its sd before and after, and its greatest correction; NaN where none was declared."""
+    errors, (words, unit, scale) = run.of_impacts(error), _ERRORS[error]
+    if errors.empty or not (errors["sd"] > 0).any():
+        return {}
+    before, after = declared_sd(run, error), errors["sd"].to_numpy()
+    before = before if (before > 0).all() else np.full(before.shape, np.nan)
+    moved = (errors["median"] - (run.constant("mass_kg") if error == "mass" else 0)).abs()
+    return {
+        "error of": words,
+        "unit": unit,
+        "before": scale * np.median(before),
+        "after": scale * np.median(after),
+        "left": np.median(after / before),
+        "moved": scale * moved.max(),
+        "farthest": (moved / before).max(),
+    }
 
 
 def declared_words(run: FitRun) -> str:
@@ -90,17 +89,10 @@ def declared_words(run: FitRun) -> str:
         if declared.get(name)
     ]
     if not parts:
-        return (
-            "The dataset declares no uncertainty of its measuring chain, so mass, velocity, gain and zero "
-            "are taken as exact: the intervals of K and C are narrower than the truth if they are not."
-        )
-    persons = ""
-    if run.record.get("model", {}).get("mass_error") == "subject" and declared.get("relative_mass_sd"):
-        persons = (
-            " The error of the mass is a person's, the same in all of the person's impacts, so that K and C "
-            "of a person are no surer than that mass."
-        )
-    return f"Declared standard deviations: {listed(parts)}.{persons}"
+        return said("chain.undeclared")
+    words = said("chain.declared", parts=listed(parts))
+    persons = run.record.get("model", {}).get("mass_error") == "subject"
+    return f"{words} {said('chain.of_persons')}" if persons and declared.get("relative_mass_sd") else words
 
 
 def left_out_summary(run: FitRun) -> Table:
@@ -128,35 +120,25 @@ def left_out_summary(run: FitRun) -> Table:
 def left_out_table(run: FitRun) -> Table:
     """Every part left out, those of the highest Pareto k first within each scheme, up to 300."""
     schemes = [part for _, part in run.cross_validation.groupby("scheme", sort=False)]
-    ordered = [part.sort_values("pareto_k", ascending=False, kind="stable")[:MOST_ROWS] for part in schemes]
+    ordered = [
+        part.sort_values("pareto_k", ascending=False, kind="stable")[: LIMITS.rows] for part in schemes
+    ]
     return table_of(
-        lines(pd.concat(ordered or [run.cross_validation])),
-        Field("scheme", lambda line: line.scheme),
-        Field("left out", lambda line: line.label),
-        Field("elpd (nats)", lambda line: number(line.elpd, 1), "number"),
-        Field("Pareto k", lambda line: number(line.pareto_k, 2), "number"),
-        Field("warning", lambda line: line.warning),
-        mark=lambda line: "disagrees" if line.warning else "",
+        pd.concat(ordered or [run.cross_validation]),
+        Field("scheme"),
+        Field("left out", "label"),
+        number_field("elpd (nats)", "elpd", decimals(1), "not known"),
+        number_field("Pareto k", "pareto_k", decimals(2), "not known"),
+        Field("warning"),
+        mark=lambda row: "disagrees" if row["warning"] else "",
     )
 
 
-def population_names(run: FitRun) -> tuple[str, ...]:
-    """The parameters of the population, covariates' effects among them, in the order of `summary.csv`."""
-    stems_of_responses = tuple(
-        f"{stem}_{quantity}"
-        for stem in ("intercept", "mass_exponent", "sd_subject", "sd_trial", "sd_impact")
-        for quantity in run.responses
-    )
-    stems = ("atanh_theta1", "atanh_noise_correlation")
-    last = (name for stem in stems for name in (f"{stem}_mean", f"sd_{stem}"))
-    others = ("residual_correlation", "noise_mean", "sd_noise", *last)
+def population_names(run: FitRun) -> list[str]:
+    """The parameters of the population, covariates' effects among them."""
+    begins = ("intercept_", "mass_exponent_", "sd_", "log_", "effect_of_", "covariate_effect_", "atanh_")
     names = [str(name) for name in dict.fromkeys(run.summary["variable"])]
-    covariates = [name for name in names if name.startswith(("effect_of_", "covariate_effect_"))]
-    further = [name for name in names if name.startswith(("log_", "sd_log_"))]
-    further += [f"sd_{stem_of(group)}_{q}" for group in groupings(run) for q in run.responses]
-    further += [f"sd_{slope.name}" for slope in own_slopes(run)]
-    secants = ("mass_exponent_K_common_depth", "mass_exponent_K_secant")
-    return (*stems_of_responses, *further, *secants, *covariates, *others)
+    return [name for name in names if name.startswith((*begins, "residual_correlation", "noise_mean"))]
 
 
 _LEVELS = {"impact": "impact", "typical person": "typical person", "new person": "new person"}
@@ -181,12 +163,7 @@ _NAMES = {
 _ALL, _DRAWN = "all", "as drawn"
 _WINDOW, _BY_NOISE = "window a tenth shorter", "window a tenth shorter, by noise"
 # Half a 90 % interval of a normal, in its standard deviations.
-_HALF = 1.645
-_WORTH_NAMING = 0.1
-# Below this share a part makes nothing of the interval that is worth a number.
-_LEAST = 0.01
-# Of the draws' variance: how far off the sum of the sources may be before the page says so.
-_NEAR = (0.7, 1.4)
+_HALF = NormalDist().inv_cdf(0.95)
 
 
 def sources_table(run: FitRun) -> Table:
@@ -199,16 +176,15 @@ def sources_table(run: FitRun) -> Table:
     present = set(sources["source"])
     names = _source_names(sources)
     rows = [
-        Row((words, *(_cell(cells.get((name, *column))) for column in columns_shown)))
+        (words, *(_cell(cells.get((name, *column))) for column in columns_shown))
         for name, words in names.items()
         if name in present
     ]
     if "element" not in present:
-        rows.append(Row((_NAMES["element"], *("taken as true" for _ in columns_shown))))
-    rows.append(
-        Row(("all together", *(_half_width(cells[(_ALL, *column)]["sd"]) for column in columns_shown)))
-    )
-    return Table(columns("source", *titles, number=titles), rows)
+        rows.append((_NAMES["element"], *["taken as true"] * len(titles)))
+    widths = (_half_width(cells[(_ALL, *column)]["sd"]) for column in columns_shown)
+    rows.append(("all together", *widths))
+    return Table(columns("source", *titles, number=titles), [Row(row) for row in rows])
 
 
 def _source_names(sources: pd.DataFrame) -> dict[str, str]:
@@ -231,7 +207,7 @@ def _cell(row: Mapping[Any, Any] | None) -> str:
     if row is None:
         return ""
     share = percent(max(row["share"], 0.0))
-    return share if row["share"] < _LEAST else f"{share} ({_half_width(row['sd'])})"
+    return share if row["share"] < WORTH.share else f"{share} ({_half_width(row['sd'])})"
 
 
 def _half_width(sd: float) -> str:
@@ -244,18 +220,16 @@ def sources_words(run: FitRun) -> list[str]:
     if sources.empty:
         return []
     levels = _levels(run)
-    said = [
+    shares = [
         f"Of the 90 % interval of a {words}: "
         f"{'; '.join(_largest_sources(sources, level, q) for q in QUANTITIES)}."
         for level, words in (("impact", "recorded impact"), ("new person", levels.get("new person")))
         if words
     ]
     if "element" not in set(sources["source"]):
-        said.append(
-            "The element is taken as true: no part of these intervals stands for another law of the tissue."
-        )
-    alone = ["K is the element's own here: of K_secant the sources are not told apart."] * run.element_alone
-    return [*alone, *said, _window_words(sources), *_approximation_remarks(sources, levels)]
+        shares.append(said("sources.element"))
+    alone = [said("sources.element_alone")] * run.element_alone
+    return [*alone, *shares, _window_words(sources), *_approximation_remarks(sources, levels)]
 
 
 def _largest_sources(sources: pd.DataFrame, level: str, quantity: str) -> str:
@@ -264,7 +238,7 @@ def _largest_sources(sources: pd.DataFrame, level: str, quantity: str) -> str:
         (sources["level"] == level) & (sources["quantity"] == quantity) & sources["source"].isin(names)
     ]
     ordered = chosen.sort_values("share", ascending=False, kind="stable")
-    ordered = ordered[ordered["share"] >= min(_WORTH_NAMING, ordered["share"].max())]
+    ordered = ordered[ordered["share"] >= min(WORTH.source, ordered["share"].max())]
     named = [f"{names[row['source']]} {percent(row['share'])}" for row in ordered.to_dict("records")]
     return f"of {quantity}’s variance {listed(named)}"
 
@@ -272,28 +246,20 @@ def _largest_sources(sources: pd.DataFrame, level: str, quantity: str) -> str:
 def _window_words(sources: pd.DataFrame) -> str:
     cells = sources[sources["level"] == "impact"].set_index(["source", "quantity"])["sd"]
     if (_WINDOW, "K") not in cells.index:
-        return "The window is taken as given."
+        return said("sources.window_given")
     effects = [
         f"{q} by {relative(math.expm1(cells[_WINDOW, q]))} where noise alone makes "
         f"{relative(math.expm1(cells[_BY_NOISE, q]))}"
         for q in QUANTITIES
     ]
-    return (
-        "The window is taken as given and has no part of its own. With a window a tenth shorter a trace by "
-        f"itself moves {listed(effects)} (standard deviations over impacts)."
-    )
+    return said("sources.window", effects=listed(effects))
 
 
 def _approximation_remarks(sources: pd.DataFrame, levels: Mapping[str, str]) -> list[str]:
     drawn = sources[(sources["source"] == _DRAWN) & sources["level"].isin(levels)]
-    off = drawn[~drawn["share"].between(*_NEAR)]
+    off = drawn[~drawn["share"].between(*WORTH.approximation)]
     doubtful = [
         f"{row['quantity']} of {levels[row['level']]} ({row['share']:.2g} times)"
         for row in off.to_dict("records")
     ]
-    if not doubtful:
-        return []
-    return [
-        "The parts are those of a normal approximation with known spreads. The variance of the draws differs "
-        f"most for {listed(doubtful)}."
-    ]
+    return [said("sources.approximation", doubtful=listed(doubtful))] if doubtful else []

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,18 +14,19 @@ from bayestissue.inference.answers.agreement import METHODS, agreement
 from bayestissue.inference.results.meanings import COLUMNS, UNITS
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.posterior import QUANTITIES, Spread
-from bayestissue.report.tables import Field, Row, Table, columns, lines, table_of
-from bayestissue.report.wording import interval, percent, significant
-
-MOST_ROWS = 300
-_MOST_DRAWN = 1000
-_MASS_MUST_VARY = 1.01
-_NONE = "not an interval"
+from bayestissue.report.settings import LIMITS, WORTH
+from bayestissue.report.tables import Field, Table, number_field, table_of
+from bayestissue.report.wording import digits, interval, percent
 
 
 def shown_rows(table: pd.DataFrame) -> pd.DataFrame:
     """The rows that a figure shows: all, or a thousand evenly spaced ones if there are more."""
-    return table.iloc[np.unique(np.linspace(0, len(table) - 1, min(len(table), _MOST_DRAWN)).astype(int))]
+    return table.iloc[evenly_spaced(len(table), LIMITS.impacts_drawn)]
+
+
+def evenly_spaced(count: int, most: int) -> np.ndarray:
+    """All the numbers below ``count``, or ``most`` of them, evenly spaced, if they are more."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
 
 
 @dataclass(frozen=True)
@@ -38,7 +41,7 @@ class Held:
 
 def held_by_intervals(run: FitRun, quantity: str) -> list[Held]:
     """For the 50 % and the 90 % intervals; empty for data whose truth isn't known."""
-    table = run.side_by_side[quantity].dropna(subset="truth")
+    table = run.estimates_by_method[quantity].dropna(subset="truth")
     if table.empty:
         return []
     ends = {level: (table[f"eti{level}_low"], table[f"eti{level}_high"]) for level in (50, 90)}
@@ -63,14 +66,14 @@ def held_table(run: FitRun) -> Table:
 
 def dds_ratio(run: FitRun, quantity: str) -> float:
     """Median over impacts of the thesis's estimate divided by the posterior's median."""
-    table = run.side_by_side[quantity]
+    table = run.estimates_by_method[quantity]
     return float((table["dds"] / table["median"]).median())
 
 
 def mass_varies(run: FitRun) -> bool:
     """Whether the impactors' masses differ by more than a hundredth."""
     mass = run.constant("mass_kg")
-    return bool(mass.max() > _MASS_MUST_VARY * mass.min())
+    return bool(mass.max() > WORTH.masses * mass.min())
 
 
 @dataclass(frozen=True)
@@ -91,7 +94,7 @@ def apparent_exponent(run: FitRun, quantity: str) -> ApparentExponent | None:
     table = run.estimates_dds[["mass_kg", COLUMNS[quantity]]].dropna()
     table = table[(table > 0).all(axis=1)]
     mass = table["mass_kg"].to_numpy()
-    if len(table) < 3 or mass.max() <= _MASS_MUST_VARY * mass.min():
+    if len(table) < 3 or mass.max() <= WORTH.masses * mass.min():
         return None
     x, y = np.log(mass / run.reference_mass), np.log(table[COLUMNS[quantity]].to_numpy())
     centred, degrees = x - x.mean(), len(x) - 2
@@ -112,50 +115,54 @@ def no_interval(run: FitRun) -> list[bool]:
 
 def estimates_table(run: FitRun) -> Table:
     """Posterior beside the point estimates and, where known, the truth, of the first 300 impacts."""
-    tables = {quantity: run.side_by_side[quantity][:MOST_ROWS] for quantity in QUANTITIES}
-    known = not run.truth.empty
-    titles = ["impact", "person", "condition", "M (kg)"]
-    cells: list[list[str]] = [
-        run.impacts[:MOST_ROWS],
-        [str(name) for name in run.constant("impact_subject")[:MOST_ROWS]],
-        [str(name) for name in run.constant("impact_trial")[:MOST_ROWS]],
-        [f"{mass:.3f}" for mass in run.constant("mass_kg")[:MOST_ROWS]],
+    fields = [
+        *map(Field, ("impact", "person", "condition")),
+        number_field("M (kg)", "mass_kg", "{:.3f}".format),
     ]
-    for quantity, table in tables.items():
-        spreads = [Spread(*row) for row in table[["median", "eti90_low", "eti90_high"]].to_numpy()]
-        titles += [
-            f"{run.symbols[quantity]} ({UNITS[quantity]})",
-            f"{run.symbols[quantity]}, 90 %",
-            f"{quantity} exact",
-            f"{quantity} dds",
+    table = run.impacts_table[["impact", "person", "condition", "mass_kg"]].assign(none=no_interval(run))
+    for q, values in run.estimates_by_method.items():
+        symbol = run.symbols[q]
+        table = table.join(values.add_prefix(f"{q} ").reset_index(drop=True))
+        points = {f"{q} exact": f"{q} exact", f"{q} dds": f"{q} dds"}
+        points |= {} if run.truth.empty else {f"true {symbol}": f"{q} truth"}
+        fields += [
+            Field(f"{symbol} ({UNITS[q]})", partial(_value, q), "number"),
+            Field(f"{symbol}, 90 %", partial(_range, q), "number"),
+            *(number_field(title, column, digits(4), "not known") for title, column in points.items()),
         ]
-        ranges = [_NONE if none else one.range for one, none in zip(spreads, no_interval(run), strict=False)]
-        cells += [[one.value for one in spreads], ranges]
-        cells += [[significant(value, 4) for value in table[method]] for method in ("exact", "dds")]
-        if known:
-            titles.append(f"true {run.symbols[quantity]}")
-            cells.append([significant(value, 4) for value in table["truth"]])
-    return Table(columns(*titles, number=titles[3:]), [Row(row) for row in zip(*cells, strict=True)])
+    return table_of(table[: LIMITS.rows], *fields)
+
+
+def _spread(quantity: str, row: Mapping[str, Any]) -> Spread:
+    return Spread(*(row[f"{quantity} {name}"] for name in ("median", "eti90_low", "eti90_high")))
+
+
+def _value(quantity: str, row: Mapping[str, Any]) -> str:
+    return _spread(quantity, row).value
+
+
+def _range(quantity: str, row: Mapping[str, Any]) -> str:
+    return "not an interval" if row["none"] else _spread(quantity, row).range
 
 
 def method_values(run: FitRun, quantity: str) -> pd.DataFrame:
     """The value of every impact by every method, [impact, method]."""
-    return run.side_by_side[quantity].rename(columns={"median": "posterior"})[list(METHODS)]
+    return run.estimates_by_method[quantity].rename(columns={"median": "posterior"})[list(METHODS)]
 
 
 def agreement_table(run: FitRun) -> Table:
     """The ratio of each method to each other with its limits of agreement."""
     ratios = agreement({run.symbols[quantity]: method_values(run, quantity) for quantity in QUANTITIES})
     return table_of(
-        lines(ratios),
-        Field("quantity", lambda line: line.quantity),
-        Field("methods", lambda line: f"{METHODS[line.method]} over {METHODS[line.against]}"),
-        Field("ratio", lambda line: significant(line.ratio), "number"),
+        ratios,
+        Field("quantity"),
+        Field("methods", lambda row: f"{METHODS[row['method']]} over {METHODS[row['against']]}"),
+        number_field("ratio", missing="not known"),
         Field("95 % limits of agreement", _limits, "number"),
-        Field("impacts", lambda line: f"{line.impacts}", "number"),
-        Field("left out", lambda line: f"{line.left_out}", "number"),
+        Field("impacts", kind="number"),
+        Field("left out", "left_out", "number"),
     )
 
 
-def _limits(line: Any) -> str:
-    return interval(line.low, line.high) if np.isfinite(line.low) else "not known"
+def _limits(row: Mapping[str, Any]) -> str:
+    return interval(row["low"], row["high"]) if np.isfinite(row["low"]) else "not known"

@@ -12,12 +12,13 @@ import pandas as pd
 from bayestissue.figures.browser import packed
 from bayestissue.figures.impacts import factors
 from bayestissue.figures.traces import BANDS
+from bayestissue.report.fit.estimates import evenly_spaced
 from bayestissue.report.fit.run import FitRun
-from bayestissue.report.fit.traces import SCALES
+from bayestissue.report.fit.traces import trace_rows
+from bayestissue.report.settings import LIMITS
 
 # Numbers of recordings and of their bands in one page: some 6 MB of it.
 MOST_VALUES = 2_500_000
-_STEPS = 32_000
 
 
 def carried(run: FitRun) -> np.ndarray:
@@ -28,8 +29,7 @@ def carried(run: FitRun) -> np.ndarray:
     samples = np.isfinite(run.constant("time")[run.predicted]).sum(axis=1)
     size = int(samples.sum()) * (1 + len(BANDS))
     count = len(run.predicted)
-    most = count if size <= MOST_VALUES else max(int(count * MOST_VALUES / size), 1)
-    return np.unique(np.linspace(0, count - 1, most).round().astype(int))
+    return evenly_spaced(count, count if size <= MOST_VALUES else max(int(count * MOST_VALUES / size), 1))
 
 
 def carried_words(run: FitRun) -> str:
@@ -46,19 +46,17 @@ def packed_impacts(run: FitRun, table: pd.DataFrame) -> str:
     impact the predicted median, the recording less it, and the other `BANDS` less it, each as many as its
     samples. An impact's numbers times its ``step`` are in the unit that the page shows.
     """
-    scale = SCALES[run.shown][1]
-    which = carried(run)
-    replicates = run.draws(run.shown, "posterior_predictive")
-    observed, time = run.groups["observed_data"][run.shown].to_numpy(), run.constant("time")[run.predicted]
+    replicates, others = (
+        run.draws(run.shown, "posterior_predictive"),
+        [name for name in BANDS if name != "median"],
+    )
     traces, values = [], []
-    for index in which:
-        bands = np.percentile(replicates[:, index].astype(float), list(BANDS.values()), axis=0)
-        known = np.isfinite(time[index]) & np.isfinite(bands[0]) & np.isfinite(observed[index])
-        middle = list(BANDS).index("median")
-        others = [row - bands[middle] for name, row in zip(BANDS, bands, strict=True) if name != "median"]
-        numbers = scale * np.array([bands[middle], observed[index] - bands[middle], *others])[:, known]
-        step = float(np.abs(numbers).max(initial=0) / _STEPS) or 1.0
-        at = 1e3 * time[index][known]
+    for index in carried(run):
+        rows = trace_rows(run, index, replicates[:, index])
+        left = rows[["recorded", *others]].sub(rows["median"], axis=0)
+        numbers = np.vstack([rows["median"], left.to_numpy().T])
+        step = float(np.abs(numbers).max(initial=0) / LIMITS.steps) or 1.0
+        at = rows["time_ms"].to_numpy()
         traces.append(
             {
                 "impact": int(run.predicted[index]),
@@ -72,7 +70,7 @@ def packed_impacts(run: FitRun, table: pd.DataFrame) -> str:
     header: dict[str, Any] = {
         "impacts": json.loads(table.to_json(orient="records", double_precision=6)),
         "factors": factors(table),
-        "bands": [name for name in BANDS if name != "median"],
+        "bands": others,
         "tested": run.tested,
         "traces": traces,
     }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import combinations
@@ -10,7 +10,6 @@ from itertools import combinations
 import numpy as np
 import pandas as pd
 
-from bayestissue.declarations import declared
 from bayestissue.figures import impacts as of_impacts
 from bayestissue.figures import study
 from bayestissue.figures import traces as of_traces
@@ -24,15 +23,9 @@ from bayestissue.report.fit import traces
 from bayestissue.report.fit.estimates import mass_varies, method_values, shown_rows
 from bayestissue.report.fit.population import OwnSlope, groupings, own_slopes
 from bayestissue.report.fit.run import FitRun
+from bayestissue.report.fit.sentences import said
 from bayestissue.report.posterior import QUANTITIES, exponent_figure, group_words, mass_curve
-
-_WORDS = declared(__package__, "figures.toml")
-# Levels of a factor that a figure of pairs has room for.
-_MOST_SIDES = 6
-
-
-def _said(figure: str, **words: str) -> str:
-    return str(_WORDS[figure]).format(**words)
+from bayestissue.report.settings import LIMITS
 
 
 def impacts(run: FitRun, x: str = "C", y: str = "K") -> Figure:
@@ -42,7 +35,7 @@ def impacts(run: FitRun, x: str = "C", y: str = "K") -> Figure:
     )
     true = "; crosses are the truth of simulated data" if not run.truth.empty and x == "order" else ""
     return of_impacts.scatter(
-        run.impacts_table, x, y, _said("impacts", name=run.names[y], where=where, true=true), run.names
+        run.impacts_table, x, y, said("figures.impacts", name=run.names[y], where=where, true=true), run.names
     )
 
 
@@ -54,7 +47,7 @@ def people(run: FitRun, quantity: str = "K", level: str = "subject") -> Figure:
     return intervals(
         with_ranks(run.draws(variable), run.labels(level)),
         f"{name} ({unit})",
-        _said("people", name=name, one=one),
+        said("figures.people", name=name, one=one),
     )
 
 
@@ -65,7 +58,7 @@ def sides(run: FitRun) -> list[str]:
         name
         for name in dict.fromkeys((*of_impacts.factors(table), "condition"))
         if name != "person"
-        and 2 <= table[name].nunique() <= _MOST_SIDES
+        and 2 <= table[name].nunique() <= LIMITS.sides
         and table[["person", name]].drop_duplicates()["person"].duplicated().any()
     ]
     # Conditions that stand for masses are in the figure of the mass.
@@ -97,7 +90,7 @@ def paired(run: FitRun, quantity: str = "K", factor: str = "side") -> Figure:
         means[["level", "median", "eti90_low", "eti90_high"]],
         factor,
         axis_title(quantity, run.names),
-        _said("paired", name=run.names[quantity], factor=factor),
+        said("figures.paired", name=run.names[quantity], factor=factor),
     )
 
 
@@ -130,7 +123,7 @@ def repeatability(run: FitRun, quantity: str = "K") -> Figure:
         repeats(run, quantity),
         f"geometric mean {quantity} of the two ({UNITS[quantity]})",
         "second over first",
-        _said("repeatability", q=quantity),
+        said("figures.repeatability", q=quantity),
     )
 
 
@@ -146,7 +139,7 @@ def methods(run: FitRun, quantity: str, method: str, against: str) -> Figure:
         }
     )
     title = f"{METHODS[method]} over {METHODS[against]}"
-    words = _said("methods", q=quantity, title=title)
+    words = said("figures.methods", q=quantity, title=title)
     return study.agreement(shown_rows(rows), f"geometric mean {quantity} ({UNITS[quantity]})", title, words)
 
 
@@ -160,7 +153,7 @@ def mass(run: FitRun, quantity: str = "K", *, thesis: bool = False) -> Figure:
         conditions = quantiles(run.draws(variable), run.labels("trial"))
     else:
         # Of K_secant there are the recorded impacts alone.
-        logs = pd.Series(np.log(run.side_by_side[quantity]["median"].to_numpy())).groupby(trial).mean()
+        logs = pd.Series(np.log(run.estimates_by_method[quantity]["median"].to_numpy())).groupby(trial).mean()
         median = np.exp(logs.reindex(run.labels("trial")).to_numpy())
         conditions = pd.DataFrame({"label": run.labels("trial"), "median": median})
         conditions[["eti90_low", "eti90_high"]] = np.nan
@@ -174,7 +167,7 @@ def mass(run: FitRun, quantity: str = "K", *, thesis: bool = False) -> Figure:
         conditions,
         mass_curve(run, quantity, masses, run.reference_mass),
         quantity,
-        _said("mass", name=run.names[quantity]),
+        said("figures.mass", name=run.names[quantity]),
         who=who,
         names=run.names,
         others=[shown_rows(dds[dds["value"] > 0].assign(kind="thesis's method (dds)"))] if thesis else [],
@@ -193,7 +186,7 @@ def slope(run: FitRun, chosen: OwnSlope) -> Figure:
     return intervals(
         with_ranks(run.draws(chosen.name), run.labels(chosen.grouping)),
         chosen.words if chosen.covariate else f"{chosen.words} (no unit)",
-        _said("slope", what=chosen.words, one=one),
+        said("figures.slope", what=chosen.words, one=one),
         lines=(0,) if chosen.covariate else (0, 1),
         band=None if band is None else (float(band[0]), float(band[1])),
         straight=True,
@@ -209,7 +202,7 @@ def spreads(run: FitRun) -> Figure:
         if q in run.of_tissue and run.has(name := f"sd_{stem_of(level)}_{q}")
     ]
     rows = pd.concat(parts, ignore_index=True)
-    return intervals(rows, "standard deviation (% of K or C)", _said("spreads"), straight=True)
+    return intervals(rows, "standard deviation (% of K or C)", said("figures.spreads"), straight=True)
 
 
 def _of(level: str) -> str:
@@ -221,7 +214,7 @@ def recording(run: FitRun, impact: str | None = None) -> Figure:
     names = [run.impacts[row] for row in run.predicted]
     index = traces.middle_impact(run) if impact is None else names.index(impact)
     rows, (unit, _) = traces.trace_rows(run, index), traces.SCALES[run.shown]
-    return of_traces.recording(rows, run.shown, unit, _said("recording", shown=run.shown))
+    return of_traces.recording(rows, run.shown, unit, said("figures.recording", shown=run.shown))
 
 
 def residual_p(run: FitRun, one_step: np.ndarray) -> Figure:
@@ -229,14 +222,14 @@ def residual_p(run: FitRun, one_step: np.ndarray) -> Figure:
     tested = np.array(list(run.tested.values()))
     sets = {"what the fit leaves": tested, "one step ahead, exact ARMA(2,1)": one_step}
     known = {name: values for name, values in sets.items() if np.isfinite(values).any()}
-    return of_traces.sorted_p(known, traces.STRUCTURED, _said("residual_p"))
+    return of_traces.sorted_p(known, traces.STRUCTURED, said("figures.residual_p"))
 
 
 def lag_one(run: FitRun, left: traces.Residuals) -> Figure:
     """Autocorrelation at lag 1 of each impact's residuals, and of data made by the model."""
     names = np.array(run.impacts)[left.which]
     rows = left.lag_one.drop(columns="inside").rename(columns={"measured": "recorded"}).assign(impact=names)
-    return of_traces.lag_one(rows, _said("lag_one"))
+    return of_traces.lag_one(rows, said("figures.lag_one"))
 
 
 def published(run: FitRun) -> Iterator[tuple[str, Callable[[], Figure]]]:
@@ -256,6 +249,21 @@ def published(run: FitRun) -> Iterator[tuple[str, Callable[[], Figure]]]:
     yield "recording", partial(recording, run)
     for coefficient in own_slopes(run):
         yield coefficient.name, partial(slope, run, coefficient)
+
+
+def level_figures(run: FitRun, level: str, quantities: Sequence[str]) -> list[Figure]:
+    """Quantities of every person, or level of another grouping."""
+    return [people(run, q, level) for q in quantities]
+
+
+def slope_figures(run: FitRun) -> list[Figure]:
+    """Every coefficient that differs between levels."""
+    return [slope(run, chosen) for chosen in own_slopes(run)]
+
+
+def repeat_figures(run: FitRun) -> list[Figure]:
+    """Successive measurements of one person, of K and of C, where there are several pairs."""
+    return [repeatability(run, q) for q in QUANTITIES if len(repeats(run, q)) > 1]
 
 
 def method_figures(run: FitRun) -> list[Figure]:

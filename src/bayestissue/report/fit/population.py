@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from bayestissue.hierarchy.formulas.group_terms import stem_of
@@ -44,6 +45,21 @@ class OwnSlope(NamedTuple):
         return f"mass exponent of {self.quantity}"
 
 
+def ranked(run: FitRun) -> dict[str, list[str]]:
+    """What the levels of each grouping have in the posterior, K, C or others: people, then conditions."""
+    levels = {}
+    for level in dict.fromkeys((*_FIRST, *groupings(run))):
+        with_effects = [q for q in run.responses if run.has(f"{stem_of(level)}_effect_{q}")]
+        if quantities := [q for q in with_effects if run.of_levels(q, level)]:
+            levels[level] = quantities
+    return levels
+
+
+def in_words(run: FitRun, quantities: Sequence[str]) -> str:
+    """Quantities of the tissue, listed."""
+    return listed([run.symbols.get(q, q) for q in quantities])
+
+
 def groupings(run: FitRun) -> list[str]:
     """The dimensions whose levels have effects: people and conditions, then the others."""
     of_effects = [
@@ -76,34 +92,22 @@ def differing_words(run: FitRun) -> str:
 
 
 def _differing(run: FitRun, slope: OwnSlope) -> str:
-    apart, (one, several), scatter = _apart(run, slope), group_words(slope.grouping), _scatter(run, slope)
-    count = len(run.labels(slope.grouping))
-    which = f"{len(apart)} of {count} {several}" if apart else f"no {one}"
-    verb, differ = "are" if len(apart) > 1 else "is", "differ" if apart else "are not seen to differ"
+    differing, (one, several) = apart(run, slope), group_words(slope.grouping)
+    which = f"{len(differing)} of {len(run.labels(slope.grouping))} {several}" if differing else f"no {one}"
+    verb, differ = "are" if len(differing) > 1 else "is", "differ" if differing else "are not seen to differ"
     return (
         f"{several.capitalize()} {differ} in it: in {slope.quantity} {which} {verb} told apart from the "
-        f"common exponent by 90 % intervals; standard deviation of the exponents {scatter}."
+        f"common exponent by 90 % intervals; standard deviation of the exponents {scatter(run, slope)}."
     )
 
 
-def _apart(run: FitRun, slope: OwnSlope) -> list[str]:
+def apart(run: FitRun, slope: OwnSlope) -> list[str]:
     """The levels whose coefficient a 90 % interval tells from the population's."""
     slopes = run.draws(slope.name)
     deviations = slopes - run.draws(slope.shared)[:, None] if run.has(slope.shared) else slopes
     return without_zero(deviations, run.labels(slope.grouping))
 
 
-def _scatter(run: FitRun, slope: OwnSlope) -> str:
-    scatter = spread(run.draws(f"sd_{slope.name}"))
-    return f"{scatter.value} ({scatter.range})"
-
-
-def slope_words(run: FitRun, slope: OwnSlope) -> str:
-    """Which levels' coefficients are told from the population's."""
-    apart, one = _apart(run, slope), group_words(slope.grouping)[0]
-    named = f": {listed(apart)}" if apart else ""
-    return (
-        f"The {slope.words} differs between one {one} and the next with a standard deviation of "
-        f"{_scatter(run, slope)}. A 90 % interval tells {len(apart) or 'none'} of "
-        f"{len(run.labels(slope.grouping))} from the typical one{named}."
-    )
+def scatter(run: FitRun, slope: OwnSlope) -> str:
+    """The standard deviation of the levels' coefficients, in words."""
+    return spread(run.draws(f"sd_{slope.name}")).words

@@ -99,7 +99,7 @@ class FitRun(PosteriorRun):
         return [str(label) for label in self.groups["constant_data"]["impact"].to_numpy()]
 
     @cached_property
-    def side_by_side(self) -> dict[str, pd.DataFrame]:
+    def estimates_by_method(self) -> dict[str, pd.DataFrame]:
         """For K and for C, in N/m and N s/m, a row an impact: its posterior and its point estimates.
 
         Posterior ``median``, ``eti50_*`` and ``eti90_*``, of `symbols`; ``exact``; ``dds``; ``truth``, of
@@ -150,7 +150,7 @@ class FitRun(PosteriorRun):
             }
         )
         unlike = np.zeros(len(table))
-        for q, values in self.side_by_side.items():
+        for q, values in self.estimates_by_method.items():
             table[COLUMNS[q]] = values["median"].to_numpy()
             for side in ("low", "high"):
                 table[end(q, side)] = values[f"eti90_{side}"].to_numpy()

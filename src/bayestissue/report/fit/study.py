@@ -12,16 +12,11 @@ from bayestissue.inference.answers.contrasts import ALSO, COMBINATIONS, INTERACT
 from bayestissue.inference.results.meanings import ICC, MDC, MOSTLY, REPEATS, SEM, UNITS
 from bayestissue.report.fit.population import groupings
 from bayestissue.report.fit.run import FitRun
+from bayestissue.report.fit.sentences import said
 from bayestissue.report.posterior import QUANTITIES, Spread, spread
-from bayestissue.report.tables import Field, Row, Table, columns, lines, table_of
+from bayestissue.report.settings import LIMITS
+from bayestissue.report.tables import Field, Row, Table, columns, number_field, table_of
 from bayestissue.report.wording import likelihood_words, listed, number, percent, probability, significant
-
-_ON_FIRST_SCREEN = 2
-MOST_ROWS = 300
-_MASSES = (
-    "Here conditions stand for masses, so that the mass exponent compares them; their effects are what the "
-    "mass leaves over."
-)
 
 
 def first_contrasts(run: FitRun) -> list[dict[str, Any]]:
@@ -36,22 +31,20 @@ def _first(run: FitRun, kind: str) -> list[dict[str, Any]]:
     of_kind = run.contrasts[kinds(run) == kind]
     contrasts = []
     for (factor, level, against), part in of_kind.groupby(["factor", "level", "against"], sort=False):
-        shown = [
-            line for line in lines(part) if line.quantity in QUANTITIES and line.quantity in run.of_tissue
-        ]
+        shown = part[part["quantity"].isin([q for q in QUANTITIES if q in run.of_tissue])].to_dict("records")
         if not shown:
             continue
-        words = " ".join(_contrast_words(line, equivalence(run), kind) for line in shown)
+        sentences = [_contrast_words(row, equivalence(run), kind) for row in shown]
         contrasts.append(
             {
                 "what": contrast_name(kind, str(factor), str(level), str(against)),
                 "kind": kind,
                 "levels": _level_values(run, str(factor), (str(level), str(against))),
-                "ratios": [(line.quantity, _ratio(line)) for line in shown],
-                "words": f"{words} {_note_words(str(level), str(against), shown)}".strip(),
+                "ratios": [(row["quantity"], _spread(row, "ratio")) for row in shown],
+                "words": " ".join([*sentences, *_note_words(shown)]),
             }
         )
-    return contrasts[:_ON_FIRST_SCREEN]
+    return contrasts[: LIMITS.comparisons]
 
 
 def kinds(run: FitRun) -> pd.Series:
@@ -67,7 +60,8 @@ def contrast_name(kind: str, factor: str, level: str, against: str) -> str:
         (first, inner), (second, _) = _parted(level, against)
         return f"{inner}, {first} over {second}"
     # A number alone says nothing: session 2 over session 1.
-    return f"{factor} {level} over {against}" if _is_number(level) else f"{level} over {against}"
+    numbered = not np.isnan(pd.to_numeric(level, errors="coerce"))
+    return f"{factor} {level} over {against}" if numbered else f"{level} over {against}"
 
 
 def _parted(level: str, against: str) -> tuple[tuple[str, str], tuple[str, str]]:
@@ -78,13 +72,14 @@ def _parted(level: str, against: str) -> tuple[tuple[str, str], tuple[str, str]]
     return tuple((text.removesuffix(f":{inner}"), over) for text in (level, against))  # type: ignore[return-value]
 
 
-def _note_words(level: str, against: str, shown: list[Any]) -> str:
-    """What goes with a difference; empty of runs of earlier versions."""
-    notes = [note for line in shown if (note := getattr(line, "note", ""))]
-    if not notes:
-        return ""
-    what = str(notes[0]).removeprefix(ALSO)
-    return f"Between {level} and {against} also differs, and is part of the ratio: {what}."
+def _note_words(shown: list[dict[Any, Any]]) -> list[str]:
+    """What goes with a difference, as a sentence; none of runs of earlier versions."""
+    notes = [
+        said("study.part_of_ratio", **row, what=str(row["note"]).removeprefix(ALSO))
+        for row in shown
+        if row.get("note")
+    ]
+    return notes[:1]
 
 
 def _level_values(run: FitRun, factor: str, levels: tuple[str, str]) -> list[tuple[str, str, str, Spread]]:
@@ -99,37 +94,26 @@ def _level_values(run: FitRun, factor: str, levels: tuple[str, str]) -> list[tup
     return values
 
 
-def _is_number(level: Any) -> bool:
-    try:
-        float(level)
-    except ValueError:
-        return False
-    return True
-
-
 def equivalence(run: FitRun) -> float:
     """The relative difference that counts as none in practice."""
     return float(run.record.get("model", {}).get("practical_equivalence", {}).get("ratio", 0.1))
 
 
-def _ratio(line: Any) -> Spread:
-    return Spread(line.ratio, line.low, line.high)
-
-
-def _contrast_words(line: Any, near: float, kind: str) -> str:
-    what = "greater" if line.ratio > 1 else "less"
-    quantity, level, differs = line.quantity, line.level, f"differs by less than {percent(near)}"
+def _contrast_words(row: dict[Any, Any], near: float, kind: str) -> str:
+    quantity, level, differs = row["quantity"], row["level"], f"differs by less than {percent(near)}"
     if kind == INTERACTION:
-        (first, inner), (second, _) = _parted(line.level, line.against)
-        quantity, level, differs = (
-            f"{quantity}, {inner},",
-            f"{first} than for {second}",
-            f"is within {percent(near)} of none",
-        )
-    return (
-        f"{quantity} is {likelihood_words(line.p_direction)} {what} for {level} (probability "
-        f"{probability(line.p_direction)}); the probability that it {differs} is "
-        f"{probability(line.p_equivalent)}."
+        (first, inner), (second, _) = _parted(level, row["against"])
+        quantity, level = f"{quantity}, {inner},", f"{first} than for {second}"
+        differs = f"is within {percent(near)} of none"
+    return said(
+        "study.contrast",
+        quantity=quantity,
+        likely=likelihood_words(row["p_direction"]),
+        what="greater" if row["ratio"] > 1 else "less",
+        level=level,
+        direction=probability(row["p_direction"]),
+        differs=differs,
+        equivalent=probability(row["p_equivalent"]),
     )
 
 
@@ -138,22 +122,22 @@ def conditions_words(run: FitRun) -> str:
     masses = run.has("mass_exponent_K") or run.has("mass_exponent_C")
     conditions = run.has("trial_effect_K") or run.has("trial_effect_C")
     compared = bool((run.contrasts["factor"] == "trial").any())
-    return _MASSES if masses and conditions and not compared else ""
+    return said("study.masses") if masses and conditions and not compared else ""
 
 
 def contrasts_table(run: FitRun) -> Table:
     """The first 300 rows of `contrasts.csv`."""
     noted = "note" in run.contrasts and bool(run.contrasts["note"].ne("").any())
     return table_of(
-        lines(run.contrasts[:MOST_ROWS]),
-        Field("of", lambda line: line.factor),
-        Field("comparison", lambda line: f"{line.level} over {line.against}"),
-        Field("quantity", lambda line: line.quantity),
-        Field("ratio", lambda line: _ratio(line).value, "number"),
-        Field("90 %", lambda line: _ratio(line).range, "number"),
-        Field("direction", lambda line: probability(line.p_direction), "number"),
-        Field(f"within {percent(equivalence(run))}", lambda line: probability(line.p_equivalent), "number"),
-        *[Field("note", lambda line: line.note)] * noted,
+        run.contrasts[: LIMITS.rows],
+        Field("of", "factor"),
+        Field("comparison", lambda row: f"{row['level']} over {row['against']}"),
+        Field("quantity"),
+        Field("ratio", lambda row: _spread(row, "ratio").value, "number"),
+        Field("90 %", lambda row: _spread(row, "ratio").range, "number"),
+        number_field("direction", "p_direction", probability, "not known"),
+        number_field(f"within {percent(equivalence(run))}", "p_equivalent", probability, "not known"),
+        *[Field("note")] * noted,
     )
 
 
@@ -250,14 +234,9 @@ def prior_words(run: FitRun) -> str:
         return ""
     low, high = (percent(end(row["prior_overlap"] for row in vague)) for end in (min, max))
     by = low if low == high else f"{low} to {high}"
-    words = (
-        f"Largely prior: of {listed([_name(row) for row in vague])} these data say little, and the "
-        f"posterior overlaps the prior of the model file by {by}, so that another prior would "
-        "give another interval."
-    )
-    if not any(row["form"].startswith(("ICC(C", "consistency")) for row in vague):
-        words += " Agreement asks how conditions differ, of which few conditions say little."
-    return words
+    words = said("study.largely_prior", vague=listed([_name(row) for row in vague]), by=by)
+    consistent = any(row["form"].startswith(("ICC(C", "consistency")) for row in vague)
+    return words if consistent else f"{words} {said('study.agreement')}"
 
 
 def _name(row: dict[Any, Any]) -> str:
@@ -276,21 +255,17 @@ def reliability_words(run: FitRun) -> list[str]:
     cells = _by_place(run.reliability)
     sentences = []
     for q in (q for q in QUANTITIES if any(key[0] == q for key in cells)):
-        error = [
+        errors = [
             f"{words} {number(cells[q, SEM, form, _PERCENT]['median'], 1)}\N{NO-BREAK SPACE}%"
             for form, words in (("measuring chain", "the measuring chain makes"), ("person", "the person"))
         ]
-        sentences.append(
-            f"{q}: of one measurement {' and '.join(error)} of error (standard deviations). To show a change "
-            f"(95\N{NO-BREAK SPACE}%) two measurements of a person must differ by {_changes(cells, q)}."
-        )
+        words = said("study.error", quantity=q, errors=" and ".join(errors), changes=_changes(cells, q))
         if (q, ICC, "ICC(A,1)", "1") in cells:
-            icc = [_spread(cells[q, ICC, f"ICC({form},1)", "1"]) for form in "CA"]
-            need = _spread(cells[q, REPEATS, "ICC(A,k) of 0.9", "1"])
-            sentences[-1] += (
-                f" Its ICC(C,1) is {icc[0].value} ({icc[0].range}), its ICC(A,1) {icc[1].value} "
-                f"({icc[1].range}); {_repeats_words(need)}."
-            )
+            consistency, agreement = (_spread(cells[q, ICC, f"ICC({form},1)", "1"]).words for form in "CA")
+            repeats = _repeats_words(_spread(cells[q, REPEATS, "ICC(A,k) of 0.9", "1"]))
+            icc = said("study.icc", consistency=consistency, agreement=agreement, repeats=repeats)
+            words = f"{words} {icc}"
+        sentences.append(words)
     return sentences
 
 
@@ -313,15 +288,13 @@ def _changes(cells: dict[tuple[str, str, str, str], dict[Any, Any]], q: str) -> 
     changes: dict[str, str] = {}
     for (quantity, measure, form, unit), row in cells.items():
         if (quantity, measure, unit) == (q, MDC, _PERCENT):
-            name = str(form)
-            change = _spread(row)
-            words = f"{change.value}\N{NO-BREAK SPACE}% ({change.range})"
+            change, varies = _spread(row), row.get("varies")
             # Runs of earlier versions don't say what varies.
-            varies = row.get("varies", "")
-            varies = varies if isinstance(varies, str) else ""
-            where = f"where {listed(varies.split(', '))} may differ" if varies else "all else the same"
-            means = f" between {name.split(', ')[1]}" if ", " in name else ""
-            changes.setdefault(f"{where}{means}", words)
+            varied = varies.split(", ") if isinstance(varies, str) and varies else []
+            where = f"where {listed(varied)} may differ" if varied else "all else the same"
+            _, between, means = form.partition(", ")
+            words = f"{change.value}\N{NO-BREAK SPACE}% ({change.range})"
+            changes.setdefault(f"{where}{' between ' if between else ''}{means}", words)
     return listed([f"{words} {where}" for where, words in changes.items()])
 
 
@@ -331,12 +304,8 @@ def another_day(run: FitRun) -> str:
         word in grouping.lower() for grouping in groupings(run) for word in _SESSIONS
     ):
         return ""
-    return Coded(
-        "Repeats of one session say nothing of another day: no group of the formula is a session, so that "
-        "what differs between days is in none of these numbers.",
-        "one-session",
-    )
+    return Coded(said("study.one_session"), "one-session")
 
 
-def _spread(row: Any) -> Spread:
-    return Spread(float(row["median"]), float(row["low"]), float(row["high"]))
+def _spread(row: dict[Any, Any], middle: str = "median") -> Spread:
+    return Spread(*(float(row[name]) for name in (middle, "low", "high")))

@@ -11,12 +11,14 @@ from jaxtyping import Bool, Float
 
 from bayestissue.figures.traces import BANDS
 from bayestissue.inference.points.whiteness import autocorrelation
+from bayestissue.report.fit.estimates import evenly_spaced
 from bayestissue.report.fit.run import FitRun
+from bayestissue.report.fit.sentences import said
+from bayestissue.report.settings import LIMITS, WORTH
 from bayestissue.report.wording import listed, percent
 
 STRUCTURED = 0.01
 OTHER_NOISE = 0.01
-_MOST_TESTED = 250
 
 
 @dataclass(frozen=True)
@@ -83,8 +85,7 @@ class Residuals:
 
 def residuals(run: FitRun) -> Residuals:
     """The residuals of every impact, or of 250 evenly spaced ones if there are more."""
-    count = len(run.predicted)
-    which = np.unique(np.linspace(0, count - 1, min(count, _MOST_TESTED)).round().astype(int))
+    which = evenly_spaced(len(run.predicted), LIMITS.impacts_tested)
     replicates = run.draws(run.shown, "posterior_predictive")[:, which].astype(float)
     middle = np.median(replicates, axis=0)
     measured = run.groups["observed_data"][run.shown].to_numpy()[which]
@@ -100,7 +101,7 @@ def inside_band(left: Residuals) -> float:
 
 def middle_impact(run: FitRun) -> int:
     """The impact of the median stiffness, as a number among those that have predictions."""
-    order = np.argsort(run.side_by_side["K"]["median"].to_numpy()[run.predicted], kind="stable")
+    order = np.argsort(run.estimates_by_method["K"]["median"].to_numpy()[run.predicted], kind="stable")
     return int(order[len(order) // 2])
 
 
@@ -120,12 +121,14 @@ def one_step_p(run: FitRun) -> np.ndarray:
 SCALES = {"deceleration": ("m/s²", 1.0), "displacement": ("mm", 1e3)}
 
 
-def trace_rows(run: FitRun, index: int) -> pd.DataFrame:
+def trace_rows(
+    run: FitRun, index: int, replicates: Float[np.ndarray, "draw sample"] | None = None
+) -> pd.DataFrame:
     """One of the impacts that have predictions: ``time_ms``, ``recorded`` and `BANDS` of its replicates."""
     scale = SCALES[run.shown][1]
-    bands = scale * np.percentile(
-        run.draws(run.shown, "posterior_predictive")[:, index].astype(float), list(BANDS.values()), axis=0
-    )
+    if replicates is None:
+        replicates = run.draws(run.shown, "posterior_predictive")[:, index]
+    bands = scale * np.percentile(replicates.astype(float), list(BANDS.values()), axis=0)
     rows = pd.DataFrame(
         {
             "time_ms": 1e3 * run.constant("time")[run.predicted[index]],
@@ -134,10 +137,6 @@ def trace_rows(run: FitRun, index: int) -> pd.DataFrame:
         | dict(zip(BANDS, bands, strict=True))
     )
     return rows[np.isfinite(rows).all(axis=1)].reset_index(drop=True)
-
-
-# Beyond this share of small p-values residuals as a whole are called structured.
-_STRUCTURED_SHARE = 0.05
 
 
 def other_noise(run: FitRun, left: Residuals) -> bool:
@@ -150,22 +149,15 @@ def other_noise(run: FitRun, left: Residuals) -> bool:
 
 def residual_words(run: FitRun, left: Residuals, one_step: np.ndarray) -> list[str]:
     """Whether the residuals have structure, and whether the model expects what they have."""
-    sentences = [
-        f"{percent(inside_band(left))} of all measured samples lie in the predicted 90 % band of a new "
-        "recording of the same impact, whose chain has errors of its own."
-    ]
+    sentences = [said("traces.inside", share=percent(inside_band(left)))]
     if run.tested:
         return [*sentences, str(run.diagnostics["model_form"]["words"])]
     if np.isfinite(one_step).any():
         sentences.append(
             _structure("One step ahead, by the exact point fit", one_step, np.array(run.impacts))
         )
-    table = left.lag_one
-    inside = int(table["inside"].sum())
-    words = f"The autocorrelation at lag 1 is what the model expects in {inside} of {len(table)} impacts"
-    if other_noise(run, left):
-        words += ": the noise that it assumes is not the noise that was recorded"
-    return [*sentences, f"{words}."]
+    inside, also = left.lag_one["inside"], said("traces.other_noise") if other_noise(run, left) else ""
+    return [*sentences, said("traces.lag_one", inside=int(inside.sum()), all=len(inside), also=also)]
 
 
 def _structure(what: str, p: np.ndarray, names: np.ndarray) -> str:
@@ -173,13 +165,10 @@ def _structure(what: str, p: np.ndarray, names: np.ndarray) -> str:
     count, total = int((p[tested] < STRUCTURED).sum()), int(tested.sum())
     # By Bonferroni: so small that among all of them not even one would be expected.
     sure = names[tested][p[tested] * total < STRUCTURED]
-    if count > _STRUCTURED_SHARE * total:
-        verdict = "the residuals have structure that a single trace's ARMA(2,1) does not explain"
+    if count > WORTH.structured_share * total:
+        verdict = said("traces.structured")
     elif sure.size:
-        verdict = f"structure beyond chance in {listed([str(name) for name in sure])} only"
+        verdict = said("traces.structured_some", names=listed([str(name) for name in sure]))
     else:
-        verdict = "no more structure than chance gives"
-    return (
-        f"{what}: {count} of {total} impacts have p below 0.01, where white residuals give about 1 %: "
-        f"{verdict}."
-    )
+        verdict = said("traces.unstructured")
+    return said("traces.structure", what=what, count=count, total=total, verdict=verdict)
