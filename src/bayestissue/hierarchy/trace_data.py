@@ -21,7 +21,7 @@ from bayestissue.errors import InputError, Problem, along_with
 from bayestissue.hierarchy import SIDE_BY_SIDE
 from bayestissue.hierarchy.design import Design, build_design
 from bayestissue.hierarchy.effects import RESPONSES
-from bayestissue.hierarchy.formulas.formula import columns_named
+from bayestissue.hierarchy.formulas.formula import terms_of
 from bayestissue.hierarchy.formulas.identifiability import missing
 from bayestissue.hierarchy.population import population_design
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
@@ -216,7 +216,7 @@ def _empty_cells(dataset: Dataset, formulas: Formulas) -> list[Problem]:
     """A problem for each cell without a value in a column that a formula is of."""
     impacts, named = (
         dataset.impacts,
-        [columns_named(formula) for _, formula in formulas if formula is not None],
+        [terms_of(formula).columns for _, formula in formulas if formula is not None],
     )
     problems = []
     for column in dict.fromkeys(name for columns in named for name in columns if name in impacts):

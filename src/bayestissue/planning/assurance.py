@@ -20,8 +20,7 @@ from jaxtyping import Bool, Float
 
 from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.effects import RESPONSES
-from bayestissue.hierarchy.formulas.formula import group_terms
-from bayestissue.hierarchy.levels import Recorded
+from bayestissue.hierarchy.recorded import Recorded
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.inference.answers.grammar import Node, Operation, Quantity, claims, parse
 from bayestissue.inference.answers.meaning import draws_of, quantities
@@ -357,7 +356,7 @@ def typical_tissue(truths: Truths, arrangement: Arrangement, reference_mass_kg: 
     sds, fixed = truths.hyperparameters, truths.fixed
 
     def of_response(q: str) -> tuple[float, float, float]:
-        terms = group_terms(arrangement.design.recorded.formulas[q])
+        terms = arrangement.design.recorded.terms_of(q).groups
         names = [*(term.sd(q) for term in terms if not term.slope), f"sd_impact_{q}"]
         within = np.sum([np.mean(sds[name] ** 2) for name in names if name in sds])
         level, exponent = fixed[f"intercept_{q}"], fixed.get(f"mass_exponent_{q}", np.zeros(1))

@@ -17,7 +17,7 @@ from bayestissue import results, runtime
 from bayestissue.fitting import formulas_of, silent
 from bayestissue.hierarchy.design import build_design
 from bayestissue.hierarchy.effects import RESPONSES
-from bayestissue.hierarchy.formulas.formula import group_terms
+from bayestissue.hierarchy.formulas.formula import terms_of
 from bayestissue.hierarchy.formulas.group_terms import SUBJECT, grouping_of
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.inference.answers.fixed import confounded
@@ -431,7 +431,7 @@ def _limits(case: Case) -> dict[str, Case]:
         "people": replace(case, design=design.with_people(2 * design.people)),
         "impacts": replace(case, design=replace(design, repeats=2 * design.repeats)),
     }
-    terms = dict.fromkeys(term for q in RESPONSES for term in group_terms(getattr(formula, q)))
+    terms = dict.fromkeys(term for q in RESPONSES for term in terms_of(getattr(formula, q)).groups)
     for stem in (term.stem for term in terms if term != SUBJECT):
         limits[stem] = replace(case, prior=WithoutSpread(case.prior, f"sd_{stem}"))
     noise = {name: _BETTER * getattr(chain, name) for name in _NOISE}

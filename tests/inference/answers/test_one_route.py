@@ -19,7 +19,7 @@ from numpy.testing import assert_allclose
 
 from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.design import Design
-from bayestissue.hierarchy.formulas.formula import columns_named, judge
+from bayestissue.hierarchy.formulas.formula import judge
 from bayestissue.hierarchy.formulas.group_terms import stem_of
 from bayestissue.inference.answers.contrasts import ALL, INTERACTION, contrasts, contrasts_of
 from bayestissue.inference.answers.finished import Finished
@@ -182,7 +182,7 @@ def rows_agree(made: Made) -> None:
     still = made.draws.assign({n: 0 * v for n, v in made.draws.items() if str(n).startswith("sd_")})
     somebody = predict(Finished(still, None, made.recorded, discrepancy=True), [{}, {"side": "left"}])
     for q, column in (("K", "K_N_per_m"), ("C", "C_N_s_per_m")):
-        moved = columns_named(made.recorded.formulas[q])
+        moved = made.recorded.terms_of(q).columns
         asked = [{k: v for k, v in at.items() if k in moved} for at in conditions]
         medians = [np.median(made.asked(written(q, at))) for at in asked]
         assert_allclose(predicted[column], medians, rtol=1e-9)

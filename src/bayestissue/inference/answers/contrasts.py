@@ -35,6 +35,7 @@ from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import cache
 from itertools import combinations, product
 
 import numpy as np
@@ -42,9 +43,11 @@ import pandas as pd
 import xarray as xr
 from jaxtyping import Float
 
-from bayestissue.hierarchy.formulas.formula import group_terms, interactions, variables_of_terms
+from bayestissue.hierarchy.formulas.formula import interactions
 from bayestissue.hierarchy.formulas.group_terms import SUBJECT, labels_of
-from bayestissue.hierarchy.levels import Condition, Recorded, label_of, log_at_levels
+from bayestissue.hierarchy.levels import log_at_levels
+from bayestissue.hierarchy.recorded import Condition, Recorded, label_of
+from bayestissue.hierarchy.untried import not_used
 from bayestissue.inference.answers.grammar import Node, Number, Quantity, QuestionError, parse
 from bayestissue.inference.answers.meaning import quantities
 from bayestissue.inference.results.meanings import element_alone
@@ -225,21 +228,20 @@ def _key(condition: Condition) -> tuple[tuple[str, str | float], ...]:
 
 def contrasts_of(recorded: Recorded, response: str) -> list[Contrast]:
     """What a response's formula lets one compare, covariates first."""
-    formula = recorded.formulas.get(response, "1")
-    variables = variables_of_terms(formula)
-    named = dict.fromkeys(name for columns in variables for name in sorted(columns))
+    terms = recorded.terms_of(response)
+    named = dict.fromkeys(name for columns in terms.common.values() for name in sorted(columns))
     factors = {name: dict(_values(recorded, name)) for name in named if _is_factor(recorded, name)}
     compared = [one for name, levels in factors.items() for one in _of_levels(name, levels)]
-    for a, b in interactions(formula):
+    for a, b in interactions(recorded.formulas.get(response, "1")):
         if a in factors and b in factors:
             compared += _of_interaction((a, b), (factors[a], factors[b]))
-    for term in group_terms(formula):
+    for term in terms.groups:
         if term.slope or term.grouping == "subject":
             continue
         if len(term.factors) > 1:
             compared += _of_combinations(recorded, term.factors, known=factors)
         elif term.grouping not in factors:
-            with_mass = term.grouping == "trial" and any("mass_kg" in columns for columns in variables)
+            with_mass = term.grouping == "trial" and "mass_kg" in named
             compared += _of_group(recorded, term.grouping, at_one_mass=with_mass)
     return compared
 
@@ -355,58 +357,36 @@ def _ordered(levels: Sequence[str]) -> list[str]:
 
 def _notes(recorded: Recorded, compared: Sequence[Contrast]) -> list[str]:
     """What else goes with the levels of each contrast; empty of interactions and of means of all."""
-    noted = [contrast for contrast in compared if _has_note(contrast)]
-    by_factors = {
-        factors: _constants(recorded, factors)
-        for factors in dict.fromkeys(tuple(at) for contrast in noted for at, _ in contrast.weighted)
-    }
-    return [_note(recorded, contrast, by_factors) if _has_note(contrast) else "" for contrast in compared]
+    columns = not_used(recorded)
 
+    @cache
+    def goes_with(condition: tuple[tuple[str, str | float], ...]) -> dict[str, str]:
+        """What follows from a condition by the formulas, and what else is one thing in all of its impacts."""
+        at = dict(condition)
+        follows = {name: value for name, value in recorded.completed(at).items() if name not in at}
+        rows = recorded.matching(at)
+        values = {name: set(recorded.labels(name)[rows]) for name in columns if name not in at}
+        return {name: label_of(value) for name, value in follows.items() if name in recorded.needed} | {
+            name: min(labels) for name, labels in values.items() if len(labels) == 1
+        }
 
-def _has_note(contrast: Contrast) -> bool:
-    return contrast.kind != INTERACTION and contrast.compared[0][2] != ALL
+    def note(contrast: Contrast) -> str:
+        if contrast.kind == INTERACTION or contrast.compared[0][2] == ALL:
+            return ""
+        upper, lower = (
+            [goes_with(tuple(at.items())) for at, weight in contrast.weighted if weight * sign > 0]
+            for sign in (1, -1)
+        )
+        words = []
+        for name in upper[0]:
+            pairs = {(one.get(name), other.get(name)) for one, other in zip(upper, lower, strict=True)}
+            if any(None in pair or pair[0] == pair[1] for pair in pairs):
+                continue
+            level, against = min(pairs)
+            words.append(f"{name} ({level} against {against})" if len(pairs) == 1 else name)
+        return f"{ALSO}{', '.join(words)}" if words else ""
 
-
-Constants = Mapping[tuple[str, ...], Mapping[str, str]]
-
-
-def _constants(recorded: Recorded, factors: tuple[str, ...]) -> Constants:
-    """Of each level the columns in no formula that are one in all of its impacts, and what they are there."""
-    names = [name for name in recorded.not_used if name not in factors]
-    if not names:
-        return {}
-    labels = pd.DataFrame({name: labels_of(recorded.rows[name]) for name in (*factors, *names)})
-    groups = labels.groupby([labels[name] for name in factors])[names]
-    first, constant = groups.first(), groups.nunique(dropna=False).eq(1)
-    constants = {}
-    for level, values, same in zip(first.index, first.to_numpy(), constant.to_numpy(), strict=True):
-        key = level if isinstance(level, tuple) else (level,)
-        constants[key] = {n: v for n, v, one in zip(names, values, same, strict=True) if one}
-    return constants
-
-
-def _note(recorded: Recorded, contrast: Contrast, constants: Mapping[tuple[str, ...], Constants]) -> str:
-    upper, lower = (
-        [_goes_with(recorded, at, constants) for at, w in contrast.weighted if w * sign > 0]
-        for sign in (1, -1)
-    )
-    words = []
-    for name in upper[0]:
-        pairs = {(first.get(name), second.get(name)) for first, second in zip(upper, lower, strict=True)}
-        if any(None in pair or pair[0] == pair[1] for pair in pairs):
-            continue
-        level, against = min(pairs)
-        words.append(f"{name} ({level} against {against})" if len(pairs) == 1 else name)
-    return f"{ALSO}{', '.join(words)}" if words else ""
-
-
-def _goes_with(
-    recorded: Recorded, at: Condition, constants: Mapping[tuple[str, ...], Constants]
-) -> dict[str, str]:
-    """What follows from a condition by the formulas, and what else was one thing in all of its impacts."""
-    follows = {name: value for name, value in recorded.completed(at).items() if name not in at}
-    labels = {name: label_of(value) for name, value in follows.items() if name in recorded.needed}
-    return labels | dict(constants[tuple(at)].get(tuple(map(label_of, at.values())), {}))
+    return [note(contrast) for contrast in compared]
 
 
 MOST_PEOPLE = 60
@@ -430,7 +410,7 @@ def people_compared(draws: xr.Dataset, recorded: Recorded, responses: Sequence[s
     first, second = np.triu_indices(len(people), 1)
     tables = []
     for response in responses:
-        if SUBJECT not in group_terms(recorded.formulas.get(response)) or not 2 <= len(people) <= MOST_PEOPLE:
+        if SUBJECT not in recorded.terms_of(response).groups or not 2 <= len(people) <= MOST_PEOPLE:
             continue
         logs = log_at_levels(draws, recorded, response, [{"subject": name} for name in people])
         if response == "K" and "K_secant_of_subject" in draws:

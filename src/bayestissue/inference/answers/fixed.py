@@ -16,7 +16,7 @@ import xarray as xr
 from jaxtyping import Float
 
 from bayestissue.hierarchy.effects import intercept, parameter_of
-from bayestissue.hierarchy.formulas.formula import evaluated_at, judge
+from bayestissue.hierarchy.formulas.formula import judge
 from bayestissue.hierarchy.formulas.group_terms import (
     MASS_TERM,
     GroupTerm,
@@ -25,7 +25,8 @@ from bayestissue.hierarchy.formulas.group_terms import (
     quoted,
 )
 from bayestissue.hierarchy.formulas.identifiability import PRECISION
-from bayestissue.hierarchy.levels import Recorded
+from bayestissue.hierarchy.levels import design_at
+from bayestissue.hierarchy.recorded import Recorded
 from bayestissue.inference.answers.grammar import Node, Operation, QuestionError, claims
 from bayestissue.inference.answers.meaning import draws_of, is_response, quantities
 
@@ -73,8 +74,8 @@ def confounded(node: Node, recorded: Recorded) -> tuple[GroupTerm, ...]:
     """
     draws = _any_parameters(recorded, list(recorded.formulas))
     terms = []
-    for q, formula in recorded.formulas.items():
-        covariates, groups = evaluated_at(formula, recorded.rows, recorded.reference_mass_kg, recorded.rows)
+    for q in recorded.formulas:
+        covariates, groups = recorded.evaluated(q).at(recorded.rows)
         X = np.column_stack([np.ones(len(recorded.rows)), *covariates.values()])
         names = [intercept(parameter_of(q)), *(common_coefficient(name, q) for name in covariates)]
         for term, x in groups.items():
@@ -107,7 +108,7 @@ def _moved(
     """Draws with other coefficients of covariates, of which levels' own have a part, and other effects."""
     moved = {name: draws[name] + by for name, by in shift.items()}
     for term in terms:
-        name = (term.coefficient if term.slope else term.effect)(q)
+        name = term.variable(q)
         shared = shift.get(common_coefficient(term.slope, q), 0.0) if term.slope else 0.0
         moved[name] = draws[name] + shared + levels.get(term, 0.0)
     return draws.assign(moved)
@@ -187,15 +188,14 @@ def _any_parameters(recorded: Recorded, responses: Sequence[str], count: int = 5
     drawn: dict[str, tuple[tuple[str, ...], np.ndarray]] = {}
     coords: dict[str, object] = {"chain": [0], "draw": np.arange(count)}
     for q in responses:
-        covariates, groups = recorded.at(q, [{}])
-        names = [intercept(parameter_of(q)), *(common_coefficient(name, q) for name in covariates)]
+        at = design_at(recorded, q, [{}])
+        names = [intercept(parameter_of(q)), *(common_coefficient(name, q) for name in at.covariates)]
         drawn |= {name: (("chain", "draw"), 0.3 * rng.standard_normal(shape)) for name in names}
-        for term in groups:
+        for term in at.levels:
             levels = list(grouping_of(recorded.rows, term.factors).levels)
             coords[term.grouping] = levels
             effects = 0.3 * rng.standard_normal((*shape, len(levels)))
-            name = (term.coefficient if term.slope else term.effect)(q)
-            drawn[name] = ("chain", "draw", term.grouping), effects
+            drawn[term.variable(q)] = ("chain", "draw", term.grouping), effects
             drawn[term.sd(q)] = ("chain", "draw"), rng.uniform(0.1, 0.3, shape)
     return xr.Dataset(drawn, coords)
 

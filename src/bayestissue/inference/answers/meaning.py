@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from bayestissue.hierarchy.formulas.formula import columns_named
-from bayestissue.hierarchy.levels import NEW, Condition, Recorded, log_at_levels
+from bayestissue.hierarchy.levels import NEW, log_at_levels
+from bayestissue.hierarchy.recorded import Condition, Recorded
 from bayestissue.inference.answers.grammar import (
     OF_MANY,
     Level,
@@ -66,9 +66,9 @@ def conditions_of(quantity: Quantity, recorded: Recorded) -> list[Condition]:
     if not free:
         return [condition]
     # What the response does not depend on chooses among what was recorded.
-    moved = columns_named(recorded.formulas[quantity.name])
+    moved = recorded.terms_of(quantity.name).columns
     named = {k: v for k, v in condition.items() if v != NEW and (isinstance(v, str) or k not in moved)}
-    return [condition | {free[0]: level} for level in recorded.levels(free[0], recorded.matching(named))]
+    return [condition | {free[0]: level} for level in recorded.levels(free[0], named)]
 
 
 def unit_of(node: Node, posterior: xr.Dataset) -> str:
@@ -191,7 +191,7 @@ def _of_response(quantity: Quantity, recorded: Recorded) -> list[QuestionError]:
 
 def _of_levels(quantity: Quantity, recorded: Recorded) -> Iterator[QuestionError]:
     formula = recorded.formulas[quantity.name]
-    needed = columns_named(formula)
+    needed = recorded.terms_of(quantity.name).columns
     if lacking := [name for name in needed if name in recorded.lacking]:
         expected = f"a run that keeps the column {', '.join(lacking)}"
         yield QuestionError(quantity.position, quantity.name, expected, "Fit again with this version.")

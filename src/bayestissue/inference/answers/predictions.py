@@ -25,7 +25,9 @@ from bayestissue.elements.comparables import Peaks, peaks_of
 from bayestissue.elements.element import GRAVITY
 from bayestissue.errors import Coded, InputError, Problem, has_control_characters
 from bayestissue.hierarchy.effects import RESPONSES, intercept, parameter_of, sd_impact
-from bayestissue.hierarchy.levels import NEW, Condition, Recorded, log_at_levels
+from bayestissue.hierarchy.formulas.formula import reference_row
+from bayestissue.hierarchy.levels import NEW, log_at_levels
+from bayestissue.hierarchy.recorded import Condition, Recorded
 from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.checking.pooled_parameters import pooled_parameters
 from bayestissue.inference.samplers.diagnostics import ELEMENT_ALONE
@@ -134,7 +136,7 @@ def _numbers(
     recorded: Recorded, conditions: Sequence[Condition], name: str
 ) -> Float[np.ndarray, " condition"]:
     """A number of each condition, else that of the reference row, else NaN; of diameters the usual one."""
-    otherwise = recorded.reference.get(name, np.nan)
+    otherwise = reference_row(recorded.rows, recorded.reference_mass_kg).get(name, np.nan)
     if name == "diameter_m" and not np.isfinite(otherwise):
         otherwise = REFERENCE_DIAMETER_M
     return np.array([float(condition.get(name, otherwise)) for condition in conditions])
@@ -187,7 +189,7 @@ def _new(recorded: Recorded, condition: Condition) -> list[str]:
     groups = []
     for term in recorded.terms:
         levels = {factor: complete[factor] for factor in term.factors if factor in complete}
-        if len(levels) < len(term.factors) or not len(recorded.matching(levels)):
+        if len(levels) < len(term.factors) or not recorded.matching(levels).any():
             groups.append(term.grouping)
     return list(dict.fromkeys(groups))
 

@@ -21,7 +21,7 @@ import pandas as pd
 import xarray as xr
 
 from bayestissue.errors import Coded, InputError, Problem, all_of, printable
-from bayestissue.hierarchy.levels import Recorded
+from bayestissue.hierarchy.recorded import Recorded
 from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.fixed import fixed_parts
 from bayestissue.inference.answers.grammar import ALLOWED, Node, QuestionError, claims, parse

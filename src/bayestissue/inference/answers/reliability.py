@@ -52,9 +52,8 @@ import xarray as xr
 from jaxtyping import Float
 
 from bayestissue.hierarchy.effects import intercept, parameter_of, sd_impact
-from bayestissue.hierarchy.formulas.formula import group_terms
 from bayestissue.hierarchy.formulas.group_terms import SUBJECT, TRIAL, GroupTerm, grouping_of
-from bayestissue.hierarchy.levels import Recorded
+from bayestissue.hierarchy.recorded import Recorded
 from bayestissue.inference.results.meanings import ICC, MDC, REPEATS, SEM, UNITS
 from bayestissue.inference.results.summary import prior_overlap
 from bayestissue.results.tables import table_of_rows
@@ -113,7 +112,7 @@ def variances(
     """Those of one response; ``people`` are 0 where the formula has no effect of the person."""
     people = np.zeros((draws.sizes["chain"], draws.sizes["draw"]))
     groups: dict[str, dict[str, tuple[np.ndarray, float]]] = {"agreement": {}, "within": {}}
-    for term in group_terms(recorded.formulas.get(response, "1")):
+    for term in recorded.terms_of(response).groups:
         if term.slope:
             continue
         variance = draws[term.sd(response)].to_numpy() ** 2
