@@ -5,13 +5,14 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+import xarray as xr
 
 from bayestissue import results, runtime
 from bayestissue.fitting import formulas_of, silent
@@ -23,14 +24,15 @@ from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.inference.answers.fixed import confounded
 from bayestissue.outline import Outlined, Rows, short
 from bayestissue.planning.analysis import Study, factors_named, study_of
-from bayestissue.planning.assurance import Assessment, Goal, Progress, planner
+from bayestissue.planning.assurance import PER_STUDY, Assessment, Goal, Progress, planner
 from bayestissue.planning.candidates import Candidate
 from bayestissue.planning.population import BLOCK, Beliefs, DesignPrior, Pilot, WithoutSpread
-from bayestissue.planning.running import Running, RunningPrior
+from bayestissue.planning.running import Running
 from bayestissue.planning.specification import MOST_PEOPLE, PlanSpecification, plan_of, read_plan
 from bayestissue.planning.words import answer, in_own_words, limit_words, paragraph, warning, what_limits
 from bayestissue.report.run_folder import draw_page
 from bayestissue.results.tables import table_of_rows, typed
+from bayestissue.settings import Table
 from bayestissue.simulation.specification import Recording, Simulation
 
 PLAN, DESIGNS, STUDIES = "plan.json", "designs", "studies.parquet"
@@ -42,8 +44,8 @@ _FEWER_STUDIES = 200
 # Of a recorder whose noise is so much less: without any a trace would tell all.
 _BETTER = 0.1
 _NOISE = ("noise_sd_m_s2", "noise_relative_to_peak")
+_OF_STUDIES = ["key", "study", "normal", *PER_STUDY]
 _CHAIN = tuple(name for name in Recording.model_fields if "_sd" in name and name not in _NOISE)
-_PER_STUDY = {"p": float, "true": bool, "width": float, "estimate": float, "value": float, "effective": float}
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,9 +63,9 @@ class Case:
         """A hash of all that its studies depend on, but for the seed."""
         rows = self.design.rows().to_csv(index=False)
         chain = self.simulation.model_dump_json()
-        recorded = "" if self.running is None else _sum(self.running.centre)
+        recorded = "" if self.running is None else _content(self.running.centre)
         model = self.model.model_dump_json()
-        return _hash([rows, model, _words_of(self.prior), chain, recorded, runtime.versions()])
+        return _hash([rows, model, _content(self.prior), chain, recorded, runtime.versions()])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -340,17 +342,19 @@ class Ledger:
         parts: Path | None = None,
     ) -> None:
         self._seed, self._probability, self._say, self._parts = seed, probability, say, parts
-        self._tables = [] if known is None else [known]
-        self._tables += [pd.read_parquet(path) for path in sorted(parts.glob("*.parquet"))] if parts else []
-        self._used: list[str] = []
+        tables = [] if known is None else [known]
+        tables += [pd.read_parquet(path) for path in sorted(parts.glob("*.parquet"))] if parts else []
+        everything = pd.concat(tables) if tables else pd.DataFrame(columns=_OF_STUDIES)
+        once = everything.drop_duplicates(["key", "study"]).sort_values("study", kind="stable")
+        self._studies = {str(key): table for key, table in once.groupby("key", sort=False)}
+        self._used: dict[str, None] = {}
 
     def assess(self, cases: Sequence[Case], goals: Sequence[Goal], studies: int) -> list[list[Assessment]]:
         """What so many studies say, by case and goal."""
         blocks = studies // BLOCK
         groups: dict[tuple[int, ...], list[Case]] = {}
         for case in cases:
-            keys = [self._everything()["key"] == self._key(case, goal) for goal in goals]
-            done = min(int(rows.sum()) for rows in keys) // BLOCK
+            done = min(len(self._studies.get(self._key(case, goal), ())) for goal in goals) // BLOCK
             if done < blocks:
                 shared = id(case.model), id(case.prior), id(case.simulation)
                 groups.setdefault((done, *shared), []).append(case)
@@ -369,8 +373,7 @@ class Ledger:
 
     def table(self) -> pd.DataFrame:
         """All studies that were asked for, a row each."""
-        everything = self._everything()
-        return everything[everything["key"].isin(self._used)].reset_index(drop=True)
+        return pd.concat([self._studies[key] for key in self._used], ignore_index=True)
 
     def _after(self, before: int, total: int) -> Callable[[str, int, int], None]:
         return lambda stage, done, _: self._say(stage, before + done, total)
@@ -379,34 +382,25 @@ class Ledger:
         what = [case.key, goal.text, goal.width is None, goal.relative, goal.level, self._seed]
         return _hash(what)[:32]
 
-    def _everything(self) -> pd.DataFrame:
-        if len(self._tables) > 1:
-            self._tables = [pd.concat(self._tables, ignore_index=True).drop_duplicates(["key", "study"])]
-        columns = ["key", "study", "normal", *_PER_STUDY]
-        return self._tables[0] if self._tables else pd.DataFrame(columns=columns)
-
     def _keep(
         self, cases: Sequence[Case], answers: list[list[Assessment]], first: int, *, normal: bool
     ) -> None:
         tables = []
         for case, of_case in zip(cases, answers, strict=True):
             for one in of_case:
-                number = first + np.arange(one.studies)
-                of_all = {"key": self._key(case, one.goal), "study": number, "normal": normal}
-                tables.append(pd.DataFrame(of_all | {name: getattr(one, name) for name in _PER_STUDY}))
-        table = pd.concat(tables, ignore_index=True)
-        self._tables.append(table)
+                key, number = self._key(case, one.goal), first + np.arange(one.studies)
+                tables.append(one.table().assign(key=key, study=number, normal=normal)[_OF_STUDIES])
+                # Of a goal that was asked for before, more may be known than of the others.
+                both = pd.concat([self._studies.get(key, tables[-1][:0]), tables[-1]])
+                self._studies[key] = both.drop_duplicates("study").sort_values("study")
         if self._parts is not None:
             name = _hash([case.key for case in cases])[:16]
             with results.whole_file(self._parts / f"{name}-{first}.parquet") as path:
-                table.to_parquet(path, index=False)
+                pd.concat(tables, ignore_index=True).to_parquet(path, index=False)
 
     def _read(self, key: str, goal: Goal, studies: int) -> Assessment:
-        self._used.append(key)
-        everything = self._everything()
-        mine = everything[(everything["key"] == key) & (everything["study"] < studies)].sort_values("study")
-        arrays = (mine[name].to_numpy(kind) for name, kind in _PER_STUDY.items())
-        return Assessment(goal, self._probability, *arrays)
+        self._used[key] = None
+        return Assessment.from_table(goal, self._probability, self._studies[key][:studies])
 
 
 def _variants(case: Case, *, reaches: bool) -> dict[str, Case]:
@@ -517,24 +511,18 @@ def _at_one_truth(prior: DesignPrior) -> DesignPrior:
     raise TypeError(type(prior))
 
 
-def _words_of(prior: DesignPrior) -> str:
-    """All that a prior depends on."""
-    match prior:
-        case Beliefs(population=population):
-            return population.model_dump_json()
-        case Pilot(draws=draws, otherwise=otherwise):
-            sums = {name: _sum(values) for name, values in draws.items()}
-            beliefs = otherwise.population.model_dump(mode="json")
-            return json.dumps([sums, prior.reference_mass_kg, beliefs])
-        case WithoutSpread(prior=whole, spread=spread):
-            return json.dumps([_words_of(whole), spread])
-        case RunningPrior(pilot=pilot, effects=effects):
-            return json.dumps([_words_of(pilot), {name: _sum(drawn) for name, drawn in effects.items()}])
-    raise TypeError(type(prior))
-
-
-def _sum(values: Any) -> str:
-    return hashlib.sha256(np.ascontiguousarray(values, float)).hexdigest()
+def _content(value: Any) -> Any:
+    """All that a value is made of, as JSON has it; of numbers in arrays their SHA-256."""
+    match value:
+        case Table():
+            return value.model_dump(mode="json")
+        case np.ndarray() | xr.DataArray():
+            return hashlib.sha256(np.ascontiguousarray(value, float)).hexdigest()
+        case Mapping():
+            return {str(name): _content(part) for name, part in value.items()}
+        case _ if is_dataclass(value):
+            return {part.name: _content(getattr(value, part.name)) for part in fields(value)}
+    return value
 
 
 def _of_case(

@@ -150,14 +150,15 @@ def _integrated(
         data = Data(columns, mean, columns.blocked(sites))
 
         def potential(y: Array) -> Array:
-            return -log_marginal(data, model.covariances(model.constrained(y))) - model.log_prior(y)
+            values, log_prior = model.at(y)
+            return -log_marginal(data, model.covariances(values)) - log_prior
 
         def at(y: Array, standard: Array) -> tuple[Array, dict[str, Array], Array]:
-            values = model.constrained(y)
+            values, log_prior = model.at(y)
             covariances = model.covariances(values)
             effects, density = integrate_effects(columns, covariances, data.sums(covariances))
             b = jax.vmap(partial(effects_from_standard, columns, effects, mean))(standard)
-            return density + model.log_prior(y), values, b
+            return density + log_prior, values, b
 
         if not size:
             return jnp.zeros(1), *jax.vmap(at)(points, sign * standard)[1:], start
