@@ -96,7 +96,7 @@ def values_at_levels(design: Design, reported: Draws) -> dict[str, np.ndarray]:
         conditions_of: dict[str, list[Condition]] = {
             stem_of(name): recorded.conditions_of(grouping) for name, grouping in design.groupings.items()
         }
-        for name in recorded.named_by(response):
+        for name in recorded.response(response).named_by:
             conditions_of[stem_of(name)] = [{name: level} for level in recorded.rows[name].drop_duplicates()]
         for stem, conditions in conditions_of.items():
             values[f"{response}_{stem}"] = np.exp(log_at_levels(draws, recorded, response, conditions))

@@ -112,7 +112,8 @@ class Design:
 
     def levels(self) -> dict[str, list[str]]:
         """The names of the levels of every grouping and category, by dimension."""
-        categories = dict.fromkeys(name for q in self.responses for name in self.recorded.named_by(q))
+        formulas = self.recorded.responses.values()
+        categories = dict.fromkeys(name for formula in formulas for name in formula.named_by)
         return {name: list(grouping.levels) for name, grouping in self.groupings.items()} | {
             name: self.recorded.levels(name) for name in categories
         }

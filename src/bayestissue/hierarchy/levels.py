@@ -29,7 +29,7 @@ from jaxtyping import Float
 from bayestissue.hierarchy.effects import intercept, parameter_of
 from bayestissue.hierarchy.formulas.formula import categories_of_numbers, reference_row
 from bayestissue.hierarchy.formulas.group_terms import GroupTerm, common_coefficient, grouping_of
-from bayestissue.hierarchy.recorded import Condition, Recorded, label_of
+from bayestissue.hierarchy.recorded import Condition, Recorded, ResponseFormula, label_of
 
 # What questions and tables call a level that was not measured.
 NEW = "new"
@@ -105,9 +105,10 @@ def design_at(recorded: Recorded, response: str, conditions: Sequence[Condition]
         response: "K", "C" or a further parameter of the element.
         conditions: what is given in each, by column: a category or the name of a level as text, or a number.
     """
+    formula = recorded.response(response)
     complete = [recorded.completed(condition) for condition in conditions]
-    averaged = [recorded.spread(response, condition) for condition in complete]
-    coded = categories_of_numbers(recorded.formulas.get(response, "1"))
+    averaged = [formula.spread(condition) for condition in complete]
+    coded = categories_of_numbers(formula.formula)
     reference = reference_row(recorded.rows, recorded.reference_mass_kg, coded)
     rows = pd.DataFrame(
         [reference | {k: at[k] for k in at if k in reference} for part in averaged for at in part]
@@ -119,29 +120,29 @@ def design_at(recorded: Recorded, response: str, conditions: Sequence[Condition]
     # A formula is linear in its columns, so that their mean is that of log q.
     covariates, multipliers = (
         {name: np.add.reduceat(values, first) / counts for name, values in columns.items()}
-        for columns in recorded.evaluated(response).at(rows)
+        for columns in formula.evaluated.at(rows)
     )
     levels = {
-        term: [_levels(recorded, response, term, *pair) for pair in zip(complete, averaged, strict=True)]
+        term: [_levels(formula, term, *pair) for pair in zip(complete, averaged, strict=True)]
         for term in multipliers
     }
     return DesignAt(response, complete, covariates, multipliers, levels)
 
 
 def _levels(
-    recorded: Recorded, response: str, term: GroupTerm, condition: Condition, averaged: Sequence[Condition]
+    formula: ResponseFormula, term: GroupTerm, condition: Condition, averaged: Sequence[Condition]
 ) -> list[str]:
     """The levels of a term in a condition, which is averaged over some categories: see `DesignAt`."""
     given = {name: condition[name] for name in term.factors if name in condition}
     left = set(term.factors) - given.keys()
     if not left:
         return [_level(term, condition)]
-    if not recorded.within(term, response, given):
+    if not formula.within(term, given):
         return []
-    if left <= set(recorded.categories(response)):
+    if left <= set(formula.categories):
         return [_level(term, part) for part in averaged]
-    rows = recorded.matching(given)
-    return list(grouping_of(recorded.rows[rows], term.factors).levels) if rows.any() else []
+    rows = formula.recorded.rows[formula.recorded.matching(given)]
+    return list(grouping_of(rows, term.factors).levels) if len(rows) else []
 
 
 def _level(term: GroupTerm, condition: Condition) -> str:

@@ -18,7 +18,6 @@ import pandas as pd
 import xarray as xr
 
 from bayestissue.dataset.impacts import RESERVED
-from bayestissue.errors import Coded
 from bayestissue.hierarchy.formulas.formula import Evaluated, Terms, categories_of_numbers, terms_of
 from bayestissue.hierarchy.formulas.group_terms import Grouping, GroupTerm, grouping_of, labels_of
 from bayestissue.hierarchy.formulas.identifiability import RESERVED_DIMENSIONS, RESERVED_STEMS
@@ -66,9 +65,18 @@ class Recorded:
         return cls(rows.reset_index(drop=True), formulas, reference_mass_kg)
 
     @cached_property
+    def responses(self) -> dict[str, ResponseFormula]:
+        """The formula of each response."""
+        return {name: ResponseFormula(self, formula) for name, formula in self.formulas.items()}
+
+    def response(self, name: str) -> ResponseFormula:
+        """The formula of a response; without terms where it has none."""
+        return self.responses.get(name) or ResponseFormula(self, "1")
+
+    @cached_property
     def needed(self) -> tuple[str, ...]:
         """The columns that the formulas are of."""
-        return tuple(dict.fromkeys(name for q in self.formulas for name in self.terms_of(q).columns))
+        return tuple(dict.fromkeys(name for one in self.responses.values() for name in one.terms.columns))
 
     @cached_property
     def lacking(self) -> tuple[str, ...]:
@@ -78,7 +86,7 @@ class Recorded:
     @cached_property
     def terms(self) -> tuple[GroupTerm, ...]:
         """The group terms of all formulas, each once."""
-        return tuple(dict.fromkeys(term for q in self.formulas for term in self.terms_of(q).groups))
+        return tuple(dict.fromkeys(term for one in self.responses.values() for term in one.terms.groups))
 
     @cached_property
     def factors(self) -> frozenset[str]:
@@ -101,7 +109,8 @@ class Recorded:
 
     def may_be_new(self, column: str) -> bool:
         """Whether a column may have a level that was not recorded: a group's, but no covariate's category."""
-        return column in self.factors and not any(column in self.categories(q) for q in self.formulas)
+        categories = {name for one in self.responses.values() for name in one.categories}
+        return column in self.factors and column not in categories
 
     def labels(self, column: str) -> np.ndarray:
         """The value of a column in every row, as levels are called."""
@@ -152,75 +161,6 @@ class Recorded:
                 followers[factors] = tuple(n for n in others if n not in factors and constant[n])
         return followers
 
-    def terms_of(self, response: str) -> Terms:
-        """What the formula of a response asks for; nothing where it has none."""
-        return terms_of(self.formulas.get(response, "1"))
-
-    def evaluated(self, response: str) -> Evaluated:
-        """The formula of a response, in any rows."""
-        if response not in self._evaluated:
-            formula = self.formulas.get(response, "1")
-            self._evaluated[response] = Evaluated(formula, self.rows, self.reference_mass_kg)
-        return self._evaluated[response]
-
-    def categories(self, response: str) -> tuple[str, ...]:
-        """The covariates of a response that are categories."""
-        columns = self.terms_of(response).common.values()
-        named = dict.fromkeys(name for names in columns for name in sorted(names))
-        return tuple(name for name in named if self.is_category(name))
-
-    def named_by(self, response: str) -> tuple[str, ...]:
-        """The covariates with categories of whose levels a variable of the posterior is."""
-        groupings = ("subject", "trial", *(term.grouping for term in self.terms))
-        taken = {*RESERVED_DIMENSIONS, *RESERVED_STEMS, *groupings}
-        return tuple(n for n in self.categories(response) if n not in taken and "/" not in n)
-
-    def spread(self, response: str, condition: Condition) -> list[dict[str, Any]]:
-        """A condition in each combination of the categories of a response that it does not give."""
-        free = {
-            name: self.rows[name].drop_duplicates().tolist()
-            for name in self.categories(response)
-            if name not in condition
-        }
-        return [dict(condition) | dict(zip(free, values, strict=True)) for values in product(*free.values())]
-
-    def within(self, term: GroupTerm, response: str, given: Iterable[str]) -> tuple[str, ...]:
-        """The factors of a term whose levels lie in given ones; none where the term's effect is typical."""
-        left = tuple(factor for factor in term.factors if factor not in set(given))
-        single = {other.factors[0] for other in self.terms_of(response).groups if len(other.factors) == 1}
-        return () if len(left) == len(term.factors) or {"subject", *single} & set(left) else left
-
-    def averaged(self, response: str, columns: Iterable[str]) -> tuple[str, ...]:
-        """The columns whose categories a response is averaged over where these columns are given."""
-        columns = set(columns)
-        known = columns.union(self.followers(*columns))
-        groups = self.terms_of(response).groups
-        within = [name for term in groups for name in self.within(term, response, known)]
-        return tuple(dict.fromkeys(n for n in (*self.categories(response), *within) if n not in known))
-
-    def average_notes(self, responses: Iterable[str], columns: Iterable[str]) -> list[Coded]:
-        """That responses are averaged where these columns are given; empty where nothing is."""
-        columns = tuple(columns)
-        over = dict.fromkeys(name for q in responses for name in self.averaged(q, columns))
-        if not over:
-            return []
-        return [Coded(f"averaged over {' and '.join(over)}, each level with equal weight", "averaged")]
-
-    def beyond(self, condition: Condition) -> list[Coded]:
-        """Numbers beyond those that were measured: the formula is then drawn out, and the element's law.
-
-        As tables and this note print them: who asks for a velocity of 1.534 m/s means the 1.53414 measured.
-        """
-        notes = []
-        for name, value in condition.items():
-            if name in self.rows and self.is_number(name) and isinstance(value, float):
-                column = self.rows[name]
-                low, stated, high = (f"{x:.4g}" for x in (column.min(), value, column.max()))
-                if not float(low) <= float(stated) <= float(high):
-                    words = f"{name} beyond those measured, {low} to {high}"
-                    notes.append(Coded(words, "beyond-measured"))
-        return notes
-
     def conditions_of(self, grouping: Grouping) -> list[Condition]:
         """The condition of each level of a grouping; those of trials have what was chosen in them too."""
         first = np.unique(grouping.code, return_index=True)[1]
@@ -235,9 +175,64 @@ class Recorded:
     def _labels(self) -> dict[str, np.ndarray]:
         return {}
 
+
+@dataclass(frozen=True, eq=False)
+class ResponseFormula:
+    """The formula of one response: what it depends on, and over which categories it is averaged.
+
+    Attributes:
+        recorded: what it is evaluated over.
+        formula: its text.
+    """
+
+    recorded: Recorded
+    formula: str
+
+    @property
+    def terms(self) -> Terms:
+        """What it asks for."""
+        return terms_of(self.formula)
+
     @cached_property
-    def _evaluated(self) -> dict[str, Evaluated]:
-        return {}
+    def evaluated(self) -> Evaluated:
+        """Its covariates and those of its group terms, in any rows."""
+        return Evaluated(self.formula, self.recorded.rows, self.recorded.reference_mass_kg)
+
+    @cached_property
+    def covariates(self) -> tuple[str, ...]:
+        """The columns of its covariates."""
+        return tuple(dict.fromkeys(name for names in self.terms.common.values() for name in sorted(names)))
+
+    @cached_property
+    def categories(self) -> tuple[str, ...]:
+        """Those of them that are categories."""
+        return tuple(name for name in self.covariates if self.recorded.is_category(name))
+
+    @property
+    def named_by(self) -> tuple[str, ...]:
+        """Those categories of whose levels a variable of the posterior is."""
+        groupings = ("subject", "trial", *(term.grouping for term in self.recorded.terms))
+        taken = {*RESERVED_DIMENSIONS, *RESERVED_STEMS, *groupings}
+        return tuple(name for name in self.categories if name not in taken and "/" not in name)
+
+    def spread(self, condition: Condition) -> list[dict[str, Any]]:
+        """A condition in each combination of the categories that it does not give."""
+        rows = self.recorded.rows
+        free = {n: rows[n].drop_duplicates().tolist() for n in self.categories if n not in condition}
+        return [dict(condition) | dict(zip(free, values, strict=True)) for values in product(*free.values())]
+
+    def within(self, term: GroupTerm, given: Iterable[str]) -> tuple[str, ...]:
+        """The factors of a term whose levels lie in given ones; none where the term's effect is typical."""
+        left = tuple(factor for factor in term.factors if factor not in set(given))
+        single = {other.factors[0] for other in self.terms.groups if len(other.factors) == 1}
+        return () if len(left) == len(term.factors) or {"subject", *single} & set(left) else left
+
+    def averaged(self, columns: Iterable[str]) -> tuple[str, ...]:
+        """The columns whose levels the response is averaged over where these columns are given."""
+        columns = set(columns)
+        known = columns.union(self.recorded.followers(*columns))
+        within = [name for term in self.terms.groups for name in self.within(term, known)]
+        return tuple(dict.fromkeys(name for name in (*self.categories, *within) if name not in known))
 
 
 def label_of(value: Any) -> str:

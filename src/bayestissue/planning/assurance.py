@@ -273,7 +273,7 @@ class _Answers:
     information: Information
     goals: Sequence[Goal]
 
-    @property
+    @cached_property
     def _recorded(self) -> Recorded:
         """The rows of this design."""
         rows = self.arrangement.rows[self.arrangement.present[self.position]].reset_index(drop=True)
@@ -358,7 +358,7 @@ def typical_tissue(truths: Truths, arrangement: Arrangement, reference_mass_kg: 
     sds, fixed = truths.hyperparameters, truths.fixed
 
     def of_response(q: str) -> tuple[float, float, float]:
-        terms = arrangement.design.recorded.terms_of(q).groups
+        terms = arrangement.design.recorded.response(q).terms.groups
         names = [*(term.sd(q) for term in terms if not term.slope), f"sd_impact_{q}"]
         within = np.sum([np.mean(sds[name] ** 2) for name in names if name in sds])
         level, exponent = fixed[f"intercept_{q}"], fixed.get(f"mass_exponent_{q}", np.zeros(1))

@@ -28,6 +28,7 @@ from bayestissue.planning.assurance import PER_STUDY, Assessment, Goal, Progress
 from bayestissue.planning.candidates import Candidate
 from bayestissue.planning.population import BLOCK, Beliefs, DesignPrior, Pilot, WithoutSpread
 from bayestissue.planning.running import Running
+from bayestissue.planning.settings import PLAN as SETTINGS
 from bayestissue.planning.specification import MOST_PEOPLE, PlanSpecification, plan_of, read_plan
 from bayestissue.planning.words import answer, in_own_words, limit_words, paragraph, warning, what_limits
 from bayestissue.report.run_folder import draw_page
@@ -36,13 +37,6 @@ from bayestissue.settings import Table
 from bayestissue.simulation.specification import Recording, Simulation
 
 PLAN, DESIGNS, STUDIES = "plan.json", "designs", "studies.parquet"
-# So many blocks of studies are assessed before they are kept.
-_BLOCKS = 10
-_MORE_PEOPLE, _MANY_TIMES = 10, 4
-# Of what stands beside the chosen design: so many studies at the most.
-_FEWER_STUDIES = 200
-# Of a recorder whose noise is so much less: without any a trace would tell all.
-_BETTER = 0.1
 _NOISE = ("noise_sd_m_s2", "noise_relative_to_peak")
 _OF_STUDIES = ["key", "study", "normal", *PER_STUDY]
 _CHAIN = tuple(name for name in Recording.model_fields if "_sd" in name and name not in _NOISE)
@@ -268,7 +262,7 @@ def carry_out(
     else:
         chosen = max(range(len(cases)), key=lambda number: (reached[number], -minutes[number]))
     variants, limits = _variants(cases[chosen], reaches=bool(reaching)), _limits(cases[chosen])
-    fewer = min(aim.studies, _FEWER_STUDIES)
+    fewer = min(aim.studies, SETTINGS.fewer_studies)
     normal = bool(ledger.table()["normal"].all())
     # Not many people too: designs that are assessed together cost as much as the largest of them.
     together = [case for name, case in variants.items() if name != "many people"]
@@ -347,7 +341,7 @@ class Ledger:
         everything = pd.concat(tables) if tables else pd.DataFrame(columns=_OF_STUDIES)
         once = everything.drop_duplicates(["key", "study"]).sort_values("study", kind="stable")
         self._studies = {str(key): table for key, table in once.groupby("key", sort=False)}
-        self._used: dict[str, None] = {}
+        self._used: set[str] = set()
 
     def assess(self, cases: Sequence[Case], goals: Sequence[Goal], studies: int) -> list[list[Assessment]]:
         """What so many studies say, by case and goal."""
@@ -364,8 +358,8 @@ class Ledger:
             one = group[0]
             rows = [case.design.rows() for case in group]
             ready = planner(rows, one.model, one.prior, one.simulation, seed=self._seed, running=one.running)
-            for begin in range(first, blocks, _BLOCKS):
-                now, say = range(begin, min(begin + _BLOCKS, blocks)), self._after(before, total)
+            for begin in range(first, blocks, SETTINGS.kept_blocks):
+                now, say = range(begin, min(begin + SETTINGS.kept_blocks, blocks)), self._after(before, total)
                 answers = ready.assess(goals, now, probability=self._probability, progress=say)
                 self._keep(group, answers, begin * BLOCK, normal=ready.information.is_gaussian)
                 before += len(now) * len(group)
@@ -373,7 +367,8 @@ class Ledger:
 
     def table(self) -> pd.DataFrame:
         """All studies that were asked for, a row each."""
-        return pd.concat([self._studies[key] for key in self._used], ignore_index=True)
+        used = [table for key, table in self._studies.items() if key in self._used]
+        return pd.concat(used, ignore_index=True)
 
     def _after(self, before: int, total: int) -> Callable[[str, int, int], None]:
         return lambda stage, done, _: self._say(stage, before + done, total)
@@ -399,20 +394,20 @@ class Ledger:
                 pd.concat(tables, ignore_index=True).to_parquet(path, index=False)
 
     def _read(self, key: str, goal: Goal, studies: int) -> Assessment:
-        self._used[key] = None
+        self._used.add(key)
         return Assessment.from_table(goal, self._probability, self._studies[key][:studies])
 
 
 def _variants(case: Case, *, reaches: bool) -> dict[str, Case]:
     """The chosen design with more people, and at one assumed truth or as it stands."""
     design = case.design
-    variants = {"more people": replace(case, design=design.with_people(design.people + _MORE_PEOPLE))}
+    variants = {"more people": replace(case, design=design.with_people(design.people + SETTINGS.more_people))}
     if case.running is None:
         variants["one truth"] = replace(case, prior=_at_one_truth(case.prior))
     else:
         variants["as it stands"] = replace(case, design=design.with_people(0))
     if not reaches:
-        many = max(2 * design.people, min(_MANY_TIMES * design.people, MOST_PEOPLE))
+        many = max(2 * design.people, min(SETTINGS.many_times * design.people, MOST_PEOPLE))
         variants["many people"] = replace(case, design=design.with_people(many))
     return variants
 
@@ -428,7 +423,7 @@ def _limits(case: Case) -> dict[str, Case]:
     terms = dict.fromkeys(term for q in RESPONSES for term in terms_of(getattr(formula, q)).groups)
     for stem in (term.stem for term in terms if term != SUBJECT):
         limits[stem] = replace(case, prior=WithoutSpread(case.prior, f"sd_{stem}"))
-    noise = {name: _BETTER * getattr(chain, name) for name in _NOISE}
+    noise = {name: SETTINGS.better_noise * getattr(chain, name) for name in _NOISE}
     for name, changed in (("noise", noise), ("chain", dict.fromkeys(_CHAIN, 0.0))):
         if any(getattr(chain, error) for error in changed):
             better = simulation.model_copy(update={"recording": chain.model_copy(update=changed)})

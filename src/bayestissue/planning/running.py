@@ -24,9 +24,7 @@ from bayestissue.inference.factors.expansions import expanded
 from bayestissue.planning.information import spreads_of_nuisance, without_nuisance
 from bayestissue.planning.model import PlannedModel
 from bayestissue.planning.population import Pilot, Streams, Truths
-
-# Draws that no question of a plan can tell from more.
-_DRAWS = 4000
+from bayestissue.planning.settings import PLAN as SETTINGS
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +71,7 @@ class RunningPrior:
     def of_posterior(cls, posterior: xr.Dataset, pilot: Pilot) -> RunningPrior:
         """From the group posterior of the running fit; ``pilot`` has the same draws of the population."""
         flat = posterior.stack(sample=("chain", "draw"))  # noqa: PD013 - of xarray
-        rows = np.linspace(0, flat.sizes["sample"] - 1, min(_DRAWS, flat.sizes["sample"])).astype(int)
+        rows = np.linspace(0, flat.sizes["sample"] - 1, min(SETTINGS.draws, flat.sizes["sample"])).astype(int)
         effects = {
             str(name): array.isel(sample=rows).transpose("sample", ...)
             for name, array in flat.data_vars.items()

@@ -35,8 +35,6 @@ FUNCTIONS = {"log": np.log, "sqrt": np.sqrt}
 _EVALUATED = "terms that can be evaluated: columns, +, :, {arithmetic}, C(), log() and sqrt()"
 _QUOTED = re.compile(r"`[^`]*`|\"[^\"]*\"|'[^']*'")
 _EVALUATES_TO_NOTHING = "it can't be evaluated: check its numbers, and whether all its columns hold numbers"
-# Sums of squares of greater ones are no numbers.
-_GREATEST = 1e100
 _CALLED = re.compile(r"([^\W\d][\w.]*)\s*\(")
 
 
@@ -266,8 +264,8 @@ def _covariates_of_groups(
 
 
 def _is_finite(columns: np.ndarray) -> bool:
-    """Whether all are numbers whose squares can be summed."""
-    return bool((np.abs(columns) < _GREATEST).all())  # not where it is not a number
+    """Whether all are numbers, whose fourth powers are numbers too: see `identifiability`."""
+    return bool((np.abs(columns) < np.finfo(float).max ** 0.25).all())
 
 
 def _aliased(terms: Terms, covariates: Covariates, rows: pd.DataFrame) -> list[Fault]:

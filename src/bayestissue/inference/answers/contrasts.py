@@ -50,6 +50,7 @@ from bayestissue.hierarchy.recorded import Condition, Recorded, label_of
 from bayestissue.hierarchy.untried import not_used
 from bayestissue.inference.answers.grammar import Node, Number, Quantity, QuestionError, parse
 from bayestissue.inference.answers.meaning import quantities
+from bayestissue.inference.answers.settings import SETTINGS
 from bayestissue.inference.results.meanings import element_alone
 from bayestissue.inference.samplers.diagnostics import ELEMENT_ALONE
 from bayestissue.results.tables import joined
@@ -58,11 +59,8 @@ ALL = "mean of all"
 ALSO = "also differs: "
 LEVELS, COMBINATIONS, INTERACTION = "levels", "combinations", "interaction"
 _TEXT = ["factor", "level", "against", "kind", "note"]
-_MOST_IN_PAIRS = 12
-_MOST_LEVELS = 400
 # Numbers that are measured or set, two of which make no factor.
 _PHYSICAL = ("mass_kg", "velocity_m_s", "energy_J", "diameter_m")
-_SAME_MASS = 0.01
 # What others are held against, whatever the alphabet has.
 _REFERENCES = (
     *("control", "controls", "placebo", "sham", "untreated", "healthy", "reference"),
@@ -228,20 +226,20 @@ def _key(condition: Condition) -> tuple[tuple[str, str | float], ...]:
 
 def contrasts_of(recorded: Recorded, response: str) -> list[Contrast]:
     """What a response's formula lets one compare, covariates first."""
-    terms = recorded.terms_of(response)
-    named = dict.fromkeys(name for columns in terms.common.values() for name in sorted(columns))
-    factors = {name: dict(_values(recorded, name)) for name in named if _is_factor(recorded, name)}
+    formula = recorded.response(response)
+    named = [name for name in formula.covariates if _is_factor(recorded, name)]
+    factors = {name: dict(_values(recorded, name)) for name in named}
     compared = [one for name, levels in factors.items() for one in _of_levels(name, levels)]
-    for a, b in interactions(recorded.formulas.get(response, "1")):
+    for a, b in interactions(formula.formula):
         if a in factors and b in factors:
             compared += _of_interaction((a, b), (factors[a], factors[b]))
-    for term in terms.groups:
+    for term in formula.terms.groups:
         if term.slope or term.grouping == "subject":
             continue
         if len(term.factors) > 1:
             compared += _of_combinations(recorded, term.factors, known=factors)
         elif term.grouping not in factors:
-            with_mass = term.grouping == "trial" and "mass_kg" in named
+            with_mass = term.grouping == "trial" and "mass_kg" in formula.covariates
             compared += _of_group(recorded, term.grouping, at_one_mass=with_mass)
     return compared
 
@@ -271,9 +269,9 @@ def _of_interaction(
 ) -> Iterator[Contrast]:
     """Ratios of the ratios between levels of one column at the levels of another."""
     pairs = [list(_pairs(list(known))) for known in levels]
-    if len(pairs[0]) * len(pairs[1]) > _MOST_LEVELS:
+    if len(pairs[0]) * len(pairs[1]) > SETTINGS.compared:
         pairs = [[(level, ALL) for level in _ordered(list(known))] for known in levels]
-    if len(pairs[0]) * len(pairs[1]) > _MOST_LEVELS:
+    if len(pairs[0]) * len(pairs[1]) > SETTINGS.compared:
         return
     for chosen in product(*pairs):
         first, second = (
@@ -287,15 +285,15 @@ def _of_interaction(
 def _of_group(recorded: Recorded, name: str, *, at_one_mass: bool) -> Iterator[Contrast]:
     levels = recorded.levels(name)
     for comparable in _of_equal_mass(recorded, name) if at_one_mass else [levels]:
-        if len(comparable) <= _MOST_LEVELS:
+        if len(comparable) <= SETTINGS.compared:
             yield from _of_levels(name, {level: level for level in comparable})
 
 
 def _of_equal_mass(recorded: Recorded, name: str) -> list[list[str]]:
     """Levels in which the impactor has one mass, those of the same mass together."""
     logs = np.log(recorded.rows["mass_kg"]).groupby(labels_of(recorded.rows[name]), sort=False)
-    at = logs.median()[logs.max() - logs.min() < _SAME_MASS].sort_values(kind="stable")
-    group = (at.diff() > _SAME_MASS).cumsum()
+    at = logs.median()[logs.max() - logs.min() < SETTINGS.same_mass].sort_values(kind="stable")
+    group = (at.diff() > SETTINGS.same_mass).cumsum()
     # A condition with several masses stands for none.
     mixed = [str(label) for label in logs.median().index if label not in at.index]
     return [*([str(label) for label in rows.index] for _, rows in at.groupby(group)), mixed]
@@ -310,7 +308,7 @@ def _of_combinations(
     """
     labels = [labels_of(recorded.rows[name]) for name in factors]
     combos = list(dict.fromkeys(zip(*labels, strict=True)))
-    if len(combos) > _MOST_LEVELS:
+    if len(combos) > SETTINGS.compared:
         return
     for position, name in enumerate(factors):
         if name == "subject":
@@ -342,7 +340,7 @@ def _values(recorded: Recorded, name: str) -> Iterator[tuple[str, str | float]]:
 
 def _pairs(levels: Sequence[str]) -> Iterator[tuple[str, str]]:
     """Each with each; of many each with all."""
-    if len(levels) <= _MOST_IN_PAIRS:
+    if len(levels) <= SETTINGS.in_pairs:
         return combinations(_ordered(levels), 2)
     return ((level, ALL) for level in _ordered(levels))
 
@@ -410,7 +408,7 @@ def people_compared(draws: xr.Dataset, recorded: Recorded, responses: Sequence[s
     first, second = np.triu_indices(len(people), 1)
     tables = []
     for response in responses:
-        if SUBJECT not in recorded.terms_of(response).groups or not 2 <= len(people) <= MOST_PEOPLE:
+        if SUBJECT not in recorded.response(response).terms.groups or not 2 <= len(people) <= MOST_PEOPLE:
             continue
         logs = log_at_levels(draws, recorded, response, [{"subject": name} for name in people])
         if response == "K" and "K_secant_of_subject" in draws:

@@ -29,6 +29,8 @@ from bayestissue.hierarchy.formulas.formula import reference_row
 from bayestissue.hierarchy.levels import NEW, log_at_levels
 from bayestissue.hierarchy.recorded import Condition, Recorded
 from bayestissue.inference.answers.finished import Finished
+from bayestissue.inference.answers.meaning import average_notes, beyond_notes
+from bayestissue.inference.answers.settings import SETTINGS
 from bayestissue.inference.checking.pooled_parameters import pooled_parameters
 from bayestissue.inference.samplers.diagnostics import ELEMENT_ALONE
 
@@ -43,14 +45,7 @@ QUANTITIES = {
 NO_LAW = Coded("no peaks: beside a discrepancy there is no law to simulate by", "not-simulated")
 NO_VELOCITY = Coded("no peaks: no velocity_m_s, and the run has none", "not-simulated")
 _QUANTILES = {"": 0.5, "_low": 0.05, "_high": 0.95}
-# Simulated at once, by code that is compiled for this size alone.
-_AT_ONCE = 4096
-# Simulated in all, draws evenly left out, but never so that a condition has fewer than this: 5 % quantiles of
-# so many draws have a standard error of a tenth of the standard deviation.
-_MOST, _FEWEST = 20_000, 500
 _LEVELS, _SCATTER = 1, 2
-# Of a name that was not measured to one that was, as `difflib` has likeness.
-_LIKE = 0.7
 
 
 def predict(finished: Finished, conditions: Sequence[Condition]) -> pd.DataFrame:
@@ -72,16 +67,16 @@ def predict(finished: Finished, conditions: Sequence[Condition]) -> pd.DataFrame
         name: np.exp(value.reshape(-1, len(conditions))) for name, value in zip(names, logs, strict=True)
     }
     count = len(parameters["K"])
-    step = max(1, min(-(-count * len(conditions) // _MOST), count // _FEWEST))
+    step = max(1, min(-(-count * len(conditions) // SETTINGS.simulated), count // SETTINGS.of_a_condition))
     simulated = {name: value[::step] for name, value in parameters.items()}
     values = {"K": parameters["K"], "C": parameters["C"]}
     mass, velocity, diameter = (_numbers(recorded, conditions, name) for name in _GIVEN)
     mixed = [one.note for one in pooled_parameters(finished.posterior, recorded, which)]
     notes = [
         [
-            *recorded.beyond(value),
+            *beyond_notes(recorded, value),
             *_unknown(recorded, value),
-            *recorded.average_notes(RESPONSES, value),
+            *average_notes(recorded, RESPONSES, value),
             *mixed,
         ]
         for value in conditions
@@ -157,10 +152,10 @@ def _peaks(
     p = parameters | {name: np.broadcast_to(flat, shape) for name, flat in arguments.items()}
     known = np.where(velocity > 0, velocity, 1.0)
     flat = [np.broadcast_to(v, shape).ravel() for v in (*p.values(), mass, known)]
-    parts = []
-    for begin in range(0, flat[0].size, _AT_ONCE):
+    parts, size = [], SETTINGS.together
+    for begin in range(0, flat[0].size, size):
         # The last part is filled up with what stands in it already.
-        *values, M, V = (jnp.asarray(np.resize(v[begin : begin + _AT_ONCE], _AT_ONCE)) for v in flat)
+        *values, M, V = (jnp.asarray(np.resize(v[begin : begin + size], size)) for v in flat)
         parts.append(peaks_of(element(which), dict(zip(p, values, strict=True)), M, V))
     columns = dict(zip(Peaks._fields, zip(*parts, strict=True), strict=True))
     whole = {name: np.concatenate(column)[: flat[0].size].reshape(shape) for name, column in columns.items()}
@@ -201,7 +196,7 @@ def _unknown(recorded: Recorded, condition: Condition) -> list[Coded]:
         if name not in recorded.factors or value == NEW or value in (levels := recorded.levels(name)):
             continue
         small = {level.casefold(): level for level in levels}
-        near = difflib.get_close_matches(str(value).casefold(), list(small), n=1, cutoff=_LIKE)
+        near = difflib.get_close_matches(str(value).casefold(), list(small), n=1, cutoff=SETTINGS.likeness)
         suggestion = f"; did you mean {small[near[0]]}?" if near else ""
         words = f'{name} "{value}" was not measured: a new one of the population{suggestion}'
         notes.append(Coded(words, "new-level"))
@@ -209,7 +204,6 @@ def _unknown(recorded: Recorded, condition: Condition) -> list[Coded]:
 
 
 _POSITIVE = {"mass_kg": "kg", "velocity_m_s": "m/s", "diameter_m": "m"}
-_LARGEST = 1e4
 _LABEL = "impact"
 _TABLE = "table (rows from 0)"
 
@@ -297,6 +291,6 @@ def _no_number(name: str, text: str) -> str:
     except ValueError:
         value = math.nan
     if name in _POSITIVE:
-        good = 0 < value < _LARGEST
-        return "" if good else f"a number of {_POSITIVE[name]} above 0 and below {_LARGEST:g}"
+        good = 0 < value < SETTINGS.largest
+        return "" if good else f"a number of {_POSITIVE[name]} above 0 and below {SETTINGS.largest:g}"
     return "" if math.isfinite(value) else "a number"

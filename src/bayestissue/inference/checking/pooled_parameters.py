@@ -109,12 +109,12 @@ def pooled_parameters(
 
 def _lacking(recorded: Recorded, name: str) -> dict[str, tuple[str, ...]]:
     """The factors of the formulas of K and C that a parameter's lacks, by the term that it would have."""
-    columns = set(recorded.terms_of(name).columns)
+    columns = set(recorded.response(name).terms.columns)
     terms: dict[tuple[str, ...], str] = {}
     for response in RESPONSES:
-        for column in recorded.categories(response):
+        for column in recorded.response(response).categories:
             terms[(column,)] = f"C({column})" if recorded.is_number(column) else column
-        for term in recorded.terms_of(response).groups:
+        for term in recorded.response(response).terms.groups:
             terms.setdefault(term.factors, str(GroupTerm(term.factors)))
     return {term: factors for factors, term in terms.items() if not set(factors) <= columns}
 
@@ -135,7 +135,7 @@ def _deviations(
         table = recorded.rows.iloc[rows]
         labels: dict[str, np.ndarray] = {
             column: labels_of(table[column]) if column in recorded.named else table[column].to_numpy(float)
-            for column in recorded.terms_of(name).columns
+            for column in recorded.response(name).terms.columns
         }
         conditions: list[Condition] = [
             {column: values[row] for column, values in labels.items()} for row in range(len(rows))
