@@ -87,20 +87,14 @@ class RunningPrior:
         effects = {}
         for part in design.responses.values():
             for term, column in part.terms.items():
-                name = term.coefficient(part.response) if term.slope else term.effect(part.response)
+                name = term.variable(part.response)
                 if name not in self.effects:
                     continue
-                drawn = self.effects[name]
-                values = drawn.to_numpy()[row] * column.scale
+                # Of levels that were not recorded nothing is known.
+                levels = list(design.groupings[term.grouping].levels)
+                values = self.effects[name].reindex({term.grouping: levels}).to_numpy()[row]
                 shared = common_coefficient(term.slope, part.response) if term.slope else ""
                 if shared in self.pilot.draws:
-                    values = values - np.asarray(self.pilot.draws[shared])[row][:, None] * column.scale
-                levels = drawn[drawn.dims[1]].astype(str).to_numpy().tolist()
-                names = design.groupings[term.grouping].levels
-                table = np.full((len(row), len(names)), np.nan)
-                where = {level: number for number, level in enumerate(names)}
-                for number, level in enumerate(levels):
-                    if level in where:
-                        table[:, where[level]] = values[:, number]
-                effects[term.effect(part.response)] = table
+                    values = values - np.asarray(self.pilot.draws[shared])[row][:, None]
+                effects[term.effect(part.response)] = values * column.scale
         return Truths(truths.hyperparameters, truths.fixed, effects)

@@ -44,7 +44,7 @@ import xarray as xr
 from jaxtyping import Float
 
 from bayestissue.hierarchy.formulas.formula import interactions
-from bayestissue.hierarchy.formulas.group_terms import SUBJECT, labels_of
+from bayestissue.hierarchy.formulas.group_terms import SUBJECT
 from bayestissue.hierarchy.levels import log_at_levels
 from bayestissue.hierarchy.recorded import Condition, Recorded, label_of
 from bayestissue.hierarchy.untried import not_used
@@ -228,7 +228,7 @@ def contrasts_of(recorded: Recorded, response: str) -> list[Contrast]:
     """What a response's formula lets one compare, covariates first."""
     formula = recorded.response(response)
     named = [name for name in formula.covariates if _is_factor(recorded, name)]
-    factors = {name: dict(_values(recorded, name)) for name in named}
+    factors = {name: _values(recorded, name) for name in named}
     compared = [one for name, levels in factors.items() for one in _of_levels(name, levels)]
     for a, b in interactions(formula.formula):
         if a in factors and b in factors:
@@ -264,6 +264,11 @@ def _weighted(name: str, level: str, against: str, levels: Mapping[str, str | fl
     ]
 
 
+def _times(first: Weighted, second: Weighted) -> Weighted:
+    """Conditions of which each has what one of the first and one of the second gives."""
+    return [({**at, **further}, w * v) for (at, w), (further, v) in product(first, second)]
+
+
 def _of_interaction(
     names: tuple[str, str], levels: tuple[Mapping[str, str | float], Mapping[str, str | float]]
 ) -> Iterator[Contrast]:
@@ -277,7 +282,7 @@ def _of_interaction(
         first, second = (
             _weighted(name, *pair, known) for name, pair, known in zip(names, chosen, levels, strict=True)
         )
-        weighted = [({**at, **further}, w * v) for (at, w), (further, v) in product(first, second)]
+        weighted = _times(first, second)
         compared = tuple((name, *pair) for name, pair in zip(names, chosen, strict=True))
         yield Contrast(names, compared, weighted)
 
@@ -291,7 +296,7 @@ def _of_group(recorded: Recorded, name: str, *, at_one_mass: bool) -> Iterator[C
 
 def _of_equal_mass(recorded: Recorded, name: str) -> list[list[str]]:
     """Levels in which the impactor has one mass, those of the same mass together."""
-    logs = np.log(recorded.rows["mass_kg"]).groupby(labels_of(recorded.rows[name]), sort=False)
+    logs = np.log(recorded.rows["mass_kg"]).groupby(recorded.labels(name), sort=False)
     at = logs.median()[logs.max() - logs.min() < SETTINGS.same_mass].sort_values(kind="stable")
     group = (at.diff() > SETTINGS.same_mass).cumsum()
     # A condition with several masses stands for none.
@@ -306,8 +311,7 @@ def _of_combinations(
 
     The average is left to the covariate where the column is ``known`` as one.
     """
-    labels = [labels_of(recorded.rows[name]) for name in factors]
-    combos = list(dict.fromkeys(zip(*labels, strict=True)))
+    combos = list(dict.fromkeys(zip(*map(recorded.labels, factors), strict=True)))
     if len(combos) > SETTINGS.compared:
         return
     for position, name in enumerate(factors):
@@ -320,9 +324,11 @@ def _of_combinations(
         for others, levels in levels_at.items():
             shared = dict(zip([n for n in factors if n != name], others, strict=True))
             for level, against in combinations(_ordered(levels), 2):
-                weighted = [({**shared, name: level}, 1.0), ({**shared, name: against}, -1.0)]
-                one = Contrast(factors, ((name, level, against),), weighted, shared)
-                single[(level, against)].append(one)
+                pair = _weighted(name, level, against, {one: one for one in (level, against)})
+                weighted = _times([(shared, 1.0)], pair)
+                single[(level, against)].append(
+                    Contrast(factors, ((name, level, against),), weighted, shared)
+                )
         for (level, against), pairs in single.items():
             if len(pairs) > 1 and name not in known:
                 averaged = [(at, weight / len(pairs)) for pair in pairs for at, weight in pair.weighted]
@@ -330,12 +336,10 @@ def _of_combinations(
         yield from (pair for pairs in single.values() for pair in pairs)
 
 
-def _values(recorded: Recorded, name: str) -> Iterator[tuple[str, str | float]]:
-    """What the values of a column are called, and they themselves."""
-    column = recorded.rows[name]
-    first = ~column.duplicated()
-    for value, label in zip(column[first], labels_of(column[first]), strict=True):
-        yield label, (float(value) if recorded.is_number(name) else str(value))
+def _values(recorded: Recorded, name: str) -> dict[str, str | float]:
+    """The values of a column by what they are called."""
+    kind = float if recorded.is_number(name) else str
+    return dict(zip(recorded.labels(name), map(kind, recorded.rows[name]), strict=True))
 
 
 def _pairs(levels: Sequence[str]) -> Iterator[tuple[str, str]]:
@@ -405,7 +409,8 @@ def people_compared(draws: xr.Dataset, recorded: Recorded, responses: Sequence[s
         K_secant of the person's own impacts stands in place of K, which is the element's alone.
     """
     people = recorded.levels("subject")
-    first, second = np.triu_indices(len(people), 1)
+    upper, lower = np.triu_indices(len(people), 1)
+    person, against = np.append(upper, lower), np.append(lower, upper)
     tables = []
     for response in responses:
         if SUBJECT not in recorded.response(response).terms.groups or not 2 <= len(people) <= MOST_PEOPLE:
@@ -417,14 +422,9 @@ def people_compared(draws: xr.Dataset, recorded: Recorded, responses: Sequence[s
                 draws["K_secant_of_subject"].sel(subject=people).transpose(..., "subject").to_numpy()
             )
         logs = logs.reshape(-1, len(people))
-        ratio = logs[:, first] - logs[:, second]
+        ratio = logs[:, person] - logs[:, against]
         low, median, high = np.exp(np.percentile(ratio, [5, 50, 95], axis=0))
-        above = (ratio > 0).mean(axis=0)
-        for one, another, values in (
-            (first, second, (above, median, low, high)),
-            (second, first, (1 - above, 1 / median, 1 / high, 1 / low)),
-        ):
-            names = {"person": np.array(people)[one], "against": np.array(people)[another]}
-            columns = dict(zip(("p_greater", "ratio", "low", "high"), values, strict=True))
-            tables.append(pd.DataFrame({"quantity": response, **names, **columns}))
+        names = {"person": np.array(people)[person], "against": np.array(people)[against]}
+        values = {"p_greater": (ratio > 0).mean(axis=0), "ratio": median, "low": low, "high": high}
+        tables.append(pd.DataFrame({"quantity": response, **names, **values}))
     return joined("people", tables)

@@ -163,9 +163,8 @@ def _answer(finished: Finished, question: Question) -> dict[str, Any]:
 def _of_levels(recorded: Recorded, node: Node) -> list[Coded]:
     """What is to be known of the levels that a question names: averages, and numbers beyond the measured."""
     responses = [response for response in quantities(node) if is_response(response, recorded)]
-    notes = [
-        note for response in responses for note in beyond_notes(recorded, condition_of(response, recorded))
-    ]
+    conditions = [condition_of(response, recorded) for response in responses]
+    notes = [note for condition in conditions for note in beyond_notes(recorded, condition)]
     for response in responses:
         notes += average_notes(recorded, [response.name], [level.column for level in response.levels])
     return list(dict.fromkeys(notes))
