@@ -100,8 +100,11 @@ class PlannedModel(Hyperparameters):
         sites = derived.named_sites(self.locations, design, dict(values), b)
         draws = derived.labelled_draws(design, derived.reported_sites(design, sites))
         draws = draws.assign_coords(chain=np.arange(b.shape[0]), draw=np.arange(b.shape[1]))
-        typical = {q: np.exp(log_at_levels(draws, design.recorded, q, [{}])[..., 0]) for q in RESPONSES}
-        return draws.assign({f"{q}_typical_person": (("chain", "draw"), v) for q, v in typical.items()})
+        typical = {q: log_at_levels(draws, design.recorded, q, [{}])[..., 0] for q in RESPONSES}
+        with np.errstate(over="ignore"):
+            return draws.assign(
+                {f"{q}_typical_person": (("chain", "draw"), np.exp(log)) for q, log in typical.items()}
+            )
 
 
 def planned_model(

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass, replace
-from functools import cached_property
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-import xarray as xr
 
 from bayestissue import results, runtime
 from bayestissue.fitting import formulas_of, silent
@@ -20,46 +16,22 @@ from bayestissue.hierarchy.design import build_design
 from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.formulas.formula import terms_of
 from bayestissue.hierarchy.formulas.group_terms import SUBJECT, grouping_of
-from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.inference.answers.fixed import confounded
 from bayestissue.outline import Outlined, Rows, short
 from bayestissue.planning.analysis import Study, factors_named, study_of
-from bayestissue.planning.assurance import PER_STUDY, Assessment, Goal, Progress, planner
-from bayestissue.planning.candidates import Candidate
-from bayestissue.planning.population import BLOCK, Beliefs, DesignPrior, Pilot, WithoutSpread
-from bayestissue.planning.running import Running
+from bayestissue.planning.assurance import Assessment, Goal, Progress
+from bayestissue.planning.ledger import Case, Ledger, sha256_of
+from bayestissue.planning.population import Beliefs, DesignPrior, Pilot, WithoutSpread
 from bayestissue.planning.settings import PLAN as SETTINGS
 from bayestissue.planning.specification import MOST_PEOPLE, PlanSpecification, plan_of, read_plan
 from bayestissue.planning.words import answer, in_own_words, limit_words, paragraph, warning, what_limits
 from bayestissue.report.run_folder import draw_page
 from bayestissue.results.tables import table_of_rows, typed
-from bayestissue.settings import Table
-from bayestissue.simulation.specification import Recording, Simulation
+from bayestissue.simulation.specification import Recording
 
 PLAN, DESIGNS, STUDIES = "plan.json", "designs", "studies.parquet"
 _NOISE = ("noise_sd_m_s2", "noise_relative_to_peak")
-_OF_STUDIES = ["key", "study", "normal", *PER_STUDY]
 _CHAIN = tuple(name for name in Recording.model_fields if "_sd" in name and name not in _NOISE)
-
-
-@dataclass(frozen=True, eq=False)
-class Case:
-    """One design with its analysis, what is believed of the tissue, and the measuring chain."""
-
-    design: Candidate
-    model: ModelSpecification
-    prior: DesignPrior
-    simulation: Simulation
-    running: Running | None = None
-
-    @cached_property
-    def key(self) -> str:
-        """A hash of all that its studies depend on, but for the seed."""
-        rows = self.design.rows().to_csv(index=False)
-        chain = self.simulation.model_dump_json()
-        recorded = "" if self.running is None else _content(self.running.centre)
-        model = self.model.model_dump_json()
-        return _hash([rows, model, _content(self.prior), chain, recorded, runtime.versions()])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -295,7 +267,7 @@ def carry_out(
         **({"words": dict(study.words)} if study.words else {}),
     }
     # Of all that was assumed and found; what follows is the same in words.
-    content["sha256"] = _hash(content)
+    content["sha256"] = sha256_of(content)
     content |= {"answer": answer(content), "paragraph": paragraph(content), "warning": warning(content)}
     content["limiting"] = what_limits(content)
     content = in_own_words(content)
@@ -318,84 +290,6 @@ def known_studies(folder: Path) -> pd.DataFrame | None:
         return pd.read_parquet(folder / STUDIES)
     except (OSError, ValueError):
         return None
-
-
-class Ledger:
-    """Studies that were assessed, by what they depend on, so that more of them go on from there.
-
-    Each study's answers are kept by the hash of its case and goal; ``parts`` is a folder in which they are
-    safe while the others are made.
-    """
-
-    def __init__(
-        self,
-        seed: int,
-        probability: float,
-        say: Progress,
-        known: pd.DataFrame | None = None,
-        parts: Path | None = None,
-    ) -> None:
-        self._seed, self._probability, self._say, self._parts = seed, probability, say, parts
-        tables = [] if known is None else [known]
-        tables += [pd.read_parquet(path) for path in sorted(parts.glob("*.parquet"))] if parts else []
-        everything = pd.concat(tables) if tables else pd.DataFrame(columns=_OF_STUDIES)
-        once = everything.drop_duplicates(["key", "study"]).sort_values("study", kind="stable")
-        self._studies = {str(key): table for key, table in once.groupby("key", sort=False)}
-        self._used: set[str] = set()
-
-    def assess(self, cases: Sequence[Case], goals: Sequence[Goal], studies: int) -> list[list[Assessment]]:
-        """What so many studies say, by case and goal."""
-        blocks = studies // BLOCK
-        groups: dict[tuple[int, ...], list[Case]] = {}
-        for case in cases:
-            done = min(len(self._studies.get(self._key(case, goal), ())) for goal in goals) // BLOCK
-            if done < blocks:
-                shared = id(case.model), id(case.prior), id(case.simulation)
-                groups.setdefault((done, *shared), []).append(case)
-        total = sum((blocks - first) * len(group) for (first, *_), group in groups.items())
-        before = 0
-        for (first, *_), group in groups.items():
-            one = group[0]
-            rows = [case.design.rows() for case in group]
-            ready = planner(rows, one.model, one.prior, one.simulation, seed=self._seed, running=one.running)
-            for begin in range(first, blocks, SETTINGS.kept_blocks):
-                now, say = range(begin, min(begin + SETTINGS.kept_blocks, blocks)), self._after(before, total)
-                answers = ready.assess(goals, now, probability=self._probability, progress=say)
-                self._keep(group, answers, begin * BLOCK, normal=ready.information.is_gaussian)
-                before += len(now) * len(group)
-        return [[self._read(self._key(case, goal), goal, studies) for goal in goals] for case in cases]
-
-    def table(self) -> pd.DataFrame:
-        """All studies that were asked for, a row each."""
-        used = [table for key, table in self._studies.items() if key in self._used]
-        return pd.concat(used, ignore_index=True)
-
-    def _after(self, before: int, total: int) -> Callable[[str, int, int], None]:
-        return lambda stage, done, _: self._say(stage, before + done, total)
-
-    def _key(self, case: Case, goal: Goal) -> str:
-        what = [case.key, goal.text, goal.width is None, goal.relative, goal.level, self._seed]
-        return _hash(what)[:32]
-
-    def _keep(
-        self, cases: Sequence[Case], answers: list[list[Assessment]], first: int, *, normal: bool
-    ) -> None:
-        tables = []
-        for case, of_case in zip(cases, answers, strict=True):
-            for one in of_case:
-                key, number = self._key(case, one.goal), first + np.arange(one.studies)
-                tables.append(one.table().assign(key=key, study=number, normal=normal)[_OF_STUDIES])
-                # Of a goal that was asked for before, more may be known than of the others.
-                both = pd.concat([self._studies.get(key, tables[-1][:0]), tables[-1]])
-                self._studies[key] = both.drop_duplicates("study").sort_values("study")
-        if self._parts is not None:
-            name = _hash([case.key for case in cases])[:16]
-            with results.whole_file(self._parts / f"{name}-{first}.parquet") as path:
-                pd.concat(tables, ignore_index=True).to_parquet(path, index=False)
-
-    def _read(self, key: str, goal: Goal, studies: int) -> Assessment:
-        self._used.add(key)
-        return Assessment.from_table(goal, self._probability, self._studies[key][:studies])
 
 
 def _variants(case: Case, *, reaches: bool) -> dict[str, Case]:
@@ -468,25 +362,24 @@ def _looks(
     for position, assessment in enumerate(assessments[chosen]):
         if assessment.goal.width is not None or len(sequence) < 2:
             continue
-        stopped = np.zeros(assessment.studies, bool)
-        wrong, error = stopped.copy(), np.full(assessment.studies, np.nan)
-        rows: list[dict[str, float | None]] = []
-        for number in sequence:
-            look = assessments[number][position]
-            now = (look.yes | look.no) & ~stopped
-            wrong |= now & (look.yes != look.true)
-            error[now] = (look.estimate - look.value)[now]
-            stopped |= now
-            rows.append(
-                {
-                    "people": people[number],
-                    "stopped": float(stopped.mean()),
-                    "misled": float(wrong.mean()),
-                    "error": _mean(error[stopped]),
-                    "error_without": _mean(look.estimate - look.value),
-                }
-            )
-        tables[assessment.goal.name] = rows
+        looks = [assessments[number][position] for number in sequence]
+        # [look, study]
+        answers = np.array([look.yes | look.no for look in looks])
+        error = np.array([look.estimate - look.value for look in looks])
+        stops = answers & (np.cumsum(answers, axis=0) == 1)
+        stopped = np.cumsum(stops, axis=0) > 0
+        misled = np.cumsum(stops & [look.yes != look.true for look in looks], axis=0)
+        error_of_stop = np.cumsum(np.where(stops, error, 0.0), axis=0)
+        tables[assessment.goal.name] = [
+            {
+                "people": people[number],
+                "stopped": float(stopped[look].mean()),
+                "misled": float(misled[look].mean()),
+                "error": _mean(error_of_stop[look, stopped[look]]),
+                "error_without": _mean(error[look]),
+            }
+            for look, number in enumerate(sequence)
+        ]
     return tables
 
 
@@ -504,20 +397,6 @@ def _at_one_truth(prior: DesignPrior) -> DesignPrior:
             medians = {name: np.median(values, keepdims=True) for name, values in draws.items()}
             return Pilot(medians, prior.reference_mass_kg, Beliefs(otherwise.population.at_median()))
     raise TypeError(type(prior))
-
-
-def _content(value: Any) -> Any:
-    """All that a value is made of, as JSON has it; of numbers in arrays their SHA-256."""
-    match value:
-        case Table():
-            return value.model_dump(mode="json")
-        case np.ndarray() | xr.DataArray():
-            return hashlib.sha256(np.ascontiguousarray(value, float)).hexdigest()
-        case Mapping():
-            return {str(name): _content(part) for name, part in value.items()}
-        case _ if is_dataclass(value):
-            return {part.name: _content(getattr(value, part.name)) for part in fields(value)}
-    return value
 
 
 def _of_case(
@@ -568,7 +447,3 @@ def _designs(content: Mapping[str, Any]) -> pd.DataFrame:
         for name, numbers in design["goals"].items():
             rows.append({**of_design, "goal": name, "question": texts[name], **numbers})
     return typed(DESIGNS, table_of_rows(DESIGNS, rows))
-
-
-def _hash(content: Any) -> str:
-    return hashlib.sha256(json.dumps(content, sort_keys=True, ensure_ascii=False).encode()).hexdigest()
