@@ -133,15 +133,15 @@ def _levels(
     formula: ResponseFormula, term: GroupTerm, condition: Condition, averaged: Sequence[Condition]
 ) -> list[str]:
     """The levels of a term in a condition, which is averaged over some categories: see `DesignAt`."""
-    given = {name: condition[name] for name in term.factors if name in condition}
-    left = set(term.factors) - given.keys()
+    known = {name: condition[name] for name in term.factors if name in condition}
+    left = set(term.factors) - known.keys()
     if not left:
         return [_level(term, condition)]
-    if not formula.within(term, given):
+    if not formula.within(term, known):
         return []
     if left <= set(formula.categories):
         return [_level(term, part) for part in averaged]
-    rows = formula.recorded.rows[formula.recorded.matching(given)]
+    rows = formula.recorded.rows[formula.recorded.matching(known)]
     return list(grouping_of(rows, term.factors).levels) if len(rows) else []
 
 

@@ -221,10 +221,10 @@ class ResponseFormula:
         free = {n: rows[n].drop_duplicates().tolist() for n in self.categories if n not in condition}
         return [dict(condition) | dict(zip(free, values, strict=True)) for values in product(*free.values())]
 
-    def within(self, term: GroupTerm, given: Iterable[str]) -> tuple[str, ...]:
-        """The factors of a term whose levels lie in given ones; none where the term's effect is typical."""
-        left = tuple(factor for factor in term.factors if factor not in set(given))
-        single = {other.factors[0] for other in self.terms.groups if len(other.factors) == 1}
+    def within(self, term: GroupTerm, known: Iterable[str]) -> tuple[str, ...]:
+        """The factors of a term whose levels lie in known ones; none where the term's effect is typical."""
+        left = tuple(factor for factor in term.factors if factor not in set(known))
+        single = {group.factors[0] for group in self.terms.groups if len(group.factors) == 1}
         return () if len(left) == len(term.factors) or {"subject", *single} & set(left) else left
 
     def averaged(self, columns: Iterable[str]) -> tuple[str, ...]:

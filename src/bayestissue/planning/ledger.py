@@ -113,8 +113,8 @@ class Ledger:
                 key, number = self._key(case, one.goal), first + np.arange(one.studies)
                 tables.append(one.table().assign(key=key, study=number, normal=normal)[_COLUMNS])
                 # Of a goal that was asked for before, more may be known than of the others.
-                both = pd.concat([self._studies.get(key, tables[-1][:0]), tables[-1]])
-                self._studies[key] = both.drop_duplicates("study").sort_values("study")
+                studies = pd.concat([self._studies.get(key, tables[-1][:0]), tables[-1]])
+                self._studies[key] = studies.drop_duplicates("study").sort_values("study")
         if self._parts is not None:
             name = sha256_of([case.key for case in cases])[:16]
             with results.whole_file(self._parts / f"{name}-{first}.parquet") as path:

@@ -230,8 +230,8 @@ class Beliefs:
             names = [intercept(part.parameter), *[f"mass_exponent_{q}"] * (part.log_mass is not None)]
             values |= {name: drawn(name, known[name]) for name in names}
             for column, scale in zip(part.names, part.scale, strict=True):
-                name, own = common_coefficient(column, q), self.population.effects.get(q, {}).get(column)
-                values[name] = drawn(name, own) if own else drawn(name, known[f"covariate_{q}"]) / scale
+                name, single = common_coefficient(column, q), self.population.effects.get(q, {}).get(column)
+                values[name] = drawn(name, single) if single else drawn(name, known[f"covariate_{q}"]) / scale
         return values
 
 

@@ -182,14 +182,14 @@ class _Proposal(NamedTuple):
 
     def log_density(self, whitened: Float[Array, "point coordinate"]) -> Float[Array, " point"]:
         """Up to a constant, which is the same of all points."""
-        size, tails, every = whitened.shape[1], SETTINGS.tails, SETTINGS.wide_every
+        size, tails, share = whitened.shape[1], SETTINGS.tails, 1 / SETTINGS.wide_every
 
         def t(scale: Array) -> Array:
             squares = ((whitened / scale) ** 2).sum(-1)
             return -(tails + size) / 2 * jnp.log1p(squares / tails) - jnp.log(scale).sum(-1)
 
         split, wide = t(self._of_sides(whitened)), t(jnp.full(size, SETTINGS.wide))
-        return jnp.logaddexp(jnp.log1p(-1 / every) + split, wide - jnp.log(every))
+        return jnp.logaddexp(jnp.log1p(-share) + split, wide + jnp.log(share))
 
 
 def _mode(

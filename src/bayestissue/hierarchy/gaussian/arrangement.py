@@ -5,9 +5,9 @@ grouping factor, with all that is nested in it, are independent between that fac
 effects are given: their part of b's precision is block diagonal. Which effects these are is found from the
 columns: those whose non-zero cells all lie in one level. See Bates et al. (2015, doi:10.18637/jss.v067.i01).
 
-Three words are all that this takes. A *cell* is a row of X that differs from the others, with the impacts
+Three words recur. A *cell* is a row of X that differs from the others, with the impacts
 that have it. A *level* is one of the chosen grouping factor's, to which each cell belongs. The *table* has
-places for the cells, row by row, all cells of a row being of one level: the arithmetic of a level is that of
+slots for the cells, row by row, all cells of a row being of one level: the arithmetic of a level is that of
 rows of arrays.
 """
 
@@ -22,7 +22,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.padding import bucket
@@ -33,12 +33,12 @@ class TableSettings(NamedTuple):
 
     Attributes:
         impacts_at_once: what is made of so many stays in a processor's cache.
-        places: at most so many times as many places as there are cells. Rows as long as the level with the
-            most cells leave no level with two rows, which is less work, unless most places are then empty.
+        slots_per_cell: at the most. Rows as long as the level with the most cells give each level one row,
+            which is the least work unless most slots are then empty.
     """
 
     impacts_at_once: int = 4096
-    places: int = 2
+    slots_per_cell: int = 2
 
 
 SETTINGS = TableSettings()
@@ -48,8 +48,8 @@ class PopulationDesign(NamedTuple):
     """X b by cell: the rows of X that differ, in a table of levels.
 
     A level with many more cells than others takes several rows of the table, and a cell with many more
-    impacts than others several places. Places that a row doesn't need are empty: their columns are zero, and
-    so is all that is summed over their impacts. Cells are numbered by their places, row by row.
+    impacts than others several slots. Slots that a row doesn't need are empty: their columns are zero, and
+    so is all that is summed over their impacts. Cells are numbered by their slots, row by row.
 
     Attributes:
         cell: of each impact.
@@ -64,9 +64,9 @@ class PopulationDesign(NamedTuple):
     cell: Int[np.ndarray | Array, " impact"]
     members: Int[np.ndarray | Array, "block member cell"]
     level: Int[np.ndarray | Array, " row"]
-    inner: tuple[Float[Any, "inner row place"], ...]
+    inner: tuple[Float[Any, "inner row slot"], ...]
     inner_element: tuple[Int[Any, "inner level"], ...]
-    outer: tuple[Float[Any, "#row place outer"], ...]
+    outer: tuple[Float[Any, "#row slot outer"], ...]
     outer_element: tuple[Int[Any, " outer"], ...]
 
     def subset(self, rows: Int[np.ndarray, " row"]) -> PopulationDesign:
@@ -132,19 +132,20 @@ def arrange(
     cell, whole = _divided(np.asarray(cell), len(columns[0]))
     columns = [matrix[whole] for matrix in columns]
     begins = np.cumsum([0, *(matrix.shape[1] for matrix in columns)])
-    factor = min(_factors(columns, begins, groups), key=_Factor.cost)
-    table = _table(factor, columns)
+    all_columns = np.concatenate(columns, axis=1)
+    factor = min(_factors(all_columns, begins, groups), key=_Factor.cost)
+    table = _table(factor, all_columns[:, factor.of_element < 0])
     of_parameters = []
     for matrix, begin in zip(columns, begins[:-1], strict=True):
-        own = factor.elements(begin, begin + matrix.shape[1])
-        others = np.setdiff1d(np.arange(begin, begin + matrix.shape[1]), own)
+        elements = factor.elements(begin, begin + matrix.shape[1])
+        others = np.setdiff1d(np.arange(begin, begin + matrix.shape[1]), elements)
         # One more column is that of elements which a level does not have.
         padded = np.concatenate([matrix, np.zeros((len(matrix), 1))], axis=1)
-        column = np.where(own < begins[-1], own - begin, matrix.shape[1])[:, factor.level]
+        column = np.where(elements < begins[-1], elements - begin, matrix.shape[1])[:, factor.level]
         inner = padded[np.arange(len(matrix)), column]
-        of_parameters.append((table.inner(inner), own, table.outer(matrix[:, others - begin]), others))
-    number = (table.row * table.places + table.place)[cell]
-    members = _members(number, len(table.level) * table.places)
+        of_parameters.append((table.inner(inner), elements, table.outer(matrix[:, others - begin]), others))
+    number = (table.row * table.slots + table.slot)[cell]
+    members = _members(number, len(table.level) * table.slots)
     return PopulationDesign(number, members, table.level, *zip(*of_parameters, strict=True))
 
 
@@ -181,31 +182,33 @@ class _Factor:
         return self.levels * (r**3 / 3 + r * r * q + r * q * q) + q**3 / 3
 
 
-def _factors(columns: Sequence[np.ndarray], begins: np.ndarray, groups: Sequence[slice]) -> Iterator[_Factor]:
+def _factors(
+    whole: Float[np.ndarray, "cell location"], begins: Int[np.ndarray, " end"], groups: Sequence[slice]
+) -> Iterator[_Factor]:
     """What could be eliminated level by level: nothing, or what is nested in one of the group terms."""
     nothing = np.full(begins[-1], -1)
-    yield _Factor(np.zeros(len(columns[0]), int), 1, nothing, begins)
-    owners = [int(np.searchsorted(begins, group.start, side="right")) - 1 for group in groups]
-    present = [
-        columns[a][:, group.start - begins[a] : group.stop - begins[a]] != 0
-        for a, group in zip(owners, groups, strict=True)
-    ]
+    yield _Factor(np.zeros(len(whole), int), 1, nothing, begins)
+    present = [whole[:, group] != 0 for group in groups]
     for factor in present:
-        if not (factor.sum(1) == 1).all():
-            continue
-        level, levels = factor.argmax(1), factor.shape[1]
-        of_element = nothing.copy()
-        for group, nonzero in zip(groups, present, strict=True):
-            cells, effects = np.nonzero(nonzero)
-            least, greatest = np.full(nonzero.shape[1], levels), np.full(nonzero.shape[1], -1)
-            np.minimum.at(least, effects, level[cells])
-            np.maximum.at(greatest, effects, level[cells])
-            nested = np.where(least == greatest, least, -1)
-            # Effects without any cell go where they cost nothing: to the factor's levels, if they match them.
-            matches = len(least) == levels and (nested >= 0).any()
-            unused = np.arange(levels) if matches else -1
-            of_element[group] = np.where(greatest < 0, unused, nested)
-        yield _Factor(level, levels, of_element, begins)
+        if (factor.sum(1) == 1).all():
+            level, levels, of_element = factor.argmax(1), factor.shape[1], nothing.copy()
+            for group, nonzero in zip(groups, present, strict=True):
+                of_element[group] = _levels_of_effects(nonzero, level, levels)
+            yield _Factor(level, levels, of_element, begins)
+
+
+def _levels_of_effects(
+    nonzero: Bool[np.ndarray, "cell effect"], level: Int[np.ndarray, " cell"], levels: int
+) -> Int[np.ndarray, " effect"]:
+    """The level in which all cells of an effect lie, -1 where they lie in several."""
+    cells, effects = np.nonzero(nonzero)
+    least, greatest = np.full(nonzero.shape[1], levels), np.full(nonzero.shape[1], -1)
+    np.minimum.at(least, effects, level[cells])
+    np.maximum.at(greatest, effects, level[cells])
+    nested = np.where(least == greatest, least, -1)
+    # Effects without any cell go where they cost nothing: to the factor's levels, if they match them.
+    matches = len(least) == levels and (nested >= 0).any()
+    return np.where(greatest < 0, np.arange(levels) if matches else -1, nested)
 
 
 @dataclass(frozen=True)
@@ -214,53 +217,52 @@ class _Table:
 
     Attributes:
         level: of each row.
-        places: of a row.
+        slots: of a row.
         row: of each cell.
-        place: of each cell, in its row.
-        alike: whether the outer columns of a place are the same in all rows.
+        slot: of each cell, in its row.
+        shared: whether the outer columns of a slot are the same in all rows.
     """
 
     level: Int[np.ndarray, " row"]
-    places: int
+    slots: int
     row: Int[np.ndarray, " cell"]
-    place: Int[np.ndarray, " cell"]
-    alike: bool
+    slot: Int[np.ndarray, " cell"]
+    shared: bool
 
-    def inner(self, values: Float[np.ndarray, "inner cell"]) -> Float[np.ndarray, "inner row place"]:
-        """Values of cells in the table, zero in its empty places."""
-        table = np.zeros((len(values), len(self.level), self.places))
-        table[:, self.row, self.place] = values
+    def inner(self, values: Float[np.ndarray, "inner cell"]) -> Float[np.ndarray, "inner row slot"]:
+        """Values of cells in the table, zero in its empty slots."""
+        table = np.zeros((len(values), len(self.level), self.slots))
+        table[:, self.row, self.slot] = values
         return table
 
-    def outer(self, values: Float[np.ndarray, "cell outer"]) -> Float[np.ndarray, "#row place outer"]:
+    def outer(self, values: Float[np.ndarray, "cell outer"]) -> Float[np.ndarray, "#row slot outer"]:
         """The same of outer columns, one row where all are alike."""
-        rows, row = (1, 0) if self.alike else (len(self.level), self.row)
-        table = np.zeros((rows, self.places, values.shape[1]))
-        table[row, self.place] = values
+        rows, row = (1, 0) if self.shared else (len(self.level), self.row)
+        table = np.zeros((rows, self.slots, values.shape[1]))
+        table[row, self.slot] = values
         return table
 
 
-def _table(factor: _Factor, columns: Sequence[np.ndarray]) -> _Table:
+def _table(factor: _Factor, outer: Float[np.ndarray, "cell outer"]) -> _Table:
     """Cells in rows of one level each.
 
-    Where all people meet the same conditions, a place is a condition: one person's outer columns are
+    Where all people meet the same conditions, a slot is a condition: one person's outer columns are
     everyone's.
     """
-    outer = np.concatenate(columns, axis=1)[:, factor.of_element < 0]
-    conditions, place = np.unique(outer, axis=0, return_inverse=True)
-    place = place.reshape(-1)
-    once = len(_distinct(factor.level, place)[0][0]) == len(place)
-    alike = once and factor.levels * len(conditions) <= SETTINGS.places * len(place)
-    if alike:
-        places, row_of_level = len(conditions), np.zeros_like(place)
+    conditions, slot = np.unique(outer, axis=0, return_inverse=True)
+    slot = slot.reshape(-1)
+    once = len(_distinct(factor.level, slot)[0][0]) == len(slot)
+    shared = once and factor.levels * len(conditions) <= SETTINGS.slots_per_cell * len(slot)
+    if shared:
+        slots, row_of_level = len(conditions), np.zeros_like(slot)
     else:
-        places = _length(factor.level, factor.levels)
-        row_of_level, place = np.divmod(_number_within(factor.level), places)
+        slots = _length(factor.level, factor.levels)
+        row_of_level, slot = np.divmod(_number_within(factor.level), slots)
     # A row of each level, also of one without cells.
-    every = np.arange(factor.levels)
-    keys = np.append(factor.level, every), np.append(row_of_level, np.zeros_like(every))
+    levels = np.arange(factor.levels)
+    keys = np.append(factor.level, levels), np.append(row_of_level, np.zeros_like(levels))
     (level, _), row = _distinct(*keys)
-    return _Table(level, bucket(places), row[: len(place)], place, alike)
+    return _Table(level, bucket(slots), row[: len(slot)], slot, shared)
 
 
 def _number_within(codes: Int[np.ndarray, " item"]) -> Int[np.ndarray, " item"]:
@@ -272,9 +274,9 @@ def _number_within(codes: Int[np.ndarray, " item"]) -> Int[np.ndarray, " item"]:
 
 
 def _length(codes: Int[np.ndarray, " item"], count: int) -> int:
-    """Of a table of ``count`` codes: as many items as any code has, fewer if most places were then empty."""
+    """Of a table of ``count`` codes: as many items as any code has, fewer if most slots were then empty."""
     most = int(np.bincount(codes).max(initial=1))
-    return most if most * count <= SETTINGS.places * len(codes) else max(1, len(codes) // count)
+    return most if most * count <= SETTINGS.slots_per_cell * len(codes) else max(1, len(codes) // count)
 
 
 def _distinct(*keys: Int[np.ndarray, " item"]) -> tuple[Int[np.ndarray, "key one"], Int[np.ndarray, " item"]]:

@@ -179,19 +179,19 @@ def _stacked(entries: Sequence[Array], like: Array) -> Array:
     return jnp.stack(entries) if entries else like
 
 
-def _flat(columns: Float[Array, "#row place outer"]) -> Float[Array, "cell outer"]:
+def _flat(columns: Float[Array, "#row slot outer"]) -> Float[Array, "cell outer"]:
     return columns.reshape(-1, columns.shape[2])
 
 
-def _as_outer(values: Float[Array, "row place"], columns: Float[Array, "#row place outer"]) -> Array:
+def _as_outer(values: Float[Array, "row slot"], columns: Float[Array, "#row slot outer"]) -> Array:
     """Sums over the rows of the table for which the columns are alike."""
     return values.sum(0) if len(columns) == 1 else values.ravel()
 
 
 def _times_outer(
-    values: Float[Array, "inner row place"], columns: Float[Array, "#row place outer"]
+    values: Float[Array, "inner row slot"], columns: Float[Array, "#row slot outer"]
 ) -> Float[Array, "inner outer row"]:
-    """Products with the outer columns, summed over places."""
+    """Products with the outer columns, summed over slots."""
     if len(columns) == 1:
         return jnp.moveaxis(values @ columns[0], 2, 1)
     return jnp.einsum("irs,rsq->iqr", values, columns)

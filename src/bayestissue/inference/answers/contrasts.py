@@ -381,7 +381,8 @@ def _notes(recorded: Recorded, compared: Sequence[Contrast]) -> list[str]:
         )
         words = []
         for name in upper[0]:
-            pairs = {(one.get(name), other.get(name)) for one, other in zip(upper, lower, strict=True)}
+            values = ([labels.get(name) for labels in side] for side in (upper, lower))
+            pairs = set(zip(*values, strict=True))
             if any(None in pair or pair[0] == pair[1] for pair in pairs):
                 continue
             level, against = min(pairs)
