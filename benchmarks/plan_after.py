@@ -35,7 +35,6 @@ import bayestissue as bt
 from bayestissue import runtime
 from bayestissue.dataset.model import Dataset
 from bayestissue.fitting import resolve
-from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.design import build_design
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import prepare
@@ -150,10 +149,8 @@ def posterior_of(running: Running, model: ModelSpecification) -> tuple[xr.Datase
     chosen = np.random.default_rng(0).choice(len(weight), DRAWS, p=weight)
     values = {name: v.reshape(1, -1)[:, chosen] for name, v in drawn.hyperparameters.items()}
     b = drawn.b.reshape(1, len(weight), -1)[:, chosen]
-    design = replace(arranged.design, responses={q: arranged.design.responses[q] for q in ("K", "C")})
-    reported = derived.reported_sites(design, derived.named_sites(planned.locations, design, values, b))
-    draws = derived.labelled_draws(design, reported).assign_coords(chain=[0], draw=np.arange(DRAWS))
-    return draws, float(draws_of(parse(QUESTION), draws, design.recorded).mean())
+    draws = planned.draws(arranged.design, values, b)
+    return draws, float(draws_of(parse(QUESTION), draws, arranged.design.recorded).mean())
 
 
 def next_by_plan(running: Running, draws: xr.Dataset, order: list[str], model: ModelSpecification) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayestissue.hierarchy.levels import Recorded
+from bayestissue.hierarchy.recorded import Recorded
 from bayestissue.inference.answers.contrasts import contrasts, people_compared
 from bayestissue.inference.answers.reliability import as_variables, coefficients, reliability, variances
 from bayestissue.inference.quantities.together import comparable_draws

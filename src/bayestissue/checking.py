@@ -13,7 +13,7 @@ import pandas as pd
 
 from bayestissue.dataset import as_dataset
 from bayestissue.errors import Coded, Problem
-from bayestissue.hierarchy.levels import Recorded
+from bayestissue.hierarchy.columns import few_valued
 from bayestissue.inference.points.notes import said_once
 from bayestissue.inference.results.meanings import few_valued_words
 from bayestissue.outline import Outlined, Rows, short, span
@@ -77,7 +77,7 @@ class Check(Outlined):
         one_mass = impacts["mass_kg"].min() == impacts["mass_kg"].max()
         words = Coded("the mass never varies: these data have no mass exponent", "one-mass")
         masses = [words] if one_mass else []
-        codes = few_valued_words(Recorded.of_rows(impacts, {}, 1.0).few_valued)
+        codes = few_valued_words(few_valued(impacts))
         noted = raised(self.findings, len(impacts), notes=True)
         rows = zip(self.signal.notes, noted, strict=True)
         said = said_once("; ".join([*chain, *spoilt]) for chain, spoilt in rows)

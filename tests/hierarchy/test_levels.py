@@ -8,7 +8,10 @@ from numpy.testing import assert_allclose
 
 from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.design import Design
-from bayestissue.hierarchy.levels import Recorded, log_at_levels
+from bayestissue.hierarchy.formulas.formula import Evaluated, judge
+from bayestissue.hierarchy.formulas.group_terms import GroupTerm
+from bayestissue.hierarchy.levels import design_at, log_at_levels
+from bayestissue.hierarchy.recorded import Recorded
 from bayestissue.inference.results.labels import design_dimensions, labelled
 from designs import REFERENCE, design_of, impacts
 
@@ -48,6 +51,29 @@ def test_every_recorded_row_has_the_value_that_the_fit_gave_it(known) -> None:
     found = log_at_levels(draws, recorded, "K", conditions)
     # The session's own slope needs the level's name and the covariate's number, which are not one column.
     assert_allclose(found, derived.row_logs(design, sites, "K"), rtol=1e-9, atol=1e-9)
+
+
+def test_a_row_of_the_design_says_whose_effects_count(known) -> None:
+    recorded, of_sides, of_sessions = known[3], GroupTerm(("subject", "side")), GroupTerm(("session",), "age")
+    asked = [{}, {"subject": "s1"}, {"subject": "s1", "side": "left"}, {"subject": "x", "side": "left"}]
+    at = design_at(recorded, "K", asked)
+    assert at.levels[of_sides] == [[], ["s1:left", "s1:right"], ["s1:left"], ["x:left"]]
+    # Sides are averaged where they are not given, and the age of s1 is the person's own.
+    assert_allclose(at.covariates["side[right]"], [0.5, 0.5, 0.0, 0.0])
+    assert_allclose(at.multipliers[of_sessions], at.covariates["age"])
+    assert_allclose(at.covariates["age"], np.array([0.0, 23.0, 23.0, 0.0]) - [0, 24.5, 24.5, 0])
+
+
+def test_a_formula_has_its_own_columns_again_and_in_other_rows_their_reference() -> None:
+    rows = impacts()
+    judged = judge("log(mass_kg) + side*age + (age|session) + (1|subject)", rows, REFERENCE)
+    evaluated = Evaluated(str(judged.terms), rows, REFERENCE)
+    for some in (rows, rows[5:8]):
+        covariates, multipliers = evaluated.at(some)
+        assert tuple(covariates) == judged.names
+        assert_allclose(np.column_stack(list(covariates.values())), judged.columns[some.index], atol=1e-14)
+        for term, x in judged.groups.items():
+            assert_allclose(multipliers[term], x[some.index], atol=1e-14)
 
 
 def test_a_variable_has_what_a_question_answers(known) -> None:

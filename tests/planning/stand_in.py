@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayestissue.planning import plan as module
+from bayestissue.planning import ledger as module
 from bayestissue.planning.assurance import Assessment, Goal, Progress
 from bayestissue.planning.population import BLOCK
 

@@ -167,7 +167,7 @@ class RunView:
         recorded = self._finished.recorded
         pairs = [
             (column, levels[0], levels[1])
-            for column in dict.fromkeys((*recorded.categories("K"), "subject"))
+            for column in dict.fromkeys((*recorded.response("K").categories, "subject"))
             if len(levels := recorded.levels(column)) > 1
         ]
         examples = [f"K[{c}={_quoted(a)}] / K[{c}={_quoted(b)}] > 1.1" for c, a, b in pairs]

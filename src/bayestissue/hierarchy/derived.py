@@ -11,8 +11,9 @@ import xarray as xr
 from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.effects import RESPONSES, intercept, sd_impact
 from bayestissue.hierarchy.formulas.group_terms import SUBJECT, TRIAL, common_coefficient, stem_of
-from bayestissue.hierarchy.levels import Condition, log_at_levels
+from bayestissue.hierarchy.levels import design_at, log_at_levels
 from bayestissue.hierarchy.population import Effects
+from bayestissue.hierarchy.recorded import Condition
 
 Draws = Mapping[str, np.ndarray]
 
@@ -95,7 +96,7 @@ def values_at_levels(design: Design, reported: Draws) -> dict[str, np.ndarray]:
         conditions_of: dict[str, list[Condition]] = {
             stem_of(name): recorded.conditions_of(grouping) for name, grouping in design.groupings.items()
         }
-        for name in recorded.named_by(response):
+        for name in recorded.response(response).named_by:
             conditions_of[stem_of(name)] = [{name: level} for level in recorded.rows[name].drop_duplicates()]
         for stem, conditions in conditions_of.items():
             values[f"{response}_{stem}"] = np.exp(log_at_levels(draws, recorded, response, conditions))
@@ -107,8 +108,8 @@ def values_at_levels(design: Design, reported: Draws) -> dict[str, np.ndarray]:
 def typical_covariates(design: Design, response: str) -> np.ndarray:
     """The covariates of a typical person, as the design has them, [covariate]: means over categories."""
     part = design.responses[response]
-    values, _ = design.recorded.at(response, [{}])
-    return np.array([values[name][0] for name in part.names]) / part.scale
+    typical = design_at(design.recorded, response, [{}])
+    return np.array([typical.covariates[name][0] for name in part.names]) / part.scale
 
 
 def typical_logs(design: Design, sites: Draws, response: str) -> np.ndarray:
@@ -122,11 +123,7 @@ def typical_logs(design: Design, sites: Draws, response: str) -> np.ndarray:
 
 def effect_dimensions(design: Design) -> dict[str, str]:
     """The dimension of the effects, or of the own coefficients, of each group term of each response."""
-    return {
-        (term.coefficient if term.slope else term.effect)(q): term.grouping
-        for q, part in design.responses.items()
-        for term in part.terms
-    }
+    return {term.variable(q): term.grouping for q, part in design.responses.items() for term in part.terms}
 
 
 def labelled_draws(design: Design, reported: Draws) -> xr.Dataset:

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from bayestissue.errors import InputError, Problem
+from bayestissue.hierarchy.columns import few_valued
 from bayestissue.hierarchy.effects import parameter_of
 from bayestissue.hierarchy.formulas.formula import Judged, adapted, judge
 from bayestissue.hierarchy.formulas.group_terms import (
@@ -21,7 +22,7 @@ from bayestissue.hierarchy.formulas.group_terms import (
     grouping_of,
 )
 from bayestissue.hierarchy.formulas.identifiability import Fault
-from bayestissue.hierarchy.levels import Recorded
+from bayestissue.hierarchy.recorded import Recorded
 from bayestissue.hierarchy.specification import Formulas
 
 
@@ -111,7 +112,8 @@ class Design:
 
     def levels(self) -> dict[str, list[str]]:
         """The names of the levels of every grouping and category, by dimension."""
-        categories = dict.fromkeys(name for q in self.responses for name in self.recorded.named_by(q))
+        formulas = self.recorded.responses.values()
+        categories = dict.fromkeys(name for formula in formulas for name in formula.named_by)
         return {name: list(grouping.levels) for name, grouping in self.groupings.items()} | {
             name: self.recorded.levels(name) for name in categories
         }
@@ -119,7 +121,7 @@ class Design:
     def few_valued(self) -> dict[str, list[str]]:
         """The columns of few whole numbers that a formula has as straight lines, and their values."""
         lines = {name for part in self.responses.values() for name in part.names}
-        return {name: values for name, values in self.recorded.few_valued.items() if name in lines}
+        return {name: values for name, values in few_valued(self.recorded.rows).items() if name in lines}
 
     def resolved(self) -> dict[str, Any]:
         """What ``run.json`` says of the model beside its file: the formulas and the reference mass."""

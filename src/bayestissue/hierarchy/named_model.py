@@ -34,7 +34,7 @@ def named_model(prepared: Prepared) -> Callable[[], None]:
         for name, effect in named_sites(model.locations, prepared.design, one, b).items():
             if name not in value:
                 numpyro.deterministic(name, effect[0, 0])
-        for place, q in enumerate("KC"):
-            numpyro.deterministic(q, jnp.exp(value["log_K_and_C"][:, place]))
+        for number, q in enumerate("KC"):
+            numpyro.deterministic(q, jnp.exp(value["log_K_and_C"][:, number]))
 
     return named

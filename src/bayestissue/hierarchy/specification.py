@@ -20,7 +20,7 @@ from pydantic import (
 
 from bayestissue.elements.registry import element, element_names
 from bayestissue.hierarchy import SIDE_BY_SIDE
-from bayestissue.hierarchy.formulas.formula import group_terms
+from bayestissue.hierarchy.formulas.formula import terms_of
 from bayestissue.hierarchy.formulas.group_terms import SUBJECT, TRIAL, GroupTerm
 from bayestissue.hierarchy.priors import SD_OF_TERM, ElementPrior, Normal, Priors
 from bayestissue.resources import model_content
@@ -58,7 +58,7 @@ class Formulas(BaseModel):
 
     def group_terms(self) -> tuple[GroupTerm, ...]:
         """The group terms that are asked for besides (1|subject) and (1|trial), each once."""
-        terms = dict.fromkeys(term for _, formula in self for term in group_terms(formula))
+        terms = dict.fromkeys(term for _, formula in self for term in terms_of(formula).groups)
         return tuple(term for term in terms if term not in (SUBJECT, TRIAL))
 
 

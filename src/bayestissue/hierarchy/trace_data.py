@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -21,7 +21,7 @@ from bayestissue.errors import InputError, Problem, along_with
 from bayestissue.hierarchy import SIDE_BY_SIDE
 from bayestissue.hierarchy.design import Design, build_design
 from bayestissue.hierarchy.effects import RESPONSES
-from bayestissue.hierarchy.formulas.formula import columns_named
+from bayestissue.hierarchy.formulas.formula import terms_of
 from bayestissue.hierarchy.formulas.identifiability import missing
 from bayestissue.hierarchy.population import population_design
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
@@ -216,7 +216,7 @@ def _empty_cells(dataset: Dataset, formulas: Formulas) -> list[Problem]:
     """A problem for each cell without a value in a column that a formula is of."""
     impacts, named = (
         dataset.impacts,
-        [columns_named(formula) for _, formula in formulas if formula is not None],
+        [terms_of(formula).columns for _, formula in formulas if formula is not None],
     )
     problems = []
     for column in dict.fromkeys(name for columns in named for name in columns if name in impacts):
@@ -416,10 +416,20 @@ def _colour(
     return colour_of(white, of_lags, rows), rate, np.sqrt(np.maximum(sums, white))[rate]
 
 
-# Of the phase at the filter's corner over a cell of contact's moment, in rad: a trace is then linear in it
-# but for 1 % of the force's jump at the cell's ends.
-_CELL_PHASE = 0.35
-_MOST_CELLS = 24
+class ContactCells(NamedTuple):
+    """How finely a filtered trace is told when between two samples contact was.
+
+    Attributes:
+        phase: at the filter's corner over a cell, in rad: a trace is then linear in the moment of contact but
+            for 1 % of the force's jump at the cell's ends.
+        most: cells between two samples.
+    """
+
+    phase: float = 0.35
+    most: int = 24
+
+
+CONTACT_CELLS = ContactCells()
 
 
 def _low_pass(recorder: Recorder, dt: np.ndarray) -> LowPass:
@@ -427,7 +437,8 @@ def _low_pass(recorder: Recorder, dt: np.ndarray) -> LowPass:
     poles, weights = filter_modes(recorder)
     corner = 2 * np.pi * recorder.low_pass_hz
     # Between two samples nothing happens to those that a digital filter ran over.
-    finer = 1 if recorder.digital else int(np.clip(np.ceil(corner * dt.max() / _CELL_PHASE), 1, _MOST_CELLS))
+    phase, most = CONTACT_CELLS
+    finer = 1 if recorder.digital else int(np.clip(np.ceil(corner * dt.max() / phase), 1, most))
     ahead = None
     if recorder.zero_phase:
         ahead = jnp.zeros(int(np.ceil((ahead_s(recorder, dt) / dt).max())))

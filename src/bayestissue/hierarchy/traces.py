@@ -102,6 +102,11 @@ class Hyperparameters:
         impact_level = ["sd_impact_K", "sd_impact_C"] + ["residual_correlation"] * self.correlated
         return (*groups, *impact_level, *(f"sd_{name}" for name in self.nuisance))
 
+    @property
+    def unknown(self) -> tuple[str, ...]:
+        """Those of `hyperparameters` that are estimated."""
+        return self.hyperparameters
+
     def prior_of(self, name: str) -> dist.Distribution:
         """The prior of one of `hyperparameters`."""
         prior = self.priors.by_name()[name]
@@ -222,12 +227,12 @@ def sample_hyperparameters(model: Hyperparameters) -> dict[str, Array]:
 def hyperparameters_at(
     model: Hyperparameters, raw: Float[Array, " hyperparameter"]
 ) -> tuple[dict[str, Array], Float[Array, ""]]:
-    """All standard deviations and the correlation, and the log prior density of unconstrained coordinates."""
+    """The unknown hyperparameters, and their log prior density, from unconstrained coordinates."""
     sites: dict[str, Array] = {}
     density = jnp.zeros(())
     # Alike priors in one call: dozens of operations on single numbers take long to compile.
     for prior, names in _grouped(model):
-        values = raw[jnp.array([model.hyperparameters.index(name) for name in names])]
+        values = raw[jnp.array([model.unknown.index(name) for name in names])]
         transform = biject_to(prior.support)
         constrained_values = transform(values)
         density += (
@@ -239,7 +244,7 @@ def hyperparameters_at(
 
 def _grouped(model: Hyperparameters) -> list[tuple[dist.Distribution, list[str]]]:
     """The hyperparameters' priors, all half-normal ones as one of a vector."""
-    priors = {name: model.prior_of(name) for name in model.hyperparameters}
+    priors = {name: model.prior_of(name) for name in model.unknown}
     half_normal = [name for name, prior in priors.items() if isinstance(prior, HalfNormalSpread)]
     scales = jnp.array([priors[name].scale for name in half_normal])
     together = [(HalfNormalSpread(scales), half_normal)] if half_normal else []

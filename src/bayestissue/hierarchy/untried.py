@@ -7,12 +7,16 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from bayestissue.errors import Coded
+from bayestissue.hierarchy.columns import SETTINGS, USUAL, is_label
 from bayestissue.hierarchy.formulas.formula import judge
 from bayestissue.hierarchy.formulas.group_terms import quoted
-from bayestissue.hierarchy.levels import Recorded
+from bayestissue.hierarchy.recorded import Recorded
 
-# Of more categories a group has an effect for each, and no covariate.
-_MOST_CATEGORIES = 6
+
+def not_used(recorded: Recorded) -> list[str]:
+    """The columns that vary and that no formula is of, besides what every study has, and mere labels."""
+    others = [name for name in map(str, recorded.rows) if name not in (*USUAL, *recorded.needed)]
+    return [n for n in others if len(recorded.levels(n)) > 1 and not is_label(recorded.rows[n])]
 
 
 def untried(recorded: Recorded) -> list[dict[str, Any]]:
@@ -20,7 +24,7 @@ def untried(recorded: Recorded) -> list[dict[str, Any]]:
 
     The formula is empty where the rows can't tell what the column does.
     """
-    return [_tried(recorded, name) for name in recorded.not_used]
+    return [_tried(recorded, name) for name in not_used(recorded)]
 
 
 def _tried(recorded: Recorded, name: str) -> dict[str, Any]:
@@ -30,7 +34,7 @@ def _tried(recorded: Recorded, name: str) -> dict[str, Any]:
     else:
         count = len(recorded.levels(name))
         varies, term = f"{count} levels", quoted([name])
-        term = f"(1|{term})" if count > _MOST_CATEGORIES else term
+        term = f"(1|{term})" if count > SETTINGS.categories else term
     wanted = f"{recorded.formulas.get('K', '1')} + {term}"
     terms = judge(wanted, recorded.rows, recorded.reference_mass_kg).terms
     accepted = term in (*terms.common, *map(str, terms.groups))

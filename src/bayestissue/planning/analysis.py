@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,6 @@ import xarray as xr
 from bayestissue.errors import InputError, Problem, collected
 from bayestissue.finished import read_run
 from bayestissue.fitting import resolve
-from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.design import Design, build_design
 from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.formulas.formula import DEFAULT_FORMULA, judge
@@ -233,15 +232,11 @@ def _unanswerable(
 
 def _example(design: Design, model: ModelSpecification) -> xr.Dataset:
     """Two draws of everything that a question may name, of which no value counts."""
-    design = replace(design, responses={q: design.responses[q] for q in RESPONSES})
     planned, _ = planned_model(model.model_copy(update={"formula": design.formulas}), design)
     values = {name: np.array([[0.1, 0.2]]) for name in planned.hyperparameters}
     b = np.broadcast_to(np.array([[[0.1], [0.2]]]), (1, 2, planned.locations.size))
-    reported = derived.reported_sites(design, derived.named_sites(planned.locations, design, values, b))
-    draws = derived.labelled_draws(design, reported).assign_coords(chain=[0], draw=[0, 1])
+    draws = planned.draws(design, values, b)
     known = {q: variances(draws, design.recorded, q, measurement_sd=0.01) for q in RESPONSES}
-    for q in RESPONSES:
-        draws[f"{q}_typical_person"] = np.exp(draws[f"intercept_{q}"])
     return draws.merge(as_variables(coefficients(known, draws)))
 
 

@@ -12,18 +12,17 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 from jaxtyping import Bool, Float
 
-from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.effects import RESPONSES
-from bayestissue.hierarchy.formulas.formula import group_terms
-from bayestissue.hierarchy.levels import Recorded
+from bayestissue.hierarchy.recorded import Recorded
 from bayestissue.hierarchy.specification import ModelSpecification
-from bayestissue.inference.answers.grammar import Node, Operation, Quantity, claims, parse
+from bayestissue.inference.answers.grammar import Node, Operation, claims, parse
 from bayestissue.inference.answers.meaning import draws_of, quantities
 from bayestissue.inference.answers.reliability import coefficients, variances
 from bayestissue.planning.information import Information, TypicalTissue, information
@@ -35,6 +34,7 @@ from bayestissue.runtime import cores
 from bayestissue.simulation.specification import Simulation
 
 Progress = Callable[[str, int, int], None]
+PER_STUDY = {"p": float, "true": bool, "width": float, "estimate": float, "value": float, "effective": float}
 
 
 @dataclass(frozen=True)
@@ -122,11 +122,14 @@ class Assessment:
         """Monte Carlo standard error of a share of the studies."""
         return float(np.sqrt(share * (1 - share) / self.studies))
 
-    def with_more(self, more: Assessment) -> Assessment:
-        """Together with further studies of the same design and goal."""
-        names = ("p", "true", "width", "estimate", "value", "effective")
-        arrays = (np.concatenate([getattr(self, name), getattr(more, name)]) for name in names)
-        return Assessment(self.goal, self.probability, *arrays)
+    @classmethod
+    def from_table(cls, goal: Goal, probability: float, table: pd.DataFrame) -> Self:
+        """Of a row for each study, as `table` has them."""
+        return cls(goal, probability, *(table[name].to_numpy(kind) for name, kind in PER_STUDY.items()))
+
+    def table(self) -> pd.DataFrame:
+        """A row for each study, of the columns `PER_STUDY`."""
+        return pd.DataFrame({name: getattr(self, name) for name in PER_STUDY})
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,19 +170,24 @@ class Planner:
         work = [(arrangement, block) for arrangement in self.arranged for block in blocks]
         designs = sum(len(arrangement.numbers) for arrangement in self.arranged)
         done, total = 0, designs * len(blocks)
-        results: dict[int, list[Assessment]] = {}
+        tables: dict[tuple[int, int], list[pd.DataFrame]] = {}
         progress("assessing designs", 0, total)
         # What is compiled leaves Python's lock to others.
         with ThreadPoolExecutor(cores()) as pool:
             futures = (pool.submit(self._block, *item, goals, probability) for item in work)
             for (arrangement, _), future in zip(work, list(futures), strict=True):
                 for number, assessed in zip(arrangement.numbers, future.result(), strict=True):
-                    previous = results.get(number)
-                    pairs = zip(previous, assessed, strict=True) if previous else ()
-                    results[number] = [a.with_more(b) for a, b in pairs] or assessed
+                    for goal, one in enumerate(assessed):
+                        tables.setdefault((number, goal), []).append(one.table())
                     done += 1
                 progress("assessing designs", done, total)
-        return [results[number] for number in sorted(results)]
+        return [
+            [
+                Assessment.from_table(goal, probability, pd.concat(tables[number, position]))
+                for position, goal in enumerate(goals)
+            ]
+            for number in range(designs)
+        ]
 
     def _block(
         self, arrangement: Arrangement, block: int, goals: Sequence[Goal], probability: float
@@ -265,7 +273,7 @@ class _Answers:
     information: Information
     goals: Sequence[Goal]
 
-    @property
+    @cached_property
     def _recorded(self) -> Recorded:
         """The rows of this design."""
         rows = self.arrangement.rows[self.arrangement.present[self.position]].reset_index(drop=True)
@@ -275,16 +283,9 @@ class _Answers:
         self, values: dict[str, np.ndarray], b: Float[np.ndarray, "study draw location"]
     ) -> xr.Dataset:
         """What the questions are of, from draws of the hyperparameters and effects."""
-        design, model = self.arrangement.design, self.arrangement.model
-        design = replace(design, responses={q: design.responses[q] for q in RESPONSES})
-        sites = derived.named_sites(model.locations, design, dict(values), b)
-        draws = derived.labelled_draws(design, derived.reported_sites(design, sites))
-        draws = draws.assign_coords(chain=np.arange(b.shape[0]), draw=np.arange(b.shape[1]))
+        draws = self.arrangement.model.draws(self.arrangement.design, values, b)
         names = {quantity.name for goal in self.goals for quantity in quantities(goal.node)}
-        for q in RESPONSES:
-            if f"{q}_typical_person" in names:
-                draws[f"{q}_typical_person"] = draws_of(Quantity(q, (), 0), draws, design.recorded)
-        lacking = names - set(map(str, draws.data_vars)) - set(design.responses)
+        lacking = names - {*map(str, draws.data_vars), *RESPONSES}
         return draws.merge(self._reliability(draws, lacking)) if lacking else draws
 
     def _reliability(self, draws: xr.Dataset, names: set[str]) -> xr.Dataset:
@@ -357,7 +358,7 @@ def typical_tissue(truths: Truths, arrangement: Arrangement, reference_mass_kg: 
     sds, fixed = truths.hyperparameters, truths.fixed
 
     def of_response(q: str) -> tuple[float, float, float]:
-        terms = group_terms(arrangement.design.recorded.formulas[q])
+        terms = arrangement.design.recorded.response(q).terms.groups
         names = [*(term.sd(q) for term in terms if not term.slope), f"sd_impact_{q}"]
         within = np.sum([np.mean(sds[name] ** 2) for name in names if name in sds])
         level, exponent = fixed[f"intercept_{q}"], fixed.get(f"mass_exponent_{q}", np.zeros(1))

@@ -31,13 +31,10 @@ from bayestissue.inference.execution.chunks import map_impacts
 from bayestissue.inference.factors.conditional import ConditionalPrior
 from bayestissue.inference.factors.expansions import first_guess
 from bayestissue.inference.factors.sites import laplace_sites
+from bayestissue.planning.settings import PLAN as SETTINGS
 from bayestissue.simulation.campaign import simulate
 from bayestissue.simulation.specification import Condition, Design, Recording, Simulation, Tissue
 
-# So many people are simulated in each condition.
-PEOPLE = 12
-# Sites' centres that are so much farther from the truth than they say, or nearer.
-_CALIBRATED = 0.4, 1.7
 _CONDITION = ("mass_kg", "velocity_m_s", "diameter_m")
 
 
@@ -75,7 +72,7 @@ class Information:
     @property
     def is_gaussian(self) -> bool:
         """Whether Gaussian sites may stand for the traces."""
-        low, high = _CALIBRATED
+        low, high = SETTINGS.calibrated
         return low < self.calibration < high
 
     @property
@@ -123,7 +120,7 @@ def information(
                     Condition(trial=f"t{number}", **{str(name): value for name, value in row.items()})
                     for number, row in enumerate(conditions.to_dict("records"))
                 ),
-                subjects=PEOPLE,
+                subjects=SETTINGS.people,
             ),
             "tissue": Tissue(
                 K_N_per_m=float(np.exp(tissue.mean[0])),
@@ -159,7 +156,7 @@ def information(
     centre, precision = without_nuisance(sites, spread)
     deviation = centre - truth
     calibration = float(np.einsum("ia,iab,ib->i", deviation, precision, deviation).mean() / 2)
-    return Information(conditions, precision.reshape(len(conditions), PEOPLE, 2, 2), calibration)
+    return Information(conditions, precision.reshape(len(conditions), SETTINGS.people, 2, 2), calibration)
 
 
 def without_nuisance(

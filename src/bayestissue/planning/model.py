@@ -12,20 +12,23 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+import xarray as xr
 from jax import Array
 from jaxtyping import Float
-from numpyro.distributions import HalfNormal, biject_to
+from numpyro.distributions import biject_to
 
+from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.design import Design
+from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign
 from bayestissue.hierarchy.gaussian.covariances import Covariances
+from bayestissue.hierarchy.levels import log_at_levels
 from bayestissue.hierarchy.population import Effects, MassError, covariances_of, population_design
 from bayestissue.hierarchy.priors import Priors
 from bayestissue.hierarchy.specification import ModelSpecification
-from bayestissue.hierarchy.traces import Hyperparameters
+from bayestissue.hierarchy.traces import Hyperparameters, hyperparameters_at
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,25 +68,13 @@ class PlannedModel(Hyperparameters):
     def __eq__(self, other: object) -> bool:
         return isinstance(other, PlannedModel) and self.key == other.key
 
-    @cached_property
-    def _scales(self) -> Float[np.ndarray, " coordinate"]:
-        """Of half-normal priors, which are nearly all; NaN of any other."""
-        priors = [self.prior_of(name) for name in self.unknown]
-        return np.array([prior.scale if isinstance(prior, HalfNormal) else np.nan for prior in priors], float)
-
-    def constrained(self, y: Float[Array, " coordinate"]) -> dict[str, Array]:
-        """The hyperparameters from unconstrained coordinates, in the order of `unknown`."""
-        half_normal = np.nan_to_num(self._scales) * jax.nn.softplus(y)
-        values = {
-            name: half_normal[number]
-            if np.isfinite(self._scales[number])
-            else biject_to(self.prior_of(name).support)(y[number])
-            for number, name in enumerate(self.unknown)
-        }
-        return values | {name: jnp.asarray(value) for name, value in (self.known or {}).items()}
+    def at(self, y: Float[Array, " coordinate"]) -> tuple[dict[str, Array], Float[Array, ""]]:
+        """The hyperparameters and their log prior density at unconstrained coordinates of `unknown`."""
+        values, density = hyperparameters_at(self, y)
+        return values | {name: jnp.asarray(value) for name, value in (self.known or {}).items()}, density
 
     def unconstrained(self, values: Mapping[str, Any]) -> Float[np.ndarray, "study coordinate"]:
-        """The inverse of `constrained`, of any number of studies."""
+        """Coordinates of `at`, of any number of studies."""
         coordinates = [
             biject_to(self.prior_of(name).support).inv(jnp.asarray(values[name])) for name in self.unknown
         ]
@@ -91,22 +82,29 @@ class PlannedModel(Hyperparameters):
             return np.zeros((len(next(iter(values.values()))), 0))
         return np.stack([np.asarray(coordinate) for coordinate in coordinates], axis=-1)
 
-    def log_prior(self, y: Float[Array, " coordinate"]) -> Float[Array, ""]:
-        """Log density of the coordinates."""
-        usual = np.isfinite(self._scales)
-        # Of s = scale log(1 + e^y): -(s / scale)^2 / 2 and the map's own slope, all at once.
-        of_spreads = jax.nn.log_sigmoid(y) - jax.nn.softplus(y) ** 2 / 2
-        total = jnp.where(usual, of_spreads, 0.0).sum()
-        for number in np.flatnonzero(~usual):
-            prior = self.prior_of(self.unknown[number])
-            transform = biject_to(prior.support)
-            constrained = transform(y[number])
-            total += prior.log_prob(constrained) + transform.log_abs_det_jacobian(y[number], constrained)
-        return total
-
     def covariances(self, values: dict[str, Array]) -> Covariances:
         """Those of an impact and of b that the hyperparameters imply."""
         return covariances_of(self.locations, values, self.log_mass_sd, (), self.mass_error)
+
+    def draws(
+        self, design: Design, values: Mapping[str, np.ndarray], b: Float[np.ndarray, "chain draw location"]
+    ) -> xr.Dataset:
+        """Draws by the names that questions use, those of a typical person among them.
+
+        Args:
+            design: whose formulas the model has.
+            values: hyperparameters, [chain, draw].
+            b: all fixed and group effects.
+        """
+        design = replace(design, responses={q: design.responses[q] for q in RESPONSES})
+        sites = derived.named_sites(self.locations, design, dict(values), b)
+        draws = derived.labelled_draws(design, derived.reported_sites(design, sites))
+        draws = draws.assign_coords(chain=np.arange(b.shape[0]), draw=np.arange(b.shape[1]))
+        typical = {q: log_at_levels(draws, design.recorded, q, [{}])[..., 0] for q in RESPONSES}
+        with np.errstate(over="ignore"):
+            return draws.assign(
+                {f"{q}_typical_person": (("chain", "draw"), np.exp(log)) for q, log in typical.items()}
+            )
 
 
 def planned_model(
@@ -121,7 +119,7 @@ def planned_model(
     """
     priors = specification.complete_priors()
     # The parameters of an element besides K and C are part of a trace's precision.
-    responses = {name: part for name, part in design.responses.items() if name in ("K", "C")}
+    responses = {q: design.responses[q] for q in RESPONSES}
     effects, columns = population_design(replace(design, responses=responses), priors, ())
     mass_error = specification.mass_error if relative_mass_sd > 0 else "impact"
     model = PlannedModel(effects, priors, specification.residual_correlation, relative_mass_sd, mass_error)

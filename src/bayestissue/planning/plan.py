@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -17,53 +14,24 @@ from bayestissue import results, runtime
 from bayestissue.fitting import formulas_of, silent
 from bayestissue.hierarchy.design import build_design
 from bayestissue.hierarchy.effects import RESPONSES
-from bayestissue.hierarchy.formulas.formula import group_terms
+from bayestissue.hierarchy.formulas.formula import terms_of
 from bayestissue.hierarchy.formulas.group_terms import SUBJECT, grouping_of
-from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.inference.answers.fixed import confounded
 from bayestissue.outline import Outlined, Rows, short
 from bayestissue.planning.analysis import Study, factors_named, study_of
-from bayestissue.planning.assurance import Assessment, Goal, Progress, planner
-from bayestissue.planning.candidates import Candidate
-from bayestissue.planning.population import BLOCK, Beliefs, DesignPrior, Pilot, WithoutSpread
-from bayestissue.planning.running import Running, RunningPrior
+from bayestissue.planning.assurance import Assessment, Goal, Progress
+from bayestissue.planning.ledger import Case, Ledger, sha256_of
+from bayestissue.planning.population import Beliefs, DesignPrior, Pilot, WithoutSpread
+from bayestissue.planning.settings import PLAN as SETTINGS
 from bayestissue.planning.specification import MOST_PEOPLE, PlanSpecification, plan_of, read_plan
 from bayestissue.planning.words import answer, in_own_words, limit_words, paragraph, warning, what_limits
 from bayestissue.report.run_folder import draw_page
 from bayestissue.results.tables import table_of_rows, typed
-from bayestissue.simulation.specification import Recording, Simulation
+from bayestissue.simulation.specification import Recording
 
 PLAN, DESIGNS, STUDIES = "plan.json", "designs", "studies.parquet"
-# So many blocks of studies are assessed before they are kept.
-_BLOCKS = 10
-_MORE_PEOPLE, _MANY_TIMES = 10, 4
-# Of what stands beside the chosen design: so many studies at the most.
-_FEWER_STUDIES = 200
-# Of a recorder whose noise is so much less: without any a trace would tell all.
-_BETTER = 0.1
 _NOISE = ("noise_sd_m_s2", "noise_relative_to_peak")
 _CHAIN = tuple(name for name in Recording.model_fields if "_sd" in name and name not in _NOISE)
-_PER_STUDY = {"p": float, "true": bool, "width": float, "estimate": float, "value": float, "effective": float}
-
-
-@dataclass(frozen=True, eq=False)
-class Case:
-    """One design with its analysis, what is believed of the tissue, and the measuring chain."""
-
-    design: Candidate
-    model: ModelSpecification
-    prior: DesignPrior
-    simulation: Simulation
-    running: Running | None = None
-
-    @cached_property
-    def key(self) -> str:
-        """A hash of all that its studies depend on, but for the seed."""
-        rows = self.design.rows().to_csv(index=False)
-        chain = self.simulation.model_dump_json()
-        recorded = "" if self.running is None else _sum(self.running.centre)
-        model = self.model.model_dump_json()
-        return _hash([rows, model, _words_of(self.prior), chain, recorded, runtime.versions()])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -266,7 +234,7 @@ def carry_out(
     else:
         chosen = max(range(len(cases)), key=lambda number: (reached[number], -minutes[number]))
     variants, limits = _variants(cases[chosen], reaches=bool(reaching)), _limits(cases[chosen])
-    fewer = min(aim.studies, _FEWER_STUDIES)
+    fewer = min(aim.studies, SETTINGS.fewer_studies)
     normal = bool(ledger.table()["normal"].all())
     # Not many people too: designs that are assessed together cost as much as the largest of them.
     together = [case for name, case in variants.items() if name != "many people"]
@@ -299,7 +267,7 @@ def carry_out(
         **({"words": dict(study.words)} if study.words else {}),
     }
     # Of all that was assumed and found; what follows is the same in words.
-    content["sha256"] = _hash(content)
+    content["sha256"] = sha256_of(content)
     content |= {"answer": answer(content), "paragraph": paragraph(content), "warning": warning(content)}
     content["limiting"] = what_limits(content)
     content = in_own_words(content)
@@ -324,101 +292,16 @@ def known_studies(folder: Path) -> pd.DataFrame | None:
         return None
 
 
-class Ledger:
-    """Studies that were assessed, by what they depend on, so that more of them go on from there.
-
-    Each study's answers are kept by the hash of its case and goal; ``parts`` is a folder in which they are
-    safe while the others are made.
-    """
-
-    def __init__(
-        self,
-        seed: int,
-        probability: float,
-        say: Progress,
-        known: pd.DataFrame | None = None,
-        parts: Path | None = None,
-    ) -> None:
-        self._seed, self._probability, self._say, self._parts = seed, probability, say, parts
-        self._tables = [] if known is None else [known]
-        self._tables += [pd.read_parquet(path) for path in sorted(parts.glob("*.parquet"))] if parts else []
-        self._used: list[str] = []
-
-    def assess(self, cases: Sequence[Case], goals: Sequence[Goal], studies: int) -> list[list[Assessment]]:
-        """What so many studies say, by case and goal."""
-        blocks = studies // BLOCK
-        groups: dict[tuple[int, ...], list[Case]] = {}
-        for case in cases:
-            keys = [self._everything()["key"] == self._key(case, goal) for goal in goals]
-            done = min(int(rows.sum()) for rows in keys) // BLOCK
-            if done < blocks:
-                shared = id(case.model), id(case.prior), id(case.simulation)
-                groups.setdefault((done, *shared), []).append(case)
-        total = sum((blocks - first) * len(group) for (first, *_), group in groups.items())
-        before = 0
-        for (first, *_), group in groups.items():
-            one = group[0]
-            rows = [case.design.rows() for case in group]
-            ready = planner(rows, one.model, one.prior, one.simulation, seed=self._seed, running=one.running)
-            for begin in range(first, blocks, _BLOCKS):
-                now, say = range(begin, min(begin + _BLOCKS, blocks)), self._after(before, total)
-                answers = ready.assess(goals, now, probability=self._probability, progress=say)
-                self._keep(group, answers, begin * BLOCK, normal=ready.information.is_gaussian)
-                before += len(now) * len(group)
-        return [[self._read(self._key(case, goal), goal, studies) for goal in goals] for case in cases]
-
-    def table(self) -> pd.DataFrame:
-        """All studies that were asked for, a row each."""
-        everything = self._everything()
-        return everything[everything["key"].isin(self._used)].reset_index(drop=True)
-
-    def _after(self, before: int, total: int) -> Callable[[str, int, int], None]:
-        return lambda stage, done, _: self._say(stage, before + done, total)
-
-    def _key(self, case: Case, goal: Goal) -> str:
-        what = [case.key, goal.text, goal.width is None, goal.relative, goal.level, self._seed]
-        return _hash(what)[:32]
-
-    def _everything(self) -> pd.DataFrame:
-        if len(self._tables) > 1:
-            self._tables = [pd.concat(self._tables, ignore_index=True).drop_duplicates(["key", "study"])]
-        columns = ["key", "study", "normal", *_PER_STUDY]
-        return self._tables[0] if self._tables else pd.DataFrame(columns=columns)
-
-    def _keep(
-        self, cases: Sequence[Case], answers: list[list[Assessment]], first: int, *, normal: bool
-    ) -> None:
-        tables = []
-        for case, of_case in zip(cases, answers, strict=True):
-            for one in of_case:
-                number = first + np.arange(one.studies)
-                of_all = {"key": self._key(case, one.goal), "study": number, "normal": normal}
-                tables.append(pd.DataFrame(of_all | {name: getattr(one, name) for name in _PER_STUDY}))
-        table = pd.concat(tables, ignore_index=True)
-        self._tables.append(table)
-        if self._parts is not None:
-            name = _hash([case.key for case in cases])[:16]
-            with results.whole_file(self._parts / f"{name}-{first}.parquet") as path:
-                table.to_parquet(path, index=False)
-
-    def _read(self, key: str, goal: Goal, studies: int) -> Assessment:
-        self._used.append(key)
-        everything = self._everything()
-        mine = everything[(everything["key"] == key) & (everything["study"] < studies)].sort_values("study")
-        arrays = (mine[name].to_numpy(kind) for name, kind in _PER_STUDY.items())
-        return Assessment(goal, self._probability, *arrays)
-
-
 def _variants(case: Case, *, reaches: bool) -> dict[str, Case]:
     """The chosen design with more people, and at one assumed truth or as it stands."""
     design = case.design
-    variants = {"more people": replace(case, design=design.with_people(design.people + _MORE_PEOPLE))}
+    variants = {"more people": replace(case, design=design.with_people(design.people + SETTINGS.more_people))}
     if case.running is None:
         variants["one truth"] = replace(case, prior=_at_one_truth(case.prior))
     else:
         variants["as it stands"] = replace(case, design=design.with_people(0))
     if not reaches:
-        many = max(2 * design.people, min(_MANY_TIMES * design.people, MOST_PEOPLE))
+        many = max(2 * design.people, min(SETTINGS.many_times * design.people, MOST_PEOPLE))
         variants["many people"] = replace(case, design=design.with_people(many))
     return variants
 
@@ -431,10 +314,10 @@ def _limits(case: Case) -> dict[str, Case]:
         "people": replace(case, design=design.with_people(2 * design.people)),
         "impacts": replace(case, design=replace(design, repeats=2 * design.repeats)),
     }
-    terms = dict.fromkeys(term for q in RESPONSES for term in group_terms(getattr(formula, q)))
+    terms = dict.fromkeys(term for q in RESPONSES for term in terms_of(getattr(formula, q)).groups)
     for stem in (term.stem for term in terms if term != SUBJECT):
         limits[stem] = replace(case, prior=WithoutSpread(case.prior, f"sd_{stem}"))
-    noise = {name: _BETTER * getattr(chain, name) for name in _NOISE}
+    noise = {name: SETTINGS.better_noise * getattr(chain, name) for name in _NOISE}
     for name, changed in (("noise", noise), ("chain", dict.fromkeys(_CHAIN, 0.0))):
         if any(getattr(chain, error) for error in changed):
             better = simulation.model_copy(update={"recording": chain.model_copy(update=changed)})
@@ -479,25 +362,24 @@ def _looks(
     for position, assessment in enumerate(assessments[chosen]):
         if assessment.goal.width is not None or len(sequence) < 2:
             continue
-        stopped = np.zeros(assessment.studies, bool)
-        wrong, error = stopped.copy(), np.full(assessment.studies, np.nan)
-        rows: list[dict[str, float | None]] = []
-        for number in sequence:
-            look = assessments[number][position]
-            now = (look.yes | look.no) & ~stopped
-            wrong |= now & (look.yes != look.true)
-            error[now] = (look.estimate - look.value)[now]
-            stopped |= now
-            rows.append(
-                {
-                    "people": people[number],
-                    "stopped": float(stopped.mean()),
-                    "misled": float(wrong.mean()),
-                    "error": _mean(error[stopped]),
-                    "error_without": _mean(look.estimate - look.value),
-                }
-            )
-        tables[assessment.goal.name] = rows
+        looks = [assessments[number][position] for number in sequence]
+        # [look, study]
+        answers = np.array([look.yes | look.no for look in looks])
+        error = np.array([look.estimate - look.value for look in looks])
+        stops = answers & (np.cumsum(answers, axis=0) == 1)
+        stopped = np.cumsum(stops, axis=0) > 0
+        misled = np.cumsum(stops & [look.yes != look.true for look in looks], axis=0)
+        error_of_stop = np.cumsum(np.where(stops, error, 0.0), axis=0)
+        tables[assessment.goal.name] = [
+            {
+                "people": people[number],
+                "stopped": float(stopped[look].mean()),
+                "misled": float(misled[look].mean()),
+                "error": _mean(error_of_stop[look, stopped[look]]),
+                "error_without": _mean(error[look]),
+            }
+            for look, number in enumerate(sequence)
+        ]
     return tables
 
 
@@ -515,26 +397,6 @@ def _at_one_truth(prior: DesignPrior) -> DesignPrior:
             medians = {name: np.median(values, keepdims=True) for name, values in draws.items()}
             return Pilot(medians, prior.reference_mass_kg, Beliefs(otherwise.population.at_median()))
     raise TypeError(type(prior))
-
-
-def _words_of(prior: DesignPrior) -> str:
-    """All that a prior depends on."""
-    match prior:
-        case Beliefs(population=population):
-            return population.model_dump_json()
-        case Pilot(draws=draws, otherwise=otherwise):
-            sums = {name: _sum(values) for name, values in draws.items()}
-            beliefs = otherwise.population.model_dump(mode="json")
-            return json.dumps([sums, prior.reference_mass_kg, beliefs])
-        case WithoutSpread(prior=whole, spread=spread):
-            return json.dumps([_words_of(whole), spread])
-        case RunningPrior(pilot=pilot, effects=effects):
-            return json.dumps([_words_of(pilot), {name: _sum(drawn) for name, drawn in effects.items()}])
-    raise TypeError(type(prior))
-
-
-def _sum(values: Any) -> str:
-    return hashlib.sha256(np.ascontiguousarray(values, float)).hexdigest()
 
 
 def _of_case(
@@ -585,7 +447,3 @@ def _designs(content: Mapping[str, Any]) -> pd.DataFrame:
         for name, numbers in design["goals"].items():
             rows.append({**of_design, "goal": name, "question": texts[name], **numbers})
     return typed(DESIGNS, table_of_rows(DESIGNS, rows))
-
-
-def _hash(content: Any) -> str:
-    return hashlib.sha256(json.dumps(content, sort_keys=True, ensure_ascii=False).encode()).hexdigest()

@@ -163,6 +163,21 @@ class Truths:
     fixed: dict[str, Float[np.ndarray, "study width"]]
     effects: Mapping[str, Float[np.ndarray, "study level"]] = field(default_factory=dict)
 
+    @classmethod
+    def of_named(
+        cls, model: PlannedModel, design: Design, values: Mapping[str, Float[np.ndarray, " study"]]
+    ) -> Truths:
+        """Of hyperparameters and coefficients by name, the latter in their covariates' own units."""
+        fixed = {}
+        for part in design.responses.values():
+            q = part.response
+            names = [intercept(part.parameter), *[f"mass_exponent_{q}"] * (part.log_mass is not None)]
+            fixed |= {name: values[name][:, None] for name in names}
+            scaled = zip(part.names, part.scale, strict=True)
+            if effects := [values[common_coefficient(name, q)] * scale for name, scale in scaled]:
+                fixed[f"covariate_effect_{q}"] = np.stack(effects, axis=1)
+        return cls({name: values[name] for name in model.hyperparameters}, fixed)
+
 
 class DesignPrior(Protocol):
     """Where truths come from: `Population`'s beliefs, or a pilot study's posterior."""
@@ -197,6 +212,12 @@ class Beliefs:
 
     def truths(self, model: PlannedModel, design: Design, streams: Streams) -> Truths:
         """Draw every parameter that the model has."""
+        return Truths.of_named(model, design, self.named(model, design, streams))
+
+    def named(
+        self, model: PlannedModel, design: Design, streams: Streams
+    ) -> dict[str, Float[np.ndarray, " study"]]:
+        """Hyperparameters, and coefficients in their covariates' own units, by name."""
         known = self.population.by_name()
         default = half_normal(0.1)
 
@@ -204,19 +225,14 @@ class Beliefs:
             return np.asarray(quantile(belief, streams.uniform(name)), float)
 
         values = {name: drawn(name, known.get(name, default)) for name in model.hyperparameters}
-        fixed: dict[str, np.ndarray] = {}
         for part in design.responses.values():
             q = part.response
             names = [intercept(part.parameter), *[f"mass_exponent_{q}"] * (part.log_mass is not None)]
-            fixed |= {name: drawn(name, known[name])[:, None] for name in names}
-            effects = []
+            values |= {name: drawn(name, known[name]) for name in names}
             for column, scale in zip(part.names, part.scale, strict=True):
-                single = self.population.effects.get(q, {}).get(column)
-                effect = drawn(common_coefficient(column, q), single or known[f"covariate_{q}"])
-                effects.append(effect * scale if single else effect)
-            if effects:
-                fixed[f"covariate_effect_{q}"] = np.stack(effects, axis=1)
-        return Truths(values, fixed)
+                name, single = common_coefficient(column, q), self.population.effects.get(q, {}).get(column)
+                values[name] = drawn(name, single) if single else drawn(name, known[f"covariate_{q}"]) / scale
+        return values
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,20 +277,10 @@ class Pilot:
 
     def truths(self, model: PlannedModel, design: Design, streams: Streams) -> Truths:
         """One draw of the pilot's posterior a study, all of its parameters together."""
-        truths = self.otherwise.truths(model, design, streams)
         row = self.rows(streams)
         drawn = {name: np.asarray(values)[row] for name, values in self.draws.items()}
-        values = {name: drawn.get(name, value) for name, value in truths.hyperparameters.items()}
         moved = math.log(design.reference_mass_kg / self.reference_mass_kg)
-        fixed = dict(truths.fixed)
         for part in design.responses.values():
-            q, name = part.response, intercept(part.parameter)
-            exponent = drawn.get(f"mass_exponent_{q}", np.zeros(len(row)))
-            if name in drawn:
-                fixed[name] = (drawn[name] + moved * exponent)[:, None]
-            if part.log_mass is not None and f"mass_exponent_{q}" in drawn:
-                fixed[f"mass_exponent_{q}"] = exponent[:, None]
-            for number, (column, scale) in enumerate(zip(part.names, part.scale, strict=True)):
-                if (effect := common_coefficient(column, q)) in drawn:
-                    fixed[f"covariate_effect_{q}"][:, number] = drawn[effect] * scale
-        return Truths(values, fixed)
+            if (name := intercept(part.parameter)) in drawn:
+                drawn[name] = drawn[name] + moved * drawn.get(f"mass_exponent_{part.response}", 0.0)
+        return Truths.of_named(model, design, self.otherwise.named(model, design, streams) | drawn)

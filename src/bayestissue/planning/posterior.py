@@ -25,22 +25,7 @@ from bayestissue.hierarchy.gaussian.conditional import Data, log_marginal
 from bayestissue.hierarchy.gaussian.effects import effects_from_standard, integrate_effects
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.planning.model import PlannedModel
-
-# Points of the hyperparameters, and draws of the effects at each.
-POINTS, EFFECTS = 128, 4
-# Degrees of freedom of the proposal.
-_TAILS = 7.0
-# Of differences of slopes; rounds of the search, and what a step must promise for another one.
-_STEP, _ROUNDS, _ENOUGH = 1e-3, 12, 1e-3
-_FARTHEST, _LONGEST = 4.0, 2.0
-# Of the curvature: a direction in which the data tell nothing has its prior's, about 1.
-_LEAST_CURVED = 0.3
-# In standard deviations, where the density's sides are looked at; and how far each may be from a normal's.
-_LOOKED_AT, _MOST_SPLIT = (1.0, 2.2), 3.0
-# Of a mixture every fourth point is of a t that is so much wider.
-_EVERY, _WIDE = 4, 2.0
-# Studies and their points that are worked on at once: what is made of them stays in a processor's cache.
-_TOGETHER, _INNER = 5, 16
+from bayestissue.planning.settings import INTEGRATION as SETTINGS
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +74,7 @@ def posteriors(sites: PlannedSites, start: Float[np.ndarray, "study coordinate"]
         start: where each mode is looked for, unconstrained coordinates in the order of the model's `unknown`.
     """
     studies, size = start.shape
-    points, repeats = (POINTS, EFFECTS) if size else (1, POINTS * EFFECTS)
+    points, repeats = (SETTINGS.points, SETTINGS.effects) if size else (1, SETTINGS.points * SETTINGS.effects)
     columns, effects = sites.columns._replace(cell=np.zeros(0, int)), sites.model.locations.size
     # Of each study points of its own, that what they are wrong by averages out.
     random = np.random.default_rng(11)
@@ -102,7 +87,7 @@ def posteriors(sites: PlannedSites, start: Float[np.ndarray, "study coordinate"]
             sites.centre,
             sites.present,
             # Without coordinates there is a number that nothing asks for: no batch is of nothing.
-            np.clip(start, -_FARTHEST, _FARTHEST) if size else np.zeros(studies),
+            np.clip(start, -SETTINGS.farthest, SETTINGS.farthest) if size else np.zeros(studies),
             _proposal_points(size, points, shift),
             sign,
         ),
@@ -124,7 +109,7 @@ def _proposal_points(
 ) -> Float[np.ndarray, "study point coordinate"]:
     """Points of a multivariate t about 0, of each study shifted otherwise."""
     points = np.clip((_sobol(size + 1, number) + shift[:, None]) % 1, 1e-6, 1 - 1e-6)
-    radius = np.sqrt(_TAILS / chdtri(_TAILS, points[..., size]))
+    radius = np.sqrt(SETTINGS.tails / chdtri(SETTINGS.tails, points[..., size]))
     return ndtri(points[..., :size]) * radius[..., None]
 
 
@@ -150,14 +135,15 @@ def _integrated(
         data = Data(columns, mean, columns.blocked(sites))
 
         def potential(y: Array) -> Array:
-            return -log_marginal(data, model.covariances(model.constrained(y))) - model.log_prior(y)
+            values, log_prior = model.at(y)
+            return -log_marginal(data, model.covariances(values)) - log_prior
 
         def at(y: Array, standard: Array) -> tuple[Array, dict[str, Array], Array]:
-            values = model.constrained(y)
+            values, log_prior = model.at(y)
             covariances = model.covariances(values)
             effects, density = integrate_effects(columns, covariances, data.sums(covariances))
             b = jax.vmap(partial(effects_from_standard, columns, effects, mean))(standard)
-            return density + model.log_prior(y), values, b
+            return density + log_prior, values, b
 
         if not size:
             return jnp.zeros(1), *jax.vmap(at)(points, sign * standard)[1:], start
@@ -165,10 +151,12 @@ def _integrated(
         proposal = _Proposal(root, _split(potential, mode, value, root))
         whitened = proposal.from_standard(points)
         of_points = mode + whitened @ root.T, sign * standard
-        log_density, values, b = jax.lax.map(lambda point: at(*point), of_points, batch_size=_INNER)
+        log_density, values, b = jax.lax.map(
+            lambda point: at(*point), of_points, batch_size=SETTINGS.points_at_once
+        )
         return log_density - proposal.log_density(whitened), values, b, mode
 
-    return jax.lax.map(of_study, studies, batch_size=_TOGETHER)
+    return jax.lax.map(of_study, studies, batch_size=SETTINGS.studies_at_once)
 
 
 class _Proposal(NamedTuple):
@@ -186,22 +174,22 @@ class _Proposal(NamedTuple):
 
     def from_standard(self, points: Float[Array, "point coordinate"]) -> Float[Array, "point coordinate"]:
         """Whitened draws; every fourth point is one of the wide t."""
-        wide = jnp.arange(len(points)) % _EVERY == 0
-        return points * jnp.where(wide[:, None], _WIDE, self._of_sides(points))
+        wide = jnp.arange(len(points)) % SETTINGS.wide_every == 0
+        return points * jnp.where(wide[:, None], SETTINGS.wide, self._of_sides(points))
 
     def _of_sides(self, points: Float[Array, "point coordinate"]) -> Float[Array, "point coordinate"]:
         return jnp.where(points > 0, self.scale[0], self.scale[1])
 
     def log_density(self, whitened: Float[Array, "point coordinate"]) -> Float[Array, " point"]:
         """Up to a constant, which is the same of all points."""
-        size = whitened.shape[1]
+        size, tails, share = whitened.shape[1], SETTINGS.tails, 1 / SETTINGS.wide_every
 
         def t(scale: Array) -> Array:
             squares = ((whitened / scale) ** 2).sum(-1)
-            return -(_TAILS + size) / 2 * jnp.log1p(squares / _TAILS) - jnp.log(scale).sum(-1)
+            return -(tails + size) / 2 * jnp.log1p(squares / tails) - jnp.log(scale).sum(-1)
 
-        split, wide = t(self._of_sides(whitened)), t(jnp.full(size, _WIDE))
-        return jnp.logaddexp(jnp.log1p(-1 / _EVERY) + split, wide - jnp.log(_EVERY))
+        split, wide = t(self._of_sides(whitened)), t(jnp.full(size, SETTINGS.wide))
+        return jnp.logaddexp(jnp.log1p(-share) + split, wide + jnp.log(share))
 
 
 def _mode(
@@ -212,23 +200,23 @@ def _mode(
     Newton's method on differences of slopes, damped as Levenberg and Marquardt have it.
     """
     size, one = len(start), jnp.eye(len(start))
-    steps = jnp.concatenate([jnp.zeros((1, size)), _STEP * one])
+    steps = jnp.concatenate([jnp.zeros((1, size)), SETTINGS.step * one])
 
     def goes_on(state: Any) -> Array:
-        return (state[0] < _ROUNDS) & (state[-1] > _ENOUGH)
+        return (state[0] < SETTINGS.rounds) & (state[-1] > SETTINGS.enough)
 
     def round_of(state: Any) -> Any:
         number, y, value, slope, curvature, damping, trial, _ = state
         values, slopes = jax.vmap(jax.value_and_grad(potential))(trial + steps)
         better = values[0] <= value
-        matrix = (slopes[1:] - slopes[0]) / _STEP
+        matrix = (slopes[1:] - slopes[0]) / SETTINGS.step
         y, value = jnp.where(better, trial, y), jnp.where(better, values[0], value)
         slope = jnp.where(better, slopes[0], slope)
         curvature = jnp.where(better, _positive(matrix), curvature)
         damping = jnp.where(better, damping / 10, 10 * damping + 1.0)
         step = -jnp.linalg.solve(curvature + damping * one, slope)
         promised = -(step * slope).sum() / 2
-        step *= jnp.minimum(1.0, _LONGEST / jnp.maximum(jnp.abs(step).max(), 1e-9))
+        step *= jnp.minimum(1.0, SETTINGS.longest / jnp.maximum(jnp.abs(step).max(), 1e-9))
         return number + 1, y, value, slope, curvature, damping, y + step, promised
 
     infinite = jnp.array(jnp.inf)
@@ -241,15 +229,15 @@ def _mode(
 def _positive(matrix: Float[Array, "coordinate coordinate"]) -> Float[Array, "coordinate coordinate"]:
     """A curvature that is positive in every direction."""
     curved, axes = jnp.linalg.eigh((matrix + matrix.T) / 2)
-    return (axes * jnp.maximum(curved, _LEAST_CURVED)) @ axes.T
+    return (axes * jnp.maximum(curved, SETTINGS.least_curved)) @ axes.T
 
 
 def _split(
     potential: Callable[[Array], Array], mode: Array, value: Array, root: Array
 ) -> Float[Array, "side coordinate"]:
     """How much longer than a normal's the density's two sides are along each axis (Geweke 1989)."""
-    sides, far = jnp.stack([root.T, -root.T]), jnp.array(_LOOKED_AT)[:, None, None]
+    sides, far = jnp.stack([root.T, -root.T]), jnp.array(SETTINGS.looked_at)[:, None, None]
     points = mode + far[..., None] * sides
     risen = jax.vmap(potential)(points.reshape(-1, len(mode))).reshape(points.shape[:-1]) - value
     longer = (far / jnp.sqrt(2 * jnp.maximum(risen, 1e-6))).max(0)
-    return jnp.clip(jnp.nan_to_num(longer, nan=1.0), 1 / _MOST_SPLIT, _MOST_SPLIT)
+    return jnp.clip(jnp.nan_to_num(longer, nan=1.0), 1 / SETTINGS.most_split, SETTINGS.most_split)

@@ -24,9 +24,7 @@ from bayestissue.inference.factors.expansions import expanded
 from bayestissue.planning.information import spreads_of_nuisance, without_nuisance
 from bayestissue.planning.model import PlannedModel
 from bayestissue.planning.population import Pilot, Streams, Truths
-
-# Draws that no question of a plan can tell from more.
-_DRAWS = 4000
+from bayestissue.planning.settings import PLAN as SETTINGS
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +71,7 @@ class RunningPrior:
     def of_posterior(cls, posterior: xr.Dataset, pilot: Pilot) -> RunningPrior:
         """From the group posterior of the running fit; ``pilot`` has the same draws of the population."""
         flat = posterior.stack(sample=("chain", "draw"))  # noqa: PD013 - of xarray
-        rows = np.linspace(0, flat.sizes["sample"] - 1, min(_DRAWS, flat.sizes["sample"])).astype(int)
+        rows = np.linspace(0, flat.sizes["sample"] - 1, min(SETTINGS.draws, flat.sizes["sample"])).astype(int)
         effects = {
             str(name): array.isel(sample=rows).transpose("sample", ...)
             for name, array in flat.data_vars.items()
@@ -89,20 +87,14 @@ class RunningPrior:
         effects = {}
         for part in design.responses.values():
             for term, column in part.terms.items():
-                name = term.coefficient(part.response) if term.slope else term.effect(part.response)
+                name = term.variable(part.response)
                 if name not in self.effects:
                     continue
-                drawn = self.effects[name]
-                values = drawn.to_numpy()[row] * column.scale
+                # Of levels that were not recorded nothing is known.
+                levels = list(design.groupings[term.grouping].levels)
+                values = self.effects[name].reindex({term.grouping: levels}).to_numpy()[row]
                 shared = common_coefficient(term.slope, part.response) if term.slope else ""
                 if shared in self.pilot.draws:
-                    values = values - np.asarray(self.pilot.draws[shared])[row][:, None] * column.scale
-                levels = drawn[drawn.dims[1]].astype(str).to_numpy().tolist()
-                names = design.groupings[term.grouping].levels
-                table = np.full((len(row), len(names)), np.nan)
-                where = {level: number for number, level in enumerate(names)}
-                for number, level in enumerate(levels):
-                    if level in where:
-                        table[:, where[level]] = values[:, number]
-                effects[term.effect(part.response)] = table
+                    values = values - np.asarray(self.pilot.draws[shared])[row][:, None]
+                effects[term.effect(part.response)] = values * column.scale
         return Truths(truths.hyperparameters, truths.fixed, effects)

@@ -7,6 +7,7 @@ from typing import Any
 
 from bayestissue.errors import Coded
 from bayestissue.outline import counted
+from bayestissue.planning.settings import PLAN as SETTINGS
 from bayestissue.report.wording import half_width, listed, nouns_of_plan, number, percent, with_error
 
 Content = Mapping[str, Any]
@@ -19,8 +20,6 @@ LIMITS = {
     "noise": "a recorder with a tenth of the noise",
     "chain": "a chain whose mass, velocity, gain and zero are known exactly",
 }
-# Standard errors of what is more than chance.
-_SHOWS = 2.0
 
 
 def answer(content: Content) -> str:
@@ -76,7 +75,7 @@ def _gaining(content: Content) -> list[str]:
         (limit["goals"][name]["gain"], limit["words"])
         for key, limit in content["limits"].items()
         for name in limit["goals"]
-        if key != "people" and limit["goals"][name]["gain"] > _SHOWS * limit["goals"][name]["gain_se"]
+        if key != "people" and limit["goals"][name]["gain"] > SETTINGS.shows * limit["goals"][name]["gain_se"]
     ]
     return list(dict.fromkeys(words for _, words in sorted(limits, reverse=True)))
 
@@ -143,7 +142,7 @@ def what_limits(content: Content) -> list[str]:
         by_gain = sorted(content["limits"].values(), key=lambda limit: -limit["goals"][name]["gain"])
         for limit in by_gain:
             goal = limit["goals"][name]
-            if goal["gain"] > _SHOWS * goal["gain_se"]:
+            if goal["gain"] > SETTINGS.shows * goal["gain_se"]:
                 more = with_error(goal["gain"], goal["gain_se"])
                 gained.append(f"{limit['words']} (answers {more} more often)")
             else:

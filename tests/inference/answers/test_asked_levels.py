@@ -11,6 +11,7 @@ from bayestissue.errors import InputError
 from bayestissue.hierarchy import derived
 from bayestissue.inference.answers.contrasts import contrasts
 from bayestissue.inference.answers.finished import Finished
+from bayestissue.inference.answers.meaning import beyond_notes
 from bayestissue.inference.answers.predictions import predict, read_conditions
 from bayestissue.inference.answers.questions import ask, numbered
 from bayestissue.inference.results.labels import design_attributes, design_dimensions, labelled
@@ -84,7 +85,7 @@ def test_a_number_as_tables_print_it_is_not_beyond_itself(velocity: float, beyon
     """Of drops from 12 and 20 cm, 1.53414 and 1.98057 m/s, tables print four digits."""
     heights = np.resize([0.12, 0.2], len(impacts()))
     design = design_of("1", rows=impacts().assign(velocity_m_s=np.sqrt(2 * 9.80665 * heights)))
-    notes = design.recorded.beyond({"velocity_m_s": velocity})
+    notes = beyond_notes(design.recorded, {"velocity_m_s": velocity})
     assert notes == (["velocity_m_s beyond those measured, 1.534 to 1.981"] if beyond else [])
 
 

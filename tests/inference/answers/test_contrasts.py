@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 from numpy.testing import assert_allclose
 
-from bayestissue.hierarchy.levels import Recorded
+from bayestissue.hierarchy.recorded import Recorded
 from bayestissue.inference.answers.contrasts import ALL, contrasts, people_compared
 from bayestissue.inference.answers.grammar import parse
 from bayestissue.inference.answers.meaning import draws_of as draws_at

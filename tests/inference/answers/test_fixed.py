@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from bayestissue.errors import InputError
-from bayestissue.hierarchy.levels import Recorded
+from bayestissue.hierarchy.recorded import Recorded
 from bayestissue.inference.answers.fixed import confounded
 from bayestissue.inference.answers.grammar import parse
 from bayestissue.inference.answers.questions import numbered, require_readable

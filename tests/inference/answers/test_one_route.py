@@ -19,7 +19,7 @@ from numpy.testing import assert_allclose
 
 from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.design import Design
-from bayestissue.hierarchy.formulas.formula import columns_named, judge
+from bayestissue.hierarchy.formulas.formula import judge
 from bayestissue.hierarchy.formulas.group_terms import stem_of
 from bayestissue.inference.answers.contrasts import ALL, INTERACTION, contrasts, contrasts_of
 from bayestissue.inference.answers.finished import Finished
@@ -162,7 +162,7 @@ def variables_agree(made: Made, q: str) -> None:
     """K_subject, K_subject_session, K_side ... are what a question gives."""
     recorded, groupings = made.recorded, made.design.groupings
     of = {stem_of(name): recorded.conditions_of(grouping) for name, grouping in groupings.items()}
-    of |= {name: [{name: level} for level in recorded.levels(name)] for name in recorded.named_by(q)}
+    of |= {name: [{name: level} for level in recorded.levels(name)] for name in recorded.response(q).named_by}
     for stem, conditions in of.items():
         values = made.draws[f"{q}_{stem}"].to_numpy().reshape(-1, len(conditions))
         for place in made.rng.permutation(len(conditions))[:LEVELS]:
@@ -182,11 +182,11 @@ def rows_agree(made: Made) -> None:
     still = made.draws.assign({n: 0 * v for n, v in made.draws.items() if str(n).startswith("sd_")})
     somebody = predict(Finished(still, None, made.recorded, discrepancy=True), [{}, {"side": "left"}])
     for q, column in (("K", "K_N_per_m"), ("C", "C_N_s_per_m")):
-        moved = columns_named(made.recorded.formulas[q])
+        moved = made.recorded.response(q).terms.columns
         asked = [{k: v for k, v in at.items() if k in moved} for at in conditions]
         medians = [np.median(made.asked(written(q, at))) for at in asked]
         assert_allclose(predicted[column], medians, rtol=1e-9)
-        sides = {"side": "left"} if "side" in made.recorded.categories(q) else {}
+        sides = {"side": "left"} if "side" in made.recorded.response(q).categories else {}
         medians = [np.median(made.asked(written(q, at))) for at in ({}, sides)]
         assert_allclose(somebody[column], medians, rtol=1e-9)
     (one,) = ask(finished, numbered(["K"])).to_dict("records")

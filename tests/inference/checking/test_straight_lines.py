@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 
+from bayestissue.hierarchy.columns import few_valued
 from bayestissue.hierarchy.design import Design
 from bayestissue.inference.checking.straight_lines import straight_lines
 from bayestissue.inference.results.meanings import few_valued_words
@@ -114,7 +115,7 @@ def test_many_values_are_taken_in_classes() -> None:
 
 def test_few_whole_numbers_are_named_with_how_they_become_categories() -> None:
     table = rows(6).assign(score=lambda t: t["dose"] + 0.5, n=lambda t: t["dose"])
-    assert set(design_of("1", rows=table).recorded.few_valued) == {"dose", "session"}
+    assert set(few_valued(table)) == {"dose", "session"}
     assert design_of("C(dose) + (1|session)", rows=table).few_valued() == {}
     few = design_of("log(mass_kg) + dose", rows=table).few_valued()
     assert few == {"dose": ["0", "10", "20"]}

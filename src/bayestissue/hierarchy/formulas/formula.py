@@ -35,8 +35,6 @@ FUNCTIONS = {"log": np.log, "sqrt": np.sqrt}
 _EVALUATED = "terms that can be evaluated: columns, +, :, {arithmetic}, C(), log() and sqrt()"
 _QUOTED = re.compile(r"`[^`]*`|\"[^\"]*\"|'[^']*'")
 _EVALUATES_TO_NOTHING = "it can't be evaluated: check its numbers, and whether all its columns hold numbers"
-# Sums of squares of greater ones are no numbers.
-_GREATEST = 1e100
 _CALLED = re.compile(r"([^\W\d][\w.]*)\s*\(")
 
 
@@ -53,6 +51,12 @@ class Terms:
     common: Mapping[str, frozenset[str]]
     groups: tuple[GroupTerm, ...]
     slopes: Mapping[str, frozenset[str]]
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The columns of covariates, slopes and groups, each once."""
+        named = [name for names in (*self.common.values(), *self.slopes.values()) for name in sorted(names)]
+        return tuple(dict.fromkeys([*named, *(name for term in self.groups for name in term.factors)]))
 
     def without(self, gone: Iterable[str]) -> Terms:
         """The same less some terms."""
@@ -107,16 +111,12 @@ def judge(formula: str, rows: pd.DataFrame, reference_mass_kg: float) -> Judged:
     faults += [*wrong_groups, *unidentified(groups, rows), *_tied(terms)]
     terms = terms.without(fault.term for fault in faults)
     while True:
-        columns, names, owners, wrong_terms = _evaluated(terms, rows, reference_mass_kg)
-        if not wrong_terms:
-            wrong_terms = _dependent(terms, columns, names, owners, rows)
-        if not wrong_terms:
-            categories = [i for i, name in enumerate(owners) if _is_category(name, terms, rows)]
-            category_names = [" and ".join(sorted(terms.common[owners[i]])) for i in categories]
-            wrong_terms = aliased(terms.groups, columns[:, categories], category_names, rows)
-        if not wrong_terms:
-            covariates = {term: groups[term] for term in terms.groups}
-            return Judged(terms, columns, tuple(names), covariates, tuple(faults))
+        covariates, wrong_terms = _evaluated(terms, rows, reference_mass_kg)
+        if covariates is not None and not wrong_terms:
+            wrong_terms = _dependent(terms, covariates, rows) or _aliased(terms, covariates, rows)
+        if covariates is not None and not wrong_terms:
+            of_groups = {term: groups[term] for term in terms.groups}
+            return Judged(terms, covariates.columns, tuple(covariates.names), of_groups, tuple(faults))
         faults += wrong_terms
         terms = terms.without(fault.term for fault in wrong_terms)
 
@@ -149,12 +149,12 @@ def adapted(rows: pd.DataFrame, reference_mass_kg: float) -> Judged:
 
 
 @lru_cache
-def group_terms(formula: str | None) -> tuple[GroupTerm, ...]:
-    """The group terms of a formula, of the default one where there is none; none if it can't be read."""
+def terms_of(formula: str | None) -> Terms:
+    """What a formula asks for, the default one where there is none; nothing if it can't be read."""
     try:
-        return _read(formula or DEFAULT_FORMULA)[0].groups
+        return _read(formula or DEFAULT_FORMULA)[0]
     except Exception:  # as in `judge`, which says what is wrong
-        return ()
+        return Terms({}, (), {})
 
 
 def left_out_words(terms: Sequence[Mapping[str, Any]]) -> str:
@@ -250,23 +250,34 @@ def _covariates_of_groups(
             "one number of every impact left of the bar; a category goes to its right: (1|group:category)"
         )
         try:
-            columns, names, _ = _design([term.slope], rows, reference_mass_kg)
+            of_slope = Covariates([term.slope], rows, reference_mass_kg)
         except Exception:  # as in `judge`
             faults.append(Fault(str(term), expected, _EVALUATES_TO_NOTHING))
             continue
-        if names != [term.slope.replace("`", "")] and names != [term.slope]:
+        if of_slope.names not in ([term.slope.replace("`", "")], [term.slope]):
             faults.append(Fault(str(term), expected, f"{term.slope} is a category"))
-        elif not (np.abs(columns) < _GREATEST).all():
+        elif not _is_finite(of_slope.columns):
             faults.append(Fault(str(term), expected, f"{term.slope} is not finite for every impact"))
         else:
-            values[term] = columns[:, 0]
+            values[term] = of_slope.columns[:, 0]
     return values, faults
 
 
-def _is_category(name: str, terms: Terms, rows: pd.DataFrame) -> bool:
-    """Whether a term is of categories alone, text or in ``C()``."""
-    known = categories_of_numbers(name)
-    return all(c in known or not pd.api.types.is_numeric_dtype(rows[c]) for c in terms.common[name])
+def _is_finite(columns: np.ndarray) -> bool:
+    """Whether all are numbers, whose fourth powers are numbers too: see `identifiability`."""
+    return bool((np.abs(columns) < np.finfo(float).max ** 0.25).all())
+
+
+def _aliased(terms: Terms, covariates: Covariates, rows: pd.DataFrame) -> list[Fault]:
+    """Group terms whose levels are told by the terms of categories alone, text or in ``C()``."""
+
+    def is_category(term: str) -> bool:
+        coded = categories_of_numbers(term)
+        return all(c in coded or not pd.api.types.is_numeric_dtype(rows[c]) for c in terms.common[term])
+
+    of_categories = [i for i, term in enumerate(covariates.terms) if is_category(term)]
+    names = [" and ".join(sorted(terms.common[covariates.terms[i]])) for i in of_categories]
+    return aliased(terms.groups, covariates.columns[:, of_categories], names, rows)
 
 
 def _tied(terms: Terms) -> list[Fault]:
@@ -282,26 +293,24 @@ def _tied(terms: Terms) -> list[Fault]:
 
 def _evaluated(
     terms: Terms, rows: pd.DataFrame, reference_mass_kg: float
-) -> tuple[np.ndarray, list[str], list[str], list[Fault]]:
-    """The columns, their names and the terms that they are of; and what can't be evaluated."""
+) -> tuple[Covariates | None, list[Fault]]:
+    """The covariates, where they can be evaluated, and the terms that can't be, or are not finite."""
     try:
-        columns, names, owners = _design(terms.common, rows, reference_mass_kg)
+        covariates = Covariates(terms.common, rows, reference_mass_kg)
     except Exception:  # as in `judge`; each term by itself tells which it is of
-        return np.empty((len(rows), 0)), [], [], _unusable(terms, rows, reference_mass_kg)
-    owned = [list(terms.common)[owner] for owner in owners]
+        return None, _unusable(terms, rows, reference_mass_kg)
     faults = []
-    for name in dict.fromkeys(owned):
-        mine = columns[:, [owner == name for owner in owned]]
-        if not (np.abs(mine) < _GREATEST).all():  # not where it is not a number
-            faults.append(Fault(name, "finite covariates", "it is not finite for every impact; transform it"))
-    return columns, names, owned, faults
+    for term in dict.fromkeys(covariates.terms):
+        if not _is_finite(covariates.columns[:, [owner == term for owner in covariates.terms]]):
+            faults.append(Fault(term, "finite covariates", "it is not finite for every impact; transform it"))
+    return covariates, faults
 
 
 def _unusable(terms: Terms, rows: pd.DataFrame, reference_mass_kg: float) -> list[Fault]:
     expected, faults = _EVALUATED, []
     for term in terms.common:
         try:
-            _design([term], rows, reference_mass_kg)
+            Covariates([term], rows, reference_mass_kg)
         except Exception:  # as above
             faults.append(Fault(term, expected, _EVALUATES_TO_NOTHING))
     # Terms that fail together only: none can be blamed alone.
@@ -329,38 +338,6 @@ def categories_of_numbers(formula: str) -> frozenset[str]:
     return frozenset().union(*(_columns_of(part) for part in parts if str(part.name).startswith("C(")))
 
 
-def evaluated_at(
-    formula: str, rows: pd.DataFrame, reference_mass_kg: float, new: pd.DataFrame
-) -> tuple[dict[str, Float[np.ndarray, " new"]], dict[GroupTerm, Float[np.ndarray, " new"]]]:
-    """A formula that ``rows`` can tell, evaluated in rows that it was not judged by.
-
-    Args:
-        formula: as `Terms` writes it.
-        rows: those that it was judged by, which fix categories and what transforms remember of their columns.
-        reference_mass_kg: as in `judge`.
-        new: any rows with the formula's covariates, their categories among those of ``rows``.
-
-    Returns:
-        The covariates by name and the covariate of each group term (1 for an intercept), in their own units
-        and zero at the reference row.
-    """
-    terms, _ = _read(formula)
-    columns, names, _ = _design(terms.common, rows, reference_mass_kg, new)
-    groups = {
-        term: _design([term.slope], rows, reference_mass_kg, new)[0][:, 0]
-        if term.slope
-        else np.ones(len(new))
-        for term in terms.groups
-    }
-    return dict(zip(names, columns.T, strict=True)), groups
-
-
-@lru_cache
-def variables_of_terms(formula: str) -> tuple[frozenset[str], ...]:
-    """The columns that each of a formula's covariate terms names."""
-    return tuple(_read(formula)[0].common.values())
-
-
 @lru_cache
 def interactions(formula: str) -> tuple[tuple[str, str], ...]:
     """The two columns of each covariate term ``a:b``, as the formula has them, each pair once."""
@@ -374,67 +351,90 @@ def interactions(formula: str) -> tuple[tuple[str, str], ...]:
     return tuple(pairs.values())
 
 
-@lru_cache
-def columns_named(formula: str) -> tuple[str, ...]:
-    """The columns of a formula's covariates, slopes and groups; none if it can't be read."""
-    try:
-        terms, _ = _read(formula)
-    except Exception:  # as in `judge`, which says what is wrong
-        return ()
-    covariates = [
-        name for names in (*terms.common.values(), *terms.slopes.values()) for name in sorted(names)
-    ]
-    return tuple(dict.fromkeys([*covariates, *(name for term in terms.groups for name in term.factors)]))
+class Covariates:
+    """Columns of terms of covariates, zero at the reference row, in the rows that fix them and in others.
 
-
-def _design(
-    terms: Iterable[str], rows: pd.DataFrame, reference_mass_kg: float, new: pd.DataFrame | None = None
-) -> tuple[np.ndarray, list[str], list[int]]:
-    """Columns less the reference row's, their names, and the number of the term that each is of.
-
-    They are of ``rows``, or of ``new`` ones.
+    Attributes:
+        names: of the columns.
+        terms: which of the terms each column is of.
+        columns: [row, column].
     """
-    from formulae.environment import Environment
-    from formulae.matrices import CommonEffectsMatrix
 
-    from bayestissue.hierarchy.formulas.notation import described
+    def __init__(self, terms: Iterable[str], rows: pd.DataFrame, reference_mass_kg: float) -> None:
+        """Evaluate terms; ``rows`` fix categories and what transforms remember of their columns.
 
-    formula = " + ".join(terms) or "1"
-    description = described(formula)
-    covariates = [term for term in description.common_terms if term.name != _INTERCEPT]
-    data = rows[[name for name in rows if name in description.var_names]]
-    if data.isna().any(axis=None):
-        raise ValueError(formula)
-    environment = Environment([FUNCTIONS])
-    reference = pd.DataFrame([reference_row(rows, reference_mass_kg, categories_of_numbers(formula))])
-    with np.errstate(all="ignore"):  # what is not finite is refused
-        description.eval(data, environment)
-        common = CommonEffectsMatrix(description.common_terms)
-        common.evaluate(data, environment)
-        at = common if new is None else common.evaluate_new_data(new)
-        columns = at.design_matrix - common.evaluate_new_data(reference).design_matrix
-    names: list[str] = []
-    owners: list[int] = []
-    keep: list[int] = []
-    owner, column = 0, 0
-    for term in description.common_terms:
-        labels = [_INTERCEPT] if term.name == _INTERCEPT else term.labels
-        if term.name != _INTERCEPT:
-            names += labels
-            owners += [owner] * len(labels)
-            keep += range(column, column + len(labels))
-            # What a:b alone needs besides to be of full rank stands before it.
-            owner += any(term is mine for mine in covariates)
-        column += len(labels)
-    return columns[:, keep], names, owners
+        Raises:
+            Exception: of many kinds, where formulae can't evaluate them.
+        """
+        from formulae.environment import Environment
+        from formulae.matrices import CommonEffectsMatrix
+
+        from bayestissue.hierarchy.formulas.notation import described
+
+        written_terms = list(terms)
+        formula = " + ".join(written_terms) or "1"
+        description = described(formula)
+        asked_for = [term for term in description.common_terms if term.name != _INTERCEPT]
+        data = rows[[name for name in rows if name in description.var_names]]
+        if data.isna().any(axis=None):
+            raise ValueError(formula)
+        environment = Environment([FUNCTIONS])
+        reference = pd.DataFrame([reference_row(rows, reference_mass_kg, categories_of_numbers(formula))])
+        with np.errstate(all="ignore"):  # what is not finite is refused
+            description.eval(data, environment)
+            self._evaluated = CommonEffectsMatrix(description.common_terms)
+            self._evaluated.evaluate(data, environment)
+            self._reference = self._evaluated.evaluate_new_data(reference).design_matrix
+        self.names: list[str] = []
+        self.terms: list[str] = []
+        self._kept: list[int] = []
+        column = 0
+        for term in description.common_terms:
+            labels = [_INTERCEPT] if term.name == _INTERCEPT else term.labels
+            if term.name != _INTERCEPT:
+                self.names += labels
+                self.terms += [written_terms[0]] * len(labels)
+                self._kept += range(column, column + len(labels))
+                # What a:b alone needs besides to be of full rank stands before it.
+                if any(term is mine for mine in asked_for):
+                    del written_terms[0]
+            column += len(labels)
+        self.columns = self._less_reference(self._evaluated)
+
+    def _less_reference(self, matrix: Any) -> Float[np.ndarray, "row column"]:
+        with np.errstate(all="ignore"):
+            return (matrix.design_matrix - self._reference)[:, self._kept]
+
+    def at(self, rows: pd.DataFrame) -> Float[np.ndarray, "row column"]:
+        """The columns in other rows, whose categories are among those of the first."""
+        return self._less_reference(self._evaluated.evaluate_new_data(rows))
 
 
-def _dependent(
-    terms: Terms, columns: np.ndarray, names: Sequence[str], owners: Sequence[str], rows: pd.DataFrame
-) -> list[Fault]:
+class Evaluated:
+    """A formula that ``rows`` can tell, in any rows: see `Covariates`."""
+
+    def __init__(self, formula: str, rows: pd.DataFrame, reference_mass_kg: float) -> None:
+        terms, _ = _read(formula)
+        self._covariates = Covariates(terms.common, rows, reference_mass_kg)
+        self._slopes = {
+            term: Covariates([term.slope], rows, reference_mass_kg) if term.slope else None
+            for term in terms.groups
+        }
+
+    def at(
+        self, rows: pd.DataFrame
+    ) -> tuple[dict[str, Float[np.ndarray, " row"]], dict[GroupTerm, Float[np.ndarray, " row"]]]:
+        """The covariates by name, and of each group term what its effects are multiplied by."""
+        columns = dict(zip(self._covariates.names, self._covariates.at(rows).T, strict=True))
+        ones = np.ones(len(rows))
+        return columns, {t: ones if s is None else s.at(rows)[:, 0] for t, s in self._slopes.items()}
+
+
+def _dependent(terms: Terms, covariates: Covariates, rows: pd.DataFrame) -> list[Fault]:
     """Terms that do not vary; if there are none, the first that those before it determine."""
+    columns, owners = covariates.columns, covariates.terms
     # A log of mass may differ by rounding alone.
-    least = [PRECISION if name == MASS_TERM else 0.0 for name in names]
+    least = [PRECISION if name == MASS_TERM else 0.0 for name in covariates.names]
     flat = np.flatnonzero(np.ptp(columns, axis=0) <= least).tolist()
     # Categories of which there is one have no column.
     still = dict.fromkeys([*(owners[i] for i in flat), *(t for t in terms.common if t not in owners)])
@@ -442,7 +442,7 @@ def _dependent(
         return [_flat(owner, rows) for owner in still]
     centred = columns - columns.mean(axis=0)
     spread = np.linalg.norm(centred, axis=0)
-    for count in range(2, len(names) + 1):
+    for count in range(2, len(owners) + 1):
         part = centred[:, :count] / spread[:count]
         if np.linalg.svd(part, compute_uv=False)[-1] < PRECISION:
             expected = "covariates that are no combination of each other"

@@ -58,6 +58,10 @@ class GroupTerm:
         """The name of each level's own coefficient: the population's and the level's deviation together."""
         return f"{self.stem}_{response}"
 
+    def variable(self, response: str) -> str:
+        """The name of what draws hold of each level: its own coefficient, or its effect on the intercept."""
+        return self.coefficient(response) if self.slope else self.effect(response)
+
 
 SUBJECT, TRIAL = GroupTerm(("subject",)), GroupTerm(("trial",))
 

@@ -27,7 +27,8 @@ from bayestissue.hierarchy.formulas.group_terms import quoted
 
 # More are a slip: a * b * c * ... of ten columns has 1023.
 MOST_TERMS = 256
-_SHOWN = 40
+# Characters of a formula in a message.
+SHOWN = 40
 _TOKENS = re.compile(
     r"(?P<NUMBER>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
     r"|(?P<IDENTIFIER>[^\W\d][\w.]*)"
@@ -142,7 +143,7 @@ def _value(kind: str, text: str) -> float | str | None:
         return text[1:-1] if kind == "STRING" else None
     value = float(text)  # and no whole number, whose powers have no bound
     if math.isinf(value):
-        raise NotationError(f"the number {text[:_SHOWN]} is beyond 1e308")
+        raise NotationError(f"the number {text[:SHOWN]} is beyond 1e308")
     return value
 
 
@@ -151,9 +152,9 @@ def _refuse(formula: str, unusable: Any) -> NoReturn:
     position = unusable if isinstance(unusable, int) else getattr(unusable, "position", len(formula))
     before = formula[:position].rstrip()
     if not formula[position:].strip():
-        raise NotationError(f"it breaks off after {before[-_SHOWN:]!r}")
-    what = formula[position : position + _SHOWN]
-    after = f", after {before[-_SHOWN:]!r}," if before else ""
+        raise NotationError(f"it breaks off after {before[-SHOWN:]!r}")
+    what = formula[position : position + SHOWN]
+    after = f", after {before[-SHOWN:]!r}," if before else ""
     raise NotationError(f"what begins at character {position + 1}{after} can't be read there: {what!r}")
 
 

@@ -40,12 +40,12 @@ class Data:
     def from_sites(
         cls, design: PopulationDesign, mean: Float[Array, " location"], sites: GaussianFactor
     ) -> Data:
-        """Without each impact's entry, so that what is compiled serves other numbers of impacts."""
+        """Without each impact's cell, so that what is compiled serves other numbers of impacts."""
         data = cls(design._replace(cell=np.zeros(0, int)), mean, design.blocked(sites))
         return jax.tree.map(jnp.asarray, data)
 
     def sums(self, covariances: Covariances) -> GaussianFactor:
-        """What the impacts of each entry say of X b, their own parameters integrated out."""
+        """What the impacts of each cell say of X b, their own parameters integrated out."""
         prior_mean = expected_by_cell(self.design, self.mean)
         return cell_factors(covariances.of_impact(), prior_mean, self.sites)
 

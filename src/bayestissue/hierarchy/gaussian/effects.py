@@ -80,7 +80,7 @@ def integrate_effects(
     Args:
         design: X, arranged.
         covariances: of which those of b count.
-        sums: what the data of each entry say of X b, about X times b's prior mean.
+        sums: what the data of each cell say of X b, about X times b's prior mean.
     """
     inner, outer = _elements(design)
     precision = covariances.of_effects()
@@ -179,18 +179,18 @@ def _stacked(entries: Sequence[Array], like: Array) -> Array:
     return jnp.stack(entries) if entries else like
 
 
-def _flat(columns: Float[Array, "#row slot part"]) -> Float[Array, "entry part"]:
+def _flat(columns: Float[Array, "#row slot outer"]) -> Float[Array, "cell outer"]:
     return columns.reshape(-1, columns.shape[2])
 
 
-def _as_outer(values: Float[Array, "row slot"], columns: Float[Array, "#row slot part"]) -> Array:
+def _as_outer(values: Float[Array, "row slot"], columns: Float[Array, "#row slot outer"]) -> Array:
     """Sums over the rows of the table for which the columns are alike."""
     return values.sum(0) if len(columns) == 1 else values.ravel()
 
 
 def _times_outer(
-    values: Float[Array, "inner row slot"], columns: Float[Array, "#row slot part"]
-) -> Float[Array, "inner part row"]:
+    values: Float[Array, "inner row slot"], columns: Float[Array, "#row slot outer"]
+) -> Float[Array, "inner outer row"]:
     """Products with the outer columns, summed over slots."""
     if len(columns) == 1:
         return jnp.moveaxis(values @ columns[0], 2, 1)

@@ -108,13 +108,13 @@ class Conditional:
 
 
 def cell_factors(
-    prior: Float[Array, "parameter parameter"], prior_mean: Float[Array, "parameter entry"], sites: Any
+    prior: Float[Array, "parameter parameter"], prior_mean: Float[Array, "parameter cell"], sites: Any
 ) -> GaussianFactor:
-    """Integrate every impact's parameters out, and multiply what is left over each entry's impacts.
+    """Integrate every impact's parameters out, and multiply what is left over each cell's impacts.
 
     Args:
         prior: D of an impact's parameters, one of all impacts.
-        prior_mean: X b of each entry of the design, about which the products are written.
+        prior_mean: X b of each cell of the design, about which the products are written.
         sites: `GaussianFactor` of the impacts, as `PopulationDesign.blocked` arranges them.
     """
 

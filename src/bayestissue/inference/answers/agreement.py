@@ -16,7 +16,8 @@ import pandas as pd
 from bayestissue.results.tables import table_of_rows
 
 METHODS = {"dds": "thesis's method", "exact": "exact point fit", "posterior": "posterior median"}
-_LIMITS = 1.96
+# Standard deviations of a normal about its mean that hold 95 % of it.
+SD_OF_95_PERCENT = 1.96
 
 
 def agreement(values: dict[str, pd.DataFrame]) -> pd.DataFrame:
@@ -35,7 +36,7 @@ def agreement(values: dict[str, pd.DataFrame]) -> pd.DataFrame:
             d = log_ratios(table, method, against)
             sd = float(d.std(ddof=1)) if len(d) > 1 else np.nan
             middle = float(d.mean()) if len(d) else np.nan
-            ends = np.exp([middle, middle - _LIMITS * sd, middle + _LIMITS * sd])
+            ends = np.exp([middle, middle - SD_OF_95_PERCENT * sd, middle + SD_OF_95_PERCENT * sd])
             rows.append((quantity, method, against, len(d), len(table) - len(d), *map(float, ends)))
     return table_of_rows("agreement", rows)
 

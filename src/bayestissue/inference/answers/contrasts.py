@@ -35,6 +35,7 @@ from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import cache
 from itertools import combinations, product
 
 import numpy as np
@@ -42,11 +43,14 @@ import pandas as pd
 import xarray as xr
 from jaxtyping import Float
 
-from bayestissue.hierarchy.formulas.formula import group_terms, interactions, variables_of_terms
-from bayestissue.hierarchy.formulas.group_terms import SUBJECT, labels_of
-from bayestissue.hierarchy.levels import Condition, Recorded, label_of, log_at_levels
+from bayestissue.hierarchy.formulas.formula import interactions
+from bayestissue.hierarchy.formulas.group_terms import SUBJECT
+from bayestissue.hierarchy.levels import log_at_levels
+from bayestissue.hierarchy.recorded import Condition, Recorded, label_of
+from bayestissue.hierarchy.untried import not_used
 from bayestissue.inference.answers.grammar import Node, Number, Quantity, QuestionError, parse
 from bayestissue.inference.answers.meaning import quantities
+from bayestissue.inference.answers.settings import SETTINGS
 from bayestissue.inference.results.meanings import element_alone
 from bayestissue.inference.samplers.diagnostics import ELEMENT_ALONE
 from bayestissue.results.tables import joined
@@ -55,11 +59,8 @@ ALL = "mean of all"
 ALSO = "also differs: "
 LEVELS, COMBINATIONS, INTERACTION = "levels", "combinations", "interaction"
 _TEXT = ["factor", "level", "against", "kind", "note"]
-_MOST_IN_PAIRS = 12
-_MOST_LEVELS = 400
 # Numbers that are measured or set, two of which make no factor.
 _PHYSICAL = ("mass_kg", "velocity_m_s", "energy_J", "diameter_m")
-_SAME_MASS = 0.01
 # What others are held against, whatever the alphabet has.
 _REFERENCES = (
     *("control", "controls", "placebo", "sham", "untreated", "healthy", "reference"),
@@ -225,21 +226,20 @@ def _key(condition: Condition) -> tuple[tuple[str, str | float], ...]:
 
 def contrasts_of(recorded: Recorded, response: str) -> list[Contrast]:
     """What a response's formula lets one compare, covariates first."""
-    formula = recorded.formulas.get(response, "1")
-    variables = variables_of_terms(formula)
-    named = dict.fromkeys(name for columns in variables for name in sorted(columns))
-    factors = {name: dict(_values(recorded, name)) for name in named if _is_factor(recorded, name)}
+    formula = recorded.response(response)
+    named = [name for name in formula.covariates if _is_factor(recorded, name)]
+    factors = {name: _values(recorded, name) for name in named}
     compared = [one for name, levels in factors.items() for one in _of_levels(name, levels)]
-    for a, b in interactions(formula):
+    for a, b in interactions(formula.formula):
         if a in factors and b in factors:
             compared += _of_interaction((a, b), (factors[a], factors[b]))
-    for term in group_terms(formula):
+    for term in formula.terms.groups:
         if term.slope or term.grouping == "subject":
             continue
         if len(term.factors) > 1:
             compared += _of_combinations(recorded, term.factors, known=factors)
         elif term.grouping not in factors:
-            with_mass = term.grouping == "trial" and any("mass_kg" in columns for columns in variables)
+            with_mass = term.grouping == "trial" and "mass_kg" in formula.covariates
             compared += _of_group(recorded, term.grouping, at_one_mass=with_mass)
     return compared
 
@@ -264,20 +264,25 @@ def _weighted(name: str, level: str, against: str, levels: Mapping[str, str | fl
     ]
 
 
+def _times(first: Weighted, second: Weighted) -> Weighted:
+    """Conditions of which each has what one of the first and one of the second gives."""
+    return [({**at, **further}, w * v) for (at, w), (further, v) in product(first, second)]
+
+
 def _of_interaction(
     names: tuple[str, str], levels: tuple[Mapping[str, str | float], Mapping[str, str | float]]
 ) -> Iterator[Contrast]:
     """Ratios of the ratios between levels of one column at the levels of another."""
     pairs = [list(_pairs(list(known))) for known in levels]
-    if len(pairs[0]) * len(pairs[1]) > _MOST_LEVELS:
+    if len(pairs[0]) * len(pairs[1]) > SETTINGS.compared:
         pairs = [[(level, ALL) for level in _ordered(list(known))] for known in levels]
-    if len(pairs[0]) * len(pairs[1]) > _MOST_LEVELS:
+    if len(pairs[0]) * len(pairs[1]) > SETTINGS.compared:
         return
     for chosen in product(*pairs):
         first, second = (
             _weighted(name, *pair, known) for name, pair, known in zip(names, chosen, levels, strict=True)
         )
-        weighted = [({**at, **further}, w * v) for (at, w), (further, v) in product(first, second)]
+        weighted = _times(first, second)
         compared = tuple((name, *pair) for name, pair in zip(names, chosen, strict=True))
         yield Contrast(names, compared, weighted)
 
@@ -285,15 +290,15 @@ def _of_interaction(
 def _of_group(recorded: Recorded, name: str, *, at_one_mass: bool) -> Iterator[Contrast]:
     levels = recorded.levels(name)
     for comparable in _of_equal_mass(recorded, name) if at_one_mass else [levels]:
-        if len(comparable) <= _MOST_LEVELS:
+        if len(comparable) <= SETTINGS.compared:
             yield from _of_levels(name, {level: level for level in comparable})
 
 
 def _of_equal_mass(recorded: Recorded, name: str) -> list[list[str]]:
     """Levels in which the impactor has one mass, those of the same mass together."""
-    logs = np.log(recorded.rows["mass_kg"]).groupby(labels_of(recorded.rows[name]), sort=False)
-    at = logs.median()[logs.max() - logs.min() < _SAME_MASS].sort_values(kind="stable")
-    group = (at.diff() > _SAME_MASS).cumsum()
+    logs = np.log(recorded.rows["mass_kg"]).groupby(recorded.labels(name), sort=False)
+    at = logs.median()[logs.max() - logs.min() < SETTINGS.same_mass].sort_values(kind="stable")
+    group = (at.diff() > SETTINGS.same_mass).cumsum()
     # A condition with several masses stands for none.
     mixed = [str(label) for label in logs.median().index if label not in at.index]
     return [*([str(label) for label in rows.index] for _, rows in at.groupby(group)), mixed]
@@ -306,9 +311,8 @@ def _of_combinations(
 
     The average is left to the covariate where the column is ``known`` as one.
     """
-    labels = [labels_of(recorded.rows[name]) for name in factors]
-    combos = list(dict.fromkeys(zip(*labels, strict=True)))
-    if len(combos) > _MOST_LEVELS:
+    combos = list(dict.fromkeys(zip(*map(recorded.labels, factors), strict=True)))
+    if len(combos) > SETTINGS.compared:
         return
     for position, name in enumerate(factors):
         if name == "subject":
@@ -320,9 +324,11 @@ def _of_combinations(
         for others, levels in levels_at.items():
             shared = dict(zip([n for n in factors if n != name], others, strict=True))
             for level, against in combinations(_ordered(levels), 2):
-                weighted = [({**shared, name: level}, 1.0), ({**shared, name: against}, -1.0)]
-                one = Contrast(factors, ((name, level, against),), weighted, shared)
-                single[(level, against)].append(one)
+                pair = _weighted(name, level, against, {one: one for one in (level, against)})
+                weighted = _times([(shared, 1.0)], pair)
+                single[(level, against)].append(
+                    Contrast(factors, ((name, level, against),), weighted, shared)
+                )
         for (level, against), pairs in single.items():
             if len(pairs) > 1 and name not in known:
                 averaged = [(at, weight / len(pairs)) for pair in pairs for at, weight in pair.weighted]
@@ -330,17 +336,15 @@ def _of_combinations(
         yield from (pair for pairs in single.values() for pair in pairs)
 
 
-def _values(recorded: Recorded, name: str) -> Iterator[tuple[str, str | float]]:
-    """What the values of a column are called, and they themselves."""
-    column = recorded.rows[name]
-    first = ~column.duplicated()
-    for value, label in zip(column[first], labels_of(column[first]), strict=True):
-        yield label, (float(value) if recorded.is_number(name) else str(value))
+def _values(recorded: Recorded, name: str) -> dict[str, str | float]:
+    """The values of a column by what they are called."""
+    kind = float if recorded.is_number(name) else str
+    return dict(zip(recorded.labels(name), map(kind, recorded.rows[name]), strict=True))
 
 
 def _pairs(levels: Sequence[str]) -> Iterator[tuple[str, str]]:
     """Each with each; of many each with all."""
-    if len(levels) <= _MOST_IN_PAIRS:
+    if len(levels) <= SETTINGS.in_pairs:
         return combinations(_ordered(levels), 2)
     return ((level, ALL) for level in _ordered(levels))
 
@@ -355,58 +359,37 @@ def _ordered(levels: Sequence[str]) -> list[str]:
 
 def _notes(recorded: Recorded, compared: Sequence[Contrast]) -> list[str]:
     """What else goes with the levels of each contrast; empty of interactions and of means of all."""
-    noted = [contrast for contrast in compared if _has_note(contrast)]
-    by_factors = {
-        factors: _constants(recorded, factors)
-        for factors in dict.fromkeys(tuple(at) for contrast in noted for at, _ in contrast.weighted)
-    }
-    return [_note(recorded, contrast, by_factors) if _has_note(contrast) else "" for contrast in compared]
+    columns = not_used(recorded)
 
+    @cache
+    def goes_with(condition: tuple[tuple[str, str | float], ...]) -> dict[str, str]:
+        """What follows from a condition by the formulas, and what else is one thing in all of its impacts."""
+        at = dict(condition)
+        follows = {name: value for name, value in recorded.completed(at).items() if name not in at}
+        rows = recorded.matching(at)
+        values = {name: set(recorded.labels(name)[rows]) for name in columns if name not in at}
+        return {name: label_of(value) for name, value in follows.items() if name in recorded.needed} | {
+            name: min(labels) for name, labels in values.items() if len(labels) == 1
+        }
 
-def _has_note(contrast: Contrast) -> bool:
-    return contrast.kind != INTERACTION and contrast.compared[0][2] != ALL
+    def note(contrast: Contrast) -> str:
+        if contrast.kind == INTERACTION or contrast.compared[0][2] == ALL:
+            return ""
+        upper, lower = (
+            [goes_with(tuple(at.items())) for at, weight in contrast.weighted if weight * sign > 0]
+            for sign in (1, -1)
+        )
+        words = []
+        for name in upper[0]:
+            values = ([labels.get(name) for labels in side] for side in (upper, lower))
+            pairs = set(zip(*values, strict=True))
+            if any(None in pair or pair[0] == pair[1] for pair in pairs):
+                continue
+            level, against = min(pairs)
+            words.append(f"{name} ({level} against {against})" if len(pairs) == 1 else name)
+        return f"{ALSO}{', '.join(words)}" if words else ""
 
-
-Constants = Mapping[tuple[str, ...], Mapping[str, str]]
-
-
-def _constants(recorded: Recorded, factors: tuple[str, ...]) -> Constants:
-    """Of each level the columns in no formula that are one in all of its impacts, and what they are there."""
-    names = [name for name in recorded.not_used if name not in factors]
-    if not names:
-        return {}
-    labels = pd.DataFrame({name: labels_of(recorded.rows[name]) for name in (*factors, *names)})
-    groups = labels.groupby([labels[name] for name in factors])[names]
-    first, constant = groups.first(), groups.nunique(dropna=False).eq(1)
-    constants = {}
-    for level, values, same in zip(first.index, first.to_numpy(), constant.to_numpy(), strict=True):
-        key = level if isinstance(level, tuple) else (level,)
-        constants[key] = {n: v for n, v, one in zip(names, values, same, strict=True) if one}
-    return constants
-
-
-def _note(recorded: Recorded, contrast: Contrast, constants: Mapping[tuple[str, ...], Constants]) -> str:
-    upper, lower = (
-        [_goes_with(recorded, at, constants) for at, w in contrast.weighted if w * sign > 0]
-        for sign in (1, -1)
-    )
-    words = []
-    for name in upper[0]:
-        pairs = {(first.get(name), second.get(name)) for first, second in zip(upper, lower, strict=True)}
-        if any(None in pair or pair[0] == pair[1] for pair in pairs):
-            continue
-        level, against = min(pairs)
-        words.append(f"{name} ({level} against {against})" if len(pairs) == 1 else name)
-    return f"{ALSO}{', '.join(words)}" if words else ""
-
-
-def _goes_with(
-    recorded: Recorded, at: Condition, constants: Mapping[tuple[str, ...], Constants]
-) -> dict[str, str]:
-    """What follows from a condition by the formulas, and what else was one thing in all of its impacts."""
-    follows = {name: value for name, value in recorded.completed(at).items() if name not in at}
-    labels = {name: label_of(value) for name, value in follows.items() if name in recorded.needed}
-    return labels | dict(constants[tuple(at)].get(tuple(map(label_of, at.values())), {}))
+    return [note(contrast) for contrast in compared]
 
 
 MOST_PEOPLE = 60
@@ -427,10 +410,11 @@ def people_compared(draws: xr.Dataset, recorded: Recorded, responses: Sequence[s
         K_secant of the person's own impacts stands in place of K, which is the element's alone.
     """
     people = recorded.levels("subject")
-    first, second = np.triu_indices(len(people), 1)
+    upper, lower = np.triu_indices(len(people), 1)
+    person, against = np.append(upper, lower), np.append(lower, upper)
     tables = []
     for response in responses:
-        if SUBJECT not in group_terms(recorded.formulas.get(response)) or not 2 <= len(people) <= MOST_PEOPLE:
+        if SUBJECT not in recorded.response(response).terms.groups or not 2 <= len(people) <= MOST_PEOPLE:
             continue
         logs = log_at_levels(draws, recorded, response, [{"subject": name} for name in people])
         if response == "K" and "K_secant_of_subject" in draws:
@@ -439,14 +423,9 @@ def people_compared(draws: xr.Dataset, recorded: Recorded, responses: Sequence[s
                 draws["K_secant_of_subject"].sel(subject=people).transpose(..., "subject").to_numpy()
             )
         logs = logs.reshape(-1, len(people))
-        ratio = logs[:, first] - logs[:, second]
+        ratio = logs[:, person] - logs[:, against]
         low, median, high = np.exp(np.percentile(ratio, [5, 50, 95], axis=0))
-        above = (ratio > 0).mean(axis=0)
-        for one, another, values in (
-            (first, second, (above, median, low, high)),
-            (second, first, (1 - above, 1 / median, 1 / high, 1 / low)),
-        ):
-            names = {"person": np.array(people)[one], "against": np.array(people)[another]}
-            columns = dict(zip(("p_greater", "ratio", "low", "high"), values, strict=True))
-            tables.append(pd.DataFrame({"quantity": response, **names, **columns}))
+        names = {"person": np.array(people)[person], "against": np.array(people)[against]}
+        values = {"p_greater": (ratio > 0).mean(axis=0), "ratio": median, "low": low, "high": high}
+        tables.append(pd.DataFrame({"quantity": response, **names, **values}))
     return joined("people", tables)

@@ -10,7 +10,7 @@ import xarray as xr
 
 from bayestissue.elements.element import GRAVITY
 from bayestissue.hierarchy import SIDE_BY_SIDE
-from bayestissue.hierarchy.levels import Recorded
+from bayestissue.hierarchy.recorded import Recorded
 from bayestissue.inference.results.meanings import element_alone
 
 GROUPS = ("posterior", "prior", "constant_data")

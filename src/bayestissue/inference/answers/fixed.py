@@ -16,7 +16,7 @@ import xarray as xr
 from jaxtyping import Float
 
 from bayestissue.hierarchy.effects import intercept, parameter_of
-from bayestissue.hierarchy.formulas.formula import evaluated_at, judge
+from bayestissue.hierarchy.formulas.formula import judge
 from bayestissue.hierarchy.formulas.group_terms import (
     MASS_TERM,
     GroupTerm,
@@ -25,16 +25,11 @@ from bayestissue.hierarchy.formulas.group_terms import (
     quoted,
 )
 from bayestissue.hierarchy.formulas.identifiability import PRECISION
-from bayestissue.hierarchy.levels import Recorded
+from bayestissue.hierarchy.levels import design_at
+from bayestissue.hierarchy.recorded import Recorded
 from bayestissue.inference.answers.grammar import Node, Operation, QuestionError, claims
 from bayestissue.inference.answers.meaning import draws_of, is_response, quantities
-
-# Of the greater side; no parameter of a fit is known as well.
-_ROUNDING = 1e-9
-# Of what is compared: a change of parameters of about 1 that changes it by less is rounding.
-_CHANGED = 1e-6
-# Columns whose products are tried as terms.
-_MOST_COLUMNS = 6
+from bayestissue.inference.answers.settings import SETTINGS
 
 
 def fixed_parts(node: Node, recorded: Recorded, posterior: xr.Dataset | None) -> Iterator[QuestionError]:
@@ -73,8 +68,8 @@ def confounded(node: Node, recorded: Recorded) -> tuple[GroupTerm, ...]:
     """
     draws = _any_parameters(recorded, list(recorded.formulas))
     terms = []
-    for q, formula in recorded.formulas.items():
-        covariates, groups = evaluated_at(formula, recorded.rows, recorded.reference_mass_kg, recorded.rows)
+    for q in recorded.formulas:
+        covariates, groups = recorded.response(q).evaluated.at(recorded.rows)
         X = np.column_stack([np.ones(len(recorded.rows)), *covariates.values()])
         names = [intercept(parameter_of(q)), *(common_coefficient(name, q) for name in covariates)]
         for term, x in groups.items():
@@ -107,7 +102,7 @@ def _moved(
     """Draws with other coefficients of covariates, of which levels' own have a part, and other effects."""
     moved = {name: draws[name] + by for name, by in shift.items()}
     for term in terms:
-        name = (term.coefficient if term.slope else term.effect)(q)
+        name = term.variable(q)
         shared = shift.get(common_coefficient(term.slope, q), 0.0) if term.slope else 0.0
         moved[name] = draws[name] + shared + levels.get(term, 0.0)
     return draws.assign(moved)
@@ -128,7 +123,7 @@ def _changes(node: Node, draws: xr.Dataset, moved: xr.Dataset, recorded: Recorde
         else:
             compared = [(before[0] - before[1], after[0] - after[1])]
             compared += [(before[0] / before[1], after[0] / after[1])]
-        if not any(np.allclose(first, second, rtol=_CHANGED) for first, second in compared):
+        if not any(np.allclose(first, second, rtol=SETTINGS.changed) for first, second in compared):
             return True
     return False
 
@@ -173,12 +168,12 @@ def _value_if_fixed(sides: Sequence[Node], recorded: Recorded, posterior: xr.Dat
         return None
     left, right = values[0], values[1] if len(values) > 1 else np.zeros(1)
     ratio, difference = left / right if right.all() else right, left - right
-    if all(np.ptp(side) <= _ROUNDING * np.abs(side).max() for side in (left, right)):
+    if all(np.ptp(side) <= SETTINGS.rounding * np.abs(side).max() for side in (left, right)):
         return float(left.mean())
-    if ratio.all() and np.ptp(ratio) <= _ROUNDING * np.abs(ratio).max():
+    if ratio.all() and np.ptp(ratio) <= SETTINGS.rounding * np.abs(ratio).max():
         return float(ratio.mean())
     greatest = max(np.abs(left).max(), np.abs(right).max())
-    return float(difference.mean()) if np.ptp(difference) <= _ROUNDING * greatest else None
+    return float(difference.mean()) if np.ptp(difference) <= SETTINGS.rounding * greatest else None
 
 
 def _any_parameters(recorded: Recorded, responses: Sequence[str], count: int = 5) -> xr.Dataset:
@@ -187,15 +182,14 @@ def _any_parameters(recorded: Recorded, responses: Sequence[str], count: int = 5
     drawn: dict[str, tuple[tuple[str, ...], np.ndarray]] = {}
     coords: dict[str, object] = {"chain": [0], "draw": np.arange(count)}
     for q in responses:
-        covariates, groups = recorded.at(q, [{}])
-        names = [intercept(parameter_of(q)), *(common_coefficient(name, q) for name in covariates)]
+        at = design_at(recorded, q, [{}])
+        names = [intercept(parameter_of(q)), *(common_coefficient(name, q) for name in at.covariates)]
         drawn |= {name: (("chain", "draw"), 0.3 * rng.standard_normal(shape)) for name in names}
-        for term in groups:
+        for term in at.levels:
             levels = list(grouping_of(recorded.rows, term.factors).levels)
             coords[term.grouping] = levels
             effects = 0.3 * rng.standard_normal((*shape, len(levels)))
-            name = (term.coefficient if term.slope else term.effect)(q)
-            drawn[name] = ("chain", "draw", term.grouping), effects
+            drawn[term.variable(q)] = ("chain", "draw", term.grouping), effects
             drawn[term.sd(q)] = ("chain", "draw"), rng.uniform(0.1, 0.3, shape)
     return xr.Dataset(drawn, coords)
 
@@ -208,7 +202,7 @@ def _missing_terms(sides: Sequence[Node], recorded: Recorded) -> dict[str, tuple
     usable = [name for name in dict.fromkeys([*columns, *followers]) if name in recorded.rows]
     missing: dict[str, tuple[str, str]] = {}
     for size in range(1, 1 + min(len(usable), 3)):
-        for chosen in combinations(usable[:_MOST_COLUMNS], size):
+        for chosen in combinations(usable[: SETTINGS.columns_tried], size):
             for q in dict.fromkeys(q.name for q in named if is_response(q, recorded)):
                 term = _term(chosen, recorded)
                 formula = f"{recorded.formulas[q]} + {term}"

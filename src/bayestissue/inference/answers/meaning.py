@@ -11,15 +11,16 @@ from __future__ import annotations
 import difflib
 import math
 import operator
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import reduce
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from bayestissue.hierarchy.formulas.formula import columns_named
-from bayestissue.hierarchy.levels import NEW, Condition, Recorded, log_at_levels
+from bayestissue.errors import Coded
+from bayestissue.hierarchy.levels import NEW, log_at_levels
+from bayestissue.hierarchy.recorded import Condition, Recorded
 from bayestissue.inference.answers.grammar import (
     OF_MANY,
     Level,
@@ -29,12 +30,11 @@ from bayestissue.inference.answers.grammar import (
     QuestionError,
     claims,
 )
+from bayestissue.inference.answers.settings import SETTINGS
 from bayestissue.outline import first_of
 
 _DRAWN = ("chain", "draw")
 _KEEP_UNIT = ("+", "-", "abs", *OF_MANY)
-# As many as a line can show.
-_SHOWN = 8
 
 
 def is_response(quantity: Quantity, recorded: Recorded) -> bool:
@@ -66,9 +66,33 @@ def conditions_of(quantity: Quantity, recorded: Recorded) -> list[Condition]:
     if not free:
         return [condition]
     # What the response does not depend on chooses among what was recorded.
-    moved = columns_named(recorded.formulas[quantity.name])
+    moved = recorded.response(quantity.name).terms.columns
     named = {k: v for k, v in condition.items() if v != NEW and (isinstance(v, str) or k not in moved)}
-    return [condition | {free[0]: level} for level in recorded.levels(free[0], recorded.matching(named))]
+    return [condition | {free[0]: level} for level in recorded.levels(free[0], named)]
+
+
+def beyond_notes(recorded: Recorded, condition: Condition) -> list[Coded]:
+    """Numbers beyond those that were measured: the formula is then drawn out, and the element's law.
+
+    As tables and this note print them: who asks for a velocity of 1.534 m/s means the 1.53414 measured.
+    """
+    notes = []
+    for name, value in condition.items():
+        if name in recorded.rows and recorded.is_number(name) and isinstance(value, float):
+            column = recorded.rows[name]
+            low, stated, high = (f"{x:.4g}" for x in (column.min(), value, column.max()))
+            if not float(low) <= float(stated) <= float(high):
+                notes.append(Coded(f"{name} beyond those measured, {low} to {high}", "beyond-measured"))
+    return notes
+
+
+def average_notes(recorded: Recorded, responses: Iterable[str], columns: Iterable[str]) -> list[Coded]:
+    """That responses are averaged where these columns are given; empty where nothing is."""
+    columns = tuple(columns)
+    over = dict.fromkeys(name for q in responses for name in recorded.response(q).averaged(columns))
+    if not over:
+        return []
+    return [Coded(f"averaged over {' and '.join(over)}, each level with equal weight", "averaged")]
 
 
 def unit_of(node: Node, posterior: xr.Dataset) -> str:
@@ -191,7 +215,7 @@ def _of_response(quantity: Quantity, recorded: Recorded) -> list[QuestionError]:
 
 def _of_levels(quantity: Quantity, recorded: Recorded) -> Iterator[QuestionError]:
     formula = recorded.formulas[quantity.name]
-    needed = columns_named(formula)
+    needed = recorded.response(quantity.name).terms.columns
     if lacking := [name for name in needed if name in recorded.lacking]:
         expected = f"a run that keeps the column {', '.join(lacking)}"
         yield QuestionError(quantity.position, quantity.name, expected, "Fit again with this version.")
@@ -203,7 +227,8 @@ def _of_levels(quantity: Quantity, recorded: Recorded) -> Iterator[QuestionError
         moves = {level.column, *recorded.followers(level.column)} & set(needed)
         if level.column not in recorded.rows or not (moves or free):
             usable = [str(c) for c in recorded.rows if {str(c), *recorded.followers(str(c))} & set(needed)]
-            expected = f"a column that {quantity.name} depends on here: {first_of(usable, _SHOWN) or 'none'}"
+            which = first_of(usable, SETTINGS.listed) or "none"
+            expected = f"a column that {quantity.name} depends on here: {which}"
             remedy = f'The formula is "{formula}". {_near(level.column, usable)}'
             yield QuestionError(level.position, level.column, expected, remedy)
         elif level.value is None:
@@ -237,7 +262,7 @@ def _is_number(column: str, recorded: Recorded) -> bool:
 
 
 def _strange(level: Level, levels: Sequence[str]) -> QuestionError:
-    expected = f"a level of {level.column}: {first_of(levels, _SHOWN) or 'none'}"
+    expected = f"a level of {level.column}: {first_of(levels, SETTINGS.listed) or 'none'}"
     return QuestionError(level.value_position, str(level.value), expected, _near(str(level.value), levels))
 
 

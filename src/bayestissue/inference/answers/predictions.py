@@ -25,8 +25,12 @@ from bayestissue.elements.element import GRAVITY
 from bayestissue.elements.outcomes import OUTCOMES, outcomes_of
 from bayestissue.errors import Coded, InputError, Problem, has_control_characters
 from bayestissue.hierarchy.effects import RESPONSES, intercept, parameter_of, sd_impact
-from bayestissue.hierarchy.levels import NEW, Condition, Recorded, log_at_levels
+from bayestissue.hierarchy.formulas.formula import reference_row
+from bayestissue.hierarchy.levels import NEW, log_at_levels
+from bayestissue.hierarchy.recorded import Condition, Recorded
 from bayestissue.inference.answers.finished import Finished
+from bayestissue.inference.answers.meaning import average_notes, beyond_notes
+from bayestissue.inference.answers.settings import SETTINGS
 from bayestissue.inference.checking.pooled_parameters import pooled_parameters
 from bayestissue.inference.samplers.diagnostics import ELEMENT_ALONE
 from bayestissue.inference.samplers.sampling import quantiles
@@ -49,14 +53,7 @@ NEVER = ("time_to_peak", "contact_duration")
 NO_LAW = Coded("no peaks: beside a discrepancy there is no law to simulate by", "not-simulated")
 NO_VELOCITY = Coded("no peaks: no velocity_m_s, and the run has none", "not-simulated")
 _QUANTILES = {"": 0.5, "_low": 0.05, "_high": 0.95}
-# Simulated at once, by code that is compiled for this size alone.
-_AT_ONCE = 4096
-# Simulated in all, draws evenly left out, but never so that a condition has fewer than this: 5 % quantiles of
-# so many draws have a standard error of a tenth of the standard deviation.
-_MOST, _FEWEST = 20_000, 500
 _LEVELS, _SCATTER = 1, 2
-# Of a name that was not measured to one that was, as `difflib` has likeness.
-_LIKE = 0.7
 
 
 def predict(finished: Finished, conditions: Sequence[Condition]) -> pd.DataFrame:
@@ -78,16 +75,16 @@ def predict(finished: Finished, conditions: Sequence[Condition]) -> pd.DataFrame
         name: np.exp(value.reshape(-1, len(conditions))) for name, value in zip(names, logs, strict=True)
     }
     count = len(parameters["K"])
-    step = max(1, min(-(-count * len(conditions) // _MOST), count // _FEWEST))
+    step = max(1, min(-(-count * len(conditions) // SETTINGS.simulated), count // SETTINGS.of_a_condition))
     simulated = {name: value[::step] for name, value in parameters.items()}
     values = {"K": parameters["K"], "C": parameters["C"]}
     mass, velocity, diameter = (_numbers(recorded, conditions, name) for name in _GIVEN)
     mixed = [one.note for one in pooled_parameters(finished.posterior, recorded, which)]
     notes = [
         [
-            *recorded.beyond(value),
+            *beyond_notes(recorded, value),
             *_unknown(recorded, value),
-            *recorded.average_notes(RESPONSES, value),
+            *average_notes(recorded, RESPONSES, value),
             *mixed,
         ]
         for value in conditions
@@ -142,7 +139,7 @@ def _numbers(
     recorded: Recorded, conditions: Sequence[Condition], name: str
 ) -> Float[np.ndarray, " condition"]:
     """A number of each condition, else that of the reference row, else NaN; of diameters the usual one."""
-    otherwise = recorded.reference.get(name, np.nan)
+    otherwise = reference_row(recorded.rows, recorded.reference_mass_kg).get(name, np.nan)
     if name == "diameter_m" and not np.isfinite(otherwise):
         otherwise = REFERENCE_DIAMETER_M
     return np.array([float(condition.get(name, otherwise)) for condition in conditions])
@@ -163,10 +160,10 @@ def _outcomes(
     p = parameters | {name: np.broadcast_to(flat, shape) for name, flat in arguments.items()}
     known = np.where(velocity > 0, velocity, 1.0)
     flat = [np.broadcast_to(v, shape).ravel() for v in (*p.values(), mass, known)]
-    parts = []
-    for begin in range(0, flat[0].size, _AT_ONCE):
+    parts, size = [], SETTINGS.together
+    for begin in range(0, flat[0].size, size):
         # The last part is filled up with what stands in it already.
-        *values, M, V = (jnp.asarray(np.resize(v[begin : begin + _AT_ONCE], _AT_ONCE)) for v in flat)
+        *values, M, V = (jnp.asarray(np.resize(v[begin : begin + size], size)) for v in flat)
         parts.append(outcomes_of(element(which), dict(zip(p, values, strict=True)), M, V))
     columns = {name: [getattr(part, name) for part in parts] for name in OUTCOMES}
     whole = {name: np.concatenate(column)[: flat[0].size].reshape(shape) for name, column in columns.items()}
@@ -190,7 +187,7 @@ def _new(recorded: Recorded, condition: Condition) -> list[str]:
     groups = []
     for term in recorded.terms:
         levels = {factor: complete[factor] for factor in term.factors if factor in complete}
-        if len(levels) < len(term.factors) or not len(recorded.matching(levels)):
+        if len(levels) < len(term.factors) or not recorded.matching(levels).any():
             groups.append(term.grouping)
     return list(dict.fromkeys(groups))
 
@@ -202,7 +199,7 @@ def _unknown(recorded: Recorded, condition: Condition) -> list[Coded]:
         if name not in recorded.factors or value == NEW or value in (levels := recorded.levels(name)):
             continue
         small = {level.casefold(): level for level in levels}
-        near = difflib.get_close_matches(str(value).casefold(), list(small), n=1, cutoff=_LIKE)
+        near = difflib.get_close_matches(str(value).casefold(), list(small), n=1, cutoff=SETTINGS.likeness)
         suggestion = f"; did you mean {small[near[0]]}?" if near else ""
         words = f'{name} "{value}" was not measured: a new one of the population{suggestion}'
         notes.append(Coded(words, "new-level"))
@@ -210,7 +207,6 @@ def _unknown(recorded: Recorded, condition: Condition) -> list[Coded]:
 
 
 _POSITIVE = {"mass_kg": "kg", "velocity_m_s": "m/s", "diameter_m": "m"}
-_LARGEST = 1e4
 _LABEL = "impact"
 _TABLE = "table (rows from 0)"
 
@@ -298,6 +294,6 @@ def _no_number(name: str, text: str) -> str:
     except ValueError:
         value = math.nan
     if name in _POSITIVE:
-        good = 0 < value < _LARGEST
-        return "" if good else f"a number of {_POSITIVE[name]} above 0 and below {_LARGEST:g}"
+        good = 0 < value < SETTINGS.largest
+        return "" if good else f"a number of {_POSITIVE[name]} above 0 and below {SETTINGS.largest:g}"
     return "" if math.isfinite(value) else "a number"

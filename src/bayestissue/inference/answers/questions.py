@@ -21,11 +21,13 @@ import pandas as pd
 import xarray as xr
 
 from bayestissue.errors import Coded, InputError, Problem, all_of, printable
-from bayestissue.hierarchy.levels import Recorded
+from bayestissue.hierarchy.recorded import Recorded
 from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.fixed import fixed_parts
 from bayestissue.inference.answers.grammar import ALLOWED, Node, QuestionError, claims, parse
 from bayestissue.inference.answers.meaning import (
+    average_notes,
+    beyond_notes,
     condition_of,
     draws_of,
     is_response,
@@ -33,6 +35,7 @@ from bayestissue.inference.answers.meaning import (
     quantities,
     unit_of,
 )
+from bayestissue.inference.answers.settings import SETTINGS
 from bayestissue.inference.results.meanings import MOSTLY
 from bayestissue.inference.results.summary import prior_overlap
 from bayestissue.inference.samplers.convergence import effective_size
@@ -41,8 +44,6 @@ from bayestissue.inference.samplers.sampling import quantiles
 from bayestissue.results.tables import table_of_rows
 
 FEWEST = 10
-# Of a question, on either side of a slip.
-_SHOWN = 60
 
 
 @dataclass(frozen=True)
@@ -123,8 +124,8 @@ def problem_of(slip: QuestionError, question: Question) -> Problem:
 
 def _problem(slip: QuestionError, question: Question, otherwise: str = "") -> Problem:
     """One line that says what is wrong, and under it the place."""
-    begin = max(0, slip.position - _SHOWN)
-    text = printable(question.text[begin : slip.position + _SHOWN])
+    begin = max(0, slip.position - SETTINGS.around_slip)
+    text = printable(question.text[begin : slip.position + SETTINGS.around_slip])
     before = printable(question.text[begin : slip.position])
     remedy = f"{slip.remedy or otherwise}\n    {text}\n    {' ' * len(before)}^"
     return Problem(
@@ -163,9 +164,10 @@ def _answer(finished: Finished, question: Question) -> dict[str, Any]:
 def _of_levels(recorded: Recorded, node: Node) -> list[Coded]:
     """What is to be known of the levels that a question names: averages, and numbers beyond the measured."""
     responses = [response for response in quantities(node) if is_response(response, recorded)]
-    notes = [note for response in responses for note in recorded.beyond(condition_of(response, recorded))]
+    conditions = [condition_of(response, recorded) for response in responses]
+    notes = [note for condition in conditions for note in beyond_notes(recorded, condition)]
     for response in responses:
-        notes += recorded.average_notes([response.name], [level.column for level in response.levels])
+        notes += average_notes(recorded, [response.name], [level.column for level in response.levels])
     return list(dict.fromkeys(notes))
 
 

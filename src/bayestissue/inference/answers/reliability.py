@@ -52,16 +52,14 @@ import xarray as xr
 from jaxtyping import Float
 
 from bayestissue.hierarchy.effects import intercept, parameter_of, sd_impact
-from bayestissue.hierarchy.formulas.formula import group_terms
 from bayestissue.hierarchy.formulas.group_terms import SUBJECT, TRIAL, GroupTerm, grouping_of
-from bayestissue.hierarchy.levels import Recorded
+from bayestissue.hierarchy.recorded import Recorded
+from bayestissue.inference.answers.agreement import SD_OF_95_PERCENT
 from bayestissue.inference.results.meanings import ICC, MDC, REPEATS, SEM, UNITS
 from bayestissue.inference.results.summary import prior_overlap
 from bayestissue.results.tables import table_of_rows
 
 TARGETS = (0.75, 0.9)
-# Of a normal's middle 95 %, for the difference of two measurements.
-_DETECTABLE = 1.96 * np.sqrt(2)
 _PERCENT = "%"
 
 Drawn = Float[np.ndarray, "*draw"]
@@ -113,7 +111,7 @@ def variances(
     """Those of one response; ``people`` are 0 where the formula has no effect of the person."""
     people = np.zeros((draws.sizes["chain"], draws.sizes["draw"]))
     groups: dict[str, dict[str, tuple[np.ndarray, float]]] = {"agreement": {}, "within": {}}
-    for term in group_terms(recorded.formulas.get(response, "1")):
+    for term in recorded.response(response).terms.groups:
         if term.slope:
             continue
         variance = draws[term.sd(response)].to_numpy() ** 2
@@ -185,7 +183,7 @@ def _of_response(q: str, variances: Variances, draws: xr.Dataset) -> Iterator[Co
             short = letter if one else f"{letter}k"
             if one:
                 yield from _error(q, SEM, form, f"SEM_{short}", np.sqrt(variance), typical, varies[letter])
-            detectable = _DETECTABLE * np.sqrt(variance)
+            detectable = SD_OF_95_PERCENT * np.sqrt(2 * variance)
             yield from _error(q, MDC, form, f"MDC95_{short}", detectable, typical, varies[letter])
     for short, (form, variance) in of_error.items():
         yield from _error(q, SEM, form, f"SEM_{short}", np.sqrt(variance), typical, ())

@@ -12,9 +12,9 @@ from scipy.stats import f
 from bayestissue.elements.element import Element
 from bayestissue.errors import Coded
 from bayestissue.hierarchy.effects import RESPONSES, intercept, parameter_of, sd_impact
-from bayestissue.hierarchy.formulas.formula import columns_named, group_terms
 from bayestissue.hierarchy.formulas.group_terms import GroupTerm, grouping_of, labels_of
-from bayestissue.hierarchy.levels import Condition, Recorded, log_at_levels
+from bayestissue.hierarchy.levels import log_at_levels
+from bayestissue.hierarchy.recorded import Condition, Recorded
 from bayestissue.inference.execution.kept import some_impacts
 
 
@@ -109,12 +109,12 @@ def pooled_parameters(
 
 def _lacking(recorded: Recorded, name: str) -> dict[str, tuple[str, ...]]:
     """The factors of the formulas of K and C that a parameter's lacks, by the term that it would have."""
-    columns = set(columns_named(recorded.formulas.get(name, "1")))
+    columns = set(recorded.response(name).terms.columns)
     terms: dict[tuple[str, ...], str] = {}
     for response in RESPONSES:
-        for column in recorded.categories(response):
+        for column in recorded.response(response).categories:
             terms[(column,)] = f"C({column})" if recorded.is_number(column) else column
-        for term in group_terms(recorded.formulas.get(response, "1")):
+        for term in recorded.response(response).terms.groups:
             terms.setdefault(term.factors, str(GroupTerm(term.factors)))
     return {term: factors for factors, term in terms.items() if not set(factors) <= columns}
 
@@ -129,13 +129,13 @@ def _deviations(
     step = max(1, draws.sizes["chain"] * draws.sizes["draw"] // count)
     draws = draws.isel(draw=slice(None, None, step))
     logs = np.log(theta.transpose("chain", ..., "impact").to_numpy()[:, ::step][..., rows])
-    parameter, formula = parameter_of(name), recorded.formulas.get(name)
+    parameter = parameter_of(name)
     expected = draws[intercept(parameter)].to_numpy()[..., None]
-    if formula is not None:
+    if name in recorded.formulas:
         table = recorded.rows.iloc[rows]
         labels: dict[str, np.ndarray] = {
             column: labels_of(table[column]) if column in recorded.named else table[column].to_numpy(float)
-            for column in columns_named(formula)
+            for column in recorded.response(name).terms.columns
         }
         conditions: list[Condition] = [
             {column: values[row] for column, values in labels.items()} for row in range(len(rows))

@@ -85,7 +85,7 @@ def design_attributes(design: Design) -> dict[str, dict[str, str]]:
             table |= _worded(
                 "design.covariate", effect=common_coefficient(column, q), column=column, **words_of[q]
             )
-        for name in design.recorded.named_by(q):
+        for name in design.recorded.response(q).named_by:
             of_levels = f"a typical person at the reference mass, of each {name}"
             table |= _worded("design.level", stem=stem_of(name), level=of_levels, **words_of[q])
     for term in design.terms:
@@ -114,9 +114,9 @@ def _averaged(design: Design, known: Mapping[str, dict[str, str]]) -> dict[str, 
     for q in design.responses:
         groupings = design.groupings.items()
         columns_of: dict[str, tuple[str, ...]] = {stem_of(name): group.factors for name, group in groupings}
-        columns_of |= {stem_of(name): (name,) for name in design.recorded.named_by(q)}
+        columns_of |= {stem_of(name): (name,) for name in design.recorded.response(q).named_by}
         for stem, columns in (columns_of | {"typical_person": (), "new": ()}).items():
-            over = " and ".join(design.recorded.averaged(q, columns))
+            over = " and ".join(design.recorded.response(q).averaged(columns))
             if over and (words := known.get(f"{q}_{stem}")):
                 long_name = f"{words['long_name']}, averaged over {over} with equal weight"
                 table[f"{q}_{stem}"] = {**words, "long_name": long_name, "averaged_over": over}
@@ -128,7 +128,7 @@ def design_dimensions(design: Design) -> dict[str, tuple[str, ...]]:
     dimensions: dict[str, tuple[str, ...]] = {
         f"{q}_{stem_of(name)}": (name,)
         for q in design.responses
-        for name in (*design.groupings, *design.recorded.named_by(q))
+        for name in (*design.groupings, *design.recorded.response(q).named_by)
     }
     return dimensions | {name: (grouping,) for name, grouping in effect_dimensions(design).items()}
 

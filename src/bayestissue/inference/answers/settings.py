@@ -1,0 +1,49 @@
+"""The numbers that answers are made with, each with what it was chosen by."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class AnswerSettings:
+    """How much is compared, tried, simulated and shown.
+
+    Attributes:
+        in_pairs: of so many levels each is compared with each; of more, 66 ratios and above, each with the
+            mean of all.
+        compared: of more levels or combinations, nobody goes through a table of ratios.
+        same_mass: difference of the log of masses below which two conditions have one mass. Impactors are
+            weighed to better than 1 %, and masses that are chosen differ by more.
+        rounding: of the greater side; two sides that differ by less are the same, as no parameter of a fit is
+            known so well.
+        changed: of what is compared; where parameters change by about 1, a smaller change is rounding.
+        columns_tried: of the columns of a question, the first so many are tried as terms that a formula
+            lacks: products of up to three of six are 41.
+        together: impacts that are simulated at once, by code that is compiled for this number alone.
+        simulated: impacts in all, draws evenly left out.
+        of_a_condition: draws at the least that a condition keeps of these: 5 % quantiles of so many have a
+            standard error of a tenth of the standard deviation.
+        likeness: of a name that was not measured to one that was, as `difflib` has it, from which it looks
+            like a slip.
+        largest: number of kg, m/s or m in a table of conditions; no impactor is so heavy, fast or wide.
+        listed: levels or columns in a message, as many as a line can show.
+        around_slip: characters of a question before and after a slip, together a line.
+    """
+
+    in_pairs: int = 12
+    compared: int = 400
+    same_mass: float = 0.01
+    rounding: float = 1e-9
+    changed: float = 1e-6
+    columns_tried: int = 6
+    together: int = 4096
+    simulated: int = 20_000
+    of_a_condition: int = 500
+    likeness: float = 0.7
+    largest: float = 1e4
+    listed: int = 8
+    around_slip: int = 60
+
+
+SETTINGS = AnswerSettings()
