@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from bayestissue.elements.outcomes import OUTCOMES
 from bayestissue.errors import InputError, Problem, collected
 from bayestissue.finished import read_run
 from bayestissue.fitting import resolve
@@ -202,6 +203,9 @@ def _unreadable(plan: PlanSpecification, question: Question, source: str) -> Pro
         return Problem.stated("impossible-plan.claim", source, None, f"questions.{name}", text)
     if is_claim and not is_question:
         return Problem.stated("impossible-plan.number", source, None, f"precision.{name}.of", text)
+    if any(quantity.name in OUTCOMES for quantity in quantities(node)):
+        key = f"questions.{name}" if is_question else f"precision.{name}.of"
+        return Problem.stated("impossible-plan.outcome", source, None, key, text)
     signed = isinstance(node, Quantity) and node.name.startswith(_SIGNED)
     if signed and not is_question and plan.precision[name].relative:
         return Problem.stated("impossible-plan.relative", source, None, f"precision.{name}.relative", text)

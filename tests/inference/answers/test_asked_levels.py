@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from numpy.testing import assert_allclose
 
+from bayestissue.elements import outcomes
 from bayestissue.errors import InputError
 from bayestissue.hierarchy import derived
+from bayestissue.hierarchy.levels import log_at_levels
 from bayestissue.inference.answers.contrasts import contrasts
 from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.meaning import beyond_notes
@@ -141,3 +146,76 @@ def test_what_all_impacts_of_a_level_share_goes_with_it_and_is_said() -> None:
     assert found["note"]["session", "4", "1"] == "also differs: side (right against left)"
     assert found["note"]["session", "2", "1"] == ""
     assert np.log(found["ratio"]["side", "left", "right"]) == pytest.approx(-0.3)
+
+
+G = 9.80665
+
+
+def answered(study: Finished, question: str) -> dict[str, object]:
+    (row,) = ask(study, numbered([question])).to_dict("records")
+    return row
+
+
+def K_and_C(study: Finished, **condition: str) -> list[np.ndarray]:
+    logs = (log_at_levels(study.posterior, study.recorded, q, [condition]) for q in ("K", "C"))
+    return [np.exp(log).ravel() for log in logs]
+
+
+def test_an_outcome_at_levels_is_that_of_their_K_and_C(study: Finished) -> None:
+    K, C = K_and_C(study, side="left")
+    force = outcomes("kelvin_voigt", {"K": K, "C": C}, 5.0, 2.0).peak_force
+    row = answered(study, "peak_force[side=left, mass_kg=5, velocity_m_s=2]")
+    assert_allclose([row[n] for n in ("low", "median", "high")], np.quantile(force, [0.05, 0.5, 0.95]))
+    claim = answered(study, f"peak_force[side=left, mass_kg=5, velocity_m_s=2] < {np.median(force)}")
+    assert claim["posterior"] == 0.5
+    # Without brackets: a typical person, hit by the reference mass at the mean velocity.
+    K, C = K_and_C(study)
+    reference = outcomes("kelvin_voigt", {"K": K, "C": C}, study.recorded.reference_mass_kg, 1.5).peak_depth
+    assert_allclose(answered(study, "peak_depth")["median"], np.median(reference))
+
+
+def test_a_drop_height_is_the_velocity_after_the_fall(study: Finished) -> None:
+    along = replace(study, gravity=G)
+    velocity = np.sqrt(2 * G * 0.3)
+    fallen = answered(along, "energy_absorbed[mass_kg=5, drop_height_cm=30]")
+    assert_allclose(
+        fallen["median"], answered(along, f"energy_absorbed[mass_kg=5, velocity_m_s={velocity}]")["median"]
+    )
+    with pytest.raises(InputError, match="states no gravity along the motion"):
+        ask(study, numbered(["peak_force[drop_height_cm=30]"]))
+
+
+def test_levels_are_compared_by_outcomes(study: Finished) -> None:
+    ratio = answered(study, "peak_force[side=left over right, mass_kg=1]")
+    sides = [
+        outcomes("kelvin_voigt", dict(zip("KC", K_and_C(study, side=side), strict=True)), 1.0, 1.5).peak_force
+        for side in ("left", "right")
+    ]
+    assert_allclose(ratio["median"], np.median(sides[0] / sides[1]))
+    least = answered(study, "min(peak_force[subject, mass_kg=1]) > 0")
+    assert least["posterior"] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("question", "why"),
+    [
+        ("peak_force[velocity_m_s=-1]", "a velocity above 0 m/s"),
+        ("peak_force[velocity_m_s=1, drop_height_cm=20]", "velocity_m_s alone"),
+        ("peak_force[mass_kg=heavy]", "a number after mass_kg="),
+        ("peak_force[height=30]", "a column that peak_force depends on here"),
+        ("peak_force[side=middle]", "a level of side: left, right"),
+        ("peak_forc", "Near: peak_force"),
+    ],
+)
+def test_what_an_outcome_can_not_be_asked_of(study: Finished, question: str, why: str) -> None:
+    with pytest.raises(InputError, match=why):
+        ask(study, numbered([question]))
+
+
+def test_beside_a_discrepancy_no_law_is_known(study: Finished) -> None:
+    with pytest.raises(InputError, match="beside a discrepancy there is no law"):
+        ask(replace(study, discrepancy=True), numbered(["peak_force[mass_kg=5]"]))
+
+
+def test_numbers_beyond_the_measured_are_said(study: Finished) -> None:
+    assert "velocity_m_s beyond those measured" in str(answered(study, "peak_force[velocity_m_s=9]")["note"])

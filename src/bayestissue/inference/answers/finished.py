@@ -11,6 +11,7 @@ import xarray as xr
 from bayestissue.elements.element import GRAVITY
 from bayestissue.hierarchy import SIDE_BY_SIDE
 from bayestissue.hierarchy.recorded import Recorded
+from bayestissue.inference.answers.law import Law
 from bayestissue.inference.results.meanings import element_alone
 
 GROUPS = ("posterior", "prior", "constant_data")
@@ -40,6 +41,11 @@ class Finished:
     def element_alone(self) -> bool:
         """Whether K is not the tissue's but the element's; earlier versions' runs have K_secant as K."""
         return element_alone(self.posterior)
+
+    @property
+    def law(self) -> Law | None:
+        """What outcomes at given levels follow; beside a discrepancy there is none."""
+        return None if self.discrepancy else Law(self.element, self.gravity)
 
     @classmethod
     def from_tree(cls, tree: xr.DataTree, model: Mapping[str, Any]) -> Finished:

@@ -25,11 +25,32 @@ from bayestissue.hierarchy.formulas.group_terms import (
     quoted,
 )
 from bayestissue.hierarchy.formulas.identifiability import PRECISION
-from bayestissue.hierarchy.levels import design_at
-from bayestissue.hierarchy.recorded import Recorded
+from bayestissue.hierarchy.levels import design_at, log_at_levels
+from bayestissue.hierarchy.recorded import Condition, Recorded
 from bayestissue.inference.answers.grammar import Node, Operation, QuestionError, claims
-from bayestissue.inference.answers.meaning import draws_of, is_response, quantities
+from bayestissue.inference.answers.law import Law, numbers
+from bayestissue.inference.answers.meaning import draws_of, is_response, quantities, responses_of
 from bayestissue.inference.answers.settings import SETTINGS
+
+
+class _AnyLaw(Law):
+    """In place of the law of force: a function of K, C and the motion without symmetries."""
+
+    def at_levels(
+        self, name: str, draws: xr.Dataset, recorded: Recorded, conditions: Sequence[Condition]
+    ) -> Float[np.ndarray, "chain draw condition"]:
+        """K^0.37 C^0.21 and likewise of further parameters, times mass^0.3 velocity."""
+        logs = [
+            power * log_at_levels(draws, recorded, q, conditions)
+            for q, power in zip(
+                recorded.formulas, 0.37 * 0.57 ** np.arange(len(recorded.formulas)), strict=True
+            )
+        ]
+        moved = numbers(recorded, conditions, "mass_kg") ** 0.3 * self.velocity(recorded, conditions)
+        return np.exp(sum(logs)) * moved
+
+
+_STAND_IN = _AnyLaw("", 1.0)
 
 
 def fixed_parts(node: Node, recorded: Recorded, posterior: xr.Dataset | None) -> Iterator[QuestionError]:
@@ -113,7 +134,7 @@ def _changes(node: Node, draws: xr.Dataset, moved: xr.Dataset, recorded: Recorde
     for sides in _comparisons(node):
         try:
             before, after = (
-                [draws_of(side, parameters, recorded).to_numpy() for side in sides]
+                [draws_of(side, parameters, recorded, _STAND_IN).to_numpy() for side in sides]
                 for parameters in (draws, moved)
             )
         except (KeyError, QuestionError):  # of what is no parameter, such as coefficients of reliability
@@ -157,13 +178,14 @@ def _value_if_fixed(sides: Sequence[Node], recorded: Recorded, posterior: xr.Dat
     """What is compared, if it is the same whatever the parameters are."""
     named = [quantity for side in sides for quantity in quantities(side)]
     if all(is_response(quantity, recorded) for quantity in named):
-        draws = _any_parameters(recorded, list(dict.fromkeys(quantity.name for quantity in named)))
+        responses = [q for quantity in named for q in responses_of(quantity.name, recorded)]
+        draws = _any_parameters(recorded, list(dict.fromkeys(responses)))
     elif posterior is not None and len(named) > 1:
         draws = posterior
     else:
         return None
     try:
-        values = [draws_of(side, draws, recorded).to_numpy() for side in sides]
+        values = [draws_of(side, draws, recorded, _STAND_IN).to_numpy() for side in sides]
     except QuestionError:  # a number that is none in some draws
         return None
     left, right = values[0], values[1] if len(values) > 1 else np.zeros(1)
@@ -203,7 +225,10 @@ def _missing_terms(sides: Sequence[Node], recorded: Recorded) -> dict[str, tuple
     missing: dict[str, tuple[str, str]] = {}
     for size in range(1, 1 + min(len(usable), 3)):
         for chosen in combinations(usable[: SETTINGS.columns_tried], size):
-            for q in dict.fromkeys(q.name for q in named if is_response(q, recorded)):
+            responses = [
+                q for one in named if is_response(one, recorded) for q in responses_of(one.name, recorded)
+            ]
+            for q in dict.fromkeys(responses):
                 term = _term(chosen, recorded)
                 formula = f"{recorded.formulas[q]} + {term}"
                 wider = replace(recorded, formulas={**recorded.formulas, q: formula})

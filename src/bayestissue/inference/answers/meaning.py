@@ -1,9 +1,10 @@
 """What the quantities of a question mean in a run, and what in it can't be answered.
 
 A response of the hierarchy (K, C, a further parameter with a formula) is that of an impact at the levels in
-its brackets, all else at the reference: see `bayestissue.hierarchy.levels`. Any other name is a
-variable of the posterior, its brackets choosing along its dimensions; so are K and C of a recorded impact, as
-in K[impact=7].
+its brackets, all else at the reference: see `bayestissue.hierarchy.levels`. So is an outcome, such as
+peak_force[side=left, mass_kg=1, velocity_m_s=2]: what an impact of that motion comes to on the law of force
+that was fitted, at the K and C of these levels. Any other name is a variable of the posterior, its brackets
+choosing along its dimensions; so are K, C and outcomes of a recorded impact, as in K[impact=7].
 """
 
 from __future__ import annotations
@@ -17,7 +18,9 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from jaxtyping import Float
 
+from bayestissue.elements.outcomes import OUTCOMES
 from bayestissue.errors import Coded
 from bayestissue.hierarchy.levels import NEW, log_at_levels
 from bayestissue.hierarchy.recorded import Condition, Recorded
@@ -30,16 +33,36 @@ from bayestissue.inference.answers.grammar import (
     QuestionError,
     claims,
 )
+from bayestissue.inference.answers.law import DROP_HEIGHT, MOTION, NO_LAW, Law
 from bayestissue.inference.answers.settings import SETTINGS
 from bayestissue.outline import first_of
 
 _DRAWN = ("chain", "draw")
+_ABOVE_ZERO = {
+    "mass_kg": "a mass above 0 kg",
+    "velocity_m_s": "a velocity above 0 m/s",
+    "diameter_m": "a diameter above 0 m",
+    DROP_HEIGHT: "a height above 0 cm",
+}
 _KEEP_UNIT = ("+", "-", "abs", *OF_MANY)
 
 
 def is_response(quantity: Quantity, recorded: Recorded) -> bool:
-    """Whether it is a response at given levels, and no variable of the posterior."""
-    return quantity.name in recorded.formulas and all(level.column != "impact" for level in quantity.levels)
+    """Whether it is a response, or an outcome, at given levels, and no variable of the posterior."""
+    known = quantity.name in recorded.formulas or quantity.name in OUTCOMES
+    return known and all(level.column != "impact" for level in quantity.levels)
+
+
+def responses_of(name: str, recorded: Recorded) -> tuple[str, ...]:
+    """The responses that a response, or an outcome, is made of."""
+    return tuple(recorded.formulas) if name in OUTCOMES else (name,)
+
+
+def _columns_of(name: str, recorded: Recorded) -> tuple[str, ...]:
+    """The columns that a response, or an outcome, depends on."""
+    motion = MOTION if name in OUTCOMES else ()
+    terms = (recorded.response(q).terms.columns for q in responses_of(name, recorded))
+    return tuple(dict.fromkeys([*motion, *(column for columns in terms for column in columns)]))
 
 
 def open_columns(quantity: Quantity, recorded: Recorded, posterior: xr.Dataset | None) -> list[str]:
@@ -66,7 +89,7 @@ def conditions_of(quantity: Quantity, recorded: Recorded) -> list[Condition]:
     if not free:
         return [condition]
     # What the response does not depend on chooses among what was recorded.
-    moved = recorded.response(quantity.name).terms.columns
+    moved = _columns_of(quantity.name, recorded)
     named = {k: v for k, v in condition.items() if v != NEW and (isinstance(v, str) or k not in moved)}
     return [condition | {free[0]: level} for level in recorded.levels(free[0], named)]
 
@@ -180,7 +203,7 @@ def _of_quantity(
     if posterior is None:
         return
     if quantity.name not in posterior:
-        names = list(dict.fromkeys([*recorded.formulas, *map(str, posterior.data_vars)]))
+        names = list(dict.fromkeys([*recorded.formulas, *OUTCOMES, *map(str, posterior.data_vars)]))
         near = _near(quantity.name, names)
         yield QuestionError(quantity.position, quantity.name, "a quantity of this run", near)
         return
@@ -214,8 +237,7 @@ def _of_response(quantity: Quantity, recorded: Recorded) -> list[QuestionError]:
 
 
 def _of_levels(quantity: Quantity, recorded: Recorded) -> Iterator[QuestionError]:
-    formula = recorded.formulas[quantity.name]
-    needed = recorded.response(quantity.name).terms.columns
+    needed = _columns_of(quantity.name, recorded)
     if lacking := [name for name in needed if name in recorded.lacking]:
         expected = f"a run that keeps the column {', '.join(lacking)}"
         yield QuestionError(quantity.position, quantity.name, expected, "Fit again with this version.")
@@ -223,13 +245,18 @@ def _of_levels(quantity: Quantity, recorded: Recorded) -> Iterator[QuestionError
     free = [level for level in quantity.levels if level.value is None]
     for level in free[1:]:
         yield QuestionError(level.position, level.column, "one column without a level at most")
+    given = [level for level in quantity.levels if level.column in ("velocity_m_s", DROP_HEIGHT)]
+    if quantity.name in OUTCOMES and len(given) > 1:
+        yield QuestionError(given[1].position, given[1].column, f"{given[0].column} alone")
     for level in quantity.levels:
         moves = {level.column, *recorded.followers(level.column)} & set(needed)
-        if level.column not in recorded.rows or not (moves or free):
+        known = level.column in recorded.rows or (level.column in MOTION and quantity.name in OUTCOMES)
+        if not known or not (moves or free):
             usable = [str(c) for c in recorded.rows if {str(c), *recorded.followers(str(c))} & set(needed)]
             which = first_of(usable, SETTINGS.listed) or "none"
             expected = f"a column that {quantity.name} depends on here: {which}"
-            remedy = f'The formula is "{formula}". {_near(level.column, usable)}'
+            formulas = [recorded.formulas[q] for q in responses_of(quantity.name, recorded)]
+            remedy = f'The formula is "{formulas[0]}". {_near(level.column, usable)}'
             yield QuestionError(level.position, level.column, expected, remedy)
         elif level.value is None:
             if level.column not in recorded.named:
@@ -252,13 +279,13 @@ def _of_number(level: Level) -> Iterator[QuestionError]:
         value = math.nan
     if not math.isfinite(value):
         yield QuestionError(level.value_position, str(level.value), f"a number after {level.column}=")
-    elif level.column == "mass_kg" and value <= 0:
-        yield QuestionError(level.value_position, str(level.value), "a mass above 0 kg")
+    elif level.column in _ABOVE_ZERO and value <= 0:
+        yield QuestionError(level.value_position, str(level.value), _ABOVE_ZERO[level.column])
 
 
 def _is_number(column: str, recorded: Recorded) -> bool:
     """Whether a value of this column is a number: a group's levels are names, also where they are numbers."""
-    return column in recorded.rows and column not in recorded.named
+    return column not in recorded.named and (column in recorded.rows or column in MOTION)
 
 
 def _strange(level: Level, levels: Sequence[str]) -> QuestionError:
@@ -302,30 +329,31 @@ _WHY = {
 _REDUCED: dict[str, Callable[..., Any]] = {"max": np.maximum, "min": np.minimum, "mean": operator.add}
 
 
-def draws_of(node: Node, draws: xr.Dataset, recorded: Recorded) -> xr.DataArray:
+def draws_of(node: Node, draws: xr.Dataset, recorded: Recorded, law: Law | None = None) -> xr.DataArray:
     """True or false, or a number, in each draw: [chain, draw].
 
     Args:
         node: a question without mistakes: see `bayestissue.inference.answers.meaning.mistakes`.
         draws: the group posterior or prior.
         recorded: of the run.
+        law: what outcomes at given levels follow.
 
     Raises:
         KeyError: these draws lack a variable.
         QuestionError: a number is none in some draws, as the log of a negative one.
     """
     with np.errstate(all="ignore"):
-        value = _value(node, draws, recorded)
+        value = _value(node, draws, recorded, law)
         blank = xr.zeros_like(draws[_DRAWN[0]] * draws[_DRAWN[1]])
         return (value | blank.astype(bool)) if claims(node) else value + blank
 
 
-def _value(node: Node, draws: xr.Dataset, recorded: Recorded) -> xr.DataArray:
+def _value(node: Node, draws: xr.Dataset, recorded: Recorded, law: Law | None) -> xr.DataArray:
     if isinstance(node, Number):
         return xr.DataArray(node.value)
     if isinstance(node, Quantity):
-        return _quantity_draws(node, draws, recorded)
-    values = [_value(operand, draws, recorded) for operand in node.operands]
+        return _quantity_draws(node, draws, recorded, law)
+    values = [_value(operand, draws, recorded, law) for operand in node.operands]
     value = _over_levels(node.symbol, values) if node.symbol in OF_MANY else _OPERATORS[node.symbol](*values)
     if not node.claims and (wrong := int((~np.isfinite(value)).sum())):
         what = "no number" if np.isnan(value).any() else "too large a number"
@@ -344,10 +372,15 @@ def _over_levels(symbol: str, values: list[xr.DataArray]) -> xr.DataArray:
     return reduce(_REDUCED[symbol], reduced) / len(reduced)
 
 
-def _quantity_draws(quantity: Quantity, draws: xr.Dataset, recorded: Recorded) -> xr.DataArray:
+def _quantity_draws(
+    quantity: Quantity, draws: xr.Dataset, recorded: Recorded, law: Law | None
+) -> xr.DataArray:
     if is_response(quantity, recorded):
         conditions = conditions_of(quantity, recorded)
-        values = np.exp(log_at_levels(draws, recorded, quantity.name, conditions))
+        if quantity.name in OUTCOMES:
+            values = _outcome_draws(quantity, draws, recorded, law, conditions)
+        else:
+            values = np.exp(log_at_levels(draws, recorded, quantity.name, conditions))
         free = open_columns(quantity, recorded, draws)
         coords = {name: draws[name].to_numpy() for name in _DRAWN}
         if not free:
@@ -360,3 +393,20 @@ def _quantity_draws(quantity: Quantity, draws: xr.Dataset, recorded: Recorded) -
             labels = array[level.column].astype(str).to_numpy().tolist()
             array = array.isel({level.column: labels.index(level.value)})
     return array.reset_coords(drop=True)
+
+
+def _outcome_draws(
+    quantity: Quantity,
+    draws: xr.Dataset,
+    recorded: Recorded,
+    law: Law | None,
+    conditions: Sequence[Condition],
+) -> Float[np.ndarray, "chain draw condition"]:
+    if law is None:
+        raise QuestionError(quantity.position, quantity.name, "a run with a law of force", str(NO_LAW))
+    if any(DROP_HEIGHT in condition for condition in conditions) and not law.gravity:
+        expected = "velocity_m_s=number, since this dataset states no gravity along the motion"
+        raise QuestionError(quantity.position, DROP_HEIGHT, expected)
+    if not (law.velocity(recorded, conditions) > 0).all():
+        raise QuestionError(quantity.position, quantity.name, "velocity_m_s=number in its brackets")
+    return law.at_levels(quantity.name, draws, recorded, conditions)

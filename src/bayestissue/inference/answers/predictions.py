@@ -14,21 +14,18 @@ import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 from jaxtyping import Float
 
 from bayestissue.dataset.cells import cells_of, read_cells
-from bayestissue.elements import REFERENCE_DIAMETER_M, element
-from bayestissue.elements.element import GRAVITY
-from bayestissue.elements.outcomes import OUTCOMES, outcomes_of
+from bayestissue.elements import element
 from bayestissue.errors import Coded, InputError, Problem, has_control_characters
 from bayestissue.hierarchy.effects import RESPONSES, intercept, parameter_of, sd_impact
-from bayestissue.hierarchy.formulas.formula import reference_row
 from bayestissue.hierarchy.levels import NEW, log_at_levels
 from bayestissue.hierarchy.recorded import Condition, Recorded
 from bayestissue.inference.answers.finished import Finished
+from bayestissue.inference.answers.law import NO_LAW, numbers
 from bayestissue.inference.answers.meaning import average_notes, beyond_notes
 from bayestissue.inference.answers.settings import SETTINGS
 from bayestissue.inference.checking.pooled_parameters import pooled_parameters
@@ -50,7 +47,6 @@ QUANTITIES = {
 }
 # What may never happen, on a tissue that is never left.
 NEVER = ("time_to_peak", "contact_duration")
-NO_LAW = Coded("no peaks: beside a discrepancy there is no law to simulate by", "not-simulated")
 NO_VELOCITY = Coded("no peaks: no velocity_m_s, and the run has none", "not-simulated")
 _QUANTILES = {"": 0.5, "_low": 0.05, "_high": 0.95}
 _LEVELS, _SCATTER = 1, 2
@@ -78,7 +74,7 @@ def predict(finished: Finished, conditions: Sequence[Condition]) -> pd.DataFrame
     step = max(1, min(-(-count * len(conditions) // SETTINGS.simulated), count // SETTINGS.of_a_condition))
     simulated = {name: value[::step] for name, value in parameters.items()}
     values = {"K": parameters["K"], "C": parameters["C"]}
-    mass, velocity, diameter = (_numbers(recorded, conditions, name) for name in _GIVEN)
+    mass, velocity, diameter = (numbers(recorded, conditions, name) for name in _GIVEN)
     mixed = [one.note for one in pooled_parameters(finished.posterior, recorded, which)]
     notes = [
         [
@@ -89,14 +85,11 @@ def predict(finished: Finished, conditions: Sequence[Condition]) -> pd.DataFrame
         ]
         for value in conditions
     ]
-    if finished.discrepancy:
+    if finished.law is None:
         alone = [ELEMENT_ALONE] * finished.element_alone
         notes = [[*value, *alone, NO_LAW] for value in notes]
     else:
-        arguments = {"diameter_m": diameter}
-        if finished.gravity:
-            arguments[GRAVITY] = np.full(len(conditions), finished.gravity)
-        values |= _outcomes(finished.element, simulated, mass, velocity, arguments)
+        values |= finished.law.outcomes(simulated, mass, velocity, diameter)
         notes = [[*n, *([] if v > 0 else [NO_VELOCITY])] for n, v in zip(notes, velocity, strict=True)]
     return pd.DataFrame(
         [
@@ -133,41 +126,6 @@ def _parameters(
             log = draws[intercept(parameter)].to_numpy()[..., None] + np.zeros(shape)
         logs.append(log + draws[sd_impact(parameter)].to_numpy()[..., None] * noise)
     return logs
-
-
-def _numbers(
-    recorded: Recorded, conditions: Sequence[Condition], name: str
-) -> Float[np.ndarray, " condition"]:
-    """A number of each condition, else that of the reference row, else NaN; of diameters the usual one."""
-    otherwise = reference_row(recorded.rows, recorded.reference_mass_kg).get(name, np.nan)
-    if name == "diameter_m" and not np.isfinite(otherwise):
-        otherwise = REFERENCE_DIAMETER_M
-    return np.array([float(condition.get(name, otherwise)) for condition in conditions])
-
-
-def _outcomes(
-    which: str,
-    parameters: dict[str, Float[np.ndarray, "draw condition"]],
-    mass: Float[np.ndarray, " condition"],
-    velocity: Float[np.ndarray, " condition"],
-    arguments: dict[str, Float[np.ndarray, " condition"]],
-) -> dict[str, Float[np.ndarray, "draw condition"]]:
-    """Each outcome in every draw and condition; NaN where there is no velocity.
-
-    ``arguments`` are what the element's functions take beside its parameters.
-    """
-    shape = parameters["K"].shape
-    p = parameters | {name: np.broadcast_to(flat, shape) for name, flat in arguments.items()}
-    known = np.where(velocity > 0, velocity, 1.0)
-    flat = [np.broadcast_to(v, shape).ravel() for v in (*p.values(), mass, known)]
-    parts, size = [], SETTINGS.together
-    for begin in range(0, flat[0].size, size):
-        # The last part is filled up with what stands in it already.
-        *values, M, V = (jnp.asarray(np.resize(v[begin : begin + size], size)) for v in flat)
-        parts.append(outcomes_of(element(which), dict(zip(p, values, strict=True)), M, V))
-    columns = {name: [getattr(part, name) for part in parts] for name in OUTCOMES}
-    whole = {name: np.concatenate(column)[: flat[0].size].reshape(shape) for name, column in columns.items()}
-    return {name: np.where(velocity > 0, values, np.nan) for name, values in whole.items()}
 
 
 def _summary(values: dict[str, Float[np.ndarray, " draw"]]) -> dict[str, float]:

@@ -33,6 +33,7 @@ from bayestissue.inference.answers.meaning import (
     is_response,
     mistakes,
     quantities,
+    responses_of,
     unit_of,
 )
 from bayestissue.inference.answers.settings import SETTINGS
@@ -141,7 +142,7 @@ def _problem(slip: QuestionError, question: Question, otherwise: str = "") -> Pr
 def _answer(finished: Finished, question: Question) -> dict[str, Any]:
     node = _read(question, finished.recorded, finished.posterior)
     try:
-        posterior = draws_of(node, finished.posterior, finished.recorded)
+        posterior = draws_of(node, finished.posterior, finished.recorded, finished.law)
     except QuestionError as slip:
         raise InputError(_problem(slip, question)) from None
     prior, note = _prior(finished, node)
@@ -167,7 +168,8 @@ def _of_levels(recorded: Recorded, node: Node) -> list[Coded]:
     conditions = [condition_of(response, recorded) for response in responses]
     notes = [note for condition in conditions for note in beyond_notes(recorded, condition)]
     for response in responses:
-        notes += average_notes(recorded, [response.name], [level.column for level in response.levels])
+        columns = [level.column for level in response.levels]
+        notes += average_notes(recorded, responses_of(response.name, recorded), columns)
     return list(dict.fromkeys(notes))
 
 
@@ -176,7 +178,7 @@ def _prior(finished: Finished, node: Node) -> tuple[xr.DataArray | None, str]:
     if finished.prior is None:
         return None, Coded("no prior: this run has no draws of it", "no-prior")
     try:
-        return draws_of(node, finished.prior, finished.recorded), ""
+        return draws_of(node, finished.prior, finished.recorded, finished.law), ""
     except KeyError:
         known = {str(name) for name in finished.prior.data_vars}
         lacking = [q.name for q in quantities(node) if q.name not in (*known, *finished.recorded.formulas)]
