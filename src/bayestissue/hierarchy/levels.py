@@ -117,11 +117,14 @@ def design_at(recorded: Recorded, response: str, conditions: Sequence[Condition]
         rows[column] = rows[column].astype(float if recorded.is_number(column) else str)
     counts = np.array([len(part) for part in averaged])
     first = np.cumsum(counts) - counts
-    # A formula is linear in its columns, so that their mean is that of log q.
-    covariates, multipliers = (
-        {name: np.add.reduceat(values, first) / counts for name, values in columns.items()}
-        for columns in formula.evaluated.at(rows)
-    )
+    columns, of_groups = formula.evaluated.at(rows)
+
+    def mean(values: Float[np.ndarray, " row"]) -> Float[np.ndarray, " condition"]:
+        """A formula is linear in its columns, so that their mean is that of log q."""
+        return np.add.reduceat(values, first) / counts
+
+    covariates = {name: mean(values) for name, values in columns.items()}
+    multipliers = {term: mean(values) for term, values in of_groups.items()}
     levels = {
         term: [_levels(formula, term, *pair) for pair in zip(complete, averaged, strict=True)]
         for term in multipliers

@@ -167,9 +167,9 @@ class Recorded:
         columns = {name: self.labels(name)[first] for name in grouping.factors}
         if grouping.factors == ("trial",):
             chosen = [name for name in _CHOSEN if name in self.rows and name != "trial"]
-            means = np.exp(np.log(self.rows[chosen]).groupby(grouping.code).mean())
+            means = self.rows[chosen].apply(np.log).groupby(grouping.code).mean().apply(np.exp)
             columns |= {name: means[name].to_numpy() for name in chosen}
-        return pd.DataFrame(columns, dtype=object).to_dict("records")
+        return [dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)]
 
     @cached_property
     def _labels(self) -> dict[str, np.ndarray]:

@@ -168,7 +168,7 @@ class Truths:
         cls, model: PlannedModel, design: Design, values: Mapping[str, Float[np.ndarray, " study"]]
     ) -> Truths:
         """Of hyperparameters and coefficients by name, the latter in their covariates' own units."""
-        fixed = {}
+        fixed: dict[str, np.ndarray] = {}
         for part in design.responses.values():
             q = part.response
             names = [intercept(part.parameter), *[f"mass_exponent_{q}"] * (part.log_mass is not None)]
