@@ -166,6 +166,7 @@ def test_an_outcome_at_levels_is_that_of_their_K_and_C(study: Finished) -> None:
     force = outcomes("kelvin_voigt", {"K": K, "C": C}, 5.0, 2.0).peak_force
     row = answered(study, "peak_force[side=left, mass_kg=5, velocity_m_s=2]")
     assert_allclose([row[n] for n in ("low", "median", "high")], np.quantile(force, [0.05, 0.5, 0.95]))
+    assert row["unit"] == "N"
     claim = answered(study, f"peak_force[side=left, mass_kg=5, velocity_m_s=2] < {np.median(force)}")
     assert claim["posterior"] == 0.5
     # Without brackets: a typical person, hit by the reference mass at the mean velocity.

@@ -35,6 +35,7 @@ from bayestissue.inference.answers.grammar import (
 )
 from bayestissue.inference.answers.law import DROP_HEIGHT, MOTION, NO_LAW, Law
 from bayestissue.inference.answers.settings import SETTINGS
+from bayestissue.inference.results.labels import element_attributes
 from bayestissue.outline import first_of
 
 _DRAWN = ("chain", "draw")
@@ -124,7 +125,10 @@ def unit_of(node: Node, posterior: xr.Dataset) -> str:
     Of K / 1000 the unit can't be known: the number may stand for a change of unit.
     """
     if isinstance(node, Quantity):
-        unit = posterior[node.name].attrs.get("unit", "1") if node.name in posterior else "1"
+        known = (
+            posterior[node.name].attrs if node.name in posterior else element_attributes().get(node.name, {})
+        )
+        unit = known.get("unit", "1")
         return "" if unit == "1" else str(unit)
     if isinstance(node, Number) or node.symbol not in _KEEP_UNIT:
         return ""
