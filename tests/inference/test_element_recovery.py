@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from bayestissue import resources
-from bayestissue.elements import element
+from bayestissue.elements import element, outcomes
 from bayestissue.elements.element import REFERENCE_DIAMETER_M
+from bayestissue.elements.outcomes import OUTCOMES
 from bayestissue.errors import InputError
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler, read_specification
 from bayestissue.hierarchy.trace_data import Prepared, prepare, with_discrepancy
@@ -112,6 +113,10 @@ def test_fit_holds_the_truth(name: str) -> None:
         "K_secant": made.truth["K_secant_N_per_m"].to_numpy(),
         "energy_lost": made.truth["energy_lost"].to_numpy(),
     }
+    comes = outcomes(
+        name, truths(name, made), *(made.truth[c].to_numpy() for c in ("mass_kg", "velocity_m_s"))
+    )
+    true |= {outcome: np.asarray(getattr(comes, outcome)) for outcome in OUTCOMES}
     for variable, values in true.items():
         low, high = posterior[variable].quantile([0.01, 0.99], ("chain", "draw")).to_numpy()
         # Of twelve 98 % intervals, dependent through the people: three misses are a thousandth's chance.
