@@ -19,7 +19,6 @@ from bayestissue.commands import explain
 from bayestissue.errors import Coded, InputError, Problem, more
 from bayestissue.inference.samplers.diagnostics import warned_codes, warnings
 from bayestissue.remedies import codes_in, entries, messages
-from bayestissue.report.fit.sentences import SENTENCES
 
 SOURCE = Path(bayestissue.__file__).parent
 ROOT = SOURCE.parents[1]
@@ -129,9 +128,6 @@ def _texts(node: ast.expr, tree: ast.Module) -> list[str]:
         return [str(node.value)]
     if isinstance(node, ast.JoinedStr):
         return ["".join(str(each.value) if isinstance(each, ast.Constant) else "0" for each in node.values)]
-    if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "said":
-        group, _, which = ast.literal_eval(node.args[0]).partition(".")
-        return [SENTENCES[group][which]]
     assigned = [each for each in ast.walk(tree) if isinstance(each, ast.Assign)]
     name = getattr(node, "id", None)
     return [
