@@ -83,7 +83,7 @@ def test_what_goes_on_is_the_longer_run(people, monkeypatch, tmp_path: Path):
     end = ChainEnd.read(tmp_path / "chain.npz")
     second = chain_draws(prepared(K, PEOPLE), end, rest, 1, settings=SHORT)
     count = second.y.shape[1]
-    assert count == 20 * (7 - 7 // 2)
+    assert count == 20 * (7 - int(SHORT.dropped * 7))
     for name in ("y", "b", "log_likelihood", "u"):
         assert_array_equal(getattr(second, name), getattr(whole, name)[:, -count:])
     assert (int(second.end.segments), second.segments) == (int(whole.end.segments), 7)
