@@ -43,6 +43,7 @@ found = {each.kind.flag: each for each in inspect(data)}
 print("check", found["a peak below 1 m/s²"].said, found["a peak below 1 m/s²"].kind.flag.code)
 explain.run(["too-quiet"], as_json=False)
 
+from types import SimpleNamespace
 from bayestissue.inference.quantities.impacts import QUANTITIES
 from bayestissue.inference.results.labels import element_attributes
 out = SimpleNamespace(mass=2.0, velocity=1.5, rebound_velocity=0.5)

@@ -54,7 +54,8 @@ def sources() -> list[Path]:
     """All that people read and that may state a figure: the pages, notebooks, and the words of reports."""
     notebooks = (path for path in (ROOT / "docs").rglob("*.ipynb") if "_build" not in path.parts)
     report = ROOT / "src" / "bayestissue" / "report"
-    return [*pages(), *sorted(notebooks), *sorted(report.rglob("*.html")), *sorted(report.rglob("*.py"))]
+    read = [path for end in ("html", "py", "toml") for path in sorted(report.rglob(f"*.{end}"))]
+    return [*pages(), *sorted(notebooks), *read]
 
 
 def prose(path: Path) -> str:

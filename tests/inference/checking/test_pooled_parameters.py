@@ -11,6 +11,7 @@ from bayestissue.elements import element
 from bayestissue.hierarchy.design import Design
 from bayestissue.inference.answers import predictions
 from bayestissue.inference.answers.finished import Finished
+from bayestissue.inference.answers.law import Law
 from bayestissue.inference.checking.pooled_parameters import pooled_parameters
 from bayestissue.inference.samplers.diagnostics import headline, warned_codes, warnings
 from bayestissue.remedies import codes_in
@@ -78,11 +79,11 @@ def test_a_parameter_whose_formula_has_the_factor_is_predicted_at_its_levels(
     assert pooled_parameters(posterior, design.recorded, STIFFENING) == []
     simulated: dict[str, np.ndarray] = {}
 
-    def without_motion(_: str, parameters: dict[str, np.ndarray], *others: object) -> dict[str, np.ndarray]:
+    def without_motion(_: Law, parameters: dict[str, np.ndarray], *others: object) -> dict[str, np.ndarray]:
         simulated.update(parameters)
         return {}
 
-    monkeypatch.setattr(predictions, "_outcomes", without_motion)
+    monkeypatch.setattr(Law, "outcomes", without_motion)
     finished = Finished(posterior, None, design.recorded, "stiffening")
     table = predictions.predict(finished, [{"pad": pad, "velocity_m_s": 2.0} for pad in "ab"])
     assert not any("mixture" in note for note in table["note"])
