@@ -9,6 +9,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
+from scipy.constants import g as standard_gravity
 
 # The middle one of the thesis's three wooden balls.
 REFERENCE_DIAMETER_M = 0.0318
@@ -38,8 +39,6 @@ class Parameter:
 
 
 STIFFNESS = "K"
-# m/s^2, the unit of decelerations in g (CGPM 1901).
-STANDARD_GRAVITY = 9.80665
 # Beside an element's parameters, where it is not 0: the part of gravity along the motion [m/s^2].
 GRAVITY = "gravity_m_s2"
 DAMPING = "C"
@@ -97,7 +96,7 @@ class Outcomes(NamedTuple):
     @property
     def peak_deceleration(self) -> Float[Array, " impact"]:
         """The greatest force over mass, in units of standard gravity."""
-        return self.peak_force / (self.mass * STANDARD_GRAVITY)
+        return self.peak_force / (self.mass * standard_gravity)
 
     @property
     def restitution(self) -> Float[Array, " impact"]:

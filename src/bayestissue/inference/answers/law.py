@@ -42,15 +42,8 @@ class Law:
         self, draws: xr.Dataset, recorded: Recorded, conditions: Sequence[Condition]
     ) -> dict[str, Float[np.ndarray, "chain draw condition"]]:
         """The element's parameters at given levels: of an impact without the scatter of single ones."""
-        shape = (draws.sizes["chain"], draws.sizes["draw"], len(conditions))
-        values = {}
-        for name in (*RESPONSES, *(one.name for one in element(self.element).extra)):
-            if name in recorded.formulas:
-                log = log_at_levels(draws, recorded, name, conditions)
-            else:
-                log = draws[intercept(parameter_of(name))].to_numpy()[..., None] + np.zeros(shape)
-            values[name] = np.exp(log)
-        return values
+        names = (*RESPONSES, *(one.name for one in element(self.element).extra))
+        return {name: np.exp(parameter_log(draws, recorded, name, conditions)) for name in names}
 
     def velocity(
         self, recorded: Recorded, conditions: Sequence[Condition]
@@ -95,6 +88,24 @@ class Law:
             name: np.concatenate(column)[: flat[0].size].reshape(shape) for name, column in columns.items()
         }
         return {name: np.where(velocity > 0, values, np.nan) for name, values in whole.items()}
+
+
+def parameter_log(
+    draws: xr.Dataset,
+    recorded: Recorded,
+    name: str,
+    conditions: Sequence[Condition],
+    *,
+    new_levels: int | None = None,
+) -> Float[np.ndarray, "chain draw condition"]:
+    """The expected log of a parameter of the element in each condition, also of one without a formula.
+
+    Arguments as of `bayestissue.hierarchy.levels.log_at_levels`.
+    """
+    if name in recorded.formulas:
+        return log_at_levels(draws, recorded, name, conditions, new_levels=new_levels)
+    common = draws[intercept(parameter_of(name))].to_numpy()[..., None]
+    return np.repeat(common, len(conditions), axis=-1)
 
 
 def numbers(

@@ -249,9 +249,10 @@ def _of_levels(quantity: Quantity, recorded: Recorded) -> Iterator[QuestionError
     free = [level for level in quantity.levels if level.value is None]
     for level in free[1:]:
         yield QuestionError(level.position, level.column, "one column without a level at most")
-    given = [level for level in quantity.levels if level.column in ("velocity_m_s", DROP_HEIGHT)]
-    if quantity.name in OUTCOMES and len(given) > 1:
-        yield QuestionError(given[1].position, given[1].column, f"{given[0].column} alone")
+    velocities = [level for level in quantity.levels if level.column in ("velocity_m_s", DROP_HEIGHT)]
+    if quantity.name in OUTCOMES and len(velocities) > 1:
+        first, second, *_ = velocities
+        yield QuestionError(second.position, second.column, f"{first.column} alone")
     for level in quantity.levels:
         moves = {level.column, *recorded.followers(level.column)} & set(needed)
         known = level.column in recorded.rows or (level.column in MOTION and quantity.name in OUTCOMES)

@@ -21,11 +21,11 @@ from jaxtyping import Float
 from bayestissue.dataset.cells import cells_of, read_cells
 from bayestissue.elements import element
 from bayestissue.errors import Coded, InputError, Problem, has_control_characters
-from bayestissue.hierarchy.effects import RESPONSES, intercept, parameter_of, sd_impact
-from bayestissue.hierarchy.levels import NEW, log_at_levels
+from bayestissue.hierarchy.effects import RESPONSES, parameter_of, sd_impact
+from bayestissue.hierarchy.levels import NEW
 from bayestissue.hierarchy.recorded import Condition, Recorded
 from bayestissue.inference.answers.finished import Finished
-from bayestissue.inference.answers.law import NO_LAW, numbers
+from bayestissue.inference.answers.law import NO_LAW, numbers, parameter_log
 from bayestissue.inference.answers.meaning import average_notes, beyond_notes
 from bayestissue.inference.answers.settings import SETTINGS
 from bayestissue.inference.checking.pooled_parameters import pooled_parameters
@@ -119,12 +119,8 @@ def _parameters(
         scatter[1] = r * scatter[0] + np.sqrt(1 - r**2) * scatter[1]
     logs = []
     for name, noise in zip(names, scatter, strict=True):
-        parameter = parameter_of(name)
-        if name in finished.recorded.formulas:
-            log = log_at_levels(draws, finished.recorded, name, conditions, new_levels=_LEVELS)
-        else:
-            log = draws[intercept(parameter)].to_numpy()[..., None] + np.zeros(shape)
-        logs.append(log + draws[sd_impact(parameter)].to_numpy()[..., None] * noise)
+        log = parameter_log(draws, finished.recorded, name, conditions, new_levels=_LEVELS)
+        logs.append(log + draws[sd_impact(parameter_of(name))].to_numpy()[..., None] * noise)
     return logs
 
 

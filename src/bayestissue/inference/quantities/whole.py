@@ -79,16 +79,15 @@ def whole_impact(
     peak = depth + wait * (speed - wait * (slows / 2 + rate * wait / 6))
     later = since_middle + wait
     most, steeper = here + slope * later + bend * later**2 / 2, slope + bend * later
+    mass, time = record.mass, now + later
+    greatest = jnp.maximum(jnp.where(record.inside(), a, -jnp.inf).max(axis=1), most[:, 0])
     # One more place, so that the greatest depth is there also where the window's last sample comes before it.
     inside = jnp.arange(x.shape[1] + 1) <= last
     until = (
         jnp.where(inside, jnp.pad(values, ((0, 0), (0, 1))), end)
         for values, end in ((x, peak), (v, jnp.zeros_like(peak)), (a, most))
     )
-    whole_a = a
     x, v, a = until
-    mass, time = record.mass, now + later
-    greatest = jnp.maximum(jnp.where(record.inside(), whole_a, -jnp.inf).max(axis=1), most[:, 0])
     damping = -mass * (steeper / (most - fall))[:, 0]
     return Whole(x, v, mass[:, None] * a, peak[:, 0], time[:, 0], mass * greatest, damping)
 

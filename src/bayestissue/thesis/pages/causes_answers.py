@@ -9,6 +9,7 @@ from typing import Any
 
 import pandas as pd
 
+from bayestissue.dataset.chain import STANDARD_GRAVITY
 from bayestissue.errors import InputError
 from bayestissue.report.wording import likelihood_words, listed, number, probability, significant
 from bayestissue.results import read_tables
@@ -72,7 +73,6 @@ def read_causes_run(folder: Path, record: dict[str, Any]) -> CausesRun:
 
 
 _CONFUSED = 0.2
-_GRAVITY = 9.80665
 Row = dict[Any, Any]
 
 
@@ -231,7 +231,7 @@ def cannot_tell(run: CausesRun) -> list[str]:
             "campaigns, where few decide."
         )
     if LEVEL not in run.compared:
-        length = _GRAVITY / run.value(LEVEL)
+        length = STANDARD_GRAVITY / run.value(LEVEL)
         words.append(
             "What the size of K means: no unit was printed. Were it N/m, K/M would also be that of a pendulum"
             f" of {number(100 * length, 0)} cm swinging freely; the pendulum’s length was not printed either."
