@@ -103,9 +103,9 @@ class RunView:
         """The answers to questions, or why one is refused, as a part of the page; empty without any."""
         lines = []
         for number, question in enumerate(numbered(texts)):
-            row, problem = self._answer(question)
+            rows, problem = self._answer(question)
             others = [*texts[:number], *texts[number + 1 :]]
-            (line,) = question_lines(table_of_rows("questions", [row])) if row else [{"problem": problem}]
+            (line,) = question_lines(table_of_rows("questions", rows)) if rows else [{"problem": problem}]
             lines.append(line | {"question": question.text, "without": _address("./", others)})
         part = answered(lines, self._table(texts), _address("questions.csv", texts)) if lines else ""
         return Words(self._nouns.nouns, {*self._nouns.unchanged, *texts}).page(str(part))
@@ -113,17 +113,17 @@ class RunView:
     def _table(self, texts: Sequence[str]) -> pd.DataFrame:
         """The table that `bayestissue ask` makes, of the questions that have an answer."""
         answers = (self._answer(question) for question in numbered(texts))
-        return table_of_rows("questions", [row for row, _ in answers if row])
+        return table_of_rows("questions", [row for rows, _ in answers for row in rows])
 
-    def _answered(self, question: Question) -> tuple[dict[str, Any], str]:
-        """The row of an answer and nothing, or no row and why."""
+    def _answered(self, question: Question) -> tuple[list[dict[str, Any]], str]:
+        """The rows of an answer and nothing, or no row and why."""
         try:
             # One at a time: draws are read from the run's file.
             with self._asking:
-                (row,) = ask(self._finished, [question]).to_dict("records")
+                rows = ask(self._finished, [question]).to_dict("records")
         except InputError as error:
-            return {}, "\n".join(problem.with_code for problem in error.problems)
-        return {str(name): value for name, value in row.items()}, ""
+            return [], "\n".join(problem.with_code for problem in error.problems)
+        return [{str(name): value for name, value in row.items()} for row in rows], ""
 
     def state(self) -> dict[str, Any]:
         """What is left out or accepted, other than in the fit that is shown, and how to fit anew."""

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -17,8 +17,24 @@ if TYPE_CHECKING:
     from bayestissue.finished import Fit
     from bayestissue.words import Words
 
-_DIGITS = {"posterior": "{:.3f}", "prior": "{:.3f}", "bayes_factor": "{:.3g}", "mcse": "{:.2g}"}
-_HEADINGS = {"bayes_factor": "Bayes factor", "mcse": "Monte Carlo error"}
+_OF_CLAIMS = {"posterior": "{:.3f}", "prior": "{:.3f}", "bayes_factor": "{:.3g}", "mcse": "{:.2g}"}
+_OF_NUMBERS = {"median": "{:.4g}", "low": "{:.4g}", "high": "{:.4g}"}
+_OF_CHOICES = {
+    "posterior": "{:.3f}",
+    "rank_low": "{:g}",
+    "rank_high": "{:g}",
+    "expected_loss": "{:.3g}",
+}
+# "from" and "to" stand beside a median.
+_HEADINGS = {
+    "bayes_factor": "Bayes factor",
+    "mcse": "Monte Carlo error",
+    "low": "from",
+    "high": "to",
+    "rank_low": "best rank",
+    "rank_high": "worst rank",
+    "expected_loss": "expected loss",
+}
 
 
 def ask(
@@ -157,26 +173,32 @@ def print_answers(answers: pd.DataFrame, nouns: Words) -> None:
     from bayestissue.commands.console import explained, line, show, table
     from bayestissue.remedies import codes_in
 
-    numbers = answers["median"].notna()
-    if not numbers.all():
-        rows = [
-            [
-                row["question"],
-                *(form.format(row[k]) if pd.notna(row[k]) else "" for k, form in _DIGITS.items()),
-            ]
-            for row in answers[~numbers].to_dict("records")
-        ]
-        headings = ["claim", *(_HEADINGS.get(name, name) for name in _DIGITS)]
-        show(table("probability of each claim", headings, rows))
+    chosen = answers["level"] != ""
+    numbers = ~chosen & answers["median"].notna()
+    claims = ~chosen & ~numbers
+
+    def cells(row: Mapping[Any, Any], forms: Mapping[str, str]) -> list[str]:
+        return [form.format(row[name]) if pd.notna(row[name]) else "" for name, form in forms.items()]
+
+    def headings(forms: Mapping[str, str]) -> list[str]:
+        return [_HEADINGS.get(name, name) for name in forms]
+
+    if claims.any():
+        rows = [[row["question"], *cells(row, _OF_CLAIMS)] for row in answers[claims].to_dict("records")]
+        show(table("probability of each claim", ["claim", *headings(_OF_CLAIMS)], rows))
     if numbers.any():
         rows = [
-            [row["question"], *(f"{row[name]:.4g}" for name in ("median", "low", "high")), row["unit"],
-             f"{row['mcse']:.2g}"]
+            [row["question"], *cells(row, _OF_NUMBERS), row["unit"], f"{row['mcse']:.2g}"]
             for row in answers[numbers].to_dict("records")
-        ]  # fmt: skip
-        headings = ["quantity", "median", "from", "to", "unit", "Monte Carlo error"]
-        show(table("median and 90 % interval", headings, rows, words=("quantity", "unit")))
-    for row in answers[answers["note"] != ""].to_dict("records"):
+        ]
+        names = ["quantity", *headings(_OF_NUMBERS), "unit", _HEADINGS["mcse"]]
+        show(table("median and 90 % interval", names, rows, words=("quantity", "unit")))
+    for question, levels in answers[chosen].groupby("question", sort=False):
+        forms = _OF_NUMBERS | _OF_CHOICES
+        rows = [[row["level"], *cells(row, forms), row["unit"]] for row in levels.to_dict("records")]
+        names = ["level", *headings(_OF_NUMBERS), "is best", *headings(_OF_CHOICES)[1:], "unit"]
+        show(table(str(question), names, rows, words=("level", "unit")))
+    for row in answers[answers["note"] != ""].drop_duplicates(["question", "note"]).to_dict("records"):
         line(f"  {row['question']}: {nouns(row['note'])}")
     line(f"  {_counts(answers)}")
     explained(codes_in("; ".join(answers["note"])))

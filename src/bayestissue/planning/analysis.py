@@ -19,7 +19,7 @@ from bayestissue.hierarchy.formulas.formula import DEFAULT_FORMULA, judge
 from bayestissue.hierarchy.formulas.group_terms import quoted
 from bayestissue.hierarchy.priors import term_of_group, term_of_slope
 from bayestissue.hierarchy.specification import ModelSpecification
-from bayestissue.inference.answers.grammar import Quantity, QuestionError, claims, parse
+from bayestissue.inference.answers.grammar import Choice, Quantity, QuestionError, claims, parse
 from bayestissue.inference.answers.meaning import quantities
 from bayestissue.inference.answers.questions import Question, problem_of, require_readable
 from bayestissue.inference.answers.reliability import as_variables, coefficients, variances
@@ -201,7 +201,7 @@ def _unreadable(plan: PlanSpecification, question: Question, source: str) -> Pro
     is_question, is_claim = name in plan.questions, claims(node)
     if is_question and not is_claim:
         return Problem.stated("impossible-plan.claim", source, None, f"questions.{name}", text)
-    if is_claim and not is_question:
+    if (is_claim or isinstance(node, Choice)) and not is_question:
         return Problem.stated("impossible-plan.number", source, None, f"precision.{name}.of", text)
     if any(quantity.name in OUTCOMES for quantity in quantities(node)):
         key = f"questions.{name}" if is_question else f"precision.{name}.of"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from markupsafe import Markup
 from bayestissue.figures.intervals import intervals
 from bayestissue.figures.theme import Figure
 from bayestissue.inference.samplers.diagnostics import ELEMENT_ALONE
+from bayestissue.outline import first_of
 from bayestissue.report.page import part, render_page
 from bayestissue.report.tables import Field, Table, number_field, table_of
 from bayestissue.report.wording import (
@@ -36,13 +38,20 @@ def _range(row: Mapping[str, Any]) -> str:
     return interval(row["low"], row["high"]) if pd.notna(row["low"]) else ""
 
 
+def _ranks(row: Mapping[str, Any]) -> str:
+    return " to ".join(dict.fromkeys(f"{row[name]:g}" for name in ("rank_low", "rank_high") if row["level"]))
+
+
 _FIELDS = (
     Field("name", lambda row: row["name"].replace("_", " ")),
     Field("question", kind="words"),
+    Field("level", kind="words"),
     number_field("posterior", words=decimals(3)),
     number_field("prior", words=decimals(3)),
     number_field("Bayes factor", "bayes_factor"),
     number_field("Monte Carlo error", "mcse", digits(2)),
+    Field("rank", _ranks, "number"),
+    number_field("expected loss", "expected_loss", digits(3)),
     number_field("median", words=digits(4)),
     Field("90 % interval", _range, "number"),
     Field("unit", kind="words"),
@@ -52,22 +61,36 @@ _FIELDS = (
 
 def question_lines(answers: pd.DataFrame, most: int = FIRST) -> list[dict[str, str]]:
     """The first questions, each with its answer and what stands beside it in grey."""
-    return [_line(row) for row in _rows(answers)[:most]]
+    questions: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    for row in _rows(answers):
+        questions.setdefault((row["name"], row["question"]), []).append(row)
+    return [_line(rows) for rows in islice(questions.values(), most)]
 
 
-def _line(row: dict[str, Any]) -> dict[str, str]:
+def _line(rows: Sequence[dict[str, Any]]) -> dict[str, str]:
+    """Of a question with a row, or of a choice with one for each level."""
+    row = max(rows, key=lambda row: row["posterior"]) if len(rows) > 1 else rows[0]
     question = row["question"] if not row["name"] else f"{row['name'].replace('_', ' ')}: {row['question']}"
-    if pd.notna(row["posterior"]):
+    if row["level"]:
+        answer = f"{row['level']}, with probability {probability(row['posterior'])}"
+        others = sorted((one for one in rows if one is not row), key=lambda row: -row["posterior"])
+        chances = [f"{one['level']} {probability(one['posterior'])}" for one in others]
+        detail = f"then {first_of(chances, FIRST)}; {row['level']} has {_value(row)}"
+        detail += f" ({interval(row['low'], row['high'])})"
+    elif pd.notna(row["posterior"]):
         answer = f"probability {probability(row['posterior'])}"
         detail = f"before the data {probability(row['prior'])}" if pd.notna(row["prior"]) else row["note"]
     elif pd.notna(row["median"]):
-        answer = f"{significant(row['median'])} {row['unit']}".rstrip()
-        detail = interval(row["low"], row["high"])
+        answer, detail = _value(row), interval(row["low"], row["high"])
     else:
         answer, detail = "no answer", row["note"].removeprefix("no answer: ")
     if ELEMENT_ALONE in row["note"] and ELEMENT_ALONE not in detail:
         detail = f"{detail}; {ELEMENT_ALONE}"
     return {"question": question, "answer": answer, "beside": detail}
+
+
+def _value(row: Mapping[str, Any]) -> str:
+    return f"{significant(row['median'])} {row['unit']}".rstrip()
 
 
 def questions_table(answers: pd.DataFrame) -> Table:
@@ -76,9 +99,10 @@ def questions_table(answers: pd.DataFrame) -> Table:
 
 
 def _rows(answers: pd.DataFrame) -> list[dict[str, Any]]:
-    # Tables of older runs have no units.
-    unit = answers["unit"].fillna("") if "unit" in answers else ""
-    return answers.assign(unit=unit).to_dict("records")  # type: ignore[return-value]
+    # Tables of older runs have no units, and no choices.
+    texts = {name: answers[name].fillna("") if name in answers else "" for name in ("unit", "level")}
+    lacking = dict.fromkeys(("rank_low", "rank_high", "expected_loss"), np.nan)
+    return answers.assign(**(lacking | dict(answers.items()) | texts)).to_dict("records")  # type: ignore[return-value,arg-type]
 
 
 def answered(lines: Sequence[Mapping[str, str]], answers: pd.DataFrame, saved: str) -> Markup:

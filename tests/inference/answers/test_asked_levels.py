@@ -12,43 +12,21 @@ from numpy.testing import assert_allclose
 
 from bayestissue.elements import outcomes
 from bayestissue.errors import InputError
-from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.levels import log_at_levels
 from bayestissue.inference.answers.contrasts import contrasts
 from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.meaning import beyond_notes
 from bayestissue.inference.answers.predictions import predict, read_conditions
 from bayestissue.inference.answers.questions import ask, numbered
-from bayestissue.inference.results.labels import design_attributes, design_dimensions, labelled
 from designs import design_of, impacts
+from study_with_sides import SHAPE, study_with_sides
 
-SHAPE = (2, 400)
 FORMULA = "side + (1|subject/side)"
 
 
 @pytest.fixture(scope="module")
 def study() -> Finished:
-    """Person s0 was hit on the left alone; an age that no formula has goes with each person."""
-    rows = impacts().assign(velocity_m_s=1.5)
-    rows = rows[(rows["subject"] != "s0") | (rows["side"] == "left")].reset_index(drop=True)
-    design, rng = design_of(FORMULA, "age + side + (1|subject/side)", rows=rows), np.random.default_rng(1)
-    sites = {"residual_correlation": np.zeros(SHAPE)}
-    for q, part in design.responses.items():
-        sites |= {
-            f"intercept_{q}": 7 + 0.05 * rng.standard_normal(SHAPE),
-            f"sd_impact_{q}": np.full(SHAPE, 0.1),
-        }
-        sites[f"covariate_effect_{q}"] = 0.1 * part.scale + 0.01 * rng.standard_normal(
-            (*SHAPE, len(part.names))
-        )
-        for term in part.terms:
-            levels = len(design.groupings[term.grouping].levels)
-            sites[term.sd(q)] = np.full(SHAPE, 0.2)
-            sites[term.effect(q)] = 0.2 * rng.standard_normal((*SHAPE, levels))
-    values = derived.reported_sites(design, sites)
-    values |= derived.values_at_levels(design, values)
-    draws = labelled(values, design_dimensions(design), design.levels(), attributes=design_attributes(design))
-    return Finished(draws, None, design.recorded)
+    return study_with_sides(FORMULA)
 
 
 def test_what_the_response_does_not_depend_on_chooses_among_the_recorded(study: Finished) -> None:

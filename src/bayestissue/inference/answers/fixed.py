@@ -27,9 +27,15 @@ from bayestissue.hierarchy.formulas.group_terms import (
 from bayestissue.hierarchy.formulas.identifiability import PRECISION
 from bayestissue.hierarchy.levels import design_at, log_at_levels
 from bayestissue.hierarchy.recorded import Condition, Recorded
-from bayestissue.inference.answers.grammar import Node, Operation, QuestionError, claims
+from bayestissue.inference.answers.grammar import Choice, Critical, Node, Operation, QuestionError, claims
 from bayestissue.inference.answers.law import Law, numbers
-from bayestissue.inference.answers.meaning import draws_of, is_response, quantities, responses_of
+from bayestissue.inference.answers.meaning import (
+    alternatives,
+    draws_of,
+    is_response,
+    quantities,
+    responses_of,
+)
 from bayestissue.inference.answers.settings import SETTINGS
 
 
@@ -61,7 +67,13 @@ def fixed_parts(node: Node, recorded: Recorded, posterior: xr.Dataset | None) ->
         recorded: of the run.
         posterior: its draws; None before they are made, when only responses can be judged.
     """
-    for sides in _comparisons(node):
+    node = _without_search(node)
+    compared = list(_comparisons(node))
+    if isinstance(node, Choice) and compared:
+        levels = tuple(alternatives(node, recorded, posterior).values())
+        ends = (Operation(end, levels, node.position, node.depth + 1) for end in ("max", "min"))
+        compared = [tuple(ends)]
+    for sides in compared:
         value = _value_if_fixed(sides, recorded, posterior)
         if value is None:
             continue
@@ -147,6 +159,15 @@ def _changes(node: Node, draws: xr.Dataset, moved: xr.Dataset, recorded: Recorde
         if not any(np.allclose(first, second, rtol=SETTINGS.changed) for first, second in compared):
             return True
     return False
+
+
+def _without_search(node: Node) -> Node:
+    """With the difference of a claim's sides in place of where it ends to hold: one moves as the other."""
+    if not isinstance(node, Operation):
+        return node
+    if isinstance(node, Critical):
+        node = replace(node.claim, symbol="-")
+    return replace(node, operands=tuple(map(_without_search, node.operands)))
 
 
 def _comparisons(node: Node) -> Iterator[tuple[Node, ...]]:

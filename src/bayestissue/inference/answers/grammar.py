@@ -9,6 +9,11 @@ ratios, an interaction:
         = (K[session=after, group=treated] / K[session=before, group=treated])
         / (K[session=after, group=control] / K[session=before, group=control])
 
+The levels of a column are compared with one another by "best", and where a claim ends to hold is "critical":
+
+    best(pad, lowest peak_force[mass_kg=5, drop_height_cm=30])
+    critical(drop_height_cm, peak_force[pad=A, mass_kg=5] < 1500)
+
 Parsed by Lark as LALR(1), in time proportional to the text and without recursion, so that no text is slow or
 deep; what a tree may be is limited besides. `bayestissue.inference.answers.meaning` works off the tree.
 """
@@ -19,7 +24,7 @@ import math
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from bayestissue.hierarchy.formulas.group_terms import as_name
 from bayestissue.outline import short
@@ -33,14 +38,18 @@ DEEPEST = 40
 MOST_OVER = 4
 OF_ONE = ("abs", "exp", "log")
 OF_MANY = ("max", "mean", "min")
-CLAIMS = ("<", "<=", ">", ">=", "and", "between", "not", "or")
+COMPARISONS = ("<", "<=", ">", ">=")
+CLAIMS = (*COMPARISONS, "and", "between", "not", "or")
+CRITICAL = "critical"
 ALLOWED = (
     "numbers, quantities such as K, K[subject=s01] or K[side=left over right], + - * / ^ ( ), "
-    f"{', '.join((*OF_ONE, *OF_MANY))}, < <= > >=, between, and, or, not"
+    f"{', '.join((*OF_ONE, *OF_MANY))}, < <= > >=, between, and, or, not, critical(drop_height_cm, claim); "
+    "by itself best(side, highest K)"
 )
 
 _GRAMMAR = r"""
-?start: either
+?start: either | choice
+choice: BEST "(" (NAME | QUOTED) "," EXTREME sum ")"
 ?either: both | either OR both -> operation
 ?both: negation | both AND negation -> operation
 ?negation: claim | NOT negation -> prefixed
@@ -53,6 +62,8 @@ _GRAMMAR = r"""
 quantity: NAME ["[" level ("," level)* "]"]
 level: (NAME | QUOTED) ["=" (VALUE | QUOTED) [OVER (VALUE | QUOTED)]]
 
+BEST: "best"
+EXTREME: "lowest" | "highest"
 OVER: "over"
 OR: "or"
 AND: "and"
@@ -81,6 +92,8 @@ _WORDS = {
     "AND": "and",
     "OR": "or",
     "OVER": "over",
+    "BEST": "best(",
+    "EXTREME": "lowest or highest",
     "NOT": "not",
     "LPAR": "(",
     "RPAR": ")",
@@ -146,6 +159,27 @@ class Operation:
     def claims(self) -> bool:
         """Whether it is true or false."""
         return self.symbol in CLAIMS
+
+
+@dataclass(frozen=True)
+class Critical(Operation):
+    """The greatest value of a column of the motion up to which a claim, the one operand, holds."""
+
+    column: str
+
+    @property
+    def claim(self) -> Operation:
+        """The one operand."""
+        (claim,) = self.operands
+        return cast(Operation, claim)
+
+
+@dataclass(frozen=True)
+class Choice(Operation):
+    """Which level of a column has the lowest, or highest, value of the one operand."""
+
+    column: str
+    lowest: bool
 
 
 Node = Number | Quantity | Operation
@@ -253,10 +287,28 @@ class _Maker:
         sides = [self._over(name, [*levels[:last], (one,), *levels[last + 1 :]]) for one in levels[last]]
         return _made("/", sides, levels[last][1].value_position, claim=False)
 
+    def choice(self, parts: list[Any]) -> Node:
+        token, column, extreme, operand = parts
+        made = _made(str(token), [operand], token.start_pos, claim=False)
+        name, lowest = as_name(_unquoted(column)), extreme == "lowest"
+        return Choice("best", made.operands, column.start_pos, made.depth, name, lowest)
+
+    def _critical(self, name: Any, arguments: list[Any]) -> Node:
+        if len(arguments) != 2 or not isinstance(arguments[0], Quantity) or arguments[0].levels:
+            expected = "a column of the motion and a claim, as critical(drop_height_cm, peak_force < 1500)"
+            raise QuestionError(name.start_pos, str(name), expected)
+        column, claim = arguments
+        if not isinstance(claim, Operation) or claim.symbol not in COMPARISONS:
+            expected = f"one of {' '.join(COMPARISONS)} between two numbers"
+            raise QuestionError(claim.position, "no single comparison", expected)
+        return Critical(CRITICAL, (claim,), column.position, claim.depth + 1, column.name)
+
     def call(self, parts: list[Any]) -> Node:
         name, *arguments = parts
+        if name == CRITICAL:
+            return self._critical(name, arguments)
         if name not in (*OF_ONE, *OF_MANY):
-            expected = f"one of {', '.join((*OF_ONE, *OF_MANY))} before ("
+            expected = f"one of {', '.join((*OF_ONE, *OF_MANY, CRITICAL))} before ("
             raise QuestionError(name.start_pos, str(name), expected)
         if name in OF_ONE and len(arguments) > 1:
             raise QuestionError(name.start_pos, f"{len(arguments)} numbers in {name}()", "one")

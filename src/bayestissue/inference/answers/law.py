@@ -33,10 +33,12 @@ class Law:
     Attributes:
         element: its name.
         gravity: [m/s^2]; 0 where there is none.
+        velocity_m_s: that every impact has instead of the one of its condition, one for all or each draw's.
     """
 
     element: str
     gravity: float
+    velocity_m_s: Float[np.ndarray, "*draw"] | None = None
 
     def parameters(
         self, draws: xr.Dataset, recorded: Recorded, conditions: Sequence[Condition]
@@ -47,8 +49,10 @@ class Law:
 
     def velocity(
         self, recorded: Recorded, conditions: Sequence[Condition]
-    ) -> Float[np.ndarray, " condition"]:
+    ) -> Float[np.ndarray, "*draw condition"]:
         """V at contact [m/s]: (2 g h)^1/2 after a drop from h, else as given, else that of the reference."""
+        if self.velocity_m_s is not None:
+            return np.repeat(self.velocity_m_s[..., None], len(conditions), axis=-1)
         height = numbers(recorded, [{DROP_HEIGHT: np.nan} | dict(one) for one in conditions], DROP_HEIGHT)
         fallen = np.sqrt(2 * self.gravity * height / 100)
         return np.where(np.isfinite(height), fallen, numbers(recorded, conditions, "velocity_m_s"))
@@ -61,13 +65,14 @@ class Law:
         shape = p["K"].shape
         flat = {one: values.reshape(-1, shape[-1]) for one, values in p.items()}
         mass, diameter = (numbers(recorded, conditions, one) for one in ("mass_kg", "diameter_m"))
-        return self.outcomes(flat, mass, self.velocity(recorded, conditions), diameter)[name].reshape(shape)
+        velocity = np.broadcast_to(self.velocity(recorded, conditions), shape).reshape(-1, shape[-1])
+        return self.outcomes(flat, mass, velocity, diameter)[name].reshape(shape)
 
     def outcomes(
         self,
         parameters: dict[str, Float[np.ndarray, "draw condition"]],
         mass: Float[np.ndarray, " condition"],
-        velocity: Float[np.ndarray, " condition"],
+        velocity: Float[np.ndarray, "*draw condition"],
         diameter: Float[np.ndarray, " condition"],
     ) -> dict[str, Float[np.ndarray, "draw condition"]]:
         """Each outcome in every draw and condition; NaN where there is no velocity."""

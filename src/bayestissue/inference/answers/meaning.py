@@ -13,6 +13,7 @@ import difflib
 import math
 import operator
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from functools import reduce
 from typing import Any
 
@@ -24,8 +25,11 @@ from bayestissue.elements.outcomes import OUTCOMES
 from bayestissue.errors import Coded
 from bayestissue.hierarchy.levels import NEW, log_at_levels
 from bayestissue.hierarchy.recorded import Condition, Recorded
+from bayestissue.inference.answers.critical import ALONG, critical_motion
 from bayestissue.inference.answers.grammar import (
     OF_MANY,
+    Choice,
+    Critical,
     Level,
     Node,
     Number,
@@ -130,7 +134,9 @@ def unit_of(node: Node, posterior: xr.Dataset) -> str:
         )
         unit = known.get("unit", "1")
         return "" if unit == "1" else str(unit)
-    if isinstance(node, Number) or node.symbol not in _KEEP_UNIT:
+    if isinstance(node, Critical):
+        return ALONG[node.column]
+    if isinstance(node, Number) or not (isinstance(node, Choice) or node.symbol in _KEEP_UNIT):
         return ""
     units = {unit_of(operand, posterior) for operand in node.operands}
     return units.pop() if len(units) == 1 else ""
@@ -158,9 +164,15 @@ def mistakes(
                 node.position, f"{node.name} of every {free[0]}", expected, f"Such as {_such(node, free[0])}."
             )
         return
+    if isinstance(node, Critical):
+        yield from _of_critical(node, recorded)
+    if isinstance(node, Choice):
+        yield from _of_choice(node, recorded, posterior)
+        return
     many = node.symbol in OF_MANY
+    within = (within or many) and not isinstance(node, Critical)
     for operand in node.operands:
-        yield from mistakes(operand, recorded, posterior, within=within or many)
+        yield from mistakes(operand, recorded, posterior, within=within)
     if many and posterior is not None:
         yield from _of_several(node.operands, recorded, posterior, node.position, node.symbol)
 
@@ -172,6 +184,76 @@ def quantities(node: Node) -> Iterator[Quantity]:
     elif not isinstance(node, Number):
         for operand in node.operands:
             yield from quantities(operand)
+
+
+def at_level(node: Node, column: str, value: str | None, position: int) -> Node:
+    """A question in which every quantity that does not name a column has this level of it.
+
+    Args:
+        node: the question.
+        column: which.
+        value: the level; None for all of them.
+        position: what messages point at.
+    """
+    if isinstance(node, Quantity):
+        if any(level.column == column for level in node.levels):
+            return node
+        return replace(node, levels=(*node.levels, Level(column, value, position, position)))
+    if isinstance(node, Number):
+        return node
+    return replace(node, operands=tuple(at_level(one, column, value, position) for one in node.operands))
+
+
+def alternatives(node: Choice, recorded: Recorded, posterior: xr.Dataset | None) -> dict[str, Node]:
+    """What a choice compares: each level of its column, and the operand there."""
+    (operand,) = node.operands
+    first = next(quantities(at_level(operand, node.column, None, node.position)))
+    if is_response(first, recorded):
+        labels = [str(condition[node.column]) for condition in conditions_of(first, recorded)]
+    else:
+        labels = [] if posterior is None else posterior[node.column].astype(str).to_numpy().tolist()
+    return {label: at_level(operand, node.column, label, node.position) for label in labels}
+
+
+def _of_choice(node: Choice, recorded: Recorded, posterior: xr.Dataset | None) -> Iterator[QuestionError]:
+    """What can't be answered in a choice: as of all its levels, of which there must be two."""
+    (operand,) = node.operands
+    if not any(True for _ in quantities(operand)):
+        yield QuestionError(operand.position, "a number", "a quantity that levels may differ in")
+        return
+    of_all = at_level(operand, node.column, None, node.position)
+    if all(quantity in set(quantities(of_all)) for quantity in quantities(operand)):
+        yield QuestionError(
+            operand.position, "one number for all", f"a quantity of which levels of {node.column} may differ"
+        )
+        return
+    errors = list(mistakes(of_all, recorded, posterior, within=True))
+    if not errors and posterior is not None:
+        errors = list(_of_several([of_all], recorded, posterior, node.position, "best"))
+    yield from errors
+    if not errors and len(alternatives(node, recorded, posterior)) == 1:
+        yield QuestionError(node.position, f"one level of {node.column}", "a column of two levels at least")
+
+
+def _of_critical(node: Critical, recorded: Recorded) -> Iterator[QuestionError]:
+    """What can't be answered in the search of a motion, beside the claim itself."""
+    if node.column not in ALONG:
+        yield QuestionError(
+            node.position, node.column, f"one of {', '.join(ALONG)}", _near(node.column, [*ALONG])
+        )
+        return
+    named = [one for one in quantities(node) if one.name in OUTCOMES and is_response(one, recorded)]
+    if not named:
+        expected = "a claim about an outcome, such as peak_force < 1500"
+        yield QuestionError(node.operands[0].position, "no outcome at stated levels", expected)
+    for quantity in named:
+        for level in quantity.levels:
+            if level.column in ALONG:
+                yield QuestionError(level.position, level.column, f"no {level.column}: it is what is asked")
+        for response in responses_of(quantity.name, recorded):
+            if "velocity_m_s" in recorded.response(response).terms.columns:
+                expected = f"an outcome of a {response} that does not depend on the velocity"
+                yield QuestionError(quantity.position, quantity.name, expected)
 
 
 def _open(quantity: Quantity, recorded: Recorded, posterior: xr.Dataset | None) -> list[str]:
@@ -358,6 +440,8 @@ def _value(node: Node, draws: xr.Dataset, recorded: Recorded, law: Law | None) -
         return xr.DataArray(node.value)
     if isinstance(node, Quantity):
         return _quantity_draws(node, draws, recorded, law)
+    if isinstance(node, Critical):
+        return _critical_draws(node, draws, recorded, law)
     values = [_value(operand, draws, recorded, law) for operand in node.operands]
     value = _over_levels(node.symbol, values) if node.symbol in OF_MANY else _OPERATORS[node.symbol](*values)
     if not node.claims and (wrong := int((~np.isfinite(value)).sum())):
@@ -366,6 +450,16 @@ def _value(node: Node, draws: xr.Dataset, recorded: Recorded, law: Law | None) -
         remedy = f"As of {_WHY[node.symbol]}." if node.symbol in _WHY else ""
         raise QuestionError(node.position, where, "a finite number in every draw", remedy)
     return value
+
+
+def _critical_draws(node: Critical, draws: xr.Dataset, recorded: Recorded, law: Law | None) -> xr.DataArray:
+    outcome = next(quantity for quantity in quantities(node) if quantity.name in OUTCOMES)
+    if law is None:
+        raise QuestionError(outcome.position, outcome.name, "a run with a law of force", str(NO_LAW))
+    if node.column == DROP_HEIGHT and not law.gravity:
+        expected = "velocity_m_s, since this dataset states no gravity along the motion"
+        raise QuestionError(node.position, DROP_HEIGHT, expected)
+    return critical_motion(node, law, lambda side, moved: _value(side, draws, recorded, moved))
 
 
 def _over_levels(symbol: str, values: list[xr.DataArray]) -> xr.DataArray:

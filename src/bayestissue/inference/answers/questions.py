@@ -8,11 +8,15 @@ over prior odds,
 
 above 1 where the data speak for it. It is left out, with the reason in ``note``, where fewer than `FEWEST`
 effective draws are on either side of the claim: there it would be a ratio of accidents.
+
+A choice compares levels. Each is best with the probability that its value is the lowest, or highest, of all;
+levels that are equal in a draw share it. The expected loss of a level is the mean distance of its value from
+the best one: what choosing it costs.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,10 +26,21 @@ import xarray as xr
 
 from bayestissue.errors import Coded, InputError, Problem, all_of, printable
 from bayestissue.hierarchy.recorded import Recorded
+from bayestissue.inference.answers.critical import ALONG
 from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.fixed import fixed_parts
-from bayestissue.inference.answers.grammar import ALLOWED, Node, QuestionError, claims, parse
+from bayestissue.inference.answers.grammar import (
+    ALLOWED,
+    Choice,
+    Critical,
+    Node,
+    QuestionError,
+    claims,
+    parse,
+)
+from bayestissue.inference.answers.law import DROP_HEIGHT
 from bayestissue.inference.answers.meaning import (
+    alternatives,
     average_notes,
     beyond_notes,
     condition_of,
@@ -78,12 +93,14 @@ def ask(finished: Finished, questions: Sequence[Question]) -> pd.DataFrame:
     A claim has ``posterior`` and ``prior`` probability, ``bayes_factor`` and the Monte Carlo standard errors
     ``mcse`` and ``prior_mcse`` of the two. An expression has ``median`` and 90 % interval ``low`` to
     ``high``, with their ``unit`` if it is that of a quantity; its ``mcse`` is the median's. Everything else
-    is empty; ``note`` says why where it could be expected.
+    is empty; ``note`` says why where it could be expected. A choice has a row for each ``level``, whose
+    ``posterior`` is the probability that it is the best, with its ``rank`` and ``expected_loss``.
 
     Raises:
         InputError: some can't be read, or ask for what this run does not have: all that is wrong at once.
     """
-    return table_of_rows("questions", all_of(lambda question: _answer(finished, question), questions))
+    answers = all_of(lambda question: _answer(finished, question), questions)
+    return table_of_rows("questions", [row for rows in answers for row in rows])
 
 
 def ask_what_can_be(finished: Finished, questions: Sequence[Question]) -> pd.DataFrame:
@@ -91,10 +108,11 @@ def ask_what_can_be(finished: Finished, questions: Sequence[Question]) -> pd.Dat
     rows = []
     for question in questions:
         try:
-            rows.append(_answer(finished, question))
+            rows += _answer(finished, question)
         except InputError as error:
             reasons = "; ".join(f"no answer: found {p.value}, expected {p.expected}" for p in error.problems)
-            rows.append({"question": question.text, "name": question.name, "note": reasons, "unit": ""})
+            asked = {"question": question.text, "name": question.name, "level": "", "unit": ""}
+            rows.append(asked | {"note": reasons})
     return table_of_rows("questions", rows)
 
 
@@ -139,27 +157,79 @@ def _problem(slip: QuestionError, question: Question, otherwise: str = "") -> Pr
     )
 
 
-def _answer(finished: Finished, question: Question) -> dict[str, Any]:
+def _answer(finished: Finished, question: Question) -> list[dict[str, Any]]:
+    """The row of a question, or one for each level of a choice."""
     node = _read(question, finished.recorded, finished.posterior)
+    asked = {"question": question.text, "name": question.name, "level": ""}
     try:
-        posterior = draws_of(node, finished.posterior, finished.recorded, finished.law)
+        if isinstance(node, Choice):
+            rows = _choice(finished, node)
+        else:
+            posterior = draws_of(node, finished.posterior, finished.recorded, finished.law)
+            prior, note = _prior(finished, node)
+            rows = [
+                _claim(posterior, prior, note) if claims(node) else _number(finished, node, posterior, prior)
+            ]
     except QuestionError as slip:
         raise InputError(_problem(slip, question)) from None
-    prior, note = _prior(finished, node)
-    row = {"question": question.text, "name": question.name, "unit": "", "draws": posterior.size}
-    if not claims(node):
-        note = _never(posterior) or _largely_prior(posterior, prior)
-        row |= _interval(posterior) | {"unit": unit_of(node, finished.posterior)}
-    else:
-        p, error, size = _probability(posterior)
-        row |= {"posterior": p, "mcse": error}
-        if prior is not None:
-            p_0, error_0, size_0 = _probability(prior)
-            factor, note = _bayes_factor(p, size, p_0, size_0)
-            row |= {"prior": p_0, "prior_mcse": error_0, "prior_draws": prior.size, "bayes_factor": factor}
     alone = finished.element_alone and any(of_element_alone(q.name) for q in quantities(node))
-    notes = [note, *_of_levels(finished.recorded, node), *[ELEMENT_ALONE] * alone]
-    return row | {"note": "; ".join(filter(None, notes))}
+    known = [*_of_levels(finished.recorded, node), *[ELEMENT_ALONE] * alone]
+    return [asked | row | {"note": "; ".join(filter(None, [row["note"], *known]))} for row in rows]
+
+
+def _claim(posterior: xr.DataArray, prior: xr.DataArray | None, note: str) -> dict[str, Any]:
+    p, error, size = _probability(posterior)
+    row = {"posterior": p, "mcse": error, "unit": "", "draws": posterior.size}
+    if prior is not None:
+        p_0, error_0, size_0 = _probability(prior)
+        factor, note = _bayes_factor(p, size, p_0, size_0)
+        row |= {"prior": p_0, "prior_mcse": error_0, "prior_draws": prior.size, "bayes_factor": factor}
+    return row | {"note": note}
+
+
+def _number(
+    finished: Finished, node: Node, posterior: xr.DataArray, prior: xr.DataArray | None
+) -> dict[str, Any]:
+    note = _never(node, posterior) or _largely_prior(posterior, prior)
+    if isinstance(node, Critical):
+        note = "; ".join(filter(None, [note, _beyond_fastest(finished, node, posterior)]))
+    unit = unit_of(node, finished.posterior)
+    return _interval(posterior) | {"unit": unit, "draws": posterior.size, "note": note}
+
+
+def _choice(finished: Finished, node: Choice) -> list[dict[str, Any]]:
+    """A row for each level: its value, the probability that it is the best, its rank, and what it loses."""
+    recorded, unit = finished.recorded, unit_of(node, finished.posterior)
+    levels = alternatives(node, recorded, finished.posterior)
+
+    def values_in(draws: xr.Dataset) -> xr.DataArray:
+        values = [draws_of(one, draws, recorded, finished.law) for one in levels.values()]
+        return xr.concat(values, pd.Index(levels, name="level")).transpose("level", "chain", "draw")
+
+    posterior = values_in(finished.posterior)
+    prior, note = _before(finished, node, values_in)
+    best, rank, loss = _ranked(posterior, lowest=node.lowest)
+    best_before = None if prior is None else _ranked(prior, lowest=node.lowest)[0]
+    rows = []
+    for index, level in enumerate(levels):
+        row = _claim(best[index], None if best_before is None else best_before[index], note)
+        low, middle, high = quantiles(rank[index].to_numpy().reshape(1, -1), [0.05, 0.5, 0.95])[:, 0]
+        row |= {"level": level, "unit": unit, "rank": middle, "rank_low": low, "rank_high": high}
+        row |= _interval(posterior[index]) | {"mcse": row["mcse"], "expected_loss": float(loss[index].mean())}
+        rows.append(row)
+    return rows
+
+
+def _ranked(values: xr.DataArray, *, lowest: bool) -> tuple[xr.DataArray, xr.DataArray, xr.DataArray]:
+    """Of each level and draw its part of being best, its rank from 1, and its distance from the best."""
+    from scipy.stats import rankdata
+
+    ordered = values if lowest else -values
+    best = ordered == ordered.min("level")
+    rank = values.copy(data=rankdata(ordered, method="min", axis=0))
+    # Of a level that never ends, as a contact, beside another: nothing, and no difference of infinities.
+    loss = xr.where(best, 0.0, ordered - ordered.min("level"))
+    return best / best.sum("level"), rank, loss
 
 
 def _of_levels(recorded: Recorded, node: Node) -> list[Coded]:
@@ -175,10 +245,16 @@ def _of_levels(recorded: Recorded, node: Node) -> list[Coded]:
 
 def _prior(finished: Finished, node: Node) -> tuple[xr.DataArray | None, str]:
     """Draws from the prior alone, or why there are none."""
+    return _before(finished, node, lambda prior: draws_of(node, prior, finished.recorded, finished.law))
+
+
+def _before(
+    finished: Finished, node: Node, draws_in: Callable[[xr.Dataset], xr.DataArray]
+) -> tuple[xr.DataArray | None, str]:
     if finished.prior is None:
         return None, Coded("no prior: this run has no draws of it", "no-prior")
     try:
-        return draws_of(node, finished.prior, finished.recorded, finished.law), ""
+        return draws_in(finished.prior), ""
     except KeyError:
         known = {str(name) for name in finished.prior.data_vars}
         lacking = [q.name for q in quantities(node) if q.name not in (*known, *finished.recorded.formulas)]
@@ -188,10 +264,20 @@ def _prior(finished: Finished, node: Node) -> tuple[xr.DataArray | None, str]:
         return None, Coded(f"no prior: {slip.actual} of the prior", "no-prior")
 
 
-def _never(posterior: xr.DataArray) -> str:
-    """In how many draws that does not happen which a question asks the time of."""
+def _never(node: Node, posterior: xr.DataArray) -> str:
+    """In how many draws that does not happen which a question asks the time, or the motion, of."""
     share = float(np.isinf(posterior).mean())
-    return f"never in {100 * share:.3g} % of the draws" if share else ""
+    tried = f" up to {SETTINGS.fastest:g} m/s" if isinstance(node, Critical) else ""
+    return f"never{tried} in {100 * share:.3g} % of the draws" if share else ""
+
+
+def _beyond_fastest(finished: Finished, node: Critical, posterior: xr.DataArray) -> str:
+    """That a claim holds beyond the velocities that were measured, where its element's law is drawn out."""
+    fastest = float(finished.recorded.rows.get("velocity_m_s", pd.Series(dtype=float)).max())
+    measured = 100 * fastest**2 / (2 * finished.gravity) if node.column == DROP_HEIGHT else fastest
+    share = float((posterior > measured).mean())
+    beyond = f"beyond those measured, up to {measured:.4g} {ALONG[node.column]}"
+    return Coded(f"in {100 * share:.3g} % of the draws {beyond}", "beyond-measured") if share else ""
 
 
 def _largely_prior(posterior: xr.DataArray, prior: xr.DataArray | None) -> str:
@@ -253,4 +339,5 @@ def _error_of_median(draws: np.ndarray) -> float:
         return np.nan
     ends = np.asarray(beta.ppf([0.1586553, 0.8413447], size / 2 + 1, size / 2 + 1)) * draws.size - 1
     ordered = np.sort(draws, axis=None)
-    return float(ordered[int(np.ceil(ends[1]))] - ordered[int(max(ends[0], 0))]) / 2
+    low, high = ordered[int(max(ends[0], 0))], ordered[int(np.ceil(ends[1]))]
+    return 0.0 if low == high else float(high - low) / 2

@@ -27,6 +27,10 @@ class AnswerSettings:
         likeness: of a name that was not measured to one that was, as `difflib` has it, from which it looks
             like a slip.
         largest: number of kg, m/s or m in a table of conditions; no impactor is so heavy, fast or wide.
+        slowest: velocity in m/s from which a claim is followed upwards; a drop from 5 mm has 0.3.
+        fastest: to which it is followed; that of a drop from 46 m.
+        velocities: at which it is judged, each about twice the last.
+        of_velocity: relative rounding of a velocity that is solved for.
         listed: levels or columns in a message, as many as a line can show.
         around_slip: characters of a question before and after a slip, together a line.
     """
@@ -42,6 +46,10 @@ class AnswerSettings:
     of_a_condition: int = 500
     likeness: float = 0.7
     largest: float = 1e4
+    slowest: float = 0.01
+    fastest: float = 30.0
+    velocities: int = 13
+    of_velocity: float = 1e-9
     listed: int = 8
     around_slip: int = 60
 

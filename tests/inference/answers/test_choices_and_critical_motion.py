@@ -1,0 +1,147 @@
+"""Which level is best, and up to which motion a claim holds, against the same by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import rankdata
+
+from bayestissue.elements import outcomes
+from bayestissue.errors import InputError
+from bayestissue.hierarchy.levels import log_at_levels
+from bayestissue.inference.answers.finished import Finished
+from bayestissue.inference.answers.questions import ask, numbered
+from study_with_sides import study_with_sides
+
+G = 9.81
+
+
+@pytest.fixture(scope="module")
+def study() -> Finished:
+    return study_with_sides()
+
+
+def parameters(study: Finished, *sides: str) -> dict[str, np.ndarray]:
+    """K and C of a typical person on each side: [draw, side]."""
+    conditions = [{"side": side} for side in sides]
+    logs = {q: log_at_levels(study.posterior, study.recorded, q, conditions) for q in ("K", "C")}
+    return {q: np.exp(log).reshape(-1, len(sides)) for q, log in logs.items()}
+
+
+def peak_force(study: Finished, mass: float, velocity: float, *sides: str) -> np.ndarray:
+    p = parameters(study, *sides)
+    flat = {q: values.ravel() for q, values in p.items()}
+    force = outcomes("kelvin_voigt", flat, np.full(flat["K"].shape, mass), np.full(flat["K"].shape, velocity))
+    return np.asarray(force.peak_force).reshape(p["K"].shape)
+
+
+def test_the_best_level_has_its_probability_rank_and_loss(study: Finished) -> None:
+    answers = ask(study, numbered(["best(side, lowest peak_force[mass_kg=2, velocity_m_s=1.2])"]))
+    force = peak_force(study, 2, 1.2, *answers["level"])
+    assert sorted(answers["level"]) == ["left", "right"]
+    assert answers["posterior"].to_numpy() == pytest.approx((force == force.min(1)[:, None]).mean(0))
+    assert answers["posterior"].sum() == pytest.approx(1)
+    assert answers["expected_loss"].to_numpy() == pytest.approx(
+        (force - force.min(1)[:, None]).mean(0), rel=1e-9
+    )
+    assert answers["median"].to_numpy() == pytest.approx(np.median(force, axis=0), rel=1e-9)
+    ranks = rankdata(force, axis=1)
+    assert answers["rank_high"].to_numpy() == pytest.approx(np.quantile(ranks, 0.95, axis=0))
+    assert (answers["unit"] == "N").all()
+
+
+def test_the_highest_is_the_lowest_of_the_negative(study: Finished) -> None:
+    highest = ask(study, numbered(["best(subject, highest K)"]))
+    lowest = ask(study, numbered(["best(subject, lowest -K)"]))
+    for column in ("level", "posterior", "rank_low", "rank_high", "expected_loss"):
+        assert highest[column].tolist() == lowest[column].tolist()
+    assert len(highest) == len(study.recorded.levels("subject"))
+
+
+def test_levels_that_a_draw_has_equal_share_it(study: Finished) -> None:
+    answers = ask(study, numbered(["best(side, lowest max(K, 1e9 * K[side=left]))"]))
+    assert answers["posterior"].tolist() == [0.5, 0.5]
+    assert answers["expected_loss"].tolist() == [0.0, 0.0]
+
+
+def test_the_velocity_up_to_which_a_claim_holds(study: Finished) -> None:
+    """Of a spring and damper the greatest force is in proportion to the velocity."""
+    row = ask(study, numbered(["critical(velocity_m_s, peak_force[side=left, mass_kg=2] < 105)"])).iloc[0]
+    velocity = 105 / peak_force(study, 2, 1.0, "left")
+    expected = np.quantile(velocity, [0.05, 0.5, 0.95])
+    assert [row["low"], row["median"], row["high"]] == pytest.approx(expected, rel=1e-8)
+    assert row["unit"] == "m/s"
+    share = (velocity > 1.5).mean()
+    beyond = f"in {100 * share:.3g} % of the draws beyond those measured, up to 1.5 m/s"
+    assert (beyond in row["note"]) == bool(share)
+
+
+def test_the_interval_of_a_critical_motion_is_a_limit_with_a_guard_band(study: Finished) -> None:
+    critical = "critical(velocity_m_s, peak_force[side=left, mass_kg=2] < 100)"
+    low = ask(study, numbered([critical])).iloc[0]["low"]
+    claim = f"peak_force[side=left, mass_kg=2, velocity_m_s={low:.12g}] < 100"
+    share = ask(study, numbered([claim])).iloc[0]["posterior"]
+    assert share == pytest.approx(0.95, abs=1 / study.posterior["intercept_K"].size)
+
+
+def test_the_height_up_to_which_a_claim_holds_at_that_height(study: Finished) -> None:
+    falling = replace(study, gravity=G)
+    row = ask(falling, numbered(["critical(drop_height_cm, peak_force[side=left, mass_kg=2] < 100)"])).iloc[0]
+    assert row["unit"] == "cm"
+    at = f"peak_force[side=left, mass_kg=2, drop_height_cm={row['median']:.12g}]"
+    assert ask(falling, numbered([at])).iloc[0]["median"] == pytest.approx(100, rel=1e-6)
+
+
+def test_a_limit_between_levels_is_a_number_like_others(study: Finished) -> None:
+    text = "critical(velocity_m_s, peak_force[side={}] < 100)"
+    ratio = f"{text.format('left')} / {text.format('right')}"
+    row = ask(study, numbered([ratio])).iloc[0]
+    mass = study.recorded.reference_mass_kg
+    force = peak_force(study, mass, 1.0, "left", "right")
+    assert row["median"] == pytest.approx(np.median(force[:, 1] / force[:, 0]), rel=1e-8)
+
+
+def test_what_always_or_never_holds(study: Finished) -> None:
+    """The restitution of spring and damper is the same at every velocity."""
+    p = parameters(study, "left")
+    middle = float(
+        np.median(outcomes("kelvin_voigt", {q: v[:, 0] for q, v in p.items()}, 2.0, 1.0).restitution)
+    )
+    text = f"critical(velocity_m_s, restitution[side=left, mass_kg=2] > {middle:.12g})"
+    row = ask(study, numbered([text])).iloc[0]
+    assert (row["low"], row["high"]) == (0, np.inf)
+    assert row["note"].startswith("never up to 30 m/s in 50 % of the draws")
+
+
+@pytest.mark.parametrize(
+    ("question", "expected"),
+    [
+        ("best(side, lowest 3)", "a quantity that levels may differ in"),
+        ("best(side, lowest K[side=left])", "a quantity of which levels of side may differ"),
+        ("best(mass_kg, lowest peak_force)", "mass_kg=number, since it has no levels"),
+        ("best(colour, lowest K)", "a column that K depends on here"),
+        ("best(side, K)", "lowest or highest"),
+        ("1 + best(side, K)", "one of abs, exp, log, max, mean, min, critical before"),
+        ("critical(velocity_m_s, peak_force)", "one of < <= > >="),
+        ("critical(velocity_m_s)", "a column of the motion and a claim"),
+        ("critical(mass_kg, peak_force < 100)", "one of drop_height_cm, velocity_m_s"),
+        ("critical(velocity_m_s, K < 100)", "a claim about an outcome"),
+        ("critical(velocity_m_s, peak_force[velocity_m_s=1] < 100)", "no velocity_m_s: it is what is asked"),
+        ("critical(drop_height_cm, peak_force < 100)", "states no gravity along the motion"),
+        ("critical(velocity_m_s, peak_force < 1 + (peak_force > 2))", "a number beside"),
+    ],
+)
+def test_what_has_no_answer_is_refused(study: Finished, question: str, expected: str) -> None:
+    with pytest.raises(InputError) as refused:
+        ask(study, numbered([question]))
+    (problem, *_) = refused.value.problems
+    assert expected in f"{problem.value} {problem.expected}"
+
+
+def test_a_claim_that_comes_true_again_has_no_critical_motion(study: Finished) -> None:
+    """The force grows with the velocity, so that it lies between two limits at two of them."""
+    middle = "abs(log(peak_force[side=left]) - 4) < 1"
+    with pytest.raises(InputError, match="holds up to one velocity_m_s and no longer above it"):
+        ask(study, numbered([f"critical(velocity_m_s, {middle})"]))

@@ -1,0 +1,38 @@
+"""A study of people's two sides with draws that are made up."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bayestissue.hierarchy import derived
+from bayestissue.inference.answers.finished import Finished
+from bayestissue.inference.results.labels import design_attributes, design_dimensions, labelled
+from designs import design_of, impacts
+
+SHAPE = (2, 400)
+
+
+def study_with_sides(
+    formula: str = "side + (1|subject/side)", of_C: str = "age + side + (1|subject/side)"
+) -> Finished:
+    """Person s0 was hit on the left alone; an age that no formula of K has goes with each person."""
+    rows = impacts().assign(velocity_m_s=1.5)
+    rows = rows[(rows["subject"] != "s0") | (rows["side"] == "left")].reset_index(drop=True)
+    design, rng = design_of(formula, of_C, rows=rows), np.random.default_rng(1)
+    sites = {"residual_correlation": np.zeros(SHAPE)}
+    for q, part in design.responses.items():
+        sites |= {
+            f"intercept_{q}": 7 + 0.05 * rng.standard_normal(SHAPE),
+            f"sd_impact_{q}": np.full(SHAPE, 0.1),
+        }
+        sites[f"covariate_effect_{q}"] = 0.1 * part.scale + 0.01 * rng.standard_normal(
+            (*SHAPE, len(part.names))
+        )
+        for term in part.terms:
+            levels = len(design.groupings[term.grouping].levels)
+            sites[term.sd(q)] = np.full(SHAPE, 0.2)
+            sites[term.effect(q)] = 0.2 * rng.standard_normal((*SHAPE, levels))
+    values = derived.reported_sites(design, sites)
+    values |= derived.values_at_levels(design, values)
+    draws = labelled(values, design_dimensions(design), design.levels(), attributes=design_attributes(design))
+    return Finished(draws, None, design.recorded)
