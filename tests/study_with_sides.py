@@ -28,6 +28,8 @@ def study_with_sides(
         sites[f"covariate_effect_{q}"] = 0.1 * part.scale + 0.01 * rng.standard_normal(
             (*SHAPE, len(part.names))
         )
+        if part.log_mass is not None:
+            sites[f"mass_exponent_{q}"] = 0.5 + 0.05 * rng.standard_normal(SHAPE)
         for term in part.terms:
             levels = len(design.groupings[term.grouping].levels)
             sites[term.sd(q)] = np.full(SHAPE, 0.2)

@@ -48,16 +48,25 @@ def ask(
 ) -> None:
     """Questions to a finished fit: probability by posterior and prior, Bayes factor, Monte Carlo error.
 
-    K alone is that of a typical person at the reference mass and the mean of other numbers, averaged over
-    sides and other categories. K[subject=s01, mass_kg=1.2] has these instead; all impacts' columns of the
-    formula can be named, and what belongs to a person, such as sex, follows the person. K[side=left over
-    right] is a ratio, K[session=after over before, group=treated over control] a ratio of two ratios, the
-    difference in differences. K[subject=new] is a new person's, mean(K[subject, sex=f]) is over people,
-    K[impact=7] is of one recorded impact. Any other quantity of summary.csv is called by its name:
-    mass_exponent_K, sd_subject_K, K_new, subject_effect_K[subject=s01]. Besides: numbers, + - * / ^ ( ), abs,
-    exp, log, max, min, mean, < <= > >=, between, and, or, not. Odd names stand in quotes, those of quantities
-    in backticks. Without a comparison
-    the answer is a median and a 90 % interval.
+    A comparison gets a probability, all else a median and a 90 % interval. Five examples:
+
+    - `K[side=left over right] > 1.1`: is the left stiffer by a tenth? Levels of any column that a formula
+      depends on can stand in the brackets.
+    - `K[subject=s1, mass_kg=1.2]`: of this person at this mass. `subject=new` is a person who was not
+      measured, `mean(K[subject])` is over people, `K[impact=7]` of one recorded impact.
+    - `peak_force[side=left, mass_kg=5, velocity_m_s=2] < 300`: an outcome of an impact of this motion.
+      Along gravity `drop_height_cm=30` gives the velocity.
+    - `best(side, lowest peak_depth[mass_kg=5])`: which level is best, each with its probability, its rank and
+      the expected loss of choosing it. Also `highest`.
+    - `critical(velocity_m_s, peak_force[side=left, mass_kg=5] < 300)`: the greatest velocity, or
+      `drop_height_cm`, up to which it holds.
+
+    What is left out of the brackets is at the reference: a typical person, the reference mass, the mean of
+    other numbers, averaged over sides and other categories. `K[session=after over before, group=treated over
+    control]` is a ratio of two ratios, the difference in differences. Any other quantity of summary.csv is
+    called by its name: `mass_exponent_K`, `sd_subject_K`, `subject_effect_K[subject=s1]`. Besides: numbers,
+    `+ - * / ^ ( )`, abs, exp, log, max, min, mean, `< <= > >=`, between, and, or, not. Odd names stand in quotes,
+    those of quantities in backticks.
 
     Args:
         questions: Such as "K[side=left] / K[side=right] > 1.1" or "mass_exponent_K between -0.1 and 0.1".

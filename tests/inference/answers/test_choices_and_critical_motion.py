@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.stats import rankdata
 
+from bayestissue.commands.finished_runs import ask as help_of_ask
 from bayestissue.elements import outcomes
 from bayestissue.errors import InputError
 from bayestissue.hierarchy.levels import log_at_levels
@@ -50,6 +52,7 @@ def test_the_best_level_has_its_probability_rank_and_loss(study: Finished) -> No
     ranks = rankdata(force, axis=1)
     assert answers["rank_high"].to_numpy() == pytest.approx(np.quantile(ranks, 0.95, axis=0))
     assert (answers["unit"] == "N").all()
+    assert not answers["note"].str.contains("averaged").any()
 
 
 def test_the_highest_is_the_lowest_of_the_negative(study: Finished) -> None:
@@ -113,6 +116,13 @@ def test_what_always_or_never_holds(study: Finished) -> None:
     row = ask(study, numbered([text])).iloc[0]
     assert (row["low"], row["high"]) == (0, np.inf)
     assert row["note"].startswith("never up to 30 m/s in 50 % of the draws")
+
+
+def test_the_examples_of_the_commands_help_have_answers() -> None:
+    examples = re.findall(r"^ *- `(.+?)`", help_of_ask.__doc__ or "", re.MULTILINE)
+    answers = ask(study_with_sides("log(mass_kg) + side + (1|subject/side)"), numbered(examples))
+    assert len(examples) == 5
+    assert answers["question"].drop_duplicates().tolist() == examples
 
 
 @pytest.mark.parametrize(

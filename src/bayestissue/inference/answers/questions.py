@@ -237,8 +237,9 @@ def _of_levels(recorded: Recorded, node: Node) -> list[Coded]:
     responses = [response for response in quantities(node) if is_response(response, recorded)]
     conditions = [condition_of(response, recorded) for response in responses]
     notes = [note for condition in conditions for note in beyond_notes(recorded, condition)]
+    compared = [node.column] if isinstance(node, Choice) else []
     for response in responses:
-        columns = [level.column for level in response.levels]
+        columns = [*compared, *(level.column for level in response.levels)]
         notes += average_notes(recorded, responses_of(response.name, recorded), columns)
     return list(dict.fromkeys(notes))
 
