@@ -65,8 +65,8 @@ def ask(
     other numbers, averaged over sides and other categories. `K[session=after over before, group=treated over
     control]` is a ratio of two ratios, the difference in differences. Any other quantity of summary.csv is
     called by its name: `mass_exponent_K`, `sd_subject_K`, `subject_effect_K[subject=s1]`. Besides: numbers,
-    `+ - * / ^ ( )`, abs, exp, log, max, min, mean, `< <= > >=`, between, and, or, not. Odd names stand in quotes,
-    those of quantities in backticks.
+    `+ - * / ^ ( )`, abs, exp, log, max, min, mean, `< <= > >=`, between, and, or, not. Odd names stand in
+    quotes, those of quantities in backticks.
 
     Args:
         questions: Such as "K[side=left] / K[side=right] > 1.1" or "mass_exponent_K between -0.1 and 0.1".
