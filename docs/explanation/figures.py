@@ -59,21 +59,21 @@ def impact() -> plt.Figure:
     return figure
 
 
-SIX = {
-    "kelvin_voigt": {"K": K, "C": C},
-    "maxwell": {"K": K, "C": 60.0},
-    "standard_linear": {"K": K, "C": C, "arm_ratio": 2.0},
-    "stiffening": {"K": K, "C": C, "stiffening_depth_m": 0.02},
-    "hunt_crossley": {"K": K, "C": C},
-    "wall": {"K": K, "C": C, "thickness_m": 0.05},
-}
+# What shows the shape of a loop better than K, C and the typical values of an element's further parameters.
+SHOWN = {"maxwell": {"C": 60.0}, "wall": {"thickness_m": 0.05}}
 
 
-def elements_of_six() -> plt.Figure:
-    """Force against depth of six arrangements, as shares of the greatest."""
+def arrangements() -> plt.Figure:
+    """Force against depth of each element, as shares of the greatest."""
     time = np.linspace(0, 0.15, 3000)
-    figure, axes = plt.subplots(2, 3, sharex=True, sharey=True, figsize=(7.5, 4.6))
-    for axis, (name, parameters) in zip(axes.flat, SIX.items(), strict=True):
+    names = elements.element_names()
+    rows = -(-len(names) // 3)
+    figure, axes = plt.subplots(rows, 3, sharex=True, sharey=True, squeeze=False, figsize=(7.5, 2.3 * rows))
+    for axis in axes.flat[len(names) :]:
+        axis.set_axis_off()
+    for axis, name in zip(axes.flat, names, strict=False):
+        typical = {each.name: each.typical for each in elements.element(name).extra}
+        parameters = {"K": K, "C": C} | typical | SHOWN.get(name, {})
         x, _, d = path_of(name, parameters, 0.7, VELOCITY, time)
         within = slice(0, np.flatnonzero(d > 0)[-1] + 1)
         deepest = np.argmax(x)
@@ -177,7 +177,7 @@ def intervals() -> plt.Figure:
 
 FIGURES = {
     "impact": impact,
-    "elements": elements_of_six,
+    "elements": arrangements,
     "centring": centring,
     "depth": depth,
     "intervals": intervals,

@@ -239,20 +239,20 @@ def earlier_run(
             model: every difference.
     """
     earlier = run if isinstance(run, Fit) else read_run(run)
-    source, about = "continue_from" if isinstance(run, Fit) else str(run), earlier.about
+    source, record = "continue_from" if isinstance(run, Fit) else str(run), earlier.about
     # As JSON has it, like what was read.
     here = json.loads(json.dumps(specification.model_dump(mode="json") | prepared.design.resolved()))
-    here, there = (_of_the_chains(model) for model in (here, about["model"]))
+    here, there = (_of_the_chains(model) for model in (here, record["model"]))
     problems = [
         Problem.stated("another-run.model", source, None, key, here.get(key), there=there.get(key))
         for key in sorted(here.keys() | there.keys())
         if here.get(key) != there.get(key)
     ]
-    if about.get("input_hash") != dataset.input_hash:
+    if record.get("input_hash") != dataset.input_hash:
         problems.append(Problem.stated("another-run.recordings", source, None, "input_hash", dataset.name))
     if problems:
         raise InputError(problems)
-    second = "score_without" in about.get("discrepancy", {})
+    second = "score_without" in record.get("discrepancy", {})
     return EarlierRun(earlier.chain_end(), earlier.diagnostics["model_form"] if second else {})
 
 

@@ -74,7 +74,7 @@ def explained(end: Callable[[], str]) -> Iterator[None]:
 
 
 @contextmanager
-def cleared(end: Callable[[], object]) -> Iterator[None]:
+def ended_by(end: Callable[[], object]) -> Iterator[None]:
     """However the block ends, also on a request to stop, ``end`` is called, as of `explained`."""
 
     def silently() -> str:

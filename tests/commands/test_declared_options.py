@@ -6,10 +6,14 @@ from typing import Annotated
 
 import pytest
 import typer
+from annotated_types import Ge, Le
 from typer.testing import CliRunner
 
 from bayestissue import cli
 from bayestissue.commands.options import documented
+from bayestissue.planning.specification import Aim
+from bayestissue.simulation.specification import Simulation
+from bayestissue.thesis.causes.specification import Sizes
 
 
 def command(
@@ -59,3 +63,21 @@ def test_every_option_of_the_program_has_a_help() -> None:
         for option in one.params
         if option.name != "help" and not option.help
     } == set()
+
+
+REPLACES = (
+    ("causes", "campaigns", Sizes, "each"),
+    ("plan", "studies", Aim, "studies"),
+    ("plan", "seed", Aim, "seed"),
+    ("simulate", "seed", Simulation, "seed"),
+)
+
+
+@pytest.mark.parametrize(("name", "option", "table", "field"), REPLACES)
+def test_an_option_has_the_bounds_of_the_setting_that_it_replaces(name, option, table, field) -> None:
+    params = typer.main.get_command(cli.app).commands[name].params
+    (bounds,) = (one for one in params if one.name == option)
+    limits = {type(limit): limit for limit in table.model_fields[field].metadata}
+    assert bounds.min == limits[Ge].ge
+    # The setting may end before: its own check then says so.
+    assert bounds.max in (None, limits[Le].le if Le in limits else None)

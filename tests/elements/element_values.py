@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -42,12 +44,33 @@ FORCE = {
 ARM = {"maxwell": (3000.0, 150.0), "standard_linear": (3750.0, 30.0)}
 
 
-def solved(
-    name: str, row: int, time: np.ndarray, gravity: float = 0.0
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """x, v and F / M of M x'' = M g - F by scipy's eighth-order method."""
+NO_ARM = (0.0, 1.0)
+
+
+def power_lost(name: str, x: float, v: float, f: float) -> float:
+    """What dampers take [W]: one beside the spring pushes with F(x, v) - F(x, 0), that of an arm with f."""
+    return (FORCE[name](x, v, f) - FORCE[name](x, 0.0, f)) * v + f**2 / ARM.get(name, NO_ARM)[1]
+
+
+def tangent(name: str) -> float:
+    """The force's slope where penetration begins, all dampers at rest; of a step over which nothing bends."""
+    step = 1e-60
+    return FORCE[name](step, 0.0, ARM.get(name, NO_ARM)[0] * step) / step
+
+
+class Motion(NamedTuple):
+    """Penetration, its velocity, F / M, and what the dampers take [W], each [time]."""
+
+    x: np.ndarray
+    v: np.ndarray
+    deceleration: np.ndarray
+    power_lost: np.ndarray
+
+
+def solved(name: str, row: int, time: np.ndarray, gravity: float = 0.0) -> Motion:
+    """M x'' = M g - F by scipy's eighth-order method."""
     force = FORCE[name]
-    k, c = ARM.get(name, (0.0, 1.0))
+    k, c = ARM.get(name, NO_ARM)
 
     def field(t: float, y: np.ndarray) -> list[float]:
         x, v, f = y
@@ -55,4 +78,6 @@ def solved(
 
     start = [0.0, VELOCITY[row], 0.0]
     x, v, f = solve_ivp(field, (0, time[-1]), start, "DOP853", time, rtol=1e-12, atol=1e-14).y
-    return x, v, np.array([force(*each) for each in zip(x, v, f, strict=True)]) / MASS[row]
+    states = list(zip(x, v, f, strict=True))
+    d = np.array([force(*state) for state in states]) / MASS[row]
+    return Motion(x, v, d, np.array([power_lost(name, *state) for state in states]))

@@ -67,7 +67,7 @@ def test_outcomes_are_those_of_an_independent_integration(name: str, gravity: fl
         if not np.isfinite(leaves):
             continue
         time = np.linspace(0, 1.02 * leaves, 8001)
-        x, v, a = solved(name, row, time, gravity)
+        x, v, a, _ = solved(name, row, time, gravity)
         # The first fall of the force to 0 after contact, along the chord between two times.
         after = int(np.argmax((a[1:] <= 0) & (time[1:] > leaves / 2))) + 1
         # A Hertz force has no slope where it ends: that is where the impactor is back at the surface.

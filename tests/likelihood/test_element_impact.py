@@ -22,12 +22,11 @@ MASS, VELOCITY = np.array([0.5, 1.2]), np.array([1.5, 1.0])
 DT, FIRST = np.array([4e-4, 5e-4]), np.array([1e-4, 4e-4])
 COUNT = np.array([38, 45])
 SD = np.array([[0.01, 0.02, 0.5, 1e-4], [0.02, 0.01, 0.2, 5e-5]])
-EXTRA = {"arm_ratio": 1.5, "stiffening_depth_m": 0.015, "thickness_m": 0.03}
 LOG_SIGMA = jnp.log(jnp.array([0.4, 0.6]))
 
 
 def values(name: str) -> dict[str, float]:
-    return {p.name: {"K": 2500.0, "C": 30.0, **EXTRA}[p.name] for p in element(name).parameters}
+    return {"K": 2500.0, "C": 30.0} | {each.name: each.typical for each in element(name).extra}
 
 
 def record(name: str, *, uniform: bool = False, gravity: float = 0.0) -> DecelerationRecord:

@@ -10,11 +10,13 @@ from collections.abc import Callable
 
 from sphinx.application import Sphinx
 
-from from_program import commands, folders, functions, keys, results, thesis
+from from_program import commands, elements, folders, functions, keys, results, thesis
 
 PARTS: dict[str, Callable[[], str]] = {
     "commands": commands.commands,
     "exit statuses": commands.statuses,
+    "element models": elements.models,
+    "element laws": elements.laws,
     "model keys": keys.model,
     "dataset.toml keys": keys.dataset,
     "impacts.csv columns": keys.impacts,

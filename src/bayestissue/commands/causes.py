@@ -12,6 +12,7 @@ import typer
 
 from bayestissue import resources, results, runtime
 from bayestissue.commands.options import Json, Out, Overwrite, Quiet, Seed, SkipBad
+from bayestissue.thesis.causes.settings import SETTINGS
 
 if TYPE_CHECKING:
     from bayestissue.thesis.causes.subject import Subject
@@ -25,7 +26,7 @@ def run(
     out: Out,
     model: Annotated[str | None, typer.Option(metavar="NAME|FILE")] = None,
     cause: list[str] | None = None,
-    campaigns: Annotated[int | None, typer.Option(min=40)] = None,
+    campaigns: Annotated[int | None, typer.Option(min=SETTINGS.fewest_campaigns)] = None,
     method: Literal["exact", "dds"] = "exact",
     jobs: Annotated[int | None, typer.Option(min=1)] = None,
     scheduler: str | None = None,

@@ -73,6 +73,8 @@ FinishedFit = Annotated[
 Seed = Annotated[
     int, typer.Option("--seed", help="Same seed, same machine: same numbers.", min=0, max=runtime.MOST_SEED)
 ]
+# Instead of the one that a file of the command states.
+OtherSeed = Annotated[int | None, typer.Option("--seed", min=0, max=runtime.MOST_SEED)]
 
 
 def documented(command: Callable[..., None]) -> tuple[Callable[..., None], str]:

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from bayestissue import results, runtime
-from bayestissue.commands.options import Excel, FormulaOfC, Json, Model, Out, Overwrite, Quiet
+from bayestissue.commands.options import Excel, FormulaOfC, Json, Model, OtherSeed, Out, Overwrite, Quiet
 from bayestissue.errors import InputError, all_of
+from bayestissue.planning.settings import PLAN as SETTINGS
 from bayestissue.words import Words
 
 if TYPE_CHECKING:
@@ -33,8 +34,8 @@ def run(
     C: FormulaOfC = None,
     after: Annotated[Path | None, typer.Option(metavar="RUN")] = None,
     dataset: Annotated[Path | None, typer.Option(metavar="DATASET")] = None,
-    studies: Annotated[int | None, typer.Option(min=100)] = None,
-    seed: Annotated[int | None, typer.Option(min=0, max=runtime.MOST_SEED)] = None,
+    studies: Annotated[int | None, typer.Option(min=SETTINGS.block)] = None,
+    seed: OtherSeed = None,
     excel: Excel = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
@@ -148,10 +149,10 @@ def _levels(texts: Sequence[str] | None, option: str, example: str) -> dict[str,
 def _say_factors(plan: PlanSpecification, nouns: Words, echo: Callable[[str], None]) -> None:
     for factor in plan.candidates.factors:
         if factor.within:
-            each, groups = nouns("each person is hit at"), nouns("of groups of people write")
+            sentence, groups = nouns("each person is hit at"), nouns("of groups of people write")
             levels = " and ".join(factor.levels)
             option = f"--groups {factor.name}={','.join(factor.levels)}"
-            echo(f"{factor.name}: {each} {levels}; {groups} {option}")
+            echo(f"{factor.name}: {sentence} {levels}; {groups} {option}")
 
 
 def _print(plan: Plan) -> None:

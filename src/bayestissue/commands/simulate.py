@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from bayestissue.commands.options import Out, Overwrite, Quiet
+from bayestissue.commands.options import OtherSeed, Out, Overwrite, Quiet
 from bayestissue.results import claim
 from bayestissue.runtime import configure
 
@@ -15,7 +15,7 @@ from bayestissue.runtime import configure
 def run(
     specification: Annotated[Path, typer.Argument(metavar="SPEC.toml")],
     out: Out,
-    seed: Annotated[int | None, typer.Option(min=0)] = None,
+    seed: OtherSeed = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:

@@ -121,6 +121,7 @@ class Element:
     Attributes:
         name: as model files write it.
         title: in words.
+        law: the force F, and the rates of the internal lengths s, in LaTeX, as the manual shows them.
         parameters: in the order of an impact's own parameters.
         force: on the impactor, positive where the tissue pushes [N].
         stored: energy in the springs [J].
@@ -137,6 +138,7 @@ class Element:
 
     name: str
     title: str
+    law: str
     parameters: tuple[Parameter, ...]
     force: Law
     stored: Law

@@ -87,7 +87,7 @@ def _solved(element: Element, p: dict[str, Array], mass: Array, velocity: Array)
     return Outcomes(
         mass=M,
         velocity=V,
-        K_tangent=_tangent(element, p, V),
+        K_tangent=_tangent(element, p),
         K_secant=element.force(x, jnp.zeros_like(v), s, p) / x,
         C_equivalent=spent / squares,
         energy_lost=1 - (last / V) ** 2,
@@ -111,11 +111,11 @@ def _greatest(values: Float[Array, "impact place"]) -> Float[Array, " impact"]:
     )
 
 
-def _tangent(element: Element, p: dict[str, Array], velocity: Array) -> Array:
-    """The force's slope in x with the internal lengths held, at contact.
+def _tangent(element: Element, p: dict[str, Array]) -> Array:
+    """The force's slope in x with the internal lengths held, at the surface and at rest.
 
-    What remembers is slow: at contact its dampers have not yet yielded.
+    What remembers is slow: at contact its dampers have not yet yielded. At rest no damper pushes, not even
+    one that acts with depth.
     """
-    y = at_contact(element, velocity)
-    s = tuple(y[2:])
-    return jax.jvp(lambda x: element.force(x, velocity, s, p), (y[0],), (jnp.ones_like(y[0]),))[1]
+    x, v, *inner = at_contact(element, jnp.zeros_like(p["K"]))
+    return jax.jvp(lambda x: element.force(x, v, tuple(inner), p), (x,), (jnp.ones_like(x),))[1]

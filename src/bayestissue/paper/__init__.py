@@ -12,12 +12,12 @@ class Print:
 
     Attributes:
         dots_per_inch: of a bitmap; journals ask for 300 of what is no line drawing.
-        beside: pixels that labels and titles take of the width where panels stand one above the other.
+        label_pixels: pixels that labels and titles take of the width where panels stand one above the other.
         widest: letters of a column of the workbook; longer text is cut on the screen.
     """
 
     dots_per_inch: int = 300
-    beside: int = 75
+    label_pixels: int = 75
     widest: int = 60
 
 

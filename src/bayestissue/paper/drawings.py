@@ -56,7 +56,7 @@ def _drawn(chart: Specification, pixels: float) -> str:
     # A legend of three columns is wider than a journal's.
     chart["config"] = chart["config"] | {"legend": chart["config"]["legend"] | {"columns": 2}}
     if "vconcat" in chart:
-        chart["vconcat"] = [panel | {"width": pixels - PRINT.beside} for panel in chart["vconcat"]]
+        chart["vconcat"] = [panel | {"width": pixels - PRINT.label_pixels} for panel in chart["vconcat"]]
     else:
         chart |= {"width": pixels, "autosize": {"type": "fit-x", "contains": "padding"}}
     svg = vl_convert.vegalite_to_svg(chart)

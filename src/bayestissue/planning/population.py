@@ -35,10 +35,10 @@ from bayestissue.hierarchy.priors import (
     term_of_slope,
 )
 from bayestissue.planning.model import PlannedModel
+from bayestissue.planning.settings import PLAN as SETTINGS
 from bayestissue.settings import Table
 
-# Studies of one block have random numbers of their own, so that more studies leave the first as they are.
-BLOCK = 100
+BLOCK = SETTINGS.block
 
 
 class Known(Table):

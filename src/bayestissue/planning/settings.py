@@ -10,6 +10,8 @@ class PlanSettings:
     """How many studies a plan draws beside its designs, and what it takes as telling.
 
     Attributes:
+        block: studies that have random numbers of their own, so that more studies leave the first as they
+            are.
         kept_blocks: blocks of studies that are assessed before they are kept: what an interrupted plan loses.
         fewer_studies: of each case beside the chosen design; a gain of 0.1 then has an error of about 0.02.
         more_people: of the case that says what a few more would add.
@@ -22,6 +24,7 @@ class PlanSettings:
         draws: of the posterior of a running study; no question of a plan tells them from more.
     """
 
+    block: int = 100
     kept_blocks: int = 10
     fewer_studies: int = 200
     more_people: int = 10

@@ -48,14 +48,14 @@ def comparison_figure(table: pd.DataFrame, scheme: str) -> Figure:
     )
 
 
-def figures_by_run(posteriors: pd.DataFrame, quantity: str, alike: bool) -> list[Figure]:
+def figures_by_run(posteriors: pd.DataFrame, quantity: str, one_element: bool) -> list[Figure]:
     """The mass exponent, K (or C) of a typical, a new and each person: a colour and a mark a run.
 
-    Unless K and C are ``alike`` in all runs, those of one element, what means the same in all stands for K
+    Unless K and C are those of ``one_element`` in all runs, what means the same in all stands for K
     (or C): the secant stiffness (the equivalent damping) of the recorded impacts, and of each person's own.
     """
     of_element = (f"{quantity}_typical_person", f"{quantity}_new", f"{quantity}_subject")
-    values = of_element if alike else (OF_IMPACTS[quantity], _OF_SUBJECT[quantity])
+    values = of_element if one_element else (OF_IMPACTS[quantity], _OF_SUBJECT[quantity])
     exponents = (f"mass_exponent_{quantity}", f"mass_exponent_{quantity}_common_depth")
     parts = {variable: posteriors[posteriors["variable"] == variable] for variable in (*exponents, *values)}
     return [_by_run(rows, quantity, variable in exponents) for variable, rows in parts.items() if len(rows)]
@@ -188,7 +188,9 @@ def page_of(tables: Mapping[str, pd.DataFrame], record: dict[str, Any]) -> str:
     names = [str(run["name"]) for run in runs]
     verdicts = {str(run["name"]): run.get("verdict") or {} for run in runs}
     # Beside a discrepancy K is the element's own, of which there are no rows.
-    alike = same_element(runs) and set(posteriors.loc[posteriors["variable"] == "K_new", "run"]) == set(names)
+    one_element = same_element(runs) and set(posteriors.loc[posteriors["variable"] == "K_new", "run"]) == set(
+        names
+    )
     return render_page(
         "comparison.html",
         page=sys.modules[__name__],
@@ -198,13 +200,13 @@ def page_of(tables: Mapping[str, pd.DataFrame], record: dict[str, Any]) -> str:
         names=names,
         failed=[name for name, verdict in verdicts.items() if not verdict.get("passed")],
         warned=[run for run in runs if verdicts[str(run["name"])].get("warned")],
-        alike=alike,
+        one_element=one_element,
         # The page says once, and first, which densities can't be compared.
         comparison=comparison.assign(warning=comparison["warning"].str.replace(*_APART, regex=True)),
         posteriors=posteriors,
         implied=implied,
         answers=tables.get("answers", table_of_rows("answers")),
-        shown={q: f"{q}_new" if alike else together for q, together in OF_IMPACTS.items()},
+        shown={q: f"{q}_new" if one_element else together for q, together in OF_IMPACTS.items()},
         people=len(set(posteriors["label"]) - {""}),
     )
 
@@ -269,8 +271,8 @@ def exponent_rows(posteriors: pd.DataFrame, runs: list[str], quantity: str) -> l
     """The mass exponent of K or C by run, of K that at the common depth in runs that have one."""
     name = f"mass_exponent_{quantity}"
     at_depth = posteriors[posteriors["variable"] == f"{name}_common_depth"]
-    own = posteriors[(posteriors["variable"] == name) & ~posteriors["run"].isin(at_depth["run"])]
-    return _rows_by_run(pd.concat([at_depth, own]), runs, decimals(2))
+    without_depth = posteriors[(posteriors["variable"] == name) & ~posteriors["run"].isin(at_depth["run"])]
+    return _rows_by_run(pd.concat([at_depth, without_depth]), runs, decimals(2))
 
 
 def _rows_by_run(rows: pd.DataFrame, runs: list[str], words: Callable[[float], str]) -> list[dict[str, str]]:

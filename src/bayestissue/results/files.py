@@ -119,7 +119,7 @@ def scratch() -> Iterator[Path]:
 def passing(path: Path) -> Iterator[None]:
     """What the block makes at ``path`` is gone after it, also where the process is asked to stop."""
     # Known before it is there, so that no moment of interruption leaves it behind.
-    with stopping.cleared(lambda: _remove(path)):
+    with stopping.ended_by(lambda: _remove(path)):
         yield
 
 

@@ -41,7 +41,7 @@ def making_parents(out: Path) -> Iterator[None]:
             for parent in missing:
                 parent.rmdir()
 
-    with stopping.cleared(end):
+    with stopping.ended_by(end):
         with _as_input_errors(out):
             missing += [parent for parent in out.parents if not parent.exists()]
             out.parent.mkdir(parents=True, exist_ok=True)
@@ -70,7 +70,7 @@ def locked(out: Path) -> Iterator[None]:
         raise InputError(_in_use(out, path) if path.exists() else _no_place(out, "no such place")) from None
     try:
         # Whoever waits for a file that is gone begins again with another, so it may go while it is locked.
-        with stopping.cleared(lambda: path.unlink(missing_ok=True)):
+        with stopping.ended_by(lambda: path.unlink(missing_ok=True)):
             with _as_input_errors(out):
                 now = f"{datetime.now().astimezone():%Y-%m-%d %H:%M}"
                 path.write_text(f"process {os.getpid()} on {platform.node()} since {now}\n", encoding="utf-8")

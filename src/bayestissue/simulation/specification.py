@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
+from bayestissue import runtime
 from bayestissue.dataset.chain import Contact
 from bayestissue.dataset.settings import Finite, Gravity, RecorderSettings, Spread
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, GroupTerm
@@ -268,7 +269,9 @@ class Simulation(Table):
 
     name: Annotated[str, Field(min_length=1)] = Field(description="of the dataset.")
     description: str = Field(default="", description="free text.")
-    seed: Annotated[int, Field(ge=0)] = Field(default=0, description="same seed, same machine: same numbers.")
+    seed: Annotated[int, Field(ge=0, le=runtime.MOST_SEED)] = Field(
+        default=0, description="same seed, same machine: same numbers."
+    )
     design: Design = Field(default=Design(), description="who is hit how.")
     tissue: Tissue = Field(description="a typical person's K and C, and how they vary.")
     recording: Recording = Field(default=Recording(), description="the measuring chain.")

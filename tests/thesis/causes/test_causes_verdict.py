@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -48,7 +50,7 @@ def campaigns(count: int = 200) -> pd.DataFrame:
 def judged(*, level_known: bool) -> Verdict:
     """With fewer networks than a run has: their answer is tested by itself."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(tables, "_NETWORKS", 1)
+        patch.setattr(tables, "SETTINGS", replace(tables.SETTINGS, networks=1))
         return judge(campaigns(), OBSERVED, specification(*CAUSES), level_known=level_known, seed=0)
 
 

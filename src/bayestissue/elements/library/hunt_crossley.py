@@ -38,6 +38,7 @@ def stored(x: Array, v: Array, s: States, p: Parameters) -> Array:
 ELEMENT = Element(
     name="hunt_crossley",
     title="ball on an elastic half-space with losses (Hertz, Hunt-Crossley)",
+    law=r"F = k x^{3/2} + c\, x^{3/2} x'",
     parameters=(
         Parameter("K", "N/m", "secant stiffness at a depth of 10 mm under a ball of 31.8 mm"),
         Parameter("C", "N s/m", "damping there"),

@@ -50,6 +50,7 @@ def level_outcomes(p: Parameters, mass: Array, velocity: Array) -> Outcomes:
 ELEMENT = Element(
     name="kelvin_voigt",
     title="spring and damper side by side (Kelvin-Voigt)",
+    law="F = K x + C x'",
     parameters=(
         Parameter("K", "N/m", "stiffness of the spring"),
         Parameter("C", "N s/m", "damping beside it"),

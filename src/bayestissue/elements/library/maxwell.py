@@ -30,6 +30,7 @@ def guess(K: Array, C: Array, mass: Array) -> tuple[Array, Array]:
 ELEMENT = Element(
     name="maxwell",
     title="spring and damper in series (Maxwell)",
+    law=r"F = K (x - s), \; s' = F / C",
     parameters=(
         Parameter("K", "N/m", "stiffness of the spring: the tangent stiffness at contact"),
         Parameter("C", "N s/m", "damping behind it"),

@@ -29,6 +29,7 @@ def stored(x: Array, v: Array, s: States, p: Parameters) -> Array:
 ELEMENT = Element(
     name="standard_linear",
     title="spring beside a spring and damper in series (standard linear solid)",
+    law=r"F = K x + r K (x - s), \; s' = r K (x - s) / C",
     parameters=(
         Parameter(
             "K", "N/m", "stiffness of the lone spring, which is that at rest; (1 + arm_ratio) K at contact"

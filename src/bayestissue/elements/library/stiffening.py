@@ -20,6 +20,7 @@ def stored(x: Array, v: Array, s: States, p: Parameters) -> Array:
 ELEMENT = Element(
     name="stiffening",
     title="stiffening spring beside a damper",
+    law=r"F = K x \left(1 + (x / x_s)^2\right) + C x'",
     parameters=(
         Parameter("K", "N/m", "tangent stiffness at contact"),
         Parameter("C", "N s/m", "damping"),

@@ -39,6 +39,7 @@ def stored(x: Array, v: Array, s: States, p: Parameters) -> Array:
 ELEMENT = Element(
     name="wall",
     title="tissue of finite thickness on a rigid backing, beside a damper",
+    law="F = K x / (1 - x / h) + C x'",
     parameters=(
         Parameter("K", "N/m", "tangent stiffness at contact"),
         Parameter("C", "N s/m", "damping"),

@@ -12,6 +12,7 @@ from bayestissue.dataset.settings import Finite
 from bayestissue.declarations import declared
 from bayestissue.errors import InputError, Problem
 from bayestissue.settings import Table, checked, parse_toml, read_text
+from bayestissue.thesis.causes.settings import SETTINGS
 
 Name = Annotated[str, Field(pattern="^[A-Za-z0-9_]+$")]
 
@@ -42,7 +43,9 @@ class Range(Table):
 class Sizes(Table):
     """How many campaigns."""
 
-    each: Annotated[int, Field(ge=40)] = Field(default=1000, description="campaigns of every cause.")
+    each: Annotated[int, Field(ge=SETTINGS.fewest_campaigns)] = Field(
+        default=1000, description="campaigns of every cause."
+    )
     batch: Annotated[int, Field(ge=1, le=500)] = Field(
         default=50, description="campaigns that are simulated together; another number gives other draws."
     )

@@ -14,17 +14,8 @@ from scipy import stats
 from scipy.spatial import KDTree
 
 from bayestissue.thesis.causes.design import APART, LEVEL, SIZES
+from bayestissue.thesis.causes.settings import SETTINGS
 from bayestissue.thesis.causes.specification import CausesSpecification
-
-FOLDS = 5
-# Networks of one fold; each has its own start, which matters where few campaigns are.
-_NETWORKS = 3
-# Parts of the campaigns on which the probabilities are found anew, to see how much they depend on the draw.
-PARTS = 5
-_HIDDEN = (64, 64)
-_PASSES = 60
-# No finite number of campaigns tells a probability from 0.
-_LEAST = 1e-4
 
 type Table = Float[np.ndarray, "campaign statistic"]
 type Codes = Int[np.ndarray, " campaign"]
@@ -79,11 +70,17 @@ def attribute(
     with threadpool_limits(1):
         probability, unseen, between = _probabilities(campaigns, cause, observed, number, seed)
         parts = [
-            _probabilities(campaigns[part::PARTS], cause[part::PARTS], observed, number, seed + 1 + part)[0]
-            for part in range(PARTS)
+            _probabilities(
+                campaigns[part :: SETTINGS.parts],
+                cause[part :: SETTINGS.parts],
+                observed,
+                number,
+                seed + 1 + part,
+            )[0]
+            for part in range(SETTINGS.parts)
         ]
     score = np.mean(np.log(unseen[np.arange(len(cause)), cause]))
-    error = np.hypot(np.std(parts, axis=0, ddof=1) / np.sqrt(PARTS), between)
+    error = np.hypot(np.std(parts, axis=0, ddof=1) / np.sqrt(SETTINGS.parts), between)
     return Attribution(probability, error, unseen, cause, float(score))
 
 
@@ -98,19 +95,21 @@ def _probabilities(
 
     middle, spread = _robust_scale(campaigns, 1.0)
     inside, at = (campaigns - middle) / spread, (observed[None] - middle) / spread
-    unseen, said = np.zeros((len(cause), number)), np.zeros((FOLDS * _NETWORKS, number))
+    unseen, said = np.zeros((len(cause), number)), np.zeros((SETTINGS.folds * SETTINGS.networks, number))
     # Neighbours in the table are of different causes, so every fold has all of them.
-    fold = np.arange(len(cause)) // number % FOLDS
-    for k in range(FOLDS * _NETWORKS):
-        mine = fold == k % FOLDS
-        network = _fitted_network(inside[~mine], cause[~mine], seed * FOLDS * _NETWORKS + k)
+    fold = np.arange(len(cause)) // number % SETTINGS.folds
+    for k in range(SETTINGS.folds * SETTINGS.networks):
+        mine = fold == k % SETTINGS.folds
+        network = _fitted_network(inside[~mine], cause[~mine], seed * SETTINGS.folds * SETTINGS.networks + k)
         classes = network.classes_
-        unseen[np.ix_(mine, classes)] += network.predict_proba(inside[mine]) / _NETWORKS
+        unseen[np.ix_(mine, classes)] += network.predict_proba(inside[mine]) / SETTINGS.networks
         said[k, classes] = network.predict_proba(at)[0]
-    calibration = LogisticRegression(solver="newton-cholesky").fit(np.log(unseen + _LEAST), cause)
+    calibration = LogisticRegression(solver="newton-cholesky").fit(
+        np.log(unseen + SETTINGS.least_probability), cause
+    )
     calibrated = np.zeros((len(cause) + 1, number))
     calibrated[:, calibration.classes_] = calibration.predict_proba(
-        np.log(np.vstack([said.mean(axis=0), unseen]) + _LEAST)
+        np.log(np.vstack([said.mean(axis=0), unseen]) + SETTINGS.least_probability)
     )
     return calibrated[0], calibrated[1:], np.std(said, axis=0, ddof=1) / np.sqrt(len(said))
 
@@ -120,8 +119,8 @@ def _fitted_network(campaigns: Table, cause: Codes, seed: int) -> Any:
     from sklearn.neural_network import MLPClassifier
 
     network = MLPClassifier(
-        _HIDDEN, activation="tanh", alpha=1e-2, batch_size=256, learning_rate_init=2e-3,
-        max_iter=_PASSES, n_iter_no_change=_PASSES, random_state=seed % 2**32,
+        SETTINGS.hidden, activation="tanh", alpha=1e-2, batch_size=256, learning_rate_init=2e-3,
+        max_iter=SETTINGS.passes, n_iter_no_change=SETTINGS.passes, random_state=seed % 2**32,
     )  # fmt: skip
     with warnings.catch_warnings():
         # A fixed number of passes is meant, and a batch of all where there are few.
@@ -155,11 +154,8 @@ def reliability(attribution: Attribution, bins: int = 10) -> Float[np.ndarray, "
     return np.column_stack([*means, count[used]])
 
 
-NEIGHBOURS = 10
-FEWEST = 2 * NEIGHBOURS
 CALIBRATION = ("calibration_below_10", "calibration_below_50", "calibration_campaigns", "calibration_p")
 _UNTRIED = (np.nan, np.nan, 0, np.nan)
-_CLIP = 6.0
 
 
 def two_sided(simulated: Float[np.ndarray, " campaign"], observed: float) -> float:
@@ -180,7 +176,7 @@ class Whitening:
 
     def __init__(self, campaigns: Table) -> None:
         self._middle, self._scale = _robust_scale(campaigns, np.std(campaigns, axis=0) + 1e-9)
-        standard = np.clip(self._standard(campaigns), -_CLIP, _CLIP)
+        standard = np.clip(self._standard(campaigns), -SETTINGS.farthest, SETTINGS.farthest)
         values, vectors = np.linalg.eigh(np.cov(standard, rowvar=False) + 1e-3 * np.eye(campaigns.shape[1]))
         self._rotation = vectors / np.sqrt(values)
 
@@ -195,7 +191,7 @@ class Whitening:
 class JointCheck:
     """How strange a campaign is among a cause's campaigns, over all statistics at once.
 
-    The strangeness is the mean distance to the nearest `NEIGHBOURS` campaigns of one half, in whitened
+    The strangeness is the mean distance to the nearest `neighbours` campaigns of one half, in whitened
     coordinates; its p-value is the rank among the campaigns of the other half. Since an observed campaign
     of the cause is exchangeable with these, the p-value is uniform under it whatever the distances are
     (conformal prediction; Vovk, Gammerman & Shafer 2005).
@@ -210,14 +206,16 @@ class JointCheck:
 
     def __init__(self, campaigns: Table) -> None:
         known = campaigns[np.isfinite(campaigns).all(axis=1)]
-        if len(known) <= FEWEST:
-            raise ValueError(f"a joint check needs more than {FEWEST} campaigns with all statistics")
+        if len(known) <= SETTINGS.fewest_complete:
+            raise ValueError(
+                f"a joint check needs more than {SETTINGS.fewest_complete} campaigns with all statistics"
+            )
         self._whitening = Whitening(known[::2])
         self._tree = KDTree(self._whitening(known[::2]))
         self._others = self._strangeness(known[1::2])
 
     def _strangeness(self, campaigns: Table) -> Float[np.ndarray, " campaign"]:
-        distances, _ = self._tree.query(self._whitening(campaigns), k=NEIGHBOURS)
+        distances, _ = self._tree.query(self._whitening(campaigns), k=SETTINGS.neighbours)
         return distances.mean(axis=1)
 
     def p_value(self, observed: Float[np.ndarray, " statistic"]) -> float:
@@ -255,7 +253,6 @@ class JointCheck:
 # Below the first a cause is said not to have made the numbers, below the second hardly.
 REFUTED, DOUBTFUL = 0.01, 0.1
 LEVELS = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
-_NEAREST = 0.02
 
 
 @dataclass(frozen=True)
@@ -348,10 +345,10 @@ def _row(
         if statistic not in APART
     }
     failing = [s for p, s in sorted((single[f"p_{s}"], s) for s in joint) if p < REFUTED]
-    if complete > FEWEST:
+    if complete > SETTINGS.fewest_complete:
         check = JointCheck(values)
         p, smallest, calibration = check.p_value(at), check.smallest_p, check.calibration()
-        nearest = _nearest(campaigns, check.nearest(values, at, _NEAREST))
+        nearest = _nearest(campaigns, check.nearest(values, at, SETTINGS.nearest))
     else:
         # What was observed is complete, which this cause's campaigns are this seldom.
         p, smallest = (1 + complete) / (1 + len(values)), 1 / (1 + len(values))

@@ -1,0 +1,28 @@
+"""The elements that there are, by the models that come with the program."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from bayestissue.elements import Element, element
+from bayestissue.resources import model_content, shared
+from from_program.markdown import code, escaped, table
+
+
+def models() -> str:
+    """Each model of an element, and what the tissue is by it."""
+    return table(["name", "the tissue is a"], ((code(name), escaped(met.title)) for name, met in _models()))
+
+
+def laws() -> str:
+    """The force of each."""
+    return table(["model", "force"], ((code(name), f"${met.law}$") for name, met in _models()))
+
+
+def _models() -> Iterator[tuple[str, Element]]:
+    contents = (model_content(path) for path in shared("models").glob("*.toml"))
+    # Those of the default first, then by name.
+    found = [
+        (each["name"], element(each["element"])) for each in contents if each.get("likelihood") == "impact"
+    ]
+    yield from sorted(found, key=lambda one: (one[0] != "impact", one[0]))
