@@ -38,7 +38,7 @@ from bayestissue import runtime
 from bayestissue.hierarchy.specification import Sampler, read_specification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import plain_model
-from bayestissue.inference.fit import quantities_of_chain, sample
+from bayestissue.inference.fit import draws_of_chain, sample
 from bayestissue.likelihood.arma.displacement import displacement_record
 from bayestissue.likelihood.element.record import DecelerationRecord
 from bayestissue.simulation import simulate
@@ -115,12 +115,12 @@ def ranks_of_one(
     drawn = {name: np.asarray(value[0]) for name, value in draw(key, base.data).items()}
     prepared = with_traces(base, drawn["trace"])
     chains = sample(prepared, SAMPLER, number)
-    found = quantities_of_chain(prepared, chains.thinned(SAMPLER.draws), number)
+    found = draws_of_chain(prepared, chains.thinned(SAMPLER.draws), number)
     truth = {name: drawn[name] for name in model.hyperparameters}
-    posterior = {name: found.sites[name] for name in model.hyperparameters}
+    posterior = {name: found.population[name] for name in model.hyperparameters}
     for name in ("intercept_K", "intercept_C", "mass_exponent_K", "mass_exponent_C", *groups):
         truth[name] = drawn["locations"][model.locations.parts[name]][0]
-        posterior[name] = found.sites[name][..., 0] if name in groups else found.sites[name]
+        posterior[name] = found.population[name][..., 0] if name in groups else found.population[name]
     for q in "KC":
         if f"subject_mass_exponent_deviation_{q}" in groups:
             name = f"subject_mass_exponent_{q}"

@@ -45,14 +45,14 @@ from numpyro.distributions import biject_to
 from numpyro.infer import HMC
 
 from bayestissue import runtime
-from bayestissue.hierarchy.derived import named_sites, new_impact, reported_sites, values_at_levels
+from bayestissue.hierarchy.derived import effects_by_name, formula_quantities, level_quantities, new_impact
 from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.gaussian.arrangement import expected
 from bayestissue.hierarchy.gaussian.conditional import Data, log_marginal
 from bayestissue.hierarchy.gaussian.effects import effects_from_standard, integrate_effects
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import TraceModel, gaussian, hyperparameters_at, population
+from bayestissue.hierarchy.traces import TraceModel, gaussian, hyperparameters_at
 from bayestissue.inference.answers.contrasts import contrasts, people_compared
 from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.predictions import QUANTITIES, predict
@@ -68,8 +68,8 @@ from bayestissue.inference.answers.reliability import (
     variances,
 )
 from bayestissue.inference.execution.compiling import by_row
+from bayestissue.inference.quantities.draws import drawn_from_prior
 from bayestissue.inference.results.labels import design_dimensions, labelled
-from bayestissue.inference.results.predictions import prior_draws
 
 SEED = 2028
 DESIGN: dict[str, Any] = {
@@ -462,10 +462,10 @@ def effects_of_sites(
     model: TraceModel, data: Data, y: Array, standard: Array
 ) -> tuple[dict[str, Array], Array]:
     """Hyperparameters by name and a draw of b, the sites standing for the traces."""
-    sites = hyperparameters_at(model, y)[0]
-    covariances = population(model, sites)
+    hyperparameters = hyperparameters_at(model, y)[0]
+    covariances = model.covariances(hyperparameters)
     effects, _ = integrate_effects(data.design, covariances, data.sums(covariances))
-    return sites, effects_from_standard(data.design, effects, data.mean, standard)
+    return hyperparameters, effects_from_standard(data.design, effects, data.mean, standard)
 
 
 class Studies:
@@ -476,7 +476,7 @@ class Studies:
         self._base = base = blank(trial.kind, trial.people, **trial.design)
         self._draw, self._sample = drawing(base), jax.jit(jax.vmap(self._chain))
         self._recorded = base.design.recorded
-        made, *_ = jax.device_get(prior_draws(base.model, base.data, jax.random.PRNGKey(SEED)))
+        made, _ = drawn_from_prior(base.model, base.data, jax.random.PRNGKey(SEED))
         drawn = {name: values[None] for name, values in made.items()}
         self._prior = self._labelled(drawn, drawn.pop("locations"), np.random.default_rng(SEED))
 
@@ -518,8 +518,8 @@ class Studies:
         data, model = replace(gaussian(self._base.data, self._flat), sites=laid), self._base.model
 
         def potential(y: Array) -> Array:
-            sites, log_prior = hyperparameters_at(model, y)
-            return -log_prior - log_marginal(data, population(model, sites))
+            hyperparameters, log_prior = hyperparameters_at(model, y)
+            return -log_prior - log_marginal(data, model.covariances(hyperparameters))
 
         kernel = HMC(potential_fn=potential, num_steps=LEAPFROGS, trajectory_length=None)
         state = kernel.init(key, WARMUP, begin, (), {})
@@ -547,20 +547,20 @@ class Studies:
     def _posterior(self, raw: np.ndarray, data: Data, random: np.random.Generator) -> xr.Dataset:
         model = self._base.model
         standard = random.standard_normal((len(raw), model.locations.size))
-        sites, b = effects_of_sites(model, data, raw, standard)
+        hyperparameters, b = effects_of_sites(model, data, raw, standard)
         # Halves of the chain as two.
-        two = {name: values.reshape(2, -1) for name, values in sites.items()}
+        two = {name: values.reshape(2, -1) for name, values in hyperparameters.items()}
         return self._labelled(two, b.reshape(2, -1, b.shape[-1]), random)
 
     def _labelled(
-        self, spreads: dict[str, np.ndarray], b: np.ndarray, random: np.random.Generator
+        self, hyperparameters: dict[str, np.ndarray], b: np.ndarray, random: np.random.Generator
     ) -> xr.Dataset:
         """As `posterior_tree` has the population's quantities."""
         design = self._base.design
-        sites = named_sites(self._base.model.locations, design, spreads, b)
-        arrays = reported_sites(design, sites)
-        levels = values_at_levels(design, arrays)
-        arrays |= levels | new_impact(design, sites, levels, random)
+        population = hyperparameters | effects_by_name(self._base.model.locations, design, b)
+        arrays = formula_quantities(design, population)
+        levels = level_quantities(design, arrays)
+        arrays |= levels | new_impact(design, population, levels, random)
         return labelled(arrays, design_dimensions(design), design.levels())
 
     def _asked(self, posterior: xr.Dataset, world: World) -> dict[str, float]:

@@ -90,7 +90,7 @@ def exponents_of(case: str, number: int, fits: Fits) -> pd.DataFrame:
     prepared = fits.prepared(dataset)
     draws, passed = fits.fit(prepared, number)
     exponents = mass_exponents_of_secants(prepared, draws, number)
-    exponents["mass_exponent_C"] = draws.sites["mass_exponent_C"]
+    exponents["mass_exponent_C"] = draws.population["mass_exponent_C"]
     rows = rows_of({name: (values, 0.0) for name, values in exponents.items()})
     return rows.assign(passed=passed)
 

@@ -31,8 +31,8 @@ from bayestissue import runtime
 from bayestissue.elements import element_names
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.comparing import OF_IMPACTS, FinishedRun, compare_runs, implied
+from bayestissue.inference.quantities.draws import Draws
 from bayestissue.inference.results.cross_validation import scheme_words
-from bayestissue.inference.samplers.sampling import ConstrainedDraws
 from bayestissue.simulation import simulate
 
 # Twelve of all elements together: a share of 90 % is known to 9 %.
@@ -46,10 +46,10 @@ def fits_of(name: str) -> Fits:
     return Fits(model_of(name), simulate(campaign_of(name, 0)).dataset("first"))
 
 
-def finished(name: str, prepared: Prepared, found: ConstrainedDraws) -> FinishedRun:
+def finished(name: str, prepared: Prepared, found: Draws) -> FinishedRun:
     """What `compare` reads of a run's folder."""
     draws, people = ("chain", "draw"), prepared.impacts["subject"].astype(str).to_numpy()
-    scalars = {site: (draws, values) for site, values in found.sites.items() if values.ndim == 2}
+    scalars = {site: (draws, values) for site, values in found.population.items() if values.ndim == 2}
     wanted = {site for each in OF_IMPACTS.values() for site in each}
     impacts = {
         site: ((*draws, "impact"), found.impacts[site]) for site in sorted(wanted) if site in found.impacts

@@ -31,9 +31,9 @@ from bayestissue.dataset import Dataset
 from bayestissue.elements import element
 from bayestissue.hierarchy.specification import ModelSpecification, read_specification
 from bayestissue.hierarchy.trace_data import Prepared, assemble, prepare
-from bayestissue.inference.fit import quantities_of_chain, sample
+from bayestissue.inference.fit import draws_of_chain, sample
+from bayestissue.inference.quantities.draws import Draws
 from bayestissue.inference.results.tree import predicted
-from bayestissue.inference.samplers.sampling import ConstrainedDraws
 from bayestissue.signal import displacements
 from bayestissue.signal.displacement import FEWEST_SAMPLES, Displacements
 from bayestissue.simulation import Simulation, simulate
@@ -119,13 +119,13 @@ class Fits:
         signal = filled_up(displacements(dataset, self._specification.signal))
         return assemble(dataset, self._specification, self._design, signal)
 
-    def fit(self, prepared: Prepared, seed: int) -> tuple[ConstrainedDraws, bool]:
+    def fit(self, prepared: Prepared, seed: int) -> tuple[Draws, bool]:
         """Draws of everything, and whether the chains passed."""
         # What is compiled for many shapes takes more mapped memory than a process may have.
         runtime.release_compiled()
         sampler = self._specification.sampler
         chains = sample(prepared, sampler, seed)
-        return quantities_of_chain(prepared, chains.thinned(sampler.draws), seed), chains.verdict.passed
+        return draws_of_chain(prepared, chains.thinned(sampler.draws), seed), chains.verdict.passed
 
 
 def filled_up(signal: Displacements) -> Displacements:
@@ -148,14 +148,14 @@ def rows_of(quantities: Mapping[str, tuple[np.ndarray, Any]]) -> pd.DataFrame:
     return pd.concat(parts, ignore_index=True)
 
 
-def residuals_of(prepared: Prepared, draws: ConstrainedDraws, seed: int) -> tuple[np.ndarray, np.ndarray]:
+def residuals_of(prepared: Prepared, draws: Draws, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Recorded decelerations [impact, sample], NaN outside the contact, and replicated ones [draw, ...]."""
     signal, replicated = prepared.signal, predicted(prepared, draws, seed)["deceleration"].astype(float)
     inside = np.arange(signal.x.shape[1]) < signal.n_samples[:, None]
     return np.where(inside, signal.deceleration, np.nan), replicated.reshape(-1, *inside.shape)
 
 
-def compared_with(draws: ConstrainedDraws, truth: pd.DataFrame, simulation: Simulation) -> pd.DataFrame:
+def compared_with(draws: Draws, truth: pd.DataFrame, simulation: Simulation) -> pd.DataFrame:
     """`rows_of` all that was simulated and fitted: of each impact, and the mass exponents."""
     columns = {"K": "K_N_per_m", "C": "C_N_s_per_m", "K_secant": "K_secant_N_per_m"}
     columns |= {"C_equivalent": "C_equivalent_N_s_per_m", "energy_lost": "energy_lost"}
@@ -166,7 +166,7 @@ def compared_with(draws: ConstrainedDraws, truth: pd.DataFrame, simulation: Simu
         if column in truth and name in draws.impacts
     }
     for name in ("mass_exponent_K", "mass_exponent_C"):
-        quantities[name] = (draws.sites[name], getattr(simulation.tissue, name))
+        quantities[name] = (draws.population[name], getattr(simulation.tissue, name))
     return rows_of(quantities)
 
 

@@ -31,10 +31,10 @@ from bayestissue.dataset import read_dataset
 from bayestissue.hierarchy.gaussian.arrangement import expected
 from bayestissue.hierarchy.specification import ModelSpecification, read_specification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
-from bayestissue.hierarchy.traces import constrained, population, trace_likelihood
+from bayestissue.hierarchy.traces import hyperparameters_at, trace_likelihood
 from bayestissue.inference.chain.results import ChainDraws
 from bayestissue.inference.factors.expansions import expanded
-from bayestissue.inference.fit import quantities_of_chain, sample
+from bayestissue.inference.fit import draws_of_chain, sample
 from bayestissue.resources import shared
 
 SEED = 1
@@ -88,10 +88,9 @@ class Bench:
     def chains(self) -> tuple[ChainDraws, Arrays]:
         """A fit's draws, and what is reported of them."""
         found = sample(self.prepared, self.specification.sampler, SEED)
-        quantities = quantities_of_chain(self.prepared, found, SEED)
-        model = self.prepared.model
-        parts = {name: quantities.sites[name] for name in (*model.hyperparameters, *model.locations.parts)}
-        return found, parts | {name: np.log(quantities.impacts[name]) for name in ("K", "C")}
+        draws, model = draws_of_chain(self.prepared, found, SEED), self.prepared.model
+        parts = {name: draws.population[name] for name in (*model.hyperparameters, *model.locations.parts)}
+        return found, parts | {name: np.log(draws.impacts[name]) for name in ("K", "C")}
 
 
 def timed(call: Callable[[], Any]) -> tuple[Any, Time]:
@@ -183,14 +182,17 @@ def plain_start(bench: Bench, key: jax.Array) -> dict[str, jax.Array]:
     """A point of the plain model where its posterior is: the last draw of a fit, errors drawn given it."""
     model, data = bench.prepared.model, bench.prepared.data
     found, _ = bench.chains()
-    y, b, u = found.y[0, -1], jnp.asarray(found.b[0, -1]), list(jnp.asarray(found.u[0, -1]).T)
-    raw = dict(zip(model.hyperparameters, jnp.asarray(y), strict=True))
-    sites = constrained(model, raw)
-    spread = population(model, sites)
-    factor = cholesky_factor(sites["sd_impact_K"], sites["sd_impact_C"], sites["residual_correlation"])
+    # Where the first chain ended.
+    y = jnp.asarray(found.end.state.y[0])
+    b, u = jnp.asarray(found.population.b[0, -1]), list(jnp.asarray(found.u[0, -1]).T)
+    hyperparameters = hyperparameters_at(model, y)[0]
+    spread = model.covariances(hyperparameters)
+    factor = cholesky_factor(
+        *(hyperparameters[name] for name in ("sd_impact_K", "sd_impact_C", "residual_correlation"))
+    )
     away = [each - mean for each, mean in zip(u, expected(data.design, b), strict=True)]
     errors = trace_likelihood(model, data, u).draw_errors(key)
-    return raw | {
+    return dict(zip(model.hyperparameters, y, strict=True)) | {
         "standard_locations": (b - data.location_mean) / spread.locations,
         "standard_pair": jnp.linalg.solve(factor, jnp.stack(away[:2])).T,
         "standard_mass_error": jnp.zeros(len(data.log_mass)),

@@ -18,7 +18,7 @@ import numpyro.distributions as dist
 from jax import Array
 
 from bayestissue.hierarchy.population import expected
-from bayestissue.hierarchy.traces import TraceData, TraceModel, physical, population, sample_hyperparameters
+from bayestissue.hierarchy.traces import TraceData, TraceModel, physical, sample_hyperparameters
 from bayestissue.oscillator import to_differences
 
 
@@ -32,12 +32,14 @@ def plain(model: TraceModel, data: TraceData) -> None:
 
     Deterministic sites ``locations`` (b), ``log_K`` and ``log_C`` of each impact are what is compared.
     """
-    sites = sample_hyperparameters(model)
+    hyperparameters = sample_hyperparameters(model)
     number = data.log_mass.shape[0]
-    spread = population(model, sites)
+    spread = model.covariances(hyperparameters)
     b = data.location_mean + spread.locations * _standard("standard_locations", model.locations.size)
     about = expected(data.design, b)
-    factor = cholesky_factor(sites["sd_impact_K"], sites["sd_impact_C"], sites["residual_correlation"])
+    factor = cholesky_factor(
+        *(hyperparameters[name] for name in ("sd_impact_K", "sd_impact_C", "residual_correlation"))
+    )
     pair = _standard("standard_pair", number, 2) @ factor.T
     mass_error = model.log_mass_sd * _standard("standard_mass_error", number)
     log_K = numpyro.deterministic("log_K", about[0] + pair[:, 0])

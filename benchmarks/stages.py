@@ -21,11 +21,13 @@ from typing import Any
 
 # By module: the functions that are stages.
 STAGES = {
-    "inference.posterior.recipe": ("approximate", "sample_marginal", "with_impacts", "importance_weights"),
-    "inference.posterior.constrained_draws": ("constrained_draws", "of_draws"),
-    "inference.results.tree": ("posterior_tree", "prior_draws", "replicates"),
+    "inference.factors.scores": ("log_densities",),
+    "inference.quantities.draws": ("posterior_draws", "prior_draws"),
+    "inference.results.tree": ("posterior_tree", "replicates"),
     "inference.fit": (
         "expanded",
+        "explanations",
+        "chain_draws",
         "cross_validation",
         "prior_sensitivity",
         "summary_table",

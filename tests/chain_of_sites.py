@@ -8,8 +8,9 @@ import numpy as np
 from jax import Array
 
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
+from bayestissue.hierarchy.population import Population
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.inference.chain.results import ChainDraws
+from bayestissue.inference.chain.results import ChainDraws, constrained
 from bayestissue.inference.chain.target import Target
 from bayestissue.padding import padded_impacts
 
@@ -38,8 +39,7 @@ def chain_of_sites(
     levels = {name: len(each.levels) for name, each in made.design.groupings.items()}
     nothing = {name: np.zeros((*shape, number)) for name, number in levels.items()}
     return ChainDraws(
-        y=y,
-        b=b.reshape(*shape, -1),
+        population=Population(constrained(made.model, y), b.reshape(*shape, -1)),
         log_likelihood=value.sum(-1),
         log_ratios={"impact": np.zeros(value.shape), **nothing},
         impact_draws=np.arange(shape[1]),

@@ -19,22 +19,22 @@ def study_with_sides(
     rows = impacts().assign(velocity_m_s=1.5)
     rows = rows[(rows["subject"] != "s0") | (rows["side"] == "left")].reset_index(drop=True)
     design, rng = design_of(formula, of_C, rows=rows), np.random.default_rng(1)
-    sites = {"residual_correlation": np.zeros(SHAPE)}
+    population = {"residual_correlation": np.zeros(SHAPE)}
     for q, part in design.responses.items():
-        sites |= {
+        population |= {
             f"intercept_{q}": 7 + 0.05 * rng.standard_normal(SHAPE),
             f"sd_impact_{q}": np.full(SHAPE, 0.1),
         }
-        sites[f"covariate_effect_{q}"] = 0.1 * part.scale + 0.01 * rng.standard_normal(
+        population[f"covariate_effect_{q}"] = 0.1 * part.scale + 0.01 * rng.standard_normal(
             (*SHAPE, len(part.names))
         )
         if part.log_mass is not None:
-            sites[f"mass_exponent_{q}"] = 0.5 + 0.05 * rng.standard_normal(SHAPE)
+            population[f"mass_exponent_{q}"] = 0.5 + 0.05 * rng.standard_normal(SHAPE)
         for term in part.terms:
             levels = len(design.groupings[term.grouping].levels)
-            sites[term.sd(q)] = np.full(SHAPE, 0.2)
-            sites[term.effect(q)] = 0.2 * rng.standard_normal((*SHAPE, levels))
-    values = derived.reported_sites(design, sites)
-    values |= derived.values_at_levels(design, values)
+            population[term.sd(q)] = np.full(SHAPE, 0.2)
+            population[term.effect(q)] = 0.2 * rng.standard_normal((*SHAPE, levels))
+    values = derived.formula_quantities(design, population)
+    values |= derived.level_quantities(design, values)
     draws = labelled(values, design_dimensions(design), design.levels(), attributes=design_attributes(design))
     return Finished(draws, None, design.recorded)

@@ -17,7 +17,7 @@ ROOMS = (
     ("execution",),
     ("samplers", "points"),
     ("factors", "quantities"),
-    ("posterior", "results"),
+    ("results",),
     ("comparing", "checking", "single", "chain"),
     ("answers",),
     ("published", "fit"),

@@ -28,7 +28,6 @@ from bayestissue.thesis.reanalysis.model import (
     integrated,
     leave_one_out,
     plain_model,
-    population,
     without,
 )
 from bayestissue.thesis.reanalysis.observations import (
@@ -68,29 +67,33 @@ class Draw(NamedTuple):
     rows: Any
 
 
-def coordinates(model: EstimatesModel, sites: dict[str, Any]) -> jax.Array:
+def coordinates(model: EstimatesModel, hyperparameters: dict[str, Any]) -> jax.Array:
     """Unconstrained, of the hyperparameters by name."""
     return jnp.stack(
-        [biject_to(model.prior_of(name).support).inv(sites[name]) for name in model.hyperparameters]
+        [biject_to(model.prior_of(name).support).inv(hyperparameters[name]) for name in model.hyperparameters]
     )
 
 
-def log_evidence(model: EstimatesModel, data: Any, sites: dict[str, Any]) -> jax.Array:
+def log_evidence(model: EstimatesModel, data: Any, hyperparameters: dict[str, Any]) -> jax.Array:
     """Of the rows that are kept, the hyperparameters given."""
-    y = coordinates(model, sites)
+    y = coordinates(model, hyperparameters)
     return integrated(model, data, y).log_density - hyperparameters_at(model, y)[1]
 
 
-def draw_effects(model: EstimatesModel, data: Any, sites: dict[str, Any], standard: jax.Array) -> Draw:
-    y = coordinates(model, sites)
+def draw_effects(
+    model: EstimatesModel, data: Any, hyperparameters: dict[str, Any], standard: jax.Array
+) -> Draw:
+    y = coordinates(model, hyperparameters)
     conditional = integrated(model, data, y).conditional
     b = effects_from_standard(data.design, conditional, data.location_mean, standard)
     at = densities(model, data, y, b)
-    return Draw(b, at.scatter, log_evidence(model, data, sites), at.log_ratio, at.rows)
+    return Draw(b, at.scatter, log_evidence(model, data, hyperparameters), at.log_ratio, at.rows)
 
 
 evidence, drawn_effects = jax.jit(log_evidence), jax.jit(draw_effects)
-given_others = jax.jit(lambda model, data, sites: leave_one_out(model, data, coordinates(model, sites)))
+given_others = jax.jit(
+    lambda model, data, hyperparameters: leave_one_out(model, data, coordinates(model, hyperparameters))
+)
 SCATTER = np.array([[0.002, 0.03], [0.003, 0.05]])
 TABLES = 2
 
@@ -106,19 +109,19 @@ def setting():
     ]
     model = EstimatesModel(common_effects(designs, PRIORS), PRIORS, True)
     data = estimates_data(designs[0], observations, model)._replace(scatter=SCATTER)
-    sites = {name: jnp.asarray(value) for name, value in SITES.items()}
-    return observations, designs[0], model, data, sites
+    hyperparameters = {name: jnp.asarray(value) for name, value in SITES.items()}
+    return observations, designs[0], model, data, hyperparameters
 
 
 def dense(setting):
     """Mean and covariance of all estimates (K and C of one after the other), b integrated out by matrices."""
-    _, _, model, data, sites = setting
+    _, _, model, data, hyperparameters = setting
     sd, X = jax.jit(
-        lambda sites: (
-            population(model, sites).locations,
+        lambda hyperparameters: (
+            model.covariances(hyperparameters).locations,
             expected(data.design, jnp.eye(model.locations.size)),
         )
-    )(sites)
+    )(hyperparameters)
     # [parameter, element of b, row] to [row and parameter, element of b].
     sd, X = np.asarray(sd), np.asarray(X)[..., TABLES:]
     X = np.moveaxis(X, (2, 0), (0, 1)).reshape(-1, len(sd))
@@ -128,32 +131,32 @@ def dense(setting):
 
 
 def test_the_estimates_together_are_one_normal(setting) -> None:
-    _, _, model, data, sites = setting
+    _, _, model, data, hyperparameters = setting
     only = without(data, np.arange(len(data.value)) < TABLES)
     direct = multivariate_normal(*dense(setting)).logpdf(data.value[TABLES:].ravel())
     # A Cholesky factor of a matrix with a condition number of some 1e6, over a sum of some hundred.
-    assert_allclose(evidence(model, only, sites), direct, rtol=1e-9)
+    assert_allclose(evidence(model, only, hyperparameters), direct, rtol=1e-9)
 
 
 def test_an_estimate_given_all_others_is_the_ratio_of_two_densities(setting) -> None:
-    _, _, model, data, sites = setting
-    found = given_others(model, data, sites)
-    whole = evidence(model, data, sites)
+    _, _, model, data, hyperparameters = setting
+    found = given_others(model, data, hyperparameters)
+    whole = evidence(model, data, hyperparameters)
     for row in (0, 1, 2, 40, 71):
-        others = evidence(model, without(data, np.arange(len(data.value)) == row), sites)
+        others = evidence(model, without(data, np.arange(len(data.value)) == row), hyperparameters)
         assert_allclose(found[row], whole - others, atol=1e-7)
 
 
 def test_both_writings_are_one_density(setting) -> None:
-    _, _, model, data, sites = setting
+    _, _, model, data, hyperparameters = setting
     kept = without(data, np.arange(len(data.value)) % 7 == 0)
 
     @jax.jit
     def both(z: jax.Array) -> tuple[jax.Array, ...]:
-        drawn = draw_effects(model, kept, sites, z)
-        slope = jax.jacobian(lambda z: draw_effects(model, kept, sites, z).b)(z)
-        plain, _ = log_density(plain_model, (model, kept), {}, sites | {"locations": drawn.b})
-        priors = sum(model.prior_of(name).log_prob(value) for name, value in sites.items())
+        drawn = draw_effects(model, kept, hyperparameters, z)
+        slope = jax.jacobian(lambda z: draw_effects(model, kept, hyperparameters, z).b)(z)
+        plain, _ = log_density(plain_model, (model, kept), {}, hyperparameters | {"locations": drawn.b})
+        priors = sum(model.prior_of(name).log_prob(value) for name, value in hyperparameters.items())
         return drawn.log_density + drawn.log_ratio + priors, slope, plain
 
     for seed in range(3):
@@ -165,18 +168,18 @@ def test_both_writings_are_one_density(setting) -> None:
 
 
 def test_a_site_is_its_factor_where_people_scatter_as_it_says(setting) -> None:
-    _, _, model, data, sites = setting
+    _, _, model, data, hyperparameters = setting
     z = jnp.zeros(model.locations.size)
     for _ in range(60):
-        drawn = drawn_effects(model, data, sites, z)
+        drawn = drawn_effects(model, data, hyperparameters, z)
         data = data._replace(scatter=np.asarray(drawn.scatter))
-    assert_allclose(drawn_effects(model, data, sites, z).log_ratio, 0, atol=1e-9)
+    assert_allclose(drawn_effects(model, data, hyperparameters, z).log_ratio, 0, atol=1e-9)
 
 
 def test_rows_have_the_densities_of_the_distributions(setting) -> None:
-    observations, design, model, data, sites = setting
+    observations, design, model, data, hyperparameters = setting
     z = jnp.asarray(np.random.default_rng(5).standard_normal(model.locations.size))
-    drawn = drawn_effects(model, data, sites, z)
+    drawn = drawn_effects(model, data, hyperparameters, z)
     b, parts = np.asarray(drawn.b), model.locations.parts
     logs = np.stack(
         [
@@ -204,13 +207,13 @@ def test_rows_have_the_densities_of_the_distributions(setting) -> None:
 
 def test_a_trial_held_out_by_averaging_over_everything_it_shares(setting) -> None:
     """Evidence with a trial over that without: also the mean density of the trial over effects without it."""
-    observations, design, model, data, sites = setting
+    observations, design, model, data, hyperparameters = setting
     trial = np.r_[design.trial[observations.averaged_cells[:, 0]], design.trial[observations.impact_cell]]
     rows = trial == trial[TABLES]
     others = without(data, rows | (np.arange(len(rows)) < TABLES))
     both = without(data, np.arange(len(rows)) < TABLES)
     z = jnp.asarray(np.random.default_rng(1).standard_normal((20_000, model.locations.size)))
-    wide = {**sites, "sd_impact_K": jnp.asarray(0.2)}
+    wide = {**hyperparameters, "sd_impact_K": jnp.asarray(0.2)}
     ratio = evidence(model, both, wide) - evidence(model, others, wide)
     given = jax.jit(jax.vmap(lambda each: draw_effects(model, others, wide, each).rows[rows].sum()))(z)
     weight = np.exp(np.asarray(given) - float(jnp.max(given)))
@@ -219,12 +222,12 @@ def test_a_trial_held_out_by_averaging_over_everything_it_shares(setting) -> Non
 
 
 def test_a_formula_s_missing_terms_change_nothing(setting) -> None:
-    observations, _, model, _, sites = setting
+    observations, _, model, _, hyperparameters = setting
     plain = Formulas(K="1 + (1|subject)", C="1 + (1|subject)")
     design = published_design(observations, SPECIFICATION, formulas=plain)
     alone = EstimatesModel(common_effects([design], PRIORS), PRIORS, True)
     densities = [
-        evidence(each, estimates_data(design, observations, each)._replace(scatter=SCATTER), sites)
+        evidence(each, estimates_data(design, observations, each)._replace(scatter=SCATTER), hyperparameters)
         for each in (model, alone)
     ]
     assert_allclose(*densities, rtol=1e-10)

@@ -125,20 +125,20 @@ def test_people_have_effects_on_a_parameter_whose_formula_has_them(formula: str 
 def test_results_are_named_as_those_of_k_and_c() -> None:
     design = design_of("(1|subject)", "1", thickness_m=FORMULA)
     effects, _ = population_design(design, wall(FORMULA).complete_priors(), NUISANCE)
-    rng, sites = np.random.default_rng(3), {}
+    rng, population = np.random.default_rng(3), {}
     for each in effects.blocks:
         several = each.spread or each.name.startswith("covariate")
-        sites[each.name] = rng.normal(size=(2, 5, each.width) if several else (2, 5))
+        population[each.name] = rng.normal(size=(2, 5, each.width) if several else (2, 5))
     for name in {*effects.spread, "sd_impact_K", "sd_impact_C", "sd_log_thickness_m"} - {""}:
-        sites[name] = rng.uniform(0.1, 1, size=(2, 5))
-    found = derived.reported_sites(design, sites)
-    found |= derived.values_at_levels(design, found)
+        population[name] = rng.uniform(0.1, 1, size=(2, 5))
+    found = derived.formula_quantities(design, population)
+    found |= derived.level_quantities(design, found)
     scale = impacts()["room"].std(ddof=0)
-    slope = sites["covariate_effect_thickness_m"] / scale
+    slope = population["covariate_effect_thickness_m"] / scale
     assert_allclose(found["effect_of_room_thickness_m"], slope[..., 0])
-    own = (sites["subject_effect_of_room_deviation_thickness_m"] / scale) + slope
+    own = (population["subject_effect_of_room_deviation_thickness_m"] / scale) + slope
     assert_allclose(found["subject_effect_of_room_thickness_m"], own)
-    of_people = sites["log_thickness_m_mean"][..., None] + sites["subject_effect_thickness_m"]
+    of_people = population["log_thickness_m_mean"][..., None] + population["subject_effect_thickness_m"]
     assert_allclose(np.log(found["thickness_m_subject"]), of_people)
     names = {"sd_subject_thickness_m", "sd_session_thickness_m", "sd_log_thickness_m"}
     assert names | {"session_effect_thickness_m", "mass_exponent_thickness_m"} <= set(found)

@@ -175,46 +175,50 @@ def test_names_follow_the_columns() -> None:
 
 def draws(design, priors: Priors) -> dict[str, np.ndarray]:
     """Sites [chain, draw] of a few draws, of every name that the design asks for."""
-    rng, sites = np.random.default_rng(4), {}
+    rng, population = np.random.default_rng(4), {}
     effects, _ = population_design(design, priors, ())
     for name, part in effects.parts.items():
         width = part.stop - part.start
         values = rng.normal(size=(2, 5, width))
         single = name.startswith(("intercept", "mass_exponent"))
-        sites[name] = values[..., 0] if single else values
+        population[name] = values[..., 0] if single else values
     for name in {*effects.spread, "sd_impact_K", "sd_impact_C"} - {""}:
-        sites[name] = rng.uniform(0.1, 1, size=(2, 5))
-    return sites
+        population[name] = rng.uniform(0.1, 1, size=(2, 5))
+    return population
 
 
 def test_a_persons_own_exponent_is_the_populations_and_the_persons_deviation() -> None:
     design = design_of(EVERYTHING, "room + (room|subject)")
-    sites = draws(design, Priors())
-    found = derived.reported_sites(design, sites)
-    own = sites["mass_exponent_K"][..., None] + sites["subject_mass_exponent_deviation_K"]
+    population = draws(design, Priors())
+    found = derived.formula_quantities(design, population)
+    own = population["mass_exponent_K"][..., None] + population["subject_mass_exponent_deviation_K"]
     assert_allclose(found["subject_mass_exponent_K"], own)
     assert "subject_mass_exponent_deviation_K" not in found
     scale = impacts()["room"].std(ddof=0)
     assert_allclose(
         found["subject_effect_of_room_C"],
-        (sites["covariate_effect_C"] + sites["subject_effect_of_room_deviation_C"]) / scale,
+        (population["covariate_effect_C"] + population["subject_effect_of_room_deviation_C"]) / scale,
     )
-    assert_allclose(found["sd_subject_effect_of_room_C"], sites["sd_subject_effect_of_room_C"] / scale)
+    assert_allclose(found["sd_subject_effect_of_room_C"], population["sd_subject_effect_of_room_C"] / scale)
 
 
 @pytest.mark.slow
 def test_the_k_of_a_level_holds_the_effects_that_it_lies_in() -> None:
     design = design_of(EVERYTHING, "(1|trial)")
-    sites = draws(design, Priors())
-    found = derived.values_at_levels(design, derived.reported_sites(design, sites))
+    population = draws(design, Priors())
+    found = derived.level_quantities(design, derived.formula_quantities(design, population))
     side = np.log(found["K_subject_side"][..., 3])  # s1:right
-    whole = sites["intercept_K"] + sites["subject_effect_K"][..., 1] + sites["subject_side_effect_K"][..., 3]
+    whole = (
+        population["intercept_K"]
+        + population["subject_effect_K"][..., 1]
+        + population["subject_side_effect_K"][..., 3]
+    )
     assert_allclose(side, whole)
-    person = sites["intercept_K"] + sites["subject_effect_K"][..., 1]
-    sides = sites["subject_side_effect_K"][..., 2:4].mean(-1)  # s1's
+    person = population["intercept_K"] + population["subject_effect_K"][..., 1]
+    sides = population["subject_side_effect_K"][..., 2:4].mean(-1)  # s1's
     assert_allclose(np.log(found["K_subject"][..., 1]), person + sides)
-    exponent = sites["mass_exponent_K"] * np.log(1.2 / REFERENCE)
-    assert_allclose(np.log(found["K_trial"][..., 2]), sites["intercept_K"] + exponent)
+    exponent = population["mass_exponent_K"] * np.log(1.2 / REFERENCE)
+    assert_allclose(np.log(found["K_trial"][..., 2]), population["intercept_K"] + exponent)
 
 
 def test_a_new_impact_has_a_new_level_of_every_grouping() -> None:
@@ -222,10 +226,10 @@ def test_a_new_impact_has_a_new_level_of_every_grouping() -> None:
     design = design_of(EVERYTHING, "1")
     count = 20_000
     terms = [term for term in design.responses["K"].terms if not term.slope]
-    sites = {term.sd("K"): np.full((1, count), 0.1 * (1 + n)) for n, term in enumerate(terms)}
-    sites |= {f"sd_impact_{q}": np.full((1, count), 0.05) for q in "KC"}
+    population = {term.sd("K"): np.full((1, count), 0.1 * (1 + n)) for n, term in enumerate(terms)}
+    population |= {f"sd_impact_{q}": np.full((1, count), 0.05) for q in "KC"}
     typical = {f"{q}_typical_person": np.ones((1, count)) for q in "KC"}
-    found = np.log(derived.new_impact(design, sites, typical, np.random.default_rng(1))["K_new"])
+    found = np.log(derived.new_impact(design, population, typical, np.random.default_rng(1))["K_new"])
     variance = 0.05**2 + sum((0.1 * (1 + n)) ** 2 for n in range(len(terms)))
     # Five standard errors of a normal's variance.
     assert_allclose(found.var(), variance, rtol=5 * np.sqrt(2 / count))
@@ -251,10 +255,13 @@ def test_priors_of_group_terms_are_the_files_or_as_wide_as_peoples() -> None:
     assert priors.by_name()["sd_subject_mass_exponent_C"].scale == 0.3
     assert priors.by_name()["sd_session_K"] == priors.sd_subject.K
     assert set(priors.sd_group) == {"subject:side", "session", "operator"}
-    sites = {"sd_subject_side_K": np.array([[0.1, 0.5]]), "sd_subject_mass_exponent_K": np.array([[0.2]])}
-    densities = priors.log_densities(sites)
-    assert set(densities) == set(sites)
-    half = np.log(2 / (0.2 * np.sqrt(2 * np.pi))) - (sites["sd_subject_side_K"] / 0.2) ** 2 / 2
+    population = {
+        "sd_subject_side_K": np.array([[0.1, 0.5]]),
+        "sd_subject_mass_exponent_K": np.array([[0.2]]),
+    }
+    densities = priors.log_densities(population)
+    assert set(densities) == set(population)
+    half = np.log(2 / (0.2 * np.sqrt(2 * np.pi))) - (population["sd_subject_side_K"] / 0.2) ** 2 / 2
     assert_allclose(densities["sd_subject_side_K"], half, rtol=1e-12)
 
 

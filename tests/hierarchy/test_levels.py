@@ -20,37 +20,37 @@ DRAWS = (2, 5)
 
 
 def sites_of(design: Design, rng: np.random.Generator) -> dict[str, np.ndarray]:
-    sites = {}
+    population = {}
     for q, part in design.responses.items():
-        sites |= {name: rng.normal(size=DRAWS) for name in (f"intercept_{q}", f"mass_exponent_{q}")}
-        sites[f"covariate_effect_{q}"] = rng.normal(size=(*DRAWS, len(part.names)))
-        sites[f"sd_impact_{q}"] = rng.uniform(size=DRAWS)
+        population |= {name: rng.normal(size=DRAWS) for name in (f"intercept_{q}", f"mass_exponent_{q}")}
+        population[f"covariate_effect_{q}"] = rng.normal(size=(*DRAWS, len(part.names)))
+        population[f"sd_impact_{q}"] = rng.uniform(size=DRAWS)
         for term in part.terms:
             levels = len(design.groupings[term.grouping].levels)
-            sites[term.sd(q)] = rng.uniform(size=DRAWS)
-            sites[term.effect(q)] = rng.normal(size=(*DRAWS, levels))
-    return sites
+            population[term.sd(q)] = rng.uniform(size=DRAWS)
+            population[term.effect(q)] = rng.normal(size=(*DRAWS, levels))
+    return population
 
 
 @pytest.fixture(scope="module")
 def known() -> tuple[Design, dict[str, np.ndarray], xr.Dataset, Recorded]:
     rows = impacts()
     design = design_of(FORMULA, rows=rows)
-    sites = sites_of(design, np.random.default_rng(1))
-    values = derived.reported_sites(design, sites)
-    values |= derived.values_at_levels(design, values)
+    population = sites_of(design, np.random.default_rng(1))
+    values = derived.formula_quantities(design, population)
+    values |= derived.level_quantities(design, values)
     draws = labelled(values, design_dimensions(design), design.levels())
     table = rows[["subject", "trial", "side", "mass_kg", "age", "session"]].assign(velocity_m_s=1.5)
-    return design, sites, draws, Recorded(table, design.formulas.model_dump(), REFERENCE)
+    return design, population, draws, Recorded(table, design.formulas.model_dump(), REFERENCE)
 
 
 def test_every_recorded_row_has_the_value_that_the_fit_gave_it(known) -> None:
-    design, sites, draws, recorded = known
+    design, population, draws, recorded = known
     columns = ["subject", "trial", "side", "mass_kg", "age", "session"]
     conditions = [row | {"session": f"{row['session']}"} for row in recorded.rows[columns].to_dict("records")]
     found = log_at_levels(draws, recorded, "K", conditions)
     # The session's own slope needs the level's name and the covariate's number, which are not one column.
-    assert_allclose(found, derived.row_logs(design, sites, "K"), rtol=1e-9, atol=1e-9)
+    assert_allclose(found, derived.row_logs(design, population, "K"), rtol=1e-9, atol=1e-9)
 
 
 def test_a_row_of_the_design_says_whose_effects_count(known) -> None:
@@ -159,16 +159,16 @@ def test_every_value_is_the_truth_at_the_levels_that_it_names(formula, truth) ->
         "session": [0.05, 0.06],
     }
     one = np.ones((1, 1))
-    sites = {f"sd_impact_{q}": one for q in "KC"}
+    population = {f"sd_impact_{q}": one for q in "KC"}
     for q, part in design.responses.items():
         # Of the first row, left and soft.
-        sites[f"intercept_{q}"] = 8.0 * one
+        population[f"intercept_{q}"] = 8.0 * one
         values = [coefficients.get(name, -0.2 if ":" in name else 0.0) for name in part.names]
-        sites[f"covariate_effect_{q}"] = (np.array(values) * part.scale)[None, None]
+        population[f"covariate_effect_{q}"] = (np.array(values) * part.scale)[None, None]
         for term in part.terms:
-            sites[term.sd(q)] = one
-            sites[term.effect(q)] = np.array(effects[term.grouping])[None, None]
-    found = derived.values_at_levels(design, derived.reported_sites(design, sites))
+            population[term.sd(q)] = one
+            population[term.effect(q)] = np.array(effects[term.grouping])[None, None]
+    found = derived.level_quantities(design, derived.formula_quantities(design, population))
     for stem, logs in truth.items():
         assert_allclose(np.log(found[f"K_{stem}"]).ravel(), logs, rtol=1e-12, err_msg=stem)
 

@@ -21,7 +21,7 @@ from bayestissue.hierarchy.gaussian.effects import (
     log_density_of_cells,
 )
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
-from bayestissue.hierarchy.population import Effects, covariances_of, population_design
+from bayestissue.hierarchy.population import EffectParts, covariances_of, population_design
 from bayestissue.hierarchy.priors import Normal, Priors
 from designs import REFERENCE, design_of, impacts, indicator
 from mixed_model_tables import DYESTUFF, PASTES, PENICILLIN, SLEEP
@@ -76,7 +76,7 @@ def fitted(rows: pd.DataFrame) -> Fitted:
 
 
 @pytest.fixture(scope="module")
-def population(rows: pd.DataFrame) -> tuple[Effects, PopulationDesign]:
+def population(rows: pd.DataFrame) -> tuple[EffectParts, PopulationDesign]:
     """The design with flat priors of the fixed effects."""
     flat = dict.fromkeys("KC", Normal(distribution="normal", mean=0.0, sd=1e5))
     priors = Priors.model_validate({"intercept": flat, "mass_exponent": flat})
@@ -84,7 +84,7 @@ def population(rows: pd.DataFrame) -> tuple[Effects, PopulationDesign]:
 
 
 def told(
-    population: tuple[Effects, PopulationDesign], y: Any, sd: dict[str, Any]
+    population: tuple[EffectParts, PopulationDesign], y: Any, sd: dict[str, Any]
 ) -> tuple[PopulationDesign, Covariances, GaussianFactor]:
     """What exact estimates of log K say of b; of log C and the noise nothing is known."""
     effects, design = population
@@ -192,7 +192,7 @@ def test_slopes_are_independent_of_intercepts_at_the_reference() -> None:
 
 
 def test_effects_are_the_best_linear_unbiased_predictions(
-    population: tuple[Effects, PopulationDesign], rows: pd.DataFrame, fitted: Fitted
+    population: tuple[EffectParts, PopulationDesign], rows: pd.DataFrame, fitted: Fitted
 ) -> None:
     effects, names = population[0], list(fitted.sd)
 
@@ -226,7 +226,7 @@ def test_effects_are_the_best_linear_unbiased_predictions(
 
 @pytest.mark.slow
 def test_restricted_likelihood_is_greatest_where_statsmodels_finds_it(
-    population: tuple[Effects, PopulationDesign], rows: pd.DataFrame, fitted: Fitted
+    population: tuple[EffectParts, PopulationDesign], rows: pd.DataFrame, fitted: Fitted
 ) -> None:
     names = list(fitted.sd)
 

@@ -13,7 +13,7 @@ from bayestissue.hierarchy.population import population_design
 from bayestissue.hierarchy.priors import Priors
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.hierarchy.trace_data import prepare
-from bayestissue.inference.fit import quantities_of_chain, sample
+from bayestissue.inference.fit import draws_of_chain, sample
 from bayestissue.inference.results.labels import design_attributes, design_dimensions, labelled
 from bayestissue.simulation import Simulation, simulate
 from designs import design_of
@@ -25,7 +25,7 @@ def test_dimensions_and_meanings_follow_the_columns() -> None:
     design = design_of(FORMULA, "(1|subject) + (1|side)")
     effects, _ = population_design(design, Priors(), ())
     rng = np.random.default_rng(1)
-    sites = {
+    population = {
         name: rng.normal(size=(2, 3, part.stop - part.start))[
             ..., : len(design.groupings[term.grouping].levels)
         ]
@@ -35,10 +35,10 @@ def test_dimensions_and_meanings_follow_the_columns() -> None:
         for part in [effects.parts[name]]
     }
     single = {*effects.spread, "sd_impact_K", "sd_impact_C", "intercept_K", "intercept_C", "mass_exponent_K"}
-    sites |= {name: rng.uniform(0.1, 1, (2, 3)) for name in single - {""}}
-    reported = derived.reported_sites(design, sites)
+    population |= {name: rng.uniform(0.1, 1, (2, 3)) for name in single - {""}}
+    quantities = derived.formula_quantities(design, population)
     found = labelled(
-        reported | derived.values_at_levels(design, reported),
+        quantities | derived.level_quantities(design, quantities),
         design_dimensions(design),
         design.levels(),
         attributes=design_attributes(design),
@@ -89,17 +89,17 @@ def test_a_fit_gives_back_what_a_campaign_was_made_with() -> None:
         }
     )
     prepared = prepare(made.dataset("designs"), model, source="the model file")
-    found = quantities_of_chain(prepared, sample(prepared, Sampler(chains=2), 1), 1)
-    reported = derived.reported_sites(prepared.design, found.sites)
+    found = draws_of_chain(prepared, sample(prepared, Sampler(chains=2), 1), 1)
+    quantities = derived.formula_quantities(prepared.design, found.population)
     truth = made.truth.assign(subject=made.impacts["subject"])
     for q in "KC":
-        own = reported[f"subject_mass_exponent_{q}"].reshape(-1, 6)
+        own = quantities[f"subject_mass_exponent_{q}"].reshape(-1, 6)
         true = truth.groupby("subject")[f"subject_mass_exponent_{q}"].first()
         away = (own.mean(0) - true.to_numpy()) / own.std(0)
         # Six standard normals, were the posterior normal; 4 is passed once in 2600 fits.
         assert np.abs(away).max() < 4
         for name, sd in (("subject_side", 0.2), ("session", 0.1), ("subject_mass_exponent", 0.4)):
-            low, high = np.quantile(reported[f"sd_{name}_{q}"], [0.001, 0.999])
+            low, high = np.quantile(quantities[f"sd_{name}_{q}"], [0.001, 0.999])
             assert low < sd < high, name
         values = np.log(found.impacts[q].reshape(-1, len(truth)))
         column = truth["K_N_per_m" if q == "K" else "C_N_s_per_m"].to_numpy()

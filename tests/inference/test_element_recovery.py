@@ -17,7 +17,7 @@ from bayestissue.hierarchy.specification import ModelSpecification, Sampler, rea
 from bayestissue.hierarchy.trace_data import Prepared, prepare, with_discrepancy
 from bayestissue.inference.checking.model_form import misfit_precheck
 from bayestissue.inference.factors.expansions import expanded
-from bayestissue.inference.fit import fit_traces, quantities_of_chain, sample
+from bayestissue.inference.fit import draws_of_chain, fit_traces, sample
 from bayestissue.inference.quantities.common_depth import static_force
 from bayestissue.simulation import Campaign, Simulation, simulate
 
@@ -162,7 +162,7 @@ def test_a_tissue_without_what_the_element_has_more_leaves_that_open(name: str) 
     sampler = specification.sampler
     chains = sample(given, sampler, 0)
     assert chains.verdict.passed
-    found = quantities_of_chain(given, chains.thinned(sampler.draws), 0)
+    found = draws_of_chain(given, chains.thinned(sampler.draws), 0)
     low, high = np.quantile(found.impacts["K"].reshape(-1, len(made.truth)), [0.05, 0.95], axis=0)
     true = made.truth["K_N_per_m"].to_numpy()
     # Twelve independent impacts: fewer than eight held has a probability of 0.004.

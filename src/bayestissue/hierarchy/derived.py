@@ -7,90 +7,87 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 import xarray as xr
+from jaxtyping import Float
 
 from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.effects import RESPONSES, intercept, sd_impact
 from bayestissue.hierarchy.formulas.group_terms import SUBJECT, TRIAL, common_coefficient, stem_of
 from bayestissue.hierarchy.levels import design_at, log_at_levels
-from bayestissue.hierarchy.population import Effects
+from bayestissue.hierarchy.population import EffectParts
 from bayestissue.hierarchy.recorded import Condition
 
-Draws = Mapping[str, np.ndarray]
+# Hyperparameters and effects, or quantities, by name, each [chain, draw, ...].
+type Draws = Mapping[str, np.ndarray]
 
 
-def named_sites(
-    locations: Effects, design: Design, spreads: dict[str, np.ndarray], b: np.ndarray
+def effects_by_name(
+    parts: EffectParts, design: Design, b: Float[np.ndarray, "chain draw location"]
 ) -> dict[str, np.ndarray]:
-    """The hierarchy's quantities by name, from the spreads and the locations b, all [chain, draw, ...].
-
-    Effects of groups that a formula leaves out are zero, so that what follows need not ask.
-    """
-    sites = dict(spreads)
-    for block in locations.blocks:
-        part = locations.parts[block.name]
+    """Fixed and group effects by name, [chain, draw, ...], without the levels that only fill up."""
+    levels = {
+        term.effect(response): len(design.groupings[term.grouping].levels)
+        for response, part in design.responses.items()
+        for term in part.terms
+    }
+    effects = {}
+    for block in parts.blocks:
+        part = parts.parts[block.name]
         several = block.spread or block.name.startswith("covariate_effect")
-        sites[block.name] = b[..., part] if several else b[..., part.start]
-    for term in (SUBJECT, TRIAL, *design.terms):
-        levels = len(design.groupings[term.grouping].levels)
-        for response in design.responses:
-            effect = term.effect(response)
-            # Without the levels that only fill up.
-            sites[effect] = sites.get(effect, np.zeros((*b.shape[:2], levels)))[..., :levels]
-            sites.setdefault(term.sd(response), np.zeros(b.shape[:2]))
-    return sites
+        effects[block.name] = b[..., part][..., : levels.get(block.name)] if several else b[..., part.start]
+    return effects
 
 
-def reported_sites(design: Design, sites: Draws) -> dict[str, np.ndarray]:
-    """The sampled quantities that the model's formulas really use, each [chain, draw, ...].
+def formula_quantities(design: Design, population: Draws) -> dict[str, np.ndarray]:
+    """The hyperparameters and effects that the model's formulas really use, each [chain, draw, ...].
 
     Coefficients of covariates are given per unit of the covariate, not per standard deviation.
     """
-    reported: dict[str, np.ndarray] = {}
+    quantities: dict[str, np.ndarray] = {}
     for response, part in design.responses.items():
-        reported[intercept(part.parameter)] = sites[intercept(part.parameter)]
+        quantities[intercept(part.parameter)] = population[intercept(part.parameter)]
         if part.log_mass is not None:
-            reported[f"mass_exponent_{response}"] = sites[f"mass_exponent_{response}"]
+            quantities[f"mass_exponent_{response}"] = population[f"mass_exponent_{response}"]
         for number, name in enumerate(part.names):
-            column = sites[f"covariate_effect_{response}"][..., number]
-            reported[common_coefficient(name, response)] = column / part.scale[number]
+            column = population[f"covariate_effect_{response}"][..., number]
+            quantities[common_coefficient(name, response)] = column / part.scale[number]
         for term, group in part.terms.items():
-            reported[term.sd(response)] = sites[term.sd(response)] / group.scale
+            quantities[term.sd(response)] = population[term.sd(response)] / group.scale
             if not term.slope:
-                reported[term.effect(response)] = sites[term.effect(response)]
+                quantities[term.effect(response)] = population[term.effect(response)]
                 continue
-            deviation = sites[term.effect(response)] / group.scale
+            deviation = population[term.effect(response)] / group.scale
             # 0 where the formula has no coefficient but the levels' own.
-            shared = reported.get(common_coefficient(term.slope, response), 0.0)
-            reported[term.coefficient(response)] = deviation + np.asarray(shared)[..., None]
-        reported[sd_impact(part.parameter)] = sites[sd_impact(part.parameter)]
-    if "residual_correlation" in sites:
-        reported["residual_correlation"] = sites["residual_correlation"]
-    return reported
+            shared = quantities.get(common_coefficient(term.slope, response), 0.0)
+            quantities[term.coefficient(response)] = deviation + np.asarray(shared)[..., None]
+        quantities[sd_impact(part.parameter)] = population[sd_impact(part.parameter)]
+    if "residual_correlation" in population:
+        quantities["residual_correlation"] = population["residual_correlation"]
+    return quantities
 
 
-def row_logs(design: Design, sites: Draws, response: str) -> np.ndarray:
+def row_logs(design: Design, population: Draws, response: str) -> np.ndarray:
     """The expected log of a response in every row, [chain, draw, row]."""
     part = design.responses[response]
-    expected = sites[intercept(part.parameter)][..., None] + np.zeros(len(design.subject))
+    expected = population[intercept(part.parameter)][..., None] + np.zeros(len(design.subject))
     if part.log_mass is not None:
-        expected = expected + sites[f"mass_exponent_{response}"][..., None] * part.log_mass
+        expected = expected + population[f"mass_exponent_{response}"][..., None] * part.log_mass
     if part.names:
-        effects = sites[f"covariate_effect_{response}"][..., : len(part.names)]
+        effects = population[f"covariate_effect_{response}"][..., : len(part.names)]
         expected = expected + effects @ part.covariates.T
     for term, column in part.terms.items():
         code = design.groupings[term.grouping].code
-        expected = expected + sites[term.effect(response)][..., code] * column.covariate
+        expected = expected + population[term.effect(response)][..., code] * column.covariate
     return expected
 
 
-def values_at_levels(design: Design, reported: Draws) -> dict[str, np.ndarray]:
+def level_quantities(design: Design, quantities: Draws) -> dict[str, np.ndarray]:
     """Every response of every level, [chain, draw, level]: see `bayestissue.hierarchy.levels`.
 
     A response stands by its name and what it is of: ``K_subject``, ``K_subject_side``, ``K_side`` of a
     covariate with categories, and ``K_typical_person`` [chain, draw]. All are at the reference mass, but a
     condition's at its own mass and velocity; all are medians over the impact's own scatter.
     """
-    draws, recorded = labelled_draws(design, reported), design.recorded
+    draws, recorded = labelled_draws(design, quantities), design.recorded
     values = {}
     for response in design.responses:
         conditions_of: dict[str, list[Condition]] = {
@@ -112,13 +109,13 @@ def typical_covariates(design: Design, response: str) -> np.ndarray:
     return np.array([typical.covariates[name][0] for name in part.names]) / part.scale
 
 
-def typical_logs(design: Design, sites: Draws, response: str) -> np.ndarray:
+def typical_logs(design: Design, population: Draws, response: str) -> np.ndarray:
     """The log of a typical person's response at the reference mass, [chain, draw]."""
-    log = sites[intercept(design.responses[response].parameter)]
+    log = population[intercept(design.responses[response].parameter)]
     covariates = typical_covariates(design, response)
     if not len(covariates):
         return log
-    return log + sites[f"covariate_effect_{response}"][..., : len(covariates)] @ covariates
+    return log + population[f"covariate_effect_{response}"][..., : len(covariates)] @ covariates
 
 
 def effect_dimensions(design: Design) -> dict[str, str]:
@@ -126,18 +123,18 @@ def effect_dimensions(design: Design) -> dict[str, str]:
     return {term.variable(q): term.grouping for q, part in design.responses.items() for term in part.terms}
 
 
-def labelled_draws(design: Design, reported: Draws) -> xr.Dataset:
-    """What `reported_sites` has, with the levels of each group term's effects."""
+def labelled_draws(design: Design, quantities: Draws) -> xr.Dataset:
+    """What `formula_quantities` has, with the levels of each group term's effects."""
     levels = effect_dimensions(design)
     coords = {name: list(design.groupings[name].levels) for name in set(levels.values())}
     return xr.Dataset(
-        {k: (("chain", "draw", *([levels[k]] if k in levels else [])), v) for k, v in reported.items()},
+        {k: (("chain", "draw", *([levels[k]] if k in levels else [])), v) for k, v in quantities.items()},
         coords,
     )
 
 
 def new_impact(
-    design: Design, sites: Draws, typical: Mapping[str, np.ndarray], rng: np.random.Generator
+    design: Design, population: Draws, typical: Mapping[str, np.ndarray], rng: np.random.Generator
 ) -> dict[str, np.ndarray]:
     """K and C of one new impact at the reference mass, [chain, draw].
 
@@ -146,22 +143,25 @@ def new_impact(
     """
     shape = typical["K_typical_person"].shape
     scatter = rng.standard_normal((2, *shape))
-    r = sites.get("residual_correlation", np.zeros(shape))
+    r = population.get("residual_correlation", np.zeros(shape))
     scatter[1] = r * scatter[0] + np.sqrt(1 - r**2) * scatter[1]
     values = {}
     for number, response in enumerate(RESPONSES):
-        log = np.log(typical[f"{response}_typical_person"]) + sites[f"sd_impact_{response}"] * scatter[number]
+        log = (
+            np.log(typical[f"{response}_typical_person"])
+            + population[f"sd_impact_{response}"] * scatter[number]
+        )
         terms = [term for term in design.responses[response].terms if not term.slope]
         # Numbers of both are drawn whether a formula has them or not, so that the others stay the same.
         for term in dict.fromkeys((SUBJECT, TRIAL, *terms)):
             standard = rng.standard_normal(shape)
             if term in terms:
-                log = log + sites[term.sd(response)] * standard
+                log = log + population[term.sd(response)] * standard
         values[f"{response}_new"] = np.exp(log)
     return values
 
 
-def straight_lines(design: Design, sites: Draws, mass_kg: np.ndarray) -> dict[str, np.ndarray]:
+def straight_lines(design: Design, population: Draws, mass_kg: np.ndarray) -> dict[str, np.ndarray]:
     """The least-squares line through the conditions' mean K (and C) against mass, for each draw.
 
     A condition's mean is over its people and over the impact's lognormal scatter, as an average of
@@ -173,8 +173,8 @@ def straight_lines(design: Design, sites: Draws, mass_kg: np.ndarray) -> dict[st
     membership = (design.trial[:, None] == np.arange(trials)) / counts
     values = {}
     for response in RESPONSES:
-        half_variance = sites[f"sd_impact_{response}"][..., None] ** 2 / 2
-        means = np.exp(row_logs(design, sites, response) + half_variance) @ membership
+        half_variance = population[f"sd_impact_{response}"][..., None] ** 2 / 2
+        means = np.exp(row_logs(design, population, response) + half_variance) @ membership
         slope = (means @ (mass - mass.mean())) / np.sum((mass - mass.mean()) ** 2)
         values[f"linear_slope_{response}"] = slope
         values[f"linear_intercept_{response}"] = means.mean(-1) - slope * mass.mean()

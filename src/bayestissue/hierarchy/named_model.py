@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpyro
 
-from bayestissue.hierarchy.derived import named_sites
+from bayestissue.hierarchy.derived import effects_by_name
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import plain_model
 
@@ -27,13 +27,9 @@ def named_model(prepared: Prepared) -> Callable[[], None]:
         with numpyro.handlers.trace() as sampled:
             plain_model(model, jax.tree.map(jnp.asarray, prepared.data))
         value = {name: site["value"] for name, site in sampled.items() if site["type"] == "sample"}
-        hyperparameters = {name: value[name] for name in model.hyperparameters}
-        # As of one chain with one draw.
-        one = {name: number[None, None] for name, number in hyperparameters.items()}
-        b = value["locations"][None, None]
-        for name, effect in named_sites(model.locations, prepared.design, one, b).items():
-            if name not in value:
-                numpyro.deterministic(name, effect[0, 0])
+        effects = effects_by_name(model.locations, prepared.design, value["locations"])
+        for name, effect in effects.items():
+            numpyro.deterministic(name, effect)
         for number, q in enumerate("KC"):
             numpyro.deterministic(q, jnp.exp(value["log_K_and_C"][:, number]))
 

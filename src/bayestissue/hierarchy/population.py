@@ -26,6 +26,20 @@ from bayestissue.hierarchy.priors import Priors
 from bayestissue.padding import bucket
 
 MassError = Literal["impact", "subject"]
+# Standard deviations of effects and impacts and the residual correlation by name: of one draw, or of many.
+type Hyperparameters = dict[str, Float[Any, "*draw"]]
+
+
+class Population(NamedTuple):
+    """Hyperparameters and effects: of one draw, or of many along first axes.
+
+    Attributes:
+        hyperparameters: by name.
+        b: fixed and group effects, K and C at the recorded mass.
+    """
+
+    hyperparameters: Hyperparameters
+    b: Float[Any, "*draw location"]
 
 
 class EffectPart(NamedTuple):
@@ -47,7 +61,7 @@ class EffectPart(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Effects:
+class EffectParts:
     """The parts of b in their order; equal by value, whatever dataset they were made for."""
 
     blocks: tuple[EffectPart, ...]
@@ -89,7 +103,7 @@ class Effects:
 
 def population_design(
     design: Design, priors: Priors, nuisance: tuple[str, ...]
-) -> tuple[Effects, PopulationDesign]:
+) -> tuple[EffectParts, PopulationDesign]:
     """Arrange a design: b is (all of log K's, all of log C's, then each nuisance parameter's).
 
     Of a nuisance parameter without a formula of its own that is the mean over impacts alone.
@@ -112,7 +126,7 @@ def effects_of(
     priors: Priors,
     nuisance: tuple[str, ...],
     rows: Int[np.ndarray, " row"] | slice = slice(None),
-) -> tuple[Effects, list[Float[np.ndarray, "row part"]]]:
+) -> tuple[EffectParts, list[Float[np.ndarray, "row part"]]]:
     """What the elements of b are, and of each parameter its columns of X in some rows of the design."""
     known = priors.by_name()
     none = np.zeros((len(design.subject), 0))
@@ -121,7 +135,7 @@ def effects_of(
     }
     responses |= {part.parameter: part for part in design.responses.values()}
     columns, parts = zip(*(_columns(design, part, known, rows) for part in responses.values()), strict=True)
-    return Effects(tuple(itertools.chain(*parts))), list(columns)
+    return EffectParts(tuple(itertools.chain(*parts))), list(columns)
 
 
 def _distinct_rows(design: Design) -> tuple[Int[np.ndarray, " row"], Int[np.ndarray, " impact"]]:
@@ -175,13 +189,13 @@ def of_impacts(
 
 
 def covariances_of(
-    locations: Effects,
-    sites: dict[str, Array],
+    locations: EffectParts,
+    hyperparameters: Hyperparameters,
     log_mass_sd: float,
     nuisance: tuple[str, ...],
     mass_error: MassError = "impact",
 ) -> Covariances:
-    """The covariances that the sampled standard deviations imply.
+    """The covariances that the hyperparameters imply.
 
     An error of the log mass, with standard deviation ``log_mass_sd``, moves log K and log C alike. Being
     part of how u scatters about X b, or of how people's effects scatter about 0, it needs no parameter of
@@ -189,19 +203,22 @@ def covariances_of(
 
     Args:
         locations: what the elements of b are.
-        sites: the sampled standard deviations, and ``residual_correlation`` where it is not 0.
+        hyperparameters: the standard deviations, and ``residual_correlation`` where it is not 0.
         log_mass_sd: standard deviation of the error of log mass.
         nuisance: names of an impact's parameters besides log K and log C.
         mass_error: whether each impact has an error of its own or all of a person's impacts the same.
     """
-    sd_K, sd_C = sites["sd_impact_K"], sites["sd_impact_C"]
-    correlation = sites.get("residual_correlation", jnp.zeros_like(sd_K))
+    sd_K, sd_C = hyperparameters["sd_impact_K"], hyperparameters["sd_impact_C"]
+    correlation = hyperparameters.get("residual_correlation", jnp.zeros_like(sd_K))
     error = log_mass_sd**2 if mass_error == "impact" else 0.0
     pair = (sd_K**2 + error, correlation * sd_K * sd_C + error, sd_C**2 + error)
-    blocks = [(part.width, sites[part.spread] if part.sd is None else part.sd) for part in locations.blocks]
+    blocks = [
+        (part.width, hyperparameters[part.spread] if part.sd is None else part.sd)
+        for part in locations.blocks
+    ]
     sd = jnp.concatenate([jnp.full(width, value) for width, value in blocks])
     shared = None
     if mass_error == "subject":
         on_K, on_C = (np.r_[locations.parts[f"subject_effect_{q}"]] for q in RESPONSES)
         shared = SharedMassError(on_K, on_C, log_mass_sd**2)
-    return Covariances(pair, tuple(sites[f"sd_{name}"] for name in nuisance), sd, shared)
+    return Covariances(pair, tuple(hyperparameters[f"sd_{name}"] for name in nuisance), sd, shared)

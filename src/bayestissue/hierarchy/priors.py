@@ -265,11 +265,12 @@ class Priors(Table):
         groups = {term_of_group(key): pair for key, pair in self.sd_group.items()}
         return groups | {term_of_slope(key): pair for key, pair in self.sd_slope.items()}
 
-    def log_densities(self, sites: Mapping[str, Any]) -> dict[str, Any]:
-        """Log prior density of each top-level parameter in ``sites``, elementwise.
+    def log_densities(self, population: Mapping[str, Any]) -> dict[str, Any]:
+        """Log prior density of each top-level parameter among these hyperparameters and effects, elementwise.
 
         Subject and trial effects are not among them: their distribution is part of the model, and scaling
         a prior asks what the priors of its parameters do.
         """
         priors = self.by_name()
-        return {name: priors[name].numpyro().log_prob(sites[name]) for name in sites if name in priors}
+        known = {name: value for name, value in population.items() if name in priors}
+        return {name: priors[name].numpyro().log_prob(value) for name, value in known.items()}

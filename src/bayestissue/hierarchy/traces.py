@@ -7,7 +7,6 @@ coordinates made for sampling: b and every impact's parameters are affine maps o
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Literal, NamedTuple, cast
@@ -28,7 +27,13 @@ from bayestissue.hierarchy.gaussian.conditional import Data
 from bayestissue.hierarchy.gaussian.covariances import Covariances
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.half_normal import HalfNormalSpread
-from bayestissue.hierarchy.population import Effects, MassError, covariances_of, of_impacts
+from bayestissue.hierarchy.population import (
+    EffectParts,
+    Hyperparameters,
+    MassError,
+    covariances_of,
+    of_impacts,
+)
 from bayestissue.hierarchy.priors import HalfNormal, Priors
 from bayestissue.likelihood.arma.displacement import DisplacementRecord, MeasuredDisplacement
 from bayestissue.likelihood.element.impact import MeasuredImpact, NoiseParameters
@@ -83,12 +88,14 @@ class TraceData:
         return on_device
 
 
-class Hyperparameters:
+class Hierarchy:
     """What every hierarchy has: standard deviations of effects and impacts, and a residual correlation."""
 
-    locations: Effects
+    locations: EffectParts
     priors: Priors
     correlated: bool
+    log_mass_sd: float
+    mass_error: MassError
 
     @property
     def nuisance(self) -> tuple[str, ...]:
@@ -112,10 +119,15 @@ class Hyperparameters:
         prior = self.priors.by_name()[name]
         return HalfNormalSpread(prior.scale) if isinstance(prior, HalfNormal) else prior.numpyro()
 
+    def covariances(self, hyperparameters: Hyperparameters) -> Covariances:
+        """See `covariances_of`."""
+        error = self.log_mass_sd, self.nuisance, self.mass_error
+        return covariances_of(self.locations, hyperparameters, *error)
+
 
 @partial(jax.tree_util.register_dataclass, data_fields=["log_mass_sd"], meta_fields=_SHAPE_OF_MODEL)
 @dataclass(frozen=True)
-class TraceModel(Hyperparameters):
+class TraceModel(Hierarchy):
     """What is assumed: the likelihood, the parts of b, the priors, and the error of the recorded mass.
 
     A tree of one leaf, ``log_mass_sd``, which the dataset states; all else is compared by value, so that what
@@ -127,7 +139,7 @@ class TraceModel(Hyperparameters):
     """
 
     kind: Kind
-    locations: Effects
+    locations: EffectParts
     priors: Priors
     correlated: bool
     log_mass_sd: float
@@ -219,46 +231,34 @@ def with_normal_errors(data: TraceData) -> TraceData:
     return replace(data, record=data.record.with_normal_errors())
 
 
-def sample_hyperparameters(model: Hyperparameters) -> dict[str, Array]:
+def sample_hyperparameters(model: Hierarchy) -> Hyperparameters:
     """Sample all standard deviations and the correlation from their priors."""
     return {name: numpyro.sample(name, model.prior_of(name)) for name in model.hyperparameters}
 
 
 def hyperparameters_at(
-    model: Hyperparameters, raw: Float[Array, " hyperparameter"]
-) -> tuple[dict[str, Array], Float[Array, ""]]:
+    model: Hierarchy, y: Float[Array, " hyperparameter"]
+) -> tuple[Hyperparameters, Float[Array, ""]]:
     """The unknown hyperparameters, and their log prior density, from unconstrained coordinates."""
-    sites: dict[str, Array] = {}
+    hyperparameters: Hyperparameters = {}
     density = jnp.zeros(())
     # Alike priors in one call: dozens of operations on single numbers take long to compile.
     for prior, names in _grouped(model):
-        values = raw[jnp.array([model.unknown.index(name) for name in names])]
+        coordinates = y[jnp.array([model.unknown.index(name) for name in names])]
         transform = biject_to(prior.support)
-        constrained_values = transform(values)
-        density += (
-            prior.log_prob(constrained_values) + transform.log_abs_det_jacobian(values, constrained_values)
-        ).sum()
-        sites |= dict(zip(names, constrained_values, strict=True))
-    return sites, density
+        values = transform(coordinates)
+        density += (prior.log_prob(values) + transform.log_abs_det_jacobian(coordinates, values)).sum()
+        hyperparameters |= dict(zip(names, values, strict=True))
+    return hyperparameters, density
 
 
-def _grouped(model: Hyperparameters) -> list[tuple[dist.Distribution, list[str]]]:
+def _grouped(model: Hierarchy) -> list[tuple[dist.Distribution, list[str]]]:
     """The hyperparameters' priors, all half-normal ones as one of a vector."""
     priors = {name: model.prior_of(name) for name in model.unknown}
     half_normal = [name for name, prior in priors.items() if isinstance(prior, HalfNormalSpread)]
     scales = jnp.array([priors[name].scale for name in half_normal])
     together = [(HalfNormalSpread(scales), half_normal)] if half_normal else []
     return together + [(prior, [name]) for name, prior in priors.items() if name not in half_normal]
-
-
-def constrained(model: Hyperparameters, raw: Mapping[str, Array]) -> dict[str, Array]:
-    """The standard deviations and the correlation from their unconstrained coordinates, of any shape."""
-    return {name: biject_to(model.prior_of(name).support)(raw[name]) for name in model.hyperparameters}
-
-
-def population(model: TraceModel, sites: dict[str, Array]) -> Covariances:
-    """See `covariances_of`."""
-    return covariances_of(model.locations, sites, model.log_mass_sd, model.nuisance, model.mass_error)
 
 
 def plain_model(model: TraceModel, data: TraceData, *, conditioned: bool = True) -> None:
@@ -272,7 +272,7 @@ def plain_model(model: TraceModel, data: TraceData, *, conditioned: bool = True)
 
 def impacts_model(model: TraceModel, data: TraceData) -> list[Array]:
     """The same without the traces; returns each impact's parameters."""
-    covariances = population(model, sample_hyperparameters(model))
+    covariances = model.covariances(sample_hyperparameters(model))
     b = numpyro.sample("locations", dist.Normal(data.location_mean, covariances.locations).to_event(1))
     mean_u = expected(data.design, b)
     if covariances.shared is not None:

@@ -36,8 +36,8 @@ from bayestissue.inference.checking.straight_lines import straight_lines
 from bayestissue.inference.execution.kept import kept_draws, some_impacts, some_of
 from bayestissue.inference.factors.expansions import expanded
 from bayestissue.inference.factors.noise_left import noise_p
-from bayestissue.inference.posterior.constrained_draws import quantities_of_draws
-from bayestissue.inference.posterior.scores import of_draws
+from bayestissue.inference.factors.scores import log_densities
+from bayestissue.inference.quantities.draws import Draws, posterior_draws
 from bayestissue.inference.quantities.impacts import COMMON_DEPTH
 from bayestissue.inference.results.cross_validation import cross_validation, prior_sensitivity
 from bayestissue.inference.results.labels import labelled
@@ -45,7 +45,6 @@ from bayestissue.inference.results.summary import summarise as summary_table
 from bayestissue.inference.results.tree import posterior_tree
 from bayestissue.inference.results.uncertainty_budget import measurement_sd, uncertainty_budget
 from bayestissue.inference.samplers.diagnostics import diagnose
-from bayestissue.inference.samplers.sampling import ConstrainedDraws
 
 Say = Callable[[str, int, int], None]
 
@@ -93,8 +92,8 @@ def fit_traces(
     chains = sample(prepared, settings, seed, say, expansions=expansions, checkpoints=checkpoints, end=end)
     chains = chains.thinned(settings.draws)
     say("predicting", 0, 1)
-    drawn = quantities_of_chain(prepared, chains, seed)
-    return label(prepared, specification, drawn, chains, seed, say)
+    draws = draws_of_chain(prepared, chains, seed)
+    return label(prepared, specification, draws, chains, seed, say)
 
 
 def sample(
@@ -115,37 +114,28 @@ def sample(
     return chain_draws(prepared, beginning, sampler, seed, progress=say, checkpoints=checkpoints)
 
 
-def quantities_of_chain(prepared: Prepared, chains: ChainDraws, seed: int) -> ConstrainedDraws:
+def draws_of_chain(prepared: Prepared, chains: ChainDraws, seed: int) -> Draws:
     """Everything that the chain's draws stand for."""
     count = len(prepared.impacts)
     chosen = kept_draws(chains.shape[0], len(chains.impact_draws), count)
-    u, numbers, population = (
-        chains.u[:, chosen],
-        chains.impact_draws[chosen],
-        chains.population(prepared.model),
-    )
+    numbers = chains.impact_draws[chosen]
     rows = np.arange(count) if len(numbers) == chains.shape[1] else some_impacts(count)
-    ratios = {name: values.reshape(len(population.b), -1) for name, values in chains.log_ratios.items()}
-    if ratios["impact"].shape[1] != len(rows):
-        ratios["impact"] = ratios["impact"][:, rows]
-    scores = of_draws(prepared, chains.sites, population, ratios, rows)
+    scores = log_densities(prepared, chains.sites, chains.population, chains.log_ratios, rows)
     key = jax.random.PRNGKey(seed)
-    return quantities_of_draws(
-        prepared, population, u.reshape(-1, *u.shape[2:]), chains.shape, numbers, key, scores
-    )
+    return posterior_draws(prepared, chains.population, chains.u[:, chosen], numbers, key, scores)
 
 
 def label(
     prepared: Prepared,
     specification: ModelSpecification,
-    constrained: ConstrainedDraws,
+    draws: Draws,
     chains: ChainDraws,
     seed: int,
     say: Say,
 ) -> TraceAnalysis:
     """Labels, tables, checks and scores of the draws."""
     statistics = labelled({"lp": chains.log_likelihood}, {}, {})
-    tree = posterior_tree(prepared, specification, statistics, constrained, seed)
+    tree = posterior_tree(prepared, specification, statistics, draws, seed)
     posterior = tree["posterior"].dataset
     # Beside a discrepancy K is the element's own, and the tissue's stiffness is K_secant.
     of_tissue = [q for q in derived.RESPONSES if q != "K" or not prepared.model.discrepancy]
@@ -155,10 +145,10 @@ def label(
         if f"mass_exponent_{q}" in posterior
     }
     say("checking and scoring", 0, 1)
-    form = _form(prepared, constrained, tree)
+    form = _form(prepared, draws, tree)
     scores, sensitivity = cross_validation(tree), prior_sensitivity(tree)
     recorded = prepared.design.recorded
-    budget = uncertainty_budget(prepared, constrained)
+    budget = uncertainty_budget(prepared, draws)
     repeatable = {
         name: coefficients(_variances(prepared, of_tissue, tree[name].dataset, budget), tree[name].dataset)
         for name in ("posterior", "prior")
@@ -208,13 +198,13 @@ def _variances(
     }
 
 
-def _form(prepared: Prepared, constrained: ConstrainedDraws, tree: xr.DataTree) -> dict[str, Any]:
+def _form(prepared: Prepared, draws: Draws, tree: xr.DataTree) -> dict[str, Any]:
     """What the residuals say of the model, where it is one of the recorded deceleration."""
     if prepared.model.kind != "impact":
         return {}
-    parameters = constrained.impacts["parameters"]
+    parameters = draws.impacts["parameters"]
     rows = np.arange(parameters.shape[2])
-    if constrained.kept_numbers is not None:
+    if draws.kept_numbers is not None:
         rows = some_impacts(len(rows))
     middle = np.median(parameters[:, :, rows].astype(float), axis=(0, 1))
     chosen = some_of(prepared, rows)

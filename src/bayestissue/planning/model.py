@@ -23,16 +23,15 @@ from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign
-from bayestissue.hierarchy.gaussian.covariances import Covariances
 from bayestissue.hierarchy.levels import log_at_levels
-from bayestissue.hierarchy.population import Effects, MassError, covariances_of, population_design
+from bayestissue.hierarchy.population import EffectParts, MassError, population_design
 from bayestissue.hierarchy.priors import Priors
 from bayestissue.hierarchy.specification import ModelSpecification
-from bayestissue.hierarchy.traces import Hyperparameters, hyperparameters_at
+from bayestissue.hierarchy.traces import Hierarchy, hyperparameters_at
 
 
 @dataclass(frozen=True, eq=False)
-class PlannedModel(Hyperparameters):
+class PlannedModel(Hierarchy):
     """What the analysis of a planned study assumes.
 
     Attributes:
@@ -44,7 +43,7 @@ class PlannedModel(Hyperparameters):
         known: the hyperparameters that the analysis knows, by name; empty of a real one.
     """
 
-    locations: Effects
+    locations: EffectParts
     priors: Priors
     correlated: bool
     log_mass_sd: float = 0.0
@@ -82,10 +81,6 @@ class PlannedModel(Hyperparameters):
             return np.zeros((len(next(iter(values.values()))), 0))
         return np.stack([np.asarray(coordinate) for coordinate in coordinates], axis=-1)
 
-    def covariances(self, values: dict[str, Array]) -> Covariances:
-        """Those of an impact and of b that the hyperparameters imply."""
-        return covariances_of(self.locations, values, self.log_mass_sd, (), self.mass_error)
-
     def draws(
         self, design: Design, values: Mapping[str, np.ndarray], b: Float[np.ndarray, "chain draw location"]
     ) -> xr.Dataset:
@@ -97,8 +92,8 @@ class PlannedModel(Hyperparameters):
             b: all fixed and group effects.
         """
         design = replace(design, responses={q: design.responses[q] for q in RESPONSES})
-        sites = derived.named_sites(self.locations, design, dict(values), b)
-        draws = derived.labelled_draws(design, derived.reported_sites(design, sites))
+        population = dict(values) | derived.effects_by_name(self.locations, design, b)
+        draws = derived.labelled_draws(design, derived.formula_quantities(design, population))
         draws = draws.assign_coords(chain=np.arange(b.shape[0]), draw=np.arange(b.shape[1]))
         typical = {q: log_at_levels(draws, design.recorded, q, [{}])[..., 0] for q in RESPONSES}
         with np.errstate(over="ignore"):

@@ -91,18 +91,18 @@ def formula_of(rng: np.random.Generator, rows: pd.DataFrame) -> str:
 
 def drawn(design: Design, rng: np.random.Generator) -> xr.Dataset:
     """Draws of everything, and what the program makes of them."""
-    sites: dict[str, np.ndarray] = {}
+    population: dict[str, np.ndarray] = {}
     for q, part in design.responses.items():
-        sites |= {name: rng.normal(size=DRAWS) for name in (f"intercept_{q}", f"mass_exponent_{q}")}
-        sites[f"covariate_effect_{q}"] = rng.normal(size=(*DRAWS, len(part.names)))
+        population |= {name: rng.normal(size=DRAWS) for name in (f"intercept_{q}", f"mass_exponent_{q}")}
+        population[f"covariate_effect_{q}"] = rng.normal(size=(*DRAWS, len(part.names)))
         # Nothing scatters from impact to impact, so that a predicted impact is at its expectation.
-        sites[f"sd_impact_{q}"] = np.zeros(DRAWS)
+        population[f"sd_impact_{q}"] = np.zeros(DRAWS)
         for term in part.terms:
             levels = len(design.groupings[term.grouping].levels)
-            sites[term.sd(q)] = rng.uniform(size=DRAWS)
-            sites[term.effect(q)] = rng.normal(size=(*DRAWS, levels))
-    values = derived.reported_sites(design, sites)
-    values |= derived.values_at_levels(design, values)
+            population[term.sd(q)] = rng.uniform(size=DRAWS)
+            population[term.effect(q)] = rng.normal(size=(*DRAWS, levels))
+    values = derived.formula_quantities(design, population)
+    values |= derived.level_quantities(design, values)
     return labelled(values, design_dimensions(design), design.levels())
 
 

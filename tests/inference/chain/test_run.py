@@ -63,12 +63,13 @@ def test_draws_follow_from_the_seed_and_a_stop_changes_none(people, monkeypatch,
         for path in sorted(tmp_path.iterdir(), key=lambda path: path.name[-8:])[left:]:
             path.unlink()
         again = drawn(people, sites, monkeypatch, settings=SHORT, checkpoints=tmp_path)
-        for name in ("y", "b", "u", "log_likelihood"):
+        jax.tree.map(assert_array_equal, again.population, whole.population)
+        for name in ("u", "log_likelihood"):
             assert_array_equal(getattr(again, name), getattr(whole, name))
     other = drawn(people, sites, monkeypatch, seed=2, settings=SHORT)
-    assert not np.array_equal(other.y, whole.y)
+    assert not np.array_equal(other.population.b, whole.population.b)
     few = whole.thinned(10)
-    assert few.y.shape[:2] == (2, 10)
+    assert few.population.b.shape[:2] == (2, 10)
     assert_array_equal(few.u[:, -1], whole.u[:, -1])
 
 
@@ -82,9 +83,11 @@ def test_what_goes_on_is_the_longer_run(people, monkeypatch, tmp_path: Path):
     first.end.write(tmp_path / "chain.npz")
     end = ChainEnd.read(tmp_path / "chain.npz")
     second = chain_draws(prepared(K, PEOPLE), end, rest, 1, settings=SHORT)
-    count = second.y.shape[1]
+    count = second.shape[1]
     assert count == 20 * (7 - int(SHORT.dropped * 7))
-    for name in ("y", "b", "log_likelihood", "u"):
+    of_whole = jax.tree.map(lambda values: values[:, -count:], whole.population)
+    jax.tree.map(assert_array_equal, second.population, of_whole)
+    for name in ("log_likelihood", "u"):
         assert_array_equal(getattr(second, name), getattr(whole, name)[:, -count:])
     assert (int(second.end.segments), second.segments) == (int(whole.end.segments), 7)
     assert "of earlier runs" in second.record()["words"]

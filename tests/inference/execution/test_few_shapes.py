@@ -26,8 +26,8 @@ from bayestissue.inference.chain.settings import ChainSettings
 from bayestissue.inference.chain.target import Target
 from bayestissue.inference.factors.expansions import expanded, first_guess
 from bayestissue.inference.factors.likelihoods import POINTS, densities_at, log_likelihoods
-from bayestissue.inference.fit import quantities_of_chain
-from bayestissue.inference.quantities.draws import constrained_impacts
+from bayestissue.inference.fit import draws_of_chain
+from bayestissue.inference.quantities.draws import drawn_impacts
 from bayestissue.padding import padded_impacts
 from bayestissue.simulation import simulate
 from bayestissue.simulation.specification import Simulation
@@ -177,12 +177,12 @@ def test_another_dataset_of_about_that_size_compiles_nothing(
         prepared = prepare(dataset, specification, source="model")
         sites = explanations(prepared, expanded(prepared))
         chains = chain_draws(prepared, sites, specification.sampler, 1, settings=SHORT)
-        found = quantities_of_chain(prepared, chains, 0)
+        found = draws_of_chain(prepared, chains, 0)
         impacts, people = len(prepared.impacts), len(prepared.design.subjects)
         assert {each.shape[2] for each in found.impacts.values()} == {impacts}
-        assert found.sites["subject_effect_K"].shape[2] == people
+        assert found.population["subject_effect_K"].shape[2] == people
 
-    compiled = [densities_at.jitted, constrained_impacts.jitted, draws._advanced]
+    compiled = [densities_at.jitted, drawn_impacts.jitted, draws._advanced]
     fitted(dataset)
     sizes = [function._cache_size() for function in compiled]
     # Of the chain one program for both the warm-up and what follows.

@@ -172,10 +172,10 @@ def test_impacts_drawn_few_at_a_time_share_their_persons_error_of_mass(
     sites = GaussianFactor(centre, np.zeros(centre.shape), narrow, np.zeros(number))
     rng = np.random.default_rng(2)
     chains = chain_of_sites(made, sites, rng.normal(-1, 0.1, (2, 40, len(model.hyperparameters))), rng)
-    seen = chains.b.reshape(80, -1)
+    seen = chains.population.b.reshape(80, -1)
     monkeypatch.setattr(trace_blocks, "BLOCK", 5)
     monkeypatch.setattr(many_kept, "MOST_PAIRS", 1)
-    found = traces.quantities_of_chain(made, chains, 1)
+    found = traces.draws_of_chain(made, chains, 1)
     assert list(found.kept_numbers) == list(range(0, 40, 4))
     error = (np.log(found.impacts["mass"]) - np.asarray(made.data.log_mass)).reshape(20, -1)
     own = error[:, [np.flatnonzero(made.design.subject == s)[0] for s in range(3)]]
@@ -185,7 +185,7 @@ def test_impacts_drawn_few_at_a_time_share_their_persons_error_of_mass(
     # And b is moved by the same errors.
     for q in "KC":
         effects = seen[:, model.locations.parts[f"subject_effect_{q}"]].reshape(2, 40, -1)[..., :3]
-        moved = (found.sites[f"subject_effect_{q}"] - effects)[:, found.kept_numbers].reshape(20, 3)
+        moved = (found.population[f"subject_effect_{q}"] - effects)[:, found.kept_numbers].reshape(20, 3)
         np.testing.assert_allclose(moved, own, atol=1e-6)
     # GaussianFactor so narrow leave the parameters where they are: in blocks each impact has its own.
     np.testing.assert_allclose(found.impacts["parameters"][0, 0], centre, atol=0.01)
@@ -241,7 +241,7 @@ def test_of_many_impacts_some_begin_and_some_draws_are_kept(
     ratio = value.reshape(density.shape) - density
     # Seven digits of u, over slopes of some hundred.
     np.testing.assert_allclose(ratio, chains.log_ratios["impact"][:, chains.impact_draws], atol=1e-2)
-    found = traces.quantities_of_chain(made, chains, 1)
+    found = traces.draws_of_chain(made, chains, 1)
     np.testing.assert_array_equal(found.kept_numbers, chains.impact_draws)
     assert all(np.isfinite(values).all() for values in found.log_likelihood.values())
 

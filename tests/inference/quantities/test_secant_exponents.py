@@ -14,6 +14,7 @@ from bayestissue.hierarchy.design import build_design
 from bayestissue.hierarchy.half_normal import HalfNormalSpread
 from bayestissue.hierarchy.priors import Normal
 from bayestissue.hierarchy.specification import Formulas
+from bayestissue.inference.quantities.draws import Draws
 from bayestissue.inference.quantities.secants import (
     _SPREADS,
     Units,
@@ -21,7 +22,6 @@ from bayestissue.inference.quantities.secants import (
     slope_over_units,
     units_of,
 )
-from bayestissue.inference.samplers.sampling import ConstrainedDraws
 
 PEOPLE, CONDITIONS, DRAWS = 3, 8, 4000
 SHAPE = (2, DRAWS // 2)
@@ -49,10 +49,10 @@ def prepared(groups: tuple[str, ...] = ("subject", "trial"), *, discrepancy: boo
     return SimpleNamespace(design=design, model=model)
 
 
-def constrained(at: Any, K: np.ndarray, common: np.ndarray, secant: np.ndarray) -> ConstrainedDraws:
+def constrained(at: Any, K: np.ndarray, common: np.ndarray, secant: np.ndarray) -> Draws:
     """Draws with these logs of the impacts' stiffnesses, of conditions whose exponent is drawn about 0.3."""
     exponent = 0.3 + 0.1 * np.random.default_rng(5).standard_normal(SHAPE)
-    sites = {
+    population = {
         "intercept_K": np.full(SHAPE, 7.0),
         "mass_exponent_K": exponent,
         "subject_effect_K": np.zeros((*SHAPE, PEOPLE)),
@@ -60,9 +60,7 @@ def constrained(at: Any, K: np.ndarray, common: np.ndarray, secant: np.ndarray) 
     }
     logs = {"K": K, "K_common_depth": common, "K_secant": secant}
     count = len(at.design.trial)
-    return ConstrainedDraws(
-        sites, {n: np.broadcast_to(np.exp(v), (*SHAPE, count)) for n, v in logs.items()}, {}
-    )
+    return Draws(population, {n: np.broadcast_to(np.exp(v), (*SHAPE, count)) for n, v in logs.items()}, {})
 
 
 def assert_distributed(draws: np.ndarray, levels: np.ndarray, variance: float = 0.0) -> None:
@@ -116,7 +114,7 @@ def test_without_a_discrepancy_the_law_s_slope_is_added_to_the_exponent_of_k() -
     log_mass = at.design.responses["K"].log_mass
     own = 7 + 0.3 * log_mass
     found = mass_exponents_of_secants(at, constrained(at, own, own + 1.0, own + 0.2 * log_mass), 0)
-    exponent = constrained(at, own, own, own).sites["mass_exponent_K"]
+    exponent = constrained(at, own, own, own).population["mass_exponent_K"]
     np.testing.assert_allclose(found["mass_exponent_K_common_depth"], exponent, rtol=0, atol=200 * EPSILON)
     np.testing.assert_allclose(found["mass_exponent_K_secant"], exponent + 0.2, rtol=0, atol=200 * EPSILON)
 

@@ -13,8 +13,8 @@ import xarray as xr
 from bayestissue.hierarchy.design import build_design
 from bayestissue.hierarchy.specification import Formulas
 from bayestissue.inference import fit
+from bayestissue.inference.quantities.draws import Draws
 from bayestissue.inference.quantities.together import comparable_draws
-from bayestissue.inference.samplers.sampling import ConstrainedDraws
 
 PEOPLE, CONDITIONS, SHAPE = 4, 3, (2, 5)
 
@@ -29,12 +29,12 @@ def test_draws_of_k_are_labelled_as_the_chain_has_them(monkeypatch: pytest.Monke
     rows = pd.DataFrame({"subject": subject, "trial": trial, "mass_kg": 0.5 + 0.2 * trial})
     design = build_design(Formulas(), rows, reference_mass_kg=0.7, source="the model file")
     random = np.random.default_rng(1)
-    sites = {"intercept_K": (), "mass_exponent_K": (), "subject_effect_K": (4,), "trial_effect_K": (3,)}
+    population = {"intercept_K": (), "mass_exponent_K": (), "subject_effect_K": (4,), "trial_effect_K": (3,)}
     impacts = {name: np.exp(random.normal(7, 1, (*SHAPE, len(rows)))) for name in ("K", "K_secant")}
-    drawn = ConstrainedDraws(
-        {name: random.normal(size=(*SHAPE, *shape)) for name, shape in sites.items()}, impacts, {}
+    drawn = Draws(
+        {name: random.normal(size=(*SHAPE, *shape)) for name, shape in population.items()}, impacts, {}
     )
-    seen: list[ConstrainedDraws] = []
+    seen: list[Draws] = []
 
     def tree(prepared: Any, specification: Any, statistics: Any, constrained: Any, seed: int) -> None:
         seen.append(constrained)
@@ -43,10 +43,10 @@ def test_draws_of_k_are_labelled_as_the_chain_has_them(monkeypatch: pytest.Monke
     monkeypatch.setattr(fit, "posterior_tree", tree)
     prepared: Any = SimpleNamespace(design=design, model=SimpleNamespace(discrepancy=True))
     chains: Any = SimpleNamespace(log_likelihood=np.zeros(SHAPE))
-    before = {name: values.copy() for name, values in {**drawn.sites, **drawn.impacts}.items()}
+    before = {name: values.copy() for name, values in {**drawn.population, **drawn.impacts}.items()}
     with pytest.raises(LabelledError):
         fit.label(prepared, Any, drawn, chains, 0, lambda *_: None)
-    after = {**seen[0].sites, **seen[0].impacts}
+    after = {**seen[0].population, **seen[0].impacts}
     for name, values in before.items():
         np.testing.assert_array_equal(after[name], values, err_msg=name)
 

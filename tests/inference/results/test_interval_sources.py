@@ -21,10 +21,10 @@ from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import TraceData, TraceModel, log_likelihood, with_normal_errors
 from bayestissue.inference.factors.expansions import first_guess
 from bayestissue.inference.factors.sites import laplace_sites, weak_prior
+from bayestissue.inference.quantities.draws import Draws
 from bayestissue.inference.results import uncertainty_budget as sources
 from bayestissue.inference.results.errors import TraceErrors, as_expected, shorter_window, trace_errors
 from bayestissue.inference.results.uncertainty_budget import uncertainty_budget
-from bayestissue.inference.samplers.sampling import ConstrainedDraws
 from bayestissue.likelihood.element.record import CONTACT
 from bayestissue.simulation import Simulation, simulate
 
@@ -141,17 +141,17 @@ def test_errors_move_a_shorter_window_no_more_than_they_may(given: Prepared, u: 
     assert (np.square(z).sum(axis=0) > 2.2).all()
 
 
-def drawn(given: Prepared, u: np.ndarray) -> ConstrainedDraws:
+def drawn(given: Prepared, u: np.ndarray) -> Draws:
     """A posterior that knows the spreads."""
     rng = np.random.default_rng(1)
     shape = (2, 50)
-    sites = {name: np.full(shape, 0.3) for name in given.model.hyperparameters}
+    population = {name: np.full(shape, 0.3) for name in given.model.hyperparameters}
     for q in "KC":
-        sites |= {f"{stem}_{q}": np.full(shape, sd) for stem, sd in SPREADS.items()}
-        sites[f"intercept_{q}"] = rng.standard_normal(shape)
-    sites["residual_correlation"] = np.zeros(shape)
+        population |= {f"{stem}_{q}": np.full(shape, sd) for stem, sd in SPREADS.items()}
+        population[f"intercept_{q}"] = rng.standard_normal(shape)
+    population["residual_correlation"] = np.zeros(shape)
     impacts = {q: np.exp(u[:, i] + 0.01 * rng.standard_normal((*shape, len(u)))) for i, q in enumerate("KC")}
-    return ConstrainedDraws(sites, impacts | {"parameters": np.broadcast_to(u, (*shape, *u.shape))}, {})
+    return Draws(population, impacts | {"parameters": np.broadcast_to(u, (*shape, *u.shape))}, {})
 
 
 @pytest.fixture(scope="module")

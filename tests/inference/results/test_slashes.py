@@ -20,15 +20,15 @@ def test_they_are_kept_in_a_file_and_asked_of(tmp_path):
     rows["side"] = rows["side"].map({"left": "n/a", "right": "pre/post: 'x' \"y\""})
     rows["t/s"] = np.random.default_rng(0).uniform(size=len(rows))
     design, rng = design_of(FORMULA, "1", rows=rows), np.random.default_rng(1)
-    sites = {"residual_correlation": np.zeros(SHAPE)}
+    population = {"residual_correlation": np.zeros(SHAPE)}
     for q, part in design.responses.items():
-        sites |= {f"intercept_{q}": rng.normal(size=SHAPE), f"sd_impact_{q}": np.ones(SHAPE)}
-        sites[f"covariate_effect_{q}"] = rng.normal(size=(*SHAPE, len(part.names)))
+        population |= {f"intercept_{q}": rng.normal(size=SHAPE), f"sd_impact_{q}": np.ones(SHAPE)}
+        population[f"covariate_effect_{q}"] = rng.normal(size=(*SHAPE, len(part.names)))
         for term in part.terms:
             levels = len(design.groupings[term.grouping].levels)
-            sites |= {term.sd(q): np.ones(SHAPE), term.effect(q): rng.normal(size=(*SHAPE, levels))}
-    values = derived.reported_sites(design, sites)
-    values |= derived.values_at_levels(design, values)
+            population |= {term.sd(q): np.ones(SHAPE), term.effect(q): rng.normal(size=(*SHAPE, levels))}
+    values = derived.formula_quantities(design, population)
+    values |= derived.level_quantities(design, values)
     draws = labelled(values, design_dimensions(design), design.levels(), attributes=design_attributes(design))
     xr.DataTree.from_dict({"posterior": draws}).to_netcdf(tmp_path / "p.nc", engine="h5netcdf")
     with xr.open_datatree(tmp_path / "p.nc", engine="h5netcdf") as tree:

@@ -11,7 +11,7 @@ from numpy.testing import assert_array_equal
 from numpyro.infer import MCMC, NUTS
 
 from bayestissue.dataset.published import read_published
-from bayestissue.hierarchy.derived import named_sites
+from bayestissue.hierarchy.derived import effects_by_name
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.thesis.reanalysis import explanations
 from bayestissue.thesis.reanalysis.explanations import log_predictive_density
@@ -71,17 +71,17 @@ def found(problem):
 
 
 @pytest.fixture(scope="module")
-def sites(campaign, problem, found):
-    return named_sites(problem[0].locations, campaign[1], found.hyperparameters, found.b)
+def population(campaign, problem, found):
+    return found.hyperparameters | effects_by_name(problem[0].locations, campaign[1], found.b)
 
 
 @pytest.mark.slow
-def test_known_parameters_are_recovered(sites) -> None:
+def test_known_parameters_are_recovered(population) -> None:
     for name, value in TRUTH.items():
         # Four posterior standard deviations: one data set in ten thousand would miss.
-        assert abs(sites[name].mean() - value) < 4 * sites[name].std(), name
+        assert abs(population[name].mean() - value) < 4 * population[name].std(), name
     # And the data must have said something: the priors' standard deviations are 1 and 3.
-    assert sites["mass_exponent_K"].std() < 0.3
+    assert population["mass_exponent_K"].std() < 0.3
 
 
 def test_the_tables_sites_stand_for_their_factors(found) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,11 +14,11 @@ from jax import Array
 from jaxtyping import Float
 
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
+from bayestissue.hierarchy.population import Population
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import TraceModel
 from bayestissue.inference.chain.moves import Acceptances, State, Steps, Tuning, Visited, transition
-from bayestissue.inference.chain.results import ChainDraws, ChainEnd, constrained_draws, of_nothing
+from bayestissue.inference.chain.results import ChainDraws, ChainEnd, constrained, of_nothing
 from bayestissue.inference.chain.run import Chains, Say, Segment, sampled, warmed_up
 from bayestissue.inference.chain.settings import FEW, FIRST, ChainSettings
 from bayestissue.inference.chain.target import LogRatios, Target
@@ -99,19 +100,13 @@ def chain_draws(
         if settings is None and count > FEW:
             near = _warm_of_some(prepared, beginning, sampler, seed, progress, checkpoints)
         warm = _warm(prepared, beginning, sampler, seed, chosen, progress, checkpoints, near)
-    quantities = partial(_quantities, prepared.model)
-    trim = partial(_trimmed, count=count, keep=chosen.keep)
-    drawn = sampled(warm.chains, warm.tuning, quantities, progress, sampler=sampler, trim=trim)
-    visited = drawn.path.visited
-    of_groups = zip(prepared.design.groupings.items(), visited.log_ratios.groups, strict=True)
-    groups = {name: values[..., : len(grouping.levels)] for (name, grouping), values in of_groups}
+    looked_at = partial(_looked_at, names=prepared.model.hyperparameters)
+    kept_of = partial(_kept, prepared=prepared, keep=chosen.keep)
+    drawn = sampled(warm.chains, warm.tuning, looked_at, progress, sampler=sampler, kept_of=kept_of)
+    kept: Kept = drawn.path
     return ChainDraws(
-        y=visited.y,
-        b=visited.b,
-        log_likelihood=visited.log_likelihood,
-        log_ratios={"impact": visited.log_ratios.impacts[..., :count], **groups},
-        impact_draws=np.arange(chosen.keep - 1, visited.y.shape[1], chosen.keep),
-        u=np.moveaxis(drawn.path.u, -1, -2),
+        **kept._asdict(),
+        impact_draws=np.arange(chosen.keep - 1, kept.log_likelihood.shape[1], chosen.keep),
         acceptance={name: rate for name, rate in drawn.rates._asdict().items() if np.isfinite(rate)},
         sites=GaussianFactor(*(np.asarray(leaf)[0, :count] for leaf in warm.tuning.sites)),
         end=_end(warm, continued=isinstance(beginning, ChainEnd)),
@@ -222,19 +217,34 @@ def _like(target: Target) -> Segment:
     return Segment(carried, Track(visited, none, none), of_nothing(Acceptances))
 
 
-def _trimmed(path: Track, count: int, keep: int) -> Track:
-    """Without the impacts that fill up, and of many impacts in single precision."""
-    u = path.u[..., :count]
-    return path._replace(
-        u=u if keep == 1 else u.astype(np.float32), log_likelihood=path.log_likelihood[..., :0]
+class Kept(NamedTuple):
+    """What is kept of the states since the warm-up; see `ChainDraws`."""
+
+    population: Population
+    log_likelihood: Float[np.ndarray, "chain draw"]
+    log_ratios: dict[str, Float[np.ndarray, "chain draw one"]]
+    u: Float[np.ndarray, "chain kept impact parameter"]
+
+
+def _kept(track: Track, prepared: Prepared, keep: int) -> Kept:
+    """Without the impacts and levels that fill up, hyperparameters constrained."""
+    (y, b, log_likelihood, log_ratios), u, _ = jax.tree.map(np.asarray, track)
+    count = len(prepared.impacts)
+    of_groups = zip(prepared.design.groupings.items(), log_ratios.groups, strict=True)
+    groups = {name: values[..., : len(grouping.levels)] for (name, grouping), values in of_groups}
+    u = np.moveaxis(u[..., :count], -1, -2)
+    return Kept(
+        Population(constrained(prepared.model, y), b),
+        log_likelihood,
+        {"impact": log_ratios.impacts[..., :count], **groups},
+        # Of many impacts seven digits.
+        u if keep == 1 else u.astype(np.float32),
     )
 
 
-def _quantities(model: TraceModel, path: Track) -> tuple[np.ndarray, np.ndarray]:
+def _looked_at(kept: Kept, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
     """Hyperparameters and effects, and parameters of the impacts that are shown, [quantity, chain, draw]."""
-    y = np.asarray(path.y)
-    values = constrained_draws(model, y.reshape(-1, y.shape[-1]))[0]
-    spreads = np.stack([values[name] for name in model.hyperparameters], axis=-1).reshape(y.shape)
-    population = np.concatenate([spreads, np.asarray(path.visited.b)], axis=-1)
-    u = np.asarray(path.u)[..., some_impacts(path.u.shape[-1])]
-    return np.moveaxis(population, -1, 0), np.moveaxis(u.reshape(*u.shape[:2], -1), -1, 0)
+    hyperparameters, b = kept.population
+    population = [*(hyperparameters[name] for name in names), *np.moveaxis(b, -1, 0)]
+    u = np.moveaxis(kept.u[:, :, some_impacts(kept.u.shape[2])], (3, 2), (0, 1))
+    return np.stack(population), u.reshape(-1, *u.shape[2:])

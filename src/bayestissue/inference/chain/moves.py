@@ -445,7 +445,7 @@ def _acceptances(
         _share(accepted, target.present & walks),
         accepted[0],
         inner,
-        _share(accepted, target.level_there),
+        _share(accepted, target.level_present),
         jnp.asarray(jnp.nan),
     )
     kinds = (_BY_IMPACT, _BY_IMPACT, _BY_POPULATION, _BY_POPULATION, _BY_LEVEL, -1)

@@ -6,18 +6,23 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 from jax import Array
 from jaxtyping import Bool, Float, Int
 
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
-from bayestissue.hierarchy.traces import TraceModel, constrained, population
+from bayestissue.hierarchy.population import Hyperparameters, Population
+from bayestissue.hierarchy.traces import Hierarchy, hyperparameters_at
 from bayestissue.inference.chain.ending import Verdict
 from bayestissue.inference.chain.moves import State, Steps, StudentT, Tuning
 from bayestissue.inference.chain.run import read_arrays, write_arrays
 from bayestissue.inference.execution.compiling import by_row
 from bayestissue.inference.execution.kept import evenly_spaced
-from bayestissue.inference.factors.conditional import DRAWS, PopulationDraws
+from bayestissue.inference.samplers.sampling import flat, in_chains
+
+# Draws of one call.
+DRAWS = 64
 
 
 class ChainEnd(NamedTuple):
@@ -61,8 +66,7 @@ class ChainDraws:
     """All transitions since the warm-up but the first of them, [chain, draw, ...], impacts before parameters.
 
     Attributes:
-        y: hyperparameters, unconstrained.
-        b: fixed and group effects.
+        population: hyperparameters and effects.
         log_likelihood: of all traces.
         log_ratios: log of likelihood over site of each impact that is shown, under "impact", and its sum over
             the levels of each grouping.
@@ -76,8 +80,7 @@ class ChainDraws:
         verdict: of the last look.
     """
 
-    y: Float[np.ndarray, "chain draw hyperparameter"]
-    b: Float[np.ndarray, "chain draw location"]
+    population: Population
     log_likelihood: Float[np.ndarray, "chain draw"]
     log_ratios: dict[str, Float[np.ndarray, "chain draw one"]]
     impact_draws: Int[np.ndarray, " kept"]
@@ -92,25 +95,23 @@ class ChainDraws:
     @property
     def shape(self) -> tuple[int, int]:
         """The numbers of chains and of draws of each."""
-        return self.y.shape[0], self.y.shape[1]
+        chains, draws = self.log_likelihood.shape
+        return chains, draws
 
     def thinned(self, draws: int) -> ChainDraws:
         """The same with at most so many draws of each chain, evenly spaced, the last among them."""
-        rows = evenly_spaced(self.y.shape[1], draws)
+        rows = evenly_spaced(self.shape[1], draws)
         among = np.isin(self.impact_draws, rows)
+        of_all = self.population, self.log_likelihood, self.log_ratios
+        population, log_likelihood, log_ratios = jax.tree.map(lambda values: values[:, rows], of_all)
         return replace(
             self,
-            **{name: getattr(self, name)[:, rows] for name in ("y", "b", "log_likelihood")},
-            log_ratios={name: values[:, rows] for name, values in self.log_ratios.items()},
+            population=population,
+            log_likelihood=log_likelihood,
+            log_ratios=log_ratios,
             impact_draws=np.searchsorted(rows, self.impact_draws[among]),
             u=self.u[:, among],
         )
-
-    def population(self, model: TraceModel) -> PopulationDraws:
-        """Hyperparameters and effects of all draws, one chain's after the other's."""
-        y, b = (values.reshape(-1, values.shape[-1]) for values in (self.y, self.b))
-        sites, precision = constrained_draws(model, y)
-        return PopulationDraws(dict(zip(model.hyperparameters, y.T, strict=True)), sites, b, precision)
 
     def record(self) -> dict[str, Any]:
         """How the chain ran, as it stands in ``run.json``."""
@@ -128,13 +129,15 @@ class ChainDraws:
         }
 
 
+def constrained(model: Hierarchy, y: Float[Any, "chain draw hyperparameter"]) -> Hyperparameters:
+    """Hyperparameters by name, [chain, draw], from their unconstrained coordinates."""
+    values: Hyperparameters = in_chains(_constrained(model, flat(y)), y.shape[:2])
+    return values
+
+
 @by_row(DRAWS, constant=1)
-def constrained_draws(
-    model: TraceModel, y: Float[Array, " hyperparameter"]
-) -> tuple[dict[str, Array], Array]:
-    """Constrained hyperparameters, and the precision of an impact's parameters about X b."""
-    sites = constrained(model, dict(zip(model.hyperparameters, y, strict=True)))
-    return sites, population(model, sites).of_impact()
+def _constrained(model: Hierarchy, y: Float[Array, " hyperparameter"]) -> Hyperparameters:
+    return hyperparameters_at(model, y)[0]
 
 
 def of_nothing(kind: Any) -> Any:

@@ -29,7 +29,7 @@ from bayestissue.hierarchy.gaussian.effects import (
 )
 from bayestissue.hierarchy.gaussian.factor import Conditional, GaussianFactor
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import TraceData, TraceModel, hyperparameters_at, log_likelihood, population
+from bayestissue.hierarchy.traces import TraceData, TraceModel, hyperparameters_at, log_likelihood
 from bayestissue.inference.chain.settings import FEW
 from bayestissue.inference.execution.kept import some_impacts
 from bayestissue.inference.factors.likelihoods import densities_at
@@ -54,14 +54,14 @@ class LogRatios(NamedTuple):
     groups: tuple[Float[Array, " level"], ...]
 
 
-class Effects(NamedTuple):
+class ConditionalEffects(NamedTuple):
     """b given the hyperparameters and what stands for the data, and the log density of these together."""
 
     conditional: EffectsConditional
     log_density: Float[Array, ""]
 
 
-FIELDS = ["model", "data", "present", "shown", "groups"]
+FIELDS = ["model", "data", "present", "shown", "groups", "level", "level_present"]
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=FIELDS, meta_fields=["levels"])
@@ -75,6 +75,8 @@ class Target:
         present: which of them there are.
         shown: numbers of those that everything is kept of.
         groups: of each grouping of the design, the level of every impact.
+        level: of the grouping that is eliminated first, likewise.
+        level_present: which of these levels have impacts.
         levels: how many levels each has.
     """
 
@@ -83,6 +85,8 @@ class Target:
     present: Bool[Array, " impact"]
     shown: Int[Array, " shown"]
     groups: tuple[Int[Array, " impact"], ...]
+    level: Int[Array, " impact"]
+    level_present: Bool[Array, " level"]
     levels: tuple[int, ...]
 
     @classmethod
@@ -93,12 +97,17 @@ class Target:
         # Of some impacts alone, as `some_of` has them, the design is still that of all.
         groupings = [one for one in prepared.design.groupings.values() if len(one.code) == count]
         shown = np.arange(len(present)) if count <= FEW else some_impacts(count)
+        design = data.design
+        level = np.asarray(design.level)[np.asarray(design.cell) // design.inner[0].shape[2]]
+        level_present = np.isin(np.arange(design.inner_element[0].shape[1]), level[present])
         return cls(
             prepared.model,
             jax.tree.map(jnp.asarray, data),
             jnp.asarray(present),
             jnp.asarray(shown),
             tuple(jnp.asarray(padded_impacts(grouping.code)) for grouping in groupings),
+            jnp.asarray(level),
+            jnp.asarray(level_present),
             tuple(bucket(len(grouping.levels)) for grouping in groupings),
         )
 
@@ -108,25 +117,13 @@ class Target:
         return jnp.concatenate(self.data.design.inner_element)
 
     @property
-    def level(self) -> Int[Array, " impact"]:
-        """Of every impact, the level that it belongs to."""
-        design = self.data.design
-        return jnp.asarray(design.level)[design.cell // design.inner[0].shape[2]]
-
-    @property
-    def level_there(self) -> Bool[Array, " level"]:
-        """Which levels have impacts."""
-        there = jnp.zeros(self.level_effects.shape[1], bool)
-        return there.at[self.level].max(self.present)
-
-    @property
     def parts(self) -> int:
         """The most parts of a proposal that are accepted or not: impacts, or levels."""
         return max(len(self.present), self.level_effects.shape[1])
 
     def covariances(self, y: Float[Array, " hyperparameter"]) -> Covariances:
         """Of an impact's parameters about X b, and of b."""
-        return population(self.model, hyperparameters_at(self.model, y)[0])
+        return self.model.covariances(hyperparameters_at(self.model, y)[0])
 
     def log_prior(self, y: Float[Array, " hyperparameter"]) -> Float[Array, ""]:
         """Log density of the hyperparameters' coordinates."""
@@ -170,7 +167,7 @@ class Target:
         number = jnp.where(self.present, 1.0, 0.0)
         return CellSums(*(design.to_cells(values) for values in (number, deviation, squares)))
 
-    def given_impacts(self, y: Float[Array, " hyperparameter"], sums: CellSums) -> Effects:
+    def given_impacts(self, y: Float[Array, " hyperparameter"], sums: CellSums) -> ConditionalEffects:
         """B given ψ and u, and log p(y, u) with b integrated out, up to a constant."""
         covariances, mean = self.covariances(y), expected_by_cell(self.data.design, self.data.location_mean)
         D = covariances.of_impact()
@@ -181,7 +178,7 @@ class Target:
         cells = GaussianFactor(mean, shift, D[:, :, None] * sums.number, log_scale)
         return self._integrated(y, covariances, cells)
 
-    def given_sites(self, y: Float[Array, " hyperparameter"], blocked: GaussianFactor) -> Effects:
+    def given_sites(self, y: Float[Array, " hyperparameter"], blocked: GaussianFactor) -> ConditionalEffects:
         """The same where a site stands for every trace, and u is integrated out too; see `blocked`."""
         covariances, data = self.covariances(y), Data(self.data.design, self.data.location_mean, blocked)
         return self._integrated(y, covariances, data.sums(covariances))
@@ -193,16 +190,20 @@ class Target:
         )
         return self.data.design.blocked(said)
 
-    def _integrated(self, y: Array, covariances: Covariances, sums: GaussianFactor) -> Effects:
+    def _integrated(self, y: Array, covariances: Covariances, sums: GaussianFactor) -> ConditionalEffects:
         conditional, log_density = integrate_effects(self.data.design, covariances, sums)
         log_density = self.log_prior(y) + log_density
-        return Effects(conditional, jnp.where(jnp.isfinite(log_density), log_density, -jnp.inf))
+        return ConditionalEffects(conditional, jnp.where(jnp.isfinite(log_density), log_density, -jnp.inf))
 
-    def effects_at(self, effects: Effects, standard: Float[Array, " location"]) -> Float[Array, " location"]:
+    def effects_at(
+        self, effects: ConditionalEffects, standard: Float[Array, " location"]
+    ) -> Float[Array, " location"]:
         """B from standard normals."""
         return effects_from_standard(self.data.design, effects.conditional, self.data.location_mean, standard)
 
-    def standard_effects(self, effects: Effects, b: Float[Array, " location"]) -> Float[Array, " location"]:
+    def standard_effects(
+        self, effects: ConditionalEffects, b: Float[Array, " location"]
+    ) -> Float[Array, " location"]:
         """The standard normals from which `effects_at` makes ``b``."""
         return standard_effects(self.data.design, effects.conditional, self.data.location_mean, b)
 

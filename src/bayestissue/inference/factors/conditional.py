@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import jax
 import numpy as np
-from jax import Array
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expected_by_cell
 from bayestissue.hierarchy.gaussian.factor import Conditional, GaussianFactor
+from bayestissue.hierarchy.population import Population
+from bayestissue.hierarchy.traces import TraceModel
 from bayestissue.inference.execution.compiling import by_row
 
 # Draws of one call.
@@ -75,37 +75,17 @@ def log_evidence(sites: GaussianFactor, prior: ConditionalPrior) -> Float[np.nda
     return conditional.marginal(prior_mean).log_scale
 
 
-class PopulationDraws(NamedTuple):
-    """Draws of the population, given the sites.
-
-    Attributes:
-        raw: the hyperparameters, unconstrained.
-        sites: the standard deviations and the correlation.
-        b: fixed and group effects.
-        precision: D, of an impact's parameters about X b.
-    """
-
-    raw: dict[str, Float[np.ndarray, " draw"]]
-    sites: dict[str, Float[np.ndarray, " draw"]]
-    b: Float[np.ndarray, "draw location"]
-    precision: Float[np.ndarray, "draw parameter parameter"]
-
-    def rows(self, chosen: Any) -> PopulationDraws:
-        """Some of them."""
-        return jax.tree.map(lambda values: values[chosen], self)
-
-    def priors(self, design: PopulationDesign) -> ConditionalPrior:
-        """The conditional prior of an impact at every place of the design; see `of_cells`."""
-        # Without each impact's place, so that what is compiled serves other numbers of impacts.
-        design = design._replace(cell=np.zeros(0, int))
-        return ConditionalPrior(_expected(design, self.b), self.precision[:, None])
-
-
-def of_cells(priors: ConditionalPrior, cell: np.ndarray) -> ConditionalPrior:
-    """Of impacts at these places."""
+def conditional_priors(
+    model: TraceModel, design: PopulationDesign, population: Population, rows: Int[np.ndarray, " impact"]
+) -> ConditionalPrior:
+    """The conditional prior of some impacts in each draw [draw, ...] of the population."""
+    cell = np.asarray(design.cell)[rows]
+    # Without each impact's cell, so that what is compiled serves other numbers of impacts.
+    priors = _of_cells(model, design._replace(cell=np.zeros(0, int)), population)
     return priors._replace(mean=priors.mean[:, cell])
 
 
-@by_row(DRAWS, constant=1)
-def _expected(design: PopulationDesign, b: Float[Array, " location"]) -> Float[Array, "place parameter"]:
-    return expected_by_cell(design, b).T
+@by_row(DRAWS, constant=2)
+def _of_cells(model: TraceModel, design: PopulationDesign, population: Population) -> ConditionalPrior:
+    D = model.covariances(population.hyperparameters).of_impact()
+    return ConditionalPrior(expected_by_cell(design, population.b).T, D[None])

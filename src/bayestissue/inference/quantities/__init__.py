@@ -1,1 +1,1 @@
-"""What the draws of an impact stand for: stiffness at a depth, energy, exponents."""
+"""From draws of hyperparameters, effects and impacts to quantities: K and C, energy, exponents."""

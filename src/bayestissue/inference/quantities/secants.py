@@ -19,8 +19,8 @@ from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.formulas.group_terms import stem_of
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.execution.kept import some_impacts
+from bayestissue.inference.quantities.draws import Draws
 from bayestissue.inference.quantities.impacts import COMMON_DEPTH
-from bayestissue.inference.samplers.sampling import ConstrainedDraws
 
 # By what it is called: what of an impact it is the exponent of.
 EXPONENTS = {f"mass_exponent_{COMMON_DEPTH}": COMMON_DEPTH, "mass_exponent_K_secant": "K_secant"}
@@ -28,7 +28,7 @@ _SPREADS = np.geomspace(1e-4, 10.0, 500)
 
 
 def mass_exponents_of_secants(
-    prepared: Prepared, constrained: ConstrainedDraws, seed: int
+    prepared: Prepared, draws: Draws, seed: int
 ) -> dict[str, Float[np.ndarray, "chain draw"]]:
     """Slopes on log mass, all else equal, of log K_common_depth and log K_secant.
 
@@ -40,7 +40,7 @@ def mass_exponents_of_secants(
 
     Args:
         prepared: the fit.
-        constrained: draws of everything.
+        draws: of everything.
         seed: of these draws.
 
     Returns:
@@ -48,14 +48,14 @@ def mass_exponents_of_secants(
         depend on depth, or log K has no exponent. A stiffness that a draw has at or below 0, as one may where
         the damper's part of the force is hardly known, has none.
     """
-    design, model, impacts = prepared.design, prepared.model, constrained.impacts
+    design, model, impacts = prepared.design, prepared.model, draws.impacts
     part = design.responses["K"]
     if COMMON_DEPTH not in impacts or part.log_mass is None:
         return {}
     positive = {name: impacts[secant] for name, secant in EXPONENTS.items() if (impacts[secant] > 0).all()}
     if not model.discrepancy:
-        which = slice(None) if constrained.kept_numbers is None else constrained.kept_numbers
-        exponent = constrained.sites["mass_exponent_K"][:, which]
+        which = slice(None) if draws.kept_numbers is None else draws.kept_numbers
+        exponent = draws.population["mass_exponent_K"][:, which]
         line = np.column_stack([np.ones_like(part.log_mass), part.log_mass, part.covariates])
         slope = np.linalg.pinv(line)[1]
         return {name: exponent + np.log(secant / impacts["K"]) @ slope for name, secant in positive.items()}

@@ -1,4 +1,4 @@
-"""Posterior and prior predictive draws: replicates of every trace, and draws of the priors."""
+"""Posterior and prior predictive draws: replicates of every trace."""
 
 from __future__ import annotations
 
@@ -6,40 +6,35 @@ import warnings
 from dataclasses import replace
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jaxtyping import Float
-from numpyro.infer import Predictive
 
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import TraceData, TraceModel, impacts_model, trace_likelihood
-from bayestissue.inference.execution.compiling import by_row, compiled_quickly
+from bayestissue.hierarchy.traces import TraceData, TraceModel, trace_likelihood
+from bayestissue.inference.execution.compiling import by_row
 from bayestissue.inference.execution.kept import some_impacts
-from bayestissue.inference.samplers.sampling import ConstrainedDraws, thinned
+from bayestissue.inference.quantities.draws import Draws
+from bayestissue.inference.samplers.sampling import flat, in_chains
 from bayestissue.padding import padded_impacts
 
-PREDICTIVE_DRAWS = 100
-PRIOR_DRAWS, PRIOR_PREDICTIVE_DRAWS = 1000, 50
+PREDICTIVE_DRAWS, PRIOR_PREDICTIVE_DRAWS = 100, 50
 # Steps of a replicate, in what its noise differs by from sample to sample: they add 1e-5 to its variance.
 _STEPS = 64
 # Below every digit of a double: nothing is rounded.
 _NO_NOISE = 2.0**-80
 
 
-def predicted(prepared: Prepared, constrained: ConstrainedDraws, seed: int) -> dict[str, np.ndarray]:
+def predicted(prepared: Prepared, draws: Draws, seed: int) -> dict[str, np.ndarray]:
     """About a hundred replicates of every trace, as what the likelihood is of."""
-    parameters = constrained.impacts["parameters"]
-    if constrained.kept_numbers is not None:
-        parameters = parameters[:, :, some_impacts(parameters.shape[2])].astype(float)
-    parameters_of_draws = thinned({"u": parameters}, PREDICTIVE_DRAWS)["u"]
-    flat = parameters_of_draws.reshape(-1, *parameters_of_draws.shape[2:])
-    keys = jax.random.split(jax.random.fold_in(jax.random.PRNGKey(seed), 12), len(flat))
-    replicated = replicates(prepared.model, prepared.data, flat, keys)
-    return {
-        name: rounded(v).reshape(*parameters_of_draws.shape[:2], *v.shape[1:])
-        for name, v in replicated.items()
-    }
+    u = draws.impacts["parameters"]
+    if draws.kept_numbers is not None:
+        u = u[:, :, some_impacts(u.shape[2])].astype(float)
+    chains, length = u.shape[:2]
+    u = u[:, :: max(1, chains * length // PREDICTIVE_DRAWS)]
+    keys = jax.random.split(jax.random.fold_in(jax.random.PRNGKey(seed), 12), chains * u.shape[1])
+    replicated = replicates(prepared.model, prepared.data, flat(u), keys)
+    return in_chains({name: rounded(v) for name, v in replicated.items()}, u.shape[:2])
 
 
 def rounded(
@@ -74,27 +69,3 @@ def _replicates(
     replicate = trace_likelihood(model, data, list(u.T)).replicate(key)
     # Else the noise is made anew for every part of the row that is written: three times as long.
     return jax.lax.optimization_barrier(replicate)
-
-
-def prior_draws(
-    model: TraceModel, data: TraceData, key: Array
-) -> tuple[dict[str, np.ndarray], Float[np.ndarray, "draw impact parameter"]]:
-    """Draws from the priors: of the population, and of each impact's parameters."""
-    drawn, u = jax.device_get(_prior_draws(model, data.padded, key))
-    return drawn, u[:, : len(data.log_mass)]
-
-
-@compiled_quickly
-def _prior_draws(
-    model: TraceModel, data: TraceData, key: Array
-) -> tuple[dict[str, Array], Float[Array, "draw impact parameter"]]:
-    """What is compiled of `prior_draws`."""
-    shared = ["log_mass_error"] if model.mass_error == "subject" else []
-    bare = Predictive(
-        lambda: impacts_model(model, data),
-        num_samples=PRIOR_DRAWS,
-        return_sites=[*model.hyperparameters, "locations", "log_K_and_C", *model.nuisance, *shared],
-    )
-    drawn = bare(key)
-    nuisance = [drawn.pop(name)[..., None] for name in model.nuisance]
-    return drawn, jnp.concatenate([drawn.pop("log_K_and_C"), *nuisance], axis=-1)

@@ -13,15 +13,13 @@ import xarray as xr
 
 from bayestissue.dataset.impacts import RESERVED
 from bayestissue.elements.element import GRAVITY
-from bayestissue.hierarchy import derived
-from bayestissue.hierarchy.derived import named_sites
 from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.formulas.group_terms import stem_of
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared, common_depth
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.execution.kept import some_impacts, some_of
-from bayestissue.inference.quantities.draws import prior_impacts
+from bayestissue.inference.quantities.draws import Draws, prior_draws, quantities
 from bayestissue.inference.quantities.impacts import NAMES
 from bayestissue.inference.quantities.secants import EXPONENTS, mass_exponents_of_secants
 from bayestissue.inference.quantities.together import comparable_draws
@@ -32,20 +30,14 @@ from bayestissue.inference.results.labels import (
     labelled,
     of_one_person,
 )
-from bayestissue.inference.results.predictions import (
-    PRIOR_PREDICTIVE_DRAWS,
-    predicted,
-    prior_draws,
-    replicates,
-)
-from bayestissue.inference.samplers.sampling import ConstrainedDraws
+from bayestissue.inference.results.predictions import PRIOR_PREDICTIVE_DRAWS, predicted, replicates
 
 
 def posterior_tree(
     prepared: Prepared,
     specification: ModelSpecification,
     statistics: xr.Dataset,
-    constrained: ConstrainedDraws,
+    draws: Draws,
     seed: int,
 ) -> xr.DataTree:
     """All groups of a finished fit; see `bayestissue.inference.results.labels` for units and meanings.
@@ -54,26 +46,24 @@ def posterior_tree(
     multiplies draws by impacts once more (predictions, priors, log densities) is of some impacts.
     """
     rng = np.random.default_rng(seed)
-    named = partial(
+    put = partial(
         labelled,
         dimensions=dimensions(prepared.design, prepared.data.record.errors, _columns(prepared)),
         attributes=design_attributes(prepared.design) | _column_attributes(prepared),
     )
-    whole, kept_numbers = prepared, constrained.kept_numbers
-    of_all_impacts = of_impacts = partial(named, coordinates=_coordinates(whole, kept_numbers))
+    whole, kept_numbers = prepared, draws.kept_numbers
+    of_all_impacts = of_impacts = partial(put, coordinates=_coordinates(whole, kept_numbers))
     if kept_numbers is not None:
         prepared = some_of(prepared, some_impacts(len(prepared.impacts)))
-        of_impacts = partial(named, coordinates=_coordinates(prepared, kept_numbers))
+        of_impacts = partial(put, coordinates=_coordinates(prepared, kept_numbers))
         of_all_impacts = partial(
             of_all_impacts, thinned=frozenset({*NAMES, *EXPONENTS, *prepared.data.record.errors})
         )
-    quantities = _quantities(whole, constrained.sites, constrained.impacts, rng)
-    quantities |= mass_exponents_of_secants(whole, constrained, seed)
-    # Effects that the formulas leave out are zero in ``sites``, where a spread's prior has no density.
+    values = quantities(whole, draws, rng) | mass_exponents_of_secants(whole, draws, seed)
     priors = compiled_quickly(specification.complete_priors().log_densities)(
-        {k: v for k, v in constrained.sites.items() if k in quantities}
+        {name: array for name, array in draws.population.items() if name in values}
     )
-    log_likelihood, posterior = constrained.log_likelihood, of_all_impacts(quantities)
+    log_likelihood, posterior = draws.log_likelihood, of_all_impacts(values)
     if whole.model.discrepancy:
         people = np.array(whole.design.subjects)[whole.design.subject]
         attributes = element_attributes()
@@ -85,7 +75,7 @@ def posterior_tree(
         "log_likelihood": of_impacts({"trace": log_likelihood["trace"]}),
         "log_likelihood_of_groups": of_impacts({k: v for k, v in log_likelihood.items() if k != "trace"}),
         "log_prior": of_impacts({name: np.asarray(v) for name, v in priors.items()}),
-        "posterior_predictive": of_impacts(predicted(prepared, constrained, seed)),
+        "posterior_predictive": of_impacts(predicted(prepared, draws, seed)),
         "observed_data": of_impacts(_observed(prepared), sampled=False),
         "constant_data": of_all_impacts(_constants(whole), sampled=False),
         **_prior_groups(prepared, of_impacts, seed, rng),
@@ -118,26 +108,6 @@ def dimensions(
         **dict.fromkeys(("sampling_interval_s", "first_sample_s"), ("impact",)),
         **{f"column_{stem_of(name)}": ("impact",) for name in columns},
     }
-
-
-def _quantities(
-    prepared: Prepared,
-    sites: dict[str, np.ndarray],
-    impacts: dict[str, np.ndarray],
-    rng: np.random.Generator,
-) -> dict[str, np.ndarray]:
-    design = prepared.design
-    values = derived.reported_sites(design, sites)
-    for name in prepared.model.nuisance:
-        values |= {f"{name}_mean": sites[f"{name}_mean"], f"sd_{name}": sites[f"sd_{name}"]}
-    levels = derived.values_at_levels(design, values)
-    values |= levels
-    values |= {name: impacts[name] for name in NAMES if name in impacts}
-    if "chain_error" in impacts:
-        record = prepared.data.record
-        known = np.asarray(record.error_sd).any(axis=0)
-        values |= {name: impacts["chain_error"][..., i] for i, name in enumerate(record.errors) if known[i]}
-    return values | derived.new_impact(design, sites, levels, rng)
 
 
 def _observed(prepared: Prepared) -> dict[str, np.ndarray]:
@@ -188,28 +158,11 @@ def _column_attributes(prepared: Prepared) -> dict[str, dict[str, str]]:
 
 
 def _prior_groups(prepared: Prepared, put: Any, seed: int, rng: np.random.Generator) -> dict[str, xr.Dataset]:
-    model, data = prepared.model, prepared.data
-    key = jax.random.fold_in(jax.random.PRNGKey(seed), 13)
-    prior_sites, u = prior_draws(model, data, key)
-    drawn = {name: values[None] for name, values in prior_sites.items()}
-    sites = named_sites(
-        model.locations,
-        prepared.design,
-        {name: drawn[name] for name in model.hyperparameters},
-        drawn["locations"],
-    )
-    if "log_mass_error" in prior_sites:
-        person = pd.Index(prepared.design.subjects).get_indexer(
-            pd.Index(prepared.impacts["subject"].astype(str))
-        )
-        error = prior_sites["log_mass_error"][..., person]
-    else:
-        error = model.log_mass_sd * rng.standard_normal(u[None].shape[:-1])[0]
-    of_prior = prior_impacts(prepared, u, error, jax.random.fold_in(key, 1))
-    impacts = {name: values[None] for name, values in of_prior.items() if name in NAMES}
-    predicted_from = u[:PRIOR_PREDICTIVE_DRAWS]
-    replicated = replicates(model, data, predicted_from, jax.random.split(key, len(predicted_from)))
+    draws = prior_draws(prepared, seed, rng)
+    (u,) = draws.impacts["parameters"][:, :PRIOR_PREDICTIVE_DRAWS]
+    keys = jax.random.split(jax.random.fold_in(jax.random.PRNGKey(seed), 13), len(u))
+    replicated = replicates(prepared.model, prepared.data, u, keys)
     # A prior's wall may be thin enough to throw the impactor back faster than any number.
     with np.errstate(over="ignore"):
         single = {name: v.astype(np.float32)[None] for name, v in replicated.items()}
-    return {"prior": put(_quantities(prepared, sites, impacts, rng)), "prior_predictive": put(single)}
+    return {"prior": put(quantities(prepared, draws, rng)), "prior_predictive": put(single)}

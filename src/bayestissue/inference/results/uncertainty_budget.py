@@ -25,10 +25,12 @@ from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.formulas.group_terms import SUBJECT, TRIAL
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expected_by_cell
 from bayestissue.hierarchy.gaussian.covariances import Covariances
+from bayestissue.hierarchy.population import Hyperparameters
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import TraceModel, population
+from bayestissue.hierarchy.traces import TraceModel
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.execution.kept import some_of
+from bayestissue.inference.quantities.draws import Draws
 from bayestissue.inference.results.errors import (
     ELEMENT,
     NOISE,
@@ -37,7 +39,6 @@ from bayestissue.inference.results.errors import (
     shorter_window,
     trace_errors,
 )
-from bayestissue.inference.samplers.sampling import ConstrainedDraws
 from bayestissue.results.tables import joined, table_of_rows
 
 type Variance = float | Float[np.ndarray, " impact"]
@@ -63,12 +64,12 @@ _NUISANCE = {
 }
 
 
-def uncertainty_budget(prepared: Prepared, constrained: ConstrainedDraws) -> pd.DataFrame:
+def uncertainty_budget(prepared: Prepared, draws: Draws) -> pd.DataFrame:
     """What each source makes of the posterior variance of log K and log C.
 
     Args:
         prepared: the model and its data.
-        constrained: draws of everything, of which medians are taken.
+        draws: of everything, of which medians are taken.
 
     Returns:
         ``interval_sources.csv``. ``level`` is `IMPACT` (shares are means over the recorded impacts, or a
@@ -80,15 +81,15 @@ def uncertainty_budget(prepared: Prepared, constrained: ConstrainedDraws) -> pd.
         tenth shorter would move, no part of the sum, and `WINDOW_BY_NOISE` what it may. K is the element's
         own, beside a discrepancy too.
     """
-    many = constrained.kept_numbers is not None
+    many = draws.kept_numbers is not None
     rows = np.arange(len(prepared.impacts))
     if many:
         rows = np.unique(np.linspace(0, rows[-1], MOST_IMPACTS).astype(int))
     part = some_of(prepared, rows)
-    u = np.median(constrained.impacts["parameters"][:, :, rows].astype(float), axis=(0, 1))
-    middle = _Hierarchy(part, _middle(part, constrained, np.median))
+    u = np.median(draws.impacts["parameters"][:, :, rows].astype(float), axis=(0, 1))
+    middle = _Hierarchy(part, _middle(part, draws, np.median))
     errors = trace_errors(part, u, _RIDGE * np.linalg.inv(middle.omega))
-    drawn = {q: np.var(np.log(constrained.impacts[q][:, :, rows]), axis=(0, 1)) for q in RESPONSES}
+    drawn = {q: np.var(np.log(draws.impacts[q][:, :, rows]), axis=(0, 1)) for q in RESPONSES}
     tables = [
         _shares(IMPACT, middle.of_impacts(errors, not many), drawn),
         _shares(TRACE, middle.of_traces(errors)),
@@ -101,13 +102,13 @@ def uncertainty_budget(prepared: Prepared, constrained: ConstrainedDraws) -> pd.
             for name, end in zip((WINDOW, WINDOW_BY_NOISE), ends, strict=True)
         ]
         tables.append(table_of_rows("interval_sources", rows_of_window))
-    typical = {q: float(np.var(typical_logs(prepared.design, constrained.sites, q))) for q in RESPONSES}
+    typical = {q: float(np.var(typical_logs(prepared.design, draws.population, q))) for q in RESPONSES}
     means = {q: {PERSON_AND_CONDITION: variance} for q, variance in typical.items()}
     if not many:
-        # Variances of means are linear in those of the spreads, whose posteriors have long tails.
-        means = _Hierarchy(part, _middle(part, constrained, _root_mean_square)).of_means(errors)
+        # Variances of means are linear in those of the hyperparameters, whose posteriors have long tails.
+        means = _Hierarchy(part, _middle(part, draws, _root_mean_square)).of_means(errors)
         tables.append(_shares(TYPICAL_PERSON, means, typical))
-    added = {q: _new_levels(prepared, constrained, q) for q in RESPONSES}
+    added = {q: _new_levels(prepared, draws, q) for q in RESPONSES}
     of_new = {q: _summed(means[q], {PEOPLE: 0.0, CONDITIONS: 0.0}, added[q]) for q in RESPONSES}
     whole = {q: typical[q] + sum(added[q].values()) for q in RESPONSES}
     tables.append(_shares(NEW_PERSON, of_new, whole))
@@ -122,30 +123,30 @@ def _summed[Value](*parts: Mapping[str, Value]) -> dict[str, Value]:
     return total
 
 
-def _middle(
-    prepared: Prepared, constrained: ConstrainedDraws, middle: Callable[[np.ndarray], np.floating]
-) -> dict[str, np.floating]:
+def _middle(prepared: Prepared, draws: Draws, middle: Callable[[np.ndarray], np.floating]) -> Hyperparameters:
     """The standard deviations at the middle of their draws, and the median correlation."""
-    sites = {name: middle(constrained.sites[name]) for name in prepared.model.hyperparameters}
-    if "residual_correlation" in sites:
-        sites["residual_correlation"] = np.median(constrained.sites["residual_correlation"])
-    return sites
+    hyperparameters = {name: middle(draws.population[name]) for name in prepared.model.hyperparameters}
+    if "residual_correlation" in hyperparameters:
+        hyperparameters["residual_correlation"] = np.median(draws.population["residual_correlation"])
+    return hyperparameters
 
 
 def _root_mean_square(values: np.ndarray) -> np.floating:
     return np.sqrt(np.mean(values**2))
 
 
-def _scatter(prepared: Prepared, spread: Covariances) -> dict[str, Float[np.ndarray, "parameter parameter"]]:
+def _scatter(
+    prepared: Prepared, covariances: Covariances
+) -> dict[str, Float[np.ndarray, "parameter parameter"]]:
     """Covariance of u about X b by source, an error of mass left out."""
     model = prepared.model
-    kk, kc, cc = spread.pair
+    kk, kc, cc = covariances.pair
     mass = model.log_mass_sd**2 if model.mass_error == "impact" else 0.0
     size = 2 + len(model.nuisance)
     scatter = {IMPACTS: np.zeros((size, size))}
     # The traces' own error of mass is a source by itself.
     scatter[IMPACTS][:2, :2] = np.array([[kk, kc], [kc, cc]]) - mass
-    for number, (name, sd) in enumerate(zip(model.nuisance, spread.nuisance, strict=True), start=2):
+    for number, (name, sd) in enumerate(zip(model.nuisance, covariances.nuisance, strict=True), start=2):
         source = _NUISANCE.get(name, SHAPE)
         scatter.setdefault(source, np.zeros((size, size)))[number, number] = float(sd) ** 2
     return scatter
@@ -153,29 +154,30 @@ def _scatter(prepared: Prepared, spread: Covariances) -> dict[str, Float[np.ndar
 
 @compiled_quickly
 def _dense(
-    model: TraceModel, design: PopulationDesign, sites: dict[str, Array]
+    model: TraceModel, design: PopulationDesign, hyperparameters: Hyperparameters
 ) -> tuple[Covariances, Float[Array, "parameter location entry"], Float[Array, "location location"]]:
     """The hierarchy at these standard deviations: covariances, columns of X, prior precision of b."""
-    spread, unit = population(model, sites), jnp.eye(model.locations.size)
-    return spread, expected_by_cell(design, unit), spread.of_effects().among(jnp.arange(len(unit)))
+    covariances, unit = model.covariances(hyperparameters), jnp.eye(model.locations.size)
+    precision = covariances.of_effects().among(jnp.arange(len(unit)))
+    return covariances, expected_by_cell(design, unit), precision
 
 
 class _Hierarchy:
     """The normal hierarchy with its standard deviations given, every covariance by source."""
 
-    def __init__(self, prepared: Prepared, sites: dict[str, np.floating]) -> None:
+    def __init__(self, prepared: Prepared, hyperparameters: Hyperparameters) -> None:
         self._prepared = prepared
         design = prepared.data.design
-        arrays = _dense(prepared.model, design._replace(cell=np.zeros(0, int)), sites)
-        self._spread, columns, self._prior = jax.device_get(arrays)
+        arrays = _dense(prepared.model, design._replace(cell=np.zeros(0, int)), hyperparameters)
+        self._covariances, columns, self._prior = jax.device_get(arrays)
         self._columns = columns[..., np.asarray(design.cell)].transpose(2, 0, 1)
-        self._scatter = _scatter(prepared, self._spread)
+        self._scatter = _scatter(prepared, self._covariances)
         self.omega = np.sum(list(self._scatter.values()), axis=0)
         self._both = (np.arange(len(self.omega)) < 2).astype(float)
 
     def _measured(self, errors: TraceErrors) -> tuple[Matrices, dict[str, Matrices]]:
         """What the traces' errors and the mass's add, all together and by source."""
-        mass_variance = self._prepared.model.log_mass_sd**2 if self._spread.shared is None else 0.0
+        mass_variance = self._prepared.model.log_mass_sd**2 if self._covariances.shared is None else 0.0
         of_mass = mass_variance * np.multiply.outer(self._both, self._both)
         by_source = {**errors.parts, MASS: np.broadcast_to(of_mass, errors.total.shape)}
         return errors.total + of_mass, by_source
@@ -213,16 +215,16 @@ class _Hierarchy:
 
     def _of_effects(self, v: Float[np.ndarray, " location"]) -> dict[str, float]:
         """What people, their masses, conditions and priors add, of v' (prior precision) v."""
-        spread, names = self._spread, np.array(self._prepared.model.locations.spread)
-        variance = spread.locations**2
+        covariances, names = self._covariances, np.array(self._prepared.model.locations.spread)
+        variance = covariances.locations**2
         pull = self._prior @ v
         variances = pull**2 * variance
         sources = _sources(self._prepared)
         groups = dict.fromkeys((MASS, PEOPLE, CONDITIONS, *sources.values(), PRIORS), 0.0)
-        if spread.shared is not None:
+        if covariances.shared is not None:
             # A person's two effects hold the error of the mass too.
-            together = pull[spread.shared.effect_on_K] + pull[spread.shared.effect_on_C]
-            groups[MASS] = float(spread.shared.variance * (together**2).sum())
+            together = pull[covariances.shared.effect_on_K] + pull[covariances.shared.effect_on_C]
+            groups[MASS] = float(covariances.shared.variance * (together**2).sum())
         for name, source in {"": PRIORS, **sources}.items():
             groups[source] += float(variances[names == name].sum())
         return groups
@@ -247,9 +249,9 @@ class _Hierarchy:
             by_source[PERSON_AND_CONDITION] = np.einsum(
                 "ial,lm,iam->ia", pulled, covariance, pulled, optimize=True
             )
-        if (shared := self._spread.shared) is not None:
+        if (shared := self._covariances.shared) is not None:
             K, C = (
-                self._spread.locations[number] ** 2
+                self._covariances.locations[number] ** 2
                 for number in (shared.effect_on_K[0], shared.effect_on_C[0])
             )
             error = shared.variance * K * C / (K * C + shared.variance * (K + C))
@@ -268,12 +270,12 @@ def _sources(prepared: Prepared) -> dict[str, str]:
     }
 
 
-def _new_levels(prepared: Prepared, constrained: ConstrainedDraws, response: str) -> dict[str, float]:
+def _new_levels(prepared: Prepared, draws: Draws, response: str) -> dict[str, float]:
     """The variances that a new level of every grouping and a new impact add at the reference mass."""
     terms = prepared.design.responses[response].terms
-    spread = {_TERMS.get(term, term.grouping): term.sd(response) for term in terms if not term.slope}
-    spread[IMPACTS] = f"sd_impact_{response}"
-    return {source: float(np.mean(constrained.sites[name] ** 2)) for source, name in spread.items()}
+    sd = {_TERMS.get(term, term.grouping): term.sd(response) for term in terms if not term.slope}
+    sd[IMPACTS] = f"sd_impact_{response}"
+    return {source: float(np.mean(draws.population[name] ** 2)) for source, name in sd.items()}
 
 
 def _shares(

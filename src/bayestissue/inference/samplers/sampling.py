@@ -1,29 +1,23 @@
-"""Draws of everything that a fit reports."""
+"""Draws of chains as one array after the other, and their quantiles."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, Literal
 
+import jax
 import numpy as np
 from jaxtyping import Float
 
 
-@dataclass(frozen=True)
-class ConstrainedDraws:
-    """Draws of everything, each array [chain, draw, ...].
+def flat(draws: Any) -> Any:
+    """Arrays [chain, draw, ...] as [draw, ...], one chain's draws after the other's."""
+    return jax.tree.map(lambda values: values.reshape(-1, *values.shape[2:]), draws)
 
-    ``sites`` are the hierarchy's quantities by the names of `bayestissue.hierarchy.effects`, ``impacts``
-    those of every impact, ``log_likelihood`` the log density of each impact, subject and trial with its own
-    parameters and effects integrated out. With ``kept_numbers`` impacts have these draws of each chain only,
-    and log densities are those of some impacts.
-    """
 
-    sites: dict[str, np.ndarray]
-    impacts: dict[str, np.ndarray]
-    log_likelihood: dict[str, np.ndarray]
-    kept_numbers: np.ndarray | None = None
+def in_chains(draws: Any, shape: tuple[int, int]) -> Any:
+    """The reverse of `flat`, of so many chains and draws of each."""
+    return jax.tree.map(lambda values: np.asarray(values).reshape(*shape, *values.shape[1:]), draws)
 
 
 def quantiles(
@@ -42,10 +36,3 @@ def quantiles(
     if never.any():
         between[:, never] = np.quantile(draws[never], probabilities, axis=1, method="inverted_cdf")
     return between
-
-
-def thinned(draws: dict[str, Any], number: int) -> dict[str, Any]:
-    """Every so many draws of each chain, so that about ``number`` are left of all chains."""
-    chains, length = next(iter(draws.values())).shape[:2]
-    step = max(1, chains * length // number)
-    return {name: values[:, ::step] for name, values in draws.items()}

@@ -15,7 +15,7 @@ from jax import Array
 from jaxtyping import Float
 
 from bayestissue.hierarchy import derived
-from bayestissue.hierarchy.derived import named_sites
+from bayestissue.hierarchy.derived import effects_by_name
 from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
@@ -200,10 +200,11 @@ class _Results:
         self, sampled: EstimatesPosterior, rng: np.random.Generator
     ) -> dict[str, xr.Dataset]:
         """The posterior, what goes with its draws, and the data."""
-        sites = named_sites(self.model.locations, self.design, sampled.hyperparameters, sampled.b)
-        quantities = self._quantities(sites, rng)
-        reported = {name: values for name, values in sites.items() if name in quantities}
-        priors = compiled_quickly(self.model.priors.log_densities)(reported)
+        effects = effects_by_name(self.model.locations, self.design, sampled.b)
+        population = sampled.hyperparameters | effects
+        quantities = self._quantities(population, rng)
+        in_formulas = {name: values for name, values in population.items() if name in quantities}
+        priors = compiled_quickly(self.model.priors.log_densities)(in_formulas)
         tables = len(self.observations.averages)
         densities = {"estimates": sampled.rows[..., tables:], "averages": sampled.rows[..., :tables]}
         return {
@@ -211,7 +212,7 @@ class _Results:
             "sample_stats": self._labelled({"lp": sampled.rows.sum(-1)}),
             "log_likelihood": self._labelled(densities),
             "log_prior": self._labelled({name: np.asarray(values) for name, values in priors.items()}),
-            "posterior_predictive": self._labelled(self._replicates(sites, rng)),
+            "posterior_predictive": self._labelled(self._replicates(population, rng)),
             "observed_data": self._labelled(self._observed(), sampled=False),
             "constant_data": self._labelled(self._constants(), sampled=False),
         }
@@ -226,35 +227,35 @@ class _Results:
             pairs = zip(model.hyperparameters, keys, strict=True)
             return {name: model.prior_of(name).sample(key, (1, PRIOR_DRAWS)) for name, key in pairs}
 
-        spreads = {name: np.asarray(values) for name, values in drawn(keys).items()}
+        hyperparameters = {name: np.asarray(values) for name, values in drawn(keys).items()}
         sd = [
-            spreads[name] if name else np.full((1, PRIOR_DRAWS), known)
+            hyperparameters[name] if name else np.full((1, PRIOR_DRAWS), known)
             for name, known in zip(effects.spread, effects.sd, strict=True)
         ]
         b = effects.mean + np.stack(sd, axis=-1) * rng.standard_normal((1, PRIOR_DRAWS, effects.size))
-        sites = named_sites(effects, self.design, spreads, b)
+        population = hyperparameters | effects_by_name(effects, self.design, b)
         return {
-            "prior": self._labelled(self._quantities(sites, rng)),
-            "prior_predictive": self._labelled(self._replicates(sites, rng)),
+            "prior": self._labelled(self._quantities(population, rng)),
+            "prior_predictive": self._labelled(self._replicates(population, rng)),
         }
 
-    def _quantities(self, sites: derived.Draws, rng: np.random.Generator) -> dict[str, np.ndarray]:
+    def _quantities(self, population: derived.Draws, rng: np.random.Generator) -> dict[str, np.ndarray]:
         design, published = self.design, self.observations
-        values = derived.reported_sites(design, sites)
-        levels = derived.values_at_levels(design, values)
+        values = derived.formula_quantities(design, population)
+        levels = derived.level_quantities(design, values)
         cell = np.full((len(design.subjects), len(design.trials)), -1)
         cell[design.subject, design.trial] = np.arange(len(design.subject))
         for q in RESPONSES:
-            row = np.exp(derived.row_logs(design, sites, q))
+            row = np.exp(derived.row_logs(design, population, q))
             values |= {q: row[..., published.impact_cell], f"{q}_cell": row[..., cell]}
-        values |= levels | derived.new_impact(design, sites, levels, rng)
-        return values | derived.straight_lines(design, sites, published.cells["mass_kg"].to_numpy(float))
+        values |= levels | derived.new_impact(design, population, levels, rng)
+        return values | derived.straight_lines(design, population, published.cells["mass_kg"].to_numpy(float))
 
-    def _replicates(self, sites: derived.Draws, rng: np.random.Generator) -> dict[str, np.ndarray]:
+    def _replicates(self, population: derived.Draws, rng: np.random.Generator) -> dict[str, np.ndarray]:
         """Published quantities as the model makes them: an estimate a row, and averages of whole tables."""
-        expected = np.stack([derived.row_logs(self.design, sites, q) for q in RESPONSES], axis=-1)
-        sd = np.stack([sites[f"sd_impact_{q}"] for q in RESPONSES], axis=-1)[..., None, :]
-        r = np.asarray(sites.get("residual_correlation", np.zeros(expected.shape[:-2])))[..., None]
+        expected = np.stack([derived.row_logs(self.design, population, q) for q in RESPONSES], axis=-1)
+        sd = np.stack([population[f"sd_impact_{q}"] for q in RESPONSES], axis=-1)[..., None, :]
+        r = np.asarray(population.get("residual_correlation", np.zeros(expected.shape[:-2])))[..., None]
 
         def replicated(cells: np.ndarray) -> np.ndarray:
             noise = rng.standard_normal((*expected.shape[:-2], cells.size, 2))

@@ -33,9 +33,9 @@ from bayestissue.hierarchy.gaussian.effects import (
     log_density_of_cells,
 )
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
-from bayestissue.hierarchy.population import EffectPart, Effects, covariances_of, effects_of
+from bayestissue.hierarchy.population import EffectPart, EffectParts, effects_of
 from bayestissue.hierarchy.priors import Priors
-from bayestissue.hierarchy.traces import Hyperparameters, hyperparameters_at, sample_hyperparameters
+from bayestissue.hierarchy.traces import Hierarchy, hyperparameters_at, sample_hyperparameters
 from bayestissue.likelihood import small
 from bayestissue.thesis.reanalysis.observations import (
     AveragesOfLognormals,
@@ -47,12 +47,15 @@ from bayestissue.thesis.reanalysis.observations import (
 
 @partial(jax.tree_util.register_dataclass, data_fields=[], meta_fields=["locations", "priors", "correlated"])
 @dataclass(frozen=True)
-class EstimatesModel(Hyperparameters):
+class EstimatesModel(Hierarchy):
     """What is assumed: the parts of b and the priors. Competing formulas share it: see `common_effects`."""
 
-    locations: Effects
+    locations: EffectParts
     priors: Priors
     correlated: bool
+    # Published masses are taken as exact.
+    log_mass_sd = 0.0
+    mass_error = "impact"
 
 
 class EstimatesData(NamedTuple):
@@ -77,7 +80,7 @@ class EstimatesData(NamedTuple):
     scatter: Float[Any, "table 2"]
 
 
-def common_effects(designs: Iterable[Design], priors: Priors) -> Effects:
+def common_effects(designs: Iterable[Design], priors: Priors) -> EffectParts:
     """One arrangement of b for all formulas, so that what is compiled for one serves every other.
 
     Each part is as wide as in the formula that needs most of it. A coefficient whose columns are zero keeps
@@ -89,7 +92,7 @@ def common_effects(designs: Iterable[Design], priors: Priors) -> Effects:
         previous = widest.setdefault(part.name, part)
         widest[part.name] = max(part, previous, key=lambda candidate: candidate.width)
     # All of log K's parts before those of log C.
-    return Effects(tuple(sorted(widest.values(), key=lambda part: RESPONSES.index(part.name[-1]))))
+    return EffectParts(tuple(sorted(widest.values(), key=lambda part: RESPONSES.index(part.name[-1]))))
 
 
 def estimates_data(
@@ -147,11 +150,6 @@ def _rows(data: EstimatesData, covariances: Covariances, scatter: Float[Array, "
     return Rows(centre, covariance, jnp.append(constant, jnp.zeros(estimates)))
 
 
-def population(model: EstimatesModel, sites: dict[str, Array]) -> Covariances:
-    """Covariances of the population by `covariances_of`, published masses taken as exact."""
-    return covariances_of(model.locations, sites, 0.0, ())
-
-
 def _sums(data: EstimatesData, rows: Rows) -> GaussianFactor:
     """What the rows that are kept say of X b, as a constant, a slope and a curvature at b's prior mean."""
     expectation = expected(data.design, data.location_mean)
@@ -176,8 +174,8 @@ class Integrated(NamedTuple):
 
 def integrated(model: EstimatesModel, data: EstimatesData, y: Float[Array, " hyperparameter"]) -> Integrated:
     """See `Integrated`; ``y`` are the hyperparameters' unconstrained coordinates."""
-    sites, log_prior = hyperparameters_at(model, y)
-    covariances = population(model, sites)
+    hyperparameters, log_prior = hyperparameters_at(model, y)
+    covariances = model.covariances(hyperparameters)
     sums = _sums(data, _rows(data, covariances, data.scatter))
     conditional, log_density = integrate_effects(data.design, covariances, sums)
     return Integrated(conditional, jnp.where(jnp.isfinite(log_density), log_prior + log_density, -jnp.inf))
@@ -191,7 +189,7 @@ def leave_one_out(
     With residual e about the mean of X b given all rows, C its covariance there and S the row's own, the row
     given the others is normal about y - S (S - C)^-1 e with covariance S (S - C)^-1 S.
     """
-    covariances = population(model, hyperparameters_at(model, y)[0])
+    covariances = model.covariances(hyperparameters_at(model, y)[0])
     rows = _rows(data, covariances, data.scatter)
 
     # By Fisher's identity the slopes are the moments of X b, less its prior mean.
@@ -230,7 +228,7 @@ def densities(
     b: Float[Array, " location"],
 ) -> Densities:
     """See `Densities`."""
-    covariances = population(model, hyperparameters_at(model, y)[0])
+    covariances = model.covariances(hyperparameters_at(model, y)[0])
     at_sites = _rows(data, covariances, data.scatter)
     people = _people_deviations(data, b)
     scatter = (people**2).sum(1) / (people.shape[1] - 1)
@@ -248,8 +246,7 @@ def _people_deviations(data: EstimatesData, b: Float[Array, " location"]) -> Flo
 
 def plain_model(model: EstimatesModel, data: EstimatesData) -> None:
     """The model from the top down: hyperparameters, b, every estimate, the lost tables' averages."""
-    sites = sample_hyperparameters(model)
-    covariances = population(model, sites)
+    covariances = model.covariances(sample_hyperparameters(model))
     b = numpyro.sample("locations", dist.Normal(data.location_mean, covariances.locations).to_event(1))
     expectation = expected(data.design, b).T
     tables, factor = len(data.roots), jnp.linalg.cholesky(covariances.pair_matrix)

@@ -19,14 +19,15 @@ from jaxtyping import Float
 
 from bayestissue.hierarchy.gaussian.effects import effects_from_standard
 from bayestissue.hierarchy.specification import Sampler
-from bayestissue.hierarchy.traces import constrained
 from bayestissue.inference.chain.ending import Verdict
 from bayestissue.inference.chain.moves import FREEDOM, StudentT, WalkNumbers, followed, walk
+from bayestissue.inference.chain.results import constrained
 from bayestissue.inference.chain.run import Chains, Say, Segment, sampled, warmed_up
 from bayestissue.inference.chain.settings import ChainSettings
 from bayestissue.inference.chain.warm_up import nearest_t, walk_start
 from bayestissue.inference.execution.compiling import FULLY, by_row
 from bayestissue.inference.execution.kept import evenly_spaced
+from bayestissue.inference.samplers.sampling import flat, in_chains
 from bayestissue.thesis.reanalysis.model import (
     Densities,
     EstimatesData,
@@ -115,7 +116,7 @@ def sample_posterior(
     start = walk_start(sampler.chains, number, rng)
     begin, tuning = start.y, Tuning(start.near, nothing)
     if near is not None:
-        (drawn_near,) = _flat(near.y)
+        drawn_near = flat(near.y)
         begin = rng.choice(drawn_near, sampler.chains, replace=False)
         tuning = Tuning(nearest_t(drawn_near), near.data.scatter)
     states = [State(y, np.asarray(data.location_mean), nothing) for y in begin]
@@ -132,12 +133,11 @@ def sample_posterior(
     chosen = evenly_spaced(drawn.path.y.shape[1], sampler.draws)
     y, b = drawn.path.y[:, chosen], drawn.path.b[:, chosen]
     data = data._replace(scatter=tuning.scatter)
-    named = constrained(model, dict(zip(model.hyperparameters, np.moveaxis(y, -1, 0), strict=True)))
     return EstimatesPosterior(
         y,
-        {name: np.asarray(values) for name, values in named.items()},
+        constrained(model, y),
         b,
-        _in_chains(densities_at(model, data, *_flat(y, b)).rows, y.shape[:2]),
+        in_chains(densities_at(model, data, *flat((y, b))).rows, y.shape[:2]),
         data,
         float(drawn.rates.population),
         (warm, drawn.segments),
@@ -218,18 +218,10 @@ def leave_one_out_densities(
 ) -> Float[np.ndarray, "chain draw row"]:
     """Log density of every row given all others, for each draw; see `leave_one_out`."""
     y = posterior.y
-    return _in_chains(_left_out(model, posterior.data, y.reshape(-1, y.shape[-1])), y.shape[:2])
+    return in_chains(_left_out(model, posterior.data, flat(y)), y.shape[:2])
 
 
 _left_out = by_row(POINTS, constant=2)(leave_one_out)
-
-
-def _flat(*values: np.ndarray) -> list[np.ndarray]:
-    return [value.reshape(-1, value.shape[-1]) for value in values]
-
-
-def _in_chains(values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    return np.asarray(values).reshape(*shape, *values.shape[1:])
 
 
 def evidence_ratios(
@@ -239,7 +231,7 @@ def evidence_ratios(
 
     The lost tables' factors over their sites are averaged over the effects that ``data`` say, one draw each.
     """
-    y, b = _flat(posterior.y, posterior.b)
+    y, b = flat((posterior.y, posterior.b))
     standard = np.random.default_rng([seed, 25]).standard_normal(b.shape)
     log_evidence = effects_by_sites(model, posterior.data, y, standard)[1]
     log_evidence = log_evidence + densities_at(model, posterior.data, y, b).log_ratio

@@ -17,7 +17,7 @@ from bayestissue.errors import InputError
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
-from bayestissue.inference.fit import quantities_of_chain
+from bayestissue.inference.fit import draws_of_chain
 from bayestissue.oscillator import impact_motion
 from chain_of_sites import chain_of_sites
 
@@ -77,9 +77,10 @@ def drawn(made: Prepared, told: GaussianFactor) -> dict[str, np.ndarray]:
     inverse = {name: biject_to(made.model.prior_of(name).support).inv for name in made.model.hyperparameters}
     y = np.array([float(inverse[name](value)) for name, value in in_order(made)])
     chains = chain_of_sites(made, told, np.tile(y, (1, DRAWS, 1)), np.random.default_rng(2))
-    found = quantities_of_chain(made, chains, 3)
+    found = draws_of_chain(made, chains, 3)
     people = {
-        q: (found.sites[f"intercept_{q}"][..., None] + found.sites[f"subject_effect_{q}"])[0] for q in "KC"
+        q: (found.population[f"intercept_{q}"][..., None] + found.population[f"subject_effect_{q}"])[0]
+        for q in "KC"
     }
     return people | {"mass": found.impacts["mass"][0], "log K": np.log(found.impacts["K"][0])}
 

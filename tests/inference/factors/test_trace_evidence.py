@@ -11,7 +11,9 @@ from scipy.special import logsumexp
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.chain.results import ChainDraws
-from bayestissue.inference.posterior.scores import of_draws
+from bayestissue.inference.factors.conditional import conditional_priors
+from bayestissue.inference.factors.scores import log_densities
+from bayestissue.inference.samplers.sampling import flat
 from chain_of_sites import chain_of_sites
 from gaussian_traces import prepared
 
@@ -48,11 +50,14 @@ def scored(
     made: Prepared, chains: ChainDraws, sites: GaussianFactor, ratio: np.ndarray
 ) -> dict[str, np.ndarray]:
     """The scores, likelihoods over sites being these at every draw."""
+    ratio = ratio.reshape(*chains.shape, 6)
     groups = {
-        name: np.stack([ratio[:, each.code == n].sum(1) for n in range(len(each.levels))], axis=1)
+        name: np.stack([ratio[..., each.code == n].sum(-1) for n in range(len(each.levels))], axis=-1)
         for name, each in made.design.groupings.items()
     }
-    return of_draws(made, sites, chains.population(made.model), {"impact": ratio, **groups}, np.arange(6))
+    scores = log_densities(made, sites, chains.population, {"impact": ratio, **groups}, np.arange(6))
+    of_all: dict[str, np.ndarray] = flat(scores)
+    return of_all
 
 
 @pytest.mark.parametrize("scheme", ["trace", "traces_of_subject"])
@@ -83,11 +88,11 @@ def test_an_impact_s_density_is_its_likelihood_integrated_over_the_population(
     made: Prepared, chains: ChainDraws
 ) -> None:
     """By points of the population, with no site."""
-    scores, population = scores_by(made, chains, chains.sites)["trace"], chains.population(made.model)
-    design, rng = made.data.design, np.random.default_rng(1)
-    mean = population.priors(design).mean[:, np.asarray(design.cell)]
+    scores, rng = scores_by(made, chains, chains.sites)["trace"], np.random.default_rng(1)
+    of_all = flat(chains.population)
+    mean, precision = conditional_priors(made.model, made.data.design, of_all, np.arange(6))
     for draw in (0, 1000, 3999):
-        root = np.linalg.cholesky(np.linalg.inv(population.precision[draw]))
+        root = np.linalg.cholesky(np.linalg.inv(precision[draw, 0]))
         u = mean[draw] + np.matvec(root, rng.standard_normal((40_000, 6, 3)))
         value = np.asarray(chains.sites.log_density(u))
         direct = logsumexp(value, axis=0) - np.log(len(u))

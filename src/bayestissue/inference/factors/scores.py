@@ -27,24 +27,26 @@ from bayestissue.hierarchy.gaussian.arrangement import expected_by_cell
 from bayestissue.hierarchy.gaussian.conditional import Data
 from bayestissue.hierarchy.gaussian.covariances import Covariances
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
+from bayestissue.hierarchy.population import Population
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import TraceModel, gaussian, population
+from bayestissue.hierarchy.traces import TraceModel, gaussian
 from bayestissue.inference.execution.compiling import by_row, in_parts
-from bayestissue.inference.factors.conditional import PopulationDraws, log_evidence, of_cells
+from bayestissue.inference.factors.conditional import conditional_priors, log_evidence
+from bayestissue.inference.samplers.sampling import flat, in_chains
 from bayestissue.padding import bucket
 
 # Draws at a time: what a matrix of each impact under each of them takes stays small.
 _AT_ONCE = 64
 
 
-def of_draws(
+def log_densities(
     prepared: Prepared,
     sites: GaussianFactor,
-    draws: PopulationDraws,
-    log_ratios: Mapping[str, Float[np.ndarray, "draw one"]],
+    population: Population,
+    log_ratios: Mapping[str, Float[np.ndarray, "chain draw one"]],
     rows: Int[np.ndarray, " shown"],
-) -> dict[str, np.ndarray]:
-    """Log densities under each draw: "trace" [draw, impact], "traces_of_subject" and so on.
+) -> dict[str, Float[np.ndarray, "chain draw ..."]]:
+    """Log densities under each draw: "trace" [chain, draw, impact], "traces_of_subject" and so on.
 
     Of an impact it is the evidence Z of its site q given the draw's population, times L / q at the u that the
     draw has. Its reciprocal is the density of everything with u drawn by the site instead of the trace, over
@@ -57,43 +59,36 @@ def of_draws(
     Args:
         prepared: the fit.
         sites: q of every trace.
-        draws: of the population.
+        population: draws, [chain, draw, ...].
         log_ratios: log L / q at each draw, of these impacts under "impact", and its sums over the levels of
             each grouping.
         rows: numbers of the impacts that "trace" is of.
     """
-    data = prepared.data
+    model, data, of_all = prepared.model, prepared.data, flat(population)
     shown = GaussianFactor(*(np.asarray(leaf)[rows] for leaf in sites))
-    priors = of_cells(draws.priors(data.design), np.asarray(data.design.cell)[rows])
+    priors = conditional_priors(model, data.design, of_all, rows)
     evidence = in_parts(partial(log_evidence, shown), (priors,), _AT_ONCE)
-    scores = {"trace": evidence + log_ratios["impact"]}
-    of_groups = _of_groups(prepared, gaussian(data, sites), draws)
+    traces = gaussian(data, sites)
+    cell, places = np.asarray(data.design.cell), traces.design.members.shape[2]
+    of_levels = own_effects(model, prepared.design)
+    effects = {name: effect.at_places(cell, places) for name, effect in of_levels.items()}
+    of_groups = _of_groups(model, traces, effects, of_all)
+    scores = in_chains({"trace": evidence} | of_groups, population.b.shape[:2])
+    of_impacts = log_ratios["impact"]
+    # Of more impacts there may be ratios than are shown.
+    scores["trace"] += of_impacts if of_impacts.shape[-1] == len(rows) else of_impacts[..., rows]
     for name, grouping in prepared.design.groupings.items():
         stem = f"traces_of_{stem_of(name)}"
-        of_groups[stem] = of_groups[stem][:, : len(grouping.levels)] + log_ratios[name]
-    return scores | of_groups
-
-
-def _of_groups(
-    prepared: Prepared, data: Data, draws: PopulationDraws
-) -> dict[str, Float[np.ndarray, " draw ..."]]:
-    """The same of groups by the sites, and that of all traces together."""
-    cell, places = np.asarray(prepared.data.design.cell), data.design.members.shape[2]
-    of_levels = own_effects(prepared.model, prepared.design)
-    effects = {name: effect.at_places(cell, places) for name, effect in of_levels.items()}
-    return dict(_group_scores(prepared.model, data, effects, draws.sites, draws.b))
+        scores[stem] = scores[stem][..., : len(grouping.levels)] + log_ratios[name]
+    return scores
 
 
 @by_row(_AT_ONCE, constant=3)
-def _group_scores(
-    model: TraceModel,
-    data: Data,
-    effects_of: dict[str, OwnEffects],
-    sites: dict[str, Array],
-    b: Float[Array, " location"],
+def _of_groups(
+    model: TraceModel, data: Data, effects_of: dict[str, OwnEffects], population: Population
 ) -> dict[str, Array]:
-    """What is compiled of `_of_groups`."""
-    covariances = population(model, sites)
+    """Of groups by the sites, and of all traces together."""
+    covariances, b = model.covariances(population.hyperparameters), population.b
     sums = data.sums(covariances)
     expected = expected_by_cell(data.design, b)
     scores = {"traces": sums.recentred(expected).log_scale.sum()}

@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 
 from bayestissue.hierarchy.population import covariances_of, population_design
 from bayestissue.hierarchy.specification import ModelSpecification
-from bayestissue.inference.posterior.scores import own_effects
+from bayestissue.inference.factors.scores import own_effects
 from designs import EVERYTHING, design_of
 
 pytestmark = pytest.mark.slow

@@ -1,1 +1,0 @@
-"""From draws of hyperparameters, effects and impacts to all that they stand for."""
