@@ -277,7 +277,7 @@ def peaks(K: float, C: float, M: float, V: float) -> dict[str, float]:
     time = float((np.log(s[1] / s[0]) / (s[0] - s[1])).real)
     depth = float((V * (np.exp(s[0] * time) - np.exp(s[1] * time)) / (s[0] - s[1])).real)
     force = M * deceleration(K, C, M, V, np.linspace(0.0, time, 2001)).max()
-    return {"depth": depth, "force": float(force), "time": time}
+    return {"peak_depth": depth, "peak_force": float(force), "time_to_peak": time}
 
 
 def world_of(
@@ -361,7 +361,8 @@ def lines_of(finished: Finished, reliable: pd.DataFrame, world: World) -> Iterat
     made = predict(finished, list(PREDICTED.values())).to_dict("records")
     for (which, at), row in zip(PREDICTED.items(), made, strict=True):
         truth = world.new_impact(at)
-        for q, column in QUANTITIES.items():
+        for q in truth:
+            column = QUANTITIES[q]
             low_high = {end: row[f"{column}_{end}"] for end in ("low", "high")}
             yield f"prediction|{q} {which}", "interval", _side(low_high, truth[q])
 

@@ -43,6 +43,46 @@ def test_momentum_is_that_of_the_force() -> None:
     np.testing.assert_allclose(lost, leaving, atol=0.5 * 180e-4)
 
 
+@pytest.mark.parametrize("headform", [False, True])
+def test_the_truth_has_the_outcomes_that_the_recording_shows(headform: bool) -> None:
+    """Of what an ideal recorder wrote down, by sums and greatest values in numpy."""
+    content = campaign(element="stiffening", parameters={"stiffening_depth_m": 0.02}).model_dump(mode="json")
+    content |= {"gravity": "drop", "headform": headform}
+    content["recording"] |= {"sampling_rate_hz": 100_000.0, "after_contact_s": 0.0}
+    made = simulate(Simulation.model_validate(content))
+    for row, d in zip(
+        made.truth.to_dict("records"), np.split(made.value, np.cumsum(made.n_samples)[:-1]), strict=True
+    ):
+        step, mass, G = 1e-5, row["mass_kg"], 9.80665
+        d = d[d > 0]
+        # Contact falls between samples: of the sums one sample of the greatest value is in doubt.
+        taken = d.sum() * step
+        leaving = taken - row["velocity_m_s"] - G * len(d) * step
+        shown = {
+            "peak_force_N": mass * d.max(),
+            "peak_deceleration_g": d.max() / G,
+            "contact_duration_s": len(d) * step,
+            "rebound_velocity_m_s": leaving,
+            "restitution": leaving / row["velocity_m_s"],
+            "impulse_N_s": mass * taken,
+            "peak_jerk_m_s3": np.abs(np.diff(d)).max() / step,
+        }
+        for name, value in shown.items():
+            doubt = d.max() * step if name in ("rebound_velocity_m_s", "restitution", "impulse_N_s") else 0.0
+            np.testing.assert_allclose(row[name], value, rtol=1e-3, atol=doubt, err_msg=name)
+        absorbed = mass / 2 * row["velocity_m_s"] ** 2 * row["energy_share"]
+        np.testing.assert_allclose(row["energy_absorbed_J"], absorbed)
+        assert 0 < row["energy_share_with_gravity"] < row["energy_share"]
+        if headform:
+            # The window of full length that takes most, since contact is longer than both.
+            for name, count in (("HIC15", 1500), ("HIC36", 3600)):
+                most = np.convolve(d, np.ones(count), "valid").max() / count / G
+                assert row[name] >= most**2.5 * count * step * (1 - 1e-3)
+        else:
+            assert "HIC15" not in row
+    assert made.dataset("headform").headform is headform
+
+
 def test_parameters_must_be_the_elements_own() -> None:
     with pytest.raises(ValidationError, match="parameters with the keys arm_ratio"):
         campaign(element="standard_linear")

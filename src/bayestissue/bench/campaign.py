@@ -14,6 +14,7 @@ from bayestissue.dataset.impacts import wanted
 from bayestissue.dataset.recorders import SUFFIXES
 from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.dataset.settings import (
+    ImpactorSettings,
     RecorderSettings,
     Settings,
     SignalSettings,
@@ -53,8 +54,8 @@ class CampaignSpecification(Table):
     like: str | None = Field(
         default=None,
         description="a dataset that `bayestissue init` made of the same recorder's files, relative to the "
-        "campaign file; signal, recorder, uncertainty and words are as there unless a table here says "
-        "otherwise.",
+        "campaign file; signal, recorder, uncertainty, impactor and words are as there unless a table here "
+        "says otherwise.",
     )
     pattern: str | None = Field(
         default=None,
@@ -78,6 +79,7 @@ class CampaignSpecification(Table):
     signal: SignalSettings | None = Field(default=None, description="as in dataset.toml.")
     uncertainty: UncertaintySettings | None = Field(default=None, description="as in dataset.toml.")
     recorder: RecorderSettings | None = Field(default=None, description="as in dataset.toml.")
+    impactor: ImpactorSettings | None = Field(default=None, description="as in dataset.toml.")
     words: WordSettings | None = Field(
         default=None,
         description="as in dataset.toml: what lines and page call people, conditions and impacts; those of "
@@ -172,7 +174,8 @@ def read_campaign(path: Path) -> Campaign:
             raise InputError.stated("no-campaign.like", str(path), None, "like", spec.like)
         content = parse_toml(read_text(like / SETTINGS, label), label)
     content |= {"name": spec.name, "source": "bayestissue watch"}
-    content |= {key: raw[key] for key in ("signal", "uncertainty", "recorder", "words") if key in raw}
+    tables = ("signal", "uncertainty", "recorder", "impactor", "words")
+    content |= {key: raw[key] for key in tables if key in raw}
     if "signal" not in content:
         raise InputError.stated("no-campaign.signal", str(path), None, "signal", "no table of that name")
     try:

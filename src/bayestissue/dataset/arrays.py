@@ -56,6 +56,7 @@ def dataset(
     contact: Contact | None = None,
     uncertainty: Mapping[str, float] | Uncertainty | None = None,
     recorder: Mapping[str, Any] | Recorder | None = None,
+    headform: bool = False,
     words: Mapping[str, str] | None = None,
     name: str = "from arrays",
     description: str = "",
@@ -89,6 +90,7 @@ def dataset(
             given.
         uncertainty: standard deviations of the measuring chain, by the keys of ``[uncertainty]``.
         recorder: a known low-pass that the recordings went through, by the keys of ``[recorder]``.
+        headform: whether the impactor stands for a head, whose impacts have the head injury criterion too.
         words: what pages call people, conditions and impacts, by the keys of ``[words]``.
         name: of the dataset.
         description: free text.
@@ -104,6 +106,7 @@ def dataset(
     tables = {
         "uncertainty": None if uncertainty is None else _mapped(_plain, stated_table(uncertainty)),
         "recorder": None if recorder is None else _mapped(_python, stated_table(recorder)),
+        "impactor": {"headform": headform} if headform else None,
         "words": None if words is None else dict(words),
     }
     content: dict[str, Any] = {
@@ -278,6 +281,8 @@ def _hash(settings: Settings, cells: pd.DataFrame, reading: Reading) -> str:
     names = ("gravity", "zero", "contact", "limit")
     later = {name for name in names if getattr(signal, name) == fields[name].default}
     unsaid: dict[str, Any] = {"signal": later}
+    if not settings.impactor.headform:
+        unsaid["impactor"] = True
     if not settings.words.values():
         unsaid["words"] = True
     if settings.recorder is None:

@@ -63,6 +63,7 @@ class Dataset(Outlined):
             impact. The impactor obeys x'' = g - F / M, and a deceleration in ``traces`` is F / M = g - x'',
             which is 0 in free fall; an acceleration is its negative. A sensor whose zero is at rest reads
             g less of it, which was added as the recordings were read.
+        headform: whether the impactor stands for a head.
         contact: where contact falls, "between" samples or "on_sample"; None where nothing was declared.
         table: what messages call the table that ``impacts`` was read from.
         rows: of each impact, by its name, the row there; none where it was read from no table.
@@ -82,6 +83,7 @@ class Dataset(Outlined):
     source: str = ""
     recorder: Recorder | None = None
     gravity: float = 0.0
+    headform: bool = False
     whole_hash: str = ""
     words: Mapping[str, str] = field(default_factory=dict)
     contact: Contact | None = None
@@ -125,6 +127,8 @@ class Dataset(Outlined):
             "signal": {"quantity": self.quantity, "unit": unit, "gravity": self.gravity or "none"},
             "uncertainty": self.uncertainty.settings(),
         }
+        if self.headform:
+            settings["impactor"] = {"headform": True}
         if self.words:
             settings["words"] = dict(self.words)
         if self.contact is not None:
@@ -167,6 +171,7 @@ class Dataset(Outlined):
             ),
             *([("low-pass", str(self.recorder))] if self.recorder else []),
             *([("gravity along the motion", f"{self.gravity:.4g} m/s²")] if self.gravity else []),
+            *([("impactor", "a headform")] if self.headform else []),
             ("mass", span(self.impacts["mass_kg"], "kg")),
             ("velocity", span(self.impacts["velocity_m_s"], "m/s")),
         ]

@@ -162,6 +162,7 @@ def checked_dataset(
         input_hash=input_hash,
         licence=settings.licence,
         source=settings.source,
+        headform=settings.impactor.headform,
         words=settings.words.values(),
         contact=signal.contact,
         rows=dict(zip(impacts["impact"], map(int, table.row), strict=True)),

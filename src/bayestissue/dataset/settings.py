@@ -237,6 +237,16 @@ class RecorderSettings(_Table):
         return Recorder(self.low_pass_hz, self.order, self.kind, self.zero_phase, **stated)
 
 
+class ImpactorSettings(_Table):
+    """The table ``[impactor]``: what hits."""
+
+    headform: bool = Field(
+        default=False,
+        description="true where the impactor stands for a head, as in EN 1177 and ASTM F1292: its impacts "
+        "then have the head injury criterion too.",
+    )
+
+
 class WordSettings(_Table):
     """The table ``[words]``: what pages, papers and messages call the units of the study."""
 
@@ -274,6 +284,7 @@ class Settings(_Table):
     recorder: RecorderSettings | None = Field(
         default=None, description="a table [recorder] with low_pass_hz, or with sae_class"
     )
+    impactor: ImpactorSettings = Field(default_factory=lambda: ImpactorSettings(), description="what hits.")
     words: WordSettings = Field(
         default_factory=lambda: WordSettings(),
         description="what pages, papers and messages call the units of the study.",

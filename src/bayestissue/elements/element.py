@@ -73,11 +73,19 @@ class Outcomes(NamedTuple):
         energy_share: work done on the tissue over that kinetic energy, 1 - (v_end^2 - 2 g x_end) / V^2, x_end
             being the depth at which the impactor leaves: the same but along gravity, whose work to there is
             lost too.
+        energy_share_with_gravity: the same work over all that came in, kinetic energy and the work of gravity
+            to x_end: 1 - v_end^2 / (V^2 + 2 g x_end).
         peak_depth: greatest penetration [m].
         time_to_peak: from contact to it [s]; infinite where there is none.
         peak_force: greatest force on the impactor [N]. Of a damper beside a spring it may be at contact.
         contact_duration: from contact to where the force is 0 [s]; infinite where it never is.
         rebound_velocity: -v_end, at which the impactor leaves [m/s].
+        impulse: integral of the force over contact, M (V - v_end) + M g contact_duration [N s]; along gravity
+            infinite where the tissue is never left.
+        peak_jerk: greatest |d/dt F / M| within contact [m/s^3]. The jump of a damper's force at contact,
+            whose rate is infinite, comes before it.
+        HIC15: head injury criterion over 15 ms at most, of a headform [g^2.5 s]; None of other impactors.
+        HIC36: over 36 ms at most, likewise.
     """
 
     mass: Float[Array, " impact"]
@@ -87,11 +95,16 @@ class Outcomes(NamedTuple):
     C_equivalent: Float[Array, " impact"]
     energy_lost: Float[Array, " impact"]
     energy_share: Float[Array, " impact"]
+    energy_share_with_gravity: Float[Array, " impact"]
     peak_depth: Float[Array, " impact"]
     time_to_peak: Float[Array, " impact"]
     peak_force: Float[Array, " impact"]
     contact_duration: Float[Array, " impact"]
     rebound_velocity: Float[Array, " impact"]
+    impulse: Float[Array, " impact"]
+    peak_jerk: Float[Array, " impact"]
+    HIC15: Float[Array, " impact"] | None = None
+    HIC36: Float[Array, " impact"] | None = None
 
     @property
     def peak_deceleration(self) -> Float[Array, " impact"]:

@@ -19,14 +19,21 @@ from bayestissue.elements.element import (
     at_contact,
     deceleration_of,
     falling,
+    rates_of_motion,
 )
-from bayestissue.elements.impact import Path, prepared
+from bayestissue.elements.head_injury import LONGEST, SEARCH, head_injury, pulse_of
+from bayestissue.elements.impact import LONG, Path, prepared
 
 # What a lab asks of an impact; the first of them are those that its measured motion tells.
 MEASURED = ("peak_force", "peak_deceleration", "peak_depth", "time_to_peak")
-OUTCOMES = (*MEASURED, "contact_duration", "rebound_velocity", "restitution", "energy_absorbed")
+OUTCOMES = (
+    *(*MEASURED, "contact_duration", "rebound_velocity", "restitution", "impulse", "peak_jerk"),
+    *("energy_absorbed", "energy_share", "energy_share_with_gravity"),
+)
+# A headform's too.
+HEADFORM_OUTCOMES = (*OUTCOMES, *LONGEST)
 _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(16)
-# Between the nodes beside the greatest force, which are 1 % of a contact apart.
+# Between the nodes beside the greatest force or jerk, which are 1 % of a contact apart.
 _BETWEEN = np.linspace(0.0, 1.0, 33)
 
 
@@ -38,51 +45,79 @@ def outcomes(
     *,
     diameter: ArrayLike | None = None,
     gravity: ArrayLike | None = None,
+    headform: bool = False,
 ) -> Outcomes:
-    """What impacts come to; arguments as of `bayestissue.elements.impact`.
+    """What impacts come to; arguments as of `bayestissue.elements.impact`, and whether a headform hits.
 
     Raises:
         KeyError: there is no such element, or the parameters are not its own.
     """
     which, arguments = prepared(element, parameters, mass, velocity, diameter, gravity)
-    return outcomes_of(which, *arguments)
+    return outcomes_of(which, *arguments, headform=headform)
 
 
-@partial(jax.jit, static_argnames="element")
+@partial(jax.jit, static_argnames=("element", "headform"))
 def outcomes_of(
-    element: Element, p: dict[str, Array], mass: Float[Array, " impact"], velocity: Float[Array, " impact"]
+    element: Element,
+    p: dict[str, Array],
+    mass: Float[Array, " impact"],
+    velocity: Float[Array, " impact"],
+    *,
+    headform: bool = False,
 ) -> Outcomes:
     """`outcomes` of complete parameters, compiled: see `bayestissue.elements.element.complete`."""
+    nodes = None
     if element.level_outcomes and GRAVITY not in p:
-        return element.level_outcomes(p, mass, velocity)
-    return _solved(element, p, mass, velocity)
+        comes = element.level_outcomes(p, mass, velocity)
+    else:
+        path = Path.solved(element, p, mass, velocity)
+        comes, nodes = _of_path(path), path.nodes
+    if not headform:
+        return comes
+    rest = jnp.minimum(SEARCH.times_to_peak * comes.time_to_peak, LONG * jnp.sqrt(mass / p["K"]))
+    end = jnp.minimum(comes.contact_duration, rest)
+    return comes._replace(**head_injury(pulse_of(element, p, mass, velocity, end, nodes)))
 
 
-def _solved(element: Element, p: dict[str, Array], mass: Array, velocity: Array) -> Outcomes:
-    """Of the path, solved once."""
-    path, M, V = Path.solved(element, p, mass, velocity), mass, velocity
+def _of_path(path: Path) -> Outcomes:
+    """Of a solved path."""
+    element, p, M, V = path.element, path.parameters, path.mass, path.velocity
     columns = path.columns()
 
     def decelerates(y: Array) -> Array:
         return deceleration_of(element, columns, M[:, None], y)
 
-    times = path.nodes.time.T
-    at_nodes = jnp.where(
-        times <= path.leaves[:, None], decelerates(jnp.moveaxis(path.nodes.y, 0, -1)), -jnp.inf
-    )
-    best = jnp.argmax(at_nodes, axis=1)[:, None]
-    low, high = (
-        jnp.take_along_axis(times, jnp.clip(best + step, 0, times.shape[1] - 1), axis=1) for step in (-1, 1)
-    )
+    def jerks(y: Array) -> Array:
+        rates = rates_of_motion(element, columns, M[:, None], y)
+        return jnp.abs(jax.jvp(decelerates, (y,), (rates,))[1])
+
+    times, nodes = path.nodes.time.T, jnp.moveaxis(path.nodes.y, 0, -1)
     peak, leaves = (jnp.minimum(when, path.duration) for when in (path.time_to_peak, path.leaves))
+
+    def beside_greatest(values: Array) -> Array:
+        """Times close about the node whose value is greatest."""
+        best = jnp.argmax(jnp.where(times <= path.leaves[:, None], values, -jnp.inf), axis=1)[:, None]
+        low, high = (
+            jnp.take_along_axis(times, jnp.clip(best + step, 0, times.shape[1] - 1), axis=1)
+            for step in (-1, 1)
+        )
+        return jnp.minimum(low + jnp.asarray(_BETWEEN) * (high - low), leaves[:, None])
+
     squares_at = (jnp.asarray(_POINTS) + 1) / 2 * peak[:, None]
-    greatest_at = jnp.minimum(low + jnp.asarray(_BETWEEN) * (high - low), leaves[:, None])
+    parts = [
+        *(peak[:, None], leaves[:, None], squares_at),
+        *(beside_greatest(quantity(nodes)) for quantity in (decelerates, jerks)),
+    ]
     # In one go, since what follows the path is long to compile.
-    states = path.at(jnp.concatenate([peak[:, None], leaves[:, None], squares_at, greatest_at], axis=1))
-    x, v, *inner_states = states[..., 0]
-    s, end, last, fall = tuple(inner_states), states[0, :, 1], states[1, :, 1], falling(p)
-    among = 2 + len(_POINTS)
-    squares = (states[1, :, 2:among] ** 2 @ jnp.asarray(_WEIGHTS)) * peak / 2
+    states = path.at(jnp.concatenate(parts, axis=1))
+    at_peak, at_leaving, within, hardest, fastest = jnp.split(
+        states, np.cumsum([part.shape[1] for part in parts])[:-1], axis=-1
+    )
+    x, v, *inner_states = at_peak[..., 0]
+    s, end, last, fall = tuple(inner_states), at_leaving[0, :, 0], at_leaving[1, :, 0], falling(p)
+    squares = (within[1] ** 2 @ jnp.asarray(_WEIGHTS)) * peak / 2
+    # Of 0 m/s^2 nothing, however long.
+    fallen = fall * path.leaves if GRAVITY in p else 0.0
     spent = M * (V**2 - v**2) / 2 + M * fall * x - element.stored(x, v, s, p)
     return Outcomes(
         mass=M,
@@ -92,11 +127,14 @@ def _solved(element: Element, p: dict[str, Array], mass: Array, velocity: Array)
         C_equivalent=spent / squares,
         energy_lost=1 - (last / V) ** 2,
         energy_share=1 - (last**2 - 2 * fall * end) / V**2,
+        energy_share_with_gravity=1 - last**2 / (V**2 + 2 * fall * end),
         peak_depth=x,
         time_to_peak=path.time_to_peak,
-        peak_force=M * _greatest(decelerates(states[..., among:])),
+        peak_force=M * _greatest(decelerates(hardest)),
         contact_duration=path.leaves,
         rebound_velocity=-last,
+        impulse=M * (V - last + fallen),
+        peak_jerk=_greatest(jerks(fastest)),
     )
 
 

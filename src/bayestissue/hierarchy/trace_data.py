@@ -126,6 +126,7 @@ def assemble(
         specification.element,
         discrepancy,
         autoregressive,
+        dataset.headform,
     )
     record, peak = _record(dataset, specification, signal)
     data = TraceData(

@@ -50,7 +50,7 @@ Record = DisplacementRecord | DecelerationRecord
 LOG_2 = 0.6931471805599453
 _SHAPE_OF_MODEL = [
     *("kind", "locations", "priors", "correlated"),
-    *("mass_error", "element", "discrepancy", "autoregressive"),
+    *("mass_error", "element", "discrepancy", "autoregressive", "headform"),
 ]
 
 
@@ -135,7 +135,8 @@ class TraceModel(Hierarchy):
 
     ``mass_error`` says whether each impact has an error of its own, or all impacts of a person the same,
     ``element`` what the impactor meets, ``discrepancy`` whether it meets something else besides,
-    ``autoregressive`` whether the recorder's noise is that instead of white.
+    ``autoregressive`` whether the recorder's noise is that instead of white, ``headform`` whether what hits
+    stands for a head.
     """
 
     kind: Kind
@@ -147,6 +148,7 @@ class TraceModel(Hierarchy):
     element: str = SIDE_BY_SIDE
     discrepancy: bool = False
     autoregressive: bool = False
+    headform: bool = False
 
     @property
     def nuisance(self) -> tuple[str, ...]:

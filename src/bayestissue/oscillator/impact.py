@@ -153,6 +153,22 @@ def peak_deceleration(omega_n: ArrayLike, zeta: ArrayLike, velocity: ArrayLike) 
     return omega_n * velocity * jnp.where(zeta < 0.5, later, 2 * zeta)
 
 
+@jax.jit
+def peak_jerk(omega_n: ArrayLike, zeta: ArrayLike, velocity: ArrayLike) -> Array:
+    """The greatest |d/dt F / M| between contact and leaving [m/s^3], without the damper's jump at contact.
+
+    With phi = arccos zeta the rate is -omega_n^2 V e^(-zeta omega_n t) sin(3 phi - omega_d t) / sin phi. Its
+    size is omega_n^2 V |4 zeta^2 - 1| just after contact and, up to zeta = (1/2)^(1/2),
+    omega_n^2 V exp(-zeta (4 phi - pi) / sin phi) where it is stationary: the greater of both. Without gravity
+    along the motion; arguments as of `time_to_peak`.
+    """
+    omega_n, zeta, velocity = _floats(omega_n, zeta, velocity)
+    weak = jnp.minimum(zeta, jnp.sqrt(0.5))
+    phi = jnp.arccos(weak)
+    later = jnp.exp(-weak * (4 * phi - jnp.pi) / jnp.sin(phi))
+    return omega_n**2 * velocity * jnp.maximum(jnp.abs(4 * zeta**2 - 1), later)
+
+
 def _turn(omega_n: Array, zeta: Array, velocity: Array, gravity: Array) -> tuple[Array, Array, Array]:
     """R, (zeta - s) / R and whether there is a peak: see `time_to_peak`."""
     fall = gravity / (omega_n * velocity)

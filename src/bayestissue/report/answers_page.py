@@ -190,7 +190,7 @@ def _table(predictions: pd.DataFrame) -> Table:
         enumerate(predictions.to_dict("records"), start=1),
         Field("row", lambda row: str(row[0]), "number"),
         Field("given", lambda row: _covariate_cell(row[1]), "words"),
-        *map(quantity, PREDICTED),
+        *(quantity(name) for name in PREDICTED if name in predictions),
     )
 
 

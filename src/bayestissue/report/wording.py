@@ -26,7 +26,13 @@ PREDICTED = {
     "contact_duration_s": ("contact", "ms", 1e3),
     "rebound_velocity_m_s": ("rebound", "m/s", 1.0),
     "restitution": ("restitution", "1", 1.0),
+    "impulse_N_s": ("impulse", "N s", 1.0),
+    "peak_jerk_m_s3": ("jerk", "m/s³", 1.0),
     "energy_absorbed_J": ("energy absorbed", "J", 1.0),
+    "energy_share": ("share of ½ M V²", "1", 1.0),
+    "energy_share_with_gravity": ("share with gravity", "1", 1.0),
+    "HIC15": ("HIC15", "1", 1.0),
+    "HIC36": ("HIC36", "1", 1.0),
 }
 
 

@@ -42,6 +42,7 @@ class Campaign:
         uncertainty: standard deviations of the measuring chain.
         recorder: the low-pass that the recordings went through, if any.
         gravity: along the motion, m/s²; what is recorded is then force over mass.
+        headform: whether the impactor stands for a head.
     """
 
     impacts: pd.DataFrame
@@ -52,6 +53,7 @@ class Campaign:
     uncertainty: Uncertainty
     recorder: Recorder | None = None
     gravity: float = 0.0
+    headform: bool = False
 
     def traces(self) -> pd.DataFrame:
         """The long trace table: ``impact``, ``time_s``, ``value``."""
@@ -76,6 +78,7 @@ class Campaign:
             input_hash="",
             recorder=self.recorder,
             gravity=self.gravity,
+            headform=self.headform,
         )
 
 
@@ -115,7 +118,8 @@ def simulate(simulation: Simulation, seed: int | None = None) -> Campaign:
     )
     recorder = simulation.recorder.values() if simulation.recorder else None
     gravity = gravity_m_s2(simulation.gravity)
-    return Campaign(impacts, truth, n, np.round(sample / rate, 9), value, uncertainty, recorder, gravity)
+    time, chain_of = np.round(sample / rate, 9), (uncertainty, recorder, gravity, simulation.headform)
+    return Campaign(impacts, truth, n, time, value, *chain_of)
 
 
 def _impacts(simulation: Simulation, random: np.random.Generator) -> pd.DataFrame:
@@ -178,7 +182,7 @@ def _truth(
         for name in ("K_N_per_m", "C_N_s_per_m")
     )
     responses = ("K", "C", *simulation.tissue.parameters)
-    motion = (mass, velocity, gravity_m_s2(simulation.gravity))
+    motion = (mass, velocity, gravity_m_s2(simulation.gravity), simulation.headform)
     met = what_is_met(simulation.tissue, impacts, stiffness, damping, *motion, further, effects)
     return pd.DataFrame(
         {
@@ -326,6 +330,8 @@ def write_campaign(folder: Path, campaign: Campaign, simulation: Simulation) -> 
     }
     if campaign.gravity:
         settings["signal"] |= {"gravity": campaign.gravity}
+    if campaign.headform:
+        settings["impactor"] = {"headform": True}
     if simulation.recording.contact != "between":
         settings["signal"] |= {"contact": simulation.recording.contact}
     if campaign.recorder is not None:

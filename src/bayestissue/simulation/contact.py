@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 from bayestissue.elements import element, impact, outcomes
 from bayestissue.hierarchy import SIDE_BY_SIDE
+from bayestissue.inference.results.meanings import HEADFORM_COLUMNS
 from bayestissue.oscillator import impact_motion, spring_damper_inverse
 from bayestissue.simulation.specification import Tissue
 
@@ -28,10 +29,13 @@ def what_is_met(
     mass: Float[np.ndarray, " impact"],
     velocity: Float[np.ndarray, " impact"],
     gravity: float,
+    headform: bool,
     random: np.random.Generator,
     effects: Mapping[str, Float[np.ndarray, " impact"]],
 ) -> dict[str, np.ndarray]:
     """Columns of the truth that follow from K, C and the element, whose other parameters are drawn here.
+
+    All outcomes of the impact are among them, at the true mass and velocity.
 
     Of those the ``effects`` of groups are added to the log.
 
@@ -46,14 +50,19 @@ def what_is_met(
     size = {"diameter_m": impacts["diameter_m"].to_numpy()} if "diameter_m" in impacts else {}
     p = {name: jnp.asarray(value) for name, value in {"K": K, "C": C, **further}.items()}
     comes = jax.device_get(
-        outcomes(tissue.element, p, mass, velocity, diameter=size.get("diameter_m"), gravity=gravity or None)
+        outcomes(
+            *(tissue.element, p, mass, velocity),
+            diameter=size.get("diameter_m"),
+            gravity=gravity or None,
+            headform=headform,
+        )
     )
+    known = {column: getattr(comes, name) for name, column in HEADFORM_COLUMNS.items()}
     omega_n, zeta = map(np.asarray, spring_damper_inverse(comes.K_secant, comes.C_equivalent, mass))
     columns = {
         "omega_n_rad_s": omega_n,
         "zeta": zeta,
-        "time_to_peak_s": comes.time_to_peak,
-        "peak_displacement_m": comes.peak_depth,
+        **{column: value for column, value in known.items() if value is not None},
     }
     side_by_side = tissue.element == SIDE_BY_SIDE
     if gravity or not side_by_side:
@@ -67,7 +76,6 @@ def what_is_met(
         "K_secant_N_per_m": comes.K_secant,
         "C_equivalent_N_s_per_m": comes.C_equivalent,
         "energy_lost": comes.energy_lost,
-        **({"energy_share": comes.energy_share} if gravity else {}),
     }
 
 

@@ -280,6 +280,10 @@ class Simulation(Table):
         description="the part of gravity along the motion, as signal.gravity of dataset.toml: none, drop, or "
         "a number of m/s². What is recorded is force over mass, 0 in free fall.",
     )
+    headform: bool = Field(
+        default=False,
+        description="whether the impactor stands for a head, as impactor.headform of dataset.toml.",
+    )
     recorder: RecorderSettings | None = Field(
         default=None,
         description="a table [recorder] as in dataset.toml: a low-pass between the sensor and the file. "

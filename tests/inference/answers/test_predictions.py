@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 import xarray as xr
 
 from bayestissue import Run, read_run
+from bayestissue.elements import outcomes
 from bayestissue.errors import InputError
 from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.predictions import NO_LAW, predict, read_conditions
@@ -82,6 +84,28 @@ def test_without_scatter_the_peaks_are_those_of_the_formulas(run: Run, gravity: 
             assert found == pytest.approx(ends, rel=1e-7), (place, name)
     assert table["new"].tolist() == ["trial", "subject, trial", "subject, trial"]
     assert "velocity_m_s beyond those measured" in table["note"][1]
+
+
+@pytest.mark.slow
+def test_a_headform_has_the_head_injury_criterion_too(run: Run) -> None:
+    plain = sure(run)
+    headform = replace(plain, headform=True)
+    at = {"subject": "s1", "mass_kg": 4.6, "velocity_m_s": 3.0}
+    table = predict(headform, [at])
+    K, C = (
+        np.exp(plain.posterior[f"intercept_{q}"] + plain.posterior[f"subject_effect_{q}"].sel(subject="s1"))
+        for q in "KC"
+    )
+    made = outcomes(
+        "kelvin_voigt", {"K": K.to_numpy().ravel(), "C": C.to_numpy().ravel()}, 4.6, 3.0, headform=True
+    )
+    for name in ("HIC15", "HIC36"):
+        assert table[name][0] == pytest.approx(np.median(getattr(made, name)), rel=1e-9)
+    asked = "HIC15[subject=s1, mass_kg=4.6, velocity_m_s=3]"
+    assert ask(headform, numbered([asked]))["median"][0] == pytest.approx(table["HIC15"][0], rel=1e-9)
+    assert not any(name.startswith("HIC") for name in predict(plain, [at]))
+    with pytest.raises(InputError, match=r"headform = true in the table \[impactor\]"):
+        ask(plain, numbered([asked]))
 
 
 @pytest.mark.slow

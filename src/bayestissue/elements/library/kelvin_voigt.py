@@ -9,6 +9,7 @@ from bayestissue.oscillator import (
     contact_duration,
     peak_deceleration,
     peak_displacement,
+    peak_jerk,
     restitution,
     spring_damper_inverse,
     time_to_peak,
@@ -39,11 +40,14 @@ def level_outcomes(p: Parameters, mass: Array, velocity: Array) -> Outcomes:
         C_equivalent=C,
         energy_lost=lost,
         energy_share=lost,
+        energy_share_with_gravity=lost,
         peak_depth=peak_displacement(omega_n, zeta, V),
         time_to_peak=time_to_peak(omega_n, zeta),
         peak_force=mass * peak_deceleration(omega_n, zeta, V),
         contact_duration=contact_duration(omega_n, zeta),
         rebound_velocity=rebounds * V,
+        impulse=mass * V * (1 + rebounds),
+        peak_jerk=peak_jerk(omega_n, zeta, V),
     )
 
 

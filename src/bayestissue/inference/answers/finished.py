@@ -9,6 +9,7 @@ from typing import Any
 import xarray as xr
 
 from bayestissue.elements.element import GRAVITY
+from bayestissue.elements.head_injury import HEADFORM
 from bayestissue.hierarchy import SIDE_BY_SIDE
 from bayestissue.hierarchy.recorded import Recorded
 from bayestissue.inference.answers.law import Law
@@ -28,6 +29,7 @@ class Finished:
         element: what the impactor met.
         discrepancy: whether a force of unknown shape acts beside the element's.
         gravity: along the motion [m/s^2].
+        headform: whether what hits stands for a head.
     """
 
     posterior: xr.Dataset
@@ -36,6 +38,7 @@ class Finished:
     element: str = SIDE_BY_SIDE
     discrepancy: bool = False
     gravity: float = 0.0
+    headform: bool = False
 
     @property
     def element_alone(self) -> bool:
@@ -45,7 +48,7 @@ class Finished:
     @property
     def law(self) -> Law | None:
         """What outcomes at given levels follow; beside a discrepancy there is none."""
-        return None if self.discrepancy else Law(self.element, self.gravity)
+        return None if self.discrepancy else Law(self.element, self.gravity, self.headform)
 
     @classmethod
     def from_tree(cls, tree: xr.DataTree, model: Mapping[str, Any]) -> Finished:
@@ -59,4 +62,5 @@ class Finished:
             str(model.get("element", SIDE_BY_SIDE)),
             "discrepancy" in posterior,
             float(constants[GRAVITY]) if GRAVITY in constants else 0.0,
+            HEADFORM in constants,
         )

@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from bayestissue.elements import REFERENCE_DIAMETER_M, element
 from bayestissue.elements.element import GRAVITY
-from bayestissue.elements.outcomes import OUTCOMES, outcomes_of
+from bayestissue.elements.outcomes import HEADFORM_OUTCOMES, outcomes_of
 from bayestissue.errors import Coded
 from bayestissue.hierarchy.effects import RESPONSES, intercept, parameter_of
 from bayestissue.hierarchy.formulas.formula import reference_row
@@ -28,16 +28,18 @@ MOTION = ("mass_kg", "velocity_m_s", "diameter_m", DROP_HEIGHT)
 
 @dataclass(frozen=True)
 class Law:
-    """An element, and gravity along the motion.
+    """An element, gravity along the motion, and what hits.
 
     Attributes:
         element: its name.
         gravity: [m/s^2]; 0 where there is none.
+        headform: whether what hits stands for a head.
         velocity_m_s: that every impact has instead of the one of its condition, one for all or each draw's.
     """
 
     element: str
     gravity: float
+    headform: bool = False
     velocity_m_s: Float[np.ndarray, "*draw"] | None = None
 
     def parameters(
@@ -87,8 +89,10 @@ class Law:
         for begin in range(0, flat[0].size, size):
             # The last part is filled up with what stands in it already.
             *values, M, V = (jnp.asarray(np.resize(v[begin : begin + size], size)) for v in flat)
-            parts.append(outcomes_of(element(self.element), dict(zip(p, values, strict=True)), M, V))
-        columns = {name: [getattr(part, name) for part in parts] for name in OUTCOMES}
+            named = dict(zip(p, values, strict=True))
+            parts.append(outcomes_of(element(self.element), named, M, V, headform=self.headform))
+        names = [name for name in HEADFORM_OUTCOMES if getattr(parts[0], name) is not None]
+        columns = {name: [getattr(part, name) for part in parts] for name in names}
         whole = {
             name: np.concatenate(column)[: flat[0].size].reshape(shape) for name, column in columns.items()
         }

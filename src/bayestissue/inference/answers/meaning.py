@@ -21,7 +21,8 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
-from bayestissue.elements.outcomes import OUTCOMES
+from bayestissue.elements.head_injury import LONGEST
+from bayestissue.elements.outcomes import HEADFORM_OUTCOMES as OUTCOMES
 from bayestissue.errors import Coded
 from bayestissue.hierarchy.levels import NEW, log_at_levels
 from bayestissue.hierarchy.recorded import Condition, Recorded
@@ -508,4 +509,7 @@ def _outcome_draws(
         raise QuestionError(quantity.position, DROP_HEIGHT, expected)
     if not (law.velocity(recorded, conditions) > 0).all():
         raise QuestionError(quantity.position, quantity.name, "velocity_m_s=number in its brackets")
+    if quantity.name in LONGEST and not law.headform:
+        expected = "a run whose dataset.toml says headform = true in the table [impactor]"
+        raise QuestionError(quantity.position, quantity.name, expected)
     return law.at_levels(quantity.name, draws, recorded, conditions)

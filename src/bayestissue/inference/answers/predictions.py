@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -29,24 +29,14 @@ from bayestissue.inference.answers.law import NO_LAW, numbers, parameter_log
 from bayestissue.inference.answers.meaning import average_notes, beyond_notes
 from bayestissue.inference.answers.settings import SETTINGS
 from bayestissue.inference.checking.pooled_parameters import pooled_parameters
+from bayestissue.inference.results.meanings import COLUMNS, HEADFORM_COLUMNS, OUTCOME_COLUMNS
 from bayestissue.inference.samplers.diagnostics import ELEMENT_ALONE
 from bayestissue.inference.samplers.sampling import quantiles
 
 # Units stand in the names of the columns; each has beside it the ends of the 90 % interval, _low and _high.
-QUANTITIES = {
-    "K": "K_N_per_m",
-    "C": "C_N_s_per_m",
-    "peak_depth": "peak_displacement_m",
-    "peak_force": "peak_force_N",
-    "time_to_peak": "time_to_peak_s",
-    "peak_deceleration": "peak_deceleration_g",
-    "contact_duration": "contact_duration_s",
-    "rebound_velocity": "rebound_velocity_m_s",
-    "restitution": "restitution",
-    "energy_absorbed": "energy_absorbed_J",
-}
-# What may never happen, on a tissue that is never left.
-NEVER = ("time_to_peak", "contact_duration")
+QUANTITIES = COLUMNS | OUTCOME_COLUMNS
+# What may never happen or end, on a tissue that is never left.
+NEVER = ("time_to_peak", "contact_duration", "impulse")
 NO_VELOCITY = Coded("no peaks: no velocity_m_s, and the run has none", "not-simulated")
 _QUANTILES = {"": 0.5, "_low": 0.05, "_high": 0.95}
 _LEVELS, _SCATTER = 1, 2
@@ -91,12 +81,13 @@ def predict(finished: Finished, conditions: Sequence[Condition]) -> pd.DataFrame
     else:
         values |= finished.law.outcomes(simulated, mass, velocity, diameter)
         notes = [[*n, *([] if v > 0 else [NO_VELOCITY])] for n, v in zip(notes, velocity, strict=True)]
+    columns = COLUMNS | (HEADFORM_COLUMNS if finished.headform else OUTCOME_COLUMNS)
     return pd.DataFrame(
         [
             dict(condition)
             | {"mass_kg": mass[row], "velocity_m_s": velocity[row]}
             | {"new": ", ".join(_new(recorded, condition))}
-            | _summary({name: value[:, row] for name, value in values.items()})
+            | _summary({name: value[:, row] for name, value in values.items()}, columns)
             | {"draws": count, "simulated": 0 if finished.discrepancy else len(simulated["K"])}
             | {"note": "; ".join(notes[row])}
             for row, condition in enumerate(conditions)
@@ -124,14 +115,14 @@ def _parameters(
     return logs
 
 
-def _summary(values: dict[str, Float[np.ndarray, " draw"]]) -> dict[str, float]:
+def _summary(values: dict[str, Float[np.ndarray, " draw"]], columns: Mapping[str, str]) -> dict[str, float]:
     """Median and 90 % interval of each quantity that there is."""
-    summary = {f"{column}{end}": np.nan for column in QUANTITIES.values() for end in _QUANTILES}
+    summary = {f"{column}{end}": np.nan for column in columns.values() for end in _QUANTILES}
     for name, draws in values.items():
         ends = quantiles(draws[None], list(_QUANTILES.values()))[:, 0]
-        summary |= {f"{QUANTITIES[name]}{end}": float(v) for end, v in zip(_QUANTILES, ends, strict=True)}
+        summary |= {f"{columns[name]}{end}": float(v) for end, v in zip(_QUANTILES, ends, strict=True)}
         if name in NEVER:
-            summary[f"{QUANTITIES[name]}_never"] = float(np.isinf(draws).mean())
+            summary[f"{columns[name]}_never"] = float(np.isinf(draws).mean())
     return summary
 
 

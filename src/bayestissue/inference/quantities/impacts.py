@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float
 
 from bayestissue.elements import Element, Outcomes, element, element_names
 from bayestissue.elements.element import GRAVITY
-from bayestissue.elements.outcomes import MEASURED, OUTCOMES, outcomes_of
+from bayestissue.elements.outcomes import HEADFORM_OUTCOMES, MEASURED, outcomes_of
 from bayestissue.hierarchy.traces import (
     Physical,
     TraceData,
@@ -155,7 +155,7 @@ class Impacts:
         if self.velocity_error is None or record.velocity is None:
             return None
         p, velocity = self.parameters | record.surroundings, record.velocity + self.velocity_error
-        of_element = outcomes_of(self.element, p, self.mass, velocity)
+        of_element = outcomes_of(self.element, p, self.mass, velocity, headform=self.model.headform)
         if self.whole is None:
             return of_element
         heavier = jnp.exp(self.mass_error)
@@ -207,13 +207,10 @@ def _outcome(impacts: Impacts, name: str) -> Array | None:
     """What the measured motion does not reach, beside a discrepancy, is not known."""
     if impacts.outcomes is None or (impacts.model.discrepancy and name not in MEASURED):
         return None
-    value: Array = getattr(impacts.outcomes, name)
+    if name == "energy_share_with_gravity" and GRAVITY not in impacts.data.record.surroundings:
+        return None
+    value: Array | None = getattr(impacts.outcomes, name)
     return value
-
-
-def _energy_share(impacts: Impacts) -> Array | None:
-    """Of impacts along gravity; of others it is energy_lost."""
-    return _comparable(impacts, "energy_share") if GRAVITY in impacts.data.record.surroundings else None
 
 
 # By the names of variables; None where these impacts have no such quantity.
@@ -230,11 +227,10 @@ QUANTITIES: dict[str, Callable[[Impacts], Array | None]] = {
     "K_secant": partial(_comparable, name="K_secant"),
     "C_equivalent": partial(_comparable, name="C_equivalent"),
     "energy_lost": partial(_comparable, name="energy_lost"),
-    "energy_share": _energy_share,
     COMMON_DEPTH: lambda impacts: impacts.common_depth,
     "discrepancy": lambda impacts: jnp.exp(impacts.u[-1]) if impacts.model.discrepancy else None,
     "noise_correlation": lambda impacts: impacts.noise.get("noise_correlation"),
-    **{name: partial(_outcome, name=name) for name in OUTCOMES},
+    **{name: partial(_outcome, name=name) for name in HEADFORM_OUTCOMES},
 }
 # Those of all impacts, and the further parameters of elements.
 NAMES = (*QUANTITIES, *dict.fromkeys(one.name for name in element_names() for one in element(name).extra))

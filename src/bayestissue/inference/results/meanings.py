@@ -15,6 +15,23 @@ NAMES = {"K": "stiffness K", "C": "damping C"}
 UNITS = {"K": "N/m", "C": "N s/m"}
 # In tables of impacts.
 COLUMNS = {"K": "K_N_per_m", "C": "C_N_s_per_m"}
+# Of outcomes there: with their unit.
+OUTCOME_COLUMNS = {
+    "peak_depth": "peak_displacement_m",
+    "peak_force": "peak_force_N",
+    "time_to_peak": "time_to_peak_s",
+    "peak_deceleration": "peak_deceleration_g",
+    "contact_duration": "contact_duration_s",
+    "rebound_velocity": "rebound_velocity_m_s",
+    "restitution": "restitution",
+    "impulse": "impulse_N_s",
+    "peak_jerk": "peak_jerk_m_s3",
+    "energy_absorbed": "energy_absorbed_J",
+    "energy_share": "energy_share",
+    "energy_share_with_gravity": "energy_share_with_gravity",
+}
+# Of a headform's.
+HEADFORM_COLUMNS = {**OUTCOME_COLUMNS, "HIC15": "HIC15", "HIC36": "HIC36"}
 # Measures of repeatability, by the names that tables have.
 ICC, SEM, MDC = "intraclass correlation", "standard error of measurement", "minimal detectable change (95 %)"
 REPEATS = "repeats"

@@ -13,6 +13,7 @@ import xarray as xr
 
 from bayestissue.dataset.impacts import RESERVED
 from bayestissue.elements.element import GRAVITY
+from bayestissue.elements.head_injury import HEADFORM
 from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.formulas.group_terms import stem_of
 from bayestissue.hierarchy.specification import ModelSpecification
@@ -128,6 +129,7 @@ def _constants(prepared: Prepared) -> dict[str, np.ndarray]:
     return {
         **({"common_depth_m": common_depth(signal)} if has_depth else {}),
         **({GRAVITY: signal.gravity[0]} if signal.gravity.any() else {}),
+        **({HEADFORM: 1} if prepared.model.headform else {}),
         "time": np.where(inside, time, np.nan),
         "mass_kg": signal.mass,
         "velocity_m_s": signal.velocity,
