@@ -21,6 +21,8 @@ from bayestissue.hierarchy.recorded import Condition, Recorded
 from bayestissue.inference.answers.settings import SETTINGS
 
 NO_LAW = Coded("no peaks: beside a discrepancy there is no law to simulate by", "not-simulated")
+# Of the reference impact, beside K and C: positive and finite in every draw, so that they have ratios.
+REFERENCE_OUTCOMES = ("peak_force", "peak_depth", "energy_absorbed")
 DROP_HEIGHT = "drop_height_cm"
 # Of an impact, beside the tissue that it meets.
 MOTION = ("mass_kg", "velocity_m_s", "diameter_m", DROP_HEIGHT)
@@ -53,15 +55,26 @@ class Law:
         fallen = np.sqrt(2 * self.gravity * height / 100)
         return np.where(np.isfinite(height), fallen, numbers(recorded, conditions, "velocity_m_s"))
 
+    @property
+    def in_closed_form(self) -> bool:
+        """Whether outcomes cost next to nothing: else each motion is solved."""
+        return element(self.element).level_outcomes is not None and not self.gravity
+
     def at_levels(
         self, name: str, draws: xr.Dataset, recorded: Recorded, conditions: Sequence[Condition]
     ) -> Float[np.ndarray, "chain draw condition"]:
         """One outcome at given levels and a stated motion, by draw."""
+        values = self.all_at_levels(draws, recorded, conditions)[name]
+        return values.reshape(draws.sizes["chain"], draws.sizes["draw"], len(conditions))
+
+    def all_at_levels(
+        self, draws: xr.Dataset, recorded: Recorded, conditions: Sequence[Condition], step: int = 1
+    ) -> dict[str, Float[np.ndarray, "draw condition"]]:
+        """Each outcome at given levels and a stated motion, in one draw of every ``step``."""
         p = self.parameters(draws, recorded, conditions)
-        shape = p["K"].shape
-        flat = {one: values.reshape(-1, shape[-1]) for one, values in p.items()}
-        mass, diameter = (numbers(recorded, conditions, one) for one in ("mass_kg", "diameter_m"))
-        return self.outcomes(flat, mass, self.velocity(recorded, conditions), diameter)[name].reshape(shape)
+        flat = {name: values.reshape(-1, len(conditions))[::step] for name, values in p.items()}
+        mass, diameter = (numbers(recorded, conditions, name) for name in ("mass_kg", "diameter_m"))
+        return self.outcomes(flat, mass, self.velocity(recorded, conditions), diameter)
 
     def outcomes(
         self,
@@ -88,6 +101,12 @@ class Law:
             name: np.concatenate(column)[: flat[0].size].reshape(shape) for name, column in columns.items()
         }
         return {name: np.where(velocity > 0, values, np.nan) for name, values in whole.items()}
+
+
+def simulated_step(draws: int, conditions: int) -> int:
+    """One draw of so many is simulated, where each condition's draws are too many together."""
+    needed = -(-draws * conditions // SETTINGS.simulated)
+    return max(1, min(needed, draws // SETTINGS.of_a_condition))
 
 
 def parameter_log(
