@@ -56,7 +56,7 @@ from bayestissue.hierarchy.levels import log_at_levels
 from bayestissue.hierarchy.recorded import Condition, Recorded, label_of
 from bayestissue.hierarchy.untried import not_used
 from bayestissue.inference.answers.grammar import Node, Number, Quantity, QuestionError, parse
-from bayestissue.inference.answers.law import REFERENCE_OUTCOMES, Law, numbers, simulated_step
+from bayestissue.inference.answers.law import Law, numbers, simulated_words
 from bayestissue.inference.answers.meaning import quantities
 from bayestissue.inference.answers.settings import SETTINGS
 from bayestissue.inference.results.meanings import element_alone
@@ -147,7 +147,7 @@ def contrasts(
         law: what outcomes follow; without one there are none.
 
     Returns:
-        Rows of responses, and then of `REFERENCE_OUTCOMES`. ``ratio`` is the median, ``low`` and ``high`` the
+        Rows of responses, and then of outcomes. ``ratio`` is the median, ``low`` and ``high`` the
         ends of the 90 % equal-tailed interval. Beside a discrepancy ``note`` says of K that it is the
         element's own.
     """
@@ -197,23 +197,19 @@ def _in_outcomes(
     if not law.in_closed_form:
         compared = _within(compared, SETTINGS.simulated // SETTINGS.of_a_condition)
     conditions, weights = _weights(compared)
-    mass, velocity = numbers(recorded, conditions, "mass_kg"), law.velocity(recorded, conditions)
-    if not (len(conditions) and (velocity > 0).all()):
+    values = law.reference_outcomes(draws, recorded, conditions)
+    if not values:
         return []
-    count = draws.sizes["chain"] * draws.sizes["draw"]
-    step = 1 if law.in_closed_form else simulated_step(count, len(conditions))
-    values = law.all_at_levels(draws, recorded, conditions, step)
-    notes = _notes(recorded, compared)
-    if step > 1:
-        simulated = f"{-(-count // step)} of {count} draws were simulated"
-        notes = [f"{note}; {simulated}" if note else simulated for note in notes]
-    motion = {
-        name: at[0] if (at == at[0]).all() else np.nan
-        for name, at in (("mass_kg", mass), ("velocity_m_s", velocity))
+    simulated = [words] if (words := simulated_words(values, draws)) else []
+    notes = ["; ".join([note, *simulated] if note else simulated) for note in _notes(recorded, compared)]
+    at = {
+        "mass_kg": numbers(recorded, conditions, "mass_kg"),
+        "velocity_m_s": law.velocity(recorded, conditions),
     }
+    motion = {name: value[0] if (value == value[0]).all() else np.nan for name, value in at.items()}
     return [
-        _rows(compared, notes, name, np.log(values[name]) @ weights, equivalence).assign(**motion)
-        for name in REFERENCE_OUTCOMES
+        _rows(compared, notes, name, np.log(outcome) @ weights, equivalence).assign(**motion)
+        for name, outcome in values.items()
     ]
 
 

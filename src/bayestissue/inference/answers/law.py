@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import jax.numpy as jnp
@@ -67,6 +67,20 @@ class Law:
         values = self.all_at_levels(draws, recorded, conditions)[name]
         return values.reshape(draws.sizes["chain"], draws.sizes["draw"], len(conditions))
 
+    def reference_outcomes(
+        self, draws: xr.Dataset, recorded: Recorded, conditions: Sequence[Condition]
+    ) -> dict[str, Float[np.ndarray, "draw condition"]]:
+        """`REFERENCE_OUTCOMES` at given levels, of the reference mass and velocity; none without a velocity.
+
+        Where the law has no closed form, draws are evenly left out: see `simulated_words`.
+        """
+        if not (len(conditions) and (self.velocity(recorded, conditions) > 0).all()):
+            return {}
+        count = draws.sizes["chain"] * draws.sizes["draw"]
+        step = 1 if self.in_closed_form else simulated_step(count, len(conditions))
+        values = self.all_at_levels(draws, recorded, conditions, step)
+        return {name: values[name] for name in REFERENCE_OUTCOMES}
+
     def all_at_levels(
         self, draws: xr.Dataset, recorded: Recorded, conditions: Sequence[Condition], step: int = 1
     ) -> dict[str, Float[np.ndarray, "draw condition"]]:
@@ -107,6 +121,12 @@ def simulated_step(draws: int, conditions: int) -> int:
     """One draw of so many is simulated, where each condition's draws are too many together."""
     needed = -(-draws * conditions // SETTINGS.simulated)
     return max(1, min(needed, draws // SETTINGS.of_a_condition))
+
+
+def simulated_words(values: Mapping[str, Float[np.ndarray, "draw condition"]], draws: xr.Dataset) -> str:
+    """How many of the draws stand behind values, where it is not all."""
+    simulated, count = len(next(iter(values.values()))), draws.sizes["chain"] * draws.sizes["draw"]
+    return "" if simulated == count else f"{simulated} of {count} draws were simulated"
 
 
 def parameter_log(
