@@ -23,7 +23,7 @@ from bayestissue.paper.documents import write_markdown, write_word
 from bayestissue.paper.text import Text, text_of
 from bayestissue.paper.workbook import people_wide, write_sheets
 from bayestissue.report.fit.run import FitRun
-from bayestissue.report.posterior import Levels
+from bayestissue.report.posterior import Levels, Spread
 from command_line import bayestissue
 from make_fit_run import make_fit_run
 
@@ -74,6 +74,23 @@ def test_numbers_of_the_text_are_those_of_the_tables(folder: Path, exported: Pat
     assert record["verdict"]["words"].rstrip(".") in markdown
     ratio = pd.read_csv(folder / "contrasts.csv").query("quantity == 'K' and factor == 'side'").iloc[0]
     assert f"{ratio['level']} over {ratio['against']}, ratio | {ratio['ratio']:.3f}"[:-2] in markdown
+
+
+def test_the_text_says_what_an_impact_does(folder: Path, exported: Path) -> None:
+    asked = bt.read_run(folder).ask("peak_force", "1000 * peak_depth", "energy_absorbed").to_dict("records")
+    force, depth, energy = (Spread(row["median"], row["low"], row["high"]) for row in asked)
+    ratio = {
+        row["quantity"]: Spread(row["ratio"], row["low"], row["high"]).words
+        for row in pd.read_csv(folder / "contrasts.csv").to_dict("records")
+    }
+    text = (exported / "methods.md").read_text(encoding="utf-8").replace("\\", "")
+    assert "On a typical person an impact of 0.700 kg at 1.50 m/s comes to:" in text
+    stated = (
+        f"{what.value} {unit} ({what.range})" for what, unit in ((force, "N"), (depth, "mm"), (energy, "J"))
+    )
+    assert "peak force {}, peak depth {} and energy absorbed {}.".format(*stated) in text
+    of_levels = "peak force {peak_force}, peak depth {peak_depth} and energy absorbed {energy_absorbed}"
+    assert of_levels.format(**ratio) in text
 
 
 def test_an_interaction_stands_in_text_and_table_and_factors_of_equal_levels_apart(run: FitRun) -> None:

@@ -37,7 +37,7 @@ def write_paper(
         width_mm: of a figure in print.
         excel: how the figures' rows are written, as of `bayestissue.results.write_table`.
     """
-    text = text_of(run)
+    text = text_of(run, finished)
     write_markdown(text, folder / "methods.md")
     write_word(text, folder / "methods.docx")
     write_workbook(folder / "tables.xlsx", table, finished, run.record["model"])
