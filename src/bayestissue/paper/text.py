@@ -15,7 +15,7 @@ from bayestissue.declarations import declared
 from bayestissue.inference.answers.contrasts import INTERACTION
 from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.predictions import QUANTITIES as PREDICTIONS
-from bayestissue.inference.results.meanings import TOGETHER, meaning
+from bayestissue.inference.results.meanings import TOGETHER, meaning, outcome_name
 from bayestissue.inference.samplers.diagnostics import OF_RECORDINGS
 from bayestissue.outline import counted
 from bayestissue.report.answers_page import question_lines
@@ -237,7 +237,7 @@ def _outcomes(run: FitRun, finished: Finished) -> str:
     for name, draws in values.items():
         _, unit, factor = PREDICTED[PREDICTIONS[name]]
         shown = spread(factor * draws[:, 0])
-        parts.append(f"{study.outcome_name(name)} {shown.value} {unit} ({shown.range})")
+        parts.append(f"{outcome_name(name)} {shown.value} {unit} ({shown.range})")
     mass, velocity = recorded.reference_mass_kg, float(law.velocity(recorded, [{}])[0])
     who = answers.person_words(run)["typical"]
     return said(

@@ -114,7 +114,7 @@ def _outcomes(
     since the mass is the reference mass. None where no formula has the person, or where there is no law.
     """
     recorded, law = finished.recorded, finished.law
-    if law is None or not {"subject", *recorded.followers("subject")} & set(recorded.needed):
+    if law is None or not recorded.tells_people:
         return
     one_mass = len(set(recorded.rows["mass_kg"])) == 1
     factors = [name for name in within if name in recorded.needed and (name != "trial" or one_mass)]

@@ -15,9 +15,10 @@ from bayestissue.inference.answers import contrasts as contrasts_module
 from bayestissue.inference.answers import law
 from bayestissue.inference.answers.contrasts import contrasts
 from bayestissue.inference.answers.finished import Finished
-from bayestissue.inference.answers.law import REFERENCE_OUTCOMES, Law
+from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.questions import ask, numbered
 from bayestissue.inference.answers.settings import SETTINGS
+from bayestissue.inference.results.meanings import REFERENCE_OUTCOMES
 from designs import REFERENCE, impacts
 
 SHAPE = (2, 300)

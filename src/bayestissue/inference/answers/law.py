@@ -19,10 +19,9 @@ from bayestissue.hierarchy.formulas.formula import reference_row
 from bayestissue.hierarchy.levels import log_at_levels
 from bayestissue.hierarchy.recorded import Condition, Recorded
 from bayestissue.inference.answers.settings import SETTINGS
+from bayestissue.inference.results.meanings import REFERENCE_OUTCOMES
 
 NO_LAW = Coded("no peaks: beside a discrepancy there is no law to simulate by", "not-simulated")
-# Of the reference impact, beside K and C: positive and finite in every draw, so that they have ratios.
-REFERENCE_OUTCOMES = ("peak_force", "peak_depth", "energy_absorbed")
 DROP_HEIGHT = "drop_height_cm"
 # Of an impact, beside the tissue that it meets.
 MOTION = ("mass_kg", "velocity_m_s", "diameter_m", DROP_HEIGHT)

@@ -7,10 +7,18 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bayestissue.elements.outcomes import OUTCOMES
 from bayestissue.errors import Coded
 from bayestissue.inference.answers.contrasts import ALSO, COMBINATIONS, INTERACTION, LEVELS
-from bayestissue.inference.results.meanings import ICC, MDC, MOSTLY, REPEATS, SEM, UNITS
+from bayestissue.inference.results.meanings import (
+    ICC,
+    MDC,
+    MOSTLY,
+    REFERENCE_OUTCOMES,
+    REPEATS,
+    SEM,
+    UNITS,
+    outcome_name,
+)
 from bayestissue.report.fit.population import groupings
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.fit.sentences import said
@@ -174,13 +182,8 @@ def impact_words(mass: float, velocity: float) -> str:
     return f"an impact of {significant(mass)} kg at {significant(velocity)} m/s"
 
 
-def outcome_name(quantity: str) -> str:
-    """An outcome in words, such as "peak force"."""
-    return quantity.replace("_", " ")
-
-
 def _of_outcomes(contrasts: pd.DataFrame) -> pd.DataFrame:
-    return contrasts[contrasts["quantity"].isin(OUTCOMES)]
+    return contrasts[contrasts["quantity"].isin(REFERENCE_OUTCOMES)]
 
 
 _COMPARED = (Field("of", "factor"), Field("comparison", lambda row: f"{row['level']} over {row['against']}"))
