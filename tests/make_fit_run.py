@@ -13,6 +13,7 @@ import xarray as xr
 
 from bayestissue.hierarchy.recorded import Recorded
 from bayestissue.inference.answers.contrasts import contrasts, people_compared
+from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.reliability import as_variables, coefficients, reliability, variances
 from bayestissue.inference.quantities.together import comparable_draws
 from made_once import made_once
@@ -82,7 +83,8 @@ def write_fit_run(
     groups = {"posterior": posterior, "prior": prior, **traces}
     write_tree(extended(groups), folder / "posterior.nc")
     tables = _tables(rng, impacts, true, posterior, exponent)
-    tables["contrasts"] = contrasts(posterior, recorded, ["K", "C"], 0.1)
+    law = None if discrepancy else Law("kelvin_voigt", 0.0)
+    tables["contrasts"] = contrasts(posterior, recorded, ["K", "C"], 0.1, law=law)
     tables["people"] = people_compared(posterior, recorded, ["K", "C"])
     tables["reliability"] = reliability(found["posterior"], found["prior"])
     for name, table in tables.items():

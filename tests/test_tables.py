@@ -27,7 +27,7 @@ from make_fit_run import make_fit_run
 @pytest.fixture
 def contrasts() -> pd.DataFrame:
     rows = [("side", "left", "right", "K", 1.1, 0.9, 1.3, 0.8, 0.4), ("1", "2", "3", "C", 1, np.nan, 3, 0, 0)]
-    return table_of_rows("contrasts", [(*row, "levels", "") for row in rows])
+    return table_of_rows("contrasts", [(*row, "levels", "", 0.8, 1.5) for row in rows])
 
 
 @pytest.mark.parametrize("excel", [None, "comma", "point"])

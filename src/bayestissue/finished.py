@@ -311,8 +311,7 @@ class Fit(Outlined):
                     fit_run_of(self),
                     folder,
                     table=self.table,
-                    posterior=self.posterior["posterior"].dataset,
-                    rows=self.finished.recorded.rows,
+                    finished=self.finished,
                     width_mm=width_mm,
                     excel=excel,
                 )

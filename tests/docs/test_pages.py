@@ -92,7 +92,11 @@ def test_names_in_blocks_of_r_and_matlab_are_in_the_files(tmp_path: Path) -> Non
     assert columns
     for each in columns:
         assert set(each.split('", "')) <= set(table.columns)
-    assert "K" in set(table["variable"])
+    assert {"K", "peak_force"} <= set(table["variable"])
+    contrasts = pd.read_csv(run / "fitted" / "contrasts.csv")
+    assert set(re.findall(r'contrasts.quantity == "(\w+)"', code)) <= set(contrasts["quantity"])
+    for one, other in re.findall(r'\["(level.*?)"\]|c\("(level.*?)"\)', code):
+        assert set((one or other).split('", "')) <= set(contrasts.columns)
     files = set(re.findall(r'"(fitted/[\w.]+)"', code))
     assert {name for name in files if not (run / name).is_file()} == set()
 

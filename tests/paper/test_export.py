@@ -16,13 +16,14 @@ from PIL import Image
 
 import bayestissue as bt
 from bayestissue.finished import fit_run_of
+from bayestissue.hierarchy.levels import log_at_levels
 from bayestissue.inference.points.notes import clipped_recordings, flagged_recordings
 from bayestissue.paper import text
 from bayestissue.paper.documents import write_markdown, write_word
 from bayestissue.paper.text import Text, text_of
 from bayestissue.paper.workbook import people_wide, write_sheets
 from bayestissue.report.fit.run import FitRun
-from bayestissue.report.posterior import Levels
+from bayestissue.report.posterior import Levels, Spread
 from command_line import bayestissue
 from make_fit_run import make_fit_run
 
@@ -73,6 +74,23 @@ def test_numbers_of_the_text_are_those_of_the_tables(folder: Path, exported: Pat
     assert record["verdict"]["words"].rstrip(".") in markdown
     ratio = pd.read_csv(folder / "contrasts.csv").query("quantity == 'K' and factor == 'side'").iloc[0]
     assert f"{ratio['level']} over {ratio['against']}, ratio | {ratio['ratio']:.3f}"[:-2] in markdown
+
+
+def test_the_text_says_what_an_impact_does(folder: Path, exported: Path) -> None:
+    asked = bt.read_run(folder).ask("peak_force", "1000 * peak_depth", "energy_absorbed").to_dict("records")
+    force, depth, energy = (Spread(row["median"], row["low"], row["high"]) for row in asked)
+    ratio = {
+        row["quantity"]: Spread(row["ratio"], row["low"], row["high"]).words
+        for row in pd.read_csv(folder / "contrasts.csv").to_dict("records")
+    }
+    text = (exported / "methods.md").read_text(encoding="utf-8").replace("\\", "")
+    assert "On a typical person an impact of 0.700 kg at 1.50 m/s comes to:" in text
+    stated = (
+        f"{what.value} {unit} ({what.range})" for what, unit in ((force, "N"), (depth, "mm"), (energy, "J"))
+    )
+    assert "peak force {}, peak depth {} and energy absorbed {}.".format(*stated) in text
+    of_levels = "peak force {peak_force}, peak depth {peak_depth} and energy absorbed {energy_absorbed}"
+    assert of_levels.format(**ratio) in text
 
 
 def test_an_interaction_stands_in_text_and_table_and_factors_of_equal_levels_apart(run: FitRun) -> None:
@@ -141,7 +159,7 @@ def test_cells_of_the_workbook_are_typed(folder: Path, exported: Path) -> None:
 def test_a_row_a_person_has_the_median_of_each_condition(folder: Path) -> None:
     fit = bt.read_run(folder)
     posterior, rows = fit.posterior["posterior"].dataset, fit.finished.recorded.rows
-    wide, meanings = people_wide(posterior, rows)
+    wide, meanings = people_wide(fit.finished)
     assert list(meanings) == list(wide)
     assert all(re.fullmatch(r"\w{1,64}", name) for name in wide)
     first = rows.iloc[0]
@@ -153,6 +171,34 @@ def test_a_row_a_person_has_the_median_of_each_condition(folder: Path) -> None:
     expected = np.exp(np.log(posterior["K"].isel(impact=alike)).mean("impact")).median()
     cells = wide.filter(regex="^K_").iloc[0]
     assert np.isclose(cells, float(expected), rtol=1e-12).sum() == 1
+
+
+def test_a_row_a_person_has_the_outcomes_of_the_reference_impact_on_each_side(folder: Path) -> None:
+    finished = bt.read_run(folder).finished
+    recorded = finished.recorded
+    sides = np.where(recorded.rows.groupby("subject").cumcount() % 2, "left", "right")
+    finished = replace(finished, recorded=replace(recorded, rows=recorded.rows.assign(side=sides)))
+    wide, meanings = people_wide(finished)
+    person, M = finished.recorded.levels("subject")[1], finished.recorded.reference_mass_kg
+    V = finished.recorded.rows["velocity_m_s"].mean()
+    K, C = (
+        np.exp(log_at_levels(finished.posterior, finished.recorded, q, [{"subject": person, "side": "left"}]))
+        for q in ("K", "C")
+    )
+    omega, zeta = np.sqrt(K / M), C / np.sqrt(4 * K * M)
+    phi = np.arccos(zeta)
+    # Spring and damper, of a damping ratio below 1/2.
+    force = M * omega * V * np.exp(-zeta * (3 * phi - np.pi) / np.sin(phi))
+    depth = V / omega * np.exp(-zeta * phi / np.sin(phi))
+    lost = M * V**2 / 2 * (1 - np.exp(-4 * zeta * phi / np.sin(phi)))
+    row = wide.set_index("subject").loc[person]
+    for name, draws in {"peak_force_N": force, "peak_depth_m": depth, "energy_absorbed_J": lost}.items():
+        cells = row[[f"{name}_left_low", f"{name}_left", f"{name}_left_high"]].astype(float)
+        np.testing.assert_allclose(cells, np.quantile(draws, [0.05, 0.5, 0.95]))
+    words = f"greatest force on the impactor of an impact of {M:.4g} kg at {V:.4g} m/s, N: side left; median"
+    assert meanings["peak_force_N_left"] == words
+    beside, _ = people_wide(replace(finished, discrepancy=True))
+    assert list(beside) == [name for name in wide if not re.match("peak_|energy_", name)]
 
 
 def test_a_cell_is_what_it_is_whatever_it_looks_like(tmp_path: Path) -> None:

@@ -120,8 +120,10 @@ def test_where_stiffness_depends_on_depth_exponents_are_those_at_the_common_dept
 
 
 def test_it_shows_both_figures_and_where_the_models_differ(html):
-    # Three schemes of the two comparable runs; of K and of C exponent, typical and new person, each person.
-    assert html.count('role="img"') == 3 + 2 * 4
+    # Three schemes of the two comparable runs; of K and of C exponent, typical and new person, each person;
+    # three outcomes.
+    assert html.count('role="img"') == 3 + 2 * 4 + 3
+    assert "peak force of person s0 at the reference impact" in plain(html)
     text = plain(html)
     differ = text[text.index("Where the models differ") : text.index("SHA-256")]
     assert "likelihoodarmaa2impact" in differ

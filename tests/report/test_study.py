@@ -100,6 +100,19 @@ def test_every_comparison_stands_in_a_table_and_people_in_a_matrix(html) -> None
     assert all("&gt;" in cell or float(cell) >= 50 for i, row in enumerate(table) for cell in row[i + 1 :])
 
 
+def test_outcomes_of_a_comparison_stand_side_by_side(html) -> None:
+    part = section(html, "comparisons")
+    text = plain(part)
+    assert re.search(r"The same in what an impact of [\d.]+ kg at [\d.]+ m/s does", text)
+    heading = "of comparison peak force peak depth energy absorbed"
+    cell = r"\d\.\d+ \(\d\.\d+ to \d\.\d+\)"
+    assert re.search(rf"{heading} side left over right {cell} {cell} {cell}", text)
+    # K and C alone stand in the first table.
+    assert text.count("left over right") == 3
+    without = plain(part[: part.index("The same in what")])
+    assert "peak force" not in without
+
+
 def test_reliability_is_told_in_words_and_in_a_table(html) -> None:
     text = plain(section(html, "reliability"))
     assert "the measuring chain makes 1.0 % and the person" in text

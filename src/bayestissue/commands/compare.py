@@ -24,7 +24,7 @@ _GROUPS: dict[str, tuple[str, ...]] = {
     "log_likelihood": ("trace",),
     "log_likelihood_of_groups": ("traces_of_subject", "traces_of_trial"),
     "observed_data": ("displacement", "deceleration"),
-    "constant_data": ("impact_subject",),
+    "constant_data": ("impact_subject", "mass_kg", "velocity_m_s"),
 }
 _unfit = partial(Problem, code="runs-to-compare")
 _DIGITS = {"elpd": 1, "elpd_difference": 1, "se_difference": 1, "weight": 2}
@@ -142,6 +142,7 @@ def _abouts(runs: list[Path]) -> list[dict[str, Any]]:
 def _finished(runs: list[Path], abouts: list[dict[str, Any]]) -> list[FinishedRun]:
     import xarray as xr
 
+    from bayestissue.inference.answers.finished import Finished
     from bayestissue.inference.comparing import FinishedRun
     from bayestissue.report.run_folder import read_groups
 
@@ -149,7 +150,8 @@ def _finished(runs: list[Path], abouts: list[dict[str, Any]]) -> list[FinishedRu
         name, path, record = run
         remedy = "Fit again with this version."
         groups = read_groups(path / "posterior.nc", _GROUPS, remedy, of_impacts=_OF_IMPACTS)
-        return FinishedRun(name, record["model"], xr.DataTree.from_dict(groups))
+        tree = xr.DataTree.from_dict(groups)
+        return FinishedRun(name, record["model"], tree, Finished.from_tree(tree, record["model"]))
 
     return all_of(read, zip(_names(runs), runs, abouts, strict=True))
 
@@ -169,6 +171,7 @@ def print_comparison(comparison: pd.DataFrame, posteriors: pd.DataFrame, of_weig
     import pandas as pd
 
     from bayestissue.commands.console import SCREEN, echo, explained, line, show, table
+    from bayestissue.inference.comparing import OF_OUTCOMES
     from bayestissue.remedies import codes_in
 
     words = ["model"] + (["data"] if len(comparison["data"].unique()) > 1 else [])
@@ -190,15 +193,17 @@ def print_comparison(comparison: pd.DataFrame, posteriors: pd.DataFrame, of_weig
     explained(codes_in("; ".join(comparison["warning"])))
     people = posteriors[posteriors["label"] != ""]
     few = people["label"].nunique() <= SCREEN.people
-    shown = posteriors if few else posteriors[posteriors["label"] == ""]
+    together = posteriors["label"] == ""
+    of_outcomes = posteriors["variable"].isin(OF_OUTCOMES)
+    shown = posteriors[together | ~of_outcomes] if few else posteriors[together]
     _print_intervals("posteriors", shown, shown["run"])
     if len(of_weights):
         shown = of_weights[of_weights["label"] == ""]
         weights = [f"{scheme}, {data}" for scheme, data in zip(shown["scheme"], shown["data"], strict=True)]
         _print_intervals("what the weights imply", shown, weights)
-    if not few:
-        count = people["label"].nunique()
-        echo(f"  K and C of the {count} people: --json prints them, --out writes posteriors.csv")
+    if count := people["label"].nunique():
+        what = "outcomes" if few else "K, C and outcomes"
+        echo(f"  {what} of the {count} people: --json prints them, --out writes posteriors.csv")
 
 
 def _print_intervals(title: str, intervals: pd.DataFrame, names: Iterable[str]) -> None:

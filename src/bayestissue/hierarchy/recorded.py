@@ -147,6 +147,11 @@ class Recorded:
                 known |= set(followers)
         return tuple(str(name) for name in self.rows if name in known and name not in columns)
 
+    @property
+    def tells_people(self) -> bool:
+        """Whether a formula has the person, or something that follows from the person."""
+        return bool({"subject", *self.followers("subject")} & set(self.needed))
+
     @cached_property
     def _followers(self) -> dict[tuple[str, ...], tuple[str, ...]]:
         """What follows from a level of each group, those of one column first."""

@@ -10,6 +10,7 @@ import copy
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,8 @@ import xarray as xr
 from jaxtyping import Float
 
 from bayestissue.errors import Coded
+from bayestissue.inference.answers.finished import Finished
+from bayestissue.inference.answers.law import numbers
 from bayestissue.inference.quantities.secants import EXPONENTS as OF_SECANTS
 from bayestissue.inference.quantities.together import OF_IMPACTS, OF_PEOPLE, comparable_draws
 from bayestissue.inference.results.cross_validation import (
@@ -29,7 +32,7 @@ from bayestissue.inference.results.cross_validation import (
     schemes,
 )
 from bayestissue.inference.results.labels import ATTRIBUTES, element_attributes
-from bayestissue.inference.results.meanings import element_alone, meaning
+from bayestissue.inference.results.meanings import REFERENCE_OUTCOMES, element_alone, meaning
 from bayestissue.inference.samplers.diagnostics import of_element_alone
 from bayestissue.results.tables import columns_of, joined
 
@@ -144,11 +147,13 @@ class FinishedRun:
         model: the model as resolved, from ``run.json``.
         tree: the groups ``posterior`` (of single impacts what `comparable_draws` asks
             for), ``log_likelihood``, ``log_likelihood_of_groups``, ``observed_data`` and ``constant_data``.
+        finished: the run as questions need it; without it outcomes at levels are not compared.
     """
 
     name: str
     model: Mapping[str, Any]
     tree: xr.DataTree
+    finished: Finished | None = None
 
     @property
     def quantity(self) -> str:
@@ -165,8 +170,42 @@ class FinishedRun:
         """[impact]: whose each impact is."""
         return self.tree["constant_data"].dataset["impact_subject"].astype(str).to_numpy()
 
+    @cached_property
+    def outcomes(self) -> dict[str, xr.DataArray]:
+        """`OF_OUTCOMES`, [chain, draw] or [chain, draw, subject]; none without a law or a velocity."""
+        run = self.finished
+        if run is None or run.law is None or run.recorded.lacking:
+            return {}
+        people = run.recorded.levels("subject") if run.recorded.tells_people else []
+        conditions = [{}, *({"subject": person} for person in people)]
+        values = run.law.reference_outcomes(run.posterior, run.recorded, conditions)
+        outcomes = {}
+        for name, draws in values.items():
+            by_chain = draws[None]
+            outcomes[f"{name}_typical_person"] = xr.DataArray(by_chain[..., 0], dims=("chain", "draw"))
+            if people:
+                outcomes[f"{name}_subject"] = xr.DataArray(
+                    by_chain[..., 1:], {"subject": people}, ("chain", "draw", "subject")
+                )
+        return outcomes
 
+    @property
+    def reference(self) -> tuple[float, ...]:
+        """Mass [kg] and velocity [m/s] of the reference impact; none without `finished`."""
+        if self.finished is None:
+            return ()
+        names = ("mass_kg", "velocity_m_s")
+        return tuple(float(numbers(self.finished.recorded, [{}], name)[0]) for name in names)
+
+
+# By what it is called: the unit of an outcome of the reference impact.
+OF_OUTCOMES = {
+    f"{name}_{level}": element_attributes()[name]["unit"]
+    for level in ("typical_person", "subject")
+    for name in REFERENCE_OUTCOMES
+}
 UNITS = {name: "N/m" if name.startswith("K") else "N s/m" for name in (*OF_IMPACTS, *OF_PEOPLE)}
+UNITS |= OF_OUTCOMES
 _SCHEMES = ("leave one impact out", "leave one subject out")
 # What all runs together that lack a quantity may weigh for it still to be told.
 _LEAST_WEIGHT = 0.005
@@ -177,7 +216,7 @@ def implied(runs: Sequence[FinishedRun], comparison: pd.DataFrame) -> pd.DataFra
 
     Its density is sum_r w_r p_r, with the stacking weights w_r (Yao et al. 2018, doi:10.1214/17-BA1091) of
     impacts, and of people, left out in turn. K and C of different elements are different things: only what
-    means the same in all is mixed.
+    means the same in all is mixed, outcomes where all runs have one reference impact.
 
     Args:
         runs: as `compare_runs` takes them.
@@ -188,6 +227,9 @@ def implied(runs: Sequence[FinishedRun], comparison: pd.DataFrame) -> pd.DataFra
         those that weigh at least a hundredth.
     """
     draws = {run.name: comparable_draws(run.tree["posterior"].dataset, run.people) for run in runs}
+    references = [run.reference for run in runs if run.outcomes]
+    if all(np.allclose(one, references[0]) for one in references):
+        draws = {run.name: draws[run.name] | run.outcomes for run in runs}
     parts = []
     weighted = comparison[comparison["scheme"].isin(_SCHEMES) & comparison["weight"].notna()]
     for (scheme, data), rows in weighted.groupby(["scheme", "data"], sort=False):
@@ -236,7 +278,8 @@ def mixture(weighted: Mapping[str, tuple[float, xr.DataArray]]) -> pd.DataFrame:
 
 EXPONENTS = ("mass_exponent_K", *OF_SECANTS, "mass_exponent_C")
 _TYPICAL = {"K_typical_person": "intercept_K", "C_typical_person": "intercept_C"}
-COMPARED = (*EXPONENTS, *UNITS, *_TYPICAL, "K_new", "C_new", "K_subject", "C_subject")
+_OF_LEVELS = (*_TYPICAL, "K_new", "C_new", "K_subject", "C_subject")
+COMPARED = (*EXPONENTS, *OF_IMPACTS, *OF_PEOPLE, *_OF_LEVELS, *OF_OUTCOMES)
 _ELEMENTS = {"impact": "impacts", "subject": "people", "trial": "conditions"}
 # Far above rounding, far below any recorder's resolution.
 _SAME = 1e-9
@@ -324,7 +367,8 @@ def posteriors_by_run(runs: Sequence[FinishedRun]) -> pd.DataFrame:
 
     Mass exponents, of K also that at a common depth where K depends on depth; the secant stiffness and
     equivalent damping of the recorded impacts, which mean the same for every element; and K and C of a
-    typical person, of a new impact on a new person and of every person, at the run's own reference mass.
+    typical person, of a new impact on a new person and of every person, at the run's own reference mass;
+    outcomes of the reference impact on a typical and on every person, which mean the same for every element.
     ``of`` says what an interval is of: that of these impacts together is narrow however much people differ. A
     run whose model lacks a quantity has no row for it; one with a discrepancy none of K, the element's own.
 
@@ -349,19 +393,18 @@ def _quantiles(run: FinishedRun) -> list[pd.DataFrame]:
         typical = {name: values for name, values in typical.items() if not of_element_alone(name)}
     people = len(np.unique(run.people))
     tables = []
-    for name, array in {**comparable_draws(posterior, run.people), **typical}.items():
+    for name, array in {**comparable_draws(posterior, run.people), **typical, **run.outcomes}.items():
         by_person = "subject" in array.dims
-        flat = array.transpose("chain", ..., *(["subject"] if by_person else [])).to_numpy()
-        low, median, high = np.percentile(
-            flat.reshape(-1, array.sizes["subject"] if by_person else 1), [5, 50, 95], axis=0
-        )
+        ordered = array.transpose("chain", ..., *(["subject"] if by_person else [])).to_numpy()
+        flat = ordered.reshape(-1, array.sizes["subject"] if by_person else 1)
+        low, median, high = np.percentile(flat, [5, 50, 95], axis=0)
         labels = array["subject"].astype(str).to_numpy().tolist() if by_person else [""]
         unit = UNITS.get(name) or (ATTRIBUTES | element_attributes())[name]["unit"]
         person = meaning(name, people=people).level
         table = pd.DataFrame(
             {"label": labels, "median": median, "eti90_low": low, "eti90_high": high, "variable": name}
         )
-        tables.append(table.assign(of=person, unit=unit, run=run.name))
+        tables.append(table.assign(of=person, unit=unit, run=run.name, draws=len(flat)))
     return tables
 
 

@@ -14,11 +14,13 @@ import pandas as pd
 import xarray as xr
 
 from bayestissue.elements import element
+from bayestissue.elements.element import GRAVITY
 from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.answers.contrasts import contrasts, people_compared
+from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.reliability import (
     Variances,
     as_variables,
@@ -169,6 +171,11 @@ def label(
         "route": chains.record(),
     }
     responses, near = tuple(prepared.design.responses), specification.practical_equivalence
+    gravity = tree["constant_data"].dataset.get(GRAVITY, 0.0)
+    finished = Finished(
+        posterior, None, recorded, specification.element, prepared.model.discrepancy, float(gravity)
+    )
+    asked = specification.questions.values()
     return TraceAnalysis(
         tree,
         summary,
@@ -177,7 +184,7 @@ def label(
         scores,
         sensitivity,
         budget,
-        contrasts(posterior, recorded, responses, near.ratio, specification.questions.values()),
+        contrasts(posterior, recorded, responses, near.ratio, asked, finished.law),
         people_compared(posterior, recorded, responses),
         reliability(repeatable["posterior"], repeatable["prior"]),
         chains.end,

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pandas as pd
-import xarray as xr
 
+from bayestissue.inference.answers.finished import Finished
 from bayestissue.paper import WIDTH_MM
 from bayestissue.paper.documents import write_markdown, write_word
 from bayestissue.paper.drawings import write_figures
@@ -23,8 +23,7 @@ def write_paper(
     folder: Path,
     *,
     table: Callable[[str], pd.DataFrame],
-    posterior: xr.Dataset,
-    rows: pd.DataFrame,
+    finished: Finished,
     width_mm: float = WIDTH_MM,
     excel: Excel | None = None,
 ) -> None:
@@ -34,14 +33,13 @@ def write_paper(
         run: a finished fit, whatever its diagnostics say: the text says it too.
         folder: that exists.
         table: a table of the fit by its name; a KeyError where there is none.
-        posterior: the draws, with the dimensions ``chain`` and ``draw``.
-        rows: what was recorded of each impact, in the order of ``posterior``.
+        finished: the same fit as questions need it.
         width_mm: of a figure in print.
         excel: how the figures' rows are written, as of `bayestissue.results.write_table`.
     """
-    text = text_of(run)
+    text = text_of(run, finished)
     write_markdown(text, folder / "methods.md")
     write_word(text, folder / "methods.docx")
-    write_workbook(folder / "tables.xlsx", table, posterior, rows, run.record["model"])
+    write_workbook(folder / "tables.xlsx", table, finished, run.record["model"])
     (folder / "figures").mkdir()
     write_figures(published(run), folder / "figures", nouns=run.nouns, width_mm=width_mm, excel=excel)

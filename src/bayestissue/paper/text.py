@@ -13,14 +13,17 @@ from markupsafe import Markup
 
 from bayestissue.declarations import declared
 from bayestissue.inference.answers.contrasts import INTERACTION
-from bayestissue.inference.results.meanings import TOGETHER, meaning
+from bayestissue.inference.answers.finished import Finished
+from bayestissue.inference.answers.predictions import QUANTITIES as PREDICTIONS
+from bayestissue.inference.results.meanings import TOGETHER, meaning, outcome_name
 from bayestissue.inference.samplers.diagnostics import OF_RECORDINGS
 from bayestissue.outline import counted
 from bayestissue.report.answers_page import question_lines
 from bayestissue.report.fit import answers, study, words
 from bayestissue.report.fit.run import FitRun
-from bayestissue.report.posterior import QUANTITIES, Spread, exponent, levels
-from bayestissue.report.wording import listed
+from bayestissue.report.fit.sentences import said
+from bayestissue.report.posterior import QUANTITIES, Spread, exponent, levels, spread
+from bayestissue.report.wording import PREDICTED, listed
 from bayestissue.words import PLAIN, Words
 
 _ERRORS = {
@@ -62,8 +65,8 @@ class Text:
         return f"[{', '.join(str(self.references.index(text) + 1) for text in texts)}]"
 
 
-def text_of(run: FitRun) -> Text:
-    """Methods and results of a fit.
+def text_of(run: FitRun, finished: Finished | None = None) -> Text:
+    """Methods and results of a fit; with what questions need of it, also what an impact does.
 
     Where its diagnostics failed, or no element describes the recordings, that is the first sentence of the
     results. Where the fit does not have something, such as repeats or a mass exponent, nothing is said of it.
@@ -84,7 +87,8 @@ def text_of(run: FitRun) -> Text:
         "Numbers are posterior medians, with equal-tailed 90 % intervals in brackets.",
         _levels(run),
         answers.averaged_sentence(run),
-        *(_comparison(contrast) for contrast in study.first_contrasts(run)),
+        _outcomes(run, finished) if finished else "",
+        *(_comparison(run, contrast) for contrast in study.first_contrasts(run)),
         _mass(run),
     )
     text.add("Questions", *(_answer(line) for line in question_lines(run.questions, len(run.questions))))
@@ -185,14 +189,14 @@ def _verdict(run: FitRun) -> str:
     """Whether the run can be trusted; what is said of single recordings stands with the measurements."""
     verdict = run.record.get("verdict", {})
     checks = verdict.get("words", "")
-    for said in _of_recordings(run):
-        checks = checks.replace(said, "")
+    for sentence in _of_recordings(run):
+        checks = checks.replace(sentence, "")
     return f"{verdict.get('headline', '')} {_without_commands(checks)}".strip()
 
 
 def _flags(run: FitRun) -> str:
-    sentences = (said.removeprefix("NOTE: ") for said in _of_recordings(run))
-    return " ".join(_without_commands(said[:1].upper() + said[1:]) for said in sentences)
+    sentences = (sentence.removeprefix("NOTE: ") for sentence in _of_recordings(run))
+    return " ".join(_without_commands(sentence[:1].upper() + sentence[1:]) for sentence in sentences)
 
 
 def _of_recordings(run: FitRun) -> list[str]:
@@ -223,10 +227,35 @@ def _levels(run: FitRun) -> str:
     return f"{''.join(together)}Of {whose} {listed(typical)}. {predicted}"
 
 
-def _comparison(contrast: Mapping[str, Any]) -> str:
-    ratios = [f"{quantity} {ratio.words}" for quantity, ratio in contrast["ratios"]]
+def _outcomes(run: FitRun, finished: Finished) -> str:
+    """What the reference impact does on a typical person; empty where there is no law or no velocity."""
+    law, recorded = finished.law, finished.recorded
+    values = law.reference_outcomes(finished.posterior, recorded, [{}]) if law else {}
+    if not (law and values):
+        return ""
+    parts = []
+    for name, draws in values.items():
+        _, unit, factor = PREDICTED[PREDICTIONS[name]]
+        shown = spread(factor * draws[:, 0])
+        parts.append(f"{outcome_name(name)} {shown.value} {unit} ({shown.range})")
+    mass, velocity = recorded.reference_mass_kg, float(law.velocity(recorded, [{}])[0])
+    who = answers.person_words(run)["typical"]
+    return said(
+        "study.outcomes",
+        who=who if run.people_count == 1 else f"a {who}",
+        impact=study.impact_words(mass, velocity),
+        outcomes=listed(parts),
+    )
+
+
+def _comparison(run: FitRun, contrast: Mapping[str, Any]) -> str:
+    ratios, outcomes = (
+        listed([f"{quantity} {ratio.words}" for quantity, ratio in contrast[key]])
+        for key in ("ratios", "outcomes")
+    )
     name = "Ratio of ratios" if contrast["kind"] == INTERACTION else "Ratio of"
-    return f"{name} {contrast['what']}: {listed(ratios)}. {contrast['words']}"
+    in_outcomes = f"Ratio of what {study.reference_words(run)} does: {outcomes}. " if outcomes else ""
+    return f"{name} {contrast['what']}: {ratios}. {in_outcomes}{contrast['words']}"
 
 
 def _mass(run: FitRun) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,9 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from bayestissue.inference.answers.finished import Finished
+from bayestissue.inference.answers.law import numbers, simulated_words
+from bayestissue.inference.results.labels import element_attributes
 from bayestissue.inference.results.meanings import UNITS, symbols
 from bayestissue.paper import PRINT
 from bayestissue.results.tables import declared_files
@@ -23,8 +26,7 @@ MOST_ROWS = 2**20 - 1
 def write_workbook(
     path: Path,
     table: Callable[[str], pd.DataFrame],
-    posterior: xr.Dataset,
-    rows: pd.DataFrame,
+    finished: Finished,
     model: Mapping[str, Any],
 ) -> None:
     """Write ``people_wide``, ``impacts``, every table of a fit, its priors, and what each column means.
@@ -34,12 +36,12 @@ def write_workbook(
     Args:
         path: of the workbook.
         table: a table of the fit by its name; a KeyError where there is none.
-        posterior: the draws, with the dimensions ``chain`` and ``draw``.
-        rows: what was recorded of each impact, in the order of ``posterior``.
+        finished: the fit.
         model: the resolved model file.
     """
-    wide, meanings = people_wide(posterior, rows)
-    sheets = {"people_wide": wide, "impacts": impacts(table("summary"), posterior, rows)}
+    wide, meanings = people_wide(finished)
+    of_impacts = impacts(table("summary"), finished.posterior, finished.recorded.rows)
+    sheets = {"people_wide": wide, "impacts": of_impacts}
     codebook = [["people_wide", name, meaning] for name, meaning in meanings.items()]
     for name, file in declared_files().items():
         stem = name.removesuffix(".csv")
@@ -54,7 +56,7 @@ def write_workbook(
     write_sheets(sheets, path)
 
 
-def people_wide(posterior: xr.Dataset, rows: pd.DataFrame) -> tuple[pd.DataFrame, dict[str, str]]:
+def people_wide(finished: Finished) -> tuple[pd.DataFrame, dict[str, str]]:
     """A row a person, a column for K and for C by condition and by what else divides a person's impacts.
 
     Beside a discrepancy K_secant stands in place of K, which is the element's own.
@@ -62,22 +64,24 @@ def people_wide(posterior: xr.Dataset, rows: pd.DataFrame) -> tuple[pd.DataFrame
     A cell is the posterior median of the geometric mean over the person's impacts there, so that it is drawn
     towards those of others as the model has it; analysing cells as if they were measured ignores that, and
     their intervals. What is the same in all of a person's impacts, such as sex, has a column of its own.
+    Outcomes of the reference impact on each person follow, with the ends of their intervals: see `_outcomes`.
 
     Returns:
         The table, and what each column means.
     """
+    posterior, rows = finished.posterior, finished.recorded.rows
     subject = rows["subject"].astype(str)
     values = rows.drop(columns="subject").groupby(subject).nunique().max()
     varies = [name for name in values.index if len(set(rows[name])) > 1]
     of_person = [name for name in varies if values[name] == 1]
     within = [name for name in varies if values[name] > 1 and not pd.api.types.is_numeric_dtype(rows[name])]
-    cells = rows[within].astype(str).agg(" ".join, axis=1) if within else pd.Series("all", index=rows.index)
     people = list(dict.fromkeys(subject))
     columns: dict[str, Any] = {"subject": people}
     meanings = {"subject": "the person"}
     for name in of_person:
         columns[name] = rows.groupby(subject)[name].first().reindex(people).to_numpy()
         meanings[name] = f"{name} of the person"
+    cells = rows[within].astype(str).agg(" ".join, axis=1) if within else pd.Series("all", index=rows.index)
     for q, quantity in symbols(posterior).items():
         draws = posterior[quantity].transpose("impact", ...).to_numpy()
         draws = np.log(draws).reshape(len(rows), -1)
@@ -91,7 +95,48 @@ def people_wide(posterior: xr.Dataset, rows: pd.DataFrame) -> tuple[pd.DataFrame
             meanings[name] = (
                 f"{quantity}, {UNITS[q]}: {', '.join(within)} {cell}" if within else f"{quantity}, {UNITS[q]}"
             )
+    for words, column, meaning in _outcomes(finished, people, within):
+        name = _name(words, columns)
+        columns[name], meanings[name] = column, meaning
     return pd.DataFrame(columns), meanings
+
+
+_ENDS = {"": ("median", 0.5), "_low": ("lower end of the 90 % interval", 0.05)}
+_ENDS |= {"_high": ("upper end of the 90 % interval", 0.95)}
+
+
+def _outcomes(
+    finished: Finished, people: Sequence[str], within: Sequence[str]
+) -> Iterator[tuple[str, np.ndarray, str]]:
+    """Outcomes of the reference impact on each person: names, cells and meanings of columns.
+
+    On what of ``within`` the formulas have, such as each side; conditions that stand for masses are left out,
+    since the mass is the reference mass. None where no formula has the person, or where there is no law.
+    """
+    recorded, law = finished.recorded, finished.law
+    if law is None or not recorded.tells_people:
+        return
+    one_mass = len(set(recorded.rows["mass_kg"])) == 1
+    factors = [name for name in within if name in recorded.needed and (name != "trial" or one_mass)]
+    cells = recorded.rows[["subject", *factors]].astype(str).drop_duplicates()
+    values = law.reference_outcomes(finished.posterior, recorded, cells.to_dict("records"))
+    mass, velocity = (float(numbers(recorded, [{}], name)[0]) for name in ("mass_kg", "velocity_m_s"))
+    simulated = f"; {words}" if values and (words := simulated_words(values, finished.posterior)) else ""
+    of_cell = cells[factors].agg(" ".join, axis=1) if factors else pd.Series("", index=cells.index)
+    for cell in dict.fromkeys(of_cell):
+        own = (of_cell == cell).to_numpy()
+        of_levels = f"{', '.join(factors)} {cell}; " if factors else ""
+        for name, draws in values.items():
+            unit, what = (element_attributes()[name][key] for key in ("unit", "long_name"))
+            of_impact = f"of an impact of {mass:.4g} kg at {velocity:.4g} m/s, {unit}"
+            for end, (which, quantile) in _ENDS.items():
+                at = pd.Series(np.quantile(draws[:, own], quantile, axis=0), cells["subject"][own])
+                words = f"{name}_{unit}{f'_{cell}' if factors else ''}{end}"
+                yield (
+                    words,
+                    at.reindex(people).to_numpy(),
+                    f"{what} {of_impact}: {of_levels}{which}{simulated}",
+                )
 
 
 def _name(words: str, taken: Mapping[str, Any]) -> str:

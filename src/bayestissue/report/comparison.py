@@ -14,7 +14,14 @@ from bayestissue.errors import InputError
 from bayestissue.figures.intervals import intervals, with_error_of
 from bayestissue.figures.theme import Figure
 from bayestissue.hierarchy import SIDE_BY_SIDE
-from bayestissue.inference.results.meanings import NAMES, UNITS, heading_words, meaning
+from bayestissue.inference.results.meanings import (
+    NAMES,
+    REFERENCE_OUTCOMES,
+    UNITS,
+    heading_words,
+    meaning,
+    outcome_name,
+)
 from bayestissue.remedies import codes_in
 from bayestissue.report.page import render_page
 from bayestissue.report.posterior import best_explanations
@@ -61,15 +68,34 @@ def figures_by_run(posteriors: pd.DataFrame, quantity: str, one_element: bool) -
     return [_by_run(rows, quantity, variable in exponents) for variable, rows in parts.items() if len(rows)]
 
 
+def outcome_figures(posteriors: pd.DataFrame) -> list[Figure]:
+    """Each outcome of the reference impact, on a typical person and on each: a colour and a mark a run."""
+    parts = {
+        name: posteriors[posteriors["variable"].isin([f"{name}_typical_person", f"{name}_subject"])]
+        for name in REFERENCE_OUTCOMES
+    }
+    return [
+        _drawn(rows, outcome_name(name), f"{outcome_name(name)} ({rows['unit'].iloc[0]})", "typical")
+        for name, rows in parts.items()
+        if len(rows)
+    ]
+
+
 def _by_run(rows: pd.DataFrame, quantity: str, exponent: bool) -> Figure:
     what = heading_words(rows["variable"].iloc[0], rows["of"].iloc[0])
+    title = f"{what} ({'no unit' if exponent else UNITS[quantity]})"
+    return _drawn(rows, f"{NAMES[quantity]} by run: {what}", title, exponent=exponent)
+
+
+def _drawn(
+    rows: pd.DataFrame, words: str, title: str, unlabelled: str = "all", *, exponent: bool = False
+) -> Figure:
     shown = rows[rows["label"].isin(rows["label"].drop_duplicates()[:MOST_PEOPLE])]
-    shown = shown.rename(columns={"run": "series"}).replace({"label": {"": "all"}})
+    shown = shown.rename(columns={"run": "series"}).replace({"label": {"": unlabelled}})
     return intervals(
         shown[["label", "series", "median", "eti90_low", "eti90_high"]],
-        f"{what} ({'no unit' if exponent else UNITS[quantity]})",
-        f"{NAMES[quantity]} by run: {what}; posterior median and 90 % interval, a colour and a mark for "
-        "each run.",
+        title,
+        f"{words}; posterior median and 90 % interval, a colour and a mark for each run.",
         lines=(0, 1) if exponent else (),
         straight=exponent,
     )

@@ -1,4 +1,4 @@
-"""Ratios of K and of C between levels: left over right, women over men, one operator over another.
+"""Ratios of K, C and outcomes between levels: left over right, women over men, one operator over another.
 
 With the expected log of a response at levels (see `bayestissue.hierarchy.levels`), the ratio of two is
 
@@ -22,6 +22,12 @@ Compared are, of each response, by its own formula:
 - conditions at one mass. Where the formula has the mass, effects of conditions that stand for masses are what
   the mass exponent leaves over, and a ratio of two of them would be read as one of masses.
 
+What any formula compares is compared too in outcomes of the reference impact: peak force, peak depth and
+energy absorbed of an impact of reference mass and mean velocity on the K and C of the levels, by the law of
+force that was fitted. These three are positive and finite in every draw, so that they have ratios. Where the
+law has no closed form, draws are evenly left out as of predictions, which ``note`` says, and comparisons
+that would need too many motions, those within people first, have no outcomes: a question may ask of them.
+
 Of more than twelve levels each stands against the mean of all. Of two levels the one goes over the other
 that a question has first; else a level that is called a reference (control, placebo, before) stands below,
 a category goes over those that follow it in the alphabet, left over right, and a greater number over a
@@ -37,6 +43,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache
 from itertools import combinations, product
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -49,11 +56,12 @@ from bayestissue.hierarchy.levels import log_at_levels
 from bayestissue.hierarchy.recorded import Condition, Recorded, label_of
 from bayestissue.hierarchy.untried import not_used
 from bayestissue.inference.answers.grammar import Node, Number, Quantity, QuestionError, parse
+from bayestissue.inference.answers.law import Law, numbers, simulated_words
 from bayestissue.inference.answers.meaning import quantities
 from bayestissue.inference.answers.settings import SETTINGS
 from bayestissue.inference.results.meanings import element_alone
 from bayestissue.inference.samplers.diagnostics import ELEMENT_ALONE
-from bayestissue.results.tables import joined
+from bayestissue.results.tables import columns_of, joined
 
 ALL = "mean of all"
 ALSO = "also differs: "
@@ -126,6 +134,7 @@ def contrasts(
     responses: Sequence[str],
     equivalence: float,
     questions: Iterable[str] = (),
+    law: Law | None = None,
 ) -> pd.DataFrame:
     """Every contrast that the formulas have, a row each: ``contrasts.csv``.
 
@@ -135,28 +144,73 @@ def contrasts(
         responses: K, C and the further parameters that have a formula.
         equivalence: e, the relative difference that counts as none in practice.
         questions: of the model, whose directions are taken.
+        law: what outcomes follow; without one there are none.
 
     Returns:
-        ``ratio`` is the median, ``low`` and ``high`` the ends of the 90 % equal-tailed interval. Beside a
-        discrepancy ``note`` says of K that it is the element's own.
+        Rows of responses, and then of outcomes. ``ratio`` is the median, ``low`` and ``high`` the
+        ends of the 90 % equal-tailed interval. Beside a discrepancy ``note`` says of K that it is the
+        element's own.
     """
     tables, directions = [], asked_directions(questions)
+    every: dict[tuple[str, ...], Contrast] = {}
     for response in responses:
         directed = [contrast.directed(directions) for contrast in contrasts_of(recorded, response)]
         if directed:
-            logs = log_ratios(draws, recorded, response, directed)
-            notes = _notes(recorded, directed)
-            texts = [(*c.names, c.kind, note) for c, note in zip(directed, notes, strict=True)]
-            names = pd.DataFrame(texts, columns=_TEXT)
-            tables.append(names.assign(quantity=response, **ratio_summary(logs, equivalence)))
-    # K and C of a contrast one below the other.
-    table = joined("contrasts", tables)
-    order = table.groupby(_TEXT, sort=False).ngroup()
-    table = table.iloc[np.argsort(order, kind="stable")].reset_index(drop=True)
+            conditions, weights = _weights(directed)
+            logs = log_at_levels(draws, recorded, response, conditions).reshape(-1, len(conditions)) @ weights
+            tables.append(_rows(directed, _notes(recorded, directed), response, logs, equivalence))
+            for contrast in directed:
+                every.setdefault((contrast.kind, *contrast.names), contrast)
+    table = _by_contrast(tables)
     if element_alone(draws):
         of_K = table["quantity"] == "K"
         table.loc[of_K, "note"] = (table["note"] + f"; {ELEMENT_ALONE}").str.removeprefix("; ")[of_K]
-    return table
+    if law is None:
+        return table
+    outcomes = _by_contrast(_in_outcomes(draws, recorded, list(every.values()), law, equivalence))
+    return pd.concat([table, outcomes], ignore_index=True) if len(outcomes) else table
+
+
+def _rows(
+    compared: Sequence[Contrast],
+    notes: Sequence[str],
+    quantity: str,
+    logs: Float[np.ndarray, "draw ratio"],
+    equivalence: float,
+) -> pd.DataFrame:
+    texts = [(*c.names, c.kind, note) for c, note in zip(compared, notes, strict=True)]
+    table = pd.DataFrame(texts, columns=_TEXT).assign(quantity=quantity, **ratio_summary(logs, equivalence))
+    return table.reindex(columns=columns_of("contrasts"))
+
+
+def _by_contrast(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
+    """The quantities of a contrast one below the other."""
+    table = joined("contrasts", tables)
+    order = table.groupby(_TEXT, sort=False).ngroup()
+    return table.iloc[np.argsort(order, kind="stable")].reset_index(drop=True)
+
+
+def _in_outcomes(
+    draws: xr.Dataset, recorded: Recorded, compared: Sequence[Contrast], law: Law, equivalence: float
+) -> list[pd.DataFrame]:
+    """Rows of each of `REFERENCE_OUTCOMES`, all levels' motions in one go."""
+    if not law.in_closed_form:
+        compared = _within(compared, SETTINGS.simulated // SETTINGS.of_a_condition)
+    conditions, weights = _weights(compared)
+    values = law.reference_outcomes(draws, recorded, conditions)
+    if not values:
+        return []
+    simulated = [words] if (words := simulated_words(values, draws)) else []
+    notes = ["; ".join([note, *simulated] if note else simulated) for note in _notes(recorded, compared)]
+    at = {
+        "mass_kg": numbers(recorded, conditions, "mass_kg"),
+        "velocity_m_s": law.velocity(recorded, conditions),
+    }
+    motion = {name: value[0] if (value == value[0]).all() else np.nan for name, value in at.items()}
+    return [
+        _rows(compared, notes, name, np.log(outcome) @ weights, equivalence).assign(**motion)
+        for name, outcome in values.items()
+    ]
 
 
 def asked_directions(questions: Iterable[str]) -> frozenset[tuple[str, str, str]]:
@@ -206,18 +260,27 @@ def ratio_summary(logs: Float[np.ndarray, "draw ratio"], equivalence: float) -> 
     }
 
 
-def log_ratios(
-    draws: xr.Dataset, recorded: Recorded, response: str, compared: Sequence[Contrast]
-) -> Float[np.ndarray, "draw ratio"]:
-    """The log of each ratio, for each draw."""
+def _within(compared: Sequence[Contrast], most: int) -> list[Contrast]:
+    """The first contrasts that so many conditions serve."""
+    known: set[Any] = set()
+    within = []
+    for contrast in compared:
+        needed = known | {_key(at) for at, _ in contrast.weighted}
+        if len(needed) <= most:
+            known = needed
+            within.append(contrast)
+    return within
+
+
+def _weights(compared: Sequence[Contrast]) -> tuple[list[Condition], Float[np.ndarray, "condition ratio"]]:
+    """The conditions of contrasts, each once, and what each adds to the log of each ratio."""
     conditions = {_key(at): at for contrast in compared for at, _ in contrast.weighted}
     row = {key: number for number, key in enumerate(conditions)}
     weights = np.zeros((len(conditions), len(compared)))
     for column, contrast in enumerate(compared):
         for at, weight in contrast.weighted:
             weights[row[_key(at)], column] += weight
-    logs = log_at_levels(draws, recorded, response, list(conditions.values()))
-    return logs.reshape(-1, len(conditions)) @ weights
+    return list(conditions.values()), weights
 
 
 def _key(condition: Condition) -> tuple[tuple[str, str | float], ...]:

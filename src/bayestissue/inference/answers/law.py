@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import jax.numpy as jnp
@@ -19,6 +19,7 @@ from bayestissue.hierarchy.formulas.formula import reference_row
 from bayestissue.hierarchy.levels import log_at_levels
 from bayestissue.hierarchy.recorded import Condition, Recorded
 from bayestissue.inference.answers.settings import SETTINGS
+from bayestissue.inference.results.meanings import REFERENCE_OUTCOMES
 
 NO_LAW = Coded("no peaks: beside a discrepancy there is no law to simulate by", "not-simulated")
 DROP_HEIGHT = "drop_height_cm"
@@ -59,16 +60,42 @@ class Law:
         fallen = np.sqrt(2 * self.gravity * height / 100)
         return np.where(np.isfinite(height), fallen, numbers(recorded, conditions, "velocity_m_s"))
 
+    @property
+    def in_closed_form(self) -> bool:
+        """Whether outcomes cost next to nothing: else each motion is solved."""
+        return element(self.element).level_outcomes is not None and not self.gravity
+
     def at_levels(
         self, name: str, draws: xr.Dataset, recorded: Recorded, conditions: Sequence[Condition]
     ) -> Float[np.ndarray, "chain draw condition"]:
         """One outcome at given levels and a stated motion, by draw."""
+        values = self.all_at_levels(draws, recorded, conditions)[name]
+        return values.reshape(draws.sizes["chain"], draws.sizes["draw"], len(conditions))
+
+    def reference_outcomes(
+        self, draws: xr.Dataset, recorded: Recorded, conditions: Sequence[Condition]
+    ) -> dict[str, Float[np.ndarray, "draw condition"]]:
+        """`REFERENCE_OUTCOMES` at given levels, of the reference mass and velocity; none without a velocity.
+
+        Where the law has no closed form, draws are evenly left out: see `simulated_words`.
+        """
+        if not (len(conditions) and (self.velocity(recorded, conditions) > 0).all()):
+            return {}
+        count = draws.sizes["chain"] * draws.sizes["draw"]
+        step = 1 if self.in_closed_form else simulated_step(count, len(conditions))
+        values = self.all_at_levels(draws, recorded, conditions, step)
+        return {name: values[name] for name in REFERENCE_OUTCOMES}
+
+    def all_at_levels(
+        self, draws: xr.Dataset, recorded: Recorded, conditions: Sequence[Condition], step: int = 1
+    ) -> dict[str, Float[np.ndarray, "draw condition"]]:
+        """Each outcome at given levels and a stated motion, in one draw of every ``step``."""
         p = self.parameters(draws, recorded, conditions)
         shape = p["K"].shape
-        flat = {one: values.reshape(-1, shape[-1]) for one, values in p.items()}
-        mass, diameter = (numbers(recorded, conditions, one) for one in ("mass_kg", "diameter_m"))
-        velocity = np.broadcast_to(self.velocity(recorded, conditions), shape).reshape(-1, shape[-1])
-        return self.outcomes(flat, mass, velocity, diameter)[name].reshape(shape)
+        velocity = np.broadcast_to(self.velocity(recorded, conditions), shape)
+        flat = {name: values.reshape(-1, shape[-1])[::step] for name, values in p.items()}
+        mass, diameter = (numbers(recorded, conditions, name) for name in ("mass_kg", "diameter_m"))
+        return self.outcomes(flat, mass, velocity.reshape(-1, shape[-1])[::step], diameter)
 
     def outcomes(
         self,
@@ -97,6 +124,18 @@ class Law:
             name: np.concatenate(column)[: flat[0].size].reshape(shape) for name, column in columns.items()
         }
         return {name: np.where(velocity > 0, values, np.nan) for name, values in whole.items()}
+
+
+def simulated_step(draws: int, conditions: int) -> int:
+    """One draw of so many is simulated, where each condition's draws are too many together."""
+    needed = -(-draws * conditions // SETTINGS.simulated)
+    return max(1, min(needed, draws // SETTINGS.of_a_condition))
+
+
+def simulated_words(values: Mapping[str, Float[np.ndarray, "draw condition"]], draws: xr.Dataset) -> str:
+    """How many of the draws stand behind values, where it is not all."""
+    simulated, count = len(next(iter(values.values()))), draws.sizes["chain"] * draws.sizes["draw"]
+    return "" if simulated == count else f"{simulated} of {count} draws were simulated"
 
 
 def parameter_log(

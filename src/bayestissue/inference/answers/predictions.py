@@ -25,7 +25,7 @@ from bayestissue.hierarchy.effects import RESPONSES, parameter_of, sd_impact
 from bayestissue.hierarchy.levels import NEW
 from bayestissue.hierarchy.recorded import Condition, Recorded
 from bayestissue.inference.answers.finished import Finished
-from bayestissue.inference.answers.law import NO_LAW, numbers, parameter_log
+from bayestissue.inference.answers.law import NO_LAW, numbers, parameter_log, simulated_step
 from bayestissue.inference.answers.meaning import average_notes, beyond_notes
 from bayestissue.inference.answers.settings import SETTINGS
 from bayestissue.inference.checking.pooled_parameters import pooled_parameters
@@ -61,7 +61,7 @@ def predict(finished: Finished, conditions: Sequence[Condition]) -> pd.DataFrame
         name: np.exp(value.reshape(-1, len(conditions))) for name, value in zip(names, logs, strict=True)
     }
     count = len(parameters["K"])
-    step = max(1, min(-(-count * len(conditions) // SETTINGS.simulated), count // SETTINGS.of_a_condition))
+    step = simulated_step(count, len(conditions))
     simulated = {name: value[::step] for name, value in parameters.items()}
     values = {"K": parameters["K"], "C": parameters["C"]}
     mass, velocity, diameter = (numbers(recorded, conditions, name) for name in _GIVEN)

@@ -13,6 +13,9 @@ from bayestissue.errors import Coded
 QUANTITIES = ("K", "C")
 NAMES = {"K": "stiffness K", "C": "damping C"}
 UNITS = {"K": "N/m", "C": "N s/m"}
+# Of the reference impact, which has the reference mass and the mean velocity. They are positive and finite in
+# every draw, so that they have ratios.
+REFERENCE_OUTCOMES = ("peak_force", "peak_depth", "energy_absorbed")
 # In tables of impacts.
 COLUMNS = {"K": "K_N_per_m", "C": "C_N_s_per_m"}
 # Of outcomes there: with their unit.
@@ -53,6 +56,11 @@ _OF_ONE_PERSON = {
     "{q}_typical_person": "this person at the reference mass",
     "{q}_new": "a new impact on this person at the reference mass",
 }
+_OF_OUTCOMES = {
+    "{name}_typical_person": "a typical person at the reference impact",
+    "{name}_subject": "a person at the reference impact",
+}
+_OF_ONE_PERSONS_OUTCOMES = {"{name}_typical_person": "this person at the reference impact"}
 # Secant stiffness and equivalent damping mean the same for every element.
 _COMPARABLE = {"K": ("K_secant", "secant K"), "C": ("C_equivalent", "equivalent C")}
 # Of these K there is a mass exponent where K depends on depth.
@@ -130,7 +138,12 @@ def heading_words(variable: str, level: str = "", label: str = "") -> str:
     return str(words._replace(level=words.level.replace("a person", f"person {label}", 1) or label))
 
 
-def _table(patterns: dict[str, str]) -> dict[str, Meaning]:
+def outcome_name(name: str) -> str:
+    """An outcome in words, such as "peak force"."""
+    return name.replace("_", " ")
+
+
+def _table(patterns: dict[str, str], of_outcomes: dict[str, str]) -> dict[str, Meaning]:
     table = {
         pattern.format(q=q): Meaning(q, words) for q in QUANTITIES for pattern, words in patterns.items()
     }
@@ -139,9 +152,17 @@ def _table(patterns: dict[str, str]) -> dict[str, Meaning]:
         for name, what in _COMPARABLE.values()
         for pattern, words in _OF_IMPACTS.items()
     }
+    outcomes = {
+        pattern.format(name=name): Meaning(outcome_name(name), words)
+        for name in REFERENCE_OUTCOMES
+        for pattern, words in of_outcomes.items()
+    }
     powers = {q: q for q in QUANTITIES} | SECANTS
     exponents = {f"mass_exponent_{q}": Meaning(f"mass exponent of {what}", "") for q, what in powers.items()}
-    return table | comparable | exponents
+    return table | comparable | outcomes | exponents
 
 
-_of_several, _of_one_person = _table(_OF), _table(_OF | _OF_ONE_PERSON)
+_of_several, _of_one_person = (
+    _table(_OF, _OF_OUTCOMES),
+    _table(_OF | _OF_ONE_PERSON, _OF_OUTCOMES | _OF_ONE_PERSONS_OUTCOMES),
+)

@@ -9,7 +9,16 @@ import pandas as pd
 
 from bayestissue.errors import Coded
 from bayestissue.inference.answers.contrasts import ALSO, COMBINATIONS, INTERACTION, LEVELS
-from bayestissue.inference.results.meanings import ICC, MDC, MOSTLY, REPEATS, SEM, UNITS
+from bayestissue.inference.results.meanings import (
+    ICC,
+    MDC,
+    MOSTLY,
+    REFERENCE_OUTCOMES,
+    REPEATS,
+    SEM,
+    UNITS,
+    outcome_name,
+)
 from bayestissue.report.fit.population import groupings
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.fit.sentences import said
@@ -41,6 +50,10 @@ def _first(run: FitRun, kind: str) -> list[dict[str, Any]]:
                 "kind": kind,
                 "levels": _level_values(run, str(factor), (str(level), str(against))),
                 "ratios": [(row["quantity"], _spread(row, "ratio")) for row in shown],
+                "outcomes": [
+                    (outcome_name(row["quantity"]), _spread(row, "ratio"))
+                    for row in _of_outcomes(part).to_dict("records")
+                ],
                 "words": " ".join([*sentences, *_note_words(shown)]),
             }
         )
@@ -126,19 +139,59 @@ def conditions_words(run: FitRun) -> str:
 
 
 def contrasts_table(run: FitRun) -> Table:
-    """The first 300 rows of `contrasts.csv`."""
-    noted = "note" in run.contrasts and bool(run.contrasts["note"].ne("").any())
+    """The first 300 rows of `contrasts.csv` that are of no outcome."""
+    rows = run.contrasts.drop(_of_outcomes(run.contrasts).index)
     return table_of(
-        run.contrasts[: LIMITS.rows],
-        Field("of", "factor"),
-        Field("comparison", lambda row: f"{row['level']} over {row['against']}"),
+        rows[: LIMITS.rows],
+        *_COMPARED,
         Field("quantity"),
         Field("ratio", lambda row: _spread(row, "ratio").value, "number"),
         Field("90 %", lambda row: _spread(row, "ratio").range, "number"),
         number_field("direction", "p_direction", probability, "not known"),
         number_field(f"within {percent(equivalence(run))}", "p_equivalent", probability, "not known"),
-        *[Field("note")] * noted,
+        *_noted(rows),
     )
+
+
+def outcomes_table(run: FitRun) -> Table:
+    """The first 300 comparisons in outcomes, those of a comparison side by side."""
+    rows = _of_outcomes(run.contrasts)
+    if rows.empty:
+        return Table(())
+    by = rows.assign(words=[_spread(row, "ratio").words for row in rows.to_dict("records")])
+    names = [name for name in ("factor", "level", "against", "note") if name in rows]
+    wide = by.pivot_table("words", names, "quantity", aggfunc="first", sort=False).reset_index()
+    return table_of(
+        wide[: LIMITS.rows],
+        *_COMPARED,
+        *(Field(outcome_name(q), str(q), "number") for q in dict.fromkeys(rows["quantity"])),
+        *_noted(wide),
+    )
+
+
+def reference_words(run: FitRun) -> str:
+    """The impact whose outcomes are compared."""
+    motion = run.contrasts[["mass_kg", "velocity_m_s"]].dropna().drop_duplicates()
+    if len(motion) != 1:
+        return "an impact"
+    return impact_words(*motion.iloc[0])
+
+
+def impact_words(mass: float, velocity: float) -> str:
+    """An impact of a mass [kg] at a velocity [m/s]: "an impact of 0.707 kg at 1.53 m/s"."""
+    return f"an impact of {significant(mass)} kg at {significant(velocity)} m/s"
+
+
+def _of_outcomes(contrasts: pd.DataFrame) -> pd.DataFrame:
+    return contrasts[contrasts["quantity"].isin(REFERENCE_OUTCOMES)]
+
+
+_COMPARED = (Field("of", "factor"), Field("comparison", lambda row: f"{row['level']} over {row['against']}"))
+
+
+def _noted(rows: pd.DataFrame) -> list[Field]:
+    """A column of notes, where there are some; runs of earlier versions have none."""
+    return [Field("note")] * bool("note" in rows and rows["note"].ne("").any())
 
 
 def matrices(run: FitRun) -> list[dict[str, Any]]:

@@ -1,0 +1,78 @@
+"""Runs side by side in outcomes of the reference impact, and their mixture, against spring and damper."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.testing import assert_allclose
+
+from bayestissue.hierarchy.recorded import Recorded
+from bayestissue.inference.answers.finished import Finished
+from bayestissue.inference.comparing import FinishedRun, implied, posteriors_by_run
+from designs import REFERENCE, impacts
+
+V = 1.5
+SHAPE = (2, 300)
+EFFECTS = {"s0": -0.3, "s1": 0.0, "s2": 0.1, "s3": 0.2}
+ENDS = ["eti90_low", "median", "eti90_high"]
+
+
+def run(name: str, log_K: float, mass: float = REFERENCE) -> FinishedRun:
+    rows = impacts().assign(velocity_m_s=V).drop(columns="impact")
+    rng = np.random.default_rng(len(name))
+    effects = np.array(list(EFFECTS.values())) + 0.01 * rng.standard_normal((*SHAPE, 4))
+    posterior = xr.Dataset(
+        {
+            "intercept_K": (("chain", "draw"), log_K + 0.05 * rng.standard_normal(SHAPE)),
+            "intercept_C": (("chain", "draw"), 3 + 0.05 * rng.standard_normal(SHAPE)),
+            "subject_effect_K": (("chain", "draw", "subject"), effects),
+        },
+        {"subject": list(EFFECTS)},
+    )
+    recorded = Recorded(rows, {"K": "(1|subject)", "C": "1"}, mass)
+    constants = xr.Dataset({"impact_subject": ("impact", rows["subject"].to_numpy())})
+    tree = xr.DataTree.from_dict({"posterior": posterior, "constant_data": constants})
+    return FinishedRun(name, {"likelihood": "impact"}, tree, Finished(posterior, None, recorded))
+
+
+def depth(run: FinishedRun, person: str = "") -> np.ndarray:
+    posterior = run.tree["posterior"].dataset
+    log_K = posterior["intercept_K"]
+    if person:
+        log_K = log_K + posterior["subject_effect_K"].sel(subject=person)
+    omega = np.sqrt(np.exp(log_K.to_numpy()) / REFERENCE)
+    zeta = np.exp(posterior["intercept_C"].to_numpy()) / (2 * REFERENCE * omega)
+    phi = np.arccos(zeta)
+    return V / omega * np.exp(-zeta * phi / np.sin(phi))
+
+
+def test_outcomes_of_a_typical_and_of_each_person_stand_side_by_side() -> None:
+    runs = [run("soft", 7.5), run("stiffer", 8.0)]
+    table = posteriors_by_run(runs).set_index(["variable", "label", "run"])
+    for one in runs:
+        typical = table.loc["peak_depth_typical_person", "", one.name]
+        assert_allclose(typical[ENDS].astype(float), np.percentile(depth(one), [5, 50, 95]))
+        assert typical["of"] == "a typical person at the reference impact"
+        assert typical["unit"] == "m"
+        own = table.loc["peak_depth_subject", "s2", one.name]
+        assert_allclose(own[ENDS].astype(float), np.percentile(depth(one, "s2"), [5, 50, 95]))
+    alone = posteriors_by_run([replace(runs[0], finished=replace(runs[0].finished, discrepancy=True))])
+    assert not alone["variable"].str.startswith("peak").any()
+
+
+def test_outcomes_are_mixed_by_the_weights_where_the_reference_impact_is_one() -> None:
+    runs = [run("soft", 7.5), run("stiffer", 8.0)]
+    scored = pd.DataFrame(
+        [("leave one impact out", "deceleration", one.name, 0.5) for one in runs],
+        columns=["scheme", "data", "model", "weight"],
+    )
+    row = implied(runs, scored).set_index(["variable", "label"]).loc["peak_depth_typical_person", ""]
+    ordered = np.sort(np.concatenate([depth(one).ravel() for one in runs]))
+    # The shares of draws add up to a quantile or just miss it.
+    rank = np.searchsorted(ordered * (1 - 1e-12), row[ENDS].astype(float))
+    assert_allclose(rank, np.array([0.05, 0.5, 0.95]) * len(ordered), atol=1)
+    heavier = [runs[0], run("stiffer", 8.0, mass=1.0)]
+    assert "peak_depth_typical_person" not in set(implied(heavier, scored)["variable"])
