@@ -20,15 +20,18 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from bayestissue.elements.outcomes import OUTCOMES
 from bayestissue.errors import Coded, InputError, Problem, all_of, printable
 from bayestissue.hierarchy.recorded import Recorded
 from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.fixed import fixed_parts
 from bayestissue.inference.answers.grammar import ALLOWED, Node, QuestionError, claims, parse
+from bayestissue.inference.answers.law import deeper, moving
 from bayestissue.inference.answers.meaning import (
     average_notes,
     beyond_notes,
     condition_of,
+    conditions_of,
     draws_of,
     is_response,
     mistakes,
@@ -158,18 +161,22 @@ def _answer(finished: Finished, question: Question) -> dict[str, Any]:
             factor, note = _bayes_factor(p, size, p_0, size_0)
             row |= {"prior": p_0, "prior_mcse": error_0, "prior_draws": prior.size, "bayes_factor": factor}
     alone = finished.element_alone and any(of_element_alone(q.name) for q in quantities(node))
-    notes = [note, *_of_levels(finished.recorded, node), *[ELEMENT_ALONE] * alone]
+    notes = [note, *_of_levels(finished, node), *[ELEMENT_ALONE] * alone]
     return row | {"note": "; ".join(filter(None, notes))}
 
 
-def _of_levels(recorded: Recorded, node: Node) -> list[Coded]:
-    """What is to be known of the levels that a question names: averages, and numbers beyond the measured."""
+def _of_levels(finished: Finished, node: Node) -> list[Coded]:
+    """What is to be known of the levels that a question names: averages, and what is beyond the measured."""
+    recorded, law, notes = finished.recorded, finished.law, []
     responses = [response for response in quantities(node) if is_response(response, recorded)]
-    conditions = [condition_of(response, recorded) for response in responses]
-    notes = [note for condition in conditions for note in beyond_notes(recorded, condition)]
+    for response in responses:
+        notes += beyond_notes(recorded, moving(condition_of(response, recorded), finished.gravity))
     for response in responses:
         columns = [level.column for level in response.levels]
         notes += average_notes(recorded, responses_of(response.name, recorded), columns)
+        if response.name in OUTCOMES and law is not None:
+            conditions = [moving(one, law.gravity) for one in conditions_of(response, recorded)]
+            notes += deeper(finished.posterior, law.depth(finished.posterior, recorded, conditions))
     return list(dict.fromkeys(notes))
 
 
