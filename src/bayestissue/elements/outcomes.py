@@ -25,6 +25,8 @@ from bayestissue.elements.impact import Path, prepared
 # What a lab asks of an impact; the first of them are those that its measured motion tells.
 MEASURED = ("peak_force", "peak_deceleration", "peak_depth", "time_to_peak")
 OUTCOMES = (*MEASURED, "contact_duration", "rebound_velocity", "restitution", "energy_absorbed")
+# What may never happen, on a tissue that is never left.
+NEVER = ("time_to_peak", "contact_duration")
 _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 # Between the nodes beside the greatest force, which are 1 % of a contact apart.
 _BETWEEN = np.linspace(0.0, 1.0, 33)

@@ -26,6 +26,7 @@ from jaxtyping import Float
 
 from bayestissue.dataset.cells import cells_of, read_cells
 from bayestissue.elements import element
+from bayestissue.elements.outcomes import NEVER
 from bayestissue.errors import Coded, InputError, Problem, has_control_characters
 from bayestissue.hierarchy.effects import RESPONSES, parameter_of, sd_impact
 from bayestissue.hierarchy.levels import NEW
@@ -61,8 +62,6 @@ QUANTITIES = {
     "restitution": "restitution",
     "energy_absorbed": "energy_absorbed_J",
 }
-# What may never happen, on a tissue that is never left.
-NEVER = ("time_to_peak", "contact_duration")
 NO_VELOCITY = Coded("no peaks: no velocity_m_s, and the run has none", "not-simulated")
 _QUANTILES = {"": 0.5, "_low": 0.05, "_high": 0.95}
 _LEVELS, _SCATTER = 1, 2

@@ -8,11 +8,12 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
+from bayestissue.elements.outcomes import OUTCOMES
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel
 from bayestissue.inference.execution.chunks import in_blocks
 from bayestissue.inference.execution.compiling import by_row
-from bayestissue.inference.quantities.impacts import Impacts, impact_quantities
+from bayestissue.inference.quantities.impacts import Impacts, impact_quantities, named_quantities
 from bayestissue.padding import padded_impacts
 
 # Draws of one call.
@@ -30,6 +31,19 @@ def constrained_impacts(
 ) -> dict[str, Float[Array, "impact ..."]]:
     """Every impact's quantities, given what was recorded or as the priors alone have them."""
     return impact_quantities(Impacts.drawn(model, data, list(u.T), mass_error, key, jnp.asarray(recorded)))
+
+
+@by_row(DRAWS, constant=2)
+def recorded_outcomes(
+    model: TraceModel,
+    data: TraceData,
+    u: Float[Array, "impact parameter"],
+    mass_error: Float[Array, " impact"],
+    key: Array,
+) -> dict[str, Float[Array, " impact"]]:
+    """The outcomes alone, given what was recorded: compiled sooner than `constrained_impacts` is."""
+    impacts = Impacts.drawn(model, data, list(u.T), mass_error, key, jnp.asarray(True))
+    return named_quantities(impacts, OUTCOMES)
 
 
 def prior_impacts(
