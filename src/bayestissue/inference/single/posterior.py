@@ -346,13 +346,14 @@ def _outcomes(
     # In a random order: every so many of points that fill the space evenly lie in one part of it.
     order = np.random.default_rng(20).permutation(len(u))
     levels = (np.arange(DRAWS) + 0.5) / DRAWS
-    below = np.cumsum(weight[order], axis=0)
-    found = np.stack([np.searchsorted(column, levels * column[-1]) for column in below.T], axis=1)
-    at, impacts = order[found], np.arange(u.shape[1])
     keys = np.asarray(jax.random.split(jax.random.PRNGKey(0), DRAWS))
-    of_rows = padded_impacts((u[at, impacts], mass_error[at, impacts]), 1)
-    draws = recorded_outcomes(model, data.padded, *of_rows, keys)
-    return {name: _of_draws(values[:, : u.shape[1]]) for name, values in draws.items()}
+    draws = []
+    # One by one, so that what is drawn for an impact depends on no other.
+    for number, column in enumerate(np.cumsum(weight[order], axis=0).T):
+        at, alone = order[np.searchsorted(column, levels * column[-1])], np.array([number])
+        of_rows = u[at][:, alone], mass_error[at][:, alone]
+        draws.append(recorded_outcomes(model, data.impacts(alone).padded, *of_rows, keys))
+    return {name: _of_draws(np.concatenate([one[name] for one in draws], axis=1)) for name in draws[0]}
 
 
 def _of_draws(values: Float[np.ndarray, "draw impact"]) -> Outcome:
