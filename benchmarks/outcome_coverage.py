@@ -8,9 +8,10 @@ each study the intervals of every outcome are noted of its recorded impacts; of 
 hit half as fast again as any impact that was recorded; and of a new impact of that velocity on a new person.
 What is true comes of scipy's integration of the equations written out here, without the program's elements.
 
-Rows are added to results/outcome_coverage-NAME.csv, one an interval, study by study: a script that is stopped
-goes on where it was. The shares that held are printed, and written to outcome_coverage-NAME-shares.csv beside
-it. Their standard error is that of the studies' own shares, which of one interval a study is the binomial one.
+Rows are added to results/outcome_coverage-NAME.csv, one an interval, study by study: a script that is
+stopped goes on where it was. The shares that held are printed, and written to
+outcome_coverage-NAME-shares.csv beside it. Their standard error is that of the studies' own shares, which of
+one interval a study is the binomial one.
 """
 
 from __future__ import annotations

@@ -35,6 +35,7 @@ def test_it_is_the_row_that_estimate_has(example, found: bt.Impact):
     assert found.K_interval == (row["K_low_N_per_m"], row["K_high_N_per_m"])
     assert found.C_interval == (row["C_low_N_s_per_m"], row["C_high_N_s_per_m"])
     assert "; ".join(found.flags) == row["flags"]
+    assert found.outcomes.loc["peak_force", "median"] == row["peak_force_N"]
 
 
 def test_its_picture_and_words(found: bt.Impact):
@@ -46,6 +47,30 @@ def test_its_picture_and_words(found: bt.Impact):
     assert found._repr_html_().count("<svg") == 1
     for words in ("deceleration (m/s²)", "residual (m/s²)", "time since contact (ms)", "spring and damper"):
         assert f">{words}</text>" in found._repr_html_()
+
+
+def test_what_it_came_to_is_that_of_its_K_and_C(found: bt.Impact):
+    """Of the spring and damper in closed form, beside the recording's own peak."""
+    came_to, mass = found.outcomes, found.row["mass_kg"]
+    force = came_to.loc["peak_force"]
+    assert force["low"] < force["median"] < force["high"]
+    assert force["unit"] == "N"
+    # The recorded peak is in noise, and sampled: a tenth of the force holds both.
+    assert force["median"] == pytest.approx(mass * found.deceleration.max(), rel=0.1)
+    assert f"{force['median']:.4g} N (90 %" in repr(found)
+    assert came_to.loc["peak_deceleration", "median"] == pytest.approx(
+        force["median"] / mass / 9.80665, rel=0.01
+    )
+    omega_n, zeta, V = (found.row[name] for name in ("omega_n_rad_s", "zeta", "velocity_m_s"))
+    depth = V / omega_n * np.exp(-zeta * np.arccos(zeta) / np.sqrt(1 - zeta**2))
+    # The true velocity may be three of its standard deviations from the recorded one.
+    assert came_to.loc["peak_depth", "median"] == pytest.approx(
+        depth, rel=3 * UNCERTAINTY["velocity_sd_m_s"] / V
+    )
+    assert came_to.loc["restitution", "median"] == pytest.approx(
+        np.exp(-2 * zeta * np.arccos(zeta) / np.sqrt(1 - zeta**2)), rel=0.01
+    )
+    assert (came_to["never"] == 0).all()
 
 
 @pytest.fixture(scope="module")
@@ -77,6 +102,8 @@ def test_a_drop_is_told_from_a_horizontal_impact(drop):
     assert abs(found.K - 3000) < 3 * found.row["K_se_N_per_m"]
     assert abs(found.C - 25) < 3 * found.row["C_se_N_s_per_m"]
     assert not found.flags
+    with_weight, without_weight = (one.outcomes.loc["contact_duration", "median"] for one in (found, without))
+    assert with_weight > 1.05 * without_weight
     assert pytest.approx(3450, rel=0.01) == without.K
     assert without.flags
 

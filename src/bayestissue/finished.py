@@ -30,6 +30,7 @@ from bayestissue.results.tables import table_of_rows
 if TYPE_CHECKING:
     from bayestissue.dataset import Dataset
     from bayestissue.hierarchy.trace_data import Prepared
+    from bayestissue.inference.answers.predictions import Predicted
     from bayestissue.inference.chain.results import ChainEnd
     from bayestissue.inference.fit import Say, TraceAnalysis
     from bayestissue.report.fit.figures import Plots
@@ -227,23 +228,69 @@ class Fit(Outlined):
 
         return ask(self.finished, numbered(questions))
 
-    def predict(self, table: str | Path | pd.DataFrame) -> pd.DataFrame:
-        """K, C, greatest depth and force, and time to peak of new impacts, with 90 % intervals.
+    def predict(
+        self,
+        table: str | Path | pd.DataFrame,
+        *,
+        draws: str | Path | None = None,
+        overwrite: bool = False,
+    ) -> pd.DataFrame:
+        """K, C and the outcomes of new impacts, with 90 % intervals.
 
         Args:
             table: a CSV file or a pandas table: a row for each new impact, with any of the columns of
                 ``impacts.csv``. Numbers and categories not given are at the reference; a person, condition or
-                other level that is not given, or was not measured, is a new one of its population.
+                other level that is not given, or was not measured, is a new one of its population. Along
+                gravity ``drop_height_cm`` may stand in place of ``velocity_m_s``.
+            draws: a file for the joint draws of `predicted_draws`, whose name ends in ``.parquet``, or in
+                ``.nc`` for netCDF.
+            overwrite: replace that file.
 
         Returns:
-            A row for each: see `bayestissue.inference.answers.predictions.predict`.
+            A row for each: see `bayestissue.inference.answers.predictions.predicted`.
 
         Raises:
-            InputError: the table is wrong: all that is, by row, column and value.
+            InputError: the table is wrong: all that is, by row, column and value; or ``draws`` is taken.
         """
-        from bayestissue.inference.answers.predictions import predict, read_conditions
+        from bayestissue.inference.answers.predictions import DRAWS_AS, is_draws, write_draws
 
-        return runtime.in_float64(predict)(self.finished, read_conditions(table, self.finished.recorded))
+        if draws is None:
+            return self._predicted(table).table
+        read = (self.folder, None if isinstance(table, pd.DataFrame) else Path(table))
+        results.require_file(
+            Path(draws),
+            "--draws",
+            suffixes=DRAWS_AS,
+            is_own=is_draws,
+            overwrite=overwrite,
+            inputs=read,
+        )
+        predicted = self._predicted(table)
+        write_draws(predicted.draws, Path(draws))
+        return predicted.table
+
+    def predicted_draws(self, table: str | Path | pd.DataFrame) -> xr.Dataset:
+        """Joint draws of all quantities of new impacts, of which any function is as unsure as it is.
+
+        Args:
+            table: as of `predict`.
+
+        Returns:
+            Variables by the names of ``posterior.nc``, with unit and meaning, [chain, draw, row], ``row``
+            being the place in the table, the first 1. All rows of a draw are of one population, of the same
+            people, conditions and new levels; the scatter of single impacts is each row's own.
+
+        Raises:
+            InputError: the table is wrong.
+        """
+        return self._predicted(table).draws
+
+    def _predicted(self, table: str | Path | pd.DataFrame) -> Predicted:
+        from bayestissue.inference.answers.predictions import predicted, read_conditions
+
+        finished = self.finished
+        conditions = read_conditions(table, finished.recorded, finished.gravity)
+        return runtime.in_float64(predicted)(finished, conditions)
 
     @cached_property
     def plot(self) -> Plots:

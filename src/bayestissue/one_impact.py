@@ -18,7 +18,7 @@ from bayestissue.figures.theme import Figure
 from bayestissue.figures.traces import recording
 from bayestissue.inference.points.estimates import default_options
 from bayestissue.inference.points.notes import said_once
-from bayestissue.inference.single.estimates import by_impact
+from bayestissue.inference.single.estimates import by_impact, outcomes_in
 from bayestissue.outline import Outlined, Rows
 from bayestissue.signal import displacements
 from bayestissue.signal.quality import inspect
@@ -62,6 +62,15 @@ class Impact(Outlined):
     deceleration: Float[np.ndarray, " sample"]
     fitted: Float[np.ndarray, " sample"]
 
+    @property
+    def outcomes(self) -> pd.DataFrame:
+        """What the impact came to, an outcome a row: peak force, depth, restitution and others.
+
+        ``median``, ``low`` and ``high``, the ends of the 90 % interval, and ``unit``; ``never`` is the
+        probability that a time is infinite, the tissue never being left.
+        """
+        return outcomes_in(self.row)
+
     def _repr_html_(self) -> str:
         return f"{super()._repr_html_()}{self.plot().svg()}"
 
@@ -69,9 +78,13 @@ class Impact(Outlined):
         rows = [*self._answers()]
         zeta = self.row["zeta"]
         rows.append(("damping ratio", f"{zeta:.3g}" if np.isfinite(zeta) else _NO_ESTIMATE))
+        came_to = self.outcomes
+        for name, words in (("peak_force", "peak force"), ("peak_depth", "peak depth")):
+            median, low, high = came_to.loc[name, ["median", "low", "high"]]
+            rows.append((words, _in_words(median, (low, high), came_to.loc[name, "unit"])))
         rows += [("flag", flag) for flag in self.flags] or [("flags", "none")]
         rows += [("note", note) for note in self.notes]
-        rows.append(("more in", ".K_interval, .C_interval, .flags, .row, .plot()"))
+        rows.append(("more in", ".K_interval, .C_interval, .outcomes, .flags, .row, .plot()"))
         return "Impact", rows
 
     def _answers(self) -> Rows:

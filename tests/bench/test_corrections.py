@@ -26,6 +26,7 @@ from bayestissue.dataset import Dataset
 from bayestissue.dataset.left_out import reasons
 from bayestissue.errors import InputError
 from bayestissue.inference.results.meanings import COLUMNS
+from bayestissue.inference.single.estimates import OUTCOME_COLUMNS
 
 CAMPAIGN = """
 name = "tower"
@@ -95,6 +96,7 @@ class Bench:
 def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Bench:
     made = Bench(tmp_path)
     numbers = {name: np.nan for q in COLUMNS for name in watching_columns(q)}
+    numbers |= dict.fromkeys(OUTCOME_COLUMNS, np.nan)
 
     def judged(data: Any) -> SimpleNamespace:
         return SimpleNamespace(row=pd.Series(numbers), flags=(), dataset=data)

@@ -40,6 +40,9 @@ def test_impacts_are_left_out_used_again_and_the_last_decision_undone(folder: Pa
     assert (of_name[STEMS[0]]["left_out"], state["used"]) == ("an earlier reason", 3)
     assert of_name[STEMS[1]]["kind"] == "again"
     assert of_name[STEMS[2]]["K"][1] < of_name[STEMS[2]]["K"][0] < of_name[STEMS[2]]["K"][2]
+    force, depth = (of_name[STEMS[2]]["outcomes"][name] for name in ("force (N)", "depth (mm)"))
+    assert force[1] < force[0] < force[2]
+    assert 1 < depth[0] < 100
     assert len(view.drop(STEMS[0])["trace"]["recorded"]) > 50, "also of one that is left out"
     view.act("decide", {"impact": STEMS[1], "reason": "late"})
     view.act("decide", {"impact": STEMS[0], "reason": ""})

@@ -50,3 +50,17 @@ def test_the_datasets_nouns_stand_in_what_is_said(tmp_path: Path) -> None:
     assert "subject new person" in page
     table = pd.read_csv(tmp_path / "out" / "predictions.csv")
     assert table["subject"].tolist() == ["new person"]
+
+
+def test_joint_draws_lie_beside_the_folder_of_predictions(tmp_path: Path) -> None:
+    run, at = make_fit_run(tmp_path / "run"), tmp_path / "new.csv"
+    at.write_text("subject,mass_kg\ns1,0.7\ns1,1.1\n", encoding="utf-8")
+    out, draws = tmp_path / "out", tmp_path / "joint.parquet"
+    within = bayestissue("predict", run, "--at", at, "--out", out, "--draws", out / draws.name)
+    assert (within.status, "expected a folder that does not hold" in within.err) == (2, True)
+    assert not out.exists()
+    told = bayestissue("predict", run, "--at", at, "--out", out, "--draws", draws)
+    assert (told.status, told.err) == (0, "")
+    assert f"wrote {draws}" in told.out.replace("\n", "")
+    wide = pd.read_parquet(draws).pivot_table(index=["chain", "draw"], columns="row", values="peak_force_N")
+    assert (wide[1] < wide[2]).mean() > 0.9

@@ -61,6 +61,7 @@ class Drop:
         kind, reason, code: of its verdict.
         left_out: why it is left out of the dataset; empty where it is not.
         K, C: median and the ends of the 90 % interval, by itself; None where there is no number.
+        outcomes: the same of what it came to, by names with units.
         centre, precision: of its Gaussian site, of log K and log C; None where it tells nothing.
         taken: when, as text.
         changed: of the list's changes, the last one that concerned this drop.
@@ -76,6 +77,7 @@ class Drop:
     left_out: str = ""
     K: list[float | None] = field(default_factory=list)
     C: list[float | None] = field(default_factory=list)
+    outcomes: dict[str, list[float | None]] = field(default_factory=dict)
     centre: list[float] | None = None
     precision: list[list[float]] | None = None
     taken: str = ""

@@ -24,6 +24,7 @@ from bayestissue.words import PLAIN, Words
 
 # Of a trace: more points than a page has pixels.
 _POINTS = 600
+_NUMBERS = ("K", "C", "outcomes")
 _EDITABLE = (*wanted(needs_velocity=True)[1:], "side")
 
 
@@ -125,7 +126,7 @@ class WatchView(DropsView):
             "chosen": {name: watch.drops.chosen.get(name, "") for name in _EDITABLE},
             "drops": [
                 {
-                    **{name: getattr(drop, name) for name in ("impact", "kind", "left_out", "K", "C")},
+                    **{name: getattr(drop, name) for name in ("impact", "kind", "left_out", *_NUMBERS)},
                     **{"reason": self.nouns(drop.reason), "taken": drop.taken, "cells": drop.cells},
                 }
                 for drop in watch.drops

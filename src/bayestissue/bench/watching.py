@@ -29,13 +29,16 @@ from bayestissue.dataset.impacts import wanted
 from bayestissue.dataset.recorders import suffix_of
 from bayestissue.errors import InputError, Problem, printable
 from bayestissue.figures.impacts import end
+from bayestissue.inference.answers.predictions import QUANTITIES
 from bayestissue.inference.results.meanings import COLUMNS, UNITS
+from bayestissue.inference.single.estimates import outcomes_in
 from bayestissue.intake.build import RECORDINGS
 from bayestissue.intake.facts import Cells
 from bayestissue.intake.folder import natural
 from bayestissue.intake.names import columns
 from bayestissue.one_impact import Impact, impact_of
 from bayestissue.one_impact import impact as one_impact
+from bayestissue.report.wording import PREDICTED
 from bayestissue.results import put
 from bayestissue.signal.quality.inspection import KINDS, inspect
 from bayestissue.words import Words
@@ -47,6 +50,9 @@ _TOGETHER = 11
 # How often a look that fails is repeated where nobody waits.
 _TRIES = 5
 _INCOMING = f"{RECORDINGS}/.incoming"
+# What a lab asks of a drop, and how much of it a line has room for.
+AT_A_GLANCE = ("peak_force", "peak_depth", "peak_deceleration", "energy_absorbed")
+_SAID = 2
 TAKEN_BACK = "taken back"
 
 
@@ -424,6 +430,7 @@ class Watch:
             left_out=said.reason if said.spoilt else "",
             K=numbers["K"],
             C=numbers["C"],
+            outcomes=numbers["outcomes"],
             **site,
             taken=f"{datetime.now().astimezone():%Y-%m-%d %H:%M:%S}",
         )
@@ -507,9 +514,10 @@ class Watch:
             return known or impact_of(dataset_of(self.drops.folder, self.campaign, drop.cells))
 
     def line(self, drop: Drop) -> str:
-        """A drop in one line: its verdict, K and C by themselves and in the study so far, what is left."""
+        """A drop in one line: its verdict, K, C, force and depth by itself, K in the study, what is left."""
         words = [f"{drop.impact}: {self.nouns(Verdict(drop.kind, drop.reason).words)}"]
         words += [f"{q} {_interval(getattr(drop, q))} {unit}" for q, unit in UNITS.items()]
+        words += [f"{name} {_interval(drop.outcomes[name])}" for name in [*drop.outcomes][:_SAID]]
         words += map(self.nouns, self.study.words(drop))
         if self.order.rows:
             left = self.left()
@@ -523,10 +531,19 @@ class Watch:
         self._say(text)
 
 
-def numbers_of(row: pd.Series) -> dict[str, list[float | None]]:
-    """K and C of a row of `estimates.csv`: medians and ends of intervals, None where there is no number."""
+def numbers_of(row: pd.Series) -> dict[str, Any]:
+    """K, C and ``outcomes`` of a row of `estimates.csv`, these by their names with units.
+
+    Of each the median and the ends of its interval, None where there is no number.
+    """
     names = {q: (column, end(q, "low"), end(q, "high")) for q, column in COLUMNS.items()}
-    return {q: [_number(row[name]) for name in columns] for q, columns in names.items()}
+    numbers: dict[str, Any] = {q: [_number(row[name]) for name in columns] for q, columns in names.items()}
+    came_to, numbers["outcomes"] = outcomes_in(row), {}
+    for name in AT_A_GLANCE:
+        words, unit, factor = PREDICTED[QUANTITIES[name]]
+        values = factor * came_to.loc[name, ["median", "low", "high"]]
+        numbers["outcomes"][f"{words} ({unit})"] = [_number(value) for value in values]
+    return numbers
 
 
 def facts_words(cells: Cells) -> str:

@@ -80,24 +80,37 @@ def predict(
     run: FinishedFit,
     at: Annotated[Path, typer.Option(metavar="TABLE.csv")],
     out: Path | None = None,
+    draws: Annotated[Path | None, typer.Option(metavar="FILE")] = None,
     excel: Excel = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
-    """K, C, greatest depth and force, and time to peak of new impacts, by a finished fit.
+    """K, C, depth, force, energy and other outcomes of new impacts, by a finished fit.
 
     Each row of the table is one new impact, so the intervals hold its scatter too. Numbers that are not given
     are at the reference, which is the reference mass and the mean of others; categories that are not given
     are averaged over; what belongs to a known person follows the person. A person, condition or other level
-    that is not given, or was not measured, is a new one of its population.
+    that is not given, or was not measured, is a new one of its population. Where the dataset has gravity
+    along the motion, drop_height_cm may stand in place of velocity_m_s.
 
     Args:
         at: A row for each new impact, with any columns of impacts.csv: subject, mass_kg, ...
         out: Also write predictions.csv and report.html to this folder.
+        draws: Also write joint draws of all rows to this file, NAME.parquet or NAME.nc (netCDF), from which
+            any function of them follows with its interval.
     """
     output = _Output(out, excel, overwrite, quiet, as_json)
-    _answer("predict", "predictions", run, lambda fit: fit.predict(at), _print_predictions, output, at)
+
+    def predicted(fit: Fit) -> pd.DataFrame:
+        return fit.predict(at, draws=draws, overwrite=overwrite)
+
+    # A folder that is replaced, or is yet to be, must not hold the file.
+    _answer("predict", "predictions", run, predicted, _print_predictions, output, at, draws)
+    if draws is not None and not (quiet or as_json):
+        from bayestissue.commands.console import echo
+
+        echo(f"wrote {draws}")
 
 
 def report(
@@ -134,7 +147,7 @@ def _answer(
     table_of: Callable[[Fit], pd.DataFrame],
     show: Callable[[pd.DataFrame, Words], None],
     output: _Output,
-    *inputs: Path,
+    *inputs: Path | None,
 ) -> None:
     """Make a table of a finished run, print it, and write it into the folder for it if there is one.
 
@@ -146,7 +159,7 @@ def _answer(
         table_of: makes the table.
         show: prints it, with the nouns of the run's dataset.
         output: where and how.
-        inputs: files besides the run that are read and must not be overwritten.
+        inputs: files besides the run that are read, or written, and must not be overwritten.
 
     Raises:
         InputError: ``run`` is no finished fit, ``table_of`` finds something wrong, or the folder is not free.

@@ -32,6 +32,8 @@ OUTCOMES = (
 )
 # A headform's too.
 HEADFORM_OUTCOMES = (*OUTCOMES, *LONGEST)
+# What may never happen, on a tissue that is never left.
+NEVER = ("time_to_peak", "contact_duration", "impulse")
 _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 # Between the nodes beside the greatest force or jerk, which are 1 % of a contact apart.
 _BETWEEN = np.linspace(0.0, 1.0, 33)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -142,11 +142,11 @@ def _read(path: Path) -> dict[str, Any]:
     return content if isinstance(content, dict) else {}
 
 
-def require_place(out: Path, inputs: Sequence[str | Path | None] = ()) -> Path:
+def require_place(out: Path, inputs: Sequence[str | Path | None] = (), option: str = "--out") -> Path:
     """Where ``out`` leads, refused if results must never stand there, with ``--overwrite`` or without.
 
     That is the working folder, the home folder, a root, a mount point, what holds one of these or an input,
-    and the inside of other results. An empty path is the working folder.
+    and the inside of other results. An empty path is the working folder. ``option`` is what gives it.
 
     Raises:
         InputError: what ``out`` is, and what to do.
@@ -158,7 +158,7 @@ def require_place(out: Path, inputs: Sequence[str | Path | None] = ()) -> Path:
         raise InputError.stated("out-unwritable.here", str(out), value=str(error)) from error
     if wrong is not None:
         key, value, path = wrong
-        raise InputError.stated(key, f"--out {str(out)!r}", value=value, path=path)
+        raise InputError.stated(key, f"{option} {str(out)!r}", value=value, path=path, option=option)
     return resolved
 
 
@@ -181,6 +181,39 @@ def require_free(out: Path, *, overwrite: bool) -> None:
         raise InputError.stated("out-taken.mixed", str(out), value=first_of(others, most=3))
 
 
+def require_file(
+    path: Path,
+    option: str,
+    *,
+    suffixes: Sequence[str],
+    is_own: Callable[[Path], bool],
+    overwrite: bool,
+    inputs: Sequence[str | Path | None],
+) -> None:
+    """Refuse a single file of results that would cost something, or whose kind is none.
+
+    Args:
+        path: of the file.
+        option: what gives it.
+        suffixes: how its name may end.
+        is_own: whether a file that is there is such results, which alone are replaced.
+        overwrite: replace it then.
+        inputs: what the command reads.
+
+    Raises:
+        InputError: what is wrong.
+    """
+    where, kinds = f"{option} {str(path)!r}", " or ".join(suffixes)
+    if path.suffix not in suffixes:
+        raise InputError.stated("file-taken.suffix", where, value=path.suffix, kinds=kinds)
+    place = require_place(path, inputs, option)
+    if place.exists() and not (overwrite and place.is_file() and is_own(place)):
+        key, value = (
+            ("others", "no such file of bayestissue") if overwrite else ("own", "a name that is taken")
+        )
+        raise InputError.stated(f"file-taken.{key}", where, value=value)
+
+
 def _wrong_place(out: Path, inputs: Sequence[str | Path | None]) -> tuple[str, str, str | Path] | None:
     """What is wrong with a place: the message, what it is, and the folder or file that is in the way."""
     for folder, name in ((Path.cwd(), "the working folder"), (_home(), "the home folder")):
@@ -193,7 +226,7 @@ def _wrong_place(out: Path, inputs: Sequence[str | Path | None]) -> tuple[str, s
         # Text may be the name of a model of the program: `--model impact --out impact` is no conflict.
         is_name = isinstance(path, str) and not Path(path).is_file()
         if path is not None and not is_name and _holds(out, Path(path).resolve()):
-            return "out-taken.input", "what this command reads", path
+            return "out-taken.input", "what this command reads or writes", path
     for parent in out.parents:
         if is_result(parent):
             return "out-taken.inside", "a folder inside other results", parent

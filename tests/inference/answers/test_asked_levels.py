@@ -15,6 +15,7 @@ from bayestissue.errors import InputError
 from bayestissue.hierarchy.levels import log_at_levels
 from bayestissue.inference.answers.contrasts import contrasts
 from bayestissue.inference.answers.finished import Finished
+from bayestissue.inference.answers.law import moving, unfit_height
 from bayestissue.inference.answers.meaning import beyond_notes
 from bayestissue.inference.answers.predictions import predict, read_conditions
 from bayestissue.inference.answers.questions import ask, numbered
@@ -69,7 +70,7 @@ def test_a_number_as_tables_print_it_is_not_beyond_itself(velocity: float, beyon
     heights = np.resize([0.12, 0.2], len(impacts()))
     design = design_of("1", rows=impacts().assign(velocity_m_s=np.sqrt(2 * 9.80665 * heights)))
     notes = beyond_notes(design.recorded, {"velocity_m_s": velocity})
-    assert notes == (["velocity_m_s beyond those measured, 1.534 to 1.981"] if beyond else [])
+    assert notes == (["velocity_m_s beyond those measured, 1.534 to 1.981, by 0.001"] if beyond else [])
 
 
 def test_a_new_side_is_no_answer_and_a_new_person_is(study: Finished) -> None:
@@ -162,6 +163,91 @@ def test_a_drop_height_is_the_velocity_after_the_fall(study: Finished) -> None:
     )
     with pytest.raises(InputError, match="states no gravity along the motion"):
         ask(study, numbered(["peak_force[drop_height_cm=30]"]))
+    # Of a rail that slopes by 30 degrees h is how much lower the impact is.
+    assert moving({"drop_height_cm": 30.0}, G / 2)["velocity_m_s"] == pytest.approx(velocity)
+
+
+def at_heights(study: Finished, table: pd.DataFrame) -> pd.DataFrame:
+    return predict(study, read_conditions(table, study.recorded, study.gravity))
+
+
+def test_a_row_may_give_a_height_in_place_of_a_velocity(study: Finished) -> None:
+    along = replace(study, gravity=G)
+    heights = pd.DataFrame({"side": "left", "drop_height_cm": [12.0, 30.0, np.nan]})
+    velocities = pd.DataFrame(
+        {"side": "left", "velocity_m_s": [*np.sqrt(2 * G * np.array([0.12, 0.3])), 1.5]}
+    )
+    columns = ["velocity_m_s", "peak_force_N", "peak_displacement_m_low", "energy_absorbed_J_high"]
+    fallen, thrown = (at_heights(along, table)[columns] for table in (heights, velocities))
+    assert_allclose(fallen, thrown)
+
+
+def test_heights_that_can_not_be_are_refused_at_once(study: Finished) -> None:
+    table = pd.DataFrame({"velocity_m_s": [np.nan, np.nan, 2.0], "drop_height_cm": [0.0, -3.0, 30.0]})
+    with pytest.raises(InputError) as caught:
+        at_heights(replace(study, gravity=G), table)
+    told = "; ".join(map(str, caught.value.problems))
+    assert 'row 0, column drop_height_cm: found "0"; expected a number of cm above 0' in told
+    assert 'row 1, column drop_height_cm: found "-3"' in told
+    assert (
+        'row 2, column drop_height_cm: found "30"; expected drop_height_cm or velocity_m_s, not both' in told
+    )
+    with pytest.raises(InputError, match=r'row 1.*found "30".*velocity_m_s in its place, since this dataset'):
+        at_heights(study, pd.DataFrame({"drop_height_cm": [np.nan, 30.0]}))
+
+
+def test_without_gravity_a_height_is_a_covariate_or_nothing(study: Finished) -> None:
+    """Of a pendulum whose K a formula has by its height, a height moves K, and the velocity is given."""
+    rows = impacts().assign(velocity_m_s=1.5, drop_height_cm=np.resize([12.0, 20.0], len(impacts())))
+    recorded = design_of("log(drop_height_cm) + (1|subject)", "1", rows=rows).recorded
+    assert unfit_height(recorded, ["drop_height_cm"], 0.0).startswith("velocity_m_s beside it")
+    assert unfit_height(recorded, ["drop_height_cm", "velocity_m_s"], 0.0) == ""
+    unused = replace(recorded, formulas={"K": "1", "C": "1"})
+    assert unfit_height(unused, ["drop_height_cm", "velocity_m_s"], 0.0).startswith(
+        "velocity_m_s in its place"
+    )
+    # A height in another unit would change nothing.
+    other = replace(unused, rows=rows.rename(columns={"drop_height_cm": "drop_height_mm"}))
+    with pytest.raises(InputError, match=r'column drop_height_mm.*Is it "drop_height_cm"'):
+        read_conditions(pd.DataFrame({"drop_height_mm": [300.0]}), other, G)
+
+
+def test_a_velocity_that_a_formula_is_of_is_that_after_the_fall(study: Finished) -> None:
+    rows = impacts().assign(velocity_m_s=np.resize([1.5, 2.0], len(impacts())))
+    design = design_of("log(velocity_m_s)", "1", rows=rows)
+    one = np.zeros((2, 10))
+    values = {"intercept_K": one + 7, "intercept_C": one + 3, "effect_of_log(velocity_m_s)_K": one + 1}
+    draws = xr.Dataset({name: (("chain", "draw"), value) for name, value in values.items()})
+    finished = Finished(draws, None, design.recorded, gravity=G)
+    V = float(np.sqrt(2 * G * 0.2))
+    by_height, by_velocity = (
+        answered(finished, f"peak_force[mass_kg=1, {motion}]")["median"]
+        for motion in ("drop_height_cm=20", f"velocity_m_s={V}")
+    )
+    assert by_height == pytest.approx(by_velocity, rel=1e-12)
+
+
+@pytest.mark.parametrize("table", [{"drop_height_cm": [30.0]}, {"velocity_m_s": [np.sqrt(2 * G * 0.3)]}])
+def test_what_a_height_leads_beyond_is_said_with_by_how_much(study: Finished, table: dict) -> None:
+    along = replace(study, gravity=G)
+    velocity = "velocity_m_s beyond those measured, 1.5 to 1.5, by 0.93"
+    (note,) = at_heights(along, pd.DataFrame(table))["note"]
+    assert velocity in note
+    name, (value,) = next(iter(table.items()))
+    assert velocity in str(answered(along, f"peak_force[{name}={value}]")["note"])
+
+
+def test_a_depth_that_no_impact_reached_is_said(study: Finished) -> None:
+    depths = 1e-4 * np.arange(2.0, 5.0) + np.zeros((*SHAPE, 3))
+    posterior = study.posterior.assign(peak_depth=(("chain", "draw", "impact"), depths))
+    measured = replace(study, posterior=posterior)
+    (row,) = predict(measured, [{"velocity_m_s": 1.5, "side": "left"}]).to_dict("records")
+    over = float(f"{1e3 * row['peak_displacement_m']:.4g}") - 0.4
+    assert over > 0.5
+    assert f"peak depth in mm beyond those measured, 0 to 0.4, by {over:.2g}" in row["note"]
+    note = str(answered(measured, "peak_force[velocity_m_s=1.5, side=left]")["note"])
+    assert "peak depth in mm beyond those measured, 0 to 0.4, by " in note
+    assert "peak depth" not in str(answered(measured, "peak_force[velocity_m_s=0.3, side=left]")["note"])
 
 
 def test_levels_are_compared_by_outcomes(study: Finished) -> None:

@@ -17,7 +17,7 @@ from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.questions import ask, numbered
 from study_with_sides import study_with_sides
 
-G = 9.81
+G = 9.80665
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,13 @@ from bayestissue import Run, read_run
 from bayestissue.elements import outcomes
 from bayestissue.errors import InputError
 from bayestissue.inference.answers.finished import Finished
-from bayestissue.inference.answers.predictions import NO_LAW, predict, read_conditions
+from bayestissue.inference.answers.predictions import (
+    NO_LAW,
+    QUANTITIES,
+    predict,
+    predicted,
+    read_conditions,
+)
 from bayestissue.inference.answers.questions import ask, numbered
 from bayestissue.inference.samplers.diagnostics import ELEMENT_ALONE
 from bayestissue.oscillator.impact import peak_displacement, time_to_peak
@@ -166,3 +172,53 @@ def test_the_caller_may_compute_in_float32(run: Run) -> None:
         assert not jax.config.jax_enable_x64
     assert table["peak_force_N"].dtype == np.float64
     assert table["peak_force_N"].iloc[0] == pytest.approx(run.predict(AT.iloc[:1])["peak_force_N"].iloc[0])
+
+
+def test_joint_draws_are_those_of_the_table(run: Run, tmp_path: Path) -> None:
+    draws = run.predicted_draws(AT)
+    assert draws.sizes == {"chain": 2, "draw": 100, "row": 3}
+    table = run.predict(AT, draws=tmp_path / "joint.parquet")
+    for name, column in QUANTITIES.items():
+        assert draws[name].attrs["unit"] in ("1", "N", "g", "m", "s", "m/s", "J", "N/m", "N s/m")
+        median = draws[name].median(["chain", "draw"]).to_numpy()
+        assert median == pytest.approx(table[column].to_numpy(), rel=1e-12), name
+    long = pd.read_parquet(tmp_path / "joint.parquet")
+    assert list(long)[:3] == ["chain", "draw", "row"]
+    assert long.groupby("row")["peak_force_N"].median().to_numpy() == pytest.approx(
+        table["peak_force_N"].to_numpy(), rel=1e-12
+    )
+    run.predict(AT, draws=tmp_path / "joint.nc")
+    with xr.open_dataset(tmp_path / "joint.nc", engine="h5netcdf") as kept:
+        xr.testing.assert_equal(kept, draws)
+        assert kept["peak_force"].attrs == {"unit": "N", "long_name": "greatest force on the impactor"}
+
+
+def test_a_difference_of_rows_is_as_unsure_as_it_is(run: Run) -> None:
+    """Two impacts on one new person share that person, whom nobody knows; on two they do not."""
+    finished = sure(run, sd_subject_K=0.5)
+    at = pd.DataFrame({"subject": ["new", "new", "another"], "mass_kg": 0.7, "trial": "t0"})
+    log_K = np.log(predicted(finished, read_conditions(at, finished.recorded)).draws["K"])
+    one, again, another = (log_K.sel(row=row) for row in (1, 2, 3))
+    assert float(np.abs(one - again).max()) == 0.0
+    # Quantiles of 200 draws tell a standard deviation to 5 % at best.
+    assert float((one - another).std()) == pytest.approx(np.sqrt(2) * 0.5, rel=0.2)
+
+
+def test_draws_are_whole_or_not_there_and_cost_no_other_file(run: Run, tmp_path: Path) -> None:
+    path, at = tmp_path / "joint.nc", AT.iloc[:1]
+    with pytest.raises(InputError, match=r'found "\.csv"; expected a name that ends in \.parquet or \.nc'):
+        run.predict(at, draws=tmp_path / "joint.csv")
+    run.predict(at, draws=path)
+    with pytest.raises(InputError, match="a name not yet taken"):
+        run.predict(at, draws=path)
+    run.predict(at, draws=path, overwrite=True)
+    path.write_text("something else", encoding="utf-8")
+    with pytest.raises(InputError, match="no such file of bayestissue"):
+        run.predict(at, draws=path, overwrite=True)
+    assert path.read_text(encoding="utf-8") == "something else"
+    assert run.folder is not None
+    with pytest.raises(InputError, match="a folder inside other results"):
+        run.predict(at, draws=run.folder / "posterior.nc", overwrite=True)
+    with pytest.raises(InputError, match="masskg"):
+        run.predict(at.rename(columns={"mass_kg": "masskg"}), draws=tmp_path / "new.nc")
+    assert [file.name for file in tmp_path.iterdir()] == ["joint.nc"]

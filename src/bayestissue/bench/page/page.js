@@ -124,6 +124,17 @@ function numbers(drop, study) {
     return line;
   });
   $("numbers").replaceChildren($("numbers").caption, head, ...body);
+  outcomes(Object.entries(drop.outcomes || {}));
+}
+
+function outcomes(values) {
+  const head = element("tr"), line = element("tr");
+  for (const [words, numbers] of values) {
+    head.append(element("th", words, { scope: "col" }));
+    line.append(element("td", interval(numbers)));
+  }
+  $("outcomes").hidden = !values.length;
+  $("outcomes").replaceChildren($("outcomes").caption, head, line);
 }
 
 function draw(trace) {

@@ -15,7 +15,7 @@ import xarray as xr
 from jaxtyping import Float
 
 from bayestissue.inference.answers.grammar import Critical, Node, QuestionError
-from bayestissue.inference.answers.law import DROP_HEIGHT, Law
+from bayestissue.inference.answers.law import DROP_HEIGHT, Law, fall_height
 from bayestissue.inference.answers.settings import SETTINGS
 
 # The columns of the motion that a claim may be followed along, with their units.
@@ -76,5 +76,5 @@ def critical_motion(node: Critical, law: Law, value: Callable[[Node, Law], xr.Da
             tolerances={"xatol": SETTINGS.of_velocity, "xrtol": 0.0},
         )
         V[between] = np.exp(root.x)
-    answer = 100 * V**2 / (2 * law.gravity) if node.column == DROP_HEIGHT else V
+    answer = fall_height(V) if node.column == DROP_HEIGHT else V
     return like.copy(data=answer.reshape(like.shape))

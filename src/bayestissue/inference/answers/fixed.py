@@ -52,7 +52,9 @@ class _AnyLaw(Law):
                 recorded.formulas, 0.37 * 0.57 ** np.arange(len(recorded.formulas)), strict=True
             )
         ]
-        moved = numbers(recorded, conditions, "mass_kg") ** 0.3 * self.velocity(recorded, conditions)
+        moved = numbers(recorded, conditions, "mass_kg") ** 0.3 * numbers(
+            recorded, conditions, "velocity_m_s"
+        )
         return np.exp(sum(logs)) * moved
 
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from jaxtyping import Float
+from numpy.typing import ArrayLike
 
+from bayestissue.dataset.chain import STANDARD_GRAVITY
 from bayestissue.elements import REFERENCE_DIAMETER_M, element
 from bayestissue.elements.element import GRAVITY
 from bayestissue.elements.outcomes import HEADFORM_OUTCOMES, outcomes_of
@@ -24,7 +26,8 @@ from bayestissue.inference.results.meanings import REFERENCE_OUTCOMES
 NO_LAW = Coded("no peaks: beside a discrepancy there is no law to simulate by", "not-simulated")
 DROP_HEIGHT = "drop_height_cm"
 # Of an impact, beside the tissue that it meets.
-MOTION = ("mass_kg", "velocity_m_s", "diameter_m", DROP_HEIGHT)
+_MET = ("mass_kg", "velocity_m_s", "diameter_m")
+MOTION = (*_MET, DROP_HEIGHT)
 
 
 @dataclass(frozen=True)
@@ -53,12 +56,10 @@ class Law:
     def velocity(
         self, recorded: Recorded, conditions: Sequence[Condition]
     ) -> Float[np.ndarray, "*draw condition"]:
-        """V at contact [m/s]: (2 g h)^1/2 after a drop from h, else as given, else that of the reference."""
+        """V at contact [m/s]: the law's own, else that of the conditions, as `moving` has them."""
         if self.velocity_m_s is not None:
             return np.repeat(self.velocity_m_s[..., None], len(conditions), axis=-1)
-        height = numbers(recorded, [{DROP_HEIGHT: np.nan} | dict(one) for one in conditions], DROP_HEIGHT)
-        fallen = np.sqrt(2 * self.gravity * height / 100)
-        return np.where(np.isfinite(height), fallen, numbers(recorded, conditions, "velocity_m_s"))
+        return numbers(recorded, conditions, "velocity_m_s")
 
     @property
     def in_closed_form(self) -> bool:
@@ -68,7 +69,7 @@ class Law:
     def at_levels(
         self, name: str, draws: xr.Dataset, recorded: Recorded, conditions: Sequence[Condition]
     ) -> Float[np.ndarray, "chain draw condition"]:
-        """One outcome at given levels and a stated motion, by draw."""
+        """One outcome at given levels and a stated motion, by draw; ``conditions`` as of `moving`."""
         values = self.all_at_levels(draws, recorded, conditions)[name]
         return values.reshape(draws.sizes["chain"], draws.sizes["draw"], len(conditions))
 
@@ -96,6 +97,13 @@ class Law:
         flat = {name: values.reshape(-1, shape[-1])[::step] for name, values in p.items()}
         mass, diameter = (numbers(recorded, conditions, name) for name in ("mass_kg", "diameter_m"))
         return self.outcomes(flat, mass, velocity.reshape(-1, shape[-1])[::step], diameter)
+
+    def depth(self, draws: xr.Dataset, recorded: Recorded, conditions: Sequence[Condition]) -> float:
+        """The greatest depth of impacts at these levels [m], at the medians of their parameters."""
+        parameters = self.parameters(draws, recorded, conditions).items()
+        medians = {name: np.median(values, axis=(0, 1))[None] for name, values in parameters}
+        motion = [numbers(recorded, conditions, one) for one in _MET]
+        return float(self.outcomes(medians, *motion)["peak_depth"].max())
 
     def outcomes(
         self,
@@ -136,6 +144,59 @@ def simulated_words(values: Mapping[str, Float[np.ndarray, "draw condition"]], d
     """How many of the draws stand behind values, where it is not all."""
     simulated, count = len(next(iter(values.values()))), draws.sizes["chain"] * draws.sizes["draw"]
     return "" if simulated == count else f"{simulated} of {count} draws were simulated"
+
+
+def moving(condition: Condition, gravity: float) -> Condition:
+    """The condition, along gravity with the velocity of a fall by the height h, V = (2 g h)^1/2 [m/s].
+
+    g is standard gravity, as of recorded drops; on a slope, too, h is how much lower the impact is.
+    """
+    if DROP_HEIGHT not in condition or not gravity > 0:
+        return condition
+    fallen_m = float(condition[DROP_HEIGHT]) / 100
+    return dict(condition) | {"velocity_m_s": float(np.sqrt(2 * STANDARD_GRAVITY * fallen_m))}
+
+
+def fall_height(velocity: float | np.ndarray) -> Float[np.ndarray, ...]:
+    """The height of the fall that ends at a velocity [m/s], V² / (2 g) in cm: see `moving`."""
+    return 100 * np.square(velocity) / (2 * STANDARD_GRAVITY)
+
+
+def unfit_height(recorded: Recorded, columns: Collection[str], gravity: float) -> str:
+    """What is expected in place of a height of fall among what a condition gives; empty where it may stand.
+
+    Without gravity along the motion it gives no velocity, and is at most a covariate.
+    """
+    covariate, velocity = DROP_HEIGHT in recorded.needed, "velocity_m_s" in columns
+    if DROP_HEIGHT not in columns or (covariate and velocity and not gravity > 0):
+        return ""
+    if gravity > 0:
+        return f"{DROP_HEIGHT} or velocity_m_s, not both" if velocity else ""
+    beside = "beside it" if covariate else "in its place"
+    return f"velocity_m_s {beside}, since this dataset states no gravity along the motion"
+
+
+def beyond(words: str, value: float, measured: ArrayLike) -> list[Coded]:
+    """The note of a number beyond those that were measured, with by how much; empty where it is none.
+
+    As tables and this note print them: who asks for a velocity of 1.534 m/s means the 1.53414 measured.
+    """
+    low, stated, high = (float(f"{x:.4g}") for x in (np.min(measured), value, np.max(measured)))
+    over = max(low - stated, stated - high)
+    if not over > 0:
+        return []
+    return [
+        Coded(f"{words} beyond those measured, {low:.4g} to {high:.4g}, by {over:.2g}", "beyond-measured")
+    ]
+
+
+def deeper(draws: xr.Dataset, depth: float) -> list[Coded]:
+    """The note of a depth [m] that no recorded impact reached, by their medians; empty where it is none."""
+    if "peak_depth" not in draws:
+        return []
+    of_impacts = draws["peak_depth"]
+    measured = of_impacts.median([name for name in of_impacts.dims if name != "impact"])
+    return beyond("peak depth in mm", 1e3 * depth, [0.0, 1e3 * float(measured.max())])
 
 
 def parameter_log(

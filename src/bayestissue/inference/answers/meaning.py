@@ -34,11 +34,20 @@ from bayestissue.inference.answers.grammar import (
     Level,
     Node,
     Number,
+    Operation,
     Quantity,
     QuestionError,
     claims,
 )
-from bayestissue.inference.answers.law import DROP_HEIGHT, MOTION, NO_LAW, Law
+from bayestissue.inference.answers.law import (
+    DROP_HEIGHT,
+    MOTION,
+    NO_LAW,
+    Law,
+    beyond,
+    moving,
+    unfit_height,
+)
 from bayestissue.inference.answers.settings import SETTINGS
 from bayestissue.inference.results.labels import element_attributes
 from bayestissue.outline import first_of
@@ -101,18 +110,11 @@ def conditions_of(quantity: Quantity, recorded: Recorded) -> list[Condition]:
 
 
 def beyond_notes(recorded: Recorded, condition: Condition) -> list[Coded]:
-    """Numbers beyond those that were measured: the formula is then drawn out, and the element's law.
-
-    As tables and this note print them: who asks for a velocity of 1.534 m/s means the 1.53414 measured.
-    """
-    notes = []
-    for name, value in condition.items():
-        if name in recorded.rows and recorded.is_number(name) and isinstance(value, float):
-            column = recorded.rows[name]
-            low, stated, high = (f"{x:.4g}" for x in (column.min(), value, column.max()))
-            if not float(low) <= float(stated) <= float(high):
-                notes.append(Coded(f"{name} beyond those measured, {low} to {high}", "beyond-measured"))
-    return notes
+    """Numbers beyond those that were measured: the formula is then drawn out, and the element's law."""
+    rows = recorded.rows
+    numbered = [name for name, value in condition.items() if name in rows and isinstance(value, float)]
+    measured = [name for name in numbered if recorded.is_number(name)]
+    return [note for name in measured for note in beyond(name, float(condition[name]), rows[name])]
 
 
 def average_notes(recorded: Recorded, responses: Iterable[str], columns: Iterable[str]) -> list[Coded]:
@@ -257,6 +259,14 @@ def _of_critical(node: Critical, recorded: Recorded) -> Iterator[QuestionError]:
                 yield QuestionError(quantity.position, quantity.name, expected)
 
 
+def searched(node: Node) -> set[Quantity]:
+    """The quantities of a question whose motion is what is asked."""
+    if isinstance(node, Critical):
+        return set(quantities(node))
+    operands = node.operands if isinstance(node, Operation) else ()
+    return {quantity for operand in operands for quantity in searched(operand)}
+
+
 def _open(quantity: Quantity, recorded: Recorded, posterior: xr.Dataset | None) -> list[str]:
     if posterior is None and not is_response(quantity, recorded):
         return []
@@ -333,7 +343,7 @@ def _of_levels(quantity: Quantity, recorded: Recorded) -> Iterator[QuestionError
     for level in free[1:]:
         yield QuestionError(level.position, level.column, "one column without a level at most")
     velocities = [level for level in quantity.levels if level.column in ("velocity_m_s", DROP_HEIGHT)]
-    if quantity.name in OUTCOMES and len(velocities) > 1:
+    if quantity.name in OUTCOMES and len(velocities) > 1 and DROP_HEIGHT not in recorded.needed:
         first, second, *_ = velocities
         yield QuestionError(second.position, second.column, f"{first.column} alone")
     for level in quantity.levels:
@@ -504,9 +514,9 @@ def _outcome_draws(
 ) -> Float[np.ndarray, "chain draw condition"]:
     if law is None:
         raise QuestionError(quantity.position, quantity.name, "a run with a law of force", str(NO_LAW))
-    if any(DROP_HEIGHT in condition for condition in conditions) and not law.gravity:
-        expected = "velocity_m_s=number, since this dataset states no gravity along the motion"
+    if expected := unfit_height(recorded, conditions[0], law.gravity):
         raise QuestionError(quantity.position, DROP_HEIGHT, expected)
+    conditions = [moving(condition, law.gravity) for condition in conditions]
     if not (law.velocity(recorded, conditions) > 0).all():
         raise QuestionError(quantity.position, quantity.name, "velocity_m_s=number in its brackets")
     if quantity.name in LONGEST and not law.headform:

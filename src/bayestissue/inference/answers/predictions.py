@@ -5,6 +5,9 @@ from impact to impact added: N(0, S), S with the spreads sd_impact_K, sd_impact_
 further parameter of the element likewise. People, conditions and other levels that were measured keep their
 effects; any other level, and one that is not given, is a new one of its population. Each draw's K and C, with
 the mass and velocity, are then simulated on the run's element, along the gravity of the run.
+
+Draws are joint: one draw of all rows is of one population, of the same people, conditions and new levels, so
+that a difference of two rows is as unsure as it is. The scatter of single impacts alone is each row's own.
 """
 
 from __future__ import annotations
@@ -12,60 +15,87 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+import xarray as xr
 from jaxtyping import Float
 
 from bayestissue.dataset.cells import cells_of, read_cells
 from bayestissue.elements import element
+from bayestissue.elements.outcomes import NEVER
 from bayestissue.errors import Coded, InputError, Problem, has_control_characters
 from bayestissue.hierarchy.effects import RESPONSES, parameter_of, sd_impact
 from bayestissue.hierarchy.levels import NEW
 from bayestissue.hierarchy.recorded import Condition, Recorded
 from bayestissue.inference.answers.finished import Finished
-from bayestissue.inference.answers.law import NO_LAW, numbers, parameter_log, simulated_step
+from bayestissue.inference.answers.law import (
+    DROP_HEIGHT,
+    NO_LAW,
+    deeper,
+    moving,
+    numbers,
+    parameter_log,
+    simulated_step,
+    unfit_height,
+)
 from bayestissue.inference.answers.meaning import average_notes, beyond_notes
 from bayestissue.inference.answers.settings import SETTINGS
 from bayestissue.inference.checking.pooled_parameters import pooled_parameters
+from bayestissue.inference.results.labels import ATTRIBUTES, element_attributes
 from bayestissue.inference.results.meanings import COLUMNS, HEADFORM_COLUMNS, OUTCOME_COLUMNS
 from bayestissue.inference.samplers.diagnostics import ELEMENT_ALONE
 from bayestissue.inference.samplers.sampling import quantiles
+from bayestissue.results import whole_file, write_tree
 
 # Units stand in the names of the columns; each has beside it the ends of the 90 % interval, _low and _high.
 QUANTITIES = COLUMNS | OUTCOME_COLUMNS
-# What may never happen or end, on a tissue that is never left.
-NEVER = ("time_to_peak", "contact_duration", "impulse")
 NO_VELOCITY = Coded("no peaks: no velocity_m_s, and the run has none", "not-simulated")
 _QUANTILES = {"": 0.5, "_low": 0.05, "_high": 0.95}
 _LEVELS, _SCATTER = 1, 2
 
 
+class Predicted(NamedTuple):
+    """New impacts.
+
+    Attributes:
+        table: a row a condition: what it was given, which levels are ``new``, `QUANTITIES` with median and
+            90 % interval, the number of ``draws``, of which ``simulated`` were simulated, and a ``note``
+            where something lacks or lies beyond what was measured.
+        draws: of those simulated all quantities and parameters, [chain, draw, row], ``row`` being the place
+            in the table, the first 1; each with its unit and meaning.
+    """
+
+    table: pd.DataFrame
+    draws: xr.Dataset
+
+
 def predict(finished: Finished, conditions: Sequence[Condition]) -> pd.DataFrame:
+    """The table of `predicted`."""
+    return predicted(finished, conditions).table
+
+
+def predicted(finished: Finished, conditions: Sequence[Condition]) -> Predicted:
     """Predictions of one new impact in each condition; float64 must be set.
 
     Args:
         finished: the fit.
         conditions: what is given in each, by column; see `bayestissue.hierarchy.levels`.
-
-    Returns:
-        A row a condition: what it was given, which levels are ``new``, `QUANTITIES` with median and 90 %
-        interval, the number of ``draws``, of which ``simulated`` were simulated, and a ``note`` where
-        something lacks or lies beyond what was measured.
     """
-    recorded, which = finished.recorded, element(finished.element)
+    recorded, posterior, which = finished.recorded, finished.posterior, element(finished.element)
+    conditions = [moving(condition, finished.gravity) for condition in conditions]
     names = [*RESPONSES, *(value.name for value in which.extra)]
     logs = _parameters(finished, names, conditions)
-    parameters = {
-        name: np.exp(value.reshape(-1, len(conditions))) for name, value in zip(names, logs, strict=True)
-    }
-    count = len(parameters["K"])
+    parameters = {name: np.exp(value) for name, value in zip(names, logs, strict=True)}
+    count = posterior.sizes["chain"] * posterior.sizes["draw"]
     step = simulated_step(count, len(conditions))
-    simulated = {name: value[::step] for name, value in parameters.items()}
-    values = {"K": parameters["K"], "C": parameters["C"]}
+    simulated = {name: value[:, ::step] for name, value in parameters.items()}
+    shape = simulated["K"].shape
     mass, velocity, diameter = (numbers(recorded, conditions, name) for name in _GIVEN)
-    mixed = [one.note for one in pooled_parameters(finished.posterior, recorded, which)]
+    mixed = [one.note for one in pooled_parameters(posterior, recorded, which)]
     notes = [
         [
             *beyond_notes(recorded, value),
@@ -75,24 +105,71 @@ def predict(finished: Finished, conditions: Sequence[Condition]) -> pd.DataFrame
         ]
         for value in conditions
     ]
+    outcomes: dict[str, np.ndarray] = {}
     if finished.law is None:
         alone = [ELEMENT_ALONE] * finished.element_alone
         notes = [[*value, *alone, NO_LAW] for value in notes]
     else:
-        values |= finished.law.outcomes(simulated, mass, velocity, diameter)
-        notes = [[*n, *([] if v > 0 else [NO_VELOCITY])] for n, v in zip(notes, velocity, strict=True)]
+        flat = {name: value.reshape(-1, len(conditions)) for name, value in simulated.items()}
+        of_law = finished.law.outcomes(flat, mass, velocity, diameter)
+        outcomes = {name: value.reshape(shape) for name, value in of_law.items()}
+        for own, v, depth in zip(notes, velocity, np.median(of_law["peak_depth"], axis=0), strict=True):
+            own += deeper(posterior, float(depth)) if v > 0 else [NO_VELOCITY]
+    summarised = {name: parameters[name] for name in RESPONSES} | outcomes
     columns = COLUMNS | (HEADFORM_COLUMNS if finished.headform else OUTCOME_COLUMNS)
-    return pd.DataFrame(
+    table = pd.DataFrame(
         [
             dict(condition)
             | {"mass_kg": mass[row], "velocity_m_s": velocity[row]}
             | {"new": ", ".join(_new(recorded, condition))}
-            | _summary({name: value[:, row] for name, value in values.items()}, columns)
-            | {"draws": count, "simulated": 0 if finished.discrepancy else len(simulated["K"])}
+            | _summary({name: value[..., row].ravel() for name, value in summarised.items()}, columns)
+            | {"draws": count, "simulated": shape[0] * shape[1] if outcomes else 0}
             | {"note": "; ".join(notes[row])}
             for row, condition in enumerate(conditions)
         ]
     )
+    coords = {name: posterior[name].to_numpy() for name in ("chain", "draw")}
+    coords |= {"draw": coords["draw"][::step], "row": np.arange(1, len(conditions) + 1)}
+    attributes = ATTRIBUTES | element_attributes()
+    return Predicted(
+        table,
+        xr.Dataset({n: (tuple(coords), v, attributes[n]) for n, v in (simulated | outcomes).items()}, coords),
+    )
+
+
+# What joint draws are written as.
+DRAWS_AS = (".parquet", ".nc")
+_MARKED = {"program": "bayestissue", "holds": "joint draws of predictions"}
+
+
+def is_draws(path: Path) -> bool:
+    """Whether a file is what `write_draws` wrote."""
+    with suppress(Exception):
+        if path.suffix == ".nc":
+            with xr.open_dataset(path, engine="h5netcdf") as draws:
+                return _MARKED.items() <= draws.attrs.items()
+        return _MARKED.items() <= pd.read_parquet(path, columns=["row"]).attrs.items()
+    return False
+
+
+def write_draws(draws: xr.Dataset, path: Path) -> None:
+    """Write joint draws: netCDF where the name ends in ``.nc``, else Parquet, a row a chain, draw and row.
+
+    Columns of Parquet are those of ``predictions.csv``, units in their names.
+    """
+    with whole_file(path) as staging:
+        if path.suffix == ".nc":
+            # It is asked whether there is room for it, under a name that is free.
+            staging.unlink()
+            write_tree(xr.DataTree(draws.assign_attrs(_MARKED)), staging)
+            return
+        table = (
+            draws.to_dataframe(["chain", "draw", "row"])
+            .reset_index()
+            .rename(columns=COLUMNS | HEADFORM_COLUMNS)
+        )
+        table.attrs = dict(_MARKED)
+        table.to_parquet(staging, index=False)
 
 
 _GIVEN = ("mass_kg", "velocity_m_s", "diameter_m")
@@ -151,18 +228,21 @@ def _unknown(recorded: Recorded, condition: Condition) -> list[Coded]:
     return notes
 
 
-_POSITIVE = {"mass_kg": "kg", "velocity_m_s": "m/s", "diameter_m": "m"}
+_POSITIVE = {"mass_kg": "kg", "velocity_m_s": "m/s", "diameter_m": "m", DROP_HEIGHT: "cm"}
 _LABEL = "impact"
 _TABLE = "table (rows from 0)"
 
 
-def read_conditions(table: str | Path | pd.DataFrame, recorded: Recorded) -> list[Condition]:
+def read_conditions(
+    table: str | Path | pd.DataFrame, recorded: Recorded, gravity: float = 0.0
+) -> list[Condition]:
     """What is given of each new impact, by column; an empty cell is not given, also where all of a row are.
 
     Args:
         table: a CSV file or a pandas table, whose columns are among those of the run's ``impacts.csv``.
-            ``impact`` may name the rows.
+            ``impact`` may name the rows, and `DROP_HEIGHT` stand in place of a velocity.
         recorded: of the run.
+        gravity: along its motion [m/s^2], without which a height of fall gives no velocity.
 
     Raises:
         InputError: everything that is wrong, with file, row, column, value and what was expected.
@@ -177,7 +257,7 @@ def read_conditions(table: str | Path | pd.DataFrame, recorded: Recorded) -> lis
         cells, rows = read_cells(Path(table), (), label=label, keep_empty=True, remedy=remedy)
     if problems := list(_columns(cells, recorded, label)):
         raise InputError(problems)
-    if problems := list(_wrong(cells, rows, recorded, label)):
+    if problems := [*_wrong(cells, rows, recorded, label), *_heights(cells, rows, recorded, gravity, label)]:
         raise InputError(problems)
     return [
         {
@@ -203,7 +283,9 @@ def _is_number(name: str, recorded: Recorded) -> bool:
 
 def _columns(cells: pd.DataFrame, recorded: Recorded, label: str) -> Iterator[Problem]:
     """Columns that the run does not have, or has not kept."""
-    usable = list(dict.fromkeys([*map(str, recorded.rows), *_POSITIVE]))
+    # A height in another unit, which no formula is of, would move nothing.
+    moves = [n for n in map(str, recorded.rows) if n in recorded.needed or not n.startswith("drop_height")]
+    usable = list(dict.fromkeys([*moves, *_POSITIVE]))
     for name in map(str, cells):
         if name not in (*usable, _LABEL):
             near = difflib.get_close_matches(name, usable, n=1)
@@ -230,6 +312,17 @@ def _wrong(cells: pd.DataFrame, rows: np.ndarray, recorded: Recorded, label: str
             if wanted:
                 where = (label, int(row), name, text)
                 yield Problem.stated("prediction-table.cell", *where, wanted=wanted, hint=hint)
+
+
+def _heights(
+    cells: pd.DataFrame, rows: np.ndarray, recorded: Recorded, gravity: float, label: str
+) -> Iterator[Problem]:
+    """Heights of fall that give no velocity, or give a second one."""
+    for texts, row in zip(cells.to_dict("records"), rows, strict=True):
+        stated = [str(name) for name, text in texts.items() if text]
+        if wanted := unfit_height(recorded, stated, gravity):
+            where = (label, int(row), DROP_HEIGHT, texts[DROP_HEIGHT])
+            yield Problem.stated("prediction-table.cell", *where, wanted=wanted, hint="")
 
 
 def _no_number(name: str, text: str) -> str:

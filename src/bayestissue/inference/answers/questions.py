@@ -24,6 +24,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from bayestissue.elements.outcomes import OUTCOMES
 from bayestissue.errors import Coded, InputError, Problem, all_of, printable
 from bayestissue.hierarchy.recorded import Recorded
 from bayestissue.inference.answers.critical import ALONG
@@ -38,17 +39,20 @@ from bayestissue.inference.answers.grammar import (
     claims,
     parse,
 )
-from bayestissue.inference.answers.law import DROP_HEIGHT
+from bayestissue.inference.answers.law import DROP_HEIGHT, deeper, fall_height, moving
 from bayestissue.inference.answers.meaning import (
     alternatives,
+    at_level,
     average_notes,
     beyond_notes,
     condition_of,
+    conditions_of,
     draws_of,
     is_response,
     mistakes,
     quantities,
     responses_of,
+    searched,
     unit_of,
 )
 from bayestissue.inference.answers.settings import SETTINGS
@@ -173,7 +177,7 @@ def _answer(finished: Finished, question: Question) -> list[dict[str, Any]]:
     except QuestionError as slip:
         raise InputError(_problem(slip, question)) from None
     alone = finished.element_alone and any(of_element_alone(q.name) for q in quantities(node))
-    known = [*_of_levels(finished.recorded, node), *[ELEMENT_ALONE] * alone]
+    known = [*_of_levels(finished, node), *[ELEMENT_ALONE] * alone]
     return [asked | row | {"note": "; ".join(filter(None, [row["note"], *known]))} for row in rows]
 
 
@@ -232,15 +236,20 @@ def _ranked(values: xr.DataArray, *, lowest: bool) -> tuple[xr.DataArray, xr.Dat
     return best / best.sum("level"), rank, loss
 
 
-def _of_levels(recorded: Recorded, node: Node) -> list[Coded]:
-    """What is to be known of the levels that a question names: averages, and numbers beyond the measured."""
+def _of_levels(finished: Finished, node: Node) -> list[Coded]:
+    """What is to be known of the levels that a question names: averages, and what is beyond the measured."""
+    recorded, law, notes = finished.recorded, finished.law, []
+    if isinstance(node, Choice):
+        node = at_level(node, node.column, None, node.position)
     responses = [response for response in quantities(node) if is_response(response, recorded)]
-    conditions = [condition_of(response, recorded) for response in responses]
-    notes = [note for condition in conditions for note in beyond_notes(recorded, condition)]
-    compared = [node.column] if isinstance(node, Choice) else []
     for response in responses:
-        columns = [*compared, *(level.column for level in response.levels)]
+        notes += beyond_notes(recorded, moving(condition_of(response, recorded), finished.gravity))
+    for response in responses:
+        columns = [level.column for level in response.levels]
         notes += average_notes(recorded, responses_of(response.name, recorded), columns)
+        if response.name in OUTCOMES and law is not None and response not in searched(node):
+            conditions = [moving(one, law.gravity) for one in conditions_of(response, recorded)]
+            notes += deeper(finished.posterior, law.depth(finished.posterior, recorded, conditions))
     return list(dict.fromkeys(notes))
 
 
@@ -275,7 +284,7 @@ def _never(node: Node, posterior: xr.DataArray) -> str:
 def _beyond_fastest(finished: Finished, node: Critical, posterior: xr.DataArray) -> str:
     """That a claim holds beyond the velocities that were measured, where its element's law is drawn out."""
     fastest = float(finished.recorded.rows.get("velocity_m_s", pd.Series(dtype=float)).max())
-    measured = 100 * fastest**2 / (2 * finished.gravity) if node.column == DROP_HEIGHT else fastest
+    measured = fall_height(fastest) if node.column == DROP_HEIGHT else fastest
     share = float((posterior > measured).mean())
     beyond = f"beyond those measured, up to {measured:.4g} {ALONG[node.column]}"
     return Coded(f"in {100 * share:.3g} % of the draws {beyond}", "beyond-measured") if share else ""

@@ -15,6 +15,7 @@ from jax import Array
 from jaxtyping import Float, Int
 from numpyro.infer import Predictive
 
+from bayestissue.elements.outcomes import OUTCOMES
 from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expected
 from bayestissue.hierarchy.gaussian.covariances import Covariances
@@ -23,7 +24,7 @@ from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, impacts_model
 from bayestissue.inference.execution.chunks import in_blocks
 from bayestissue.inference.execution.compiling import by_row, compiled_quickly
-from bayestissue.inference.quantities.impacts import NAMES, Impacts, impact_quantities
+from bayestissue.inference.quantities.impacts import NAMES, Impacts, impact_quantities, named_quantities
 from bayestissue.inference.samplers.sampling import flat, in_chains
 from bayestissue.padding import padded_impacts, padded_rows
 
@@ -169,6 +170,19 @@ def drawn_impacts(
     return impact_quantities(Impacts.drawn(model, data, list(u.T), mass_error, key, jnp.asarray(recorded)))
 
 
+@by_row(DRAWS, constant=2)
+def recorded_outcomes(
+    model: TraceModel,
+    data: TraceData,
+    u: Float[Array, "impact parameter"],
+    mass_error: Float[Array, " impact"],
+    key: Array,
+) -> dict[str, Float[Array, " impact"]]:
+    """The outcomes alone, given what was recorded: compiled sooner than `drawn_impacts` is."""
+    impacts = Impacts.drawn(model, data, list(u.T), mass_error, key, jnp.asarray(True))
+    return named_quantities(impacts, OUTCOMES)
+
+
 def drawn_from_prior(
     model: TraceModel, data: TraceData, key: Array
 ) -> tuple[dict[str, np.ndarray], Float[np.ndarray, "draw impact parameter"]]:
@@ -217,7 +231,8 @@ def _at_true_masses(model: TraceModel, population: Population, key: Array) -> Fl
     if covariances.shared is None:
         return b
     error = error_of_people(covariances, b, key)
-    return b.at[covariances.shared.effect_on_K].add(error).at[covariances.shared.effect_on_C].add(error)
+    of_both = jnp.stack([covariances.shared.effect_on_K, covariances.shared.effect_on_C])
+    return b.at[of_both].add(error)  # noqa: PD008 - an array of jax, not a table
 
 
 def error_of_people(covariances: Covariances, b: Array, key: Array) -> Float[Array, " person"]:

@@ -5,7 +5,7 @@ A new quantity is an entry of `QUANTITIES`, and its unit and meaning in ``result
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any, Self, cast
@@ -236,10 +236,17 @@ QUANTITIES: dict[str, Callable[[Impacts], Array | None]] = {
 NAMES = (*QUANTITIES, *dict.fromkeys(one.name for name in element_names() for one in element(name).extra))
 
 
+def named_quantities(
+    impacts: Impacts, names: Iterable[str] = QUANTITIES
+) -> dict[str, Float[Array, " impact"]]:
+    """Those of these quantities that the impacts have."""
+    values = ((name, QUANTITIES[name](impacts)) for name in names)
+    return {name: value for name, value in values if value is not None}
+
+
 def impact_quantities(impacts: Impacts) -> dict[str, Float[Array, "impact ..."]]:
     """All quantities of every impact by name, with its parameters and the chain's errors."""
-    values: dict[str, Any] = {name: quantity(impacts) for name, quantity in QUANTITIES.items()}
     further = {one.name: impacts.parameters[one.name] for one in impacts.element.extra}
-    known = {name: value for name, value in values.items() if value is not None}
+    known: dict[str, Any] = named_quantities(impacts)
     parameters = jnp.stack(impacts.u, axis=-1)
     return known | further | {"parameters": parameters, "chain_error": impacts.chain_error}

@@ -62,6 +62,12 @@ def element_attributes() -> dict[str, dict[str, str]]:
     return table
 
 
+def outcome_column(name: str, which: str = "") -> str:
+    """The column of an outcome, its unit in the name: "peak_force_N", "peak_force_low_N", "restitution"."""
+    unit = element_attributes()[name]["unit"].replace("/", "_").replace(" ", "_")
+    return "_".join(part for part in (name, which, unit) if part not in ("", "1"))
+
+
 def design_attributes(design: Design) -> dict[str, dict[str, str]]:
     """Unit and meaning of what a design has besides the effects of subject and trial on K and C."""
     extra = {parameter.name: parameter for name in element_names() for parameter in element(name).extra}

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from bayestissue.dataset import as_dataset
+from bayestissue.elements.outcomes import NEVER, OUTCOMES
 from bayestissue.errors import InputError
 from bayestissue.hierarchy.design import build_design
 from bayestissue.hierarchy.specification import Formulas, read_specification
@@ -29,6 +30,7 @@ from bayestissue.inference.points.notes import (
     K_UNTOLD,
     UNCORRECTED,
 )
+from bayestissue.inference.results.labels import element_attributes, outcome_column
 from bayestissue.inference.samplers.psis import k_threshold
 from bayestissue.inference.single.posterior import POINTS, SinglePosteriors, single_posteriors
 from bayestissue.oscillator import spring_damper_inverse, to_discrete
@@ -47,6 +49,12 @@ Say = Callable[[str, int, int], None]
 _METHODS = ("impact", "exact", "dds")
 # Of the peak: below it the likelihood's own approximations, to first order in the moment of contact, count.
 _LEAST_NOISE = 1e-5
+# What an impact came to, and which number of its posterior; `time_to_peak_s` is the recorded one.
+OUTCOME_COLUMNS = {
+    outcome_column(name, "" if which == "median" and name != "time_to_peak" else which): (name, which)
+    for name in OUTCOMES
+    for which in ("median", "low", "high")
+} | {f"{name}_never": (name, "never") for name in NEVER}
 # An interval whose ends are this many times apart leaves the order of magnitude open.
 _DECADE = 10.0
 
@@ -94,7 +102,8 @@ def estimate(
         method or of how it was recorded (see `bayestissue.inference.points.notes`). By "impact" K and C are
         posterior medians, omega_n, zeta, phi1, phi2 and theta1 those of an oscillator of this K and C, errors
         posterior standard deviations, and ``sigma_a`` is empty: the noise is the recorder's, in
-        ``noise_sd_m_s2``, and no shock drives the impact; ``pareto_k`` is of the importance weights. K, or C,
+        ``noise_sd_m_s2``, and no shock drives the impact; ``pareto_k`` is of the importance weights. What the
+        impact came to follows, see `OUTCOME_COLUMNS`, the chain's errors in its intervals. K, or C,
         is empty and flagged where its interval spans more than a factor of 10: the interval is then from 0
         to an upper bound that holds with 95 %; and where nothing was found, which has no interval either.
         Where that befalls most impacts of a trial its others are flagged too. By the
@@ -167,7 +176,8 @@ def by_impact(
     if not rows.any():
         # Nothing to ask: the same columns without numbers.
         table = estimates_table(dataset, signal, "exact", findings)
-        return table.assign(noise_sd_m_s2=np.nan, pareto_k=np.nan), None
+        lacking = dict.fromkeys(["noise_sd_m_s2", "pareto_k", *OUTCOME_COLUMNS], np.nan)
+        return table.assign(**lacking, notes=table.pop("notes")), None
     design = build_design(specification.formula, dataset.impacts, reference_mass_kg=None, source="estimate")
     prepared = some_of(assemble(dataset, specification, design, signal), np.flatnonzero(rows))
     posteriors = single_posteriors(prepared) if say is None else single_posteriors(prepared, say)
@@ -196,7 +206,32 @@ def by_impact(
     table = table_of(dataset, signal, fit, ends, flags, notes)
     last = table.pop("notes")
     noise, pareto_k = (in_rows(column, rows) for column in (posteriors.sigma.median, posteriors.pareto_k))
-    return table.assign(noise_sd_m_s2=noise, pareto_k=pareto_k, notes=last), posteriors
+    # Of what was not found, and of intervals that are none, there is no outcome either.
+    holds = {"median": posteriors.moved}
+    outcomes = {
+        column: in_rows(
+            np.where(holds.get(which, bounded), getattr(posteriors.outcomes[name], which), np.nan), rows
+        )
+        for column, (name, which) in OUTCOME_COLUMNS.items()
+    }
+    return table.assign(noise_sd_m_s2=noise, pareto_k=pareto_k, **outcomes, notes=last), posteriors
+
+
+def outcomes_in(row: pd.Series) -> pd.DataFrame:
+    """What the impact of a row of `estimates.csv` came to, an outcome a row.
+
+    ``median``, ``low`` and ``high``, the ends of the 90 % interval, and ``unit``; ``never`` is the
+    probability of what is infinite.
+    """
+    import pandas as pd
+
+    units = element_attributes()
+    rows: dict[str, dict[str, float | str]] = {
+        name: {"never": 0.0, "unit": units[name]["unit"]} for name in OUTCOMES
+    }
+    for column, (name, which) in OUTCOME_COLUMNS.items():
+        rows[name][which] = float(row[column])
+    return pd.DataFrame(rows).T[["median", "low", "high", "never", "unit"]].infer_objects()
 
 
 def _untold(posteriors: SinglePosteriors, noiseless: np.ndarray) -> dict[str, np.ndarray]:

@@ -5,7 +5,8 @@ log C and the log of the noise; the errors of the measuring chain are integrated
 Importance sampling: points of a multivariate t about the Gaussian site times the prior, whose tails are
 heavier than the posterior's, weighted by the posterior over their own density, the greatest weights
 smoothed (Vehtari et al. 2024). Points fill the space evenly (Sobol's sequence) and are the same of every
-impact, so that what is found of one depends on no other.
+impact, so that what is found of one depends on no other. What the impact came to is of some of them, drawn by
+their weights, each with a draw of the chain's errors given the trace.
 """
 
 from __future__ import annotations
@@ -39,7 +40,9 @@ from bayestissue.inference.factors.likelihoods import POINTS as AT_ONCE
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.inference.factors.noise_left import noise_p
 from bayestissue.inference.factors.sites import laplace_sites
+from bayestissue.inference.quantities.draws import DRAWS, recorded_outcomes
 from bayestissue.inference.samplers.psis import k_threshold, pareto_smoothed
+from bayestissue.inference.samplers.sampling import quantiles
 from bayestissue.padding import padded_impacts
 
 POINTS = 1024
@@ -71,6 +74,21 @@ class Marginal(NamedTuple):
     high: Float[np.ndarray, " impact"]
 
 
+class Outcome(NamedTuple):
+    """The posterior of what each impact came to, which may be infinite.
+
+    Attributes:
+        median: of the posterior.
+        low, high: ends of the 90 % interval that leaves out as much probability on either side.
+        never: the probability of what is infinite.
+    """
+
+    median: Float[np.ndarray, " impact"]
+    low: Float[np.ndarray, " impact"]
+    high: Float[np.ndarray, " impact"]
+    never: Float[np.ndarray, " impact"]
+
+
 class SinglePosteriors(NamedTuple):
     """What each trace by itself says of its impact.
 
@@ -80,6 +98,7 @@ class SinglePosteriors(NamedTuple):
         omega_n: natural frequency [rad/s].
         zeta: damping ratio.
         sigma: standard deviation of the recorder's noise [m/s^2].
+        outcomes: what the impact came to, by the names of `bayestissue.elements.outcomes.OUTCOMES`.
         log_likelihood: log density of the trace at the medians.
         residuals: what the impact at the medians, and the chain's errors as the trace has them, leave of the
             trace [m/s^2]; 0 past its end.
@@ -95,6 +114,7 @@ class SinglePosteriors(NamedTuple):
     omega_n: Marginal
     zeta: Marginal
     sigma: Marginal
+    outcomes: dict[str, Outcome]
     log_likelihood: Float[np.ndarray, " impact"]
     residuals: Float[np.ndarray, "impact sample"]
     noise_p: Float[np.ndarray, " impact"]
@@ -145,7 +165,8 @@ def _of_block(
     even, mass_error = _standard(start.shape[1])
     u, weight, pareto_k = _corrected(model, data, prior, sites, even, say)
     # A trace shows omega_n and zeta alone: of the mass, to which K and C are in proportion, it says nothing.
-    by_mass = np.exp(model.log_mass_sd * mass_error)[:, None]
+    of_mass = np.repeat(model.log_mass_sd * mass_error[:, None], u.shape[1], axis=1)
+    by_mass = np.exp(of_mass)
     oscillator = physical(model, data, list(np.moveaxis(u, -1, 0)))
     middle = np.stack([_marginal(u[..., a], weight).median for a in range(u.shape[-1])], axis=-1)
     quantities = (
@@ -164,6 +185,7 @@ def _of_block(
         omega_n,
         zeta,
         sigma,
+        _outcomes(model, data, u, of_mass, weight),
         log_likelihoods(model, data, middle[None])[0],
         _residuals(model, data, middle),
         noise_p(model, data, middle),
@@ -311,6 +333,32 @@ def _standard(size: int) -> tuple[_Even, Float[np.ndarray, " point"]]:
     even = np.clip(qmc.Sobol(size + _BESIDES, seed=20).random(POINTS), 1e-9, 1 - 1e-9)
     scale = np.sqrt(_TAILS / chi2.ppf(even[:, size], _TAILS))
     return _Even(norm.ppf(even[:, :size]), scale), norm.ppf(even[:, size + 1])
+
+
+def _outcomes(
+    model: TraceModel,
+    data: TraceData,
+    u: Float[np.ndarray, "point impact parameter"],
+    mass_error: Float[np.ndarray, "point impact"],
+    weight: Float[np.ndarray, "point impact"],
+) -> dict[str, Outcome]:
+    """What the impacts came to, at points drawn by their weights and with draws of the chain's errors."""
+    # In a random order: every so many of points that fill the space evenly lie in one part of it.
+    order = np.random.default_rng(20).permutation(len(u))
+    levels = (np.arange(DRAWS) + 0.5) / DRAWS
+    keys = np.asarray(jax.random.split(jax.random.PRNGKey(0), DRAWS))
+    draws = []
+    # One by one, so that what is drawn for an impact depends on no other.
+    for number, column in enumerate(np.cumsum(weight[order], axis=0).T):
+        at, alone = order[np.searchsorted(column, levels * column[-1])], np.array([number])
+        of_rows = u[at][:, alone], mass_error[at][:, alone]
+        draws.append(recorded_outcomes(model, data.impacts(alone).padded, *of_rows, keys))
+    return {name: _of_draws(np.concatenate([one[name] for one in draws], axis=1)) for name in draws[0]}
+
+
+def _of_draws(values: Float[np.ndarray, "draw impact"]) -> Outcome:
+    low, median, high = quantiles(values.T, [0.05, 0.5, 0.95])
+    return Outcome(median, low, high, np.isinf(values).mean(axis=0))
 
 
 def _marginal(
