@@ -49,6 +49,15 @@ from bayestissue.inference.results.labels import element_attributes
 out = SimpleNamespace(mass=2.0, velocity=1.5)
 momentum = QUANTITIES["momentum"](SimpleNamespace(outcomes=out))
 print("quantity", momentum, element_attributes()["momentum"]["unit"])
+
+import typer
+from bayestissue.cli import app
+(option,) = (one for one in typer.main.get_command(app).commands["fit"].params if one.name == "draws")
+print("setting", option.opts[0], option.help)
+try:
+    bt.fit(data, draws=5)
+except bt.InputError as refused:
+    print("setting", refused)
 """
 
 
@@ -107,7 +116,9 @@ def test_recipes_work_as_they_are_written(tmp_path: Path) -> None:
     assert said[2] == "check ['a peak of 0.5 m/s²'] too-quiet"
     assert said[3] == "too-quiet: The recording is too quiet"
     # 2 kg at 1.5 m/s.
-    assert said[-1] == "quantity 3.0 N s"
+    assert "quantity 3.0 N s" in said
+    assert "setting --draws Of a chain that are kept, at most; as the model has it unless given." in said
+    assert re.search(r"setting .*sampler\.draws: found 5; expected greater than or equal to 100", done.stdout)
 
 
 TITLES = [

@@ -99,7 +99,7 @@ def fit(
     seed = _checked_seed(seed)
     dataset = as_dataset(dataset)
     specification, source = resolve(
-        model, dataset.quantity, formulas=formulas_of(K, C), questions=ask, path=path
+        model, dataset.quantity, formulas=formulas_of(K, C), questions=ask, sampler={"path": path}
     )
     with _set_up():
         prepared = prepare(dataset, specification, source=source)
@@ -163,7 +163,7 @@ def resolve(
     *,
     formulas: Mapping[str, str] = MappingProxyType({}),
     questions: str | Sequence[str] | Mapping[str, str] = (),
-    path: str | None = None,
+    sampler: Mapping[str, Any] = MappingProxyType({}),
 ) -> tuple[ModelSpecification, str]:
     """The model that a name, a path, a dict or a specification stands for, and what messages call it.
 
@@ -172,7 +172,7 @@ def resolve(
         quantity: what was recorded.
         formulas: in place of the model's own, by response.
         questions: beside the model's own; those without names are question_1 and so on.
-        path: of an earlier version, without effect.
+        sampler: in place of the model's own settings of its sampler, where not None.
 
     Raises:
         InputError: there is no such model or file (see `resources.model_file`), or it is wrong.
@@ -180,10 +180,11 @@ def resolve(
     named_questions = {"question_1": questions} if isinstance(questions, str) else questions
     if not isinstance(named_questions, Mapping):
         named_questions = {f"question_{number}": text for number, text in enumerate(named_questions, start=1)}
-    if isinstance(model, ModelSpecification) and not (formulas or named_questions or path):
+    sampler = {key: value for key, value in sampler.items() if value is not None}
+    if isinstance(model, ModelSpecification) and not (formulas or named_questions or sampler):
         return model, f"model {model.name}"
     content, source, text = _content(model, quantity, formulas)
-    tables = {"formula": formulas, "questions": named_questions, "sampler": {"path": path} if path else {}}
+    tables = {"formula": formulas, "questions": named_questions, "sampler": sampler}
     completed = content | {key: {**content.get(key, {}), **table} for key, table in tables.items() if table}
     return specification_of(completed, source, text=text), source
 

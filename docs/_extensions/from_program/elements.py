@@ -11,7 +11,9 @@ from from_program.markdown import code, escaped, table
 
 def models() -> str:
     """Each model of an element, and what the tissue is by it."""
-    return table(["name", "the tissue is a"], ((code(name), escaped(met.title)) for name, met in _models()))
+    return table(
+        ["name", "the tissue is taken as"], ((code(name), escaped(met.title)) for name, met in _models())
+    )
 
 
 def laws() -> str:

@@ -84,8 +84,8 @@ def nodes(
         max_steps=len(fractions) - 1,
     )
     time, y = jnp.asarray(fractions)[:, None] * duration, solution.ys
-    made = Nodes(time, y, jnp.moveaxis(rates(jnp.moveaxis(y, 1, 0), p, mass), 0, 1))
-    return _pushed_to_the_surface(element, p, mass, made) if flies_off else made
+    solved = Nodes(time, y, jnp.moveaxis(rates(jnp.moveaxis(y, 1, 0), p, mass), 0, 1))
+    return _pushed_to_the_surface(element, p, mass, solved) if flies_off else solved
 
 
 def _pushed_to_the_surface(element: Element, p: Parameters, mass: Array, nodes: Nodes) -> Nodes:

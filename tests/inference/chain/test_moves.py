@@ -81,7 +81,7 @@ def z_scores(made: GaussianTarget, name: str, several: int, number: int, repeats
 
 
 @pytest.mark.parametrize("several", [1, 2])
-@pytest.mark.parametrize("name", ["by_impact", "by_population", "by_level", "centred"])
+@pytest.mark.parametrize("name", [*(move.__name__ for move in moves.MOVES), "centred"])
 @pytest.mark.parametrize("structure", list(STRUCTURES))
 @pytest.mark.long
 def test_a_move_leaves_the_joint_law_as_it_is(structure, name, several):
