@@ -215,12 +215,12 @@ def _mass_errors(
 @by_row(DRAWS, constant=1, axes=2)
 def _at_true_masses(model: TraceModel, population: Population, key: Array) -> Float[Array, " location"]:
     """People's effects in b put at their true mass."""
-    b: Float[Array, " location"] = population.b
-    covariances = model.covariances(population.hyperparameters)
+    covariances, b = model.covariances(population.hyperparameters), population.b
     if covariances.shared is None:
         return b
     error = error_of_people(covariances, b, key)
-    return b.at[covariances.shared.effect_on_K].add(error).at[covariances.shared.effect_on_C].add(error)
+    effects = jnp.concatenate([covariances.shared.effect_on_K, covariances.shared.effect_on_C])
+    return b + jax.ops.segment_sum(jnp.tile(error, 2), effects, len(b))
 
 
 def error_of_people(covariances: Covariances, b: Array, key: Array) -> Float[Array, " person"]:
