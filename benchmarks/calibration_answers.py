@@ -477,8 +477,7 @@ class Studies:
         self._base = base = blank(trial.kind, trial.people, **trial.design)
         self._draw, self._sample = drawing(base), jax.jit(jax.vmap(self._chain))
         self._recorded = base.design.recorded
-        made, _ = drawn_from_prior(base.model, base.data, jax.random.PRNGKey(SEED))
-        drawn = {name: values[None] for name, values in made.items()}
+        drawn, _ = drawn_from_prior(base.model, base.data, jax.random.PRNGKey(SEED))
         self._prior = self._labelled(drawn, drawn.pop("locations"), np.random.default_rng(SEED))
 
     def converged(self, numbers: Sequence[int]) -> list[dict[str, float]]:

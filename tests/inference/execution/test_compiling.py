@@ -32,6 +32,14 @@ def test_the_calls_are_the_whole(count: int) -> None:
     np.testing.assert_array_equal(moved, 2 * rows + 1)
 
 
+def test_rows_lie_along_as_many_axes_as_are_stated() -> None:
+    def total(row: Float[Array, " value"]) -> Float[Array, ""]:
+        return row.sum()
+
+    rows = np.arange(2.0 * 5 * 9).reshape(2, 5, 9)
+    np.testing.assert_array_equal(by_row(SIZE, constant=0, axes=2)(total)(rows), rows.sum(2))
+
+
 def test_any_number_of_rows_is_compiled_once() -> None:
     before = of_row.jitted._cache_size()
     for count in (3, SIZE, 21):

@@ -89,8 +89,8 @@ def test_an_impact_s_density_is_its_likelihood_integrated_over_the_population(
 ) -> None:
     """By points of the population, with no site."""
     scores, rng = scores_by(made, chains, chains.sites)["trace"], np.random.default_rng(1)
-    of_all = flat(chains.population)
-    mean, precision = conditional_priors(made.model, made.data.design, of_all, np.arange(6))
+    priors = conditional_priors(made.model, made.data.design, chains.population, np.arange(6))
+    mean, precision = flat((priors.mean, priors.precision))
     for draw in (0, 1000, 3999):
         root = np.linalg.cholesky(np.linalg.inv(precision[draw, 0]))
         u = mean[draw] + np.matvec(root, rng.standard_normal((40_000, 6, 3)))

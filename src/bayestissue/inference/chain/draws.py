@@ -101,12 +101,12 @@ def chain_draws(
             near = _warm_of_some(prepared, beginning, sampler, seed, progress, checkpoints)
         warm = _warm(prepared, beginning, sampler, seed, chosen, progress, checkpoints, near)
     looked_at = partial(_looked_at, names=prepared.model.hyperparameters)
-    kept_of = partial(_kept, prepared=prepared, keep=chosen.keep)
-    drawn = sampled(warm.chains, warm.tuning, looked_at, progress, sampler=sampler, kept_of=kept_of)
-    kept: Kept = drawn.path
+    trim = partial(_trimmed, prepared=prepared, keep=chosen.keep)
+    drawn = sampled(warm.chains, warm.tuning, looked_at, progress, sampler=sampler, trim=trim)
+    path: Trimmed = drawn.path
     return ChainDraws(
-        **kept._asdict(),
-        impact_draws=np.arange(chosen.keep - 1, kept.log_likelihood.shape[1], chosen.keep),
+        **path._asdict(),
+        impact_draws=np.arange(chosen.keep - 1, path.log_likelihood.shape[1], chosen.keep),
         acceptance={name: rate for name, rate in drawn.rates._asdict().items() if np.isfinite(rate)},
         sites=GaussianFactor(*(np.asarray(leaf)[0, :count] for leaf in warm.tuning.sites)),
         end=_end(warm, continued=isinstance(beginning, ChainEnd)),
@@ -217,7 +217,7 @@ def _like(target: Target) -> Segment:
     return Segment(carried, Track(visited, none, none), of_nothing(Acceptances))
 
 
-class Kept(NamedTuple):
+class Trimmed(NamedTuple):
     """What is kept of the states since the warm-up; see `ChainDraws`."""
 
     population: Population
@@ -226,14 +226,14 @@ class Kept(NamedTuple):
     u: Float[np.ndarray, "chain kept impact parameter"]
 
 
-def _kept(track: Track, prepared: Prepared, keep: int) -> Kept:
+def _trimmed(track: Track, prepared: Prepared, keep: int) -> Trimmed:
     """Without the impacts and levels that fill up, hyperparameters constrained."""
     (y, b, log_likelihood, log_ratios), u, _ = jax.tree.map(np.asarray, track)
     count = len(prepared.impacts)
     of_groups = zip(prepared.design.groupings.items(), log_ratios.groups, strict=True)
     groups = {name: values[..., : len(grouping.levels)] for (name, grouping), values in of_groups}
     u = np.moveaxis(u[..., :count], -1, -2)
-    return Kept(
+    return Trimmed(
         Population(constrained(prepared.model, y), b),
         log_likelihood,
         {"impact": log_ratios.impacts[..., :count], **groups},
@@ -242,9 +242,9 @@ def _kept(track: Track, prepared: Prepared, keep: int) -> Kept:
     )
 
 
-def _looked_at(kept: Kept, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+def _looked_at(path: Trimmed, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
     """Hyperparameters and effects, and parameters of the impacts that are shown, [quantity, chain, draw]."""
-    hyperparameters, b = kept.population
+    hyperparameters, b = path.population
     population = [*(hyperparameters[name] for name in names), *np.moveaxis(b, -1, 0)]
-    u = np.moveaxis(kept.u[:, :, some_impacts(kept.u.shape[2])], (3, 2), (0, 1))
+    u = np.moveaxis(path.u[:, :, some_impacts(path.u.shape[2])], (3, 2), (0, 1))
     return np.stack(population), u.reshape(-1, *u.shape[2:])

@@ -19,7 +19,6 @@ from bayestissue.inference.chain.moves import State, Steps, StudentT, Tuning
 from bayestissue.inference.chain.run import read_arrays, write_arrays
 from bayestissue.inference.execution.compiling import by_row
 from bayestissue.inference.execution.kept import evenly_spaced
-from bayestissue.inference.samplers.sampling import flat, in_chains
 
 # Draws of one call.
 DRAWS = 64
@@ -129,14 +128,9 @@ class ChainDraws:
         }
 
 
-def constrained(model: Hierarchy, y: Float[Any, "chain draw hyperparameter"]) -> Hyperparameters:
-    """Hyperparameters by name, [chain, draw], from their unconstrained coordinates."""
-    values: Hyperparameters = in_chains(_constrained(model, flat(y)), y.shape[:2])
-    return values
-
-
-@by_row(DRAWS, constant=1)
-def _constrained(model: Hierarchy, y: Float[Array, " hyperparameter"]) -> Hyperparameters:
+@by_row(DRAWS, constant=1, axes=2)
+def constrained(model: Hierarchy, y: Float[Array, " hyperparameter"]) -> Hyperparameters:
+    """Hyperparameters by name from their unconstrained coordinates, of draws [chain, draw, ...]."""
     return hyperparameters_at(model, y)[0]
 
 

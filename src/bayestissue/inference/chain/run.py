@@ -133,7 +133,7 @@ def sampled(
     progress: Say,
     *,
     sampler: Sampler,
-    kept_of: Callable[[Any], Any] = lambda path: path,
+    trim: Callable[[Any], Any] = lambda path: path,
 ) -> Sampled:
     """Segments until there are draws enough.
 
@@ -143,7 +143,7 @@ def sampled(
         quantities: of states [chain, draw, ...] what is looked at: see `look`.
         progress: told the stage, how many segments are done, and of how many before the next look.
         sampler: how many effective draws are wanted, and how many transitions are the most.
-        kept_of: what is kept of a segment's states.
+        trim: takes off a segment's states what is not to be kept.
     """
     settings, in_a_row = chains.settings, 0
     most = -(-sampler.transitions // settings.segment)
@@ -152,7 +152,7 @@ def sampled(
     while True:
         progress(stage, len(paths), next_look)
         segments = chains.next(tuning, 0.0)
-        paths.append(kept_of(joined([segments])))
+        paths.append(trim(joined([segments])))
         rates.append(jax.tree.map(_mean, *[segment.rates for segment in segments]))
         if len(paths) < next_look:
             continue

@@ -26,10 +26,13 @@ def by_row(
     size: int,
     *,
     constant: int,
+    axes: int = 1,
     static_argnames: str | Sequence[str] = (),
     options: dict[str, Any] = _SOONER,
 ) -> Callable[[Function], Function]:
     """Makes a function of one row one of any number of rows along first axes, its results numpy arrays.
+
+    A row is a draw, say, and its ``axes`` two if draws are [chain, draw, ...].
 
     ``size`` rows go into one compiled call, which makes as many of them as there are: one compilation serves
     any number. Not to be called from within another compiled function.
@@ -37,6 +40,7 @@ def by_row(
     Args:
         size: about as many rows as are often asked for at once.
         constant: how many arguments come before the row's, the same for all rows.
+        axes: how many first axes rows lie along.
         static_argnames: as of `jax.jit`, among these.
         options: of the compiler.
     """
@@ -57,7 +61,7 @@ def by_row(
                 results = first(*arguments[:constant], *rows_of_call, number)
                 return jax.tree.map(lambda leaf: np.asarray(leaf)[:number], results)
 
-            return in_parts(of_rows, arguments[constant:], size)
+            return in_parts(of_rows, arguments[constant:], size, axes)
 
         called.jitted = first  # type: ignore[attr-defined]
         return called
@@ -65,12 +69,15 @@ def by_row(
     return decorated
 
 
-def in_parts(function: Function, rows: Any, size: int) -> Any:
-    """``function(*rows)`` of at most ``size`` rows at a time, as numpy arrays."""
+def in_parts(function: Function, rows: Any, size: int, axes: int = 1) -> Any:
+    """``function(*rows)`` of at most ``size`` rows at a time, as numpy arrays; ``axes`` as of `by_row`."""
     rows = jax.tree.map(np.asarray, rows)
+    shape = jax.tree.leaves(rows)[0].shape[:axes]
+    rows = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[axes:]), rows)
     begins = range(0, len(jax.tree.leaves(rows)[0]), size)
     parts = [function(*jax.tree.map(lambda leaf: leaf[begin : begin + size], rows)) for begin in begins]  # noqa: B023
-    return jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
+    results = jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
+    return jax.tree.map(lambda leaf: leaf.reshape(*shape, *leaf.shape[1:]), results)
 
 
 def _first_rows(one: Function, rows: Any, number: Any) -> Any:

@@ -78,14 +78,14 @@ def log_evidence(sites: GaussianFactor, prior: ConditionalPrior) -> Float[np.nda
 def conditional_priors(
     model: TraceModel, design: PopulationDesign, population: Population, rows: Int[np.ndarray, " impact"]
 ) -> ConditionalPrior:
-    """The conditional prior of some impacts in each draw [draw, ...] of the population."""
+    """The conditional prior of some impacts in each draw [chain, draw, ...] of the population."""
     cell = np.asarray(design.cell)[rows]
     # Without each impact's cell, so that what is compiled serves other numbers of impacts.
     priors = _of_cells(model, design._replace(cell=np.zeros(0, int)), population)
-    return priors._replace(mean=priors.mean[:, cell])
+    return priors._replace(mean=priors.mean[:, :, cell])
 
 
-@by_row(DRAWS, constant=2)
+@by_row(DRAWS, constant=2, axes=2)
 def _of_cells(model: TraceModel, design: PopulationDesign, population: Population) -> ConditionalPrior:
     D = model.covariances(population.hyperparameters).of_impact()
     return ConditionalPrior(expected_by_cell(design, population.b).T, D[None])

@@ -32,7 +32,6 @@ from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceModel, gaussian
 from bayestissue.inference.execution.compiling import by_row, in_parts
 from bayestissue.inference.factors.conditional import conditional_priors, log_evidence
-from bayestissue.inference.samplers.sampling import flat, in_chains
 from bayestissue.padding import bucket
 
 # Draws at a time: what a matrix of each impact under each of them takes stays small.
@@ -64,26 +63,25 @@ def log_densities(
             each grouping.
         rows: numbers of the impacts that "trace" is of.
     """
-    model, data, of_all = prepared.model, prepared.data, flat(population)
+    model, data = prepared.model, prepared.data
     shown = GaussianFactor(*(np.asarray(leaf)[rows] for leaf in sites))
-    priors = conditional_priors(model, data.design, of_all, rows)
-    evidence = in_parts(partial(log_evidence, shown), (priors,), _AT_ONCE)
+    priors = conditional_priors(model, data.design, population, rows)
+    evidence = in_parts(partial(log_evidence, shown), (priors,), _AT_ONCE, axes=2)
     traces = gaussian(data, sites)
     cell, places = np.asarray(data.design.cell), traces.design.members.shape[2]
     of_levels = own_effects(model, prepared.design)
     effects = {name: effect.at_places(cell, places) for name, effect in of_levels.items()}
-    of_groups = _of_groups(model, traces, effects, of_all)
-    scores = in_chains({"trace": evidence} | of_groups, population.b.shape[:2])
     of_impacts = log_ratios["impact"]
     # Of more impacts there may be ratios than are shown.
-    scores["trace"] += of_impacts if of_impacts.shape[-1] == len(rows) else of_impacts[..., rows]
+    of_impacts = of_impacts if of_impacts.shape[-1] == len(rows) else of_impacts[..., rows]
+    scores = {"trace": evidence + of_impacts} | _of_groups(model, traces, effects, population)
     for name, grouping in prepared.design.groupings.items():
         stem = f"traces_of_{stem_of(name)}"
         scores[stem] = scores[stem][..., : len(grouping.levels)] + log_ratios[name]
     return scores
 
 
-@by_row(_AT_ONCE, constant=3)
+@by_row(_AT_ONCE, constant=3, axes=2)
 def _of_groups(
     model: TraceModel, data: Data, effects_of: dict[str, OwnEffects], population: Population
 ) -> dict[str, Array]:

@@ -25,7 +25,6 @@ from bayestissue.hierarchy.traces import TraceData, TraceModel, impacts_model
 from bayestissue.inference.execution.chunks import in_blocks
 from bayestissue.inference.execution.compiling import by_row, compiled_quickly
 from bayestissue.inference.quantities.impacts import NAMES, Impacts, impact_quantities, named_quantities
-from bayestissue.inference.samplers.sampling import flat, in_chains
 from bayestissue.padding import padded_impacts, padded_rows
 
 # Draws of one call, and of a prior.
@@ -74,23 +73,22 @@ def posterior_draws(
     model, design, shape = prepared.model, prepared.data.design, population.b.shape[:2]
     cell, whole = np.asarray(design.cell), len(kept_numbers) == shape[1]
     # In numpy: jax compiles each step of choosing some of them anew for every number of draws.
-    keys = np.asarray(jax.random.split(jax.random.fold_in(key, 11), shape[0] * shape[1]))
-    of_all = population, in_chains(keys, shape)
-    of_kept, keys_of_kept = flat(jax.tree.map(lambda values: values[:, kept_numbers], of_all))
+    keys = np.asarray(jax.random.split(jax.random.fold_in(key, 11), shape))
+    of_kept, keys_of_kept = jax.tree.map(lambda values: values[:, kept_numbers], (population, keys))
 
     def errors_and_keys(rows: np.ndarray, u: np.ndarray) -> tuple[Any, Any]:
-        of_block = jax.vmap(partial(jax.random.fold_in, data=rows[0]))(keys_of_kept)
-        of_errors, of_mass = np.moveaxis(np.asarray(jax.vmap(jax.random.split)(of_block)), 1, 0)
+        of_block = _each(partial(jax.random.fold_in, data=rows[0]), keys_of_kept)
+        of_errors, of_mass = np.moveaxis(_each(jax.random.split, of_block), 2, 0)
         # Of the design X b of these impacts is asked alone.
         of_rows = design._replace(cell=cell[rows[padded_rows(len(rows))]])
         of_people = keys_of_kept if model.mass_error == "subject" else of_mass
         return _mass_errors(model, of_rows, of_kept, u, of_people), of_errors
 
-    impacts = _of_impacts(prepared, flat(u), errors_and_keys, recorded=True, single=not whole)
-    b = in_chains(_at_true_masses(model, flat(population), keys), shape)
+    impacts = _of_impacts(prepared, u, errors_and_keys, recorded=True, single=not whole)
+    b = _at_true_masses(model, population, keys)
     return Draws(
         population.hyperparameters | derived.effects_by_name(model.locations, prepared.design, b),
-        in_chains(impacts, (shape[0], len(kept_numbers))),
+        impacts,
         log_likelihood,
         None if whole else kept_numbers,
     )
@@ -108,15 +106,14 @@ def prior_draws(prepared: Prepared, seed: int, rng: np.random.Generator) -> Draw
         ]
     else:
         error = model.log_mass_sd * rng.standard_normal(u.shape[:-1])
-    keys = np.asarray(jax.random.split(jax.random.fold_in(key, 1), len(u)))
+    keys = np.asarray(jax.random.split(jax.random.fold_in(key, 1), u.shape[:2]))
 
     def errors_and_keys(rows: np.ndarray, u: np.ndarray) -> tuple[Any, Any]:
-        return padded_impacts(error[:, rows], 1), keys
+        return padded_impacts(error[:, :, rows], 2), keys
 
     impacts = _of_impacts(prepared, u, errors_and_keys, recorded=False)
     # The measuring chain's errors are as the dataset states them.
     impacts.pop("chain_error")
-    drawn, impacts = in_chains((drawn, impacts), (1, len(u)))
     effects = derived.effects_by_name(model.locations, prepared.design, drawn["locations"])
     return Draws({name: drawn[name] for name in model.hyperparameters} | effects, impacts, {})
 
@@ -136,28 +133,33 @@ def quantities(prepared: Prepared, draws: Draws, rng: np.random.Generator) -> di
     return values | derived.new_impact(design, population, levels, rng)
 
 
+def _each(function: Callable[..., Array], keys: Any) -> np.ndarray:
+    """Of the key of each draw, [chain, draw, ...]."""
+    return np.asarray(jax.vmap(jax.vmap(function))(keys))
+
+
 def _of_impacts(
     prepared: Prepared,
-    u: Float[np.ndarray, "draw impact parameter"],
+    u: Float[np.ndarray, "chain draw impact parameter"],
     errors_and_keys: ErrorsAndKeys,
     *,
     recorded: bool,
     single: bool = False,
-) -> dict[str, Float[np.ndarray, "draw impact ..."]]:
+) -> dict[str, Float[np.ndarray, "chain draw impact ..."]]:
     """What `impact_quantities` has of every impact, block by block, in ``single`` precision if so."""
 
     def one(part: TraceData, rows: np.ndarray) -> dict[str, np.ndarray]:
-        of_rows = padded_impacts(u[:, rows], 1)
+        of_rows = padded_impacts(u[:, :, rows], 2)
         errors = errors_and_keys(rows, of_rows)
         padded = drawn_impacts(prepared.model, part.padded, recorded, of_rows, *errors)
-        values = {name: np.moveaxis(array[:, : len(rows)], 1, 0) for name, array in padded.items()}
+        values = {name: np.moveaxis(array[:, :, : len(rows)], 2, 0) for name, array in padded.items()}
         # Seven digits of a draw are more than it knows, and half the memory.
         return {name: array.astype(np.float32) for name, array in values.items()} if single else values
 
-    return {name: np.moveaxis(values, 0, 1) for name, values in in_blocks(prepared.data, one).items()}
+    return {name: np.moveaxis(values, 0, 2) for name, values in in_blocks(prepared.data, one).items()}
 
 
-@by_row(DRAWS, constant=3)
+@by_row(DRAWS, constant=3, axes=2)
 def drawn_impacts(
     model: TraceModel,
     data: TraceData,
@@ -185,10 +187,11 @@ def recorded_outcomes(
 
 def drawn_from_prior(
     model: TraceModel, data: TraceData, key: Array
-) -> tuple[dict[str, np.ndarray], Float[np.ndarray, "draw impact parameter"]]:
-    """Hyperparameters, effects as "locations", people's errors of mass; and each impact's parameters."""
-    drawn, u = jax.device_get(_drawn_from_prior(model, data.padded, key))
-    return drawn, u[:, : len(data.log_mass)]
+) -> tuple[dict[str, np.ndarray], Float[np.ndarray, "chain draw impact parameter"]]:
+    """One chain's hyperparameters, effects as "locations", people's errors of mass; impacts' parameters."""
+    drawn = jax.device_get(_drawn_from_prior(model, data.padded, key))
+    population, u = jax.tree.map(lambda values: values[None], drawn)
+    return population, u[:, :, : len(data.log_mass)]
 
 
 @compiled_quickly
@@ -207,7 +210,7 @@ def _drawn_from_prior(
     return drawn, jnp.concatenate([drawn.pop("log_K_and_C"), *nuisance], axis=-1)
 
 
-@by_row(DRAWS, constant=2)
+@by_row(DRAWS, constant=2, axes=2)
 def _mass_errors(
     model: TraceModel,
     design: PopulationDesign,
@@ -223,16 +226,15 @@ def _mass_errors(
     return error_given(model.log_mass_sd**2, pair, u.T - expected(design, population.b), key)
 
 
-@by_row(DRAWS, constant=1)
+@by_row(DRAWS, constant=1, axes=2)
 def _at_true_masses(model: TraceModel, population: Population, key: Array) -> Float[Array, " location"]:
     """People's effects in b put at their true mass."""
-    b: Float[Array, " location"] = population.b
-    covariances = model.covariances(population.hyperparameters)
+    covariances, b = model.covariances(population.hyperparameters), population.b
     if covariances.shared is None:
         return b
     error = error_of_people(covariances, b, key)
-    of_both = jnp.stack([covariances.shared.effect_on_K, covariances.shared.effect_on_C])
-    return b.at[of_both].add(error)  # noqa: PD008 - an array of jax, not a table
+    effects = jnp.concatenate([covariances.shared.effect_on_K, covariances.shared.effect_on_C])
+    return b + jax.ops.segment_sum(jnp.tile(error, 2), effects, len(b))
 
 
 def error_of_people(covariances: Covariances, b: Array, key: Array) -> Float[Array, " person"]:
