@@ -152,7 +152,7 @@ def contrasts(
         element's own.
     """
     tables, directions = [], asked_directions(questions)
-    every: dict[tuple[str, ...], Contrast] = {}
+    by_name: dict[tuple[str, ...], Contrast] = {}
     for response in responses:
         directed = [contrast.directed(directions) for contrast in contrasts_of(recorded, response)]
         if directed:
@@ -160,14 +160,14 @@ def contrasts(
             logs = log_at_levels(draws, recorded, response, conditions).reshape(-1, len(conditions)) @ weights
             tables.append(_rows(directed, _notes(recorded, directed), response, logs, equivalence))
             for contrast in directed:
-                every.setdefault((contrast.kind, *contrast.names), contrast)
+                by_name.setdefault((contrast.kind, *contrast.names), contrast)
     table = _by_contrast(tables)
     if element_alone(draws):
         of_K = table["quantity"] == "K"
         table.loc[of_K, "note"] = (table["note"] + f"; {ELEMENT_ALONE}").str.removeprefix("; ")[of_K]
     if law is None:
         return table
-    outcomes = _by_contrast(_in_outcomes(draws, recorded, list(every.values()), law, equivalence))
+    outcomes = _by_contrast(_in_outcomes(draws, recorded, list(by_name.values()), law, equivalence))
     return pd.concat([table, outcomes], ignore_index=True) if len(outcomes) else table
 
 
