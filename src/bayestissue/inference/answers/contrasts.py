@@ -202,15 +202,22 @@ def _in_outcomes(
         return []
     simulated = [words] if (words := simulated_words(values, draws)) else []
     notes = ["; ".join([note, *simulated] if note else simulated) for note in _notes(recorded, compared)]
-    at = {
-        "mass_kg": numbers(recorded, conditions, "mass_kg"),
-        "velocity_m_s": law.velocity(recorded, conditions),
+    motion = {
+        "mass_kg": _shared(numbers(recorded, conditions, "mass_kg"), weights),
+        "velocity_m_s": _shared(law.velocity(recorded, conditions), weights),
     }
-    motion = {name: value[0] if (value == value[0]).all() else np.nan for name, value in at.items()}
     return [
         _rows(compared, notes, name, np.log(outcome) @ weights, equivalence).assign(**motion)
         for name, outcome in values.items()
     ]
+
+
+def _shared(
+    values: Float[np.ndarray, " condition"], weights: Float[np.ndarray, "condition ratio"]
+) -> list[float]:
+    """Of each contrast what all of its conditions have; NaN where it is what they differ in."""
+    chosen = [values[column != 0] for column in weights.T]
+    return [float(those[0]) if (those == those[0]).all() else np.nan for those in chosen]
 
 
 def asked_directions(questions: Iterable[str]) -> frozenset[tuple[str, str, str]]:

@@ -49,10 +49,15 @@ class Law:
     def velocity(
         self, recorded: Recorded, conditions: Sequence[Condition]
     ) -> Float[np.ndarray, " condition"]:
-        """V at contact [m/s]: (2 g h)^1/2 after a drop from h, else as given, else that of the reference."""
+        """V at contact [m/s]: (2 g h)^1/2 after a drop from h, else as given, else that of the reference.
+
+        Without gravity along the motion a height is a level like others.
+        """
         height = numbers(recorded, [{DROP_HEIGHT: np.nan} | dict(one) for one in conditions], DROP_HEIGHT)
         fallen = np.sqrt(2 * self.gravity * height / 100)
-        return np.where(np.isfinite(height), fallen, numbers(recorded, conditions, "velocity_m_s"))
+        return np.where(
+            np.isfinite(height) & (self.gravity > 0), fallen, numbers(recorded, conditions, "velocity_m_s")
+        )
 
     @property
     def in_closed_form(self) -> bool:
