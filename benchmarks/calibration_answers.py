@@ -43,6 +43,7 @@ from jax import Array
 from numpyro.diagnostics import split_gelman_rubin
 from numpyro.distributions import biject_to
 from numpyro.infer import HMC
+from scipy.constants import g as standard_gravity
 
 from bayestissue import runtime
 from bayestissue.hierarchy.derived import effects_by_name, formula_quantities, level_quantities, new_impact
@@ -201,9 +202,16 @@ class World:
         """K or C at some levels."""
         return float(np.exp(self.log(q, **at)))
 
+    def outcome(self, name: str, **at: Any) -> float:
+        """An outcome of the reference impact at some levels."""
+        K, C = (self.value(q, **at) for q in "KC")
+        velocity = np.mean([one["velocity_m_s"] for one in self.trial.design["conditions"]])
+        return outcomes_of(K, C, REFERENCE_KG, float(velocity))[name]
+
     def over(self, q: str, upper: Levels, lower: Levels) -> float:
-        """Ratio of K or of C at some levels to that at others."""
-        return float(np.exp(self.log(q, **upper) - self.log(q, **lower)))
+        """Ratio of K, of C or of an outcome at some levels to that at others."""
+        value = self.value if q in RESPONSES else self.outcome
+        return value(q, **upper) / value(q, **lower)
 
     def people(self, q: str, **at: Any) -> list[float]:
         """K or C of each person."""
@@ -246,7 +254,7 @@ class World:
             np.exp(self.log(q, new=True, **at) + self.sd[f"sd_impact_{q}"] * z)
             for q, z in zip("KC", scatter, strict=True)
         )
-        return {"K": K, "C": C} | peaks(K, C, float(at["mass_kg"]), float(at["velocity_m_s"]))
+        return {"K": K, "C": C} | outcomes_of(K, C, float(at["mass_kg"]), float(at["velocity_m_s"]))
 
 
 def _columns(at: Levels) -> np.ndarray:
@@ -271,13 +279,26 @@ def deceleration(K: float, C: float, M: float, V: float, t: np.ndarray) -> np.nd
     return (V * (s[1] ** 2 * np.exp(s[1] * t) - s[0] ** 2 * np.exp(s[0] * t)) / (s[0] - s[1])).real
 
 
-def peaks(K: float, C: float, M: float, V: float) -> dict[str, float]:
-    """Greatest depth, force until then, and the time to that depth."""
+def outcomes_of(K: float, C: float, M: float, V: float) -> dict[str, float]:
+    """What an impact without gravity comes to, by the names of `QUANTITIES`.
+
+    x is greatest at t, where s_0 exp(s_0 t) = s_1 exp(s_1 t), and x'' is 0 at 2 t, where the impactor leaves.
+    """
     s = _roots(K, C, M)
     time = float((np.log(s[1] / s[0]) / (s[0] - s[1])).real)
     depth = float((V * (np.exp(s[0] * time) - np.exp(s[1] * time)) / (s[0] - s[1])).real)
-    force = M * deceleration(K, C, M, V, np.linspace(0.0, time, 2001)).max()
-    return {"peak_depth": depth, "peak_force": float(force), "time_to_peak": time}
+    end = -float((V * (s[0] * np.exp(2 * s[0] * time) - s[1] * np.exp(2 * s[1] * time)) / (s[0] - s[1])).real)
+    force = M * float(deceleration(K, C, M, V, np.linspace(0.0, time, 2001)).max())
+    return {
+        "peak_depth": depth,
+        "peak_force": force,
+        "time_to_peak": time,
+        "peak_deceleration": force / (M * standard_gravity),
+        "contact_duration": 2 * time,
+        "rebound_velocity": end,
+        "restitution": end / V,
+        "energy_absorbed": M * (V**2 - end**2) / 2,
+    }
 
 
 def world_of(
@@ -334,7 +355,7 @@ def lines_of(finished: Finished, reliable: pd.DataFrame, world: World) -> Iterat
     """Of every answer what is to be kept, as "kind of answer: which", and a number."""
     yield from _of_reliability(reliable, world)
     of = finished.posterior, finished.recorded, RESPONSES
-    for row in contrasts(*of, EQUIVALENCE).to_dict("records"):
+    for row in contrasts(*of, EQUIVALENCE, law=finished.law).to_dict("records"):
         names = str(row["factor"]).split(":")
         upper, lower = (dict(zip(names, row[side].split(":"), strict=True)) for side in ("level", "against"))
         if upper.get("subject", "s01") == "s01":
@@ -369,7 +390,8 @@ def lines_of(finished: Finished, reliable: pd.DataFrame, world: World) -> Iterat
 
 def clinic_lines(finished: Finished, _: pd.DataFrame, world: World) -> Iterator[tuple[str, str, float]]:
     """The same of a trial: every comparison, its interactions by the differences of what was drawn."""
-    for row in contrasts(finished.posterior, finished.recorded, RESPONSES, EQUIVALENCE).to_dict("records"):
+    of = finished.posterior, finished.recorded, RESPONSES, EQUIVALENCE
+    for row in contrasts(*of, law=finished.law).to_dict("records"):
         q, names = row["quantity"], row["factor"].split(":")
         if row["kind"] == "interaction":
             pairs = [row[side].split(":") for side in ("level", "against")]

@@ -18,9 +18,9 @@ ROOMS = (
     ("samplers", "points"),
     ("factors", "quantities"),
     ("results",),
-    ("comparing", "checking", "single", "chain"),
+    ("checking", "single", "chain"),
     ("answers",),
-    ("published", "fit"),
+    ("comparing", "published", "fit"),
 )
 
 

@@ -148,7 +148,7 @@ class Fit(Outlined):
 
     @property
     def contrasts(self) -> pd.DataFrame:
-        """Ratios of K and C between the levels of categories and groups: ``contrasts.csv``.
+        """Ratios of K, C and outcomes between levels of categories and groups: ``contrasts.csv``.
 
         See `bayestissue.inference.answers.contrasts`.
         """

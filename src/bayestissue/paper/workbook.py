@@ -119,22 +119,24 @@ def _outcomes(
     one_mass = len(set(recorded.rows["mass_kg"])) == 1
     factors = [name for name in within if name in recorded.needed and (name != "trial" or one_mass)]
     cells = recorded.rows[["subject", *factors]].astype(str).drop_duplicates()
-    values = law.reference_outcomes(finished.posterior, recorded, cells.to_dict("records"))
+    names = [str(name) for name in cells]
+    conditions = [dict(zip(names, row, strict=True)) for row in cells.itertuples(index=False, name=None)]
+    values = law.reference_outcomes(finished.posterior, recorded, conditions)
     mass, velocity = (float(numbers(recorded, [{}], name)[0]) for name in ("mass_kg", "velocity_m_s"))
     simulated = f"; {words}" if values and (words := simulated_words(values, finished.posterior)) else ""
     of_cell = cells[factors].agg(" ".join, axis=1) if factors else pd.Series("", index=cells.index)
     for cell in dict.fromkeys(of_cell):
-        own = (of_cell == cell).to_numpy()
+        chosen = (of_cell == cell).to_numpy()
         of_levels = f"{', '.join(factors)} {cell}; " if factors else ""
         for name, draws in values.items():
             unit, what = (element_attributes()[name][key] for key in ("unit", "long_name"))
             of_impact = f"of an impact of {mass:.4g} kg at {velocity:.4g} m/s, {unit}"
             for end, (which, quantile) in _ENDS.items():
-                at = pd.Series(np.quantile(draws[:, own], quantile, axis=0), cells["subject"][own])
+                at = pd.Series(np.quantile(draws[:, chosen], quantile, axis=0), cells["subject"][chosen])
                 words = f"{name}_{unit}{f'_{cell}' if factors else ''}{end}"
                 yield (
                     words,
-                    at.reindex(people).to_numpy(),
+                    at.reindex(list(people)).to_numpy(),
                     f"{what} {of_impact}: {of_levels}{which}{simulated}",
                 )
 

@@ -127,6 +127,24 @@ def test_without_a_law_or_a_velocity_there_are_no_outcomes() -> None:
     assert set(contrasts(draws, still, ["K", "C"], 0.1, law=LAW)["quantity"]) == {"K"}
 
 
+def test_heights_as_levels_are_velocities_along_gravity_alone() -> None:
+    of = recorded(K="side + drop_height_cm", C="1")
+    of = Recorded(
+        of.rows.assign(drop_height_cm=np.resize([12.0, 20.0], len(of.rows))), of.formulas, REFERENCE
+    )
+    draws = draws_of(5, SIDES | {"effect_of_drop_height_cm_K": 0.0}, sd=0.0)
+    level = contrasts(draws, of, ["K", "C"], 0.1, law=LAW).set_index(["quantity", "factor"])
+    assert level["ratio"]["peak_depth", "side"] < 1
+    assert level["ratio"]["peak_depth", "drop_height_cm"] == pytest.approx(1)
+    assert level["velocity_m_s"]["peak_depth", "drop_height_cm"] == V
+    fallen = contrasts(draws, of, ["K", "C"], 0.1, law=Law("kelvin_voigt", 9.81))
+    fallen = fallen.set_index(["quantity", "factor"])
+    # Of a light damper the depth grows a little less than the velocity, since gravity adds to both.
+    assert 1.2 < fallen["ratio"]["peak_depth", "drop_height_cm"] < np.sqrt(20 / 12)
+    assert np.isnan(fallen["velocity_m_s"]["peak_depth", "drop_height_cm"])
+    assert fallen["velocity_m_s"]["peak_depth", "side"] == V
+
+
 def test_a_law_without_a_closed_form_says_how_many_draws_were_simulated(monkeypatch) -> None:
     draws, of = draws_of(4, SIDES), recorded(K="side", C="1")
     monkeypatch.setattr(Law, "in_closed_form", False)

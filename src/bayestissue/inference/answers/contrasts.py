@@ -56,7 +56,7 @@ from bayestissue.hierarchy.levels import log_at_levels
 from bayestissue.hierarchy.recorded import Condition, Recorded, label_of
 from bayestissue.hierarchy.untried import not_used
 from bayestissue.inference.answers.grammar import Node, Number, Quantity, QuestionError, parse
-from bayestissue.inference.answers.law import Law, numbers, simulated_words
+from bayestissue.inference.answers.law import Law, moving, numbers, simulated_words
 from bayestissue.inference.answers.meaning import quantities
 from bayestissue.inference.answers.settings import SETTINGS
 from bayestissue.inference.results.meanings import element_alone
@@ -152,7 +152,7 @@ def contrasts(
         element's own.
     """
     tables, directions = [], asked_directions(questions)
-    every: dict[tuple[str, ...], Contrast] = {}
+    by_name: dict[tuple[str, ...], Contrast] = {}
     for response in responses:
         directed = [contrast.directed(directions) for contrast in contrasts_of(recorded, response)]
         if directed:
@@ -160,14 +160,14 @@ def contrasts(
             logs = log_at_levels(draws, recorded, response, conditions).reshape(-1, len(conditions)) @ weights
             tables.append(_rows(directed, _notes(recorded, directed), response, logs, equivalence))
             for contrast in directed:
-                every.setdefault((contrast.kind, *contrast.names), contrast)
+                by_name.setdefault((contrast.kind, *contrast.names), contrast)
     table = _by_contrast(tables)
     if element_alone(draws):
         of_K = table["quantity"] == "K"
         table.loc[of_K, "note"] = (table["note"] + f"; {ELEMENT_ALONE}").str.removeprefix("; ")[of_K]
     if law is None:
         return table
-    outcomes = _by_contrast(_in_outcomes(draws, recorded, list(every.values()), law, equivalence))
+    outcomes = _by_contrast(_in_outcomes(draws, recorded, list(by_name.values()), law, equivalence))
     return pd.concat([table, outcomes], ignore_index=True) if len(outcomes) else table
 
 
@@ -196,21 +196,29 @@ def _in_outcomes(
     """Rows of each of `REFERENCE_OUTCOMES`, all levels' motions in one go."""
     if not law.in_closed_form:
         compared = _within(compared, SETTINGS.simulated // SETTINGS.of_a_condition)
-    conditions, weights = _weights(compared)
+    stated, weights = _weights(compared)
+    conditions = [moving(condition, law.gravity) for condition in stated]
     values = law.reference_outcomes(draws, recorded, conditions)
     if not values:
         return []
     simulated = [words] if (words := simulated_words(values, draws)) else []
     notes = ["; ".join([note, *simulated] if note else simulated) for note in _notes(recorded, compared)]
-    at = {
-        "mass_kg": numbers(recorded, conditions, "mass_kg"),
-        "velocity_m_s": law.velocity(recorded, conditions),
+    motion = {
+        "mass_kg": _shared(numbers(recorded, conditions, "mass_kg"), weights),
+        "velocity_m_s": _shared(law.velocity(recorded, conditions), weights),
     }
-    motion = {name: value[0] if (value == value[0]).all() else np.nan for name, value in at.items()}
     return [
         _rows(compared, notes, name, np.log(outcome) @ weights, equivalence).assign(**motion)
         for name, outcome in values.items()
     ]
+
+
+def _shared(
+    values: Float[np.ndarray, " condition"], weights: Float[np.ndarray, "condition ratio"]
+) -> list[float]:
+    """Of each contrast what all of its conditions have; NaN where it is what they differ in."""
+    chosen = [values[column != 0] for column in weights.T]
+    return [float(those[0]) if (those == those[0]).all() else np.nan for those in chosen]
 
 
 def asked_directions(questions: Iterable[str]) -> frozenset[tuple[str, str, str]]:

@@ -80,7 +80,8 @@ class Law:
 
         Where the law has no closed form, draws are evenly left out: see `simulated_words`.
         """
-        if not (len(conditions) and (self.velocity(recorded, conditions) > 0).all()):
+        conditions = [moving(condition, self.gravity) for condition in conditions]
+        if not (conditions and (self.velocity(recorded, conditions) > 0).all()):
             return {}
         count = draws.sizes["chain"] * draws.sizes["draw"]
         step = 1 if self.in_closed_form else simulated_step(count, len(conditions))
