@@ -58,12 +58,16 @@ class Law:
         motion = [numbers(recorded, conditions, one) for one in _MET]
         return self.outcomes(flat, *motion)[name].reshape(shape)
 
-    def depth(self, draws: xr.Dataset, recorded: Recorded, conditions: Sequence[Condition]) -> float:
-        """The greatest depth of impacts at these levels [m], at the medians of their parameters."""
+    def deeper_notes(
+        self, draws: xr.Dataset, recorded: Recorded, conditions: Sequence[Condition]
+    ) -> list[Coded]:
+        """The note of `deeper` of the deepest impact at these levels, at the medians of its parameters."""
+        if "peak_depth" not in draws:
+            return []
         parameters = self.parameters(draws, recorded, conditions).items()
         medians = {name: np.median(values, axis=(0, 1))[None] for name, values in parameters}
         motion = [numbers(recorded, conditions, one) for one in _MET]
-        return float(self.outcomes(medians, *motion)["peak_depth"].max())
+        return deeper(draws, float(self.outcomes(medians, *motion)["peak_depth"].max()))
 
     def outcomes(
         self,

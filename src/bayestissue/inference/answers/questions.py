@@ -26,7 +26,7 @@ from bayestissue.hierarchy.recorded import Recorded
 from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.fixed import fixed_parts
 from bayestissue.inference.answers.grammar import ALLOWED, Node, QuestionError, claims, parse
-from bayestissue.inference.answers.law import deeper, moving
+from bayestissue.inference.answers.law import moving
 from bayestissue.inference.answers.meaning import (
     average_notes,
     beyond_notes,
@@ -176,7 +176,7 @@ def _of_levels(finished: Finished, node: Node) -> list[Coded]:
         notes += average_notes(recorded, responses_of(response.name, recorded), columns)
         if response.name in OUTCOMES and law is not None:
             conditions = [moving(one, law.gravity) for one in conditions_of(response, recorded)]
-            notes += deeper(finished.posterior, law.depth(finished.posterior, recorded, conditions))
+            notes += law.deeper_notes(finished.posterior, recorded, conditions)
     return list(dict.fromkeys(notes))
 
 
