@@ -122,8 +122,9 @@ def predicted(finished: Finished, conditions: Sequence[Condition]) -> Predicted:
         flat = {name: value.reshape(-1, len(conditions)) for name, value in simulated.items()}
         of_law = finished.law.outcomes(flat, mass, velocity, diameter)
         outcomes = {name: value.reshape(shape) for name, value in of_law.items()}
-        for own, v, depth in zip(notes, velocity, np.median(of_law["peak_depth"], axis=0), strict=True):
-            own += deeper(posterior, float(depth)) if v > 0 else [NO_VELOCITY]
+        depths = np.median(of_law["peak_depth"], axis=0)
+        for own, at, v, depth in zip(notes, conditions, velocity, depths, strict=True):
+            own += deeper(posterior, recorded, at, float(depth)) if v > 0 else [NO_VELOCITY]
     summarised = {name: parameters[name] for name in RESPONSES} | outcomes
     table = pd.DataFrame(
         [

@@ -27,6 +27,8 @@ class AnswerSettings:
         likeness: of a name that was not measured to one that was, as `difflib` has it, from which it looks
             like a slip.
         largest: number of kg, m/s or m in a table of conditions; no impactor is so heavy, fast or wide.
+        deeper: by so much of the depth that was measured an impact goes deeper before it is said: depths of
+            impacts that are alike scatter by some per cent.
         listed: levels or columns in a message, as many as a line can show.
         around_slip: characters of a question before and after a slip, together a line.
     """
@@ -42,6 +44,7 @@ class AnswerSettings:
     of_a_condition: int = 500
     likeness: float = 0.7
     largest: float = 1e4
+    deeper: float = 0.05
     listed: int = 8
     around_slip: int = 60
 
