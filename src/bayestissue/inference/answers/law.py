@@ -128,7 +128,8 @@ def beyond(words: str, value: float, measured: ArrayLike) -> list[Coded]:
 
     As tables and this note print them: who asks for a velocity of 1.534 m/s means the 1.53414 measured.
     """
-    low, stated, high = (float(f"{x:.4g}") for x in (np.min(measured), value, np.max(measured)))
+    known = np.asarray(measured, float)
+    low, stated, high = (float(f"{x:.4g}") for x in (known.min(), value, known.max()))
     over = max(low - stated, stated - high)
     if not over > 0:
         return []

@@ -173,7 +173,7 @@ def write_draws(draws: xr.Dataset, path: Path) -> None:
             write_tree(xr.DataTree(draws.assign_attrs(_MARKED)), staging)
             return
         table = draws.to_dataframe(["chain", "draw", "row"]).reset_index().rename(columns=QUANTITIES)
-        table.attrs = dict(_MARKED)
+        table.attrs.update(_MARKED)
         table.to_parquet(staging, index=False)
 
 
