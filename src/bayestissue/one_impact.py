@@ -80,8 +80,8 @@ class Impact(Outlined):
         rows.append(("damping ratio", f"{zeta:.3g}" if np.isfinite(zeta) else _NO_ESTIMATE))
         came_to = self.outcomes
         for name, words in (("peak_force", "peak force"), ("peak_depth", "peak depth")):
-            median, low, high = came_to.loc[name, ["median", "low", "high"]]
-            rows.append((words, _in_words(median, (low, high), came_to.loc[name, "unit"])))
+            median, low, high = (float(came_to[which][name]) for which in ("median", "low", "high"))
+            rows.append((words, _in_words(median, (low, high), str(came_to["unit"][name]))))
         rows += [("flag", flag) for flag in self.flags] or [("flags", "none")]
         rows += [("note", note) for note in self.notes]
         rows.append(("more in", ".K_interval, .C_interval, .outcomes, .flags, .row, .plot()"))

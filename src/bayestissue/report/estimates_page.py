@@ -32,7 +32,8 @@ _HEADINGS = {
     **{"C_N_s_per_m": "C (N s/m)", "C_se_N_s_per_m": "standard error"},
 }
 # Of the method "impact", whose intervals hold.
-_OF_POSTERIORS = _RECORDED | {"zeta": "ζ"} | INTERVALS
+_CAME_TO = {"peak_force_N": "peak force (N)", "peak_depth_m": "peak depth (m)"}
+_OF_POSTERIORS = _RECORDED | {"zeta": "ζ"} | INTERVALS | _CAME_TO
 _FURTHER_HEADINGS = {
     f"{COLUMNS[q]}_{which}": title
     for q in QUANTITIES

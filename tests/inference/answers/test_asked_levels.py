@@ -237,17 +237,23 @@ def test_what_a_height_leads_beyond_is_said_with_by_how_much(study: Finished, ta
     assert velocity in str(answered(along, f"peak_force[{name}={value}]")["note"])
 
 
-def test_a_depth_that_no_impact_reached_is_said(study: Finished) -> None:
-    depths = 1e-4 * np.arange(2.0, 5.0) + np.zeros((*SHAPE, 3))
+def test_a_depth_that_no_impact_at_these_levels_reached_is_said(study: Finished) -> None:
+    """Impacts on the right went deeper than any will on the left, where it is beyond those on the left."""
+    left = study.recorded.labels("side") == "left"
+    depths = np.where(left, 4e-4, 4e-3) + np.zeros((*SHAPE, len(left)))
     posterior = study.posterior.assign(peak_depth=(("chain", "draw", "impact"), depths))
     measured = replace(study, posterior=posterior)
-    (row,) = predict(measured, [{"velocity_m_s": 1.5, "side": "left"}]).to_dict("records")
-    over = float(f"{1e3 * row['peak_displacement_m']:.4g}") - 0.4
+    on_left, on_right = predict(
+        measured, [{"velocity_m_s": 1.5, "side": side} for side in ("left", "right")]
+    )[["peak_displacement_m", "note"]].to_dict("records")
+    over = float(f"{1e3 * on_left['peak_displacement_m']:.4g}") - 0.4
     assert over > 0.5
-    assert f"peak depth in mm beyond those measured, 0 to 0.4, by {over:.2g}" in row["note"]
+    assert f"peak depth in mm beyond those measured, 0 to 0.4, by {over:.2g}" in on_left["note"]
+    assert "peak depth" not in on_right["note"]
     note = str(answered(measured, "peak_force[velocity_m_s=1.5, side=left]")["note"])
     assert "peak depth in mm beyond those measured, 0 to 0.4, by " in note
-    assert "peak depth" not in str(answered(measured, "peak_force[velocity_m_s=0.3, side=left]")["note"])
+    for shallow in ("peak_force[velocity_m_s=0.3, side=left]", "peak_force[velocity_m_s=1.5, side=right]"):
+        assert "peak depth" not in str(answered(measured, shallow)["note"])
 
 
 def test_levels_are_compared_by_outcomes(study: Finished) -> None:

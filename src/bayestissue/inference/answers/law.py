@@ -19,7 +19,7 @@ from bayestissue.errors import Coded
 from bayestissue.hierarchy.effects import RESPONSES, intercept, parameter_of
 from bayestissue.hierarchy.formulas.formula import reference_row
 from bayestissue.hierarchy.levels import log_at_levels
-from bayestissue.hierarchy.recorded import Condition, Recorded
+from bayestissue.hierarchy.recorded import Condition, Recorded, label_of
 from bayestissue.inference.answers.settings import SETTINGS
 from bayestissue.inference.results.meanings import REFERENCE_OUTCOMES
 
@@ -99,12 +99,18 @@ class Law:
         mass, diameter = (numbers(recorded, conditions, name) for name in ("mass_kg", "diameter_m"))
         return self.outcomes(flat, mass, velocity.reshape(-1, shape[-1])[::step], diameter)
 
-    def depth(self, draws: xr.Dataset, recorded: Recorded, conditions: Sequence[Condition]) -> float:
-        """The greatest depth of impacts at these levels [m], at the medians of their parameters."""
+    def deeper_notes(
+        self, draws: xr.Dataset, recorded: Recorded, conditions: Sequence[Condition]
+    ) -> list[Coded]:
+        """The first note of `deeper` of impacts at these levels, at the medians of their parameters."""
+        if "peak_depth" not in draws:
+            return []
         parameters = self.parameters(draws, recorded, conditions).items()
         medians = {name: np.median(values, axis=(0, 1))[None] for name, values in parameters}
         motion = [numbers(recorded, conditions, one) for one in _MET]
-        return float(self.outcomes(medians, *motion)["peak_depth"].max())
+        depths = self.outcomes(medians, *motion)["peak_depth"][0]
+        of_each = (deeper(draws, recorded, *pair) for pair in zip(conditions, depths, strict=True))
+        return next(filter(None, of_each), [])
 
     def outcomes(
         self,
@@ -182,7 +188,8 @@ def beyond(words: str, value: float, measured: ArrayLike) -> list[Coded]:
 
     As tables and this note print them: who asks for a velocity of 1.534 m/s means the 1.53414 measured.
     """
-    low, stated, high = (float(f"{x:.4g}") for x in (np.min(measured), value, np.max(measured)))
+    known = np.asarray(measured, float)
+    low, stated, high = (float(f"{x:.4g}") for x in (known.min(), value, known.max()))
     over = max(low - stated, stated - high)
     if not over > 0:
         return []
@@ -191,13 +198,20 @@ def beyond(words: str, value: float, measured: ArrayLike) -> list[Coded]:
     ]
 
 
-def deeper(draws: xr.Dataset, depth: float) -> list[Coded]:
-    """The note of a depth [m] that no recorded impact reached, by their medians; empty where it is none."""
+def deeper(draws: xr.Dataset, recorded: Recorded, condition: Condition, depth: float) -> list[Coded]:
+    """The note of a depth [m] that no impact reached, by their medians; empty where it is none.
+
+    Of those recorded at the condition's levels: how soft another pad is says nothing of the law of this one.
+    """
     if "peak_depth" not in draws:
         return []
-    of_impacts = draws["peak_depth"]
-    measured = of_impacts.median([name for name in of_impacts.dims if name != "impact"])
-    return beyond("peak depth in mm", 1e3 * depth, [0.0, 1e3 * float(measured.max())])
+    levels = {k: v for k, v in condition.items() if k in recorded.named and label_of(v) in recorded.levels(k)}
+    rows = recorded.matching(levels)
+    of_impacts = draws["peak_depth"].isel(impact=rows if rows.any() else slice(None))
+    measured = float(of_impacts.median([name for name in of_impacts.dims if name != "impact"]).max())
+    if not depth > (1 + SETTINGS.deeper) * measured:
+        return []
+    return beyond("peak depth in mm", 1e3 * depth, [0.0, 1e3 * measured])
 
 
 def parameter_log(

@@ -113,8 +113,9 @@ def predicted(finished: Finished, conditions: Sequence[Condition]) -> Predicted:
         flat = {name: value.reshape(-1, len(conditions)) for name, value in simulated.items()}
         of_law = finished.law.outcomes(flat, mass, velocity, diameter)
         outcomes = {name: value.reshape(shape) for name, value in of_law.items()}
-        for own, v, depth in zip(notes, velocity, np.median(of_law["peak_depth"], axis=0), strict=True):
-            own += deeper(posterior, float(depth)) if v > 0 else [NO_VELOCITY]
+        depths = np.median(of_law["peak_depth"], axis=0)
+        for own, at, v, depth in zip(notes, conditions, velocity, depths, strict=True):
+            own += deeper(posterior, recorded, at, float(depth)) if v > 0 else [NO_VELOCITY]
     summarised = {name: parameters[name] for name in RESPONSES} | outcomes
     columns = COLUMNS | (HEADFORM_COLUMNS if finished.headform else OUTCOME_COLUMNS)
     table = pd.DataFrame(
@@ -163,12 +164,9 @@ def write_draws(draws: xr.Dataset, path: Path) -> None:
             staging.unlink()
             write_tree(xr.DataTree(draws.assign_attrs(_MARKED)), staging)
             return
-        table = (
-            draws.to_dataframe(["chain", "draw", "row"])
-            .reset_index()
-            .rename(columns=COLUMNS | HEADFORM_COLUMNS)
-        )
-        table.attrs = dict(_MARKED)
+        table = draws.to_dataframe(["chain", "draw", "row"]).reset_index()
+        table = table.rename(columns=COLUMNS | HEADFORM_COLUMNS)
+        table.attrs.update(_MARKED)
         table.to_parquet(staging, index=False)
 
 

@@ -39,7 +39,7 @@ from bayestissue.inference.answers.grammar import (
     claims,
     parse,
 )
-from bayestissue.inference.answers.law import DROP_HEIGHT, deeper, fall_height, moving
+from bayestissue.inference.answers.law import DROP_HEIGHT, fall_height, moving
 from bayestissue.inference.answers.meaning import (
     alternatives,
     at_level,
@@ -249,7 +249,7 @@ def _of_levels(finished: Finished, node: Node) -> list[Coded]:
         notes += average_notes(recorded, responses_of(response.name, recorded), columns)
         if response.name in OUTCOMES and law is not None and response not in searched(node):
             conditions = [moving(one, law.gravity) for one in conditions_of(response, recorded)]
-            notes += deeper(finished.posterior, law.depth(finished.posterior, recorded, conditions))
+            notes += law.deeper_notes(finished.posterior, recorded, conditions)
     return list(dict.fromkeys(notes))
 
 

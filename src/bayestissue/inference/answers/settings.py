@@ -27,6 +27,8 @@ class AnswerSettings:
         likeness: of a name that was not measured to one that was, as `difflib` has it, from which it looks
             like a slip.
         largest: number of kg, m/s or m in a table of conditions; no impactor is so heavy, fast or wide.
+        deeper: by so much of the depth that was measured an impact goes deeper before it is said: depths of
+            impacts that are alike scatter by some per cent.
         slowest: velocity in m/s from which a claim is followed upwards; a drop from 5 mm has 0.3.
         fastest: to which it is followed; that of a drop from 46 m.
         velocities: at which it is judged, each about twice the last.
@@ -46,6 +48,7 @@ class AnswerSettings:
     of_a_condition: int = 500
     likeness: float = 0.7
     largest: float = 1e4
+    deeper: float = 0.05
     slowest: float = 0.01
     fastest: float = 30.0
     velocities: int = 13

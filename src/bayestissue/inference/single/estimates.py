@@ -207,13 +207,11 @@ def by_impact(
     last = table.pop("notes")
     noise, pareto_k = (in_rows(column, rows) for column in (posteriors.sigma.median, posteriors.pareto_k))
     # Of what was not found, and of intervals that are none, there is no outcome either.
-    holds = {"median": posteriors.moved}
-    outcomes = {
-        column: in_rows(
-            np.where(holds.get(which, bounded), getattr(posteriors.outcomes[name], which), np.nan), rows
-        )
-        for column, (name, which) in OUTCOME_COLUMNS.items()
-    }
+    outcomes = {}
+    for column, (name, which) in OUTCOME_COLUMNS.items():
+        if (posterior := posteriors.outcomes.get(name)) is not None:
+            stands = posteriors.moved if which == "median" else bounded
+            outcomes[column] = in_rows(np.where(stands, getattr(posterior, which), np.nan), rows)
     return table.assign(noise_sd_m_s2=noise, pareto_k=pareto_k, **outcomes, notes=last), posteriors
 
 
@@ -225,12 +223,11 @@ def outcomes_in(row: pd.Series) -> pd.DataFrame:
     """
     import pandas as pd
 
-    units = element_attributes()
-    rows: dict[str, dict[str, float | str]] = {
-        name: {"never": 0.0, "unit": units[name]["unit"]} for name in OUTCOMES
-    }
+    units, rows = element_attributes(), dict[str, dict[str, float | str]]()
     for column, (name, which) in OUTCOME_COLUMNS.items():
-        rows[name][which] = float(row[column])
+        if column in row:
+            one = rows.setdefault(name, {"never": 0.0, "unit": units[name]["unit"]})
+            one[which] = float(row[column])
     return pd.DataFrame(rows).T[["median", "low", "high", "never", "unit"]].infer_objects()
 
 
