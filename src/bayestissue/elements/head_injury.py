@@ -41,9 +41,9 @@ class WindowSearch:
 
     times_to_peak: float = 4.0
     steps: int = 128
-    windows: int = 32
-    rounds: int = 9
-    beside: int = 2
+    windows: int = 16
+    rounds: int = 11
+    beside: int = 1
 
 
 SEARCH = WindowSearch()
