@@ -67,10 +67,11 @@ class Pulse(NamedTuple):
         step = self.end[:, None] / SEARCH.steps
         into = time / step
         index = jnp.clip(into.astype(int), 0, SEARCH.steps - 1)
-        values, slopes = (
-            tuple(jnp.take_along_axis(part, index + k, axis=1) for k in (0, 1))
-            for part in (self.left, -self.deceleration)
+        before, after = (
+            [jnp.take_along_axis(part, index + k, axis=1) for part in (self.left, -self.deceleration)]
+            for k in (0, 1)
         )
+        values, slopes = zip(before, after, strict=True)
         return solver.cubic(values, slopes, into - index, step)
 
 
