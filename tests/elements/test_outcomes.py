@@ -153,5 +153,6 @@ def test_outcomes_are_those_of_an_independent_integration(name: str, gravity: fl
         }
         assert set(true) == set(OUTCOMES)
         for outcome, value in true.items():
-            # Of the solved path about 1e-7 of the peak.
-            assert_allclose(getattr(ours, outcome)[row], value, rtol=1e-6, err_msg=outcome)
+            # Of the velocity at contact, beside which that of leaving may be small.
+            tolerance = 1e-6 * max(1.0, V / -last)
+            assert_allclose(getattr(ours, outcome)[row], value, rtol=tolerance, err_msg=outcome)
