@@ -23,20 +23,19 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from coverage import MEASURING_CHAIN, filled_up, model_of
+from coverage import MEASURING_CHAIN, model_of
 from evidence.references import TISSUES
 from scipy.integrate import solve_ivp
 
 from bayestissue import runtime
 from bayestissue.elements import element
 from bayestissue.hierarchy.specification import ModelSpecification
-from bayestissue.hierarchy.trace_data import assemble, prepare
+from bayestissue.hierarchy.trace_data import prepare
 from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.predictions import predict
 from bayestissue.inference.fit import fit_traces
 from bayestissue.inference.results.meanings import HEADFORM_COLUMNS
 from bayestissue.inference.samplers.sampling import quantiles
-from bayestissue.signal import displacements
 from bayestissue.simulation import Simulation, simulate
 from bayestissue.simulation.campaign import Campaign
 
@@ -166,11 +165,9 @@ def intervals(
 ) -> Iterator[tuple[str, str, float, float, float]]:
     """What an interval is of, its outcome, its ends and what is true."""
     dataset, tissue = made.dataset(simulation.name), simulation.tissue
-    design = prepare(dataset, specification, source="the model file").design
-    signal = filled_up(displacements(dataset, specification.signal))
-    prepared = assemble(dataset, specification, design, signal)
+    prepared = prepare(dataset, specification, source="the model file")
     tree = fit_traces(prepared, specification, seed, lambda *_: None).tree
-    finished = Finished.from_tree(tree, specification.model_dump(mode="json") | design.resolved())
+    finished = Finished.from_tree(tree, specification.model_dump(mode="json") | prepared.design.resolved())
     law, posterior = finished.law, finished.posterior
     assert law is not None
     names, extra = tuple(HEADFORM_COLUMNS), list(tissue.parameters)

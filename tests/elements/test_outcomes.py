@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 
 from bayestissue.elements import element, impact, outcomes
 from bayestissue.elements.head_injury import LONGEST
-from bayestissue.elements.impact import Path
+from bayestissue.elements.impact import LONG, NODES, Path
 from bayestissue.elements.outcomes import OUTCOMES, _of_path, outcomes_of
 from bayestissue.oscillator.impact import impact_motion, peak_displacement, time_to_peak
 
@@ -57,8 +57,8 @@ def test_closed_forms_of_spring_and_damper_are_the_solved_path() -> None:
     for name in closed._fields:
         if name in LONGEST:
             continue
-        # Of a path: the parabola through the greatest of places a thousandth of a contact apart.
-        tolerance = 1e-8 if name in ("peak_force", "peak_jerk") else 1e-10
+        # Of a path: the parabola through places 1/8 of a step apart is off by its third derivative.
+        tolerance = 0.1 * (LONG / (NODES - 1) / 8) ** 3 if name in ("peak_force", "peak_jerk") else 1e-10
         assert_allclose(getattr(closed, name), getattr(path, name), rtol=tolerance, err_msg=name)
 
 
@@ -153,5 +153,6 @@ def test_outcomes_are_those_of_an_independent_integration(name: str, gravity: fl
         }
         assert set(true) == set(OUTCOMES)
         for outcome, value in true.items():
-            # Of the solved path about 1e-7 of the peak.
-            assert_allclose(getattr(ours, outcome)[row], value, rtol=1e-6, err_msg=outcome)
+            # Of the velocity at contact, beside which that of leaving may be small.
+            tolerance = 1e-6 * max(1.0, V / -last)
+            assert_allclose(getattr(ours, outcome)[row], value, rtol=tolerance, err_msg=outcome)

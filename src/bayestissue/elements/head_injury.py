@@ -41,9 +41,9 @@ class WindowSearch:
 
     times_to_peak: float = 4.0
     steps: int = 128
-    windows: int = 32
-    rounds: int = 9
-    beside: int = 2
+    windows: int = 16
+    rounds: int = 11
+    beside: int = 1
 
 
 SEARCH = WindowSearch()
@@ -67,10 +67,11 @@ class Pulse(NamedTuple):
         step = self.end[:, None] / SEARCH.steps
         into = time / step
         index = jnp.clip(into.astype(int), 0, SEARCH.steps - 1)
-        values, slopes = (
-            tuple(jnp.take_along_axis(part, index + k, axis=1) for k in (0, 1))
-            for part in (self.left, -self.deceleration)
+        before, after = (
+            [jnp.take_along_axis(part, index + k, axis=1) for part in (self.left, -self.deceleration)]
+            for k in (0, 1)
         )
+        values, slopes = zip(before, after, strict=True)
         return solver.cubic(values, slopes, into - index, step)
 
 

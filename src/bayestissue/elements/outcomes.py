@@ -36,7 +36,7 @@ HEADFORM_OUTCOMES = (*OUTCOMES, *LONGEST)
 NEVER = ("time_to_peak", "contact_duration", "impulse")
 _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 # Between the nodes beside the greatest force or jerk, which are 1 % of a contact apart.
-_BETWEEN = np.linspace(0.0, 1.0, 33)
+_BETWEEN = np.linspace(0.0, 1.0, 17)
 
 
 def outcomes(
