@@ -36,14 +36,14 @@ class WindowSearch:
         steps: of the pulse, between which the cubic through velocity and deceleration stands for it.
         windows: begins and ends of the first windows over the whole contact.
         rounds: how often the distance between the windows about the best is halved.
-        beside: windows on either side of the best in each round.
+        neighbours: windows on either side of the best in each round.
     """
 
     times_to_peak: float = 4.0
     steps: int = 128
     windows: int = 16
     rounds: int = 11
-    beside: int = 1
+    neighbours: int = 1
 
 
 SEARCH = WindowSearch()
@@ -96,8 +96,8 @@ def pulse_of(
 
 def head_injury(pulse: Pulse) -> dict[str, Float[Array, " impact"]]:
     """Each criterion of `LONGEST` [g^2.5 s]."""
-    found = jax.vmap(_greatest, in_axes=(None, 0))(pulse, jnp.asarray(list(LONGEST.values())))
-    return dict(zip(LONGEST, found, strict=True))
+    criteria = jax.vmap(_greatest, in_axes=(None, 0))(pulse, jnp.asarray(list(LONGEST.values())))
+    return dict(zip(LONGEST, criteria, strict=True))
 
 
 def _greatest(pulse: Pulse, longest: Float[Array, ""]) -> Float[Array, " impact"]:
@@ -112,14 +112,14 @@ def _greatest(pulse: Pulse, longest: Float[Array, ""]) -> Float[Array, " impact"
         """The best window's moments and its criterion, of all begins and stops [impact, moment]."""
         full = jnp.minimum(begin + longest, end)
 
-        def beside(of_stop: Array, of_full: Array) -> Array:
+        def candidates(of_stop: Array, of_full: Array) -> Array:
             """[impact, begin, stop], the full length last."""
             shape = (*begin.shape, stop.shape[1])
             return jnp.concatenate([jnp.broadcast_to(of_stop[:, None], shape), of_full[:, :, None]], axis=2)
 
-        stops = beside(stop, full)
+        stops = candidates(stop, full)
         length = stops - begin[:, :, None]
-        speed = pulse.at(begin)[:, :, None] - beside(pulse.at(stop), pulse.at(full))
+        speed = pulse.at(begin)[:, :, None] - candidates(pulse.at(stop), pulse.at(full))
         # Rounding must not take the full length away.
         fits = (length > 0) & (length <= longest * (1 + 1e-12))
         criteria = jnp.where(fits, (speed / standard_gravity) ** 5 / jnp.where(fits, length, 1.0) ** 3, 0.0)
@@ -129,7 +129,7 @@ def _greatest(pulse: Pulse, longest: Float[Array, ""]) -> Float[Array, " impact"
         return first, jnp.take_along_axis(stops, which, axis=1), jnp.sqrt(criteria.max(axis=1))
 
     def closer(round_: Array, window: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-        offsets = np.arange(-SEARCH.beside, SEARCH.beside + 1) * end / SEARCH.windows / 2.0 ** (round_ + 1)
+        offsets = np.arange(-SEARCH.neighbours, SEARCH.neighbours + 1) * end / SEARCH.windows / 2.0 ** (round_ + 1)
         return best(*(jnp.clip(moment + offsets, 0.0, end) for moment in window[:2]))
 
     grid = jnp.linspace(0.0, 1.0, SEARCH.windows + 1) * end

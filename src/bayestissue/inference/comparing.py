@@ -431,8 +431,8 @@ def same_questions(tables: Mapping[str, Mapping[str, pd.DataFrame]]) -> pd.DataF
                 kind = frame["unit"].fillna("").where(~claim, "probability")
                 # Runs of earlier versions know no choices, which have an answer for each level.
                 level = frame["level"].fillna("") if "level" in frame else pd.Series("", frame.index)
-                asked = frame["question"] + level.where(level == "", ": " + level)
-                rows = frame.assign(question=asked, kind=kind, value=value)[value.notna()]
+                question = frame["question"] + level.where(level == "", ": " + level)
+                rows = frame.assign(question=question, kind=kind, value=value)[value.notna()]
             parts.append(rows.assign(run=run)[columns_of("answers")])
     table = joined("answers", parts)
     order = {question: at for at, question in enumerate(dict.fromkeys(table["question"]))}

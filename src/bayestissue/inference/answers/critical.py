@@ -61,11 +61,11 @@ def critical_motion(node: Critical, law: Law, value: Callable[[Node, Law], xr.Da
     between = np.flatnonzero((count > 0) & (count < len(ends)))
     log_v = np.log(ends[np.minimum(count, len(ends) - 1)])
 
-    def at(x: Float[np.ndarray, " some"], which: Float[np.ndarray, " some"]) -> Float[np.ndarray, " some"]:
+    def at(x: Float[np.ndarray, " root"], index: Float[np.ndarray, " root"]) -> Float[np.ndarray, " root"]:
         """The difference of some draws; all are computed, since an array of another size is compiled anew."""
-        some = which.astype(int)
-        log_v[some] = x
-        return difference(np.exp(log_v).reshape(like.shape)).to_numpy().ravel()[some]
+        numbers = index.astype(int)
+        log_v[numbers] = x
+        return difference(np.exp(log_v).reshape(like.shape)).to_numpy().ravel()[numbers]
 
     if between.size:
         last, next_ = np.log(ends[count[between] - 1]), np.log(ends[count[between]])

@@ -289,9 +289,9 @@ class _Maker:
 
     def choice(self, parts: list[Any]) -> Node:
         token, column, extreme, operand = parts
-        made = _made(str(token), [operand], token.start_pos, claim=False)
+        operation = _made(str(token), [operand], token.start_pos, claim=False)
         name, lowest = as_name(_unquoted(column)), extreme == "lowest"
-        return Choice("best", made.operands, column.start_pos, made.depth, name, lowest)
+        return Choice(str(token), operation.operands, column.start_pos, operation.depth, name, lowest)
 
     def _critical(self, name: Any, arguments: list[Any]) -> Node:
         if len(arguments) != 2 or not isinstance(arguments[0], Quantity) or arguments[0].levels:

@@ -115,8 +115,8 @@ def ask_what_can_be(finished: Finished, questions: Sequence[Question]) -> pd.Dat
             rows += _answer(finished, question)
         except InputError as error:
             reasons = "; ".join(f"no answer: found {p.value}, expected {p.expected}" for p in error.problems)
-            asked = {"question": question.text, "name": question.name, "level": "", "unit": ""}
-            rows.append(asked | {"note": reasons})
+            labels = {"question": question.text, "name": question.name, "level": "", "unit": ""}
+            rows.append(labels | {"note": reasons})
     return table_of_rows("questions", rows)
 
 
@@ -164,7 +164,7 @@ def _problem(slip: QuestionError, question: Question, otherwise: str = "") -> Pr
 def _answer(finished: Finished, question: Question) -> list[dict[str, Any]]:
     """The row of a question, or one for each level of a choice."""
     node = _read(question, finished.recorded, finished.posterior)
-    asked = {"question": question.text, "name": question.name, "level": ""}
+    labels = {"question": question.text, "name": question.name, "level": ""}
     try:
         if isinstance(node, Choice):
             rows = _choice(finished, node)
@@ -178,7 +178,7 @@ def _answer(finished: Finished, question: Question) -> list[dict[str, Any]]:
         raise InputError(_problem(slip, question)) from None
     alone = finished.element_alone and any(of_element_alone(q.name) for q in quantities(node))
     known = [*_of_levels(finished, node), *[ELEMENT_ALONE] * alone]
-    return [asked | row | {"note": "; ".join(filter(None, [row["note"], *known]))} for row in rows]
+    return [labels | row | {"note": "; ".join(filter(None, [row["note"], *known]))} for row in rows]
 
 
 def _claim(posterior: xr.DataArray, prior: xr.DataArray | None, note: str) -> dict[str, Any]:
