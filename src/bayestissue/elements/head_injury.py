@@ -129,7 +129,8 @@ def _greatest(pulse: Pulse, longest: Float[Array, ""]) -> Float[Array, " impact"
         return first, jnp.take_along_axis(stops, which, axis=1), jnp.sqrt(criteria.max(axis=1))
 
     def closer(round_: Array, window: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-        offsets = np.arange(-SEARCH.neighbours, SEARCH.neighbours + 1) * end / SEARCH.windows / 2.0 ** (round_ + 1)
+        step = end / SEARCH.windows / 2.0 ** (round_ + 1)
+        offsets = np.arange(-SEARCH.neighbours, SEARCH.neighbours + 1) * step
         return best(*(jnp.clip(moment + offsets, 0.0, end) for moment in window[:2]))
 
     grid = jnp.linspace(0.0, 1.0, SEARCH.windows + 1) * end
