@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -34,6 +34,7 @@ _OF_IMPACTS = ("K", "C", "K_secant", "C_equivalent")
 
 def run(
     runs: Annotated[list[Path], typer.Argument(metavar="DIR")],
+    ask: Annotated[list[str] | None, typer.Option(metavar="QUESTION")] = None,
     out: Path | None = None,
     excel: Excel = None,
     overwrite: Overwrite = False,
@@ -44,6 +45,8 @@ def run(
 
     Args:
         runs: Folders of two or more finished fits of one dataset.
+        ask: Answered by each run, and by their mixture in proportion to the weights, such as
+            "peak_force[mass_kg=5, velocity_m_s=2] < 300"; may be given several times.
         out: Also write the tables and a page with figures.
     """
     start = runtime.Start()
@@ -51,10 +54,19 @@ def run(
     with results.claim_if(out, overwrite=overwrite, command="compare", inputs=runs) as target:
         runtime.configure()
         from bayestissue.commands.console import echo, echo_tables
-        from bayestissue.inference.comparing import compare_runs, implied, posteriors_by_run, same_questions
+        from bayestissue.inference.answers.questions import numbered, require_parsed
+        from bayestissue.inference.comparing import (
+            answers_by_run,
+            compare_runs,
+            implied,
+            posteriors_by_run,
+            same_questions,
+        )
         from bayestissue.report import draw_page
         from bayestissue.report.comparison import page_of
 
+        questions = numbered(ask or [])
+        require_parsed(questions)
         abouts = _abouts(runs)
         finished = _finished(runs, abouts)
         comparison, posteriors = compare_runs(finished), posteriors_by_run(finished)
@@ -63,6 +75,8 @@ def run(
             run.name: results.read_tables(path, (), ("contrasts", "questions"))
             for run, path in zip(finished, runs, strict=True)
         }
+        further = answers_by_run(finished, comparison, questions) if questions else {}
+        answered |= {name: answered.get(name, {}) | {"asked": table} for name, table in further.items()}
         tables = {
             **{"comparison": comparison, "posteriors": posteriors, "implied": of_weights},
             "answers": same_questions(answered),
@@ -86,6 +100,8 @@ def run(
             echo_tables(**tables)
         elif not quiet:
             print_comparison(comparison, posteriors, of_weights)
+            if questions:
+                print_answers(tables["answers"], [question.text for question in questions])
             if target is not None:
                 echo(f"wrote {target.path / 'report.html'}")
 
@@ -204,6 +220,20 @@ def print_comparison(comparison: pd.DataFrame, posteriors: pd.DataFrame, of_weig
     if count := people["label"].nunique():
         what = "outcomes" if few else "K, C and outcomes"
         echo(f"  {what} of the {count} people: --json prints them, --out writes posteriors.csv")
+
+
+def print_answers(answers: pd.DataFrame, questions: Collection[str]) -> None:
+    """What was asked on the command line: of each run, and of the mixture, a line."""
+    from bayestissue.commands.console import line
+    from bayestissue.report.comparison import answer_words
+
+    # A choice has an answer for each level.
+    shown = answers[answers["question"].str.startswith(tuple(questions))]
+    for question, rows in shown.groupby("question", sort=False):
+        line(str(question))
+        width = rows["run"].str.len().max()
+        for row in rows.to_dict("records"):
+            line(f"  {row['run']:{width}}  {answer_words(row)}")
 
 
 def _print_intervals(title: str, intervals: pd.DataFrame, names: Iterable[str]) -> None:

@@ -20,7 +20,10 @@ from jaxtyping import Float
 
 from bayestissue.errors import Coded
 from bayestissue.inference.answers.finished import Finished
+from bayestissue.inference.answers.grammar import parse
 from bayestissue.inference.answers.law import numbers
+from bayestissue.inference.answers.meaning import draws_of
+from bayestissue.inference.answers.questions import Question, ask_what_can_be
 from bayestissue.inference.quantities.secants import EXPONENTS as OF_SECANTS
 from bayestissue.inference.quantities.together import OF_IMPACTS, OF_PEOPLE, comparable_draws
 from bayestissue.inference.results.cross_validation import (
@@ -34,7 +37,7 @@ from bayestissue.inference.results.cross_validation import (
 from bayestissue.inference.results.labels import ATTRIBUTES, element_attributes
 from bayestissue.inference.results.meanings import REFERENCE_OUTCOMES, element_alone, meaning
 from bayestissue.inference.samplers.diagnostics import of_element_alone
-from bayestissue.results.tables import columns_of, joined
+from bayestissue.results.tables import columns_of, joined, table_of_rows
 
 # Of comparison.csv, whose further column says what data the densities are of.
 COLUMNS = [name for name in columns_of("comparison") if name != "data"]
@@ -231,17 +234,15 @@ def implied(runs: Sequence[FinishedRun], comparison: pd.DataFrame) -> pd.DataFra
     if all(np.allclose(one, references[0]) for one in references):
         draws = {run.name: draws[run.name] | run.outcomes for run in runs}
     parts = []
-    weighted = comparison[comparison["scheme"].isin(_SCHEMES) & comparison["weight"].notna()]
-    for (scheme, data), rows in weighted.groupby(["scheme", "data"], sort=False):
-        weights = dict(zip(rows["model"], rows["weight"].clip(lower=0.0), strict=True))
+    for (scheme, data), weights in _weights(comparison).items():
         for name, unit in UNITS.items():
             having = {run: draws[run][name] for run in weights if name in draws[run]}
             lacking = sum(weight for run, weight in weights.items() if run not in having)
             if having and lacking <= _LEAST_WEIGHT:
                 parts.append(
                     mixture({run: (weights[run], array) for run, array in having.items()}).assign(
-                        scheme=str(scheme),
-                        data=str(data),
+                        scheme=scheme,
+                        data=data,
                         variable=name,
                         of=meaning(name).level,
                         unit=unit,
@@ -249,6 +250,73 @@ def implied(runs: Sequence[FinishedRun], comparison: pd.DataFrame) -> pd.DataFra
                     )
                 )
     return joined("implied", parts)
+
+
+def _weights(comparison: pd.DataFrame) -> dict[tuple[str, str], dict[str, float]]:
+    """By scheme and kind of data the stacking weight of each run, where runs have weights."""
+    weighted = comparison[comparison["scheme"].isin(_SCHEMES) & comparison["weight"].notna()]
+    return {
+        (str(scheme), str(data)): dict(zip(rows["model"], rows["weight"].clip(lower=0.0), strict=True))
+        for (scheme, data), rows in weighted.groupby(["scheme", "data"], sort=False)
+    }
+
+
+def answers_by_run(
+    runs: Sequence[FinishedRun], comparison: pd.DataFrame, questions: Sequence[Question]
+) -> dict[str, pd.DataFrame]:
+    """What each run answers to the same questions, and what the mixture of all does.
+
+    The mixture's probability is sum_r w_r P_r, and its interval that of the runs' draws in proportion to
+    their weights: see `implied`. Where runs differ beyond what was measured, as two laws of force do, it
+    holds how far.
+
+    Args:
+        runs: as `compare_runs` takes them, with `FinishedRun.finished`.
+        comparison: what it returned.
+        questions: that can be parsed.
+
+    Returns:
+        Tables of ``questions.csv`` by the names of the runs, and then by "weighted by impact" and the like.
+        The mixture has no row of a question that a run with weight has no answer to.
+    """
+    finished = {run.name: run.finished for run in runs if run.finished is not None}
+    tables = {name: ask_what_can_be(run, questions) for name, run in finished.items()}
+    for (scheme, data), weights in _weights(comparison).items():
+        rows = []
+        for question in questions:
+            answers = {
+                name: (weight, tables[name][tables[name]["question"] == question.text])
+                for name, weight in weights.items()
+                if weight > _LEAST_WEIGHT
+            }
+            if all(table[["posterior", "median"]].notna().any(axis=None) for _, table in answers.values()):
+                rows += _mixed(question, answers, finished)
+        several = f", {data}" if len({data for _, data in _weights(comparison)}) > 1 else ""
+        name = f"weighted by {scheme.removeprefix('leave one ').removesuffix(' out')}{several}"
+        tables[name] = table_of_rows("questions", rows)
+    return tables
+
+
+def _mixed(
+    question: Question,
+    answers: Mapping[str, tuple[float, pd.DataFrame]],
+    finished: Mapping[str, Finished],
+) -> list[dict[str, Any]]:
+    """The rows of a question in the mixture: of its levels, or one."""
+    whole = sum(weight for weight, _ in answers.values())
+    (_, first), *_ = answers.values()
+    labels = first[["question", "name", "level", "unit"]]
+    if first["posterior"].notna().any():
+        parts = [weight / whole * table["posterior"].to_numpy() for weight, table in answers.values()]
+        return labels.assign(posterior=np.sum(parts, axis=0)).to_dict("records")  # type: ignore[return-value]
+    node = parse(question.text)
+    draws = {
+        name: (weight, draws_of(node, run.posterior, run.recorded, run.law))
+        for name, (weight, _) in answers.items()
+        for run in [finished[name]]
+    }
+    median, low, high = mixture(draws)[["median", "eti90_low", "eti90_high"]].iloc[0]
+    return labels.assign(median=median, low=low, high=high).to_dict("records")  # type: ignore[return-value]
 
 
 def mixture(weighted: Mapping[str, tuple[float, xr.DataArray]]) -> pd.DataFrame:
@@ -412,7 +480,8 @@ def same_questions(tables: Mapping[str, Mapping[str, pd.DataFrame]]) -> pd.DataF
     """What every run answers to the same: its ratios between levels of K and C, and its questions.
 
     Args:
-        tables: by run, those of ``contrasts`` and ``questions`` that it has.
+        tables: by run, those of ``contrasts`` and ``questions`` that it has, and further ones of
+            ``questions`` under any name.
 
     Returns:
         ``answers.csv``, the rows of one question together.
@@ -434,7 +503,7 @@ def same_questions(tables: Mapping[str, Mapping[str, pd.DataFrame]]) -> pd.DataF
                 question = frame["question"] + level.where(level == "", ": " + level)
                 rows = frame.assign(question=question, kind=kind, value=value)[value.notna()]
             parts.append(rows.assign(run=run)[columns_of("answers")])
-    table = joined("answers", parts)
+    table = joined("answers", parts).drop_duplicates(["question", "run"], ignore_index=True)
     order = {question: at for at, question in enumerate(dict.fromkeys(table["question"]))}
     return table.sort_values(
         "question", key=lambda column: column.map(order), kind="stable", ignore_index=True

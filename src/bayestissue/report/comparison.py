@@ -103,7 +103,7 @@ def _drawn(
 
 def answers_table(answers: pd.DataFrame, runs: Sequence[str]) -> Table:
     """A row a ratio or question, a column a run: "1.24 (1.19 to 1.29)", a probability, or what lacks."""
-    cells = {(row["question"], row["run"]): _answer(row) for row in answers.to_dict("records")}
+    cells = {(row["question"], row["run"]): answer_words(row) for row in answers.to_dict("records")}
     rows = [
         Row((str(question), *(cells.get((question, run), "not in this run") for run in runs)))
         for question in dict.fromkeys(answers["question"])
@@ -111,7 +111,8 @@ def answers_table(answers: pd.DataFrame, runs: Sequence[str]) -> Table:
     return Table(columns("question", *runs, number=runs, words=("question",)), rows)
 
 
-def _answer(row: Mapping[Any, Any]) -> str:
+def answer_words(row: Mapping[Any, Any]) -> str:
+    """The probability, or the value with its 90 % interval."""
     if row["kind"] == "probability":
         return f"probability {probability(row['value'])}"
     unit = "" if row["kind"] in ("ratio", "1") else f" {row['kind']}"
@@ -212,6 +213,7 @@ def page_of(tables: Mapping[str, pd.DataFrame], record: dict[str, Any]) -> str:
     comparison, posteriors, implied = (typed(name, tables[name]) for name in TABLES)
     runs = record["runs"]
     names = [str(run["name"]) for run in runs]
+    answers = tables.get("answers", table_of_rows("answers"))
     verdicts = {str(run["name"]): run.get("verdict") or {} for run in runs}
     # Beside a discrepancy K is the element's own, of which there are no rows.
     one_element = same_element(runs) and set(posteriors.loc[posteriors["variable"] == "K_new", "run"]) == set(
@@ -231,7 +233,8 @@ def page_of(tables: Mapping[str, pd.DataFrame], record: dict[str, Any]) -> str:
         comparison=comparison.assign(warning=comparison["warning"].str.replace(*_APART, regex=True)),
         posteriors=posteriors,
         implied=implied,
-        answers=tables.get("answers", table_of_rows("answers")),
+        answers=answers,
+        answering=list(dict.fromkeys([*names, *answers["run"]])),
         shown={q: f"{q}_new" if one_element else together for q, together in OF_IMPACTS.items()},
         people=len(set(posteriors["label"]) - {""}),
     )

@@ -120,6 +120,11 @@ def ask_what_can_be(finished: Finished, questions: Sequence[Question]) -> pd.Dat
     return table_of_rows("questions", rows)
 
 
+def require_parsed(questions: Sequence[Question]) -> None:
+    """Raise an `InputError` of every slip of form in questions."""
+    all_of(_parsed, questions)
+
+
 def require_readable(
     questions: Sequence[Question], recorded: Recorded, posterior: xr.Dataset | None = None
 ) -> None:
@@ -127,11 +132,15 @@ def require_readable(
     all_of(lambda question: _read(question, recorded, posterior), questions)
 
 
-def _read(question: Question, recorded: Recorded, posterior: xr.Dataset | None) -> Node:
+def _parsed(question: Question) -> Node:
     try:
-        node = parse(question.text)
+        return parse(question.text)
     except QuestionError as slip:
         raise InputError(problem_of(slip, question)) from None
+
+
+def _read(question: Question, recorded: Recorded, posterior: xr.Dataset | None) -> Node:
+    node = _parsed(question)
     errors = list(mistakes(node, recorded, posterior)) or list(fixed_parts(node, recorded, posterior))
     # A level that stands once may be part of several quantities.
     slips = {(slip.position, slip.actual, slip.expected): slip for slip in errors}
