@@ -100,7 +100,9 @@ def questions_table(answers: pd.DataFrame) -> Table:
 
 def _rows(answers: pd.DataFrame) -> list[dict[str, Any]]:
     # Tables of older runs have no units, and no choices.
-    texts = {name: answers[name].fillna("") if name in answers else "" for name in ("unit", "level")}
+    texts = {
+        name: answers[name].astype(object).fillna("") if name in answers else "" for name in ("unit", "level")
+    }
     lacking = dict.fromkeys(("rank_low", "rank_high", "expected_loss"), np.nan)
     return answers.assign(**(lacking | dict(answers.items()) | texts)).to_dict("records")  # type: ignore[return-value,arg-type]
 

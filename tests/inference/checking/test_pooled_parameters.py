@@ -81,7 +81,7 @@ def test_a_parameter_whose_formula_has_the_factor_is_predicted_at_its_levels(
 
     def without_motion(_: Law, parameters: dict[str, np.ndarray], *others: object) -> dict[str, np.ndarray]:
         simulated.update(parameters)
-        return {}
+        return {"peak_depth": np.zeros_like(parameters["K"])}
 
     monkeypatch.setattr(Law, "outcomes", without_motion)
     finished = Finished(posterior, None, design.recorded, "stiffening")

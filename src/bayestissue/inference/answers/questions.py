@@ -295,8 +295,9 @@ def _beyond_fastest(finished: Finished, node: Critical, posterior: xr.DataArray)
     fastest = float(finished.recorded.rows.get("velocity_m_s", pd.Series(dtype=float)).max())
     measured = fall_height(fastest) if node.column == DROP_HEIGHT else fastest
     share = float((posterior > measured).mean())
-    beyond = f"beyond those measured, up to {measured:.4g} {ALONG[node.column]}"
-    return Coded(f"in {100 * share:.3g} % of the draws {beyond}", "beyond-measured") if share else ""
+    limit = f"{measured:.4g} {ALONG[node.column]}"
+    words = f"in {100 * share:.3g} % of the draws beyond those measured, up to {limit}"
+    return Coded(words, "beyond-measured") if share else ""
 
 
 def _largely_prior(posterior: xr.DataArray, prior: xr.DataArray | None) -> str:
