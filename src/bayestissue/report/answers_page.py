@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -61,10 +60,14 @@ _FIELDS = (
 
 def question_lines(answers: pd.DataFrame, most: int = FIRST) -> list[dict[str, str]]:
     """The first questions, each with its answer and what stands beside it in grey."""
-    questions: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    questions: list[list[dict[str, Any]]] = []
     for row in _rows(answers):
-        questions.setdefault((row["name"], row["question"]), []).append(row)
-    return [_line(rows) for rows in islice(questions.values(), most)]
+        # A choice has a row for each level.
+        if row["level"] and questions and questions[-1][0]["question"] == row["question"]:
+            questions[-1].append(row)
+        else:
+            questions.append([row])
+    return [_line(rows) for rows in questions[:most]]
 
 
 def _line(rows: Sequence[dict[str, Any]]) -> dict[str, str]:
@@ -100,11 +103,11 @@ def questions_table(answers: pd.DataFrame) -> Table:
 
 def _rows(answers: pd.DataFrame) -> list[dict[str, Any]]:
     # Tables of older runs have no units, and no choices.
-    texts = {
-        name: answers[name].astype(object).fillna("") if name in answers else "" for name in ("unit", "level")
-    }
+    names = [name for name in ("unit", "level") if name in answers]
+    texts = {"unit": "", "level": ""} | {name: answers[name].astype(object).fillna("") for name in names}
     lacking = dict.fromkeys(("rank_low", "rank_high", "expected_loss"), np.nan)
-    return answers.assign(**(lacking | dict(answers.items()) | texts)).to_dict("records")  # type: ignore[return-value,arg-type]
+    columns: dict[str, Any] = lacking | dict(answers.items()) | texts
+    return answers.assign(**columns).to_dict("records")  # type: ignore[return-value]
 
 
 def answered(lines: Sequence[Mapping[str, str]], answers: pd.DataFrame, saved: str) -> Markup:
