@@ -106,7 +106,7 @@ def _rows(answers: pd.DataFrame) -> list[dict[str, Any]]:
     names = [name for name in ("unit", "level") if name in answers]
     texts = {"unit": "", "level": ""} | {name: answers[name].astype(object).fillna("") for name in names}
     lacking = dict.fromkeys(("rank_low", "rank_high", "expected_loss"), np.nan)
-    columns: dict[str, Any] = lacking | dict(answers.items()) | texts
+    columns: dict[Any, Any] = lacking | dict(answers.items()) | texts
     return answers.assign(**columns).to_dict("records")  # type: ignore[return-value]
 
 
