@@ -22,7 +22,7 @@ def converted(node: nodes.Node, *, block: bool) -> str:
     tex = re.sub(r"\\[A-Za-z]+", lambda found: SAME.get(found[0], found[0]), node.astext())
     try:
         return tex2mathml(tex, as_block=block)
-    except MathError as error:
+    except (MathError, IndexError) as error:
         LOG.warning("no MathML of %r: %s", tex, error, location=node)
         return ""
 
