@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -48,7 +49,7 @@ def few(folder: Path, *names: str) -> list[str | Path]:
 def _few_networks() -> Iterator[None]:
     """How well networks tell causes apart is tested with them; here it is what becomes of their answer."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(verdict, "_NETWORKS", 1)
+        patch.setattr(verdict, "SETTINGS", replace(verdict.SETTINGS, networks=1))
         yield
 
 
