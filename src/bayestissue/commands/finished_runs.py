@@ -220,8 +220,9 @@ def print_answers(answers: pd.DataFrame, nouns: Words) -> None:
         rows = [[row["level"], *cells(row, forms), row["unit"]] for row in levels.to_dict("records")]
         names = ["level", *headings(_OF_NUMBERS), "is best", *headings(_OF_CHOICES)[1:], "unit"]
         show(table(str(question), names, rows, words=("level", "unit")))
-    for row in answers[answers["note"] != ""].drop_duplicates(["question", "note"]).to_dict("records"):
-        line(f"  {row['question']}: {nouns(row['note'])}")
+    for row in answers[answers["note"] != ""].to_dict("records"):
+        level = f", {row['level']}" if row["level"] else ""
+        line(f"  {row['question']}{level}: {nouns(row['note'])}")
     line(f"  {_counts(answers)}")
     explained(codes_in("; ".join(answers["note"])))
 
