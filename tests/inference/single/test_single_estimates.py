@@ -112,7 +112,8 @@ def held_outcomes(campaign: Campaign, table: pd.DataFrame, gravity: float | None
     parameters = {name: true[f"{name}_{unit}"].to_numpy() for name, unit in UNITS.items()}
     comes = outcomes("kelvin_voigt", parameters, *motion, gravity=gravity)
     rows = {}
-    for name in OUTCOMES:
+    # Without gravity along the motion it adds no share.
+    for name in (one for one in OUTCOMES if gravity or one != "energy_share_with_gravity"):
         truth = np.asarray(getattr(comes, name))
         low, median, high = (
             table[column].to_numpy()
