@@ -64,7 +64,7 @@ def element_attributes() -> dict[str, dict[str, str]]:
 
 def outcome_column(name: str, which: str = "") -> str:
     """The column of an outcome, its unit in the name: "peak_force_N", "peak_force_low_N", "restitution"."""
-    unit = element_attributes()[name]["unit"].replace("/", "_").replace(" ", "_")
+    unit = element_attributes()[name]["unit"].replace("/", "_").replace(" ", "_").replace("^", "")
     return "_".join(part for part in (name, which, unit) if part not in ("", "1"))
 
 
