@@ -281,7 +281,9 @@ def answers_by_run(
     """
     finished = {run.name: run.finished for run in runs if run.finished is not None}
     tables = {name: ask_what_can_be(run, questions) for name, run in finished.items()}
-    for (scheme, data), weights in _weights(comparison).items():
+    by_scheme = _weights(comparison)
+    several = len({data for _, data in by_scheme}) > 1
+    for (scheme, data), weights in by_scheme.items():
         rows = []
         for question in questions:
             answers = {
@@ -291,8 +293,8 @@ def answers_by_run(
             }
             if all(table[["posterior", "median"]].notna().any(axis=None) for _, table in answers.values()):
                 rows += _mixed(question, answers, finished)
-        several = f", {data}" if len({data for _, data in _weights(comparison)}) > 1 else ""
-        name = f"weighted by {scheme.removeprefix('leave one ').removesuffix(' out')}{several}"
+        name = f"weighted by {scheme.removeprefix('leave one ').removesuffix(' out')}"
+        name += f", {data}" if several else ""
         tables[name] = table_of_rows("questions", rows)
     return tables
 
@@ -311,9 +313,8 @@ def _mixed(
         return labels.assign(posterior=np.sum(parts, axis=0)).to_dict("records")  # type: ignore[return-value]
     node = parse(question.text)
     draws = {
-        name: (weight, draws_of(node, run.posterior, run.recorded, run.law))
+        name: (weight, draws_of(node, (run := finished[name]).posterior, run.recorded, run.law))
         for name, (weight, _) in answers.items()
-        for run in [finished[name]]
     }
     median, low, high = mixture(draws)[["median", "eti90_low", "eti90_high"]].iloc[0]
     return labels.assign(median=median, low=low, high=high).to_dict("records")  # type: ignore[return-value]

@@ -101,8 +101,11 @@ def people_wide(finished: Finished) -> tuple[pd.DataFrame, dict[str, str]]:
     return pd.DataFrame(columns), meanings
 
 
-_ENDS = {"": ("median", 0.5), "_low": ("lower end of the 90 % interval", 0.05)}
-_ENDS |= {"_high": ("upper end of the 90 % interval", 0.95)}
+_ENDS = {
+    "": ("median", 0.5),
+    "_low": ("lower end of the 90 % interval", 0.05),
+    "_high": ("upper end of the 90 % interval", 0.95),
+}
 
 
 def _outcomes(

@@ -26,8 +26,8 @@ from bayestissue.inference.results.meanings import REFERENCE_OUTCOMES
 NO_LAW = Coded("no peaks: beside a discrepancy there is no law to simulate by", "not-simulated")
 DROP_HEIGHT = "drop_height_cm"
 # Of an impact, beside the tissue that it meets.
-_MET = ("mass_kg", "velocity_m_s", "diameter_m")
-MOTION = (*_MET, DROP_HEIGHT)
+MET = ("mass_kg", "velocity_m_s", "diameter_m")
+MOTION = (*MET, DROP_HEIGHT)
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ class Law:
             return []
         parameters = self.parameters(draws, recorded, conditions).items()
         medians = {name: np.median(values, axis=(0, 1))[None] for name, values in parameters}
-        motion = [numbers(recorded, conditions, one) for one in _MET]
+        motion = [numbers(recorded, conditions, one) for one in MET]
         depths = self.outcomes(medians, *motion)["peak_depth"][0]
         of_each = (deeper(draws, recorded, *pair) for pair in zip(conditions, depths, strict=True))
         return next(filter(None, of_each), [])

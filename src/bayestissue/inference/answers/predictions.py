@@ -34,6 +34,7 @@ from bayestissue.hierarchy.recorded import Condition, Recorded
 from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.law import (
     DROP_HEIGHT,
+    MET,
     NO_LAW,
     deeper,
     moving,
@@ -94,7 +95,7 @@ def predicted(finished: Finished, conditions: Sequence[Condition]) -> Predicted:
     step = simulated_step(count, len(conditions))
     simulated = {name: value[:, ::step] for name, value in parameters.items()}
     shape = simulated["K"].shape
-    mass, velocity, diameter = (numbers(recorded, conditions, name) for name in _GIVEN)
+    mass, velocity, diameter = (numbers(recorded, conditions, name) for name in MET)
     mixed = [one.note for one in pooled_parameters(posterior, recorded, which)]
     notes = [
         [
@@ -168,9 +169,6 @@ def write_draws(draws: xr.Dataset, path: Path) -> None:
         table = table.rename(columns=COLUMNS | HEADFORM_COLUMNS)
         table.attrs.update(_MARKED)
         table.to_parquet(staging, index=False)
-
-
-_GIVEN = ("mass_kg", "velocity_m_s", "diameter_m")
 
 
 def _parameters(
