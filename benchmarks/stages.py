@@ -21,13 +21,14 @@ from typing import Any
 
 # By module: the functions that are stages.
 STAGES = {
+    "inference.chain.draws": ("_advanced",),
+    "inference.chain.run": ("look",),
     "inference.factors.scores": ("log_densities",),
     "inference.quantities.draws": ("posterior_draws", "prior_draws"),
     "inference.results.tree": ("posterior_tree", "replicates"),
     "inference.fit": (
         "expanded",
         "explanations",
-        "chain_draws",
         "cross_validation",
         "prior_sensitivity",
         "summary_table",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -46,7 +46,7 @@ from bayestissue.inference.results.labels import labelled
 from bayestissue.inference.results.summary import summarise as summary_table
 from bayestissue.inference.results.tree import posterior_tree
 from bayestissue.inference.results.uncertainty_budget import measurement_sd, uncertainty_budget
-from bayestissue.inference.samplers.diagnostics import diagnose
+from bayestissue.inference.samplers.diagnostics import diagnose, more_would_help
 
 Say = Callable[[str, int, int], None]
 
@@ -80,6 +80,8 @@ def fit_traces(
 ) -> TraceAnalysis:
     """Sample the posterior of every impact and of the population, check it, and label everything.
 
+    Where the chains agree on all that was drawn and not yet on what follows from it, they go on.
+
     Args:
         prepared: model and data.
         specification: the model file.
@@ -91,14 +93,23 @@ def fit_traces(
     """
     say("summarising each trace", 0, 1)
     settings = specification.sampler
-    chains = sample(prepared, settings, seed, say, expansions=expansions, checkpoints=checkpoints, end=end)
-    chains = chains.thinned(settings.draws)
-    say("predicting", 0, 1)
-    draws = draws_of_chain(prepared, chains, seed)
-    return label(prepared, specification, draws, chains, seed, say)
+    longer = samples(prepared, settings, seed, say, expansions=expansions, checkpoints=checkpoints, end=end)
+    for chains in longer:
+        kept = chains.thinned(settings.draws)
+        say("predicting", 0, 1)
+        analysis = label(prepared, specification, draws_of_chain(prepared, kept, seed), kept, seed, say)
+        thinned = kept.shape != chains.shape
+        if not more_would_help(analysis.diagnostics, thinned=thinned, effective=settings.effective):
+            break
+    return analysis
 
 
-def sample(
+def sample(prepared: Prepared, sampler: Sampler, seed: int) -> ChainDraws:
+    """The first draws of `samples`."""
+    return next(samples(prepared, sampler, seed))
+
+
+def samples(
     prepared: Prepared,
     sampler: Sampler,
     seed: int,
@@ -107,8 +118,8 @@ def sample(
     expansions: GaussianFactor | None = None,
     checkpoints: Path | None = None,
     end: ChainEnd | None = None,
-) -> ChainDraws:
-    """Draws from the posterior of hyperparameters, effects and impacts; arguments as of `fit_traces`."""
+) -> Iterator[ChainDraws]:
+    """Draws of hyperparameters, effects and impacts as `chain_draws` yields them; see `fit_traces`."""
     beginning: GaussianFactor | ChainEnd | None = end
     if beginning is None:
         finding = partial(say, "looking for other explanations of each trace")

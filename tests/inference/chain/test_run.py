@@ -49,7 +49,7 @@ def drawn(
     count = int(target.present.sum())
     here = GaussianFactor(*(np.asarray(leaf)[:, :count] for leaf in sites))
     table = {name: values[:count] for name, values in PEOPLE.items()}
-    return chain_draws(prepared(K if count > 1 else "1", table), here, sampler, seed, **options)
+    return next(chain_draws(prepared(K if count > 1 else "1", table), here, sampler, seed, **options))
 
 
 @pytest.mark.slow
@@ -82,7 +82,7 @@ def test_what_goes_on_is_the_longer_run(people, monkeypatch, tmp_path: Path):
     first = drawn(people, sites, monkeypatch, sampler=short, settings=SHORT)
     first.end.write(tmp_path / "chain.npz")
     end = ChainEnd.read(tmp_path / "chain.npz")
-    second = chain_draws(prepared(K, PEOPLE), end, rest, 1, settings=SHORT)
+    second = next(chain_draws(prepared(K, PEOPLE), end, rest, 1, settings=SHORT))
     count = second.shape[1]
     assert count == 20 * (7 - int(SHORT.dropped * 7))
     of_whole = jax.tree.map(lambda values: values[:, -count:], whole.population)
@@ -91,6 +91,27 @@ def test_what_goes_on_is_the_longer_run(people, monkeypatch, tmp_path: Path):
         assert_array_equal(getattr(second, name), getattr(whole, name)[:, -count:])
     assert (int(second.end.segments), second.segments) == (int(whole.end.segments), 7)
     assert "of earlier runs" in second.record()["words"]
+
+
+@pytest.mark.slow
+def test_more_draws_are_those_of_the_longer_run(people, monkeypatch):
+    sites = jax.tree.map(lambda leaf: leaf[None], people.traces)
+    monkeypatch.setattr(chain.Target, "from_prepared", lambda _: people)
+    here = GaussianFactor(*map(np.asarray, sites))
+    asked = Sampler(chains=2, effective=50, transitions=2000)
+    all_asked = list(chain_draws(prepared(K, PEOPLE), here, asked, 1, settings=SHORT))
+    *passed, last = (draws.segments for draws in all_asked)
+    assert len(passed) > 1
+    assert passed == sorted(passed)
+    assert last == 100
+    assert all(draws.verdict.passed for draws in all_asked[:-1])
+    # What both have kept is the same: the longer run drops more segments at its beginning.
+    first, second = all_asked[:2]
+    skipped = 20 * (int(SHORT.dropped * second.segments) - int(SHORT.dropped * first.segments))
+    assert skipped < first.u.shape[1]
+    assert_array_equal(second.u[:, : first.u.shape[1] - skipped], first.u[:, skipped:])
+    # A run that goes on does so from where these ended.
+    assert first.end.segments < second.end.segments
 
 
 @pytest.mark.long

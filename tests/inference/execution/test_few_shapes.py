@@ -176,7 +176,7 @@ def test_another_dataset_of_about_that_size_compiles_nothing(
     def fitted(dataset: Dataset) -> None:
         prepared = prepare(dataset, specification, source="model")
         sites = explanations(prepared, expanded(prepared))
-        chains = chain_draws(prepared, sites, specification.sampler, 1, settings=SHORT)
+        chains = next(chain_draws(prepared, sites, specification.sampler, 1, settings=SHORT))
         found = draws_of_chain(prepared, chains, 0)
         impacts, people = len(prepared.impacts), len(prepared.design.subjects)
         assert {each.shape[2] for each in found.impacts.values()} == {impacts}

@@ -13,6 +13,7 @@ from bayestissue.inference.samplers.diagnostics import (
     NO_INTERVAL,
     diagnose,
     headline,
+    more_would_help,
     noted,
     verdict_in_words,
     warnings,
@@ -144,3 +145,15 @@ def test_beside_a_discrepancy_rows_of_k_say_that_it_is_the_element_s_own() -> No
     # What is no interval at all is that first.
     named = form | {"undescribed_impacts": ["a"]}
     assert noted(table, {"model_form": named})["note"].eq(NO_INTERVAL).all()
+
+
+def test_a_longer_run_is_made_for_what_it_mends() -> None:
+    passed, rough = diagnosed(run()), diagnosed(run())
+    next(check for check in rough["checks"] if check["code"] == "r-hat")["passed"] = False
+    few = diagnosed(run())
+    few["checks"][-1]["passed"] = False
+    options = {"thinned": False, "effective": 400}
+    assert [more_would_help(found, **options) for found in (passed, rough, few)] == [False, True, True]
+    # Of kept draws there are no more, and fewer were asked for.
+    assert not more_would_help(few, thinned=True, effective=400)
+    assert not more_would_help(few, thinned=False, effective=100)

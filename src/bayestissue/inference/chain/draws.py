@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -77,8 +77,8 @@ def chain_draws(
     settings: ChainSettings | None = None,
     progress: Say = lambda *_: None,
     checkpoints: Path | None = None,
-) -> ChainDraws:
-    """Draws from the posterior of everything.
+) -> Iterator[ChainDraws]:
+    """Draws from the posterior of everything, and more of them as long as the caller asks.
 
     Args:
         prepared: model and data.
@@ -90,6 +90,10 @@ def chain_draws(
         progress: told the stage, how much of it is done, and its total.
         checkpoints: an existing folder to which finished segments are written, and in which those of an
             earlier run of the same job are looked for.
+
+    Yields:
+        draws that are enough by hyperparameters, effects and parameters of impacts. Where what follows from
+        these is still rough, the next come from a longer run; the last have the most transitions.
     """
     count = len(prepared.impacts)
     chosen = settings or ChainSettings.of_size(count)
@@ -102,18 +106,18 @@ def chain_draws(
         warm = _warm(prepared, beginning, sampler, seed, chosen, progress, checkpoints, near)
     looked_at = partial(_looked_at, names=prepared.model.hyperparameters)
     trim = partial(_trimmed, prepared=prepared, keep=chosen.keep)
-    drawn = sampled(warm.chains, warm.tuning, looked_at, progress, sampler=sampler, trim=trim)
-    path: Trimmed = drawn.path
-    return ChainDraws(
-        **path._asdict(),
-        impact_draws=np.arange(chosen.keep - 1, path.log_likelihood.shape[1], chosen.keep),
-        acceptance={name: rate for name, rate in drawn.rates._asdict().items() if np.isfinite(rate)},
-        sites=GaussianFactor(*(np.asarray(leaf)[0, :count] for leaf in warm.tuning.sites)),
-        end=_end(warm, continued=isinstance(beginning, ChainEnd)),
-        segments=drawn.segments,
-        segment=chosen.segment,
-        verdict=drawn.verdict,
-    )
+    for drawn in sampled(warm.chains, warm.tuning, looked_at, progress, sampler=sampler, trim=trim):
+        path: Trimmed = drawn.path
+        yield ChainDraws(
+            **path._asdict(),
+            impact_draws=np.arange(chosen.keep - 1, path.log_likelihood.shape[1], chosen.keep),
+            acceptance={name: rate for name, rate in drawn.rates._asdict().items() if np.isfinite(rate)},
+            sites=GaussianFactor(*(np.asarray(leaf)[0, :count] for leaf in warm.tuning.sites)),
+            end=_end(warm, continued=isinstance(beginning, ChainEnd)),
+            segments=drawn.segments,
+            segment=chosen.segment,
+            verdict=drawn.verdict,
+        )
 
 
 class Warm(NamedTuple):
@@ -155,7 +159,7 @@ def _warm(
         population = population._replace(root=narrower * np.asarray(population.root))
         tuning = start.tuning._replace(population=population)
         start = start._replace(states=states, tuning=tuning)
-    carried = list(zip(start.states, start.steps, strict=True))
+    carried = jax.device_get(list(zip(start.states, start.steps, strict=True)))
     run = Chains(partial(_advanced, target, settings), settings, keys, carried, checkpoints, _like(target))
 
     def next_tuning(tuning: Tuning, visited: Track, first: bool) -> Tuning:

@@ -6,7 +6,7 @@ later run of the same job goes on with the same numbers. What a chain is made of
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -134,8 +134,8 @@ def sampled(
     *,
     sampler: Sampler,
     trim: Callable[[Any], Any] = lambda path: path,
-) -> Sampled:
-    """Segments until there are draws enough.
+) -> Iterator[Sampled]:
+    """Segments until there are draws enough, and until there are more as long as the caller asks for them.
 
     Args:
         chains: warmed up.
@@ -144,6 +144,9 @@ def sampled(
         progress: told the stage, how many segments are done, and of how many before the next look.
         sampler: how many effective draws are wanted, and how many transitions are the most.
         trim: takes off a segment's states what is not to be kept.
+
+    Yields:
+        what there is each time that looks pass, and what there is after the most transitions, the last.
     """
     settings, in_a_row = chains.settings, 0
     most = -(-sampler.transitions // settings.segment)
@@ -161,9 +164,12 @@ def sampled(
         verdict = look(*quantities(path), sampler.effective)
         in_a_row = in_a_row + 1 if verdict.passed else 0
         stage = f"sampling, R-hat {verdict.r_hat:.3f}, {verdict.effective:.0f} effective draws"
-        if in_a_row >= settings.in_a_row or len(paths) >= most:
-            mean_rates = jax.tree.map(_mean, *rates)
-            return Sampled(path, mean_rates, len(paths), verdict)
+        last = len(paths) >= most
+        if in_a_row >= settings.in_a_row or last:
+            yield Sampled(path, jax.tree.map(_mean, *rates), len(paths), verdict)
+            in_a_row = 0
+        if last:
+            return
         next_look = min(int(np.ceil(settings.growth * next_look)), most)
 
 

@@ -95,6 +95,18 @@ def diagnose(
     }
 
 
+def more_would_help(diagnostics: dict[str, Any], *, thinned: bool, effective: int) -> bool:
+    """Whether a check fails that a longer run passes.
+
+    Args:
+        diagnostics: of `diagnose`.
+        thinned: whether not all draws were kept, to whose number effective sizes are then bound.
+        effective: how many effective draws were asked for; of fewer than the verdict wants, no more are made.
+    """
+    failed = {check["code"] for check in diagnostics["checks"] if not check["passed"]}
+    return "r-hat" in failed or (bool(failed) and not thinned and effective >= ESS_LIMIT)
+
+
 def warnings(diagnostics: dict[str, Any]) -> list[Coded]:
     """What the model or its data leave in doubt, whatever the sampler did; the measuring chain first."""
     chain, form = diagnostics.get("measuring_chain", {}), diagnostics.get("model_form", {})

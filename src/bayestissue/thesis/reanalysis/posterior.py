@@ -129,7 +129,7 @@ def sample_posterior(
 
     tuning = warmed_up(chains, tuning, retuned, progress)
     warm = chains.number
-    drawn = sampled(chains, tuning, _quantities, progress, sampler=sampler)
+    drawn = next(sampled(chains, tuning, _quantities, progress, sampler=sampler))
     chosen = evenly_spaced(drawn.path.y.shape[1], sampler.draws)
     y, b = drawn.path.y[:, chosen], drawn.path.b[:, chosen]
     data = data._replace(scatter=tuning.scatter)
