@@ -117,9 +117,17 @@ def _velocities(dataset: Dataset, implied: Sequence[velocity.Implied]) -> list[s
     whole = velocity.Implied(*map(np.concatenate, zip(*implied, strict=True)))
     said = [
         velocity.in_words(contradiction, impacts, falls=falls)
-        for contradiction in velocity.contradictions(whole, trial)
+        for contradiction in velocity.contradictions(whole, trial, _levels(impacts))
     ]
     return ["; ".join(filter(None, words)) for words in zip(*said, strict=True)] or [""] * len(impacts)
+
+
+def _levels(impacts: pd.DataFrame) -> list[np.ndarray]:
+    """Numbers of the levels of each column that may say what was hit: words that several impacts share."""
+    others = impacts.drop(columns=["impact", "trial", "trace"], errors="ignore")
+    words = others.select_dtypes(exclude="number")
+    numbers = (pd.factorize(words[name].astype(str))[0] for name in words)
+    return [codes for codes in numbers if 0 < codes.max(initial=0) < len(codes) - 1]
 
 
 def raised(findings: Sequence[Finding], count: int, *, notes: bool = False) -> list[list[Coded]]:

@@ -15,11 +15,14 @@ impact, over which its likelihood is averaged.
 A tissue that is no spring and damper bends one trace as another velocity may: of 60 impacts on a spring and
 damper in series 8 looked so. Therefore nothing is said of one by itself, nor of a group whose traces no one
 velocity explains but for noise. A drop of another height lies apart from the others of its condition whatever
-the tissue is: that is asked besides, against their median and their scatter.
+the tissue is: that is asked besides, against their median and their scatter. Where tissues differ within a
+condition, such as pads, one that obeys another law lies apart in all of its impacts, and no velocity explains
+them.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -182,15 +185,20 @@ def _averaged(log_likelihood: np.ndarray, sd: Column) -> np.ndarray:
     return np.where(np.isneginf(log_likelihood), -np.inf, averaged)
 
 
-def contradictions(implied: Implied, trial: np.ndarray) -> list[Contradiction]:
+def contradictions(
+    implied: Implied, trial: np.ndarray, levels: Sequence[np.ndarray] = ()
+) -> list[Contradiction]:
     """What the recordings say against the stated velocities: of all, else of conditions, and single impacts.
 
     Args:
         implied: see `implied`.
         trial: of each impact, the number of its condition, from 0.
+        levels: of each impact, the number of its person, pad or whatever else says what was hit.
     """
     contradictory, log_likelihood, explained = [], implied.log_likelihood, implied.explained
     alone = _apart(implied, trial)
+    for codes in levels:
+        alone &= ~_of_another_law(implied, codes)
     groups = {"all": np.zeros_like(trial), "trial": trial}
     tests = 2 + trial.max(initial=0)
     said = alone.copy()
@@ -256,6 +264,16 @@ def _apart(implied: Implied, trial: np.ndarray) -> Mask:
         there = [np.interp(at, FRACTIONS, row) for at, row in zip(nearest, log_likelihood, strict=True)]
         apart[rows] = far & (2 * (log_likelihood.max(axis=1) - there) > beyond_chance)
     return apart
+
+
+def _of_another_law(implied: Implied, codes: np.ndarray) -> Mask:
+    """The impacts that look like all others of their level, where no velocity leaves noise alone."""
+    alike, fraction = np.zeros(len(codes), bool), np.log1p(implied.fraction)
+    for code in np.unique(codes):
+        rows = np.flatnonzero((codes == code) & implied.usable)
+        if len(rows) >= VELOCITY.alike:
+            alike[rows] = np.abs(fraction[rows] - np.median(fraction[rows])) < np.log1p(VELOCITY.apart)
+    return alike & ~implied.explained
 
 
 def in_words(contradiction: Contradiction, impacts: pd.DataFrame, *, falls: bool) -> list[str]:
