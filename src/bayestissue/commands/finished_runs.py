@@ -220,11 +220,20 @@ def print_answers(answers: pd.DataFrame, nouns: Words) -> None:
         rows = [[row["level"], *cells(row, forms), row["unit"]] for row in levels.to_dict("records")]
         names = ["level", *headings(_OF_NUMBERS), "is best", *headings(_OF_CHOICES)[1:], "unit"]
         show(table(str(question), names, rows, words=("level", "unit")))
-    for row in answers[answers["note"] != ""].to_dict("records"):
-        level = f", {row['level']}" if row["level"] else ""
-        line(f"  {row['question']}{level}: {nouns(row['note'])}")
+    for question, of_question in answers.groupby("question", sort=False):
+        for who, note in _notes(of_question):
+            line(f"  {', '.join([str(question), *who])}: {nouns(note)}")
     line(f"  {_counts(answers)}")
     explained(codes_in("; ".join(answers["note"])))
+
+
+def _notes(answers: pd.DataFrame) -> list[tuple[list[str], str]]:
+    """What is said of one question's answers: of all levels once, then of each what is said of it alone."""
+    clauses = [[clause for clause in note.split("; ") if clause] for note in answers["note"]]
+    common = [clause for clause in clauses[0] if all(clause in each for each in clauses)]
+    own = ("; ".join(clause for clause in each if clause not in common) for each in clauses)
+    of_levels = [([level], words) for level, words in zip(answers["level"], own, strict=True)]
+    return [(levels, words) for levels, words in [([], "; ".join(common)), *of_levels] if words]
 
 
 def _counts(table: pd.DataFrame) -> str:
