@@ -105,7 +105,9 @@ def _with_discrepancy(posterior: xr.Dataset, people: np.ndarray) -> xr.Dataset:
     for name in ("K", "K_subject", "K_trial", "K_new"):
         posterior[name] = 0.5 * posterior[name]
     posterior["intercept_K"] = posterior["intercept_K"] + np.log(0.5)
-    posterior = posterior.assign(K_secant=secant, discrepancy=0.05 + 0 * secant)
+    typical = np.log(0.05) + 0 * posterior["intercept_K"]
+    pooled = {"discrepancy_mean": typical, "sd_discrepancy": 1 + 0 * typical}
+    posterior = posterior.assign(K_secant=secant, discrepancy=0.05 + 0 * secant, **pooled)
     return posterior.assign(comparable_draws(posterior[["K_secant"]], people))
 
 

@@ -60,7 +60,8 @@ class Finished:
             tree["prior"].to_dataset() if "prior" in tree.children else None,
             Recorded.of_run(constants, model),
             str(model.get("element", SIDE_BY_SIDE)),
-            "discrepancy" in posterior,
+            # A reader may have left out what impacts have.
+            "discrepancy_mean" in posterior,
             float(constants[GRAVITY]) if GRAVITY in constants else 0.0,
             HEADFORM in constants,
         )
