@@ -74,6 +74,16 @@ def test_the_words_of_a_fit_with_a_discrepancy_keep_the_first_fit_s_score() -> N
     assert "too narrow" not in found["words"]
 
 
+def test_the_impacts_that_obey_another_law_are_named() -> None:
+    made = tree(0.0)
+    made["posterior"].dataset["discrepancy"].to_numpy()[:] *= 0.01
+    made["posterior"].dataset["discrepancy"].to_numpy()[..., [3, 5]] = [0.1, 0.12]
+    found = with_discrepancy(model_form(tree(1.0), "deceleration"), made)
+    assert found["apart"] == ["i5", "i3"]
+    assert "% of the peak in the median impact, and up to 12 % in 2 of 30 (i5, i3)" in found["words"]
+    assert with_discrepancy(model_form(tree(1.0), "deceleration"), tree(0.0))["apart"] == []
+
+
 def test_a_discrepancy_beyond_the_limit_leaves_no_interval() -> None:
     small, large = tree(0.0), tree(0.0)
     large["posterior"].dataset["discrepancy"].to_numpy()[:] *= 5

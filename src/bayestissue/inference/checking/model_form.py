@@ -12,6 +12,7 @@ from typing import Any
 
 import jax
 import numpy as np
+import pandas as pd
 import xarray as xr
 from jax import Array
 from jaxtyping import Float
@@ -33,6 +34,8 @@ _BY_CHANCE = 0.015
 # Probability that so many of a sound dataset are counted; and that any of them is named alone, at the most.
 _TOO_MANY, _ALONE = 0.01, 0.001
 _NAMED = 5
+# So many times the median impact's is a discrepancy of its own.
+_SEVERAL = 5.0
 # In standard errors of the pooled score: once in thirty thousand fits of the right model.
 LIMIT = 4.0
 # A parabola takes up most of what the measuring chain does and little of another law: a stiffening spring
@@ -120,19 +123,30 @@ def with_discrepancy(first: dict[str, Any], tree: xr.DataTree) -> dict[str, Any]
 
     Returns:
         ``score`` and ``structured`` as they were, ``discrepancy``, the discrepancy's rms as a fraction of the
-        trace's peak (median impact), ``left``, the score of the fit with it, and all of it in ``words``.
+        trace's peak (median impact), ``apart``, the impacts in which it is several times that, ``left``, the
+        score of the fit with it, and all of it in ``words``.
     """
     posterior = tree["posterior"].dataset
+    sizes = of_impacts(posterior["discrepancy"])
     size, stiffness = float(posterior["discrepancy"].median()), posterior["K_secant"]
+    larger = sizes[sizes > _SEVERAL * size].sort_values(ascending=False)
     drawn = [name for name in stiffness.dims if name != "impact"]
     low, high = stiffness.quantile([0.05, 0.95], drawn).to_numpy()
     sure = float(np.sqrt(np.median(high / low)) - 1)
-    words = _words("form.discrepancy", first["score"], size=100 * size, sure=100 * sure)
+    apart = sentence(
+        "form.apart",
+        most=100 * sizes.max(),
+        count=len(larger),
+        of=len(sizes),
+        named=first_of(list(larger.index), _NAMED),
+    )
+    apart = apart if len(larger) else ""
+    words = _words("form.discrepancy", first["score"], size=100 * size, sure=100 * sure, apart=apart)
     left = model_form(tree, "deceleration")["score"]
     discrepancy = described(tree)
     if discrepancy["undescribed"]:
         words = f"{sentence('form.score', score=first['score'])}. {discrepancy['words']}"
-    return first | discrepancy | {"left": left, "words": words}
+    return first | discrepancy | {"apart": list(larger.index), "left": left, "words": words}
 
 
 def described(tree: xr.DataTree) -> dict[str, Any]:
@@ -146,15 +160,19 @@ def described(tree: xr.DataTree) -> dict[str, Any]:
         that is beyond the limit, ``undescribed_impacts``, which are so by themselves, and ``words``.
     """
     draws = tree["posterior"].dataset["discrepancy"]
-    of_impacts = draws.median([name for name in draws.dims if name != "impact"])
-    size, beyond = float(draws.median()), of_impacts.to_numpy() > MOST_DISCREPANCY
-    names = [str(name) for name in np.asarray(of_impacts["impact"])[beyond]]
+    size, sizes = float(draws.median()), of_impacts(draws)
     return {
         "discrepancy": size,
         "undescribed": size > MOST_DISCREPANCY,
-        "undescribed_impacts": names,
+        "undescribed_impacts": list(sizes.index[sizes > MOST_DISCREPANCY]),
         "words": sentence("form.undescribed", size=100 * size),
     }
+
+
+def of_impacts(draws: xr.DataArray) -> pd.Series:
+    """The median of each impact, by its name."""
+    medians = draws.median([name for name in draws.dims if name != "impact"])
+    return pd.Series(medians.to_numpy(), medians["impact"].to_numpy().astype(str))
 
 
 def with_chain(form: dict[str, Any], chain: dict[str, Any]) -> dict[str, Any]:
