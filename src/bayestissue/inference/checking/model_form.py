@@ -189,7 +189,7 @@ def with_chain(form: dict[str, Any], chain: dict[str, Any]) -> dict[str, Any]:
     return form | {"words": words.replace(sentence("form.remedy"), sentence("form.mend"))}
 
 
-def _words(key: str, score: float, **numbers: float) -> str:
+def _words(key: str, score: float, **numbers: float | str) -> str:
     """A sentence that begins with the score."""
     law, remedy = sentence("form.another_law"), sentence("form.remedy")
     return sentence(key, score=sentence("form.score", score=score), law=law, remedy=remedy, **numbers)
