@@ -159,7 +159,7 @@ def _formulas(run: FitRun) -> str:
     return (
         f"In R's notation {formulas}; a term such as (1|subject) stands for normally distributed differences "
         f"of people. Numbers are stated at a mass of {run.reference_mass:.3g} kg. The model file is "
-        f"{model['name']}; its priors stand in tables.xlsx.{_untried(run)}"
+        f"“{model['name']}”; its priors stand in tables.xlsx.{_untried(run)}"
     )
 
 

@@ -66,7 +66,8 @@ def _best(factor: str, outcome: pd.DataFrame) -> dict[str, str]:
     motion = [float(first[name]) for name in ("mass_kg", "velocity_m_s")]
     stated = "mass_kg={:.4g}, velocity_m_s={:.4g}".format(*motion)
     return {
-        "level": f"{likely} {first['level']}",
+        "level": first["level"],
+        "likely": likely,
         "probability": probability(first["p_lowest"]),
         "value": f"{_spread(first).value} {first['unit']}, {_spread(first).range}",
         "impact": impact_words(*motion),
@@ -234,7 +235,8 @@ def _measured(run: FitRun, factor: str, quantity: str) -> pd.DataFrame:
 
 def has_outcomes(run: FitRun) -> bool:
     """Whether the run has pictures of what impacts do; those of earlier versions have none."""
-    return bool(len(run.loops) or len(run.levels))
+    of_levels = bool((run.levels["quantity"] == FIRST).any())
+    return not run.undescribed and (of_levels or len(run.loops) > 0)
 
 
 def loop_figures(run: FitRun) -> list[Figure]:
