@@ -22,7 +22,7 @@ from jaxtyping import Float
 
 from bayestissue.hierarchy.levels import log_at_levels
 from bayestissue.hierarchy.recorded import Condition, Recorded, label_of
-from bayestissue.inference.answers.contrasts import Comparison
+from bayestissue.inference.answers.contrasts import LEVELS, Comparison
 from bayestissue.inference.answers.law import fall_height, simulated_words
 from bayestissue.inference.answers.meaning import average_notes
 from bayestissue.inference.answers.questions import ranked
@@ -51,7 +51,7 @@ def levels_table(comparison: Comparison) -> pd.DataFrame:
         at = {"factor": factor, "level": [label_of(level[factor]) for level in levels]}
         note = "; ".join(average_notes(recorded, comparison.responses, [factor]))
         for response, compared in comparison.of_responses.items():
-            if any(factor == one.factors[0] for one in compared if one.kind == "levels"):
+            if any(factor == one.factors[0] for one in compared if one.kind == LEVELS):
                 values = np.exp(log_at_levels(draws, recorded, response, levels)).reshape(-1, len(levels))
                 alone = [ELEMENT_ALONE] if response == "K" and element_alone(draws) else []
                 tables.append(_ranked_rows(at, response, values, [*filter(None, [note]), *alone]))

@@ -33,22 +33,25 @@ def factors(run: FitRun) -> list[str]:
 
 def compared_levels(run: FitRun) -> list[dict[str, Any]]:
     """Of the first factors: which level is best, and a table of all; nothing where none is compared."""
-    return [_compared(run, factor) for factor in factors(run)[: LIMITS.comparisons]]
+    compared = [_compared(run, factor) for factor in factors(run)[: LIMITS.comparisons]]
+    # Beside a discrepancy K is the element's own, and may be all that differs.
+    return [one for one in compared if len(one["table"].columns) > 1]
 
 
 def _compared(run: FitRun, factor: str) -> dict[str, Any]:
     rows = run.levels[run.levels["factor"] == factor]
-    outcome = rows[rows["quantity"] == FIRST]
     by = {(row["quantity"], row["level"]): row for row in rows.to_dict("records")}
-    fields = [Field(factor, lambda name: name)]
-    if len(outcome):
-        fields.append(Field("P(best)", lambda name: probability(by[FIRST, name]["p_lowest"]), "number"))
+    known = set(rows["quantity"])
+    fields = [Field(factor, lambda level: level)]
+    if FIRST in known:
+        fields.append(Field("P(best)", lambda level: probability(by[FIRST, level]["p_lowest"]), "number"))
     fields += [
         Field(f"{outcome_name(q)} ({_unit(q)})", partial(_cell, by, q), "number")
-        for q in ([FIRST] * bool(len(outcome)) + [q for q in QUANTITIES if q in run.of_tissue])
+        for q in (FIRST, *(q for q in QUANTITIES if q in run.of_tissue))
+        if q in known
     ]
     levels = table_of(leading_levels(run)[factor], *fields)
-    return {"factor": factor, "best": _best(factor, outcome), "table": levels}
+    return {"factor": factor, "best": _best(factor, rows[rows["quantity"] == FIRST]), "table": levels}
 
 
 def _cell(by: dict[tuple[str, str], dict[Any, Any]], quantity: str, level: str) -> Markup:
