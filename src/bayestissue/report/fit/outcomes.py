@@ -46,7 +46,7 @@ def _compared(run: FitRun, factor: str) -> dict[str, Any]:
     if FIRST in known:
         fields.append(Field("P(best)", lambda level: probability(by[FIRST, level]["p_lowest"]), "number"))
     fields += [
-        Field(f"{outcome_name(q)} ({_unit(q)})", partial(_cell, by, q), "number")
+        Field(_title(q), partial(_cell, by, q), "number")
         for q in (FIRST, *(q for q in QUANTITIES if q in run.of_tissue))
         if q in known
     ]
@@ -91,8 +91,10 @@ def _more(first: dict[Any, Any], others: list[dict[Any, Any]]) -> str:
     return ", ".join(parts).replace("-", "−")
 
 
-def _unit(quantity: str) -> str:
-    return UNITS.get(quantity) or PREDICTED[OUTCOME_COLUMNS[quantity]][1]
+def _title(quantity: str) -> str:
+    """Name and unit, as of an axis: "peak force (N)"."""
+    name, unit, _ = _scaled(quantity)
+    return f"{name} ({unit})"
 
 
 def _spread(row: dict[Any, Any], factor: float = 1.0) -> Spread:
@@ -106,7 +108,7 @@ def _rank(row: dict[Any, Any]) -> str:
 def ranks(run: FitRun, factor: str, quantity: str = FIRST) -> Figure:
     """A quantity on each level of a factor, the lowest first, with its rank."""
     rows = run.levels[(run.levels["factor"] == factor) & (run.levels["quantity"] == quantity)]
-    title, unit, scale = _scaled(quantity)
+    title, _, scale = _scaled(quantity)
     by_level = [(row, _spread(row, scale)) for row in rows.sort_values("median").to_dict("records")]
     table = pd.DataFrame(
         [
@@ -121,7 +123,7 @@ def ranks(run: FitRun, factor: str, quantity: str = FIRST) -> Figure:
         ]
     )
     words = said("figures.ranks", name=title, factor=factor)
-    return intervals(table, f"{title} ({unit})", words, straight=True)
+    return intervals(table, _title(quantity), words, straight=True)
 
 
 def _scaled(quantity: str) -> tuple[str, str, float]:
@@ -197,7 +199,7 @@ def _recorded(run: FitRun, factor: str, titles: dict[tuple[float, float], str]) 
 
 def curves(run: FitRun, factor: str, quantity: str = FIRST) -> Figure:
     """An outcome over the height of the fall, or the velocity, on each level, and of each impact."""
-    title, unit, scale = _scaled(quantity)
+    title, _, scale = _scaled(quantity)
     rows = run.curves[(run.curves["factor"] == factor) & (run.curves["quantity"] == quantity)]
     column = "drop_height_cm" if run.gravity else "velocity_m_s"
     x = number(column, "height of the fall (cm)" if run.gravity else "velocity at contact (m/s)")
@@ -221,7 +223,7 @@ def curves(run: FitRun, factor: str, quantity: str = FIRST) -> Figure:
     )[["panel", "level", "impact", column, "median", "low", "high"]]
     levels = list(dict.fromkeys(table["level"]))
     words = said("figures.curves", name=title, over=x["title"], factor=factor)
-    return drawn.over_velocity(table, points, x, f"{title} ({unit})", panels, levels, words)
+    return drawn.over_velocity(table, points, x, _title(quantity), panels, levels, words)
 
 
 def _measured(run: FitRun, factor: str, quantity: str) -> pd.DataFrame:
