@@ -12,8 +12,9 @@ import pandas as pd
 import xarray as xr
 
 from bayestissue.hierarchy.recorded import Recorded
-from bayestissue.inference.answers.contrasts import contrasts, people_compared
+from bayestissue.inference.answers.contrasts import Comparison, contrasts_table, people_compared
 from bayestissue.inference.answers.law import Law
+from bayestissue.inference.answers.level_tables import curves_table, levels_table, loops_table
 from bayestissue.inference.answers.reliability import as_variables, coefficients, reliability, variances
 from bayestissue.inference.quantities.together import comparable_draws
 from made_once import made_once
@@ -45,6 +46,7 @@ def write_fit_run(
     own_depth: float | None = None,
     two_sides: bool = False,
     discrepancy: bool = False,
+    pictures: bool = False,
     seed: int = 1,
     extended: Callable[[Groups], Groups] = dict,
 ) -> Path:
@@ -53,7 +55,8 @@ def write_fit_run(
     ``exponent`` is the posterior's mean mass exponent of K (C's is 0), None for a model without one;
     ``coloured`` noise is a running mean of two samples; with ``own_depth``, K's exponent at each impact's own
     greatest depth, ``exponent`` is that at a common depth; of ``two_sides``, left is a fifth stiffer; beside
-    a ``discrepancy`` the element's own K is half of K_secant, which is true. What is written is ``extended``.
+    a ``discrepancy`` the element's own K is half of K_secant, which is true; with
+    ``pictures`` there are loops and curves. What is written is ``extended``.
     """
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(seed)
@@ -84,7 +87,10 @@ def write_fit_run(
     write_tree(extended(groups), folder / "posterior.nc")
     tables = _tables(rng, impacts, true, posterior, exponent)
     law = None if discrepancy else Law("kelvin_voigt", 0.0)
-    tables["contrasts"] = contrasts(posterior, recorded, ["K", "C"], 0.1, law=law)
+    compared = Comparison(posterior, recorded, ["K", "C"], law=law)
+    tables["contrasts"], tables["levels"] = contrasts_table(compared, 0.1), levels_table(compared)
+    if pictures:
+        tables["loops"], tables["curves"] = loops_table(compared), curves_table(compared)
     tables["people"] = people_compared(posterior, recorded, ["K", "C"])
     tables["reliability"] = reliability(found["posterior"], found["prior"])
     for name, table in tables.items():

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 TABLES = (
     *("summary", "hypotheses", "cross_validation", "sensitivity", "interval_sources"),
-    *("contrasts", "people", "reliability"),
+    *("contrasts", "levels", "loops", "curves", "people", "reliability"),
 )
 METHODS = ("exact", "dds")
 # Where its chains ended.

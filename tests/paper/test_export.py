@@ -32,7 +32,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("read_once")]
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return make_fit_run(tmp_path_factory.mktemp("exported") / "run", two_sides=True)
+    return make_fit_run(tmp_path_factory.mktemp("exported") / "run", two_sides=True, pictures=True)
 
 
 @pytest.fixture(scope="module")
@@ -91,6 +91,22 @@ def test_the_text_says_what_an_impact_does(folder: Path, exported: Path) -> None
     assert "peak force {}, peak depth {} and energy absorbed {}.".format(*stated) in text
     of_levels = "peak force {peak_force}, peak depth {peak_depth} and energy absorbed {energy_absorbed}"
     assert of_levels.format(**ratio) in text
+
+
+def test_the_text_says_which_level_is_best_and_how_its_figures_were_made(
+    folder: Path, exported: Path
+) -> None:
+    markdown = (exported / "methods.md").read_text(encoding="utf-8")
+    levels = pd.read_csv(folder / "levels.csv").query("quantity == 'peak_force'").set_index("level")
+    best = levels["median"].idxmin()
+    assert f"Of the levels of side, {best} almost certainly has the lowest peak force" in markdown
+    assert f"{levels.loc[best, 'median']:.1f} N" in markdown
+    draws = pd.read_csv(folder / "loops.csv")["draws"].iloc[0]
+    assert "Figures of force over depth" in markdown
+    assert f"the impact simulated in {draws} draws" in markdown
+    sheets = pd.read_excel(exported / "tables.xlsx", sheet_name=None, engine="calamine")
+    assert {"levels", "loops", "curves"} <= set(sheets)
+    assert (exported / "figures" / "force-over-depth-by-side.pdf").is_file()
 
 
 def test_an_interaction_stands_in_text_and_table_and_factors_of_equal_levels_apart(run: FitRun) -> None:

@@ -141,7 +141,7 @@ def test_without_a_script_words_cards_and_tables_stand(tab, page) -> None:
     tab.open(page, scripts=False)
     assert tab.js("document.querySelectorAll('.drawing svg').length") == 0
     text = tab.js("document.body.innerText")
-    assert "What differs?" in text
+    assert "What differs by side, and which is best?" in text
     assert "need JavaScript" in text
     assert tab.js("document.querySelectorAll('.chart .numbers table').length") == tab.js(
         "document.querySelectorAll('.chart').length"
@@ -200,7 +200,7 @@ def test_the_printed_page_holds_cards_and_tables(tab, page, run) -> None:
     command = ["pdftotext", "-layout", "-", "-"]
     text = subprocess.run(command, input=tab.pdf(), capture_output=True, check=True).stdout.decode()  # noqa: S603
     words = " ".join(text.split())
-    for card in ("What differs?", "What are K and C?", "How repeatable is a measurement?"):
+    for card in ("which is best?", "What are K and C?", "How repeatable is a measurement?"):
         assert card in words
     for heading in ("Comparisons", "Diagnostics of the sampler", "Provenance"):
         assert heading in words

@@ -34,7 +34,9 @@ def html(tmp_path_factory) -> str:
 @pytest.mark.slow
 def test_the_first_screen_says_what_differs(html) -> None:
     first = plain(html[html.index('class="first"') : html.index("<nav")])
-    assert re.search(r"What differs\? left over right: K × 1\.\d+ 1\.\d+ to 1\.\d+; C × [01]\.\d+", first)
+    assert "What differs by side, and which is best?" in first
+    ratios = r"left over right: K × 1\.\d+ 1\.\d+ to 1\.\d+; C × [01]\.\d+ .*; peak force × 1\.\d+"
+    assert re.search(ratios, first)
     assert "K is almost certainly greater for left (probability above 0.999)" in first
     assert "that it differs by less than 10 % is" in first
     page = Reader()
@@ -54,7 +56,9 @@ def test_an_interaction_leads_and_what_goes_with_a_level_is_said(tmp_path) -> No
     pd.concat([table, further]).to_csv(folder / "contrasts.csv", index=False)
     html = write_report(folder).read_text(encoding="utf-8")
     first = plain(html[html.index('class="first"') : html.index("<nav")])
-    assert "What differs? after over before, treated over control: K × 1.22 1.10 to 1.35" in first
+    assert (
+        "which is best? Interaction: after over before, treated over control: K × 1.22 1.10 to 1.35" in first
+    )
     words = "K, after over before, is very probably greater for treated than for control (probability 0.98)"
     assert words in first
     assert "Between left and right also differs, and is part of the ratio: pad (p1 against p2)." in first
@@ -62,6 +66,7 @@ def test_an_interaction_leads_and_what_goes_with_a_level_is_said(tmp_path) -> No
     assert "also differs: pad" in section(html, "comparisons")
     # An earlier version wrote no such columns.
     table.drop(columns=["kind", "note"]).to_csv(folder / "contrasts.csv", index=False)
+    (folder / "levels.csv").unlink()
     assert "What differs? left over right" in plain(write_report(folder).read_text(encoding="utf-8"))
 
 
@@ -79,7 +84,9 @@ def test_columns_in_no_formula_lead_the_first_screen_as_questions(tmp_path) -> N
         path.write_text(json.dumps(record | {"columns_not_used": columns}), encoding="utf-8")
         html = write_report(folder).read_text(encoding="utf-8")
         first = plain(html[html.index('class="first"') : html.index("<nav")])
-        assert first.index("pad varies") < first.index("What differs?") < first.index("What are K and C?")
+        assert (
+            first.index("pad varies") < first.index("What differs by side") < first.index("What are K and C?")
+        )
         if columns == [pad]:
             asked = "pad varies (4 levels) and is not in the formula: does K differ by pad? --K"
             assert f"{asked} &#34;{pad['formula']}&#34;" in first

@@ -195,6 +195,50 @@ class Path(NamedTuple):
         return jnp.where(past.any(axis=-1), when, jnp.inf).T
 
 
+class Loop(NamedTuple):
+    """Force over depth of whole impacts: in to the greatest depth, and out until the impactor leaves.
+
+    A tissue that is never left is followed to the end of the path; depths that then rise again are NaN. Of
+    an impactor that has no greatest depth the way out is one point, where it comes to rest.
+
+    Attributes:
+        depth_in: x from contact to the greatest depth [m], growing.
+        force_in: the force on the impactor there [N].
+        depth_out: x from the greatest depth on [m], falling.
+        force_out: the force there [N].
+    """
+
+    depth_in: Float[Array, "impact place"]
+    force_in: Float[Array, "impact place"]
+    depth_out: Float[Array, "impact place"]
+    force_out: Float[Array, "impact place"]
+
+
+@partial(jax.jit, static_argnames=("element", "places"))
+def loops_of(
+    element: Element,
+    p: dict[str, Array],
+    mass: Float[Array, " impact"],
+    velocity: Float[Array, " impact"],
+    places: int,
+) -> Loop:
+    """The loop of each impact at ``places`` even times in and out, of complete parameters, compiled.
+
+    Between the nodes of its path, an impact is the cubic of `solver.at_times`, also of a linear element.
+    """
+    path = Path.solved(element, p, mass, velocity)
+    peak, end = (jnp.minimum(when, path.duration)[:, None] for when in (path.time_to_peak, path.leaves))
+    share = jnp.linspace(0.0, 1.0, places)
+    times = jnp.concatenate([peak * share, peak + (end - peak) * share], axis=1)
+    y = solver.at_times(path.nodes, times)
+    force = mass[:, None] * deceleration_of(element, path.columns(), mass[:, None], y)
+    # The greatest depth to rounding, from which depths of a motion that does not leave may rise again.
+    out = y[0][:, places:]
+    falls = jax.lax.cummin(out, axis=1) == out
+    out, pushed = (jnp.where(falls, part, jnp.nan) for part in (out, force[:, places:]))
+    return Loop(y[0][:, :places], force[:, :places], out, pushed)
+
+
 def _linear_nodes(
     element: Element, p: dict[str, Array], mass: Array, velocity: Array, duration: Array
 ) -> solver.Nodes:

@@ -19,8 +19,9 @@ from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.inference.answers.contrasts import contrasts, people_compared
+from bayestissue.inference.answers.contrasts import Comparison, contrasts_table, people_compared
 from bayestissue.inference.answers.finished import Finished
+from bayestissue.inference.answers.level_tables import curves_table, levels_table, loops_table
 from bayestissue.inference.answers.reliability import (
     Variances,
     as_variables,
@@ -63,6 +64,9 @@ class TraceAnalysis:
     sensitivity: pd.DataFrame
     interval_sources: pd.DataFrame
     contrasts: pd.DataFrame
+    levels: pd.DataFrame
+    loops: pd.DataFrame
+    curves: pd.DataFrame
     people: pd.DataFrame
     reliability: pd.DataFrame
     end: ChainEnd | None = None
@@ -186,7 +190,8 @@ def label(
     finished = Finished(
         posterior, None, recorded, specification.element, prepared.model.discrepancy, float(gravity)
     )
-    asked = specification.questions.values()
+    asked = tuple(specification.questions.values())
+    compared = Comparison(posterior, recorded, responses, asked, finished.law)
     return TraceAnalysis(
         tree,
         summary,
@@ -195,7 +200,10 @@ def label(
         scores,
         sensitivity,
         budget,
-        contrasts(posterior, recorded, responses, near.ratio, asked, finished.law),
+        contrasts_table(compared, near.ratio),
+        levels_table(compared),
+        loops_table(compared),
+        curves_table(compared),
         people_compared(posterior, recorded, responses),
         reliability(repeatable["posterior"], repeatable["prior"]),
         chains.end,

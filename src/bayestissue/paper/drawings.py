@@ -57,6 +57,11 @@ def _drawn(chart: Specification, pixels: float) -> str:
     chart["config"] = chart["config"] | {"legend": chart["config"]["legend"] | {"columns": 2}}
     if "vconcat" in chart:
         chart["vconcat"] = [panel | {"width": pixels - PRINT.label_pixels} for panel in chart["vconcat"]]
+    elif "facet" in chart:
+        # One panel below the other, as in a column of a journal there is room for one.
+        across = max(1, min(chart["columns"], int(pixels // PRINT.panel_pixels)))
+        width = pixels / across - PRINT.label_pixels
+        chart |= {"columns": across, "spec": chart["spec"] | {"width": width}}
     else:
         chart |= {"width": pixels, "autosize": {"type": "fit-x", "contains": "padding"}}
     svg = vl_convert.vegalite_to_svg(chart)

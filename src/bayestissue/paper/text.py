@@ -19,7 +19,7 @@ from bayestissue.inference.results.meanings import TOGETHER, meaning, outcome_na
 from bayestissue.inference.samplers.diagnostics import OF_RECORDINGS
 from bayestissue.outline import counted
 from bayestissue.report.answers_page import question_lines
-from bayestissue.report.fit import answers, study, words
+from bayestissue.report.fit import answers, outcomes, study, words
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.fit.sentences import said
 from bayestissue.report.posterior import QUANTITIES, Spread, exponent, levels, spread
@@ -74,7 +74,7 @@ def text_of(run: FitRun, finished: Finished | None = None) -> Text:
     text = Text(f"Methods and results: {run.record['dataset']}", nouns=run.nouns)
     text.add("Measurements", _measurements(run), _uncertainty(run), _left_out(run), _flags(run))
     text.add("Model", f"{words.likelihood_words(run)} {words.signal_words(run)}", _formulas(run))
-    text.add("Computation", _computation(run, text))
+    text.add("Computation", _computation(run, text), outcomes.pictures_words(run))
     verdict = run.record.get("verdict", {})
     sound = verdict.get("passed", True) and not verdict.get("warned") and not run.undescribed
     doubt = "" if sound else f"These results are in doubt: {_verdict(run)}"
@@ -88,6 +88,7 @@ def text_of(run: FitRun, finished: Finished | None = None) -> Text:
         _levels(run),
         answers.averaged_sentence(run),
         _outcomes(run, finished) if finished else "",
+        *outcomes.best_words(run),
         *(_comparison(run, contrast) for contrast in study.first_contrasts(run)),
         _mass(run),
     )
@@ -158,7 +159,7 @@ def _formulas(run: FitRun) -> str:
     return (
         f"In R's notation {formulas}; a term such as (1|subject) stands for normally distributed differences "
         f"of people. Numbers are stated at a mass of {run.reference_mass:.3g} kg. The model file is "
-        f"{model['name']}; its priors stand in tables.xlsx.{_untried(run)}"
+        f"“{model['name']}”; its priors stand in tables.xlsx.{_untried(run)}"
     )
 
 

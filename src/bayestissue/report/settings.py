@@ -19,6 +19,9 @@ class Limits:
         sides: levels of a factor in a figure of pairs.
         categories: levels whose K and C a card lists.
         lines: of a figure of designs; of more the eye finds none again.
+        loops: of recorded impacts in a figure; more make one grey of them.
+        loop_samples: of each of these, which then looks smooth.
+        same_motion: difference of the log of mass or velocity up to which an impact belongs to a motion.
         rows: of a table; the file has all.
         steps: of a recording's numbers, above 0 and below, which two bytes hold: finer than a screen shows.
     """
@@ -32,6 +35,9 @@ class Limits:
     sides: int = 6
     categories: int = 4
     lines: int = 6
+    loops: int = 60
+    loop_samples: int = 60
+    same_motion: float = 0.05
     rows: int = 300
     steps: int = 32_000
 

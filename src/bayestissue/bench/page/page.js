@@ -6,7 +6,14 @@ const { element } = bench;
 let chosen = null, following = true, wanted = null, nouns = {};
 
 const short = (value) => (value === null || value === undefined ? "–" : Number(value.toPrecision(4)).toString());
-const interval = (n) => (n && n.length ? `${short(n[0])} (${short(n[1])} to ${short(n[2])})` : "–");
+// The ends have the median's decimals, and stay on one line.
+const interval = (n) => {
+  if (!n || !n.length) return "–";
+  if (!n[0]) return `${short(n[0])} (${short(n[1])} to ${short(n[2])})`;
+  const decimals = Math.min(Math.max(3 - Math.floor(Math.log10(Math.abs(n[0]))), 0), 8);
+  const [middle, low, high] = n.map((value) => (value === null || value === undefined ? "–" : value.toFixed(decimals)));
+  return `${middle} (${low}\u00a0to\u00a0${high})`;
+};
 const percent = (share) => `${(100 * share).toFixed(1)} %`;
 const facts = (cells) => Object.entries(cells).map(([name, value]) => `${name} ${value}`).join(", ");
 
@@ -128,13 +135,13 @@ function numbers(drop, study) {
 }
 
 function outcomes(values) {
-  const head = element("tr"), line = element("tr");
-  for (const [words, numbers] of values) {
-    head.append(element("th", words, { scope: "col" }));
-    line.append(element("td", interval(numbers)));
-  }
+  const body = values.map(([words, numbers]) => {
+    const line = element("tr");
+    line.append(element("th", words, { scope: "row" }), element("td", interval(numbers)));
+    return line;
+  });
   $("outcomes").hidden = !values.length;
-  $("outcomes").replaceChildren($("outcomes").caption, head, line);
+  $("outcomes").replaceChildren($("outcomes").caption, ...body);
 }
 
 function draw(trace) {

@@ -41,7 +41,7 @@ from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, cached_property
 from itertools import combinations, product
 from typing import Any
 
@@ -56,7 +56,7 @@ from bayestissue.hierarchy.levels import log_at_levels
 from bayestissue.hierarchy.recorded import Condition, Recorded, label_of
 from bayestissue.hierarchy.untried import not_used
 from bayestissue.inference.answers.grammar import Node, Number, Quantity, QuestionError, parse
-from bayestissue.inference.answers.law import Law, moving, numbers, simulated_words
+from bayestissue.inference.answers.law import MOTION, Law, moving, simulated_words
 from bayestissue.inference.answers.meaning import quantities
 from bayestissue.inference.answers.settings import SETTINGS
 from bayestissue.inference.results.meanings import element_alone
@@ -128,6 +128,97 @@ class Contrast:
         return contrast
 
 
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """What the formulas let one compare, and each motion on the compared levels, simulated once.
+
+    Attributes:
+        draws: the group posterior.
+        recorded: what was measured.
+        responses: K, C and the further parameters that have a formula.
+        questions: of the model, whose directions are taken.
+        law: what outcomes follow; without one there are none.
+    """
+
+    draws: xr.Dataset
+    recorded: Recorded
+    responses: Sequence[str]
+    questions: Iterable[str] = ()
+    law: Law | None = None
+
+    @cached_property
+    def of_responses(self) -> dict[str, list[Contrast]]:
+        """The contrasts of each response's own formula."""
+        directions = asked_directions(self.questions)
+        return {
+            response: [contrast.directed(directions) for contrast in contrasts_of(self.recorded, response)]
+            for response in self.responses
+        }
+
+    @cached_property
+    def all(self) -> list[Contrast]:
+        """The contrasts of all formulas, each once."""
+        by_name: dict[tuple[str, ...], Contrast] = {}
+        for compared in self.of_responses.values():
+            for contrast in compared:
+                by_name.setdefault((contrast.kind, *contrast.names), contrast)
+        return list(by_name.values())
+
+    @cached_property
+    def factors(self) -> dict[str, list[Condition]]:
+        """The levels of each column of which a level is one condition, neither people nor what hits."""
+        levels: dict[str, dict[Any, Condition]] = defaultdict(dict)
+        for contrast in self.all:
+            name = contrast.factors[0]
+            single = all(list(at) == [name] for at, _ in contrast.weighted)
+            if contrast.kind == LEVELS and single and name not in ("trial", *MOTION):
+                levels[name] |= {_key(at): at for at, _ in contrast.weighted}
+        # In the order of their recordings.
+        by_label = {name: {label_of(at[name]): at for at in known.values()} for name, known in levels.items()}
+        return {
+            name: [known[label] for label in self.recorded.levels(name) if label in known]
+            for name, known in by_label.items()
+        }
+
+    @cached_property
+    def in_outcomes(self) -> InOutcomes | None:
+        """All levels' motions in one go; None where there is no law, no velocity or nothing to compare."""
+        if self.law is None:
+            return None
+        compared = self.all
+        if not self.law.in_closed_form:
+            compared = _within(compared, SETTINGS.simulated // SETTINGS.of_a_condition)
+        stated, weights = _weights(compared)
+        conditions = [moving(condition, self.law.gravity) for condition in stated]
+        values = self.law.reference_outcomes(self.draws, self.recorded, conditions)
+        return InOutcomes(compared, stated, conditions, weights, values) if values else None
+
+
+@dataclass(frozen=True, eq=False)
+class InOutcomes:
+    """Outcomes of the reference impact on every level that is compared.
+
+    Attributes:
+        compared: the contrasts that they serve.
+        stated: the conditions as contrasts have them.
+        conditions: the same with what the impact moves by.
+        weights: what each adds to the log of each ratio.
+        outcomes: of each outcome its values.
+    """
+
+    compared: list[Contrast]
+    stated: list[Condition]
+    conditions: list[Condition]
+    weights: Float[np.ndarray, "condition ratio"]
+    outcomes: dict[str, Float[np.ndarray, "draw condition"]]
+
+    def rows_of(self, levels: Sequence[Condition]) -> list[int]:
+        """Where conditions stand; empty where some were not simulated."""
+        place = {_key(at): row for row, at in enumerate(self.stated)}
+        keys = [_key(at) for at in levels]
+        return [place[key] for key in keys] if all(key in place for key in keys) else []
+
+
 def contrasts(
     draws: xr.Dataset,
     recorded: Recorded,
@@ -136,38 +227,33 @@ def contrasts(
     questions: Iterable[str] = (),
     law: Law | None = None,
 ) -> pd.DataFrame:
+    """`contrasts_table` of the `Comparison` with these arguments."""
+    return contrasts_table(Comparison(draws, recorded, responses, questions, law), equivalence)
+
+
+def contrasts_table(comparison: Comparison, equivalence: float) -> pd.DataFrame:
     """Every contrast that the formulas have, a row each: ``contrasts.csv``.
 
     Args:
-        draws: the group posterior.
-        recorded: what was measured.
-        responses: K, C and the further parameters that have a formula.
+        comparison: of a fit.
         equivalence: e, the relative difference that counts as none in practice.
-        questions: of the model, whose directions are taken.
-        law: what outcomes follow; without one there are none.
 
     Returns:
         Rows of responses, and then of outcomes. ``ratio`` is the median, ``low`` and ``high`` the
         ends of the 90 % equal-tailed interval. Beside a discrepancy ``note`` says of K that it is the
         element's own.
     """
-    tables, directions = [], asked_directions(questions)
-    by_name: dict[tuple[str, ...], Contrast] = {}
-    for response in responses:
-        directed = [contrast.directed(directions) for contrast in contrasts_of(recorded, response)]
+    draws, recorded, tables = comparison.draws, comparison.recorded, []
+    for response, directed in comparison.of_responses.items():
         if directed:
             conditions, weights = _weights(directed)
             logs = log_at_levels(draws, recorded, response, conditions).reshape(-1, len(conditions)) @ weights
             tables.append(_rows(directed, _notes(recorded, directed), response, logs, equivalence))
-            for contrast in directed:
-                by_name.setdefault((contrast.kind, *contrast.names), contrast)
     table = _by_contrast(tables)
     if element_alone(draws):
         of_K = table["quantity"] == "K"
         table.loc[of_K, "note"] = (table["note"] + f"; {ELEMENT_ALONE}").str.removeprefix("; ")[of_K]
-    if law is None:
-        return table
-    outcomes = _by_contrast(_in_outcomes(draws, recorded, list(by_name.values()), law, equivalence))
+    outcomes = _by_contrast(_outcome_rows(comparison, equivalence))
     return pd.concat([table, outcomes], ignore_index=True) if len(outcomes) else table
 
 
@@ -190,26 +276,19 @@ def _by_contrast(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
     return table.iloc[np.argsort(order, kind="stable")].reset_index(drop=True)
 
 
-def _in_outcomes(
-    draws: xr.Dataset, recorded: Recorded, compared: Sequence[Contrast], law: Law, equivalence: float
-) -> list[pd.DataFrame]:
-    """Rows of each of `REFERENCE_OUTCOMES`, all levels' motions in one go."""
-    if not law.in_closed_form:
-        compared = _within(compared, SETTINGS.simulated // SETTINGS.of_a_condition)
-    stated, weights = _weights(compared)
-    conditions = [moving(condition, law.gravity) for condition in stated]
-    values = law.reference_outcomes(draws, recorded, conditions)
-    if not values:
+def _outcome_rows(comparison: Comparison, equivalence: float) -> list[pd.DataFrame]:
+    """Rows of each of `REFERENCE_OUTCOMES`."""
+    of, recorded, law = comparison.in_outcomes, comparison.recorded, comparison.law
+    if of is None or law is None:
         return []
-    simulated = [words] if (words := simulated_words(values, draws)) else []
-    notes = ["; ".join([note, *simulated] if note else simulated) for note in _notes(recorded, compared)]
-    motion = {
-        "mass_kg": _shared(numbers(recorded, conditions, "mass_kg"), weights),
-        "velocity_m_s": _shared(law.velocity(recorded, conditions), weights),
-    }
+    simulated = [words] if (words := simulated_words(of.outcomes, comparison.draws)) else []
+    found = _notes(recorded, of.compared)
+    notes = ["; ".join([note, *simulated] if note else simulated) for note in found]
+    hits = law.motion(recorded, of.conditions)
+    motion = {name: _shared(values, of.weights) for name, values in hits.items()}
     return [
-        _rows(compared, notes, name, np.log(outcome) @ weights, equivalence).assign(**motion)
-        for name, outcome in values.items()
+        _rows(of.compared, notes, name, np.log(outcome) @ of.weights, equivalence).assign(**motion)
+        for name, outcome in of.outcomes.items()
     ]
 
 

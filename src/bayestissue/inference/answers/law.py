@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
+from jax import Array
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from bayestissue.dataset.chain import STANDARD_GRAVITY
 from bayestissue.elements import REFERENCE_DIAMETER_M, element
 from bayestissue.elements.element import GRAVITY
+from bayestissue.elements.impact import loops_of
 from bayestissue.elements.outcomes import HEADFORM_OUTCOMES, outcomes_of
 from bayestissue.errors import Coded
 from bayestissue.hierarchy.effects import RESPONSES, intercept, parameter_of
@@ -61,6 +63,13 @@ class Law:
             return np.repeat(self.velocity_m_s[..., None], len(conditions), axis=-1)
         return numbers(recorded, conditions, "velocity_m_s")
 
+    def motion(
+        self, recorded: Recorded, conditions: Sequence[Condition]
+    ) -> dict[str, Float[np.ndarray, "*draw condition"]]:
+        """What hits in conditions as of `moving`: ``mass_kg`` and ``velocity_m_s``."""
+        mass = numbers(recorded, conditions, "mass_kg")
+        return {"mass_kg": mass, "velocity_m_s": self.velocity(recorded, conditions)}
+
     @property
     def in_closed_form(self) -> bool:
         """Whether outcomes cost next to nothing: else each motion is solved."""
@@ -92,12 +101,7 @@ class Law:
         self, draws: xr.Dataset, recorded: Recorded, conditions: Sequence[Condition], step: int = 1
     ) -> dict[str, Float[np.ndarray, "draw condition"]]:
         """Each outcome at given levels and a stated motion, in one draw of every ``step``."""
-        p = self.parameters(draws, recorded, conditions)
-        shape = p["K"].shape
-        velocity = np.broadcast_to(self.velocity(recorded, conditions), shape)
-        flat = {name: values.reshape(-1, shape[-1])[::step] for name, values in p.items()}
-        mass, diameter = (numbers(recorded, conditions, name) for name in ("mass_kg", "diameter_m"))
-        return self.outcomes(flat, mass, velocity.reshape(-1, shape[-1])[::step], diameter)
+        return self.outcomes(*self._at_levels(draws, recorded, conditions, step))
 
     def deeper_notes(
         self, draws: xr.Dataset, recorded: Recorded, conditions: Sequence[Condition]
@@ -120,25 +124,67 @@ class Law:
         diameter: Float[np.ndarray, " condition"],
     ) -> dict[str, Float[np.ndarray, "draw condition"]]:
         """Each outcome in every draw and condition; NaN where there is no velocity."""
+        known = np.where(velocity > 0, velocity, 1.0)
+
+        def comes(p: dict[str, Array], M: Array, V: Array) -> dict[str, Array]:
+            outcomes = outcomes_of(element(self.element), p, M, V, headform=self.headform)
+            values = {name: getattr(outcomes, name) for name in HEADFORM_OUTCOMES}
+            return {name: one for name, one in values.items() if one is not None}
+
+        whole = self._together(comes, parameters, mass, known, diameter, SETTINGS.together)
+        return {name: np.where(velocity > 0, values, np.nan) for name, values in whole.items()}
+
+    def loops(
+        self, draws: xr.Dataset, recorded: Recorded, conditions: Sequence[Condition], step: int
+    ) -> dict[str, Float[np.ndarray, "draw condition place"]]:
+        """Force over depth at given levels and a stated motion, in one draw of every ``step``.
+
+        By the attributes of `bayestissue.elements.impact.Loop`; ``conditions`` as of `moving`.
+        """
+
+        def loop(p: dict[str, Array], M: Array, V: Array) -> dict[str, Array]:
+            return loops_of(element(self.element), p, M, V, SETTINGS.places)._asdict()
+
+        at = self._at_levels(draws, recorded, conditions, step)
+        return self._together(loop, *at, SETTINGS.loops_together)
+
+    def _at_levels(
+        self, draws: xr.Dataset, recorded: Recorded, conditions: Sequence[Condition], step: int
+    ) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray, np.ndarray]:
+        """Parameters [draw, condition] in one draw of every ``step``, and mass, velocity and diameter."""
+        p = self.parameters(draws, recorded, conditions)
+        shape = p["K"].shape
+        velocity = np.broadcast_to(self.velocity(recorded, conditions), shape)
+        flat = {name: values.reshape(-1, shape[-1])[::step] for name, values in p.items()}
+        mass, diameter = (numbers(recorded, conditions, name) for name in ("mass_kg", "diameter_m"))
+        return flat, mass, velocity.reshape(-1, shape[-1])[::step], diameter
+
+    def _together(
+        self,
+        simulated: Callable[[dict[str, Array], Array, Array], dict[str, Array]],
+        parameters: dict[str, Float[np.ndarray, "draw condition"]],
+        mass: Float[np.ndarray, " condition"],
+        velocity: Float[np.ndarray, "*draw condition"],
+        diameter: Float[np.ndarray, " condition"],
+        size: int,
+    ) -> dict[str, Float[np.ndarray, "draw condition *place"]]:
+        """What complete parameters, M and V come to in every draw and condition, ``size`` of them at once."""
         shape = parameters["K"].shape
         surroundings = {"diameter_m": diameter}
         if self.gravity:
             surroundings[GRAVITY] = np.full(shape[-1], self.gravity)
         p = parameters | {name: np.broadcast_to(flat, shape) for name, flat in surroundings.items()}
-        known = np.where(velocity > 0, velocity, 1.0)
-        flat = [np.broadcast_to(v, shape).ravel() for v in (*p.values(), mass, known)]
-        parts, size = [], SETTINGS.together
+        flat = [np.broadcast_to(v, shape).ravel() for v in (*p.values(), mass, velocity)]
+        parts: list[dict[str, Array]] = []
         for begin in range(0, flat[0].size, size):
             # The last part is filled up with what stands in it already.
             *values, M, V = (jnp.asarray(np.resize(v[begin : begin + size], size)) for v in flat)
-            named = dict(zip(p, values, strict=True))
-            parts.append(outcomes_of(element(self.element), named, M, V, headform=self.headform))
-        names = [name for name in HEADFORM_OUTCOMES if getattr(parts[0], name) is not None]
-        columns = {name: [getattr(part, name) for part in parts] for name in names}
-        whole = {
-            name: np.concatenate(column)[: flat[0].size].reshape(shape) for name, column in columns.items()
+            parts.append(simulated(dict(zip(p, values, strict=True)), M, V))
+        columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+        return {
+            name: column[: flat[0].size].reshape(*shape, *column.shape[1:])
+            for name, column in columns.items()
         }
-        return {name: np.where(velocity > 0, values, np.nan) for name, values in whole.items()}
 
 
 def simulated_step(draws: int, conditions: int) -> int:

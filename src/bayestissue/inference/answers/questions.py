@@ -221,8 +221,8 @@ def _choice(finished: Finished, node: Choice) -> list[dict[str, Any]]:
 
     posterior = values_in(finished.posterior)
     prior, note = _before(finished, node, values_in)
-    best, rank, loss = _ranked(posterior, lowest=node.lowest)
-    best_before = None if prior is None else _ranked(prior, lowest=node.lowest)[0]
+    best, rank, loss = ranked(posterior, lowest=node.lowest)
+    best_before = None if prior is None else ranked(prior, lowest=node.lowest)[0]
     rows = []
     for index, level in enumerate(levels):
         row = _claim(best[index], None if best_before is None else best_before[index], note)
@@ -233,7 +233,7 @@ def _choice(finished: Finished, node: Choice) -> list[dict[str, Any]]:
     return rows
 
 
-def _ranked(values: xr.DataArray, *, lowest: bool) -> tuple[xr.DataArray, xr.DataArray, xr.DataArray]:
+def ranked(values: xr.DataArray, *, lowest: bool) -> tuple[xr.DataArray, xr.DataArray, xr.DataArray]:
     """Of each level and draw its part of being best, its rank from 1, and its distance from the best."""
     from scipy.stats import rankdata
 

@@ -24,6 +24,17 @@ class AnswerSettings:
         simulated: impacts in all, draws evenly left out.
         of_a_condition: draws at the least that a condition keeps of these: 5 % quantiles of so many have a
             standard error of a tenth of the standard deviation.
+        pictured: draws behind a band of a picture, at the least and at the most: its ends then have a
+            standard error of a fifth to a tenth of the standard deviation.
+        places: of a loop of force over depth, on the way in and on the way out.
+        loops_together: loops that are simulated at once, as of ``together``.
+        motions: of a picture, the measured masses and velocities; a fourth panel would be too small to read.
+        pictured_levels: of a picture, as there are colours that all eyes tell apart.
+        same_motion: difference of the log of masses or velocities below which two are drawn as one.
+        beyond: by which a picture goes on below the least and above the greatest velocity measured, the
+            latter that of one and a half times the height.
+        pictured_velocities: of a curve, two of them beyond those measured; it is nearly straight.
+        reached: share of the draws that reach a depth in which a band has it.
         likeness: of a name that was not measured to one that was, as `difflib` has it, from which it looks
             like a slip.
         largest: number of kg, m/s or m in a table of conditions; no impactor is so heavy, fast or wide.
@@ -46,6 +57,15 @@ class AnswerSettings:
     together: int = 4096
     simulated: int = 20_000
     of_a_condition: int = 500
+    pictured: tuple[int, int] = (120, 400)
+    places: int = 33
+    loops_together: int = 1024
+    motions: int = 3
+    pictured_levels: int = 6
+    same_motion: float = 0.02
+    beyond: tuple[float, float] = (0.8, 1.25)
+    pictured_velocities: int = 6
+    reached: float = 0.95
     likeness: float = 0.7
     largest: float = 1e4
     deeper: float = 0.05

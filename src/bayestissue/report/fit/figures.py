@@ -19,7 +19,7 @@ from bayestissue.figures.theme import Figure
 from bayestissue.hierarchy.formulas.group_terms import stem_of
 from bayestissue.inference.answers.agreement import METHODS
 from bayestissue.inference.results.meanings import COLUMNS, NAMES, UNITS
-from bayestissue.report.fit import traces
+from bayestissue.report.fit import outcomes, traces
 from bayestissue.report.fit.estimates import mass_varies, method_values, shown_rows
 from bayestissue.report.fit.population import OwnSlope, groupings, own_slopes
 from bayestissue.report.fit.run import FitRun
@@ -247,6 +247,7 @@ def published(run: FitRun) -> Iterator[tuple[str, Callable[[], Figure]]]:
         yield f"{q}-of-impacts", partial(impacts, run, "order", q)
     yield "K-over-C", partial(impacts, run)
     yield "recording", partial(recording, run)
+    yield from outcomes.published(run)
     for coefficient in own_slopes(run):
         yield coefficient.name, partial(slope, run, coefficient)
 
@@ -289,3 +290,6 @@ class Plots:
     exponent = _bound(exponent)
     spreads = _bound(spreads)
     recording = _bound(recording)
+    loops = _bound(outcomes.loops)
+    curves = _bound(outcomes.curves)
+    ranks = _bound(outcomes.ranks)

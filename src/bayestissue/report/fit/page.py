@@ -18,6 +18,7 @@ from bayestissue.report.fit import (
     estimates,
     explorer,
     figures,
+    outcomes,
     population,
     study,
     traces,
@@ -28,8 +29,8 @@ from bayestissue.report.page import render_page
 
 # What the template calls for the words, tables and figures of a section, by the modules' names.
 _MODULES = (
-    *(answers, answers_page, checks, estimates, explorer, figures, population),
-    *(posterior, study, tables, traces, words),
+    *(answers, answers_page, checks, estimates, explorer, figures, outcomes),
+    *(population, posterior, study, tables, traces, words),
 )
 _SECTIONS: dict[str, Any] = {module.__name__.rpartition(".")[2]: module for module in _MODULES}
 

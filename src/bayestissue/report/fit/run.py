@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from bayestissue.elements.element import GRAVITY
 from bayestissue.errors import InputError, all_of
 from bayestissue.figures.impacts import end
 from bayestissue.hierarchy import SIDE_BY_SIDE
@@ -33,7 +34,10 @@ from bayestissue.words import Words
 COMPARABLE = {"K": "K_secant_N_per_m", "C": "C_equivalent_N_s_per_m"}
 TABLES = (*POSTERIOR_TABLES, "cross_validation", "estimates_exact", "estimates_dds")
 # Not every run has them: only simulated data a truth, earlier runs less, few model files questions.
-FURTHER_TABLES = ("truth", "interval_sources", "contrasts", "people", "reliability", "questions")
+FURTHER_TABLES = (
+    *("truth", "interval_sources", "contrasts", "levels", "loops", "curves"),
+    *("people", "reliability", "questions"),
+)
 # What the page can't do without, by group of `posterior.nc`.
 _NEEDED = {
     "posterior": ("K", "C", "K_new", "C_new", "intercept_K", "intercept_C"),
@@ -60,6 +64,9 @@ class FitRun(PosteriorRun):
     interval_sources: pd.DataFrame
     questions: pd.DataFrame
     contrasts: pd.DataFrame
+    levels: pd.DataFrame
+    loops: pd.DataFrame
+    curves: pd.DataFrame
     people: pd.DataFrame
     reliability: pd.DataFrame
 
@@ -186,6 +193,11 @@ class FitRun(PosteriorRun):
         """The mass in kg at which people are reported."""
         stated = self.record.get("model", {}).get("reference_mass_kg")
         return float(np.exp(np.log(self.constant("mass_kg")).mean()) if stated is None else stated)
+
+    @property
+    def gravity(self) -> float:
+        """The part of gravity along the motion [m/s^2]."""
+        return float(self.groups["constant_data"].get(GRAVITY, 0.0))
 
     @property
     def undescribed(self) -> bool:

@@ -27,6 +27,9 @@ from bayestissue.report.settings import LIMITS
 from bayestissue.report.tables import Field, Row, Table, columns, number_field, table_of
 from bayestissue.report.wording import likelihood_words, listed, number, percent, probability, significant
 
+# What reaches the body, or what is protected: the outcome of the first screen.
+FIRST_OUTCOME = "peak_force"
+
 
 def first_contrasts(run: FitRun) -> list[dict[str, Any]]:
     """The first comparisons, not of one person's levels: each with K, C and a sentence; empty if none.
@@ -36,24 +39,37 @@ def first_contrasts(run: FitRun) -> list[dict[str, Any]]:
     return [*_first(run, INTERACTION), *_first(run, LEVELS)]
 
 
+def leading_levels(run: FitRun) -> dict[str, list[str]]:
+    """The levels of each factor, those of the lowest peak force first; as the table has them without one."""
+    levels = {}
+    for factor, rows in run.levels.groupby("factor", sort=False):
+        of_force = rows[rows["quantity"] == FIRST_OUTCOME].sort_values("median", kind="stable")
+        levels[str(factor)] = list(dict.fromkeys((of_force if len(of_force) else rows)["level"]))
+    return levels
+
+
 def _first(run: FitRun, kind: str) -> list[dict[str, Any]]:
     of_kind = run.contrasts[kinds(run) == kind]
     contrasts = []
+    # Of several levels the two best: a table beside has them all.
+    best = {factor: set(levels[:2]) for factor, levels in leading_levels(run).items() if len(levels) > 2}
     for (factor, level, against), part in of_kind.groupby(["factor", "level", "against"], sort=False):
         shown = part[part["quantity"].isin([q for q in QUANTITIES if q in run.of_tissue])].to_dict("records")
-        if not shown:
+        if not shown or not {str(level), str(against)} <= best.get(str(factor), {str(level), str(against)}):
             continue
         sentences = [_contrast_words(row, equivalence(run), kind) for row in shown]
+        in_outcomes = [
+            (outcome_name(row["quantity"]), _spread(row, "ratio"))
+            for row in _of_outcomes(part).to_dict("records")
+        ]
         contrasts.append(
             {
                 "what": contrast_name(kind, str(factor), str(level), str(against)),
                 "kind": kind,
                 "levels": _level_values(run, str(factor), (str(level), str(against))),
                 "ratios": [(row["quantity"], _spread(row, "ratio")) for row in shown],
-                "outcomes": [
-                    (outcome_name(row["quantity"]), _spread(row, "ratio"))
-                    for row in _of_outcomes(part).to_dict("records")
-                ],
+                "outcomes": in_outcomes,
+                "first_outcome": in_outcomes[:1],
                 "words": " ".join([*sentences, *_note_words(shown)]),
             }
         )

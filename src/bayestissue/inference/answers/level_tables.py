@@ -1,0 +1,247 @@
+"""What impacts do on the levels of each factor that a formula compares: values and ranks, loops, curves.
+
+A level is that of a typical person there, all else at the reference, as in a question such as
+``peak_force[pad=A]``. Where nothing is compared, loops are those of a typical person.
+
+A loop is force over depth. Its band is that of the force at a depth, on the way in and on the way out, of
+the draws that reach the depth: it ends where fewer than `AnswerSettings.reached` of them do. The greatest
+depth has an interval of its own. Between lies the middle loop: the medians of depth and force at equal
+shares of the time to the greatest depth, and from there until the impactor leaves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from jaxtyping import Float
+
+from bayestissue.hierarchy.levels import log_at_levels
+from bayestissue.hierarchy.recorded import Condition, Recorded, label_of
+from bayestissue.inference.answers.contrasts import LEVELS, Comparison
+from bayestissue.inference.answers.law import fall_height, simulated_words
+from bayestissue.inference.answers.meaning import average_notes
+from bayestissue.inference.answers.questions import ranked
+from bayestissue.inference.answers.settings import SETTINGS
+from bayestissue.inference.results.labels import element_attributes
+from bayestissue.inference.results.meanings import REFERENCE_OUTCOMES, UNITS, element_alone
+from bayestissue.inference.samplers.diagnostics import ELEMENT_ALONE
+from bayestissue.results.tables import columns_of, table_of_rows, typed
+
+IN, OUT, DEEPEST, MIDDLE = "in", "out", "deepest", "middle"
+_ENDS = [5.0, 50.0, 95.0]
+
+
+def levels_table(comparison: Comparison) -> pd.DataFrame:
+    """Each response and outcome on each level of a factor, with its rank: ``levels.csv``.
+
+    ``p_lowest`` is the probability that the level has the lowest value of all, as of
+    ``best(pad, lowest peak_force)``, ``p_highest`` the highest, levels that are equal in a draw sharing it.
+    Rank 1 is the lowest; ``above_lowest`` is the mean distance from the lowest.
+    """
+    draws, recorded, of = comparison.draws, comparison.recorded, comparison.in_outcomes
+    tables = []
+    for factor, levels in comparison.factors.items():
+        if len(levels) > SETTINGS.in_pairs:
+            continue
+        at = {"factor": factor, "level": [label_of(level[factor]) for level in levels]}
+        note = "; ".join(average_notes(recorded, comparison.responses, [factor]))
+        for response, compared in comparison.of_responses.items():
+            if any(factor == one.factors[0] for one in compared if one.kind == LEVELS):
+                values = np.exp(log_at_levels(draws, recorded, response, levels)).reshape(-1, len(levels))
+                alone = [ELEMENT_ALONE] if response == "K" and element_alone(draws) else []
+                tables.append(_ranked_rows(at, response, values, [*filter(None, [note]), *alone]))
+        rows = of.rows_of(levels) if of is not None else []
+        if of is None or comparison.law is None or not rows:
+            continue
+        conditions = [of.conditions[row] for row in rows]
+        motion = comparison.law.motion(recorded, conditions)
+        notes = [*filter(None, [note, simulated_words(of.outcomes, draws)])]
+        tables += [
+            _ranked_rows(at | motion, name, values[:, rows], notes) for name, values in of.outcomes.items()
+        ]
+    return _whole("levels", tables)
+
+
+def _ranked_rows(
+    at: Mapping[str, Any], quantity: str, values: Float[np.ndarray, "draw level"], notes: Sequence[str]
+) -> pd.DataFrame:
+    by_level = xr.DataArray(values.T, dims=("level", "draw"))
+    lowest, rank, above = ranked(by_level, lowest=True)
+    highest, _, _ = ranked(by_level, lowest=False)
+    return pd.DataFrame(
+        {
+            **at,
+            "quantity": quantity,
+            "unit": UNITS.get(quantity) or element_attributes()[quantity]["unit"],
+            **dict(zip(("low", "median", "high"), np.percentile(values, _ENDS, axis=0), strict=True)),
+            **dict(
+                zip(
+                    ("rank_low", "rank", "rank_high"),
+                    np.percentile(rank.to_numpy(), _ENDS, axis=1),
+                    strict=True,
+                )
+            ),
+            "p_lowest": lowest.mean("draw").to_numpy(),
+            "p_highest": highest.mean("draw").to_numpy(),
+            "above_lowest": above.mean("draw").to_numpy(),
+            "draws": len(values),
+            "note": "; ".join(notes),
+        }
+    )
+
+
+def _whole(name: str, parts: Sequence[pd.DataFrame]) -> pd.DataFrame:
+    """The table ``name`` of parts that may lack columns."""
+    table = pd.concat(parts, ignore_index=True) if parts else table_of_rows(name)
+    return typed(name, table.reindex(columns=columns_of(name)))
+
+
+def pictured(comparison: Comparison) -> dict[str, list[Condition]]:
+    """The levels whose impacts are drawn, by factor; a typical person, under an empty name, where none is."""
+    few = {
+        name: levels for name, levels in comparison.factors.items() if len(levels) <= SETTINGS.pictured_levels
+    }
+    return few or {"": [{}]}
+
+
+def measured_motions(recorded: Recorded) -> list[dict[str, float]]:
+    """Mass [kg] and velocity [m/s] of few of the conditions that were measured, the least energy first."""
+    rows = recorded.rows[["mass_kg", "velocity_m_s"]].astype(float)
+    known = (rows > 0).all(axis=1).to_numpy()
+    means = rows[known].groupby(recorded.labels("trial")[known]).mean()
+    cells = means.transform(np.log).div(SETTINGS.same_motion).round()
+    means = means[~cells.duplicated()]
+    means = means.iloc[np.argsort(means["mass_kg"] * means["velocity_m_s"] ** 2, kind="stable")]
+    chosen = np.linspace(0, len(means) - 1, min(len(means), SETTINGS.motions)).round().astype(int)
+    mass, velocity = (means[name].to_numpy()[np.unique(chosen)] for name in means)
+    return [{"mass_kg": float(m), "velocity_m_s": float(v)} for m, v in zip(mass, velocity, strict=True)]
+
+
+def loops_table(comparison: Comparison) -> pd.DataFrame:
+    """Force over depth on each pictured level, at the motions that were measured: ``loops.csv``."""
+    law, recorded, tables = comparison.law, comparison.recorded, []
+    motions = measured_motions(recorded)
+    if law is None or not motions:
+        return _whole("loops", [])
+    for factor, levels in pictured(comparison).items():
+        conditions: list[Condition] = [{**level, **motion} for motion, level in product(motions, levels)]
+        loops = law.loops(comparison.draws, recorded, conditions, _step(comparison.draws, len(conditions)))
+        for row, condition in enumerate(conditions):
+            at: dict[str, Any] = _labels(factor, condition) | {name: condition[name] for name in motions[0]}
+            at["draws"] = len(loops["depth_in"])
+            of_one = {name: values[:, row] for name, values in loops.items()}
+            tables += [table.assign(**at) for table in _loop_rows(of_one)]
+    return _whole("loops", tables)
+
+
+def _labels(factor: str, condition: Condition) -> dict[str, str]:
+    return {"factor": factor, "level": label_of(condition[factor]) if factor else ""}
+
+
+def _step(draws: xr.Dataset, conditions: int) -> int:
+    """One draw of so many is pictured."""
+    count = draws.sizes["chain"] * draws.sizes["draw"]
+    least, most = SETTINGS.pictured
+    wanted = min(max(least, SETTINGS.together // conditions), most)
+    return max(1, count // wanted)
+
+
+def _loop_rows(loops: Mapping[str, Float[np.ndarray, "draw place"]]) -> Iterator[pd.DataFrame]:
+    """The way in and the way out at even depths, and the greatest depth with its interval."""
+    deepest = loops["depth_in"][:, -1]
+    grid = np.linspace(0.0, np.quantile(deepest, 1 - SETTINGS.reached, method="lower"), SETTINGS.places)
+    names = "force_N_low", "force_N", "force_N_high"
+    for branch in (IN, OUT):
+        at_grid = _at(grid, loops[f"depth_{branch}"], loops[f"force_{branch}"], branch)
+        reached = np.isfinite(at_grid).mean(axis=0) >= SETTINGS.reached
+        ends = np.nanpercentile(at_grid[:, reached], _ENDS, axis=0)
+        forces = dict(zip(names, ends, strict=True))
+        yield pd.DataFrame({"branch": branch, "depth_m": grid[reached], **forces})
+    yield pd.DataFrame({"branch": MIDDLE, **_middle(loops)}).dropna(subset="depth_m")
+    depths = dict(zip(("depth_m_low", "depth_m", "depth_m_high"), np.percentile(deepest, _ENDS), strict=True))
+    forces = dict(zip(names, np.percentile(loops["force_in"][:, -1], _ENDS), strict=True))
+    yield pd.DataFrame({"branch": DEEPEST, **depths, **forces}, index=[0])
+
+
+def _middle(loops: Mapping[str, Float[np.ndarray, "draw place"]]) -> dict[str, Float[np.ndarray, " place"]]:
+    """The medians of depth and force at even shares of the time in and out, which close the loop."""
+    found = {}
+    for part, column in (("depth", "depth_m"), ("force", "force_N")):
+        values = np.concatenate([loops[f"{part}_{branch}"] for branch in (IN, OUT)], axis=1)
+        known = np.isfinite(values).mean(axis=0) >= SETTINGS.reached
+        found[column] = np.where(known, np.median(np.where(known, values, 0.0), axis=0), np.nan)
+    return found
+
+
+def _at(
+    grid: Float[np.ndarray, " depth"],
+    depth: Float[np.ndarray, "draw place"],
+    force: Float[np.ndarray, "draw place"],
+    branch: str,
+) -> Float[np.ndarray, "draw depth"]:
+    """The force of each draw at even depths, straight between places; NaN beyond those that it passes.
+
+    On the way out it is 0 above the depth at which the impactor has left the tissue.
+    """
+    if branch == OUT:
+        depth, force = depth[:, ::-1], force[:, ::-1]
+    # What rises again stands first, and is passed by no depth.
+    depth = np.where(np.isfinite(depth), depth, -np.inf)
+    after = (depth[:, None] <= grid[:, None]).sum(axis=-1)
+    low, high = (np.clip(at, 0, depth.shape[1] - 1) for at in (after - 1, after))
+    (x_0, y_0), (x_1, y_1) = (
+        [np.take_along_axis(part, at, axis=1) for part in (depth, force)] for at in (low, high)
+    )
+    with np.errstate(invalid="ignore", divide="ignore"):
+        between = y_0 + (y_1 - y_0) * np.where(x_1 > x_0, (grid - x_0) / (x_1 - x_0), 0.0)
+    inside = (after > 0) & np.isfinite(x_0) & (grid <= depth[:, -1:])
+    has_left = (
+        np.isfinite(depth[:, :1]) & (force[:, :1] <= SETTINGS.changed * np.nanmax(force)) & (after == 0)
+    )
+    beyond = np.where(has_left & (branch == OUT), 0.0, np.nan)
+    return np.where(inside, between, beyond)
+
+
+def curves_table(comparison: Comparison) -> pd.DataFrame:
+    """Outcomes over the velocity at contact on each pictured level of a factor: ``curves.csv``.
+
+    At each mass that was measured, of few; ``beyond`` is 1 at velocities that were not.
+    """
+    law, recorded, tables = comparison.law, comparison.recorded, []
+    rows = recorded.rows[["mass_kg", "velocity_m_s"]].astype(float)
+    rows = rows[(rows > 0).all(axis=1)]
+    alike = (np.log(rows["mass_kg"]) / SETTINGS.same_motion).round()
+    masses = rows["mass_kg"].groupby(alike).mean().to_numpy()
+    if law is None or not 0 < len(masses) <= SETTINGS.motions:
+        return _whole("curves", [])
+    least, most = float(rows["velocity_m_s"].min()), float(rows["velocity_m_s"].max())
+    inside = np.geomspace(least, most, SETTINGS.pictured_velocities - 2)
+    velocities = np.unique([SETTINGS.beyond[0] * least, *inside, SETTINGS.beyond[1] * most])
+    for factor, levels in pictured(comparison).items():
+        if not factor:
+            continue
+        conditions: list[Condition] = [
+            {**level, "mass_kg": float(mass), "velocity_m_s": float(velocity)}
+            for level, mass, velocity in product(levels, masses, velocities)
+        ]
+        step = _step(comparison.draws, len(conditions))
+        values = law.all_at_levels(comparison.draws, recorded, conditions, step)
+        V = np.array([condition["velocity_m_s"] for condition in conditions], float)
+        at = pd.DataFrame([_labels(factor, condition) for condition in conditions]).assign(
+            mass_kg=[condition["mass_kg"] for condition in conditions],
+            velocity_m_s=V,
+            drop_height_cm=fall_height(V) if law.gravity else np.nan,
+            beyond=((least * (1 - SETTINGS.rounding) > V) | (most * (1 + SETTINGS.rounding) < V)).astype(int),
+        )
+        for name in REFERENCE_OUTCOMES:
+            ends = dict(
+                zip(("low", "median", "high"), np.percentile(values[name], _ENDS, axis=0), strict=True)
+            )
+            unit = element_attributes()[name]["unit"]
+            tables.append(at.assign(quantity=name, unit=unit, draws=len(values[name]), **ends))
+    return _whole("curves", tables)

@@ -1,0 +1,213 @@
+"""What impacts do on compared levels: ranks by hand, loops and curves by an independent integration."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+from numpy.testing import assert_allclose
+from scipy.integrate import solve_ivp
+
+from bayestissue.hierarchy.recorded import Recorded
+from bayestissue.inference.answers.contrasts import Comparison, contrasts_table
+from bayestissue.inference.answers.finished import Finished
+from bayestissue.inference.answers.law import Law
+from bayestissue.inference.answers.level_tables import (
+    curves_table,
+    levels_table,
+    loops_table,
+    measured_motions,
+)
+from bayestissue.inference.answers.questions import ask, numbered
+
+SHAPE = (2, 200)
+MASS, G = 5.0, 9.80665
+VELOCITIES = (1.534, 1.981)
+PADS = {"A": (14_500.0, 80.0), "B": (12_800.0, 81.0), "D": (17_500.0, 100.0)}
+RESPONSES = ("K", "C")
+
+
+def recorded(formula: str = "pad", **further: object) -> Recorded:
+    rows = pd.DataFrame(
+        [
+            {"subject": "tower", "trial": f"{V}", "mass_kg": MASS, "velocity_m_s": V, "pad": pad}
+            for pad in PADS
+            for V in VELOCITIES
+        ]
+    )
+    return Recorded(rows.assign(**further), dict.fromkeys(RESPONSES, formula), MASS)
+
+
+def draws_of(sd: float, *, pads: bool = True, seed: int = 1) -> xr.Dataset:
+    rng = np.random.default_rng(seed)
+
+    def about(value: float) -> tuple[tuple[str, str], np.ndarray]:
+        return ("chain", "draw"), value + sd * rng.standard_normal(SHAPE)
+
+    first = PADS["A"]
+    found = {f"intercept_{q}": about(np.log(first[at])) for at, q in enumerate(RESPONSES)}
+    for pad in list(PADS)[1:] if pads else []:
+        for at, q in enumerate(RESPONSES):
+            found[f"effect_of_pad[{pad}]_{q}"] = about(np.log(PADS[pad][at] / first[at]))
+    return xr.Dataset(found, {"chain": np.arange(SHAPE[0]), "draw": np.arange(SHAPE[1])})
+
+
+class Dropped:
+    """Depth and force from contact to leaving, by DOP853, and when it is deepest."""
+
+    def __init__(self, pad: str, V: float, g: float) -> None:
+        self.K, self.C = PADS[pad]
+
+        def leaves(t: float, y: np.ndarray) -> float:
+            return self.K * y[0] + self.C * y[1]
+
+        def turns(t: float, y: np.ndarray) -> float:
+            return y[1]
+
+        leaves.terminal, leaves.direction = True, -1
+        self.path = solve_ivp(
+            lambda t, y: [y[1], g - leaves(t, y) / MASS],
+            (0, 1),
+            [0, V],
+            "DOP853",
+            events=[leaves, turns],
+            rtol=1e-11,
+            atol=1e-13,
+            dense_output=True,
+        )
+        self.end, self.peak = self.path.t[-1], self.path.t_events[1][0]
+
+    def at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        x, v = self.path.sol(time)
+        return x, self.K * x + self.C * v
+
+    @property
+    def greatest(self) -> float:
+        return self.at(np.linspace(0, self.end, 20_001))[1].max()
+
+
+@pytest.mark.parametrize("g", [0.0, G])
+def test_loops_and_curves_are_those_of_an_independent_integration(g) -> None:
+    compared = Comparison(draws_of(0.0), recorded(), RESPONSES, law=Law("kelvin_voigt", g))
+    table = loops_table(compared)
+    assert set(table["level"]) == set(PADS)
+    assert_allclose(sorted(set(table["velocity_m_s"])), VELOCITIES)
+    for (pad, V), rows in table.groupby(["level", "velocity_m_s"]):
+        drop, of = Dropped(pad, V, g), dict(iter(rows.groupby("branch")))
+        share, most = np.linspace(0, 1, len(of["middle"]) // 2), drop.greatest
+        times = np.concatenate([drop.peak * share, drop.peak + (drop.end - drop.peak) * share])
+        depth, force = drop.at(times)
+        # Between the nodes of a path the motion is a cubic; at the end the force falls fast.
+        assert_allclose(of["middle"]["depth_m"], depth, atol=1e-6 * depth.max())
+        assert_allclose(of["middle"]["force_N"], force, atol=1e-6 * most)
+        (deepest,) = of["deepest"].to_dict("records")
+        ends = [deepest[name] for name in ("depth_m", "depth_m_low", "depth_m_high")]
+        assert_allclose(ends, drop.at(drop.peak)[0], rtol=1e-6)
+        assert deepest["force_N"] == pytest.approx(drop.at(drop.peak)[1], rel=1e-5)
+        for branch, ends in (("in", (0, drop.peak)), ("out", (drop.end, drop.peak))):
+            way = drop.at(np.linspace(*ends, 20_001))
+            # Straight between the places of a loop, which turns where it is deepest.
+            expected = np.interp(of[branch]["depth_m"], *way, left=0.0)
+            assert_allclose(of[branch]["force_N"], expected, atol=6e-3 * most)
+    curves = curves_table(compared)
+    assert list(curves["beyond"][:6]) == [1, 0, 0, 0, 0, 1]
+    for row in curves[curves["quantity"] == "peak_force"].itertuples():
+        assert row.median == pytest.approx(Dropped(row.level, row.velocity_m_s, g).greatest, rel=1e-6)
+    if g:
+        assert_allclose(curves["drop_height_cm"], 100 * curves["velocity_m_s"] ** 2 / (2 * G))
+    else:
+        assert curves["drop_height_cm"].isna().all()
+
+
+def test_ranks_and_chances_are_those_of_the_draws_and_of_a_question() -> None:
+    draws, law = draws_of(0.05), Law("kelvin_voigt", 0.0)
+    compared = Comparison(draws, recorded(), RESPONSES, law=law)
+    table = levels_table(compared).set_index(["quantity", "level"])
+    K = np.exp([draws["intercept_K"] + draws.get(f"effect_of_pad[{pad}]_K", 0.0) for pad in PADS]).reshape(
+        len(PADS), -1
+    )
+    for at, pad in enumerate(PADS):
+        row = table.loc[("K", pad)]
+        assert_allclose(row[["low", "median", "high"]].astype(float), np.percentile(K[at], [5, 50, 95]))
+        assert row["p_lowest"] == (K.argmin(axis=0) == at).mean()
+        assert row["p_highest"] == (K.argmax(axis=0) == at).mean()
+        assert row["rank"] == np.median(1 + (K[at] > K).sum(axis=0))
+        assert row["above_lowest"] == pytest.approx((K[at] - K.min(axis=0)).mean())
+    asked = ask(Finished(draws, None, compared.recorded), numbered(["best(pad, lowest peak_force)"]))
+    for row in asked.itertuples():
+        found = table.loc[("peak_force", row.level)]
+        assert found["p_lowest"] == pytest.approx(row.posterior)
+        assert found["above_lowest"] == pytest.approx(row.expected_loss)
+        assert found[["rank_low", "rank_high"]].tolist() == [row.rank_low, row.rank_high]
+        assert_allclose([found["low"], found["median"], found["high"]], [row.low, row.median, row.high])
+        assert found["velocity_m_s"] == pytest.approx(np.mean(VELOCITIES))
+
+
+def test_bands_hold_the_draws_and_end_where_few_reach() -> None:
+    draws = draws_of(0.1)
+    compared = Comparison(draws, recorded(), RESPONSES, law=Law("kelvin_voigt", 0.0))
+    table = loops_table(compared)
+    rows = table[(table["level"] == "B") & (table["velocity_m_s"] == VELOCITIES[0])]
+    way = rows[rows["branch"] == "in"]
+    assert (way["force_N_low"] < way["force_N"]).all()
+    assert (way["force_N"] < way["force_N_high"]).all()
+    (deepest,) = rows[rows["branch"] == "deepest"].to_dict("records")
+    assert way["depth_m"].max() == pytest.approx(deepest["depth_m_low"], rel=0.01)
+    # At contact the force is C V.
+    C = np.exp(draws["intercept_C"] + draws["effect_of_pad[B]_C"]).to_numpy().ravel()
+    ends = np.percentile(C * VELOCITIES[0], [5, 50, 95])
+    first = way.iloc[0][["force_N_low", "force_N", "force_N_high"]].astype(float)
+    assert_allclose(first, ends, rtol=0.02)
+
+
+def test_the_motions_of_levels_are_simulated_once(monkeypatch) -> None:
+    calls, reference_outcomes = [], Law.reference_outcomes
+
+    def counted(*arguments):
+        calls.append(arguments)
+        return reference_outcomes(*arguments)
+
+    monkeypatch.setattr(Law, "reference_outcomes", counted)
+    compared = Comparison(draws_of(0.05), recorded(), RESPONSES, law=Law("kelvin_voigt", 0.0))
+    contrasts_table(compared, 0.1)
+    levels_table(compared)
+    assert len(calls) == 1
+
+
+def test_without_a_factor_a_typical_person_has_loops_alone() -> None:
+    compared = Comparison(draws_of(0.0, pads=False), recorded("1"), RESPONSES, law=Law("kelvin_voigt", 0.0))
+    assert levels_table(compared).empty
+    assert curves_table(compared).empty
+    table = loops_table(compared)
+    assert set(table["factor"]) == set(table["level"]) == {""}
+
+
+def test_without_a_law_levels_have_k_and_c_and_no_pictures() -> None:
+    compared = Comparison(draws_of(0.05), recorded(), RESPONSES)
+    assert set(levels_table(compared)["quantity"]) == {"K", "C"}
+    assert loops_table(compared).empty
+    assert curves_table(compared).empty
+
+
+def test_of_many_conditions_few_motions_are_drawn_and_many_masses_have_no_curves() -> None:
+    rows = recorded().rows
+    many = recorded(mass_kg=np.linspace(1, 6, len(rows)), trial=[f"t{at}" for at in range(len(rows))])
+    motions = measured_motions(many)
+    assert len(motions) == 3
+    assert [one["mass_kg"] for one in motions] == sorted(one["mass_kg"] for one in motions)
+    compared = Comparison(draws_of(0.0), many, RESPONSES, law=Law("kelvin_voigt", 0.0))
+    assert curves_table(compared).empty
+
+
+def test_a_tissue_that_is_never_left_has_a_loop_without_an_end() -> None:
+    draws = draws_of(0.0)
+    draws = draws.assign(intercept_C=draws["intercept_C"] + np.log(20))
+    compared = Comparison(draws, recorded(), RESPONSES, law=Law("kelvin_voigt", G))
+    table = loops_table(compared)
+    rest = MASS * G / PADS["A"][0]
+    rows = table[(table["level"] == "A") & (table["branch"] != "deepest")]
+    assert np.isfinite(rows[["depth_m", "force_N"]].to_numpy(float)).all()
+    out = rows[rows["branch"] == "out"]
+    assert (out["force_N"] > 0.9 * MASS * G).all()
+    assert out["depth_m"].min() >= rest - 1e-3

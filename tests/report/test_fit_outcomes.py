@@ -1,0 +1,157 @@
+"""Which level is best on the first screen, and the figures of what impacts do."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from bayestissue.report import write_report
+from bayestissue.report.fit import figures, outcomes
+from bayestissue.report.fit.run import FitRun, read_fit_run
+from bayestissue.report.posterior import Spread
+from bayestissue.report.run_folder import read_about
+from make_fit_run import make_fit_run
+from page_reader import Reader
+
+pytestmark = pytest.mark.usefixtures("read_once")
+
+
+def plain(html: str) -> str:
+    return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", html)).replace("\N{NO-BREAK SPACE}", " ")
+
+
+def first_screen(html: str) -> str:
+    return plain(html[html.index('class="first"') : html.index("<nav")])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    return make_fit_run(
+        tmp_path_factory.mktemp("outcomes") / "run",
+        two_sides=True,
+        pictures=True,
+        mass_varies=False,
+        exponent=None,
+    )
+
+
+@pytest.fixture(scope="module")
+def run(folder) -> FitRun:
+    return read_fit_run(folder, read_about(folder))
+
+
+@pytest.fixture(scope="module")
+def html(folder) -> str:
+    return write_report(folder).read_text(encoding="utf-8")
+
+
+def test_the_first_card_says_which_level_is_best_and_by_which_question(run, html) -> None:
+    first = first_screen(html)
+    rows = run.levels.set_index(["quantity", "level"])
+    force = rows.loc["peak_force"]
+    assert force["median"].idxmin() == "right"
+    assert "What differs by side, and which is best? Lowest peak force: almost certainly right" in first
+    assert first.index("which is best?") < first.index("What are K and C?")
+    assert f"{force.loc['right', 'median']:.1f} N" in first
+    assert "best(side, lowest peak_depth[mass_kg=0.7, velocity_m_s=" in first
+    # Beside the ratio of K that of the outcome.
+    assert re.search(r"left over right: K × 1\.\d+ .*; peak force × 1\.\d+", first)
+    K = Spread(*rows.loc[("K", "left"), ["median", "low", "high"]])
+    assert f"{K.value} {K.range}" in first
+    assert "mass real?" not in first
+    page = Reader()
+    page.feed(html)
+    assert page.open == []
+    assert len(page.ids) == len(set(page.ids))
+    assert {"outcomes", "comparisons"} <= set(page.ids)
+
+
+def test_without_compared_levels_there_is_no_such_card(tmp_path) -> None:
+    html = write_report(make_fit_run(tmp_path / "run")).read_text(encoding="utf-8")
+    assert "which is best" not in html
+    assert "What differs" not in first_screen(html)
+    assert 'id="outcomes"' not in html
+
+
+def test_of_a_run_of_an_earlier_version_the_ratios_stand_alone(tmp_path) -> None:
+    folder = make_fit_run(tmp_path / "run", two_sides=True)
+    (folder / "levels.csv").unlink()
+    html = write_report(folder).read_text(encoding="utf-8")
+    assert "What differs? left over right" in first_screen(html)
+    assert "which is best" not in html
+
+
+def test_of_several_levels_the_two_best_are_held_against_each_other(folder, tmp_path) -> None:
+    copied = make_fit_run(tmp_path / "run", two_sides=True)
+    table = pd.read_csv(copied / "levels.csv", keep_default_na=False)
+    third = table[table["level"] == "left"].assign(level="middle")
+    scale = ["median", "low", "high"]
+    third[scale] = 2 * third[scale].astype(float)
+    pd.concat([table, third]).to_csv(copied / "levels.csv", index=False)
+    compared = pd.read_csv(copied / "contrasts.csv", keep_default_na=False)
+    others = [compared.assign(level=level, against="middle") for level in ("left", "right")]
+    pd.concat([*others, compared]).to_csv(copied / "contrasts.csv", index=False)
+    first = first_screen(write_report(copied).read_text(encoding="utf-8"))
+    assert "left over right: K" in first
+    assert "over middle" not in first
+    assert re.search(r"probability of being best [\w .]+; left \+\d+ %, middle \+\d+ %", first)
+
+
+def test_the_pictures_numbers_are_those_of_the_tables(run) -> None:
+    shown = outcomes.loops(run, "side").data
+    assert set(shown["level"]) == {"left", "right"}
+    assert {one.split(" at ")[0] for one in shown["panel"]} == {"0.7 kg"}
+    kept = run.loops[(run.loops["branch"] != "out") | (run.loops["force_N_high"] > 0)]
+    assert np.allclose(shown["depth_mm"], 1e3 * kept["depth_m"])
+    assert np.allclose(shown["force_N"], kept["force_N"])
+    curve = outcomes.curves(run, "side").data
+    of_force = run.curves[run.curves["quantity"] == "peak_force"]
+    assert np.allclose(curve[["median", "low", "high"]], of_force[["median", "low", "high"]])
+    ranked = outcomes.ranks(run, "side").data
+    assert list(ranked["label"]) == ["right, rank 1", "left, rank 2"]
+    depth = outcomes.ranks(run, "side", "peak_depth").data
+    of_depth = run.levels[run.levels["quantity"] == "peak_depth"]
+    assert np.allclose(sorted(depth["median"]), sorted(1e3 * of_depth["median"]))
+
+
+def test_recorded_impacts_are_mass_times_deceleration_over_depth(run) -> None:
+    chart = outcomes.loops(run, "side").chart
+    recorded = chart["data"][chart["data"]["part"] == "recorded"]
+    observed, impacts = run.groups["observed_data"], run.impacts_table.set_index("impact")
+    for impact, rows in recorded.groupby("impact"):
+        at = run.impacts.index(impact)
+        assert rows["depth_mm"].max() == pytest.approx(1e3 * np.nanmax(observed["displacement"][at]))
+        expected = impacts.loc[impact, "mass_kg"] * float(observed["deceleration"][at, 0])
+        assert rows["force_N"].iloc[0] == pytest.approx(expected)
+        assert set(rows["level"]) == {impacts.loc[impact, "side"]}
+
+
+def test_figures_of_what_impacts_do_are_published_and_drawn(run) -> None:
+    of_outcomes = dict(outcomes.published(run))
+    assert list(of_outcomes) == [
+        "force-over-depth-by-side",
+        "peak_force-curves-by-side",
+        "peak_force-ranks-by-side",
+        "K-ranks-by-side",
+    ]
+    assert set(of_outcomes) <= {name for name, _ in figures.published(run)}
+    for make in of_outcomes.values():
+        assert "<svg" in make().svg()
+
+
+def test_units_and_words_of_the_dataset_are_on_the_figures(folder, tmp_path) -> None:
+    path = folder / "run.json"
+    before = path.read_text(encoding="utf-8")
+    try:
+        path.write_text(json.dumps(json.loads(before) | {"words": {"impact": "drop"}}), encoding="utf-8")
+        html = write_report(folder).read_text(encoding="utf-8")
+    finally:
+        path.write_text(before, encoding="utf-8")
+    assert "What drops do" in html
+    assert "Peak force of a drop of 0.700 kg" in plain(html)
+    assert "impact" not in first_screen(html)
