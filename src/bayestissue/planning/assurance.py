@@ -242,15 +242,14 @@ def _assessment(
     """Of the values of a goal and of what it compares, each [study, draw], by the posterior and in truth."""
     values, compared = drawn
     none = np.full(len(values), np.nan)
-    if goal.width is None:
-        p, width = (values * posterior.weight).sum(axis=1), none
-    else:
-        ends = [(1 - goal.level) / 2, (1 + goal.level) / 2]
-        with np.errstate(invalid="ignore"):
-            low, high = weighted_quantiles(values, posterior.weight, ends)
-        p, width = none, np.sqrt(high / low) - 1 if goal.relative else (high - low) / 2
-    # Of a time that never comes in some draws there is no mean.
+    # A time that never comes in some draws has no mean, nor need it have a width.
     with np.errstate(invalid="ignore"):
+        if goal.width is None:
+            p, width = (values * posterior.weight).sum(axis=1), none
+        else:
+            ends = [(1 - goal.level) / 2, (1 + goal.level) / 2]
+            low, high = weighted_quantiles(values, posterior.weight, ends)
+            p, width = none, np.sqrt(high / low) - 1 if goal.relative else (high - low) / 2
         estimate = (compared * posterior.weight).sum(axis=1)
     return Assessment(
         goal, probability, p, truth[0][:, 0] > 0.5, width, estimate, truth[1][:, 0], posterior.effective
@@ -312,9 +311,8 @@ class _Answers:
         recorded = self._recorded if over_levels else self.arrangement.design.recorded
 
         def evaluated(part: Node) -> np.ndarray:
-            return (
-                draws_of(part, draws, recorded, self.law).transpose("chain", "draw").astype(float).to_numpy()
-            )
+            values = draws_of(part, draws, recorded, self.law)
+            return values.transpose("chain", "draw").to_numpy().astype(float)
 
         values = evaluated(node)
         if not claims(node):
