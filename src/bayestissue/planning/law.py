@@ -37,7 +37,7 @@ class PlannedLaw(Law):
         self, name: str, draws: xr.Dataset, recorded: Recorded, conditions: Sequence[Condition]
     ) -> Float[np.ndarray, "chain draw condition"]:
         """One outcome at given levels and a stated motion, by draw, as of `Law`."""
-        if self.in_closed_form:
+        if self.in_closed_form or self.velocity_m_s is not None:
             return super().at_levels(name, draws, recorded, conditions)
         parameters = self.parameters(draws, recorded, conditions)
         motions = np.stack([numbers(recorded, conditions, one) for one in MET], axis=-1)

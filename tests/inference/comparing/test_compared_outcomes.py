@@ -20,6 +20,7 @@ from bayestissue.inference.comparing import (
     posteriors_by_run,
     same_questions,
 )
+from bayestissue.report.comparison import outcome_figures
 from designs import REFERENCE, impacts
 
 V = 1.5
@@ -87,6 +88,8 @@ def test_outcomes_of_a_new_person_hold_how_people_and_impacts_differ() -> None:
     column = "peak_displacement_m"
     told = predict(one.finished, [{}]).iloc[0][[f"{column}_low", column, f"{column}_high"]]
     assert_allclose(row[ENDS].astype(float), told.astype(float))
+    figure, *_ = outcome_figures(posteriors_by_run([one, run("stiffer", 8.0)]))
+    assert list(figure.data["label"].drop_duplicates()) == ["typical", "new", *EFFECTS]
     rng, count = np.random.default_rng(5), 100_000
     log_K = 7.5 + np.sqrt(0.05**2 + SD_SUBJECT**2 + SD_IMPACT**2) * rng.standard_normal(count)
     log_C = 3 + np.hypot(0.05, SD_IMPACT) * rng.standard_normal(count)
