@@ -141,10 +141,8 @@ def test_a_precision_is_of_a_number_and_relative_to_no_zero() -> None:
         precision={
             "claim": {"of": "K > 1", "relative": 0.2},
             "exponent": {"of": "mass_exponent_K", "relative": 0.2},
-            "force": {"of": "peak_force[mass_kg=1]", "relative": 0.2},
         }
     )
-    assert "draws no motions" in problems["precision.force.of"].expected
     assert "no claim" in problems["precision.claim.of"].expected
     assert "half_width" in problems["precision.exponent.relative"].expected
 

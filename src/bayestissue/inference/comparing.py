@@ -23,6 +23,7 @@ from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.grammar import parse
 from bayestissue.inference.answers.law import numbers
 from bayestissue.inference.answers.meaning import draws_of
+from bayestissue.inference.answers.predictions import predicted
 from bayestissue.inference.answers.questions import Question, ask_what_can_be
 from bayestissue.inference.quantities.secants import EXPONENTS as OF_SECANTS
 from bayestissue.inference.quantities.together import OF_IMPACTS, OF_PEOPLE, comparable_draws
@@ -182,10 +183,12 @@ class FinishedRun:
         people = run.recorded.levels("subject") if run.recorded.tells_people else []
         conditions = [{}, *({"subject": person} for person in people)]
         values = run.law.reference_outcomes(run.posterior, run.recorded, conditions)
+        new = predicted(run, [{}]).draws.isel(row=0) if values else {}
         outcomes = {}
         for name, draws in values.items():
             by_chain = draws[None]
             outcomes[f"{name}_typical_person"] = xr.DataArray(by_chain[..., 0], dims=("chain", "draw"))
+            outcomes[f"{name}_new"] = new[name].drop_vars("row")
             if people:
                 outcomes[f"{name}_subject"] = xr.DataArray(
                     by_chain[..., 1:], {"subject": people}, ("chain", "draw", "subject")
@@ -204,7 +207,7 @@ class FinishedRun:
 # By what it is called: the unit of an outcome of the reference impact.
 OF_OUTCOMES = {
     f"{name}_{level}": element_attributes()[name]["unit"]
-    for level in ("typical_person", "subject")
+    for level in ("typical_person", "new", "subject")
     for name in REFERENCE_OUTCOMES
 }
 UNITS = {name: "N/m" if name.startswith("K") else "N s/m" for name in (*OF_IMPACTS, *OF_PEOPLE)}

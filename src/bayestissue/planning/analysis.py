@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from bayestissue.elements.outcomes import OUTCOMES
+from bayestissue.elements import element
 from bayestissue.errors import InputError, Problem, collected
 from bayestissue.finished import read_run
 from bayestissue.fitting import resolve
@@ -20,13 +20,21 @@ from bayestissue.hierarchy.formulas.group_terms import quoted
 from bayestissue.hierarchy.priors import term_of_group, term_of_slope
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.inference.answers.grammar import Choice, Quantity, QuestionError, claims, parse
-from bayestissue.inference.answers.meaning import quantities
-from bayestissue.inference.answers.questions import Question, problem_of, require_readable
+from bayestissue.inference.answers.law import MOTION, Law
+from bayestissue.inference.answers.meaning import quantities, searched
+from bayestissue.inference.answers.questions import (
+    Question,
+    outcomes_in,
+    problem_of,
+    require_motions,
+    require_readable,
+)
 from bayestissue.inference.answers.reliability import as_variables, coefficients, variances
 from bayestissue.planning.assurance import Goal
 from bayestissue.planning.begun import begun_study, pilot_of
 from bayestissue.planning.candidates import Candidate, grid, largest_of_each
 from bayestissue.planning.information import simulation_of
+from bayestissue.planning.law import planned_law
 from bayestissue.planning.model import planned_model
 from bayestissue.planning.population import Beliefs, DesignPrior
 from bayestissue.planning.running import Running
@@ -96,6 +104,7 @@ def study_of(plan: PlanSpecification, source: str) -> Study:
         model, model_source, designs = earlier.model, earlier.run, earlier.named(designs)
         reference = model.reference_mass_kg or REFERENCE_MASS_KG
     problems: list[Problem] = []
+    law = planned_law(model, plan.gravity)
     if model.likelihood != "impact":
         where = source, None, "model", model.likelihood
         problems.append(Problem.stated("impossible-plan.likelihood", *where))
@@ -118,7 +127,8 @@ def study_of(plan: PlanSpecification, source: str) -> Study:
         with collected(problems):
             design = build_design(formulas, rows, reference_mass_kg=reference, source=named)
             judged.append(design)
-            problems += _unanswerable(design, sorted(set(rows["mass_kg"])), questions, model, source)
+            masses = sorted(set(rows["mass_kg"]))
+            problems += _unanswerable(design, masses, questions, model, law, source)
     problems += _unknown_beliefs(plan, judged, source)
     prior: DesignPrior = Beliefs(plan.population) if earlier is None else earlier.prior
     words = {} if earlier is None else earlier.words
@@ -159,7 +169,7 @@ def factors_named(questions: Iterable[str]) -> list[dict[str, Any]]:
     return [{"name": name, "levels": list(values)} for name, values in levels.items() if len(values) > 1]
 
 
-_STANDARD = ("impact", "subject", "trial", "mass_kg", "velocity_m_s", "energy_J")
+_STANDARD = ("impact", "subject", "trial", "energy_J", *MOTION)
 
 
 def _adapted(
@@ -203,9 +213,9 @@ def _unreadable(plan: PlanSpecification, question: Question, source: str) -> Pro
         return Problem.stated("impossible-plan.claim", source, None, f"questions.{name}", text)
     if (is_claim or isinstance(node, Choice)) and not is_question:
         return Problem.stated("impossible-plan.number", source, None, f"precision.{name}.of", text)
-    if any(quantity.name in OUTCOMES for quantity in quantities(node)):
+    if searched(node):
         key = f"questions.{name}" if is_question else f"precision.{name}.of"
-        return Problem.stated("impossible-plan.outcome", source, None, key, text)
+        return Problem.stated("impossible-plan.critical", source, None, key, text)
     signed = isinstance(node, Quantity) and node.name.startswith(_SIGNED)
     if signed and not is_question and plan.precision[name].relative:
         return Problem.stated("impossible-plan.relative", source, None, f"precision.{name}.relative", text)
@@ -217,20 +227,28 @@ def _unanswerable(
     masses_kg: Sequence[float],
     questions: Sequence[Question],
     model: ModelSpecification,
+    law: Law | None,
     source: str,
 ) -> list[Problem]:
     """Questions about what this design does not have."""
     problems: list[Problem] = []
     draws = _example(design, model)
+    further = [parameter.name for parameter in element(model.element).extra]
+    words: dict[str, Any] = {"element": model.element, "parameters": ", ".join(further)}
     for question in questions:
         exponents = [q.name for q in quantities(parse(question.text)) if q.name.startswith("mass_exponent_")]
         if exponents and len(masses_kg) == 1:
             where = source, None, "candidates.masses_kg", masses_kg[0]
-            words: dict[str, Any] = {"exponent": exponents[0], "name": question.name}
-            problems.append(Problem.stated("impossible-plan.one-mass", *where, **words))
+            asked: dict[str, Any] = {"exponent": exponents[0], "name": question.name}
+            problems.append(Problem.stated("impossible-plan.one-mass", *where, **asked))
             continue
         with collected(problems):
             require_readable([question], design.recorded, draws)
+            if outcomes_in(parse(question.text), design.recorded) and further:
+                raise InputError.stated(
+                    "impossible-plan.outcome", *(source, None, "model", model.name), **words
+                )
+            require_motions([question], design.recorded, law)
     return problems
 
 

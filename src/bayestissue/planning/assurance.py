@@ -19,13 +19,16 @@ import pandas as pd
 import xarray as xr
 from jaxtyping import Bool, Float
 
+from bayestissue.elements.outcomes import OUTCOMES
 from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.recorded import Recorded
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.inference.answers.grammar import Node, Operation, claims, parse
+from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.meaning import draws_of, quantities
 from bayestissue.inference.answers.reliability import coefficients, variances
 from bayestissue.planning.information import Information, TypicalTissue, information
+from bayestissue.planning.law import planned_law
 from bayestissue.planning.population import DesignPrior, Streams, Truths
 from bayestissue.planning.posterior import PlannedSites, Posteriors, posteriors
 from bayestissue.planning.running import Running
@@ -141,12 +144,14 @@ class Planner:
         information: what a trace tells in each condition.
         prior: where each study's truth comes from.
         seed: of all studies.
+        law: what outcomes follow; None where there is no law of force.
     """
 
     arranged: Sequence[Arrangement]
     information: Information
     prior: DesignPrior
     seed: int
+    law: Law | None = None
 
     def assess(
         self,
@@ -216,7 +221,7 @@ class Planner:
         present = np.broadcast_to(arrangement.present[position], studies.centre.shape[:2])
         sites = PlannedSites(model, arrangement.columns, arrangement.precision, studies.centre, present)
         drawn = posteriors(sites, start)
-        answers = _Answers(arrangement, position, self.information, goals)
+        answers = _Answers(arrangement, position, self.information, goals, self.law)
         posterior = answers.dataset(drawn.hyperparameters, drawn.b)
         true = {name: values[:, None] for name, values in studies.truths.hyperparameters.items()}
         truth = answers.dataset(true, studies.b[:, None])
@@ -237,13 +242,15 @@ def _assessment(
     """Of the values of a goal and of what it compares, each [study, draw], by the posterior and in truth."""
     values, compared = drawn
     none = np.full(len(values), np.nan)
-    if goal.width is None:
-        p, width = (values * posterior.weight).sum(axis=1), none
-    else:
-        ends = [(1 - goal.level) / 2, (1 + goal.level) / 2]
-        low, high = weighted_quantiles(values, posterior.weight, ends)
-        p, width = none, np.sqrt(high / low) - 1 if goal.relative else (high - low) / 2
-    estimate = (compared * posterior.weight).sum(axis=1)
+    # A time that never comes in some draws has no mean, nor need it have a width.
+    with np.errstate(invalid="ignore"):
+        if goal.width is None:
+            p, width = (values * posterior.weight).sum(axis=1), none
+        else:
+            ends = [(1 - goal.level) / 2, (1 + goal.level) / 2]
+            low, high = weighted_quantiles(values, posterior.weight, ends)
+            p, width = none, np.sqrt(high / low) - 1 if goal.relative else (high - low) / 2
+        estimate = (compared * posterior.weight).sum(axis=1)
     return Assessment(
         goal, probability, p, truth[0][:, 0] > 0.5, width, estimate, truth[1][:, 0], posterior.effective
     )
@@ -272,6 +279,7 @@ class _Answers:
     position: int
     information: Information
     goals: Sequence[Goal]
+    law: Law | None
 
     @cached_property
     def _recorded(self) -> Recorded:
@@ -285,7 +293,7 @@ class _Answers:
         """What the questions are of, from draws of the hyperparameters and effects."""
         draws = self.arrangement.model.draws(self.arrangement.design, values, b)
         names = {quantity.name for goal in self.goals for quantity in quantities(goal.node)}
-        lacking = names - {*map(str, draws.data_vars), *RESPONSES}
+        lacking = names - {*map(str, draws.data_vars), *RESPONSES, *OUTCOMES}
         return draws.merge(self._reliability(draws, lacking)) if lacking else draws
 
     def _reliability(self, draws: xr.Dataset, names: set[str]) -> xr.Dataset:
@@ -303,7 +311,8 @@ class _Answers:
         recorded = self._recorded if over_levels else self.arrangement.design.recorded
 
         def evaluated(part: Node) -> np.ndarray:
-            return draws_of(part, draws, recorded).transpose("chain", "draw").to_numpy().astype(float)
+            values = draws_of(part, draws, recorded, self.law)
+            return values.transpose("chain", "draw").to_numpy().astype(float)
 
         values = evaluated(node)
         if not claims(node):
@@ -350,7 +359,8 @@ def planner(
     tissue = typical_tissue(truths, arranged[0], reference)
     known = information(rows, specification, tissue, simulation, seed)
     with_traces = [arrangement.with_traces(known, running) for arrangement in arranged]
-    return Planner(with_traces, known, prior, seed)
+    law = planned_law(specification, simulation.gravity)
+    return Planner(with_traces, known, prior, seed, law)
 
 
 def typical_tissue(truths: Truths, arrangement: Arrangement, reference_mass_kg: float) -> TypicalTissue:

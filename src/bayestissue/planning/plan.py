@@ -432,8 +432,9 @@ def _of_goal(assessment: Assessment) -> dict[str, Any]:
         "misleads": None if is_width else assessment.misleads,
         "true": None if is_width else float(assessment.true.mean()),
         "undecided_bits": None if is_width else assessment.undecided_bits,
-        "width": float(np.mean(assessment.width)) if is_width else None,
-        "width_q80": float(np.quantile(assessment.width, 0.8)) if is_width else None,
+        # A time that may never come has no width in some studies.
+        "width": _mean(assessment.width) if is_width else None,
+        "width_q80": _mean(np.quantile(assessment.width, [0.8])) if is_width else None,
     }
 
 

@@ -75,4 +75,19 @@ class IntegrationSettings:
     points_at_once: int = 16
 
 
-PLAN, INTEGRATION = PlanSettings(), IntegrationSettings()
+@dataclass(frozen=True)
+class TabulationSettings:
+    """How outcomes are tabulated over log K and log C where each would be a motion to solve.
+
+    Attributes:
+        side: of a tile of the table: a factor of 55 in K or C.
+        points: on each side: as many motions in all as are solved at once.
+        kept: tiles; a motion that is asked about needs a few.
+    """
+
+    side: float = 4.0
+    points: int = 64
+    kept: int = 256
+
+
+PLAN, INTEGRATION, TABULATION = PlanSettings(), IntegrationSettings(), TabulationSettings()

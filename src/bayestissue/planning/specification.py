@@ -154,7 +154,8 @@ class Precision(Table):
     """A number that is to be known well enough: half the width of its 90 % interval."""
 
     of: Annotated[str, Field(min_length=1)] = Field(
-        description='what, as a question asks it: "K[subject=new]", "mass_exponent_K".'
+        description='what, as a question asks it: "K[subject=new]", "mass_exponent_K", '
+        '"peak_force[mass_kg=5, velocity_m_s=2]".'
     )
     half_width: Positive | None = Field(
         default=None, description="the half width to reach, in the unit of the number."

@@ -223,6 +223,7 @@ def _of_goal(name: str, goal: Content) -> str:
     suffix = f" of {name.replace('_', ' ')}" if name else ""
     said = f"the assurance{suffix} is {number(goal['answered'], 2)} (standard error {number(goal['se'], 2)})"
     if goal["misleads"] is None:
-        return f"{said}, with a half width of {goal['width']:.2g} on average"
+        width = goal["width"]
+        return said if width is None else f"{said}, with a half width of {width:.2g} on average"
     undecided, misleads = number(goal["undecided"], 2), number(goal["misleads"], 2)
     return f"{said}, with {undecided} of them undecided and {misleads} answered wrongly"

@@ -69,11 +69,13 @@ def figures_by_run(posteriors: pd.DataFrame, quantity: str, one_element: bool) -
 
 
 def outcome_figures(posteriors: pd.DataFrame) -> list[Figure]:
-    """Each outcome of the reference impact, on a typical person and on each: a colour and a mark a run."""
-    parts = {
-        name: posteriors[posteriors["variable"].isin([f"{name}_typical_person", f"{name}_subject"])]
-        for name in REFERENCE_OUTCOMES
-    }
+    """Each outcome of the reference impact, on a typical, a new and each person: a colour and mark a run."""
+    parts = {}
+    for name in REFERENCE_OUTCOMES:
+        levels = [f"{name}_{level}" for level in ("typical_person", "new", "subject")]
+        rows = posteriors[posteriors["variable"].isin(levels)]
+        # Whoever is new has no name either.
+        parts[name] = rows.assign(label=rows["label"].mask(rows["variable"] == f"{name}_new", "new"))
     return [
         _drawn(rows, outcome_name(name), f"{outcome_name(name)} ({rows['unit'].iloc[0]})", "typical")
         for name, rows in parts.items()

@@ -11,6 +11,7 @@ from numpy.testing import assert_allclose
 
 from bayestissue.hierarchy.recorded import Recorded
 from bayestissue.inference.answers.finished import Finished
+from bayestissue.inference.answers.predictions import predict
 from bayestissue.inference.answers.questions import numbered
 from bayestissue.inference.comparing import (
     FinishedRun,
@@ -19,10 +20,12 @@ from bayestissue.inference.comparing import (
     posteriors_by_run,
     same_questions,
 )
+from bayestissue.report.comparison import outcome_figures
 from designs import REFERENCE, impacts
 
 V = 1.5
 SHAPE = (2, 300)
+SD_SUBJECT, SD_IMPACT = 0.2, 0.1
 EFFECTS = {"s0": -0.3, "s1": 0.0, "s2": 0.1, "s3": 0.2}
 ENDS = ["eti90_low", "median", "eti90_high"]
 
@@ -36,8 +39,10 @@ def run(name: str, log_K: float, mass: float = REFERENCE) -> FinishedRun:
             "intercept_K": (("chain", "draw"), log_K + 0.05 * rng.standard_normal(SHAPE)),
             "intercept_C": (("chain", "draw"), 3 + 0.05 * rng.standard_normal(SHAPE)),
             "subject_effect_K": (("chain", "draw", "subject"), effects),
+            "sd_subject_K": (("chain", "draw"), np.full(SHAPE, SD_SUBJECT)),
+            **{f"sd_impact_{q}": (("chain", "draw"), np.full(SHAPE, SD_IMPACT)) for q in "KC"},
         },
-        {"subject": list(EFFECTS)},
+        {"subject": list(EFFECTS), "chain": np.arange(SHAPE[0]), "draw": np.arange(SHAPE[1])},
     )
     recorded = Recorded(rows, {"K": "(1|subject)", "C": "1"}, mass)
     constants = xr.Dataset({"impact_subject": ("impact", rows["subject"].to_numpy())})
@@ -50,8 +55,12 @@ def depth(run: FinishedRun, person: str = "") -> np.ndarray:
     log_K = posterior["intercept_K"]
     if person:
         log_K = log_K + posterior["subject_effect_K"].sel(subject=person)
-    omega = np.sqrt(np.exp(log_K.to_numpy()) / REFERENCE)
-    zeta = np.exp(posterior["intercept_C"].to_numpy()) / (2 * REFERENCE * omega)
+    return depth_of(log_K.to_numpy(), posterior["intercept_C"].to_numpy())
+
+
+def depth_of(log_K: np.ndarray, log_C: np.ndarray) -> np.ndarray:
+    omega = np.sqrt(np.exp(log_K) / REFERENCE)
+    zeta = np.exp(log_C) / (2 * REFERENCE * omega)
     phi = np.arccos(zeta)
     return V / omega * np.exp(-zeta * phi / np.sin(phi))
 
@@ -68,6 +77,26 @@ def test_outcomes_of_a_typical_and_of_each_person_stand_side_by_side() -> None:
         assert_allclose(own[ENDS].astype(float), np.percentile(depth(one, "s2"), [5, 50, 95]))
     alone = posteriors_by_run([replace(runs[0], finished=replace(runs[0].finished, discrepancy=True))])
     assert not alone["variable"].str.startswith("peak").any()
+
+
+def test_outcomes_of_a_new_person_hold_how_people_and_impacts_differ() -> None:
+    one = run("soft", 7.5)
+    table = posteriors_by_run([one]).set_index("variable")
+    row = table.loc["peak_depth_new"]
+    assert row["of"] == "a new impact on a new person at the reference impact"
+    # One route: what `predict` says of an impact of which nothing is given.
+    column = "peak_displacement_m"
+    told = predict(one.finished, [{}]).iloc[0][[f"{column}_low", column, f"{column}_high"]]
+    assert_allclose(row[ENDS].astype(float), told.astype(float))
+    figure, *_ = outcome_figures(posteriors_by_run([one, run("stiffer", 8.0)]))
+    assert list(figure.data["label"].drop_duplicates()) == ["typical", "new", *EFFECTS]
+    rng, count = np.random.default_rng(5), 100_000
+    log_K = 7.5 + np.sqrt(0.05**2 + SD_SUBJECT**2 + SD_IMPACT**2) * rng.standard_normal(count)
+    log_C = 3 + np.hypot(0.05, SD_IMPACT) * rng.standard_normal(count)
+    true, p = depth_of(log_K, log_C), np.array([0.05, 0.5, 0.95])
+    shares = [(true < end).mean() for end in row[ENDS].astype(float)]
+    draws = SHAPE[0] * SHAPE[1]
+    assert (np.abs(shares - p) < 4 * np.sqrt(p * (1 - p) / draws)).all()
 
 
 def test_outcomes_are_mixed_by_the_weights_where_the_reference_impact_is_one() -> None:

@@ -512,6 +512,18 @@ def _outcome_draws(
     law: Law | None,
     conditions: Sequence[Condition],
 ) -> Float[np.ndarray, "chain draw condition"]:
+    law, conditions = motions_of(quantity, recorded, law, conditions)
+    return law.at_levels(quantity.name, draws, recorded, conditions)
+
+
+def motions_of(
+    quantity: Quantity, recorded: Recorded, law: Law | None, conditions: Sequence[Condition]
+) -> tuple[Law, list[Condition]]:
+    """What an outcome at given levels follows, and the conditions with their velocities.
+
+    Raises:
+        QuestionError: there is no law, no velocity, or a height without gravity; or what hits is no headform.
+    """
     if law is None:
         raise QuestionError(quantity.position, quantity.name, "a run with a law of force", str(NO_LAW))
     if expected := unfit_height(recorded, conditions[0], law.gravity):
@@ -522,4 +534,4 @@ def _outcome_draws(
     if quantity.name in LONGEST and not law.headform:
         expected = "a run whose dataset.toml says headform = true in the table [impactor]"
         raise QuestionError(quantity.position, quantity.name, expected)
-    return law.at_levels(quantity.name, draws, recorded, conditions)
+    return law, conditions

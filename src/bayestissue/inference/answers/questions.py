@@ -24,7 +24,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayestissue.elements.outcomes import OUTCOMES
+from bayestissue.elements.outcomes import HEADFORM_OUTCOMES, OUTCOMES
 from bayestissue.errors import Coded, InputError, Problem, all_of, printable
 from bayestissue.hierarchy.recorded import Recorded
 from bayestissue.inference.answers.critical import ALONG
@@ -35,11 +35,12 @@ from bayestissue.inference.answers.grammar import (
     Choice,
     Critical,
     Node,
+    Quantity,
     QuestionError,
     claims,
     parse,
 )
-from bayestissue.inference.answers.law import DROP_HEIGHT, fall_height, moving
+from bayestissue.inference.answers.law import DROP_HEIGHT, Law, fall_height, moving
 from bayestissue.inference.answers.meaning import (
     alternatives,
     at_level,
@@ -50,6 +51,7 @@ from bayestissue.inference.answers.meaning import (
     draws_of,
     is_response,
     mistakes,
+    motions_of,
     quantities,
     responses_of,
     searched,
@@ -130,6 +132,24 @@ def require_readable(
 ) -> None:
     """Raise an `InputError` of all that is wrong with questions, as far as it shows without ``posterior``."""
     all_of(lambda question: _read(question, recorded, posterior), questions)
+
+
+def require_motions(questions: Sequence[Question], recorded: Recorded, law: Law | None) -> None:
+    """Raise an `InputError` of the outcomes in readable questions that this law does not have."""
+
+    def all_motions(question: Question) -> None:
+        try:
+            for quantity in outcomes_in(_parsed(question), recorded):
+                motions_of(quantity, recorded, law, conditions_of(quantity, recorded))
+        except QuestionError as slip:
+            raise InputError(_problem(slip, question)) from None
+
+    all_of(all_motions, questions)
+
+
+def outcomes_in(node: Node, recorded: Recorded) -> list[Quantity]:
+    """The outcomes at given levels that a question names."""
+    return [one for one in quantities(node) if one.name in HEADFORM_OUTCOMES and is_response(one, recorded)]
 
 
 def _parsed(question: Question) -> Node:

@@ -58,9 +58,13 @@ _OF_ONE_PERSON = {
 }
 _OF_OUTCOMES = {
     "{name}_typical_person": "a typical person at the reference impact",
+    "{name}_new": "a new impact on a new person at the reference impact",
     "{name}_subject": "a person at the reference impact",
 }
-_OF_ONE_PERSONS_OUTCOMES = {"{name}_typical_person": "this person at the reference impact"}
+_OF_ONE_PERSONS_OUTCOMES = {
+    "{name}_typical_person": "this person at the reference impact",
+    "{name}_new": "a new impact on this person at the reference impact",
+}
 # Secant stiffness and equivalent damping mean the same for every element.
 _COMPARABLE = {"K": ("K_secant", "secant K"), "C": ("C_equivalent", "equivalent C")}
 # Of these K there is a mass exponent where K depends on depth.
