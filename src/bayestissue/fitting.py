@@ -28,6 +28,7 @@ from bayestissue.hierarchy.untried import untried
 from bayestissue.inference.answers.agreement import agreement
 from bayestissue.inference.chain.results import ChainEnd
 from bayestissue.inference.checking import model_form
+from bayestissue.inference.checking.force import judge_force
 from bayestissue.inference.checking.measuring_chain import judge
 from bayestissue.inference.factors.expansions import expanded
 from bayestissue.inference.fit import Say, TraceAnalysis, fit_traces
@@ -328,7 +329,11 @@ def fit_prepared(
     if clipped := clipped_recordings(names, limited.tolist()):
         diagnostics["clipped"] = clipped
     if dataset.channels:
-        diagnostics["channels"] = {"words": unused_channels(dataset.channels)}
+        diagnostics["channels"] = (
+            judge_force(prepared.force, analysis.tree["posterior"].dataset)
+            if prepared.force
+            else {"words": unused_channels(dataset.channels, prepared.force_unused)}
+        )
     analysis = replace(analysis, diagnostics=diagnostics, summary=summary)
     return finished_fit(dataset, specification, prepared, analysis, points, seed, start.time, start.seconds)
 

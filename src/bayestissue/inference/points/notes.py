@@ -102,12 +102,12 @@ def clipped_recordings(impacts: Sequence[str], clipped: Sequence[bool]) -> dict[
     return {"impacts": named, "of": len(impacts), "words": words}
 
 
-def unused_channels(channels: Sequence[Channel]) -> str:
-    """A sentence on further channels that a fit is not of."""
+def unused_channels(channels: Sequence[Channel], why: str) -> str:
+    """Sentences on further channels that a fit is not of, and ``why``."""
     named = first_of([f"{channel.name} ({channel.quantity})" for channel in channels], _NAMED)
     return (
-        f"The further channel {named} is not used here: K and C are those of the first one, at the declared "
-        "mass. `bayestissue check` compares the two."
+        f"The further channel {named} is not used here: {why}. K and C are those of the first one, at the "
+        "declared mass. `bayestissue check` compares the two."
     )
 
 

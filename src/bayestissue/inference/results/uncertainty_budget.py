@@ -61,6 +61,8 @@ _NUISANCE = {
     "atanh_theta1": NOISE,
     "atanh_noise_correlation": NOISE,
     "discrepancy": ELEMENT,
+    "noise_force": NOISE,
+    "log_force_ratio": NOISE,
 }
 
 

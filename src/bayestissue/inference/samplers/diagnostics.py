@@ -12,6 +12,7 @@ import pandas as pd
 
 from bayestissue.declarations import declared
 from bayestissue.errors import Coded
+from bayestissue.inference.checking.force import size_of
 from bayestissue.inference.samplers.convergence import let_pass
 from bayestissue.remedies import Code, codes_in
 
@@ -99,11 +100,13 @@ def warnings(diagnostics: dict[str, Any]) -> list[Coded]:
     """What the model or its data leave in doubt, whatever the sampler did; the measuring chain first."""
     chain, form = diagnostics.get("measuring_chain", {}), diagnostics.get("model_form", {})
     lines, velocity = diagnostics.get("straight_lines", {}), _velocity(diagnostics)
+    force = diagnostics.get("channels", {})
     law: Code = "undescribed" if form.get("undescribed") else "model-form"
     if not _against_all(form):
         law = "structured-residuals"
     doubts: list[tuple[dict[str, Any], bool, Code]] = [
         (chain, chain.get("passed") is False, "measuring-chain"),
+        (force, force.get("passed") is False, "channels-disagree"),
         ({"words": velocity}, bool(velocity), "velocity-contradicted"),
         (form, _against_all(form) or _against_some(form), law),
         (lines, bool(lines.get("words")), "no-straight-line"),
@@ -163,6 +166,8 @@ def headline(diagnostics: dict[str, Any]) -> str:
         return "No element of this program describes these traces: there are no intervals of K and C."
     if chain.get("passed") is False:
         return "The sampler passed, but the traces contradict the measuring chain."
+    if (force := diagnostics.get("channels", {})).get("passed") is False:
+        return f"The sampler passed, but the force is {size_of(force)} than declared mass times deceleration."
     if _velocity(diagnostics):
         return "The sampler passed, but the recordings imply another velocity at contact than was stated."
     if form.get("structured"):
@@ -173,6 +178,9 @@ def headline(diagnostics: dict[str, Any]) -> str:
         return "Diagnostics passed, but a column of few whole numbers counts as a straight line."
     if diagnostics.get("pooled_parameters"):
         return "Diagnostics passed, but a parameter that differs between levels is taken as alike."
+    if force.get("says_mass"):
+        low, middle, high = force["mass_factor"]
+        return f"Diagnostics passed; by the force all masses are {middle:.3g} times the declared ({low:.3g} to {high:.3g})."
     return "Diagnostics passed."
 
 
@@ -180,7 +188,8 @@ def verdict_in_words(diagnostics: dict[str, Any]) -> str:
     """Whether the run can be trusted, in a sentence; and where the model can't, in another."""
     warning = "".join(f" WARNING: {words}" for words in warnings(diagnostics))
     for key in OF_RECORDINGS:
-        if key in diagnostics:
+        # What warns was said.
+        if key in diagnostics and diagnostics[key].get("passed") is not False:
             warning += f" {diagnostics[key]['words']}"
     failed = [check["name"] for check in diagnostics["checks"] if not check["passed"]]
     if not failed:

@@ -1,0 +1,68 @@
+"""What a force beside the deceleration says of the mass, and whether what was declared allows it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from bayestissue.hierarchy.force import PreparedForce
+from bayestissue.inference.checking import sentence
+
+# Of standard deviations, beyond which the two channels contradict what is declared of them: once in 370.
+_LIMIT = 3.0
+_INTERVAL = (0.05, 0.5, 0.95)
+
+
+def judge_force(force: PreparedForce, posterior: xr.Dataset) -> dict[str, Any]:
+    """The entry ``channels`` of ``diagnostics.json``, of a fit with a force.
+
+    The mean over impacts of a = log F / (M d) has the posterior mean m and standard deviation v, which a wide
+    prior leaves to the recordings. With what is declared of the mass and of both gains, D together,
+    m / (D^2 + v^2)^1/2 is standard normal under the right declaration.
+
+    Args:
+        force: what the fit is of.
+        posterior: of the fit.
+
+    Returns:
+        ``passed``: whether it is below 3; ``ratio``, exp(m); ``ratio_sd``, its relative standard deviation;
+        ``declared_sd``, D; ``mass_factor``, its 90 % interval about the median; ``says_mass``, whether that
+        leaves out 1; ``words``.
+    """
+    a = posterior["log_force_ratio_mean"].to_numpy()
+    low, middle, high = np.quantile(posterior["mass_factor"].to_numpy(), _INTERVAL)
+    declared = float(np.hypot(force.mass_sd, force.gain_sd))
+    mean, sd = float(a.mean()), float(a.std())
+    passed = abs(mean) <= _LIMIT * np.hypot(declared, sd)
+    account = {
+        "channel": force.beside.channel.name,
+        "passed": bool(passed),
+        "ratio": float(np.exp(mean)),
+        "ratio_sd": sd,
+        "declared_sd": declared,
+        "mass_factor": [float(low), float(middle), float(high)],
+        "says_mass": bool(force.mass_sd > 0 and not low <= 1 <= high),
+    }
+    return account | {"words": _words(account, known=force.mass_sd == 0)}
+
+
+def _words(account: dict[str, Any], *, known: bool) -> str:
+    low, middle, high = account["mass_factor"]
+    numbers = {
+        "channel": account["channel"],
+        "ratio": f"{account['ratio']:.4g}",
+        "declared": f"{100 * account['declared_sd']:.2g} %",
+        "size": size_of(account),
+        "factor": f"{middle:.4g} ({low:.4g} to {high:.4g})",
+    }
+    if not account["passed"]:
+        return sentence("force.contradicted", **numbers)
+    return sentence("force.exact" if known else "force.mass", **numbers)
+
+
+def size_of(account: dict[str, Any]) -> str:
+    """How far the force is from mass times deceleration, in words."""
+    off = account["ratio"] - 1
+    return f"{100 * abs(off):.2g} % {'more' if off > 0 else 'less'}"
