@@ -330,7 +330,7 @@ def fit_prepared(
         diagnostics["clipped"] = clipped
     if dataset.channels:
         diagnostics["channels"] = (
-            judge_force(prepared.force, analysis.tree["posterior"].dataset)
+            judge_force(prepared.force, analysis.tree["posterior"].dataset, prepared.signal.mass)
             if prepared.force
             else {"words": unused_channels(dataset.channels, prepared.force_unused)}
         )

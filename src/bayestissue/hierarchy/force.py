@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -24,8 +25,9 @@ _CLOCK = 0.25
 class PreparedForce:
     """The rows of a force, and what is declared of it.
 
-    What is recorded of F over mass times deceleration is exp(a), a = log f + g: f is what all recorded masses are
-    to be multiplied by, and g the error of the force's gain less that of the accelerometer's, one of each sensor.
+    What is recorded of F over mass times deceleration is exp(a), a = log f + g: f is what all recorded masses
+    are to be multiplied by, and g the error of the force's gain less that of the accelerometer's, one of each
+    sensor.
 
     Attributes:
         beside: the force against mass times deceleration.
@@ -109,7 +111,7 @@ def prepared_force(dataset: Dataset, signal: Displacements) -> PreparedForce | s
     tip = channel.tip_mass_kg / mass
     # Contact as it was before the samples in contact were asked: these are to tell themselves.
     contact = first - signal.bracket_s
-    rows = ForceRows(
+    parts: Any = (
         np.where(np.arange(count.max()) < count[:, None], value / mass[:, None], 0.0),
         count,
         recorded.start + begin * recorded.dt - contact,
@@ -119,7 +121,7 @@ def prepared_force(dataset: Dataset, signal: Displacements) -> PreparedForce | s
     chain, noise = dataset.uncertainty, np.maximum(noise / mass, 1e-12)
     return PreparedForce(
         beside,
-        rows,
+        ForceRows(*parts),
         noise / np.sqrt(n_quiet),
         _CLOCK * recorded.dt,
         np.log(noise),

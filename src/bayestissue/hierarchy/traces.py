@@ -201,7 +201,10 @@ def element_parameters(model: TraceModel, u: list[Array]) -> Float[Array, "param
 def nuisance_of(
     kind: Kind, element: str, *, discrepancy: bool = False, autoregressive: bool = False, force: bool = False
 ) -> tuple[str, ...]:
-    """Names of an impact's parameters besides log K and log C; a discrepancy's, a correlation's or a force's last."""
+    """Names of an impact's parameters besides log K and log C.
+
+    A discrepancy's, a correlation's or a force's come last.
+    """
     which = element_named(element)
     element_logs = [f"log_{parameter.name}" for parameter in which.extra]
     last = ["discrepancy"] * discrepancy + ["atanh_noise_correlation"] * autoregressive

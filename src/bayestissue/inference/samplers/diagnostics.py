@@ -24,6 +24,7 @@ OF_RECORDINGS = ("recordings", "clipped", "channels")
 # Notes of a summary's rows.
 NO_INTERVAL = Coded("not an interval: no element describes these traces", "undescribed")
 CONTRADICTED = Coded("the traces contradict the measuring chain", "measuring-chain")
+FORCE_CONTRADICTS = Coded("the force contradicts mass times deceleration", "channels-disagree")
 ELEMENT_ALONE = Coded(
     "the element's own part of the force; the tissue's stiffness is K_secant", "element-alone"
 )
@@ -148,6 +149,10 @@ def noted(summary: pd.DataFrame, diagnostics: dict[str, Any]) -> pd.DataFrame:
     note = np.full(len(summary), "", dtype=object)
     if "discrepancy" in form:
         note[summary["variable"].map(of_element_alone)] = ELEMENT_ALONE
+    if (force := diagnostics.get("channels", {})).get("passed") is False:
+        # An impact's own mass is put right where one factor is not.
+        exponents = summary["variable"].str.startswith("mass_exponent").to_numpy(bool)
+        note[exponents if force["slope"] else all_rows] = FORCE_CONTRADICTS
     if chain.get("passed") is False:
         whole = len(chain["impacts"]) == chain["of"]
         note[all_rows if whole else label.isin(chain["impacts"])] = CONTRADICTED
@@ -166,7 +171,10 @@ def headline(diagnostics: dict[str, Any]) -> str:
         return "No element of this program describes these traces: there are no intervals of K and C."
     if chain.get("passed") is False:
         return "The sampler passed, but the traces contradict the measuring chain."
-    if (force := diagnostics.get("channels", {})).get("passed") is False:
+    force = diagnostics.get("channels", {})
+    if force.get("slope"):
+        return "The sampler passed, but by the force the declared masses are not off by one factor."
+    if force.get("passed") is False:
         return f"The sampler passed, but the force is {size_of(force)} than declared mass times deceleration."
     if _velocity(diagnostics):
         return "The sampler passed, but the recordings imply another velocity at contact than was stated."
@@ -180,7 +188,8 @@ def headline(diagnostics: dict[str, Any]) -> str:
         return "Diagnostics passed, but a parameter that differs between levels is taken as alike."
     if force.get("says_mass"):
         low, middle, high = force["mass_factor"]
-        return f"Diagnostics passed; by the force all masses are {middle:.3g} times the declared ({low:.3g} to {high:.3g})."
+        times = f"{middle:.3g} times the declared ({low:.3g} to {high:.3g})"
+        return f"Diagnostics passed; by the force all masses are {times}."
     return "Diagnostics passed."
 
 

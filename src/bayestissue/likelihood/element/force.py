@@ -1,9 +1,10 @@
 """A force that was recorded beside the deceleration: further rows of the same motion.
 
-F / M = (e^a - m / M) d(t) + zero + noise with M the recorded mass, m that of the tip in front of the sensor and a
-the log of what the recorded mass is to be multiplied by, the force's gain counted in (that of the accelerometer
-is an error of the deceleration's rows alone). Given motion and errors the rows are independent of the
-deceleration's, so that products and determinants of the two add up. Errors of velocity and contact move both.
+F / M = (e^a - m / M) d(t) + zero + noise with M the recorded mass, m that of the tip in front of the sensor
+and a the log of what the recorded mass is to be multiplied by, the force's gain counted in (that of the
+accelerometer is an error of the deceleration's rows alone). Given motion and errors the rows are
+independent of the deceleration's, so that products and determinants of the two add up. Errors of velocity
+and contact move both.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ def with_force(
     log_sigma: Float[Array, " impact"],
     log_force_sigma: Float[Array, " impact"],
 ) -> Products:
-    """The products of the deceleration's rows with those of the force's, in units of the deceleration's noise.
+    """Products of the deceleration's rows with those of the force's, in units of the deceleration's noise.
 
     Args:
         products: of the deceleration's rows, with one cell of contact.

@@ -44,7 +44,7 @@ class NoiseParameters(NamedTuple):
         log_discrepancy: log of the discrepancy's rms [m/s^2]; None without one.
         atanh_correlation: artanh of the noise's correlation from sample to sample; None where it has none.
         log_force_sigma: of the noise of a force over mass [m/s^2]; None without one.
-        log_force_ratio: log of that force over what the recorded mass and the motion make it; None without one.
+        log_force_ratio: log of that force over recorded mass times deceleration; None without one.
     """
 
     log_sigma: Float[Array, " impact"]

@@ -156,6 +156,14 @@ class ForceRows(NamedTuple):
         """True where there is a sample."""
         return jnp.arange(self.y.shape[1]) < self.n_samples[:, None]
 
+    def until(self, end: Float[Array, " impact"]) -> ForceRows:
+        """The samples until so long after contact [s], the one there among them."""
+        # Where it is not a sample by the rounding of its time alone.
+        count = jnp.floor((end - self.first_time) / self.dt + 1.01).astype(int)
+        n_samples = jnp.clip(count, 0, self.n_samples)
+        kept = jnp.arange(self.y.shape[1]) < n_samples[:, None]
+        return self._replace(y=jnp.where(kept, self.y, 0.0), n_samples=n_samples)
+
 
 class DecelerationRecord(NamedTuple):
     """What the likelihood reads of a set of deceleration traces.
@@ -293,8 +301,11 @@ class DecelerationRecord(NamedTuple):
         traces: Float[Array | np.ndarray, "impact sample"],
         n_samples: Int[Array | np.ndarray, " impact"],
     ) -> DecelerationRecord:
-        """The record of other traces, or of fewer of their samples."""
+        """The record of other traces, or of fewer of their samples; of a force those until their end."""
         record = self._replace(n_samples=jnp.asarray(n_samples))
+        if self.force is not None:
+            end = self.first_time + (record.n_samples - 1) * self.dt
+            record = record._replace(force=self.force.until(end))
         return record._replace(d=jnp.where(record.inside(), jnp.asarray(traces), 0.0))
 
     def impacts(self, rows: Int[np.ndarray, " row"]) -> DecelerationRecord:

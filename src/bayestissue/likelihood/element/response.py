@@ -107,7 +107,8 @@ def response(
         )
     inside = True if record.contact.reach else record.inside()
     force = None if record.force is None else response(element, parameters, _at_force(record, record.force))
-    return Response(*(jnp.where(inside, part, 0.0) for part in (d, by_velocity, jerk)), force)
+    d, by_velocity, jerk = (jnp.where(inside, part, 0.0) for part in (d, by_velocity, jerk))
+    return Response(d, by_velocity, jerk, force)
 
 
 def _at_force(record: DecelerationRecord, force: ForceRows) -> DecelerationRecord:
