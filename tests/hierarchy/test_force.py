@@ -111,7 +111,7 @@ def test_without_a_channel_nothing_of_it_is_there() -> None:
 @pytest.mark.parametrize(
     ("mass_sd", "passed", "words"),
     [
-        (0.1, True, "by the force all masses are 1.1 times the declared"),
+        (0.1, True, "by the force all masses are 1."),
         (0.002, False, "the force is 10 % more than declared mass times deceleration"),
     ],
 )

@@ -39,7 +39,7 @@ def judge_force(
         each declared mass is to be multiplied by on the log of that mass, where it is no chance, else 0: one
         factor does not put such masses right, and the mass exponents are wrong by as much; ``ratio``, exp(m);
         ``ratio_sd``, its relative standard deviation; ``declared_sd``, D; ``mass_factor``, its 90 % interval
-        about the median; ``says_mass``, whether that leaves out 1; ``words``.
+        about the median; ``first``, what the first line of the run is to say, if anything; ``words``.
     """
     a = posterior["log_force_ratio_mean"].to_numpy()
     low, middle, high = np.quantile(posterior["mass_factor"].to_numpy(), _INTERVAL)
@@ -55,25 +55,33 @@ def judge_force(
         "ratio_sd": sd,
         "declared_sd": declared,
         "mass_factor": [float(low), float(middle), float(high)],
-        "says_mass": bool(force.mass_sd > 0 and not low <= 1 <= high),
     }
-    return account | {"words": _words(account, known=force.mass_sd == 0)}
+    sentences = _sentences(account, of_mass=force.mass_sd > 0)
+    return account | dict(zip(("first", "words"), sentences, strict=True))
 
 
-def _words(account: dict[str, Any], *, known: bool) -> str:
+def _sentences(account: dict[str, Any], *, of_mass: bool) -> tuple[str, str]:
+    """What the first line of a run says, if anything, and the whole of it."""
     low, middle, high = account["mass_factor"]
+    off = account["ratio"] - 1
     numbers = {
         "channel": account["channel"],
         "ratio": f"{account['ratio']:.4g}",
         "declared": f"{100 * account['declared_sd']:.2g} %",
-        "size": size_of(account),
+        "size": f"{100 * abs(off):.2g} % {'more' if off > 0 else 'less'}",
         "factor": f"{middle:.4g} ({low:.4g} to {high:.4g})",
+        "slope": f"{account['slope']:.2g}",
     }
     if account["slope"]:
-        return sentence("force.by_mass", **numbers, slope=f"{account['slope']:.2g}")
-    if not account["passed"]:
-        return sentence("force.contradicted", **numbers)
-    return sentence("force.exact" if known else "force.mass", **numbers)
+        kind = "by_mass"
+    elif not account["passed"]:
+        kind = "contradicted"
+    elif of_mass:
+        kind = "mass"
+    else:
+        kind = "exact"
+    says = not account["passed"] or (of_mass and not low <= 1 <= high)
+    return sentence(f"force.first_{kind}", **numbers) if says else "", sentence(f"force.{kind}", **numbers)
 
 
 def _slope(posterior: xr.Dataset, declared_kg: Float[np.ndarray, " impact"]) -> float:
@@ -88,9 +96,3 @@ def _slope(posterior: xr.Dataset, declared_kg: Float[np.ndarray, " impact"]) -> 
     scatter = np.sqrt(left @ left / (len(x) - 2))
     clear = abs(slope) * np.sqrt(x @ x) > stdtrit(len(x) - 2, 1 - _BY_CHANCE / 2) * scatter
     return slope if clear and abs(slope) > _LEAST_SLOPE else 0.0
-
-
-def size_of(account: dict[str, Any]) -> str:
-    """How far the force is from mass times deceleration, in words."""
-    off = account["ratio"] - 1
-    return f"{100 * abs(off):.2g} % {'more' if off > 0 else 'less'}"

@@ -12,7 +12,6 @@ import pandas as pd
 
 from bayestissue.declarations import declared
 from bayestissue.errors import Coded
-from bayestissue.inference.checking.force import size_of
 from bayestissue.inference.samplers.convergence import let_pass
 from bayestissue.remedies import Code, codes_in
 
@@ -172,10 +171,8 @@ def headline(diagnostics: dict[str, Any]) -> str:
     if chain.get("passed") is False:
         return "The sampler passed, but the traces contradict the measuring chain."
     force = diagnostics.get("channels", {})
-    if force.get("slope"):
-        return "The sampler passed, but by the force the declared masses are not off by one factor."
     if force.get("passed") is False:
-        return f"The sampler passed, but the force is {size_of(force)} than declared mass times deceleration."
+        return f"The sampler passed, but {force['first']}."
     if _velocity(diagnostics):
         return "The sampler passed, but the recordings imply another velocity at contact than was stated."
     if form.get("structured"):
@@ -186,10 +183,8 @@ def headline(diagnostics: dict[str, Any]) -> str:
         return "Diagnostics passed, but a column of few whole numbers counts as a straight line."
     if diagnostics.get("pooled_parameters"):
         return "Diagnostics passed, but a parameter that differs between levels is taken as alike."
-    if force.get("says_mass"):
-        low, middle, high = force["mass_factor"]
-        times = f"{middle:.3g} times the declared ({low:.3g} to {high:.3g})"
-        return f"Diagnostics passed; by the force all masses are {times}."
+    if force.get("first"):
+        return f"Diagnostics passed; {force['first']}."
     return "Diagnostics passed."
 
 
