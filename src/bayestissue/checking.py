@@ -21,6 +21,7 @@ from bayestissue.report.recordings_pages import check_page, kinds, quality_table
 from bayestissue.results.tables import table_of_rows
 from bayestissue.signal import Displacements, displacements
 from bayestissue.signal.displacement import FEWEST_SAMPLES
+from bayestissue.signal.force import Force, force_beside
 from bayestissue.signal.quality import Finding, inspect, raised
 from bayestissue.signal.quality.low_pass import suspected
 
@@ -38,6 +39,7 @@ class Check(Outlined):
         quality: one row per impact: see `bayestissue.report.recordings_pages.quality_table`.
         warnings: what looks odd: of reading, of the signal chain, and of the detectors of spoilt recordings.
         findings: what those detectors found: see `bayestissue.signal.quality.inspect`.
+        force: a force that was recorded beside the decelerations, against mass times deceleration.
     """
 
     dataset: Dataset
@@ -45,12 +47,14 @@ class Check(Outlined):
     quality: pd.DataFrame
     warnings: tuple[Problem, ...]
     findings: Sequence[Finding] = ()
+    force: Force | None = None
 
     def _outline(self) -> tuple[str, Rows]:
         rows = [
             ("impacts", str(len(self.quality))),
             ("time to peak", span(self.quality["time_to_peak_s"] * 1e3, "ms")),
             ("noise over peak", span(self.quality["noise_to_peak"], "")),
+            *([("force", self.force.words)] if self.force else []),
             *(("warning", short(str(group[0]), 200)) for group in kinds(self.warnings)),
             *(("note", short(words, 200)) for words in self.notes),
             ("more in", ".quality, .problems, .page()"),
@@ -94,7 +98,12 @@ class Check(Outlined):
     def page(self) -> str:
         """The HTML of the page with a panel for each impact."""
         return check_page(
-            self.dataset, self.signal, self.quality, verdict=self.verdict, warnings=self.warnings
+            self.dataset,
+            self.signal,
+            self.quality,
+            verdict=self.verdict,
+            warnings=self.warnings,
+            force=self.force,
         )
 
 
@@ -107,8 +116,10 @@ def check(dataset: Dataset | str | Path) -> Check:
     dataset = as_dataset(dataset)
     signal = displacements(dataset)
     findings = inspect(dataset)
-    warnings = (*dataset.warnings, *_raised(dataset, signal, findings))
-    return Check(dataset, signal, quality_table(dataset, signal, warnings), warnings, findings)
+    force = force_beside(dataset, signal)
+    warnings = (*dataset.warnings, *_raised(dataset, signal, findings), *_disagreement(force))
+    quality = quality_table(dataset, signal, warnings, force)
+    return Check(dataset, signal, quality, warnings, findings, force)
 
 
 def _raised(data: Dataset, signal: Displacements, findings: Sequence[Finding]) -> Iterator[Problem]:
@@ -124,6 +135,23 @@ def _raised(data: Dataset, signal: Displacements, findings: Sequence[Finding]) -
         yield from (wrong(value=value, impact=impact) for impact, value in pairs if value)
     if data.recorder is None and data.quantity != "displacement":
         yield from _undeclared(names, signal)
+
+
+def _disagreement(force: Force | None) -> Iterator[Problem]:
+    """A force that mass times deceleration contradicts, with the size of what must be wrong."""
+    if force is None or not force.contradicts:
+        return
+    ratio = force.common[0]
+    yield Problem.stated(
+        "channels-disagree",
+        "recording",
+        column=force.channel.name,
+        value=f"{ratio:.4g} M a",
+        declared=f"{force.declared_sd:.2g}",
+        size=f"{100 * abs(ratio - 1):.2g} %",
+        mass="more" if ratio > 1 else "less",
+        reads="much" if ratio > 1 else "little",
+    )
 
 
 def _undeclared(names: pd.Series, signal: Displacements) -> Iterator[Problem]:

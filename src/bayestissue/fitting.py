@@ -28,10 +28,11 @@ from bayestissue.hierarchy.untried import untried
 from bayestissue.inference.answers.agreement import agreement
 from bayestissue.inference.chain.results import ChainEnd
 from bayestissue.inference.checking import model_form
+from bayestissue.inference.checking.force import judge_force
 from bayestissue.inference.checking.measuring_chain import judge
 from bayestissue.inference.factors.expansions import expanded
 from bayestissue.inference.fit import Say, TraceAnalysis, fit_traces
-from bayestissue.inference.points.notes import clipped_recordings, flagged_recordings
+from bayestissue.inference.points.notes import clipped_recordings, flagged_recordings, unused_channels
 from bayestissue.inference.results.meanings import COLUMNS, symbols
 from bayestissue.inference.samplers.diagnostics import headline, noted, verdict_in_words, warnings
 from bayestissue.settings import read_text
@@ -327,6 +328,12 @@ def fit_prepared(
     names, limited = prepared.impacts["impact"].astype(str).tolist(), prepared.signal.clipped.any(axis=1)
     if clipped := clipped_recordings(names, limited.tolist()):
         diagnostics["clipped"] = clipped
+    if dataset.channels:
+        diagnostics["channels"] = (
+            judge_force(prepared.force, analysis.tree["posterior"].dataset, prepared.signal.mass)
+            if prepared.force
+            else {"words": unused_channels(dataset.channels, prepared.force_unused)}
+        )
     analysis = replace(analysis, diagnostics=diagnostics, summary=summary)
     return finished_fit(dataset, specification, prepared, analysis, points, seed, start.time, start.seconds)
 
@@ -444,9 +451,14 @@ def _provenance(
             "headline": Words(data.words)(headline(diagnostics)),
             "words": Words(data.words)(verdict_in_words(diagnostics)),
             "warned": bool(warnings(diagnostics)),
-            "remarks": Words(data.words)(diagnostics.get("clipped", {}).get("words", "")),
+            "remarks": Words(data.words)(" ".join(_remarks(diagnostics))),
         },
     }
+
+
+def _remarks(diagnostics: dict[str, Any]) -> list[str]:
+    """What is not wrong, but should be known beside a verdict that passed."""
+    return [diagnostics[key]["words"] for key in ("clipped", "channels") if key in diagnostics]
 
 
 def _kept_of_impacts(tree: xr.DataTree) -> dict[str, Any]:

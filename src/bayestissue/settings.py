@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -71,11 +72,18 @@ def parse_toml(text: str, file: str) -> dict[str, Any]:
 
 
 def row_of(text: str, key: Sequence[str]) -> int | None:
-    """The row of TOML text in which a key, or the table of that name, stands; None if it isn't found."""
+    """The row of TOML text in which a key, or the table of that name, stands; None if it isn't found.
+
+    A table of a list has its number behind the list's name: ``("channel", "0", "unit")``.
+    """
     table: tuple[str, ...] = ()
+    count: Counter[str] = Counter()
     for number, line in enumerate(text.splitlines(), start=1):
         here = None
-        if header := re.match(r"\s*\[\s*([^\]]+?)\s*\]", line):
+        if header := re.match(r"\s*\[\[\s*([^\]]+?)\s*\]\]", line):
+            here = table = (*_parts(header[1]), str(count[header[1]]))
+            count[header[1]] += 1
+        elif header := re.match(r"\s*\[\s*([^\]]+?)\s*\]", line):
             here = table = _parts(header[1])
         elif entry := re.match(r"\s*([^=#]+?)\s*=", line):
             here = table + _parts(entry[1])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pandas as pd
@@ -26,6 +26,9 @@ class Lab:
     gravity: float = 0.0
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
     contact: Contact | None = None
+
+    def part(self, rows: slice) -> Lab:
+        return replace(self, impacts=self.impacts.iloc[rows], traces=self.traces[rows])
 
 
 @dataclass

@@ -260,3 +260,39 @@ def test_a_recorders_low_pass_takes_the_true_motion_and_leaves_noise_white(recor
     expected = value[first[0] : first[0] + samples]
     slope = np.abs(np.diff(value)).max()
     np.testing.assert_allclose(found.d[0], expected, atol=slope / 64 + 1e-3 * value.max())
+
+
+FORCE = {"noise_sd_N": 0.02, "offset_sd_N": 0.5, "relative_gain_sd": 0.02, "tip_mass_kg": 0.05}
+
+
+def test_a_force_beside_the_deceleration_changes_nothing_else_of_a_campaign():
+    plain = simulate(specification(subjects=2, recording={"noise_sd_m_s2": 0.5}))
+    both = simulate(specification(subjects=2, recording={"noise_sd_m_s2": 0.5, "force": FORCE}))
+    np.testing.assert_array_equal(plain.value, both.value)
+    assert both.truth[list(plain.truth)].equals(plain.truth)
+
+
+def test_a_recorded_force_is_that_on_the_mass_behind_the_tip():
+    made = specification(subjects=2, recording={"force": FORCE, "mass_factor": 1.1})
+    campaign = simulate(made)
+    assert campaign.truth["mass_kg"].to_numpy() == pytest.approx(1.1 * campaign.impacts["mass_kg"].to_numpy())
+    # One sensor has one gain, and another zero in every impact.
+    assert campaign.truth["force_gain"].nunique() == 1
+    assert campaign.truth["force_offset_N"].nunique() == len(campaign.truth)
+    for row, truth in campaign.truth.iterrows():
+        ends = np.cumsum(campaign.n_samples)
+        force = campaign.force[ends[row] - campaign.n_samples[row] : ends[row]]
+        expected = truth.force_gain * (truth.mass_kg - 0.05) * rows(campaign, row)[1] + truth.force_offset_N
+        # 0.02 N of noise: five standard deviations.
+        assert np.abs(force - expected).max() < 0.1
+
+
+def test_a_campaign_with_a_force_is_read_with_it(tmp_path):
+    made = specification(subjects=2, recording={"force": FORCE})
+    campaign = simulate(made)
+    write_campaign(tmp_path / "made", campaign, made)
+    read, direct = read_dataset(tmp_path / "made"), campaign.dataset("made")
+    for (one,), (other,) in ((read.channels, direct.channels),):
+        assert (one.tip_mass_kg, one.relative_gain_sd) == (other.tip_mass_kg, other.relative_gain_sd)
+        for mine, theirs in zip(one.traces, other.traces, strict=True):
+            np.testing.assert_allclose(mine.value, theirs.value, rtol=1e-12)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -217,8 +216,7 @@ class DatasetView(DropsView):
         number = list(self._rows.index).index(impact) if impact in self._rows.index else None
         if number is None:
             raise KeyError(impact)
-        part = slice(number, number + 1)
-        one = replace(self.data, impacts=self.data.impacts.iloc[part], traces=self.data.traces[part])
+        one = self.data.part(slice(number, number + 1))
         return {"impact": impact, "study": {}, "trace": trace(impact_of(one))}
 
     def act(self, action: str, content: dict[str, Any]) -> None:

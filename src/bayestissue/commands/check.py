@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from bayestissue.checking import Check
+    from bayestissue.signal.force import Force
 
 
 def run(
@@ -58,7 +59,21 @@ def _plain(checked: Check) -> dict[str, Any]:
         "left_out": [problem.as_dict() for problem in data.left_out],
         "warnings": [problem.as_dict() for problem in checked.warnings],
         "notes": checked.notes,
+        **({"force": _plain_force(checked.force)} if checked.force else {}),
         "quality": json.loads(checked.quality.to_json(orient="records")),
+    }
+
+
+def _plain_force(force: Force) -> dict[str, Any]:
+    (ratio, scatter), (lag, lag_sd) = force.common, force.common_lag
+    return {
+        "channel": force.channel.name,
+        "ratio": ratio,
+        "ratio_sd": force.total_sd,
+        "ratio_scatter": scatter,
+        "lag_s": lag,
+        "lag_sd_s": lag_sd,
+        "contradicts": force.contradicts,
     }
 
 
@@ -94,6 +109,8 @@ def _summary(checked: Check) -> list[tuple[str, str]]:
             f"{len(impacts)}; subjects: {impacts['subject'].nunique()}, trials: {impacts['trial'].nunique()}",
         ),
         ("recorded", data.quantity),
+        *([("further channel", str(channel)) for channel in data.channels]),
+        *([("force", checked.force.words)] if checked.force else []),
         *([("gravity along the motion", f"{data.gravity:.4g} m/s²")] if data.gravity else []),
         *([("low-pass", str(data.recorder)), ("noise entered", _entry(checked))] if data.recorder else []),
         *([("contact", checked.signal.phase.words)] if data.quantity != "displacement" else []),

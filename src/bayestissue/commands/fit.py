@@ -129,12 +129,9 @@ def _without_short(data: Dataset, specification: ModelSpecification, source: str
     keep = np.flatnonzero(~data.impacts["impact"].isin(short))
     if not problems or not len(keep):
         return data
-    return replace(
-        data,
-        impacts=data.impacts.iloc[keep].reset_index(drop=True),
-        traces=[data.traces[i] for i in keep],
-        left_out=(*data.left_out, *problems),
-    )
+    kept = data.part(keep.tolist())
+    impacts, left_out = kept.impacts.reset_index(drop=True), (*data.left_out, *problems)
+    return replace(kept, impacts=impacts, left_out=left_out)
 
 
 def _say_what_is_told(prepared: Prepared, nouns: Words) -> list[Code]:

@@ -7,6 +7,8 @@ from typing import Any, Literal
 
 Quantity = Literal["deceleration", "acceleration", "displacement"]
 Contact = Literal["between", "on_sample"]
+ChannelQuantity = Literal["force"]
+Place = Literal["impactor", "base"]
 STANDARD_GRAVITY = 9.80665
 
 

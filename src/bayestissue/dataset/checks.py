@@ -43,16 +43,25 @@ def check_recordings(recordings: Recordings) -> Findings:
     finds. An impact with an error of one of these kinds is not looked at for the next: it would only raise a
     false alarm.
     """
+    problems, recordings = check_samples(recordings)
+    if not recordings.name.size:
+        return Findings(problems, [])
+    with np.errstate(all="ignore"):
+        moving = motion(recordings.samples, recordings.quantity, recordings.gravity)
+        problems += _movement_problems(recordings, moving)
+        return Findings(problems, [*_same_recordings(recordings), *_movement_warnings(recordings, moving)])
+
+
+def check_samples(recordings: Recordings) -> tuple[list[Problem], Recordings]:
+    """What is wrong with samples and clocks, of whatever was recorded, and the recordings without it."""
     problems: list[Problem] = []
     with np.errstate(all="ignore"):
         for look in (_sample_problems, _clock_problems):
             problems += look(recordings)
             recordings = recordings.without(problems)
             if not recordings.name.size:
-                return Findings(problems, [])
-        moving = motion(recordings.samples, recordings.quantity, recordings.gravity)
-        problems += _movement_problems(recordings, moving)
-        return Findings(problems, [*_same_recordings(recordings), *_movement_warnings(recordings, moving)])
+                break
+    return problems, recordings
 
 
 def _sample_problems(recordings: Recordings) -> Iterator[Problem]:

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from jaxtyping import Float64, Int8
 
 from bayestissue.dataset.cells import FILE as IMPACTS
-from bayestissue.dataset.chain import Contact, Quantity, Recorder, Uncertainty
+from bayestissue.dataset.chain import ChannelQuantity, Contact, Place, Quantity, Recorder, Uncertainty
 from bayestissue.errors import Problem
 from bayestissue.outline import Outlined, Rows, counted, short, span
 
@@ -35,6 +36,45 @@ class Trace:
 
     def __repr__(self) -> str:
         return f"Trace of {counted(len(self.time_s), 'sample')}, {span(self.time_s, 's')}"
+
+
+@dataclass(frozen=True, eq=False)
+class Channel:
+    """A further channel of the same impacts, as ``[[channel]]`` of ``dataset.toml`` declares it.
+
+    A force F is that on what lies behind the sensor: of an impactor of mass M with the sensor behind a tip of
+    mass m, F = (M - m) d; below the tissue, F = M d. d is the deceleration that `Dataset.traces` have, which
+    along gravity is force over mass.
+
+    Attributes:
+        name: what pages and messages call it.
+        quantity: what was recorded.
+        place: where: "impactor" or "base".
+        traces: the recordings, in the order of the dataset's impacts, on the first channel's clock; a force
+            in N, positive while the impactor slows.
+        relative_gain_sd: standard deviation of its sensitivity, as a fraction of it; one error for all
+            impacts.
+        tip_mass_kg: m.
+    """
+
+    name: str
+    quantity: ChannelQuantity
+    place: Place
+    traces: list[Trace]
+    relative_gain_sd: float = 0.0
+    tip_mass_kg: float = 0.0
+
+    def part(self, rows: slice | list[int]) -> Channel:
+        """Of some of the impacts."""
+        return replace(self, traces=_of(self.traces, rows))
+
+    def __str__(self) -> str:
+        behind = f", behind a tip of {self.tip_mass_kg:g} kg" if self.tip_mass_kg else ""
+        return f"{self.name}: {self.quantity} at the {self.place}{behind}"
+
+
+def _of(traces: list[Trace], rows: slice | list[int]) -> list[Trace]:
+    return traces[rows] if isinstance(rows, slice) else [traces[row] for row in rows]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -67,6 +107,7 @@ class Dataset(Outlined):
         contact: where contact falls, "between" samples or "on_sample"; None where nothing was declared.
         table: what messages call the table that ``impacts`` was read from.
         rows: of each impact, by its name, the row there; none where it was read from no table.
+        channels: further channels of the same impacts.
     """
 
     name: str
@@ -89,6 +130,16 @@ class Dataset(Outlined):
     contact: Contact | None = None
     table: str = IMPACTS
     rows: Mapping[str, int] = field(default_factory=dict)
+    channels: tuple[Channel, ...] = ()
+
+    def part(self, rows: slice | list[int]) -> Dataset:
+        """The dataset of some of its impacts, by their position."""
+        return replace(
+            self,
+            impacts=self.impacts.iloc[rows],
+            traces=_of(self.traces, rows),
+            channels=tuple(channel.part(rows) for channel in self.channels),
+        )
 
     def cell(self, key: str, impact: str, column: str, value: object, **numbers: object) -> Problem:
         """What is wrong with a cell of the table of impacts, with its row there.
@@ -138,22 +189,22 @@ class Dataset(Outlined):
             settings["signal"] |= {"limit": float(min(limits))}
         if self.recorder is not None:
             settings["recorder"] = self.recorder.settings()
-        count = [len(trace.time_s) for trace in self.traces]
-        traces = pd.DataFrame(
-            {
-                "impact": pd.Categorical.from_codes(
-                    np.repeat(np.arange(len(count)), count), pd.Index(self.impacts["impact"])
-                ),
-                "time_s": np.concatenate([trace.time_s for trace in self.traces]),
-                "value": np.concatenate([trace.value for trace in self.traces]),
-            }
-        )
+        names = pd.Index(self.impacts["impact"])
+        further = {
+            f"{channel.quantity}.csv.gz": long_table(names, channel.traces) for channel in self.channels
+        }
+        if further:
+            settings["channel"] = [
+                channel_settings(channel) | {"file": file}
+                for channel, file in zip(self.channels, further, strict=True)
+            ]
+        traces = long_table(names, self.traces)
         impacts, folder = self.impacts.drop(columns="trace", errors="ignore"), Path(path)
         with (
             claim(folder, overwrite=overwrite, command="write", inputs=(self.folder,)) as target,
             target.folder() as staging,
         ):
-            write_dataset(staging, settings=settings, impacts=impacts, traces=traces)
+            write_dataset(staging, settings=settings, impacts=impacts, traces=traces, further=further)
         return folder
 
     def _outline(self) -> tuple[str, Rows]:
@@ -169,6 +220,7 @@ class Dataset(Outlined):
                 "recorded",
                 f"{self.quantity}, {span(count, 'samples each')}, {span(1 / np.array(steps), 'Hz')}",
             ),
+            *(("further channel", str(channel)) for channel in self.channels),
             *([("low-pass", str(self.recorder))] if self.recorder else []),
             *([("gravity along the motion", f"{self.gravity:.4g} m/s²")] if self.gravity else []),
             *([("impactor", "a headform")] if self.headform else []),
@@ -176,3 +228,22 @@ class Dataset(Outlined):
             ("velocity", span(self.impacts["velocity_m_s"], "m/s")),
         ]
         return f"Dataset {short(self.name)}", [*rows, *([("look at", ", ".join(said))] if said else [])]
+
+
+def long_table(impacts: pd.Index, traces: Sequence[Trace]) -> pd.DataFrame:
+    """All samples in one table: ``impact``, ``time_s`` and ``value``."""
+    count = [len(trace.time_s) for trace in traces]
+    return pd.DataFrame(
+        {
+            "impact": pd.Categorical.from_codes(np.repeat(np.arange(len(count)), count), impacts),
+            "time_s": np.concatenate([trace.time_s for trace in traces]),
+            "value": np.concatenate([trace.value for trace in traces]),
+        }
+    )
+
+
+def channel_settings(channel: Channel) -> dict[str, Any]:
+    """The keys of a table ``[[channel]]``, but for where its values stand."""
+    known = {"relative_gain_sd": channel.relative_gain_sd, "tip_mass_kg": channel.tip_mass_kg}
+    stated = {"name": channel.name, "quantity": channel.quantity, "place": channel.place, "unit": "N"}
+    return stated | {name: value for name, value in known.items() if value}

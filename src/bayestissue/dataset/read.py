@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from bayestissue.dataset.channels import checked_channel, declared, read_channels
 from bayestissue.dataset.checks import check_recordings, stated_problems
 from bayestissue.dataset.impacts import FILE as IMPACTS
 from bayestissue.dataset.impacts import ImpactTable, read_impacts
@@ -64,14 +65,23 @@ def _read(folder: Path, impacts: Path, *, skip_bad: bool, whole: bool) -> Datase
     settings, table = _tables(folder, impacts)
     with along_with(table.problems):
         reading = _reading(folder, table, settings.signal)
+        further = read_channels(folder, table, settings)
         by_hand = LeftOut({}) if whole else read_left_out(folder, table.table["impact"])
     files = [folder / SETTINGS, impacts, *reading.files]
+    files += [path for one in further for path in one.files if path not in files]
     whole_hash = hashed = content_hash(files)
     if not whole and (folder / LEFT_OUT).exists():
         hashed = content_hash([*files, folder / LEFT_OUT])
     reading = replace(reading, problems=[*table.problems, *reading.problems])
     data = checked_dataset(
-        settings, table, reading, skip_bad=skip_bad, folder=folder, input_hash=hashed, by_hand=by_hand
+        settings,
+        table,
+        reading,
+        further,
+        skip_bad=skip_bad,
+        folder=folder,
+        input_hash=hashed,
+        by_hand=by_hand,
     )
     return replace(data, whole_hash=whole_hash)
 
@@ -103,6 +113,7 @@ def checked_dataset(
     settings: Settings,
     table: ImpactTable,
     reading: Reading,
+    further: Sequence[Reading] = (),
     *,
     skip_bad: bool,
     folder: Path | None,
@@ -115,6 +126,7 @@ def checked_dataset(
         settings: what ``dataset.toml`` says.
         table: the impacts.
         reading: the recordings, and what is wrong so far with the impacts and with them.
+        further: those of each further channel.
         skip_bad: see `read_dataset`.
         folder: where it was read from, if from one.
         input_hash: of what was read.
@@ -143,6 +155,11 @@ def checked_dataset(
     problems = [p for p in (*reading.problems, *outside) if p.impact not in by_hand.by_impact]
     problems += findings.problems
     problems += stated_problems(recordings.without(problems))
+    channels = [
+        checked_channel(channel, one, impacts, signal, recordings.without(problems))
+        for channel, one in zip(settings.channel, further, strict=True)
+    ]
+    problems += [p for one in channels for p in one.problems if p.impact not in by_hand.by_impact]
     if problems and (not skip_bad or any(problem.impact is None for problem in problems)):
         raise InputError(problems)
     problems = [*chosen, *problems]
@@ -155,7 +172,7 @@ def checked_dataset(
         name=settings.name,
         description=settings.description,
         impacts=impacts[keep].reset_index(drop=True),
-        traces=_traces(samples, keep),
+        traces=traces_of(samples, keep),
         warnings=tuple(warning for warning in warnings if warning.impact not in bad),
         left_out=tuple(problems),
         folder=folder,
@@ -166,6 +183,10 @@ def checked_dataset(
         words=settings.words.values(),
         contact=signal.contact,
         rows=dict(zip(impacts["impact"], map(int, table.row), strict=True)),
+        channels=tuple(
+            declared(channel, traces_of(one.samples, keep))
+            for channel, one in zip(settings.channel, channels, strict=True)
+        ),
         **chain,
     )
 
@@ -210,7 +231,8 @@ def _refuse_none_left(problems: list[Problem], table: ImpactTable) -> None:
         raise InputError([*problems, Problem.stated("none-left", IMPACTS, value="none left")])
 
 
-def _traces(samples: Samples, keep: np.ndarray) -> list[Trace]:
+def traces_of(samples: Samples, keep: np.ndarray) -> list[Trace]:
+    """The recordings of the impacts that are kept."""
     bounds = zip(samples.impact, samples.begin, samples.end, samples.limited, strict=True)
     parts = [(slice(begin, end), limited) for impact, begin, end, limited in bounds if keep[impact]]
     clipped = np.zeros(samples.time.size, np.int8) if samples.clipped is None else samples.clipped

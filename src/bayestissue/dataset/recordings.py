@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -63,6 +63,30 @@ def _rounded(time: Float64[np.ndarray, " sample"], step: float) -> bool:
         if (np.abs(ticks - np.rint(ticks)) < 1e-6 * np.maximum(np.abs(ticks), 1.0)).all():
             return bool(np.ptp(left) < 1.1 * last < 0.45 * step)
     return False
+
+
+def beside(
+    time: Float64[np.ndarray, " sample"],
+    owner: Int[np.ndarray, " sample"],
+    other_time: Float64[np.ndarray, " other"],
+    other_value: Float64[np.ndarray, " other"],
+    other_owner: Int[np.ndarray, " other"],
+) -> Float64[np.ndarray, " sample"]:
+    """Values of other recordings at these times, between their samples in proportion, of all impacts at once.
+
+    Beyond the ends of a recording they are its last value or, far beyond, another one's.
+
+    Args:
+        time: s.
+        owner: which recording each is to be taken of.
+        other_time: of the other samples, s, rising in each recording.
+        other_value: of the other samples.
+        other_owner: which recording each is of, in order.
+    """
+    # End to end on one axis of time.
+    least = min(time.min(), other_time.min())
+    width = 2 * (max(time.max(), other_time.max()) - least) + 1.0
+    return np.interp(time - least + width * owner, other_time - least + width * other_owner, other_value)
 
 
 @dataclass(frozen=True, eq=False)
@@ -324,8 +348,17 @@ class Recordings:
 
     def without(self, problems: list[Problem]) -> Recordings:
         """The recordings of impacts that none of the problems concerns."""
-        bad = {problem.impact for problem in problems}
-        keep = np.array([name not in bad for name in self.name], dtype=bool)
+        return self._only(~self._among(problem.impact for problem in problems))
+
+    def of(self, names: Iterable[str]) -> Recordings:
+        """The recordings of these impacts."""
+        return self._only(self._among(names))
+
+    def _among(self, names: Iterable[str | None]) -> Bool[np.ndarray, " impact"]:
+        wanted = set(names)
+        return np.array([name in wanted for name in self.name], dtype=bool)
+
+    def _only(self, keep: Bool[np.ndarray, " impact"]) -> Recordings:
         return replace(
             self,
             samples=self.samples.only(keep),

@@ -6,14 +6,16 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from bayestissue.dataset.chain import (
     STANDARD_GRAVITY,
     Applied,
+    ChannelQuantity,
     Contact,
     FilterKind,
     NoiseEntry,
+    Place,
     Quantity,
     Recorder,
     SaeClass,
@@ -36,6 +38,8 @@ MOST_POLES = 8
 DIMENSIONS: dict[str, Dimension] = {
     "deceleration": "acceleration", "acceleration": "acceleration", "displacement": "length",
 }  # fmt: skip
+# The same of a further channel.
+CHANNEL_DIMENSIONS: dict[str, Dimension] = {"force": "force"}
 _GRAVITIES = {"none": 0.0, "drop": STANDARD_GRAVITY}
 
 
@@ -64,10 +68,27 @@ def _fraction(value: float) -> float:
     return value
 
 
+def _listed(value: Any) -> Any:
+    """A list of a TOML file as the tuple that a strict table asks for."""
+    return tuple(value) if isinstance(value, list) else value
+
+
+def _one(channels: tuple[Any, ...]) -> tuple[Any, ...]:
+    if len(channels) > 1:
+        raise ValueError("one table [[channel]]: a force beside the first channel")
+    return channels
+
+
 def _stretch(ends: list[float]) -> list[float]:
     if len(ends) != 2 or not ends[0] < ends[1]:
         raise ValueError("two numbers [start, stop], the first the smaller")
     return ends
+
+
+def _table_name(value: str) -> str:
+    if Path(value).name != value or not value.endswith((".csv", ".csv.gz", ".xlsx", ".parquet")):
+        raise ValueError("the name of a .csv, .csv.gz, .xlsx or .parquet file in the dataset's folder")
+    return value
 
 
 Name = Annotated[str, Field(min_length=1)]
@@ -145,7 +166,7 @@ class SignalSettings(Stated):
     @property
     def dimension(self) -> Dimension:
         """What ``unit`` has to measure."""
-        return DIMENSIONS[self.quantity]
+        return (DIMENSIONS | CHANNEL_DIMENSIONS)[self.quantity]
 
     @property
     def gravity_m_s2(self) -> float:
@@ -166,6 +187,68 @@ class SignalSettings(Stated):
             return None
         limit = self.limit * to_si(self.unit, self.dimension)
         return self.below_force - limit, self.below_force + limit
+
+
+class ChannelSettings(_Table):
+    """A table ``[[channel]]``: a further channel of the same impacts; ``[signal]`` is the first."""
+
+    name: Annotated[Name, Field(max_length=40), AfterValidator(_plain)] = Field(
+        description="what pages and messages call it."
+    )
+    quantity: ChannelQuantity = Field(
+        description="what it recorded. force: positive while the impactor slows."
+    )
+    place: Place = Field(
+        description="where the sensor is: impactor (between the impactor and its tip), or base (below the "
+        "tissue)."
+    )
+    unit: Name = Field(description="the unit of its values after scale and offset: N, kN ...")
+    file: Annotated[Name, AfterValidator(_table_name)] | None = Field(
+        default=None,
+        description="a long table of its own in the dataset's folder, such as force.csv; left out, its "
+        "values stand beside those of the first channel, in the same table or files.",
+    )
+    value_column: Name | None = Field(
+        default=None,
+        description="the column, channel or variable with its values; value in a file of its own.",
+    )
+    scale: Annotated[Finite, AfterValidator(_not_zero)] = Field(
+        default=1.0, description="raw values are multiplied by it; not 0."
+    )
+    offset: Finite = Field(default=0.0, description="is added to them after that.")
+    time_offset_s: Finite = Field(
+        default=0.0,
+        description="is added to its times, in s: they are then those of the first channel's clock.",
+    )
+    relative_gain_sd: Fraction = Field(
+        default=0.0, description="of its sensitivity, as a fraction of it, below 0.5; one for all impacts."
+    )
+    tip_mass_kg: Spread = Field(
+        default=0.0,
+        description="what of the mass in impacts.csv lies between an impactor's sensor and the tissue: the "
+        "sensor reads the force on the rest.",
+    )
+
+    @model_validator(mode="after")
+    def _somewhere(self) -> Self:
+        if self.file is None and self.value_column is None:
+            raise ValueError("value_column, or file, which say where its values are")
+        if self.tip_mass_kg and self.place != "impactor":
+            raise ValueError('tip_mass_kg only beside place = "impactor"')
+        return self
+
+    def as_signal(self, first: SignalSettings) -> SignalSettings:
+        """The settings by which its recordings are read: those of the first channel but for its own."""
+        own: dict[str, Any] = {
+            "quantity": self.quantity,
+            "unit": self.unit,
+            "value_column": self.value_column or SignalSettings.model_fields["value_column"].default,
+            "scale": self.scale,
+            "offset": self.offset,
+            "zero": "free_fall",
+            "limit": None,
+        }
+        return first.model_copy(update=own)
 
 
 class UncertaintySettings(_Table):
@@ -277,6 +360,9 @@ class Settings(_Table):
     licence: str = Field(default="", description="on what terms others may use it.")
     source: str = Field(default="", description="where it comes from.")
     signal: SignalSettings = Field(description="what was recorded and in which units.")
+    channel: Annotated[tuple[ChannelSettings, ...], BeforeValidator(_listed), AfterValidator(_one)] = Field(
+        default=(), description="a table [[channel]]: one further channel of the same impacts."
+    )
     uncertainty: UncertaintySettings = Field(
         default_factory=lambda: UncertaintySettings(),
         description="standard deviations of the measuring chain; a fit carries each into its intervals.",
@@ -324,7 +410,7 @@ def parse_settings(raw: dict[str, Any], text: str = "") -> Settings:
     problems: list[Problem] = []
     with collected(problems):
         settings = checked(raw, Settings, file=FILE, text=text)
-    refuse([*problems, *_unit_problems(raw.get("signal"), text)])
+    refuse([*problems, *_unit_problems(raw.get("signal"), text), *_channel_units(raw.get("channel"), text)])
     return settings
 
 
@@ -334,7 +420,22 @@ def _unit_problems(signal: Any, text: str) -> Iterator[Problem]:
     quantity = signal.get("quantity")
     wanted = {"time_unit": "time", "unit": DIMENSIONS.get(quantity) if isinstance(quantity, str) else None}
     for key, dimension in wanted.items():
-        unit = signal.get(key)
-        if dimension and isinstance(unit, str) and unit and not dimension_of(unit, [dimension]):
-            row, expected = row_of(text, ("signal", key)), EXAMPLES[dimension]
-            yield Problem.stated("unit.unknown", FILE, row, f"signal.{key}", unit, expected=expected)
+        if dimension:
+            yield from _wrong_unit("unknown", signal.get(key), dimension, ("signal", key), text)
+
+
+def _channel_units(channels: Any, text: str) -> Iterator[Problem]:
+    """The same of the tables ``[[channel]]``."""
+    for number, channel in enumerate(channels if isinstance(channels, list) else []):
+        channel = channel if isinstance(channel, dict) else {}
+        if dimension := CHANNEL_DIMENSIONS.get(str(channel.get("quantity"))):
+            key = ("channel", str(number), "unit")
+            yield from _wrong_unit("channel", channel.get("unit"), dimension, key, text)
+
+
+def _wrong_unit(
+    which: str, unit: Any, dimension: Dimension, key: tuple[str, ...], text: str
+) -> Iterator[Problem]:
+    if isinstance(unit, str) and unit and not dimension_of(unit, [dimension]):
+        row, expected = row_of(text, key), EXAMPLES[dimension]
+        yield Problem.stated(f"unit.{which}", FILE, row, ".".join(key), unit, expected=expected)

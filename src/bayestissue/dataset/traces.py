@@ -26,18 +26,19 @@ def find_long(folder: Path) -> list[Path]:
     return [folder / name for name in LONG_TABLES if (folder / name).exists()]
 
 
-def read_long(folder: Path, impacts: list[str], signal: SignalSettings) -> Reading:
+def read_long(folder: Path, impacts: list[str], signal: SignalSettings, file: str | None = None) -> Reading:
     """Read the one long table of all samples.
 
     Args:
         folder: the dataset's.
         impacts: the names in ``impacts.csv``, in order.
         signal: names of the columns, units, scale and offset.
+        file: the name of the table; one of `LONG_TABLES` unless given.
 
     Raises:
         InputError: there is no such table, or more than one, or it can't be read.
     """
-    paths = find_long(folder)
+    paths = find_long(folder) if file is None else [folder / file]
     if len(paths) > 1:
         listed = ", ".join(path.name for path in paths)
         raise InputError.stated("which-recordings.several", paths[0].name, value=listed)

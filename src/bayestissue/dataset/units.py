@@ -11,18 +11,20 @@ from typing import TYPE_CHECKING, Literal
 if TYPE_CHECKING:
     import pint
 
-Dimension = Literal["acceleration", "length", "time"]
+Dimension = Literal["acceleration", "length", "force", "time"]
 
 EXAMPLES: dict[Dimension, str] = {
     "acceleration": 'a unit of acceleration, such as "m/s^2", "g" or "mm/s^2"',
     "length": 'a unit of length, such as "m", "mm" or "µm"',
+    "force": 'a unit of force, such as "N", "kN" or "lbf"',
     "time": 'a unit of time, such as "s", "ms" or "µs"',
 }
-_SI: dict[Dimension, str] = {"acceleration": "m/s^2", "length": "m", "time": "s"}
+_SI: dict[Dimension, str] = {"acceleration": "m/s^2", "length": "m", "force": "N", "time": "s"}
 # Reading the definitions of all units takes a second: these need none.
 COMMON: dict[Dimension, dict[str, float]] = {
     "acceleration": {"m/s^2": 1.0, "m/s**2": 1.0, "mm/s^2": 1e-3, "g": 9.80665, "g_0": 9.80665},
     "length": {"m": 1.0, "mm": 1e-3, "µm": 1e-6, "um": 1e-6},
+    "force": {"N": 1.0, "kN": 1e3},
     "time": {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "us": 1e-6},
 }
 

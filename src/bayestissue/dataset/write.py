@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
@@ -24,6 +25,7 @@ def write_dataset(
     impacts: pd.DataFrame,
     traces: pd.DataFrame | None = None,
     trace_file: TraceFile = "traces.csv.gz",
+    further: Mapping[str, pd.DataFrame] | None = None,
 ) -> None:
     """Write ``dataset.toml``, ``impacts.csv`` and one long trace table; the same input gives the same bytes.
 
@@ -36,6 +38,8 @@ def write_dataset(
         traces: one row per sample: ``impact`` (text or categories), the time and the value column that
             the settings name (``time_s`` and ``value`` unless they say otherwise), in their units.
         trace_file: the name, and with it the format, of the trace table.
+        further: tables of further channels by the names of their files, with ``impact``, ``time_s`` and
+            ``value``.
 
     Raises:
         InputError: the settings are not those of a dataset.
@@ -48,13 +52,16 @@ def write_dataset(
     (folder / "dataset.toml").write_text(settings_text(settings), encoding="utf-8")
     impacts.to_csv(folder / "impacts.csv", index=False, lineterminator="\n")
     if traces is not None:
-        table = pa.Table.from_pandas(
-            traces[["impact", signal.time_column, signal.value_column]], preserve_index=False
+        beside = [channel["value_column"] for channel in settings.get("channel", ()) if "file" not in channel]
+        _write_table(
+            traces[["impact", signal.time_column, signal.value_column, *beside]], folder / trace_file
         )
-        _write_table(table.replace_schema_metadata(None), folder / trace_file)
+    for name, table in (further or {}).items():
+        _write_table(table, folder / name)
 
 
-def _write_table(table: pa.Table, path: Path) -> None:
+def _write_table(frame: pd.DataFrame, path: Path) -> None:
+    table = pa.Table.from_pandas(frame, preserve_index=False).replace_schema_metadata(None)
     if path.suffix == ".parquet":
         pq.write_table(table, path, compression="zstd", write_page_checksum=True)
         return
@@ -76,9 +83,13 @@ def settings_text(settings: dict[str, Any]) -> str:
     """``dataset.toml`` of these keys, tables as nested dictionaries."""
     stated = [key for key in Settings.model_fields if key in settings]
     tables = [key for key in stated if isinstance(settings[key], dict)]
-    lines = [_entry(key, settings[key]) for key in stated if key not in tables]
+    lists = [key for key in stated if isinstance(settings[key], list)]
+    lines = [_entry(key, settings[key]) for key in stated if key not in (*tables, *lists)]
     for table in tables:
         lines += ["", f"[{table}]", *(_entry(key, value) for key, value in settings[table].items())]
+    for key in lists:
+        for content in settings[key]:
+            lines += ["", f"[[{key}]]", *(_entry(name, value) for name, value in content.items())]
     return "\n".join(lines) + "\n"
 
 

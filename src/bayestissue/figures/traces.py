@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from typing import Any
 
@@ -125,7 +126,7 @@ def panels(
     x = number("time_ms", time, scale={"zero": False, "nice": False}, axis={"tickCount": 5})
     y = number("value", value, scale={"zero": False} | ({"domain": domain} if domain else {}))
     colour = colours(kinds, **{CONTACT: INK, TURN: MUTED, PEAK: INK})
-    dashes = iter((SOLID, DASHED, DOTTED))
+    dashes = itertools.cycle((SOLID, DASHED, DOTTED))
 
     def layer(kind: str) -> Specification:
         one: Specification = {"transform": [{"filter": {"field": "kind", "equal": kind}}]}
@@ -199,3 +200,23 @@ def lag_one(rows: pd.DataFrame, words: str) -> Figure:
         level([0.0], title),
     ]
     return Figure(layered(layers, 260), words, rows)
+
+
+def against(rows: pd.DataFrame, x: str, y: str, words: str) -> Figure:
+    """What was recorded against what another channel makes of it, a curve for each impact, over equality.
+
+    Args:
+        rows: ``impact``, ``number`` of the sample, ``expected`` and ``recorded``.
+        x: title of the axis of what is expected, with its unit.
+        y: title of the other.
+        words: what the figure shows.
+    """
+    ends = [float(limit(rows[["expected", "recorded"]].to_numpy())) for limit in (np.min, np.max)]
+    equal = pd.DataFrame({"expected": ends, "recorded": ends})
+    axes = {"x": number("expected", x), "y": number("recorded", y)}
+    curve = {**axes, "detail": name("impact"), "order": number("number")}
+    layers = [
+        mark("line", equal, axes, color=MUTED, strokeDash=DASHED),
+        mark("line", rows, curve, color=RECORDED, strokeWidth=1, opacity=0.7),
+    ]
+    return Figure(layered(layers, 280), words, rows)

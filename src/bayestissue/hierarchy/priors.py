@@ -221,6 +221,23 @@ class Priors(Table):
     sd_discrepancy: Scale = Field(
         default=half_normal(1.0), description="standard deviation between impacts of that."
     )
+    noise_force: Normal = Field(
+        default=normal(-10.0, 5.0),
+        description="mean over impacts of the log of the standard deviation of a force's noise, over mass, "
+        "as a fraction of the deceleration's peak. Of a dataset with a force beside the deceleration, as the "
+        "next three.",
+    )
+    sd_noise_force: Scale = Field(
+        default=half_normal(1.0), description="standard deviation between impacts of that."
+    )
+    log_force_ratio: Normal = Field(
+        default=normal(0.0, 0.3),
+        description="mean over impacts of the log of force over mass times deceleration, the errors of all "
+        "masses and of both gains together; what the dataset declares of these divides it.",
+    )
+    sd_log_force_ratio: Scale = Field(
+        default=half_normal(0.03), description="standard deviation between impacts of that."
+    )
     element: dict[str, ElementPrior] = Field(
         default={},
         description="the further parameters of a mechanical element, by name: log, the mean over impacts "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -21,6 +21,7 @@ from bayestissue.errors import InputError, Problem, along_with
 from bayestissue.hierarchy import SIDE_BY_SIDE
 from bayestissue.hierarchy.design import Design, build_design
 from bayestissue.hierarchy.effects import RESPONSES
+from bayestissue.hierarchy.force import PreparedForce, prepared_force
 from bayestissue.hierarchy.formulas.formula import terms_of
 from bayestissue.hierarchy.formulas.identifiability import missing
 from bayestissue.hierarchy.population import population_design
@@ -42,13 +43,25 @@ KINDS: tuple[Kind, ...] = ("arma", "a2", "impact")
 
 @dataclass(frozen=True)
 class Prepared:
-    """A fit ready to start."""
+    """A fit ready to start.
+
+    Attributes:
+        model: what is assumed.
+        data: the recordings.
+        design: the formulas over the impacts.
+        signal: the recordings over their windows.
+        impacts: their table.
+        force: recorded beside the decelerations, if the fit is of it too.
+        force_unused: else why not.
+    """
 
     model: TraceModel
     data: TraceData
     design: Design
     signal: Displacements
     impacts: pd.DataFrame
+    force: PreparedForce | None = None
+    force_unused: str = ""
 
 
 def prepare(dataset: Dataset, specification: ModelSpecification, *, source: str) -> Prepared:
@@ -78,7 +91,28 @@ def prepare(dataset: Dataset, specification: ModelSpecification, *, source: str)
     problems = too_short(dataset, signal, source)
     if problems:
         raise InputError(problems)
-    return assemble(dataset, specification, design, signal)
+    force = _force(dataset, specification, signal) if dataset.channels else None
+    if isinstance(force, str):
+        return replace(assemble(dataset, specification, design, signal), force_unused=force)
+    return assemble(dataset, specification, design, signal, force)
+
+
+def _force(dataset: Dataset, specification: ModelSpecification, signal: Displacements) -> PreparedForce | str:
+    """The force beside the decelerations, or why the fit can't be of it."""
+    if specification.likelihood != "impact":
+        return f"the likelihood {specification.likelihood} has no place for it"
+    for wrong, words in (
+        (dataset.recorder is not None, "the deceleration went through a declared low-pass"),
+        (specification.noise != "white", "the model's noise is autoregressive"),
+        (specification.discrepancy == "always", "the model has a discrepancy"),
+        (
+            not element(specification.element).jumps or signal.blurred.any(),
+            "the recordings have to tell when contact was",
+        ),
+    ):
+        if wrong:
+            return words
+    return prepared_force(dataset, signal)
 
 
 def too_short(dataset: Dataset, signal: Displacements, source: str) -> list[Problem]:
@@ -105,17 +139,26 @@ def too_short(dataset: Dataset, signal: Displacements, source: str) -> list[Prob
 
 
 def assemble(
-    dataset: Dataset, specification: ModelSpecification, design: Design, signal: Displacements
+    dataset: Dataset,
+    specification: ModelSpecification,
+    design: Design,
+    signal: Displacements,
+    force: PreparedForce | None = None,
 ) -> Prepared:
-    """Model and data of a fit whose design and displacements are made."""
+    """Model and data of a fit whose design and displacements are made, of a force too if there is one."""
     kind: Kind = specification.likelihood  # type: ignore[assignment]
     priors, discrepancy = specification.complete_priors(), specification.discrepancy == "always"
     autoregressive = specification.noise == "autoregressive"
     nuisance = nuisance_of(
-        kind, specification.element, discrepancy=discrepancy, autoregressive=autoregressive
+        kind,
+        specification.element,
+        discrepancy=discrepancy,
+        autoregressive=autoregressive,
+        force=force is not None,
     )
     effects, columns = population_design(design, priors, nuisance)
-    relative_mass_sd = float(dataset.uncertainty.relative_mass_sd)
+    # With a force the errors of mass are what it is over mass times deceleration.
+    relative_mass_sd = float(dataset.uncertainty.relative_mass_sd) if force is None else 0.0
     model = TraceModel(
         kind,
         effects,
@@ -127,8 +170,9 @@ def assemble(
         discrepancy,
         autoregressive,
         dataset.headform,
+        force is not None,
     )
-    record, peak = _record(dataset, specification, signal)
+    record, peak = _record(dataset, specification, signal, force)
     data = TraceData(
         record,
         jax.device_put(columns),
@@ -136,13 +180,15 @@ def assemble(
         jax.device_put(np.log(signal.mass)),
         jax.device_put(np.log(peak)),
     )
-    return Prepared(model, data, design, signal, dataset.impacts)
+    return Prepared(model, data, design, signal, dataset.impacts, force)
 
 
 def with_discrepancy(dataset: Dataset, specification: ModelSpecification, prepared: Prepared) -> Prepared:
     """The same fit with a discrepancy beside the element."""
     wider = specification.model_copy(update={"discrepancy": "always"})
-    return assemble(dataset, wider, prepared.design, prepared.signal)
+    without = assemble(dataset, wider, prepared.design, prepared.signal)
+    why = "the model has a discrepancy" if prepared.force else prepared.force_unused
+    return replace(without, force_unused=why)
 
 
 def unsuited(dataset: Dataset, specification: ModelSpecification, source: str) -> list[Problem]:
@@ -253,7 +299,10 @@ def _without_people(design: Design, source: str) -> list[Problem]:
 
 
 def _record(
-    dataset: Dataset, specification: ModelSpecification, signal: Displacements
+    dataset: Dataset,
+    specification: ModelSpecification,
+    signal: Displacements,
+    force: PreparedForce | None,
 ) -> tuple[Record, np.ndarray]:
     """The traces with the standard deviations of their linear errors, and each trace's peak."""
     chain = dataset.uncertainty
@@ -261,7 +310,7 @@ def _record(
     # What a quiet part before contact tells of the offset replaces what was declared of it.
     offset_sd = np.where(np.isfinite(signal.offset_sd), signal.offset_sd, chain.offset_sd)
     if specification.likelihood == "impact":
-        record = _deceleration_record(dataset, specification, signal, velocity_sd, offset_sd)
+        record = _deceleration_record(dataset, specification, signal, velocity_sd, offset_sd, force)
         return record, np.abs(signal.deceleration).max(axis=1)
     at_rest = specification.signal.equilibrium != "sample-mean" or not dataset.gravity
     gravity = signal.gravity if at_rest and dataset.gravity else None
@@ -305,6 +354,7 @@ def _deceleration_record(
     signal: Displacements,
     velocity_sd: np.ndarray,
     offset_sd: np.ndarray,
+    force: PreparedForce | None,
 ) -> DecelerationRecord:
     """The record of decelerations, ``velocity_sd`` being that of velocity and gain together.
 
@@ -338,7 +388,7 @@ def _deceleration_record(
     gain_sd, chain_sd = np.full(number, chain.relative_gain_sd), [offset_sd, contact_sd]
     velocity_share = _share(chain.velocity_sd_m_s, velocity_sd)
     # Of an impact along gravity an error of the gain is not one of the velocity.
-    separate = recorder or discrepancy or reach or (dataset.gravity and chain.relative_gain_sd)
+    separate = recorder or discrepancy or reach or force or (dataset.gravity and chain.relative_gain_sd)
     if side_by_side and white and not separate:
         chain_sd = [velocity_sd, *chain_sd]
     elif side_by_side and recorder is not None and not dataset.gravity:
@@ -346,6 +396,8 @@ def _deceleration_record(
     else:
         chain_sd = [np.full(number, chain.velocity_sd_m_s), gain_sd, *chain_sd]
         velocity_share = np.ones(number)
+    if force is not None:
+        chain_sd[2:2] = [force.offset_sd, force.clock_sd]
     diameter = dataset.impacts.get("diameter_m", pd.Series(REFERENCE_DIAMETER_M, dataset.impacts.index))
     surroundings = {"diameter_m": diameter.astype(float).fillna(REFERENCE_DIAMETER_M).to_numpy()}
     record = DecelerationRecord.from_arrays(
@@ -372,6 +424,7 @@ def _deceleration_record(
         low_pass=low_pass,
         uneven=_uneven_times(signal, reach),
         clipped=jnp.asarray(signal.clipped) if signal.clipped.any() else None,
+        force=None if force is None else jax.tree.map(jnp.asarray, force.rows),
     )
 
 

@@ -46,11 +46,13 @@ NUISANCE: dict[str, tuple[str, ...]] = {
     "a2": ("noise",),
     "impact": ("noise",),
 }
+# Of a force beside the deceleration: its noise, and it over mass times deceleration.
+FORCE = ("noise_force", "log_force_ratio")
 Record = DisplacementRecord | DecelerationRecord
 LOG_2 = 0.6931471805599453
 _SHAPE_OF_MODEL = [
     *("kind", "locations", "priors", "correlated"),
-    *("mass_error", "element", "discrepancy", "autoregressive", "headform"),
+    *("mass_error", "element", "discrepancy", "autoregressive", "headform", "force"),
 ]
 
 
@@ -136,7 +138,7 @@ class TraceModel(Hierarchy):
     ``mass_error`` says whether each impact has an error of its own, or all impacts of a person the same,
     ``element`` what the impactor meets, ``discrepancy`` whether it meets something else besides,
     ``autoregressive`` whether the recorder's noise is that instead of white, ``headform`` whether what hits
-    stands for a head.
+    stands for a head, ``force`` whether a force was recorded beside the deceleration.
     """
 
     kind: Kind
@@ -149,11 +151,13 @@ class TraceModel(Hierarchy):
     discrepancy: bool = False
     autoregressive: bool = False
     headform: bool = False
+    force: bool = False
 
     @property
     def nuisance(self) -> tuple[str, ...]:
         """Names of an impact's parameters besides log K and log C."""
         noise_model = {"discrepancy": self.discrepancy, "autoregressive": self.autoregressive}
+        noise_model |= {"force": self.force}
         return nuisance_of(self.kind, self.element, **noise_model)
 
     @property
@@ -195,12 +199,16 @@ def element_parameters(model: TraceModel, u: list[Array]) -> Float[Array, "param
 
 
 def nuisance_of(
-    kind: Kind, element: str, *, discrepancy: bool = False, autoregressive: bool = False
+    kind: Kind, element: str, *, discrepancy: bool = False, autoregressive: bool = False, force: bool = False
 ) -> tuple[str, ...]:
-    """Names of an impact's parameters besides log K and log C, a discrepancy's or a correlation's last."""
+    """Names of an impact's parameters besides log K and log C.
+
+    A discrepancy's, a correlation's or a force's come last.
+    """
     which = element_named(element)
     element_logs = [f"log_{parameter.name}" for parameter in which.extra]
     last = ["discrepancy"] * discrepancy + ["atanh_noise_correlation"] * autoregressive
+    last += [*FORCE] * force
     return (*NUISANCE[kind], *element_logs, *last)
 
 
@@ -218,7 +226,8 @@ def impact_likelihood(model: TraceModel, data: TraceData, u: list[Array]) -> Mea
     """The likelihood of every impact's trace, of recorded decelerations."""
     log_discrepancy = u[-1] + data.log_peak if model.discrepancy else None
     atanh_correlation = u[-1] if model.autoregressive else None
-    noise = NoiseParameters(physical(model, data, u).log_sigma, log_discrepancy, atanh_correlation)
+    of_force = (u[-2] + data.log_peak, u[-1]) if model.force else (None, None)
+    noise = NoiseParameters(physical(model, data, u).log_sigma, log_discrepancy, atanh_correlation, *of_force)
     record = cast(DecelerationRecord, data.record)
     return MeasuredImpact(element_named(model.element), element_parameters(model, u), noise, record)
 

@@ -14,12 +14,13 @@ import pandas as pd
 from bayestissue.dataset import Dataset
 from bayestissue.errors import Problem, by_cause
 from bayestissue.figures.theme import Figure
-from bayestissue.figures.traces import CONTACT, PEAK, TURN, panels, thinned
+from bayestissue.figures.traces import CONTACT, PEAK, TURN, against, panels, thinned
 from bayestissue.outline import first_of
 from bayestissue.report.page import render_page
 from bayestissue.report.settings import LIMITS
 from bayestissue.report.tables import Row, Table, columns, frame_table
 from bayestissue.signal import Displacements, displacements
+from bayestissue.signal.force import Force
 from bayestissue.words import Words
 
 # Time [ms] and value of each curve and event, by kind.
@@ -70,7 +71,9 @@ MOST_CHECK_PANELS = 216
 _UNITS = {"deceleration": "m_s2", "acceleration": "m_s2", "displacement": "m"}
 
 
-def quality_table(dataset: Dataset, signal: Displacements, warnings: Sequence[Problem]) -> pd.DataFrame:
+def quality_table(
+    dataset: Dataset, signal: Displacements, warnings: Sequence[Problem], force: Force | None = None
+) -> pd.DataFrame:
     """How good each recording is, one row per impact.
 
     Columns: ``impact``, ``subject``, ``trial``; ``n_samples`` recorded and ``sampling_rate_hz``; ``offset``
@@ -78,12 +81,14 @@ def quality_table(dataset: Dataset, signal: Displacements, warnings: Sequence[Pr
     with the unit in their names, and ``noise_to_peak``; ``samples_at_peak``, how many samples share the
     extreme value (many of them mean a recorder near its limit); ``contact_time_s`` on the recorder's clock
     and ``contact_time_sd_s``; ``time_to_peak_s``, ``peak_displacement_m`` and ``samples_in_window`` from
-    contact to zero velocity; ``warnings``.
+    contact to zero velocity; of a force beside decelerations ``force_ratio``, over mass times deceleration,
+    its standard error ``force_ratio_sd`` and ``force_lag_s``; ``warnings``.
 
     Args:
         dataset: the recordings.
         signal: what the default signal chain made of them, in the same order.
         warnings: what looks odd.
+        force: beside decelerations, if there is one.
     """
     sign = -1.0 if dataset.quantity == "acceleration" else 1.0
     highest = [sign * trace.value for trace in dataset.traces]
@@ -105,9 +110,16 @@ def quality_table(dataset: Dataset, signal: Displacements, warnings: Sequence[Pr
             "time_to_peak_s": signal.time_to_peak,
             "peak_displacement_m": signal.peak_displacement,
             "samples_in_window": signal.n_samples,
+            **_force_columns(force),
             "warnings": [said[name] for name in impacts["impact"]],
         }
     )
+
+
+def _force_columns(force: Force | None) -> dict[str, np.ndarray]:
+    if force is None:
+        return {}
+    return {"force_ratio": force.ratio, "force_ratio_sd": force.ratio_sd, "force_lag_s": force.lag}
 
 
 def check_page(
@@ -117,6 +129,7 @@ def check_page(
     *,
     verdict: str,
     warnings: Sequence[Problem],
+    force: Force | None = None,
 ) -> str:
     """The whole page: verdict, what was found, a panel per impact, and the table of `quality_table`.
 
@@ -125,6 +138,7 @@ def check_page(
     """
     order = quality.sort_values(["warnings", "noise_to_peak"], ascending=False, kind="stable").index
     shown = np.sort(order[:MOST_CHECK_PANELS].to_numpy())
+    names = dataset.impacts["impact"].astype(str)
     return render_page(
         "check.html",
         dataset=dataset,
@@ -135,12 +149,14 @@ def check_page(
         sheets=sheets(
             dataset,
             shown,
-            partial(_check_panel, dataset=dataset, signal=signal),
+            partial(_check_panel, dataset=dataset, signal=signal, force=force),
             "since contact (ms)",
             "share of greatest",
             "Recording, velocity and displacement over time",
             domain=(-0.4, 1.15),
         ),
+        force=None if force is None else _force_figure(force, names.to_list(), shown),
+        force_words="" if force is None else f"{force.channel}. It is {force.words}.",
         problems=Table(
             columns("severity", "impacts", "what", words=("impacts", "what")),
             [*_problems("left out", dataset.left_out), *_problems("warning", warnings)],
@@ -152,7 +168,7 @@ def check_page(
     )
 
 
-def _check_panel(index: int, *, dataset: Dataset, signal: Displacements) -> Panel:
+def _check_panel(index: int, *, dataset: Dataset, signal: Displacements, force: Force | None = None) -> Panel:
     trace, n = dataset.traces[index], int(signal.n_samples[index])
     sign = -1.0 if dataset.quantity == "acceleration" else 1.0
     raw = sign * trace.value - signal.offset[index]
@@ -166,11 +182,37 @@ def _check_panel(index: int, *, dataset: Dataset, signal: Displacements) -> Pane
         "velocity": (inside, signal.v[index, :n]),
         "displacement": (inside, signal.x[index, :n]),
     }
+    if force is not None:
+        recorded = force.channel.traces[index]
+        since = 1e3 * (recorded.time_s - signal.contact_time_s[index])
+        around = (since > -to_peak) & (since < 3 * to_peak)
+        curves["recorded force"] = (since[around], recorded.value[around])
     shown: Panel = {
         kind: (times, values / (np.abs(values).max(initial=0) or 1))
         for kind, (times, values) in curves.items()
     }
     return shown | {CONTACT: (0.0, 0.0), TURN: (to_peak, 0.0)}
+
+
+def _force_figure(force: Force, names: Sequence[str], rows: np.ndarray) -> Figure:
+    """F against M a of these impacts."""
+    kept = [(row, np.flatnonzero(force.inside[row])) for row in rows]
+    most = max(LIMITS.samples // max(len(kept), 1), 20)
+    curves = pd.concat(
+        pd.DataFrame(
+            {
+                "impact": names[row],
+                "number": np.arange(len(samples)),
+                "expected": force.expected[row, samples],
+                "recorded": force.value[row, samples],
+            }
+        )
+        for row, inside in kept
+        if len(samples := inside[:: max(1, len(inside) // most)])
+    )
+    return against(
+        curves, "M a (N)", "recorded force (N)", "The recorded force against mass times deceleration."
+    )
 
 
 def kinds(problems: Sequence[Problem]) -> list[list[Problem]]:

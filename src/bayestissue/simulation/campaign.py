@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +13,15 @@ from jaxtyping import Bool, Float, Int
 
 from bayestissue.dataset import write_dataset
 from bayestissue.dataset.chain import Recorder, Uncertainty
-from bayestissue.dataset.model import Dataset, Trace
+from bayestissue.dataset.model import Channel, Dataset, Trace, channel_settings
 from bayestissue.dataset.settings import gravity_m_s2
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, grouping_of
 from bayestissue.signal.filters import decay, on_even_grid
 from bayestissue.simulation.contact import deceleration, leaves, what_is_met
-from bayestissue.simulation.specification import Recording, Simulation, Tissue
+from bayestissue.simulation.specification import RecordedForce, Recording, Simulation, Tissue
 
+# Of the trace table, beside ``value``.
+FORCE_COLUMN = "force_N"
 _BLOCK = 1_000_000
 # Steps of the motion between two samples of a recorder with a low-pass, or in a period of its corner, and
 # time constants of the filter's slowest pole until it rests.
@@ -43,6 +45,8 @@ class Campaign:
         recorder: the low-pass that the recordings went through, if any.
         gravity: along the motion, m/s²; what is recorded is then force over mass.
         headform: whether the impactor stands for a head.
+        force: [sample], recorded beside it, N; None where none was.
+        force_channel: what is declared of it, without recordings.
     """
 
     impacts: pd.DataFrame
@@ -54,17 +58,25 @@ class Campaign:
     recorder: Recorder | None = None
     gravity: float = 0.0
     headform: bool = False
+    force: Float[np.ndarray, " sample"] | None = None
+    force_channel: Channel | None = None
 
     def traces(self) -> pd.DataFrame:
-        """The long trace table: ``impact``, ``time_s``, ``value``."""
+        """The long trace table: ``impact``, ``time_s``, ``value`` and, where it was recorded, ``force_N``."""
         codes = np.repeat(np.arange(len(self.n_samples)), self.n_samples)
         names = pd.Categorical.from_codes(codes, categories=pd.Index(self.impacts["impact"]))
-        return pd.DataFrame({"impact": names, "time_s": self.time, "value": self.value})
+        force = {} if self.force is None else {FORCE_COLUMN: self.force}
+        return pd.DataFrame({"impact": names, "time_s": self.time, "value": self.value, **force})
 
     def dataset(self, name: str) -> Dataset:
         """The campaign as a dataset, as if it had been written and read, without a folder or a hash."""
         ends = np.cumsum(self.n_samples)[:-1]
-        pairs = zip(np.split(self.time, ends), np.split(self.value, ends), strict=True)
+        times = np.split(self.time, ends)
+        channels: tuple[Channel, ...] = ()
+        if self.force is not None and self.force_channel is not None:
+            forces = zip(times, np.split(self.force, ends), strict=True)
+            channels = (replace(self.force_channel, traces=[Trace(*pair) for pair in forces]),)
+        pairs = zip(times, np.split(self.value, ends), strict=True)
         return Dataset(
             name=name,
             description="",
@@ -79,6 +91,7 @@ class Campaign:
             recorder=self.recorder,
             gravity=self.gravity,
             headform=self.headform,
+            channels=channels,
         )
 
 
@@ -96,15 +109,19 @@ def simulate(simulation: Simulation, seed: int | None = None) -> Campaign:
         simulation: the specification.
         seed: instead of the specification's.
     """
-    streams = np.random.SeedSequence(simulation.seed if seed is None else seed).spawn(6)
-    tissue, chain, noise, further, groups, factors = (np.random.default_rng(stream) for stream in streams)
+    streams = np.random.SeedSequence(simulation.seed if seed is None else seed).spawn(7)
+    tissue, chain, noise, further, groups, factors, forces = (
+        np.random.default_rng(stream) for stream in streams
+    )
     impacts = _impacts(simulation, factors)
     truth = _truth(simulation, impacts, tissue, chain, further, groups)
     rate = simulation.recording.sampling_rate_hz
     end = truth["contact_time_s"].to_numpy() + leaves(truth)
     n = np.ceil((end + simulation.recording.after_contact_s) * rate).astype(int) + 1
     sample = np.arange(n.sum()) - np.repeat(np.cumsum(n) - n, n)
-    parts = list(_recorded(simulation, truth, n, noise))
+    if simulation.recording.force is not None:
+        truth = truth.assign(**_of_force(simulation.recording.force, len(truth), forces))
+    parts, of_force = zip(*_recorded(simulation, truth, n, noise, forces), strict=True)
     value = np.concatenate(parts)
     if simulation.output.decimals is not None:
         value = np.round(value, simulation.output.decimals)
@@ -119,7 +136,24 @@ def simulate(simulation: Simulation, seed: int | None = None) -> Campaign:
     recorder = simulation.recorder.values() if simulation.recorder else None
     gravity = gravity_m_s2(simulation.gravity)
     time, chain_of = np.round(sample / rate, 9), (uncertainty, recorder, gravity, simulation.headform)
-    return Campaign(impacts, truth, n, time, value, *chain_of)
+    if recording.force is None:
+        return Campaign(impacts, truth, n, time, value, *chain_of)
+    return Campaign(
+        impacts, truth, n, time, value, *chain_of, np.concatenate(of_force), _channel(recording.force)
+    )
+
+
+def _of_force(force: RecordedForce, count: int, random: np.random.Generator) -> dict[str, Any]:
+    """Gain, one for all impacts, and zero of the force's channel."""
+    return {
+        "force_gain": 1 + force.relative_gain_sd * random.standard_normal(),
+        "force_offset_N": force.offset_sd_N * random.standard_normal(count),
+    }
+
+
+def _channel(force: RecordedForce) -> Channel:
+    """What a lab would declare of it."""
+    return Channel("force", "force", force.place, [], force.relative_gain_sd, force.tip_mass_kg)
 
 
 def _impacts(simulation: Simulation, random: np.random.Generator) -> pd.DataFrame:
@@ -164,7 +198,8 @@ def _truth(
     groups: np.random.Generator,
 ) -> pd.DataFrame:
     recording, count = simulation.recording, len(impacts)
-    mass = impacts["mass_kg"].to_numpy() * (1 + recording.relative_mass_sd * chain.standard_normal(count))
+    stated = impacts["mass_kg"].to_numpy() * recording.mass_factor
+    mass = stated * (1 + recording.relative_mass_sd * chain.standard_normal(count))
     velocity = impacts["velocity_m_s"].to_numpy() + recording.velocity_sd_m_s * chain.standard_normal(count)
     gain = 1 + recording.relative_gain_sd * chain.standard_normal(count)
     offset = recording.offset_sd_m_s2 * chain.standard_normal(count)
@@ -252,9 +287,13 @@ def _mixing(tissue: Tissue) -> Float[np.ndarray, "2 2"]:
 
 
 def _recorded(
-    simulation: Simulation, truth: pd.DataFrame, n: np.ndarray, random: np.random.Generator
-) -> Iterator[np.ndarray]:
-    """Recorded values, in blocks of impacts that bound the memory in use."""
+    simulation: Simulation,
+    truth: pd.DataFrame,
+    n: np.ndarray,
+    random: np.random.Generator,
+    of_force: np.random.Generator,
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Recorded values, and forces where there are any, in blocks of impacts that bound the memory in use."""
     recording = simulation.recording
     rate, finer, ring = recording.sampling_rate_hz, 1, 0
     recorder = simulation.recorder.values() if simulation.recorder else None
@@ -270,15 +309,36 @@ def _recorded(
         gravity = gravity_m_s2(simulation.gravity)
         motion = deceleration(simulation.tissue.element, truth.iloc[index], time, gravity)
         part = slice(begin, min(begin + rows, len(n)))
-        d = np.asarray(motion)[: part.stop - begin]
+        d = at_samples = np.asarray(motion)[: part.stop - begin]
         if recorder is not None:
+            at_samples = d[:, ring * finer : -ring * finer or None : finer]
             d = on_even_grid(d, rate * finer, recorder)[:, ring * finer : -ring * finer or None : finer]
         recorded = np.arange(d.shape[1]) < n[part, None]
         if recorder is not None and recorder.noise == "before":
             noise = _filtered_noise(recorder, rate, ring, d.shape, random)[recorded]
         else:
             noise = random.standard_normal(recorded.sum())
-        yield _through_chain(recording, truth.iloc[part], d, recorded, noise)
+        force = np.empty(0)
+        if recording.force is not None:
+            force = _recorded_force(recording.force, truth.iloc[part], at_samples, recorded, of_force)
+        yield _through_chain(recording, truth.iloc[part], d, recorded, noise), force
+
+
+def _recorded_force(
+    force: RecordedForce,
+    truth: pd.DataFrame,
+    deceleration: Float[np.ndarray, "impact sample"],
+    recorded: Bool[np.ndarray, "impact sample"],
+    random: np.random.Generator,
+) -> Float[np.ndarray, " recorded"]:
+    """(1 + gain) (M - m) d + zero + noise at the samples that are recorded, one impact's after another's."""
+    mass, gain, offset = (
+        truth[name].to_numpy()[:, None] for name in ("mass_kg", "force_gain", "force_offset_N")
+    )
+    exact = (mass - force.tip_mass_kg) * deceleration
+    sd = np.hypot(force.noise_sd_N, force.noise_relative_to_peak * exact.max(axis=1, keepdims=True))
+    noise = np.repeat(sd[:, 0], recorded.sum(axis=1)) * random.standard_normal(recorded.sum())
+    return (gain * exact + offset)[recorded] + noise
 
 
 def _filtered_noise(
@@ -336,6 +396,8 @@ def write_campaign(folder: Path, campaign: Campaign, simulation: Simulation) -> 
         settings["signal"] |= {"contact": simulation.recording.contact}
     if campaign.recorder is not None:
         settings["recorder"] = campaign.recorder.settings()
+    if campaign.force_channel is not None:
+        settings["channel"] = [channel_settings(campaign.force_channel) | {"value_column": FORCE_COLUMN}]
     write_dataset(
         folder,
         settings=settings,

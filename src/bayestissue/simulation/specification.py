@@ -10,7 +10,7 @@ import pandas as pd
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from bayestissue import runtime
-from bayestissue.dataset.chain import Contact
+from bayestissue.dataset.chain import Contact, Place
 from bayestissue.dataset.settings import Finite, Gravity, RecorderSettings, Spread
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, GroupTerm
 from bayestissue.hierarchy.priors import term_of_group, term_of_slope
@@ -190,6 +190,29 @@ class Tissue(Table):
         return self
 
 
+class RecordedForce(Table):
+    """A force that is recorded beside the deceleration, at the same samples, unfiltered."""
+
+    place: Place = Field(
+        default="impactor",
+        description="as of a [[channel]] of dataset.toml: impactor, or base (below the tissue).",
+    )
+    tip_mass_kg: Spread = Field(
+        default=0.0, description="of the true mass, what lies between an impactor's sensor and the tissue."
+    )
+    noise_sd_N: Spread = Field(default=0.0, description="standard deviation of its noise.")
+    noise_relative_to_peak: Spread = Field(
+        default=0.0, description="the same as a fraction of the force's peak; variances add up."
+    )
+    offset_sd_N: Spread = Field(
+        default=0.0, description="standard deviation of its zero, another in every impact."
+    )
+    relative_gain_sd: Annotated[float, Field(ge=0, lt=0.3)] = Field(
+        default=0.0,
+        description="standard deviation of its sensitivity, as a fraction of it; one for all impacts.",
+    )
+
+
 class Recording(Table):
     """The measuring chain. Standard deviations of 0 and an absent ``bits`` mean a perfect one.
 
@@ -221,6 +244,13 @@ class Recording(Table):
     )
     relative_mass_sd: Annotated[float, Field(ge=0, lt=0.3)] = Field(
         default=0.0, description="standard deviation of the mass about the stated one, as a fraction of it."
+    )
+    mass_factor: Positive = Field(
+        default=1.0,
+        description="what all stated masses are to be multiplied by: 1.1 makes them 10 % too small.",
+    )
+    force: RecordedForce | None = Field(
+        default=None, description="a table [recording.force]: a force beside the deceleration."
     )
     range_m_s2: Positive | None = Field(
         default=None, description="the recorder clips beyond this, either way; left out, it does not."

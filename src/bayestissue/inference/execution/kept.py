@@ -57,6 +57,7 @@ def some_of(prepared: Prepared, rows: Int[np.ndarray, " row"]) -> Prepared:
     data = jax.tree.map(jnp.asarray, data)
     return replace(
         prepared,
+        force=prepared.force and prepared.force.impacts(rows),
         data=data,
         signal=replace(signal, **{name: chosen(name) for name in signal.__dataclass_fields__}),
         impacts=prepared.impacts.iloc[rows].reset_index(drop=True),

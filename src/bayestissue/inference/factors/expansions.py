@@ -44,6 +44,8 @@ def first_guess(prepared: Prepared) -> Float[np.ndarray, "impact parameter"]:
     columns += [np.full(len(stiffness), prepared.model.priors.discrepancy.mean)] * prepared.model.discrepancy
     correlation = prepared.model.priors.atanh_noise_correlation.mean
     columns += [np.full(len(stiffness), correlation)] * prepared.model.autoregressive
+    if prepared.force is not None:
+        columns += [prepared.force.log_noise - np.asarray(prepared.data.log_peak), prepared.force.log_ratio]
     if fit is not None and prepared.model.kind == "arma":
         # artanh has no value at -1 and 1, where point estimates like to lie.
         columns.append(np.arctanh(np.clip(fit.theta1, -_NEAREST, _NEAREST)))

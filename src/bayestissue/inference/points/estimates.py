@@ -23,6 +23,7 @@ from bayestissue.inference.points.notes import (
     NOT_WHITE,
     STRUCTURED,
     THETA1,
+    UNUSED,
 )
 from bayestissue.oscillator import peak_displacement
 from bayestissue.signal import Displacements, SignalOptions
@@ -190,6 +191,7 @@ def flagged(
             THETA1: fit.theta1_at_limit & ~fit.noiseless,
             ARCCOS: (fit.branch > 0) & ~fit.noiseless,
             NOISELESS: fit.noiseless,
+            UNUSED: np.full(len(fit.K), bool(dataset.channels)),
         }
         if method == "impact":
             wrong[STRUCTURED] = (fit.whiteness_p < STRUCTURED_BY_CHANCE) & ~fit.noiseless

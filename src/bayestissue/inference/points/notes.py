@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from bayestissue.dataset.model import Channel
 from bayestissue.errors import Coded
 from bayestissue.outline import first_of
 from bayestissue.remedies import entries
@@ -18,6 +19,7 @@ ARCCOS = Coded("theta1 asks for another value of arccos", "theta1-branch")
 NOT_FILTERED = Coded("the declared low-pass is not in this method", "low-pass-not-applied")
 NOISELESS = Coded("no noise beyond rounding: no standard errors", "noiseless")
 ANOTHER_PEAK = Coded("K and C imply another peak displacement than recorded", "peak-disagrees")
+UNUSED = Coded("the further channel is not used here", "channel-unused")
 # Flags of the method "impact": its intervals then promise nothing.
 STRUCTURED = Coded(
     "residuals are not the white noise of a spring and damper's impact: its interval may miss",
@@ -40,7 +42,7 @@ ANOTHER_VELOCITY = KINDS["velocity-contradicted"].flag
 _NAMED = 5
 # What `said_once` may meet in the column ``notes``.
 _NOTES = (
-    *(THETA1, NOT_WHITE, ARCCOS, NOT_FILTERED, NOISELESS, NO_ANSWER, ANOTHER_PEAK),
+    *(THETA1, NOT_WHITE, ARCCOS, NOT_FILTERED, NOISELESS, NO_ANSWER, ANOTHER_PEAK, UNUSED),
     *(NO_OFFSET, ON_SAMPLE, UNEVEN, LONGER),
     KINDS["contact-earlier"].flag,
     KINDS["at-limit"].flag,
@@ -98,6 +100,15 @@ def clipped_recordings(impacts: Sequence[str], clipped: Sequence[bool]) -> dict[
         f"{first_of(named, _NAMED)}. Samples at the sensor's limit count as that much or more."
     )
     return {"impacts": named, "of": len(impacts), "words": words}
+
+
+def unused_channels(channels: Sequence[Channel], why: str) -> str:
+    """Sentences on further channels that a fit is not of, and ``why``."""
+    named = first_of([f"{channel.name} ({channel.quantity})" for channel in channels], _NAMED)
+    return (
+        f"The further channel {named} is not used here: {why}. K and C are those of the first one, at the "
+        "declared mass. `bayestissue check` compares the two."
+    )
 
 
 def said_once(notes: Iterable[str]) -> list[str]:

@@ -29,6 +29,8 @@ from bayestissue.padding import padded_impacts, padded_rows
 
 # Draws of one call, and of a prior.
 DRAWS, PRIOR_DRAWS = 256, 1000
+# What all declared masses are to be multiplied by.
+MASS_FACTOR = "mass_factor"
 # Of the rows of a block and its impacts' parameters: the errors of log mass, and a key of each draw.
 ErrorsAndKeys = Callable[[np.ndarray, np.ndarray], tuple[Any, Any]]
 
@@ -76,18 +78,29 @@ def posterior_draws(
     keys = np.asarray(jax.random.split(jax.random.fold_in(key, 11), shape))
     of_kept, keys_of_kept = jax.tree.map(lambda values: values[:, kept_numbers], (population, keys))
 
+    force, a = prepared.force, population.b[..., _ratio_mean(model)]
+    log_factor = np.zeros(shape)
+    if force is not None:
+        standard = np.asarray(jax.random.normal(jax.random.fold_in(key, 12), shape))
+        log_factor = force.log_mass_factor(a, standard)
+
     def errors_and_keys(rows: np.ndarray, u: np.ndarray) -> tuple[Any, Any]:
         of_block = _each(partial(jax.random.fold_in, data=rows[0]), keys_of_kept)
         of_errors, of_mass = np.moveaxis(_each(jax.random.split, of_block), 2, 0)
         # Of the design X b of these impacts is asked alone.
+        if force is not None:
+            # What an impact's ratio has beside the common one is its own mass's.
+            scatter = u[..., -1] - a[:, kept_numbers, None] if force.share else np.zeros(u.shape[:-1])
+            return log_factor[:, kept_numbers, None] + scatter, of_errors
         of_rows = design._replace(cell=cell[rows[padded_rows(len(rows))]])
         of_people = keys_of_kept if model.mass_error == "subject" else of_mass
         return _mass_errors(model, of_rows, of_kept, u, of_people), of_errors
 
     impacts = _of_impacts(prepared, u, errors_and_keys, recorded=True, single=not whole)
-    b = _at_true_masses(model, population, keys)
+    b = _heavier(model, _at_true_masses(model, population, keys), log_factor)
+    factor = {} if force is None else {MASS_FACTOR: np.exp(log_factor)}
     return Draws(
-        population.hyperparameters | derived.effects_by_name(model.locations, prepared.design, b),
+        population.hyperparameters | derived.effects_by_name(model.locations, prepared.design, b) | factor,
         impacts,
         log_likelihood,
         None if whole else kept_numbers,
@@ -99,11 +112,18 @@ def prior_draws(prepared: Prepared, seed: int, rng: np.random.Generator) -> Draw
     model, data = prepared.model, prepared.data
     key = jax.random.fold_in(jax.random.PRNGKey(seed), 13)
     drawn, u = drawn_from_prior(model, data, key)
+    factor: dict[str, np.ndarray] = {}
     if "log_mass_error" in drawn:
         people = pd.Index(prepared.design.subjects)
         error = drawn["log_mass_error"][
             ..., people.get_indexer(pd.Index(prepared.impacts["subject"].astype(str)))
         ]
+    elif prepared.force is not None:
+        error = np.broadcast_to(
+            prepared.force.mass_sd * rng.standard_normal(u.shape[:2])[..., None], u.shape[:-1]
+        )
+        drawn["locations"] = _heavier(model, drawn["locations"], error[..., 0])
+        factor = {MASS_FACTOR: np.exp(error[..., 0])}
     else:
         error = model.log_mass_sd * rng.standard_normal(u.shape[:-1])
     keys = np.asarray(jax.random.split(jax.random.fold_in(key, 1), u.shape[:2]))
@@ -115,7 +135,7 @@ def prior_draws(prepared: Prepared, seed: int, rng: np.random.Generator) -> Draw
     # The measuring chain's errors are as the dataset states them.
     impacts.pop("chain_error")
     effects = derived.effects_by_name(model.locations, prepared.design, drawn["locations"])
-    return Draws({name: drawn[name] for name in model.hyperparameters} | effects, impacts, {})
+    return Draws({name: drawn[name] for name in model.hyperparameters} | effects | factor, impacts, {})
 
 
 def quantities(prepared: Prepared, draws: Draws, rng: np.random.Generator) -> dict[str, np.ndarray]:
@@ -124,6 +144,7 @@ def quantities(prepared: Prepared, draws: Draws, rng: np.random.Generator) -> di
     values = derived.formula_quantities(design, population)
     for name in prepared.model.nuisance:
         values |= {which: population[which] for which in (f"{name}_mean", f"sd_{name}")}
+    values |= {name: population[name] for name in (MASS_FACTOR,) if name in population}
     levels = derived.level_quantities(design, values)
     values |= levels | {name: impacts[name] for name in NAMES if name in impacts}
     if "chain_error" in impacts:
@@ -235,6 +256,25 @@ def _at_true_masses(model: TraceModel, population: Population, key: Array) -> Fl
     error = error_of_people(covariances, b, key)
     effects = jnp.concatenate([covariances.shared.effect_on_K, covariances.shared.effect_on_C])
     return b + jax.ops.segment_sum(jnp.tile(error, 2), effects, len(b))
+
+
+def _ratio_mean(model: TraceModel) -> int:
+    """Which element of b is the common log of force over mass times deceleration; of no force any."""
+    return model.locations.parts["log_force_ratio_mean"].start if model.force else 0
+
+
+def _heavier(
+    model: TraceModel,
+    b: Float[np.ndarray, "chain draw location"],
+    log_factor: Float[np.ndarray, "chain draw"],
+) -> Float[np.ndarray, "chain draw location"]:
+    """Effects with K and C of so much heavier impactors."""
+    if not model.force:
+        return b
+    moved = np.array(b)
+    for name in ("intercept_K", "intercept_C"):
+        moved[..., model.locations.parts[name].start] += log_factor
+    return moved
 
 
 def error_of_people(covariances: Covariances, b: Array, key: Array) -> Float[Array, " person"]:

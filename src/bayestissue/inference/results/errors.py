@@ -25,6 +25,7 @@ from bayestissue.hierarchy.traces import (
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.factors.sites import laplace_sites, weak_prior
 from bayestissue.inference.results.predictions import replicates
+from bayestissue.likelihood.element.force import force_of
 from bayestissue.likelihood.element.record import DecelerationRecord
 from bayestissue.likelihood.element.response import response
 from bayestissue.padding import padded_impacts
@@ -36,7 +37,7 @@ _STEP = 0.1
 _SHORTER = 0.9
 _ITERATIONS = 5
 # What the mean of a trace does not depend on: told apart from K and C, and as small as to be nothing.
-_OF_NOISE = ("noise", "atanh_theta1", "discrepancy", "atanh_noise_correlation")
+_OF_NOISE = ("noise", "atanh_theta1", "discrepancy", "atanh_noise_correlation", "noise_force")
 _CORRELATIONS = ("atanh_theta1", "atanh_noise_correlation")
 _NOTHING = -60.0
 
@@ -94,12 +95,15 @@ def as_expected(prepared: Prepared, u: Float[np.ndarray, "impact parameter"]) ->
     """The data with each trace as its model has it at ``u``, without noise and errors; all errors normal."""
     if isinstance(prepared.data.record, DecelerationRecord):
         record, parts = prepared.data.record, prepared.data.padded
-        first_time, d = jax.device_get(_of_element(prepared.model, parts, padded_impacts(u)))
+        first_time, d, force = jax.device_get(_of_element(prepared.model, parts, padded_impacts(u)))
         impacts, samples = record.d.shape
         d = d[:impacts, :samples]
         if record.clipped is not None:
             d = np.where(np.asarray(record.clipped) != 0, np.asarray(record.d), d)
         record = record.at_contact(first_time[:impacts])._replace(d=d)
+        if record.force is not None:
+            y = force[:impacts, : record.force.y.shape[1]]
+            record = record._replace(force=record.force._replace(y=y))
         # Only a known contact has an error that can be made normal.
         return with_normal_errors(replace(prepared.data, record=record))
     data = with_normal_errors(prepared.data)
@@ -115,11 +119,12 @@ def as_expected(prepared: Prepared, u: Float[np.ndarray, "impact parameter"]) ->
 @compiled_quickly
 def _of_element(
     model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]
-) -> tuple[Float[Array, " impact"], Float[Array, "impact sample"]]:
-    """From contact, where the traces have it, to the first sample, and what the element does from then on."""
+) -> tuple[Float[Array, " impact"], Float[Array, "impact sample"], Float[Array, "impact row"] | None]:
+    """From contact, where the traces have it, to the first sample; the deceleration then, and F / M."""
     likelihood = impact_likelihood(model, data, list(u.T))
     known = likelihood.record.at_contact(likelihood.mean_first_time())
-    return known.first_time, response(likelihood.element, likelihood.parameters, known).d
+    answer = response(likelihood.element, likelihood.parameters, known)
+    return known.first_time, answer.d, force_of(answer, known, likelihood.noise_parameters.log_force_ratio)
 
 
 def _named(prepared: Prepared, names: tuple[str, ...]) -> Bool[np.ndarray, " parameter"]:

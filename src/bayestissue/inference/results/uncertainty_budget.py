@@ -30,7 +30,7 @@ from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceModel
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.execution.kept import some_of
-from bayestissue.inference.quantities.draws import Draws
+from bayestissue.inference.quantities.draws import MASS_FACTOR, Draws
 from bayestissue.inference.results.errors import (
     ELEMENT,
     NOISE,
@@ -61,6 +61,8 @@ _NUISANCE = {
     "atanh_theta1": NOISE,
     "atanh_noise_correlation": NOISE,
     "discrepancy": ELEMENT,
+    "noise_force": NOISE,
+    "log_force_ratio": NOISE,
 }
 
 
@@ -91,7 +93,7 @@ def uncertainty_budget(prepared: Prepared, draws: Draws) -> pd.DataFrame:
     errors = trace_errors(part, u, _RIDGE * np.linalg.inv(middle.omega))
     drawn = {q: np.var(np.log(draws.impacts[q][:, :, rows]), axis=(0, 1)) for q in RESPONSES}
     tables = [
-        _shares(IMPACT, middle.of_impacts(errors, not many), drawn),
+        _shares(IMPACT, _with_masses(middle.of_impacts(errors, not many), draws), drawn),
         _shares(TRACE, middle.of_traces(errors)),
     ]
     if (window := None if many else shorter_window(part, u)) is not None:
@@ -107,6 +109,7 @@ def uncertainty_budget(prepared: Prepared, draws: Draws) -> pd.DataFrame:
     if not many:
         # Variances of means are linear in those of the hyperparameters, whose posteriors have long tails.
         means = _Hierarchy(part, _middle(part, draws, _root_mean_square)).of_means(errors)
+        means = _with_masses(means, draws)
         tables.append(_shares(TYPICAL_PERSON, means, typical))
     added = {q: _new_levels(prepared, draws, q) for q in RESPONSES}
     of_new = {q: _summed(means[q], {PEOPLE: 0.0, CONDITIONS: 0.0}, added[q]) for q in RESPONSES}
@@ -121,6 +124,16 @@ def _summed[Value](*parts: Mapping[str, Value]) -> dict[str, Value]:
     for source, value in (item for part in parts for item in part.items()):
         total[source] = total[source] + value if source in total else value
     return total
+
+
+def _with_masses[Value](
+    by_response: Mapping[str, Mapping[str, Value]], draws: Draws
+) -> dict[str, dict[str, Value]]:
+    """With the variance of what all declared masses are to be multiplied by, where a force tells of it."""
+    if MASS_FACTOR not in draws.population:
+        return {q: dict(by_source) for q, by_source in by_response.items()}
+    variance: Any = float(np.var(np.log(draws.population[MASS_FACTOR])))
+    return {q: _summed(by_source, {MASS: variance}) for q, by_source in by_response.items()}
 
 
 def _middle(prepared: Prepared, draws: Draws, middle: Callable[[np.ndarray], np.floating]) -> Hyperparameters:

@@ -19,10 +19,11 @@ R_HAT_LIMIT = 1.01
 ESS_LIMIT = 400
 _DECLARED = declared(__package__, "checks.toml")
 # What is said of single recordings, by the keys of a fit's diagnostics.
-OF_RECORDINGS = ("recordings", "clipped")
+OF_RECORDINGS = ("recordings", "clipped", "channels")
 # Notes of a summary's rows.
 NO_INTERVAL = Coded("not an interval: no element describes these traces", "undescribed")
 CONTRADICTED = Coded("the traces contradict the measuring chain", "measuring-chain")
+FORCE_CONTRADICTS = Coded("the force contradicts mass times deceleration", "channels-disagree")
 ELEMENT_ALONE = Coded(
     "the element's own part of the force; the tissue's stiffness is K_secant", "element-alone"
 )
@@ -111,11 +112,13 @@ def warnings(diagnostics: dict[str, Any]) -> list[Coded]:
     """What the model or its data leave in doubt, whatever the sampler did; the measuring chain first."""
     chain, form = diagnostics.get("measuring_chain", {}), diagnostics.get("model_form", {})
     lines, velocity = diagnostics.get("straight_lines", {}), _velocity(diagnostics)
+    force = diagnostics.get("channels", {})
     law: Code = "undescribed" if form.get("undescribed") else "model-form"
     if not _against_all(form):
         law = "structured-residuals"
     doubts: list[tuple[dict[str, Any], bool, Code]] = [
         (chain, chain.get("passed") is False, "measuring-chain"),
+        (force, force.get("passed") is False, "channels-disagree"),
         ({"words": velocity}, bool(velocity), "velocity-contradicted"),
         (form, _against_all(form) or _against_some(form), law),
         (lines, bool(lines.get("words")), "no-straight-line"),
@@ -157,6 +160,10 @@ def noted(summary: pd.DataFrame, diagnostics: dict[str, Any]) -> pd.DataFrame:
     note = np.full(len(summary), "", dtype=object)
     if "discrepancy" in form:
         note[summary["variable"].map(of_element_alone)] = ELEMENT_ALONE
+    if (force := diagnostics.get("channels", {})).get("passed") is False:
+        # An impact's own mass is put right where one factor is not.
+        exponents = summary["variable"].str.startswith("mass_exponent").to_numpy(bool)
+        note[exponents if force["slope"] else all_rows] = FORCE_CONTRADICTS
     if chain.get("passed") is False:
         whole = len(chain["impacts"]) == chain["of"]
         note[all_rows if whole else label.isin(chain["impacts"])] = CONTRADICTED
@@ -175,6 +182,9 @@ def headline(diagnostics: dict[str, Any]) -> str:
         return "No element of this program describes these traces: there are no intervals of K and C."
     if chain.get("passed") is False:
         return "The sampler passed, but the traces contradict the measuring chain."
+    force = diagnostics.get("channels", {})
+    if force.get("passed") is False:
+        return f"The sampler passed, but {force['first']}."
     if _velocity(diagnostics):
         return "The sampler passed, but the recordings imply another velocity at contact than was stated."
     if form.get("structured"):
@@ -185,6 +195,8 @@ def headline(diagnostics: dict[str, Any]) -> str:
         return "Diagnostics passed, but a column of few whole numbers counts as a straight line."
     if diagnostics.get("pooled_parameters"):
         return "Diagnostics passed, but a parameter that differs between levels is taken as alike."
+    if force.get("first"):
+        return f"Diagnostics passed; {force['first']}."
     return "Diagnostics passed."
 
 
@@ -192,7 +204,8 @@ def verdict_in_words(diagnostics: dict[str, Any]) -> str:
     """Whether the run can be trusted, in a sentence; and where the model can't, in another."""
     warning = "".join(f" WARNING: {words}" for words in warnings(diagnostics))
     for key in OF_RECORDINGS:
-        if key in diagnostics:
+        # What warns was said.
+        if key in diagnostics and diagnostics[key].get("passed") is not False:
             warning += f" {diagnostics[key]['words']}"
     failed = [check["name"] for check in diagnostics["checks"] if not check["passed"]]
     if not failed:

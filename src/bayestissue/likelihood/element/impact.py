@@ -21,6 +21,7 @@ from jaxtyping import Float, Int
 
 from bayestissue.elements import Element
 from bayestissue.likelihood.element import clipped, contact, noise, spring_damper
+from bayestissue.likelihood.element.force import with_force
 from bayestissue.likelihood.element.record import CONTACT, OFFSET, DecelerationRecord
 from bayestissue.likelihood.element.response import Response, columns, response
 from bayestissue.likelihood.linear_errors import (
@@ -42,11 +43,15 @@ class NoiseParameters(NamedTuple):
         log_sigma: log of the standard deviation [m/s^2]; of autoregressive noise, of its shocks'.
         log_discrepancy: log of the discrepancy's rms [m/s^2]; None without one.
         atanh_correlation: artanh of the noise's correlation from sample to sample; None where it has none.
+        log_force_sigma: of the noise of a force over mass [m/s^2]; None without one.
+        log_force_ratio: log of that force over recorded mass times deceleration; None without one.
     """
 
     log_sigma: Float[Array, " impact"]
     log_discrepancy: Float[Array, " impact"] | None = None
     atanh_correlation: Float[Array, " impact"] | None = None
+    log_force_sigma: Float[Array, " impact"] | None = None
+    log_force_ratio: Float[Array, " impact"] | None = None
 
     def noise(self, record: DecelerationRecord) -> noise.Noise:
         """The noise on the record's samples."""
@@ -80,10 +85,19 @@ def _densities(
     return density + jnp.log(contact.cell_width(record)) if record.contact.reach else density
 
 
+def _products(predicted: Response, parameters: NoiseParameters, record: DecelerationRecord) -> Products:
+    """Of the residual and the errors' columns, in all channels."""
+    products = contact.products(predicted, record, parameters.noise(record))
+    if parameters.log_force_sigma is None or parameters.log_force_ratio is None:
+        return products
+    sigmas = parameters.log_sigma, parameters.log_force_sigma
+    return with_force(products, predicted, record, parameters.log_force_ratio, *sigmas)
+
+
 def _log_density(
     predicted: Response, parameters: NoiseParameters, record: DecelerationRecord
 ) -> Float[Array, " impact"]:
-    products = contact.products(predicted, record, parameters.noise(record))
+    products = _products(predicted, parameters, record)
     density = jax.nn.logsumexp(_densities(predicted, products, parameters, record), axis=0)
     if record.contact.reach:
         density = density - record.contact.quiet_log_density
@@ -126,7 +140,8 @@ def _element_jvp(element: Element, primals: Any, tangents: Any) -> tuple[Array, 
     predicted, changes = jax.vmap(along, out_axes=(None, 0))(basis)
     value, pull_back = jax.vjp(lambda f, n: _log_density(f, n, record), predicted, noise_parameters)
     by_response, by_noise = pull_back(jnp.ones_like(value))
-    slopes = sum((change * by).sum(-1) for change, by in zip(changes, by_response, strict=True))
+    pairs = zip(jax.tree.leaves(changes), jax.tree.leaves(by_response), strict=True)
+    slopes = sum((change * by).sum(-1) for change, by in pairs)
     along_noise = sum(by * to for by, to in zip(by_noise, tangents[1], strict=True) if by is not None)
     return value, (slopes * tangents[0]).sum(0) + along_noise
 
@@ -164,7 +179,7 @@ class MeasuredImpact:
     def products(self, predicted: Response | None = None) -> Products:
         """Products of the residual and the errors' columns; ``predicted`` is `response`, if it is at hand."""
         predicted = self.response() if predicted is None else predicted
-        return contact.products(predicted, self.record, self.noise_parameters.noise(self.record))
+        return _products(predicted, self.noise_parameters, self.record)
 
     def log_density(self) -> Float[Array, " impact"]:
         """Log density of each recorded trace, its errors and its discrepancy integrated out."""

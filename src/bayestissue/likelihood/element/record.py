@@ -33,6 +33,15 @@ _SEPARATE = {
     "contact_time_error": "contact moment",
 }
 
+_WITH_FORCE = {
+    "velocity_error": "velocity",
+    "gain_error": "gain",
+    "force_offset_error": "force's zero",
+    "force_clock_error": "force's clock",
+    "offset_error": "offset",
+    "contact_time_error": "contact moment",
+}
+
 
 class Contact(NamedTuple):
     """When contact was: so long before the first sample as is known, or in any of the intervals before it.
@@ -126,6 +135,36 @@ class Discrepancy(NamedTuple):
     share: Float[Array, "impact mode"]
 
 
+class ForceRows(NamedTuple):
+    """A force that was recorded beside the deceleration, over the recorded mass.
+
+    Attributes:
+        y: F / M, its zero taken off, 0 past a row's end [m/s^2].
+        n_samples: length of each.
+        first_time: from contact to its first sample [s].
+        dt: its sampling interval [s].
+        tip: m / M, of what lies in front of the sensor.
+    """
+
+    y: Float[Array, "impact row"]
+    n_samples: Int[Array, " impact"]
+    first_time: Float[Array, " impact"]
+    dt: Float[Array, " impact"]
+    tip: Float[Array, " impact"]
+
+    def inside(self) -> Bool[Array, "impact row"]:
+        """True where there is a sample."""
+        return jnp.arange(self.y.shape[1]) < self.n_samples[:, None]
+
+    def until(self, end: Float[Array, " impact"]) -> ForceRows:
+        """The samples until so long after contact [s], the one there among them."""
+        # Where it is not a sample by the rounding of its time alone.
+        count = jnp.floor((end - self.first_time) / self.dt + 1.01).astype(int)
+        n_samples = jnp.clip(count, 0, self.n_samples)
+        kept = jnp.arange(self.y.shape[1]) < n_samples[:, None]
+        return self._replace(y=jnp.where(kept, self.y, 0.0), n_samples=n_samples)
+
+
 class DecelerationRecord(NamedTuple):
     """What the likelihood reads of a set of deceleration traces.
 
@@ -155,6 +194,8 @@ class DecelerationRecord(NamedTuple):
         uneven: when the samples were, where some trace's times are not even; None where all are.
         clipped: 1 where a sample stands at the sensor's upper limit, -1 at its lower one, else 0: d is that
             limit, and what was to be measured lies there or beyond. None where no trace has any.
+        force: recorded beside it; ``error_sd`` then has those of its zero [m/s^2] and of its clock [s] behind
+            the gain's. None where there is none.
     """
 
     d: Float[Array, "impact sample"]
@@ -175,6 +216,7 @@ class DecelerationRecord(NamedTuple):
     low_pass: LowPass | None = None
     uneven: UnevenTimes | None = None
     clipped: Float[Array, "impact sample"] | None = None
+    force: ForceRows | None = None
 
     @classmethod
     def from_arrays(
@@ -229,6 +271,8 @@ class DecelerationRecord(NamedTuple):
     @property
     def errors(self) -> dict[str, str]:
         """What each column of ``error_sd`` is called in the posterior, and which link of the chain errs."""
+        if self.force is not None:
+            return _WITH_FORCE
         return _MERGED if self.side_by_side else _SEPARATE
 
     def velocity_error(self, errors: Float[Array, "impact error"], key: Array) -> Float[Array, " impact"]:
@@ -257,8 +301,11 @@ class DecelerationRecord(NamedTuple):
         traces: Float[Array | np.ndarray, "impact sample"],
         n_samples: Int[Array | np.ndarray, " impact"],
     ) -> DecelerationRecord:
-        """The record of other traces, or of fewer of their samples."""
+        """The record of other traces, or of fewer of their samples; of a force those until their end."""
         record = self._replace(n_samples=jnp.asarray(n_samples))
+        if self.force is not None:
+            end = self.first_time + (record.n_samples - 1) * self.dt
+            record = record._replace(force=self.force.until(end))
         return record._replace(d=jnp.where(record.inside(), jnp.asarray(traces), 0.0))
 
     def impacts(self, rows: Int[np.ndarray, " row"]) -> DecelerationRecord:
@@ -272,7 +319,8 @@ class DecelerationRecord(NamedTuple):
         basis = padded_zeros(self.discrepancy.basis, -1)
         uneven = self.uneven and self.uneven._replace(later=padded_zeros(self.uneven.later, 1))
         clipped = None if self.clipped is None else padded_zeros(self.clipped, 1)
-        padded = self._replace(d=padded_zeros(self.d, 1), uneven=uneven, clipped=clipped)
+        force = self.force and self.force._replace(y=padded_zeros(self.force.y, 1))
+        padded = self._replace(d=padded_zeros(self.d, 1), uneven=uneven, clipped=clipped, force=force)
         return padded._replace(discrepancy=self.discrepancy._replace(basis=basis))
 
     def with_normal_errors(self) -> DecelerationRecord:
@@ -286,7 +334,14 @@ class DecelerationRecord(NamedTuple):
 
     def at_contact(self, first_time: Float[Array, " impact"]) -> DecelerationRecord:
         """The same traces with contact so long before the first sample [s], its error about that."""
-        return self._replace(first_time=first_time, contact=Contact.known(self.contact.uniform))
+        return self.begun(first_time)._replace(contact=Contact.known(self.contact.uniform))
+
+    def begun(self, first_time: Float[Array, " impact"]) -> DecelerationRecord:
+        """The same traces, all of them, with contact so long before the first sample [s]."""
+        force = self.force
+        if force is not None:
+            force = force._replace(first_time=force.first_time + first_time - self.first_time)
+        return self._replace(first_time=first_time, force=force)
 
     def inside(self) -> Bool[Array, "impact sample"]:
         """True where there is a sample."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from bayestissue.elements import Element, linear, solver
 from bayestissue.elements.element import GRAVITY, at_contact, deceleration_of, rates_of_motion
-from bayestissue.likelihood.element.record import DecelerationRecord
+from bayestissue.likelihood.element.record import DecelerationRecord, ForceRows
 from bayestissue.likelihood.element.recorder import PIECES, Flow, LowPass, low_passed, samples_passed
 
 
@@ -29,11 +29,13 @@ class Response(NamedTuple):
         d: deceleration [m/s^2].
         by_velocity: its derivative by the velocity at contact [1/s].
         jerk: its derivative in time [m/s^3].
+        force: the same at the samples of a force, where one was recorded.
     """
 
     d: Float[Array, "impact sample"]
     by_velocity: Float[Array, "impact sample"]
     jerk: Float[Array, "impact sample"]
+    force: Response | None = None
 
 
 class Motion(NamedTuple):
@@ -104,12 +106,22 @@ def response(
             d_and_jerk, (record.velocity,), (jnp.ones_like(record.velocity),)
         )
     inside = True if record.contact.reach else record.inside()
-    return Response(*(jnp.where(inside, part, 0.0) for part in (d, by_velocity, jerk)))
+    force = None if record.force is None else response(element, parameters, _at_force(record, record.force))
+    d, by_velocity, jerk = (jnp.where(inside, part, 0.0) for part in (d, by_velocity, jerk))
+    return Response(d, by_velocity, jerk, force)
+
+
+def _at_force(record: DecelerationRecord, force: ForceRows) -> DecelerationRecord:
+    """The record as if its samples were those of the force."""
+    times: Any = {"first_time": force.first_time, "dt": force.dt, "n_samples": force.n_samples}
+    return record._replace(d=force.y, force=None, **times)
 
 
 def columns(response: Response, record: DecelerationRecord) -> list[Array]:
     """What a unit of each error adds, as `DecelerationRecord.error_sd` has them, each [impact, sample]."""
     gain = [] if record.side_by_side else [response.d]
+    if record.force is not None:
+        gain += [jnp.zeros_like(response.d)] * 2
     return [response.by_velocity, *gain, jnp.where(record.inside(), 1.0, 0.0), -response.jerk]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -94,7 +94,7 @@ def inspect(dataset: Dataset, options: SignalOptions | None = None) -> list[Find
     implied: list[velocity.Implied] = []
     for begin in range(0, len(dataset.traces), size):
         rows = slice(begin, begin + size)
-        part = replace(dataset, impacts=dataset.impacts.iloc[rows], traces=dataset.traces[rows])
+        part = dataset.part(rows)
         # A recording that is no impact at all may divide by nothing: what comes of that finds nothing.
         with np.errstate(all="ignore"):
             for finding in _inspected(part, options, implied):

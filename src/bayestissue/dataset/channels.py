@@ -1,0 +1,112 @@
+"""Further channels of a dataset's impacts: read as the first is, and what can be wrong with them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Float64
+
+from bayestissue.dataset.checks import check_samples
+from bayestissue.dataset.impacts import ImpactTable
+from bayestissue.dataset.model import Channel, Trace
+from bayestissue.dataset.recordings import MIN_SAMPLES, Reading, Recordings, Windows, beside, crop
+from bayestissue.dataset.settings import ChannelSettings, Settings, SignalSettings
+from bayestissue.dataset.traces import read_files, read_long
+from bayestissue.errors import Problem, all_of
+
+
+def read_channels(folder: Path, table: ImpactTable, settings: Settings) -> list[Reading]:
+    """The recordings of every further channel, on the first one's clock.
+
+    Args:
+        folder: the dataset's.
+        table: the impacts.
+        settings: what ``dataset.toml`` says.
+
+    Raises:
+        InputError: a table can't be read, or lacks the channel's column.
+    """
+
+    def read(channel: ChannelSettings) -> Reading:
+        signal = channel.as_signal(settings.signal)
+        if channel.file is None and "trace" in table.table:
+            reading = read_files(folder, table.table, table.row, signal)
+        else:
+            reading = read_long(folder, table.table["impact"].tolist(), signal, channel.file)
+        time = reading.samples.time + channel.time_offset_s
+        return replace(reading, samples=replace(reading.samples, time=time))
+
+    return all_of(read, settings.channel)
+
+
+def checked_channel(
+    channel: ChannelSettings,
+    reading: Reading,
+    impacts: pd.DataFrame,
+    signal: SignalSettings,
+    first: Recordings,
+) -> Reading:
+    """The channel's recordings with all that is wrong with them.
+
+    Samples and clocks as of the first channel, times that do not meet the first channel's, a channel that
+    never changes, and a force of the wrong sign.
+
+    Args:
+        channel: what ``dataset.toml`` says of it.
+        reading: the recordings.
+        impacts: the table of impacts.
+        signal: the first channel's settings.
+        first: the first channel, of impacts with nothing wrong so far.
+    """
+    samples, problems = crop(reading.samples, Windows.stated(impacts, signal), impacts["impact"].tolist())
+    recordings = Recordings.with_impacts(samples, impacts, first.quantity, first.uncertainty)
+    if channel.file is not None:
+        # The rate that impacts.csv states is the first channel's.
+        recordings = replace(recordings, rate=np.full_like(recordings.rate, np.nan))
+    found, sound = check_samples(recordings)
+    return replace(
+        reading, samples=samples, problems=[*reading.problems, *problems, *found, *_unfit(sound, first)]
+    )
+
+
+def declared(channel: ChannelSettings, traces: list[Trace]) -> Channel:
+    """The channel as a `Dataset` carries it."""
+    known = channel.relative_gain_sd, channel.tip_mass_kg
+    return Channel(channel.name, channel.quantity, channel.place, traces, *known)
+
+
+def _unfit(recordings: Recordings, first: Recordings) -> Iterator[Problem]:
+    """What the first channel says against recordings whose samples and clocks are sound."""
+    recordings = recordings.of(first.name)
+    if not recordings.name.size:
+        return
+    samples, owner = recordings.samples, recordings.samples.owner
+    other = first.samples
+    mine = pd.Index(first.name).get_indexer(pd.Index(recordings.name))[owner]
+    inside = (samples.time >= other.time[other.begin][mine]) & (
+        samples.time <= other.time[other.end - 1][mine]
+    )
+    recorded = beside(samples.time, mine, other.time, other.value, other.owner)
+    count = np.add.reduceat(inside.astype(int), samples.begin)
+    apart = count < MIN_SAMPLES
+    words = "{} of its samples while the first channel was recorded"
+    yield from recordings.where(apart, "channel-unfit.apart", words, count, least=MIN_SAMPLES)
+    sign = -1.0 if first.quantity == "acceleration" else 1.0
+
+    def centred(values: Float64[np.ndarray, " sample"]) -> Float64[np.ndarray, " sample"]:
+        values = np.where(inside, values, 0.0)
+        mean = np.add.reduceat(values, samples.begin) / np.maximum(count, 1)
+        return np.where(inside, values - mean[owner], 0.0)
+
+    force, slowing = centred(samples.value), sign * centred(recorded)
+    dead = ~apart & (np.maximum.reduceat(np.abs(force), samples.begin) == 0)
+    yield from recordings.where(dead, "constant-signal", "{:g} in every sample", samples.value[samples.begin])
+    together = np.add.reduceat(force * slowing, samples.begin)
+    sizes = [np.sqrt(np.add.reduceat(one**2, samples.begin)) for one in (force, slowing)]
+    correlation = together / np.maximum(sizes[0] * sizes[1], np.finfo(float).tiny)
+    wrong = ~apart & ~dead & (correlation < 0)
+    yield from recordings.where(wrong, "channel-unfit.sign", "a correlation of {:.2f}", correlation)

@@ -1,0 +1,98 @@
+"""What a force beside the deceleration says of the mass, and whether what was declared allows it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Float
+from scipy.special import stdtrit
+
+from bayestissue.hierarchy.force import PreparedForce
+from bayestissue.inference.checking import sentence
+
+# Of standard deviations, beyond which the two channels contradict what is declared of them: once in 370.
+_LIMIT = 3.0
+# Impacts, and a range of log mass, from which on a slope on mass is asked for; how often chance may make one;
+# and a slope that is worth a word.
+_FEWEST, _LEAST_RANGE, _BY_CHANCE, _LEAST_SLOPE = 6, 0.2, 0.001, 0.01
+_INTERVAL = (0.05, 0.5, 0.95)
+
+
+def judge_force(
+    force: PreparedForce, posterior: xr.Dataset, declared_kg: Float[np.ndarray, " impact"]
+) -> dict[str, Any]:
+    """The entry ``channels`` of ``diagnostics.json``, of a fit with a force.
+
+    The mean over impacts of a = log F / (M d) has the posterior mean m and standard deviation v, which a wide
+    prior leaves to the recordings. With what is declared of the mass and of both gains, D together,
+    m / (D^2 + v^2)^1/2 is standard normal under the right declaration.
+
+    Args:
+        force: what the fit is of.
+        posterior: of the fit.
+        declared_kg: mass of each impact.
+
+    Returns:
+        ``passed``: whether it is below 3, and the masses are off by one factor; ``slope``, of the log of what
+        each declared mass is to be multiplied by on the log of that mass, where it is no chance, else 0: one
+        factor does not put such masses right, and the mass exponents are wrong by as much; ``ratio``, exp(m);
+        ``ratio_sd``, its relative standard deviation; ``declared_sd``, D; ``mass_factor``, its 90 % interval
+        about the median; ``first``, what the first line of the run is to say, if anything; ``words``.
+    """
+    a = posterior["log_force_ratio_mean"].to_numpy()
+    low, middle, high = np.quantile(posterior["mass_factor"].to_numpy(), _INTERVAL)
+    declared = float(np.hypot(force.mass_sd, force.gain_sd))
+    mean, sd = float(a.mean()), float(a.std())
+    slope = _slope(posterior, declared_kg) if force.share else 0.0
+    passed = abs(mean) <= _LIMIT * np.hypot(declared, sd) and not slope
+    account = {
+        "channel": force.beside.channel.name,
+        "passed": bool(passed),
+        "slope": slope,
+        "ratio": float(np.exp(mean)),
+        "ratio_sd": sd,
+        "declared_sd": declared,
+        "mass_factor": [float(low), float(middle), float(high)],
+    }
+    sentences = _sentences(account, of_mass=force.mass_sd > 0)
+    return account | dict(zip(("first", "words"), sentences, strict=True))
+
+
+def _sentences(account: dict[str, Any], *, of_mass: bool) -> tuple[str, str]:
+    """What the first line of a run says, if anything, and the whole of it."""
+    low, middle, high = account["mass_factor"]
+    off = account["ratio"] - 1
+    numbers = {
+        "channel": account["channel"],
+        "ratio": f"{account['ratio']:.4g}",
+        "declared": f"{100 * account['declared_sd']:.2g} %",
+        "size": f"{100 * abs(off):.2g} % {'more' if off > 0 else 'less'}",
+        "factor": f"{middle:.4g} ({low:.4g} to {high:.4g})",
+        "slope": f"{account['slope']:.2g}",
+    }
+    if account["slope"]:
+        kind = "by_mass"
+    elif not account["passed"]:
+        kind = "contradicted"
+    elif of_mass:
+        kind = "mass"
+    else:
+        kind = "exact"
+    says = not account["passed"] or (of_mass and not low <= 1 <= high)
+    return sentence(f"force.first_{kind}", **numbers) if says else "", sentence(f"force.{kind}", **numbers)
+
+
+def _slope(posterior: xr.Dataset, declared_kg: Float[np.ndarray, " impact"]) -> float:
+    """Of the log of each impact's mass over the declared one on the log of that; 0 where it may be chance."""
+    x = np.log(declared_kg) - np.log(declared_kg).mean()
+    if len(x) < _FEWEST or np.ptp(x) < _LEAST_RANGE:
+        return 0.0
+    ratio = np.log(posterior["mass"].to_numpy() / declared_kg)
+    y = np.median(ratio, axis=(0, 1))
+    slope = float(x @ y / (x @ x))
+    left = y - y.mean() - slope * x
+    scatter = np.sqrt(left @ left / (len(x) - 2))
+    clear = abs(slope) * np.sqrt(x @ x) > stdtrit(len(x) - 2, 1 - _BY_CHANCE / 2) * scatter
+    return slope if clear and abs(slope) > _LEAST_SLOPE else 0.0

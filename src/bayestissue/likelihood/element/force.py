@@ -1,0 +1,64 @@
+"""A force that was recorded beside the deceleration: further rows of the same motion.
+
+F / M = (e^a - m / M) d(t) + zero + noise with M the recorded mass, m that of the tip in front of the sensor
+and a the log of what the recorded mass is to be multiplied by, the force's gain counted in (that of the
+accelerometer is an error of the deceleration's rows alone). Given motion and errors the rows are
+independent of the deceleration's, so that products and determinants of the two add up. Errors of velocity
+and contact move both.
+"""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Float
+
+from bayestissue.likelihood.element.record import DecelerationRecord
+from bayestissue.likelihood.element.response import Response
+from bayestissue.likelihood.linear_errors import Products
+
+
+def force_of(
+    predicted: Response, record: DecelerationRecord, log_ratio: Float[Array, " impact"] | None
+) -> Float[Array, "impact row"] | None:
+    """(e^a - m / M) d at the force's samples [m/s^2]; None of a record without a force."""
+    if record.force is None or predicted.force is None or log_ratio is None:
+        return None
+    return (jnp.exp(log_ratio) - record.force.tip)[:, None] * predicted.force.d
+
+
+def with_force(
+    products: Products,
+    predicted: Response,
+    record: DecelerationRecord,
+    log_ratio: Float[Array, " impact"],
+    log_sigma: Float[Array, " impact"],
+    log_force_sigma: Float[Array, " impact"],
+) -> Products:
+    """Products of the deceleration's rows with those of the force's, in units of the deceleration's noise.
+
+    Args:
+        products: of the deceleration's rows, with one cell of contact.
+        predicted: the impact, at the force's samples too.
+        record: what was recorded.
+        log_ratio: a.
+        log_sigma: log of the standard deviation of the deceleration's noise [m/s^2].
+        log_force_sigma: of the noise of F / M [m/s^2].
+    """
+    force, here = record.force, predicted.force
+    assert force is not None  # noqa: S101 - for the type checker
+    assert here is not None  # noqa: S101 - for the type checker
+    share = (jnp.exp(log_ratio) - force.tip)[:, None]
+    one = jnp.where(force.inside(), 1.0, 0.0)
+    none = jnp.zeros_like(one)
+    residual = jnp.where(force.inside(), force.y - share * here.d, 0.0)
+    late = -share * here.jerk
+    parts = jnp.stack([residual, share * here.by_velocity, none, one, late, none, late], axis=1)
+    weight = log_sigma - log_force_sigma
+    gram = jnp.einsum("iar,ibr->abi", parts, parts) * jnp.exp(2 * weight)
+    count = force.n_samples + 0.0
+    return Products(
+        products.gram + gram[:, :, None],
+        products.log_determinant - 2 * count * weight,
+        products.n_values + count,
+    )

@@ -1,0 +1,189 @@
+"""A force that was recorded beside a deceleration, against mass times deceleration.
+
+Of each impact F(t) = r (M - m) d(t) - l r (M - m) d'(t) + b by least squares, from as long before contact as
+the impactor takes to zero velocity until three times as long after it, m being what lies between sensor and
+tissue: the ratio r, which holds the errors of mass and of both gains, the lag l of the force behind the
+deceleration, and the zero b. What the noise of d adds to its sum of squares, which would make r too small, is
+taken off.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from bayestissue.dataset.model import Channel, Dataset
+from bayestissue.dataset.recordings import beside
+from bayestissue.signal.displacement import FEWEST_SAMPLES, Displacements
+from bayestissue.signal.traces import stack
+
+# The slope is taken over so much of the time to zero velocity on either side: a curve's error is then 0.4 %.
+_REACH = 0.1
+# A force that jumps at contact is not linear in the lag.
+_ROUNDS = 6
+# In times to zero velocity, until when the two are compared: the rebound is over before.
+_AFTER = 3.0
+# Of standard deviations, beyond which two channels contradict each other, or a lag is one.
+_LIMIT = 3.0
+# Of the sampling interval, below which no lag is worth a word.
+_LEAST_LAG = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Force:
+    """The force of every impact, and how it compares with mass times deceleration.
+
+    Attributes:
+        channel: what was recorded.
+        since_contact: of each of its samples [s].
+        value: the force, its zero taken off [N].
+        expected: (M - m) d at these times [N].
+        inside: which samples are compared.
+        ratio: r of each impact; NaN of too few samples, or where the deceleration is clipped.
+        ratio_sd: its standard error.
+        lag: l [s].
+        lag_sd: its standard error [s].
+        dt: sampling interval [s].
+        declared_sd: of r, by what is declared of the mass and of both gains.
+    """
+
+    channel: Channel
+    since_contact: Float[np.ndarray, "impact sample"]
+    value: Float[np.ndarray, "impact sample"]
+    expected: Float[np.ndarray, "impact sample"]
+    inside: Bool[np.ndarray, "impact sample"]
+    ratio: Float[np.ndarray, " impact"]
+    ratio_sd: Float[np.ndarray, " impact"]
+    lag: Float[np.ndarray, " impact"]
+    lag_sd: Float[np.ndarray, " impact"]
+    dt: Float[np.ndarray, " impact"]
+    declared_sd: float
+
+    @property
+    def common(self) -> tuple[float, float]:
+        """The median ratio, and its standard error as the impacts scatter."""
+        return _median(self.ratio, self.ratio_sd)
+
+    @property
+    def common_lag(self) -> tuple[float, float]:
+        """The median lag [s], and its standard error."""
+        return _median(self.lag, self.lag_sd)
+
+    @property
+    def total_sd(self) -> float:
+        """Of the common ratio, what is declared of mass and gains counted in."""
+        return float(np.hypot(self.common[1], self.declared_sd))
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether the ratio is farther from 1 than what is declared allows."""
+        return bool(abs(self.common[0] - 1) > _LIMIT * self.total_sd)
+
+    @property
+    def lags(self) -> bool:
+        """Whether the force is early or late by more than its error, and by half a sampling interval."""
+        lag, sd = self.common_lag
+        return bool(abs(lag) > max(_LIMIT * sd, _LEAST_LAG * np.median(self.dt)))
+
+    @property
+    def words(self) -> str:
+        """The ratio with its standard deviation, and the lag where there is one."""
+        ratio, scatter = self.common
+        mass = "(M - m)" if self.channel.tip_mass_kg else "M"
+        words = f"{ratio:.4g} ± {self.total_sd:.2g} of {mass} a ({scatter:.1g} but for what is declared)"
+        if self.lags:
+            late = "behind" if self.common_lag[0] > 0 else "ahead of"
+            words += f"; the force is {abs(self.common_lag[0]) * 1e3:.2g} ms {late} the deceleration"
+        return words
+
+
+def force_beside(dataset: Dataset, signal: Displacements) -> Force | None:
+    """The force beside a dataset's decelerations; None where there is none, or displacements were recorded.
+
+    Args:
+        dataset: the recordings.
+        signal: what the signal chain made of the decelerations.
+    """
+    if not dataset.channels or dataset.quantity == "displacement":
+        return None
+    (channel,) = dataset.channels
+    sign = -1.0 if dataset.quantity == "acceleration" else 1.0
+    force, slowing = stack(channel.traces), stack(dataset.traces).signed(sign)
+    since, times = ((part.start - signal.contact_time_s)[:, None] + part.time_s for part in (force, slowing))
+    mass, to_peak = (signal.mass - channel.tip_mass_kg)[:, None], signal.time_to_peak[:, None]
+    owner = np.broadcast_to(np.arange(len(since))[:, None], since.shape)
+    d = (slowing.value - signal.offset[:, None])[slowing.inside]
+    others = times[slowing.inside], d, np.nonzero(slowing.inside)[0]
+
+    def at(times: Float[np.ndarray, "impact sample"]) -> Float[np.ndarray, "impact sample"]:
+        return mass * beside(times.ravel(), owner.ravel(), *others).reshape(times.shape)
+
+    reach = _REACH * to_peak
+    first, last = times[:, :1], np.take_along_axis(times, slowing.n[:, None] - 1, axis=1)
+    inside = force.inside & (since > np.maximum(-to_peak, first + 2 * reach))
+    inside &= since < np.minimum(_AFTER * to_peak, last - 2 * reach)
+    count = inside.sum(axis=1)
+    # At the sensor's limit d is not what it was.
+    whole = (signal.clipped == 0).all(axis=1) & (count >= FEWEST_SAMPLES)
+    noise = count * (mass[:, 0] * signal.noise_sd) ** 2
+    values = np.where(inside, force.value, 0.0)
+
+    def compared(lag: Float[np.ndarray, " impact"]) -> tuple[Any, Any]:
+        """The coefficients and their errors, the lag's being what is left of it."""
+        then = since - lag[:, None]
+        slope = (at(then + reach) - at(then - reach)) / (2 * reach)
+        columns = np.stack([at(then), -slope, np.ones_like(then)], axis=-1)
+        return _least_squares(np.where(inside[..., None], columns, 0.0), values, count, noise, whole)
+
+    lag = np.zeros(len(mass))
+    for _ in range(_ROUNDS):
+        (ratio, moved, zero), (ratio_sd, moved_sd, _) = compared(lag)
+        left = np.nan_to_num(moved / ratio)
+        lag = np.clip(lag + left, -reach[:, 0], reach[:, 0])
+    expected = np.where(inside, at(since), 0.0)
+    chain = dataset.uncertainty
+    declared = np.hypot(np.hypot(chain.relative_mass_sd, chain.relative_gain_sd), channel.relative_gain_sd)
+    of_lag = (np.where(whole, lag, np.nan), moved_sd / np.abs(ratio))
+    value = force.value - np.where(whole, zero, 0.0)[:, None]
+    return Force(channel, since, value, expected, inside, ratio, ratio_sd, *of_lag, force.dt, float(declared))
+
+
+def _least_squares(
+    columns: Float[np.ndarray, "impact sample column"],
+    values: Float[np.ndarray, "impact sample"],
+    count: Int[np.ndarray, " impact"],
+    noise: Float[np.ndarray, " impact"],
+    known: Bool[np.ndarray, " impact"],
+) -> tuple[Float[np.ndarray, "column impact"], Float[np.ndarray, "column impact"]]:
+    """Coefficients of every impact and their standard errors; NaN where they are not ``known``.
+
+    The noise of the first column is taken out of its sum of squares, of which it has ``noise``.
+    """
+    squares = np.einsum("isa,isb->iab", columns, columns)
+    scale = np.sqrt(np.einsum("iaa->ia", squares))
+    scale = np.where(known[:, None] & (scale > 0), scale, 1.0)
+    squares[:, 0, 0] -= noise
+    squares = squares / (scale[:, :, None] * scale[:, None])
+    products = np.einsum("isa,is->ia", columns, values) / scale
+    inverse = np.linalg.pinv(squares, hermitian=True)
+    found = np.einsum("iab,ib->ia", inverse, products)
+    left = values - np.einsum("isa,ia->is", columns, found / scale)
+    variance = (left**2).sum(axis=1) / np.maximum(count - columns.shape[2], 1)
+    sd = np.sqrt(variance[:, None] * np.einsum("iaa->ia", inverse))
+    of_known, of_sd = (np.where(known[:, None], part / scale, np.nan).T for part in (found, sd))
+    return of_known, of_sd
+
+
+def _median(values: Float[np.ndarray, " impact"], sd: Float[np.ndarray, " impact"]) -> tuple[float, float]:
+    """The median of known values, and its standard error: as they scatter, or of the only one."""
+    known = np.isfinite(values)
+    if not known.any():
+        return float("nan"), float("nan")
+    values, sd = values[known], sd[known]
+    centre = float(np.median(values))
+    # Of a normal, the median deviation is 0.674 standard deviations, and a median's error 1.25 of a mean's.
+    spread = max(1.4826 * float(np.median(np.abs(values - centre))), float(np.median(sd)))
+    return centre, 1.2533 * spread / np.sqrt(values.size) if values.size > 1 else spread

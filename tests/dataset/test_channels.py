@@ -1,0 +1,187 @@
+"""A further channel of the same impacts: read, checked, written back, compared with the first."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bayestissue.checking import check
+from bayestissue.dataset import read_dataset, write_dataset
+from bayestissue.dataset.write import settings_text
+from bayestissue.errors import InputError
+from dataset_bench import MASSES, NAMES, RATE, SETTINGS, Outcome, tables
+
+TIP, RATIO = 0.1, 1.1
+CELL = {
+    "name": "load cell",
+    "quantity": "force",
+    "place": "impactor",
+    "unit": "N",
+    "value_column": "force_N",
+    "relative_gain_sd": 0.01,
+    "tip_mass_kg": TIP,
+}
+
+
+def bench(
+    folder: Path, *, scale: float = 1.0, zero: float = 0.3, noise: float = 0.02, **channel: Any
+) -> Path:
+    """The bench with a load cell that reads `RATIO` times the force behind its tip, in the same table."""
+    impacts, traces = tables()
+    behind = traces["impact"].map(dict(zip(NAMES, MASSES, strict=True))).astype(float) - TIP
+    random = np.random.default_rng(0).normal(0, noise, len(traces))
+    traces["force_N"] = scale * (RATIO * behind * traces["value"] + zero + random)
+    stated = {key: value for key, value in (CELL | channel).items() if value is not None}
+    write_dataset(
+        folder,
+        settings=SETTINGS | {"channel": [stated]},
+        impacts=impacts,
+        traces=traces,
+        trace_file="traces.csv",
+    )
+    return folder
+
+
+def test_the_channel_comes_with_the_dataset_and_is_written_back(tmp_path: Path) -> None:
+    data = read_dataset(bench(tmp_path / "bench"))
+    (channel,) = data.channels
+    assert (channel.name, channel.place, channel.tip_mass_kg) == ("load cell", "impactor", TIP)
+    assert [len(trace.value) for trace in channel.traces] == [len(trace.value) for trace in data.traces]
+    again = read_dataset(data.write(tmp_path / "again"))
+    for one, other in zip(channel.traces, again.channels[0].traces, strict=True):
+        np.testing.assert_array_equal(one.time_s, other.time_s)
+        np.testing.assert_allclose(one.value, other.value, rtol=1e-12)
+    part = data.part([2])
+    assert part.channels[0].traces == [channel.traces[2]]
+
+
+def test_units_scale_and_clock_of_the_channel_are_its_own(tmp_path: Path) -> None:
+    plain = read_dataset(bench(tmp_path / "plain")).channels[0].traces[0]
+    other = bench(tmp_path / "other", scale=-1e-3, unit="kN", time_offset_s=0.001)
+    (tmp_path / "other" / "dataset.toml").write_text(
+        (other / "dataset.toml").read_text().replace('unit = "kN"', 'unit = "kN"\nscale = -1.0')
+    )
+    trace = read_dataset(other).channels[0].traces[0]
+    np.testing.assert_allclose(trace.value, plain.value, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(trace.time_s, plain.time_s + 0.001)
+
+
+def test_a_file_of_its_own_may_have_another_rate(tmp_path: Path) -> None:
+    folder = bench(tmp_path / "bench")
+    data = read_dataset(folder)
+    table = data.channels[0].traces
+    lines = ["impact,time_s,value"]
+    lines += [
+        f"{name},{time:.9g},{value:.9g}"
+        for name, trace in zip(NAMES, table, strict=True)
+        for time, value in zip(trace.time_s[::4], trace.value[::4], strict=True)
+    ]
+    (folder / "force.csv").write_text("\n".join(lines))
+    text = (folder / "dataset.toml").read_text()
+    (folder / "dataset.toml").write_text(text.replace('value_column = "force_N"', 'file = "force.csv"'))
+    slow = read_dataset(folder)
+    assert np.diff(slow.channels[0].traces[0].time_s).mean() == pytest.approx(4 / RATE)
+    assert slow.input_hash != data.input_hash
+    assert check(slow).quality["force_ratio"].to_numpy() == pytest.approx(RATIO, rel=0.005)
+
+
+@pytest.mark.parametrize(
+    ("channel", "row", "words"),
+    [
+        ({"unit": "mm"}, 16, "a unit of force"),
+        ({"quantity": "velocity"}, 14, "force"),
+        ({"place": "ceiling"}, 15, "impactor"),
+        ({"value_column": None}, 12, "value_column, or file"),
+        ({"value_column": None, "file": "../force.csv"}, 19, "in the dataset's folder"),
+        ({"place": "base"}, 12, "tip_mass_kg only beside"),
+        ({"gain": 1.0}, 20, "one of the keys"),
+    ],
+)
+def test_a_key_that_is_wrong_is_named_with_its_row(
+    tmp_path: Path, channel: dict[str, Any], row: int, words: str
+) -> None:
+    folder = bench(tmp_path / "bench")
+    stated = {key: value for key, value in (CELL | channel).items() if value is not None}
+    (folder / "dataset.toml").write_text(settings_text(SETTINGS | {"channel": [stated]}))
+    with pytest.raises(InputError) as refused:
+        read_dataset(folder)
+    (problem,) = refused.value.problems
+    assert problem.row == row
+    assert words in str(problem)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "code", "words"),
+    [
+        (lambda f: bench(f, scale=-1.0), "channel-unfit", "positive while the impactor slows"),
+        (lambda f: bench(f, time_offset_s=9.0), "channel-unfit", "0 of its samples"),
+        (lambda f: bench(f, scale=0.0), "constant-signal", "changes"),
+        (lambda f: bench(f, value_column=None, file="force.csv"), "no-file", "force.csv"),
+    ],
+)
+def test_recordings_that_do_not_fit_the_first_channel_are_refused(
+    tmp_path: Path, spoil: Callable[[Path], Path], code: str, words: str
+) -> None:
+    if code == "no-file":
+        folder = bench(tmp_path / "bench")
+        text = (folder / "dataset.toml").read_text()
+        (folder / "dataset.toml").write_text(text.replace('value_column = "force_N"', 'file = "force.csv"'))
+    else:
+        folder = spoil(tmp_path / "bench")
+    with pytest.raises(InputError) as refused:
+        read_dataset(folder)
+    assert {problem.code for problem in refused.value.problems} == {code}
+    assert words in str(refused.value)
+
+
+def test_a_cell_of_the_channel_that_is_no_number_leaves_its_impact_out(tmp_path: Path) -> None:
+    folder = bench(tmp_path / "bench")
+    lines = (folder / "traces.csv").read_text().split("\n")
+    lines[1] = lines[1].rsplit(",", 1)[0] + ",OVER"
+    (folder / "traces.csv").write_text("\n".join(lines))
+    with pytest.raises(InputError, match=r"row 2, column force_N, impact a: found \"OVER\""):
+        read_dataset(folder)
+    data = read_dataset(folder, skip_bad=True)
+    assert data.impacts["impact"].tolist() == list(NAMES[1:])
+    assert len(data.channels[0].traces) == len(NAMES) - 1
+
+
+def test_check_compares_force_with_mass_times_deceleration(tmp_path: Path) -> None:
+    found = check(bench(tmp_path / "bench"))
+    assert found.force is not None
+    ratio, ratio_sd = found.quality["force_ratio"], found.quality["force_ratio_sd"]
+    assert (np.abs(ratio - RATIO) < 4 * ratio_sd).all()
+    # A zero of the load cell is no part of the ratio.
+    assert ratio_sd.max() < 0.002
+    assert found.force.declared_sd == pytest.approx(np.hypot(0.01, 0.01))
+    assert found.force.contradicts
+    assert not found.force.lags
+    (warning,) = [problem for problem in found.warnings if problem.code == "channels-disagree"]
+    assert "10 % more than mass_kg says" in str(warning)
+
+
+def test_check_says_nothing_of_a_force_that_agrees(tmp_path: Path) -> None:
+    found = check(bench(tmp_path / "bench", relative_gain_sd=0.05))
+    assert not [problem for problem in found.warnings if problem.code == "channels-disagree"]
+
+
+def test_a_force_that_is_late_is_said_to_be(tmp_path: Path) -> None:
+    found = check(bench(tmp_path / "bench", time_offset_s=0.0004))
+    assert found.force is not None
+    assert found.force.lags
+    assert found.force.common_lag[0] == pytest.approx(0.0004, rel=0.1)
+    assert "ms behind the deceleration" in found.force.words
+
+
+def test_the_command_and_its_page_show_both(tmp_path: Path, command: Callable[..., Outcome]) -> None:
+    folder = bench(tmp_path / "bench")
+    outcome = command("check", folder, "--out", tmp_path / "checked")
+    assert outcome.status == 0
+    assert "of (M - m) a" in outcome.out
+    page = (tmp_path / "checked" / "check.html").read_text()
+    assert "Force against M a" in page
+    assert "recorded force" in page

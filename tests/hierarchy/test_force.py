@@ -1,0 +1,154 @@
+"""A force beside the deceleration as a fit takes it: its rows, what it says of the mass, when it can't."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from bayestissue.dataset.chain import Recorder
+from bayestissue.dataset.model import Dataset
+from bayestissue.fitting import resolve
+from bayestissue.hierarchy.force import PreparedForce
+from bayestissue.hierarchy.trace_data import Prepared, prepare
+from bayestissue.inference.checking.force import judge_force
+from bayestissue.inference.samplers.diagnostics import headline
+from bayestissue.simulation import Simulation, simulate
+from campaigns import FOUR_BY_FOUR
+
+FORCE = {"noise_relative_to_peak": 0.005, "offset_sd_N": 0.5, "relative_gain_sd": 0.01, "tip_mass_kg": 0.05}
+
+
+def campaign(force: dict[str, float] | None = FORCE, **recording: float) -> Dataset:
+    content = tomllib.loads(FOUR_BY_FOUR)
+    content["recording"] |= recording | ({} if force is None else {"force": force})
+    return simulate(Simulation.model_validate(content)).dataset("made")
+
+
+def prepared(dataset: Dataset, model: str = "impact") -> Prepared:
+    specification, source = resolve(model)
+    return prepare(dataset, specification, source=source)
+
+
+def of_force(dataset: Dataset) -> PreparedForce:
+    force = prepared(dataset).force
+    assert force is not None
+    return force
+
+
+@pytest.fixture(scope="module")
+def heavier() -> Dataset:
+    return campaign(mass_factor=1.1, relative_mass_sd=0.0)
+
+
+def test_its_rows_begin_with_contact_and_end_with_the_window(heavier: Dataset) -> None:
+    ready = prepared(heavier)
+    assert ready.force is not None
+    rows, record = ready.force.rows, ready.data.record
+    # The two share a clock: the same samples.
+    np.testing.assert_array_equal(rows.n_samples, record.n_samples)
+    np.testing.assert_allclose(rows.first_time, record.first_time, atol=1e-9)
+    # 1.1 M - m behind the tip for M - m: F / M is (1.1 - m / M) d but for the gain and noise.
+    mass = heavier.impacts["mass_kg"].to_numpy()
+    ratio = (rows.y * np.asarray(record.d)).sum(axis=1) / (np.asarray(record.d) ** 2).sum(axis=1)
+    assert ratio == pytest.approx(1.1 - 0.05 / mass, rel=0.03)
+    assert np.exp(ready.force.log_ratio) == pytest.approx(1.1, rel=0.03)
+
+
+def test_a_gain_and_a_mass_share_the_ratio_by_what_is_declared(heavier: Dataset) -> None:
+    random = np.random.default_rng(0)
+    force = replace(of_force(heavier), mass_sd=0.03, gain_sd=0.04)
+    log_f, g = 0.03 * random.standard_normal(40_000), 0.04 * random.standard_normal(40_000)
+    drawn = force.log_mass_factor(log_f + g, random.standard_normal(40_000))
+    # Given a, what is drawn is as the truth is: alike in law, and in their covariance with a.
+    se = 3 / np.sqrt(40_000)
+    assert drawn.std() == pytest.approx(0.03, rel=4 * se)
+    assert np.mean(drawn * (log_f + g)) == pytest.approx(0.03**2, rel=6 * se)
+    assert (drawn < log_f).mean() == pytest.approx(0.5, abs=se)
+
+
+def test_a_mass_that_is_declared_exact_is_not_moved(heavier: Dataset) -> None:
+    force = replace(of_force(heavier), mass_sd=0.0, gain_sd=0.0)
+    assert force.share == 0
+    assert (force.log_mass_factor(np.array([0.1]), np.array([2.0])) == 0).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "model", "why"),
+    [
+        ({"recorder": Recorder(400.0)}, "impact", "low-pass"),
+        ({}, "arma", "no place"),
+        ({}, "hunt_crossley", "when contact was"),
+    ],
+)
+def test_what_keeps_a_fit_from_using_it_is_said(
+    heavier: Dataset, change: dict[str, Recorder], model: str, why: str
+) -> None:
+    ready = prepared(replace(heavier, **change), model)
+    assert ready.force is None
+    assert why in ready.force_unused
+    assert not ready.model.force
+
+
+def test_a_force_that_lags_is_not_used(heavier: Dataset) -> None:
+    (channel,) = heavier.channels
+    late = [replace(trace, time_s=trace.time_s + 0.002) for trace in channel.traces]
+    ready = prepared(replace(heavier, channels=(replace(channel, traces=late),)))
+    assert ready.force is None
+    assert "2 ms off" in ready.force_unused
+
+
+def test_without_a_channel_nothing_of_it_is_there() -> None:
+    ready = prepared(campaign(None))
+    assert ready.force is None
+    assert ready.data.record.force is None
+    assert ready.model.nuisance == ("noise",)
+
+
+@pytest.mark.parametrize(
+    ("mass_sd", "passed", "words"),
+    [
+        (0.1, True, "by the force all masses are 1."),
+        (0.002, False, "the force is 10 % more than declared mass times deceleration"),
+    ],
+)
+def test_the_verdict_names_the_size(heavier: Dataset, mass_sd: float, passed: bool, words: str) -> None:
+    force = replace(of_force(heavier), mass_sd=mass_sd, gain_sd=0.01)
+    random = np.random.default_rng(0)
+    a = np.log(1.1) + 0.001 * random.standard_normal((4, 1000))
+    factor = np.exp(force.log_mass_factor(a, random.standard_normal(a.shape)))
+    posterior = xr.Dataset(
+        {
+            "log_force_ratio_mean": (("chain", "draw"), a),
+            "mass_factor": (("chain", "draw"), factor),
+        }
+    )
+    declared = heavier.impacts["mass_kg"].to_numpy()
+    mass = factor[..., None] * declared * np.exp(0.002 * random.standard_normal((1, 1, len(declared))))
+    posterior["mass"] = ("chain", "draw", "impact"), mass
+    account = judge_force(force, posterior, declared)
+    assert account["slope"] == 0
+    assert account["passed"] is passed
+    assert words in headline({"passed": True, "channels": account})
+
+
+def test_masses_that_lack_one_arm_are_not_off_by_one_factor(heavier: Dataset) -> None:
+    force = replace(of_force(heavier), mass_sd=0.1, gain_sd=0.01)
+    random, declared = np.random.default_rng(0), heavier.impacts["mass_kg"].to_numpy()
+    off = np.log1p(0.05 / declared) + 0.002 * random.standard_normal((4, 500, 1))
+    posterior = xr.Dataset(
+        {
+            "log_force_ratio_mean": (("chain", "draw"), off.mean(-1)),
+            "mass_factor": (("chain", "draw"), np.exp(off.mean(-1))),
+            "mass": (("chain", "draw", "impact"), declared * np.exp(off)),
+        }
+    )
+    account = judge_force(force, posterior, declared)
+    # From 0.4 to 1.3 kg an arm of 0.05 kg is 12 to 4 %.
+    slope = (np.log1p(0.05 / 1.3) - np.log1p(0.05 / 0.4)) / np.log(1.3 / 0.4)
+    assert account["slope"] == pytest.approx(slope, rel=0.1)
+    assert not account["passed"]
+    assert "not off by one factor" in account["words"]

@@ -1,0 +1,46 @@
+"""A simulated pendulum with a load cell, its masses declared too small: the posterior has what they are."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import bayestissue as bt
+from bayestissue.dataset.chain import Uncertainty
+from bayestissue.simulation import Simulation, simulate
+from campaigns import FOUR_BY_FOUR
+
+pytestmark = pytest.mark.slow
+
+FACTOR = 1.1
+
+
+@pytest.mark.parametrize("tip", [0.0, 0.1])
+def test_masses_that_are_declared_too_small_are_put_right(tip: float) -> None:
+    content = tomllib.loads(FOUR_BY_FOUR)
+    content["recording"] |= {
+        "mass_factor": FACTOR,
+        "relative_gain_sd": 0.002,
+        "force": {"noise_relative_to_peak": 0.005, "relative_gain_sd": 0.01, "tip_mass_kg": tip},
+    }
+    made = simulate(Simulation.model_validate(content))
+    # What the lab declares of the mass: a tenth.
+    dataset = replace(made.dataset("made"), uncertainty=Uncertainty(0.1, 0.005, 0.002, 0.0))
+    fit = bt.fit(dataset, seed=1)
+    posterior = fit.posterior["posterior"].dataset
+    low, high = np.quantile(posterior["mass_factor"], [0.05, 0.95])
+    assert low < FACTOR < high
+    # One gain of 1 % is all that is left open: 3.3 % from 5 to 95 %.
+    assert 0.02 < high - low < 0.05
+    for name, column in (("K", "K_N_per_m"), ("C", "C_N_s_per_m"), ("mass", "mass_kg")):
+        z = np.log(posterior[name] / made.truth[column].to_numpy()[None, None])
+        held = (np.quantile(z, 0.05, axis=(0, 1)) < 0) & (np.quantile(z, 0.95, axis=(0, 1)) > 0)
+        # All impacts share the gain's error; so nearly all intervals hold, or none.
+        assert held.mean() > 0.8, name
+        # At the declared mass every one of them would be 10 % off.
+        assert abs(float(z.mean())) < 0.03
+    assert fit.diagnostics["channels"]["passed"]
+    assert "all masses are 1." in fit.about["verdict"]["headline"]

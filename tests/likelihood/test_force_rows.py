@@ -1,0 +1,140 @@
+"""A force beside the deceleration against the dense normal of all rows of both."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from bayestissue.elements import element
+from bayestissue.likelihood.element.impact import MeasuredImpact, NoiseParameters
+from bayestissue.likelihood.element.record import Contact, DecelerationRecord, ForceRows
+
+K, C, MASS, VELOCITY = 3000.0, 25.0, 0.8, 1.4
+# Velocity, gain, the force's zero, its clock, the deceleration's zero, the time of contact.
+SD = (0.03, 0.02, 0.1, 5e-5, 0.2, 4e-5)
+SIGMA, FORCE_SIGMA, RATIO, TIP = 0.4, 0.9, 0.07, 0.1
+SAMPLES, DT, FIRST = 40, 5e-4, 2e-4
+ROWS, FORCE_DT, FORCE_FIRST = 25, 7e-4, 3e-4
+
+
+def deceleration(t: np.ndarray, velocity: float = VELOCITY) -> np.ndarray:
+    """Of a spring and damper met at this velocity, by the closed form."""
+    omega, zeta = np.sqrt(K / MASS), C / (2 * np.sqrt(K * MASS))
+    damped = omega * np.sqrt(1 - zeta**2)
+    x = velocity * np.exp(-zeta * omega * t) * np.sin(damped * t) / damped
+    v = (
+        velocity
+        * np.exp(-zeta * omega * t)
+        * (np.cos(damped * t) - zeta * omega / damped * np.sin(damped * t))
+    )
+    return (K * x + C * v) / MASS
+
+
+def jerk(t: np.ndarray, step: float = 1e-7) -> np.ndarray:
+    return (deceleration(t + step) - deceleration(t - step)) / (2 * step)
+
+
+def recorded() -> tuple[DecelerationRecord, np.ndarray, np.ndarray]:
+    random = np.random.default_rng(3)
+    t, s = FIRST + DT * np.arange(SAMPLES), FORCE_FIRST + FORCE_DT * np.arange(ROWS)
+    d = deceleration(t) + random.normal(0, SIGMA, SAMPLES)
+    y = (np.exp(RATIO) - TIP) * deceleration(s) + random.normal(0, FORCE_SIGMA, ROWS)
+    one = np.ones(1)
+    record = DecelerationRecord.from_arrays(
+        d[None],
+        np.array([SAMPLES]),
+        FIRST * one,
+        DT * one,
+        VELOCITY * one,
+        np.array([SD]),
+        MASS * one,
+        {},
+        Contact.known(np.zeros(1, bool)),
+    )
+    # Of a row that is longer than the trace, what is behind its end says nothing.
+    rows = ForceRows(
+        jnp.asarray(np.append(y, 9.0)[None]),
+        jnp.array([ROWS]),
+        jnp.array([FORCE_FIRST]),
+        jnp.array([FORCE_DT]),
+        jnp.array([TIP]),
+    )
+    return record._replace(force=rows), d, y
+
+
+def likelihood(record: DecelerationRecord) -> MeasuredImpact:
+    parameters = jnp.array([[K], [C]])
+    noise = NoiseParameters(
+        jnp.log(jnp.array([SIGMA])), None, None, jnp.log(jnp.array([FORCE_SIGMA])), jnp.array([RATIO])
+    )
+    return MeasuredImpact(element("kelvin_voigt"), parameters, noise, record)
+
+
+def dense() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mean and covariance of all rows, and the columns of the errors."""
+    t, s = FIRST + DT * np.arange(SAMPLES), FORCE_FIRST + FORCE_DT * np.arange(ROWS)
+    share = np.exp(RATIO) - TIP
+    none_d, none_y = np.zeros(SAMPLES), np.zeros(ROWS)
+    columns = np.array(
+        [
+            [*(deceleration(t) / VELOCITY), *(share * deceleration(s) / VELOCITY)],
+            [*deceleration(t), *none_y],
+            [*none_d, *np.ones(ROWS)],
+            [*none_d, *(-share * jerk(s))],
+            [*np.ones(SAMPLES), *none_y],
+            [*(-jerk(t)), *(-share * jerk(s))],
+        ]
+    )
+    mean = np.concatenate([deceleration(t), share * deceleration(s)])
+    noise = np.diag(np.concatenate([np.full(SAMPLES, SIGMA**2), np.full(ROWS, FORCE_SIGMA**2)]))
+    return mean, noise + columns.T @ np.diag(np.square(SD)) @ columns, columns
+
+
+def test_the_log_density_is_that_of_the_dense_normal() -> None:
+    record, d, y = recorded()
+    mean, covariance, _ = dense()
+    expected = multivariate_normal(mean, covariance).logpdf(np.concatenate([d, y]))
+    assert float(likelihood(record).log_density()[0]) == pytest.approx(expected, rel=1e-7)
+
+
+def test_errors_given_both_channels_are_those_of_the_dense_normal() -> None:
+    record, d, y = recorded()
+    mean, covariance, columns = dense()
+    gain = np.diag(np.square(SD)) @ columns @ np.linalg.inv(covariance)
+    expected = gain @ (np.concatenate([d, y]) - mean)
+    spread = np.sqrt(np.diag(np.diag(np.square(SD)) - gain @ columns.T @ np.diag(np.square(SD))))
+    event, number = likelihood(record), 2000
+    keys = jax.random.split(jax.random.PRNGKey(0), number)
+    drawn = np.asarray(jax.vmap(event.draw_errors)(keys))[:, 0]
+    # Five standard errors of a mean of so many draws, and of a standard deviation.
+    assert (np.abs(drawn.mean(0) - expected) < 5 * spread / np.sqrt(number)).all()
+    assert drawn.std(0) == pytest.approx(spread, rel=5 / np.sqrt(2 * number))
+
+
+def test_its_slopes_are_those_of_differences() -> None:
+    record, *_ = recorded()
+
+    def value(p: jax.Array) -> jax.Array:
+        noise = NoiseParameters(p[2:3], None, None, p[3:4], p[4:5])
+        return MeasuredImpact(element("kelvin_voigt"), jnp.exp(p[:2, None]), noise, record).log_density()[0]
+
+    at = jnp.array([np.log(K), np.log(C), np.log(SIGMA), np.log(FORCE_SIGMA), RATIO])
+    slope, step = np.asarray(jax.jit(jax.grad(value))(at)), 1e-5
+    differences = [
+        (value(at.at[i].add(step)) - value(at.at[i].add(-step))) / (2 * step) for i in range(len(at))
+    ]
+    np.testing.assert_allclose(slope, differences, rtol=1e-5, atol=1e-4)
+
+
+def test_a_shorter_window_is_shorter_in_both_channels() -> None:
+    record, *_ = recorded()
+    assert record.force is not None
+    same = record.with_traces(record.d, record.n_samples)
+    np.testing.assert_array_equal(same.force.n_samples, [ROWS])
+    # Until the 21st sample, 10.2 ms after contact: 0.3 + 14 * 0.7 = 10.1 ms.
+    shorter = record.with_traces(record.d, np.array([21]))
+    np.testing.assert_array_equal(shorter.force.n_samples, [15])
+    assert (np.asarray(shorter.force.y)[0, 15:] == 0).all()
