@@ -17,7 +17,7 @@ ELSEWHERE = {"Dyestuff", "Pastes", "Penicillin", "sleepstudy"}
 def test_published_numbers_are_the_program_s(name: str) -> None:
     published = PUBLISHED[name]
     computed = published.computed()
-    assert published.values.keys() <= computed.keys()
+    assert published.numbers.keys() <= computed.keys()
     assert published.differences(computed) == {}
 
 
@@ -36,7 +36,7 @@ def test_three_rates_are_those_of_an_overdamped_element() -> None:
 
 
 def test_the_certified_exponentials_leave_the_certified_squares() -> None:
-    values = PUBLISHED["Lanczos3"].values
+    values = PUBLISHED["Lanczos3"].numbers
     made = sum(values[f"b{k}"] * np.exp(-values[f"b{k + 1}"] * TIME) for k in (1, 3, 5))
     # Eleven digits of parameters that nearly cancel.
     assert ((LANCZOS3 - made) ** 2).sum() == pytest.approx(values["squares"], rel=1e-6)

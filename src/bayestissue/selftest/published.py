@@ -30,7 +30,7 @@ class Published:
     Attributes:
         title: what they are of.
         source: who published them, and where.
-        values: by name, as printed.
+        numbers: by name, as printed.
         tolerance: how far off a number may be, by name or of all: half a unit of the last digit printed, or
             rounding errors where those are greater.
         why: what the tolerance is.
@@ -40,7 +40,7 @@ class Published:
 
     title: str
     source: str
-    values: Mapping[str, float]
+    numbers: Mapping[str, float]
     tolerance: Mapping[str, float] | float
     why: str
     computed: Callable[[], Mapping[str, float]]
@@ -48,7 +48,7 @@ class Published:
 
     def differences(self, computed: Mapping[str, float]) -> dict[str, float]:
         """What is farther off than it may be: the number computed less the published one, by name."""
-        away = {name: computed[name] - value for name, value in self.values.items()}
+        away = {name: computed[name] - value for name, value in self.numbers.items()}
         allowed = {name: self.tolerance_of(name) for name in away}
         return {name: difference for name, difference in away.items() if not abs(difference) <= allowed[name]}
 
