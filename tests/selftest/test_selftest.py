@@ -12,7 +12,7 @@ import pytest
 
 from bayestissue.results import read_table
 from bayestissue.selftest import fits, formats, plan
-from bayestissue.selftest.checks import Check, Compared, differing, run, verdict
+from bayestissue.selftest.checks import Compared, Part, differing, run, verdict
 from command_line import bayestissue
 
 GOOD, BAD = Compared("one", "1", "1", True), Compared("two", "2", "3", False)
@@ -43,7 +43,7 @@ def test_a_check_that_ends_by_an_error_is_one_that_failed(tmp_path: Path) -> Non
         raise ValueError("no such thing")
 
     table = run(
-        [Check("a", lambda _: [GOOD]), Check("b", broken), Check("c", lambda _: [BAD])], tmp_path, silent
+        [Part("a", lambda _: [GOOD]), Part("b", broken), Part("c", lambda _: [BAD])], tmp_path, silent
     )
     assert table["passed"].tolist() == [1, 0, 0]
     assert table["found"].tolist() == ["1", "ValueError: no such thing", "3"]
@@ -78,7 +78,7 @@ def test_checks_that_take_long_are_thorough_ones(tmp_path: Path) -> None:
 def test_the_command_writes_what_it_found_and_ends_by_its_verdict(
     finding: Compared, status: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(plan, "checks", lambda _: [Check("part", lambda _: [GOOD, finding])])
+    monkeypatch.setattr(plan, "checks", lambda _: [Part("part", lambda _: [GOOD, finding])])
     monkeypatch.chdir(tmp_path)
     ended = bayestissue("selftest", "--quiet")
     assert ended.status == status, ended.err

@@ -29,7 +29,7 @@ class Compared(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Check:
+class Part:
     """A part of the self-test.
 
     Attributes:
@@ -51,7 +51,7 @@ def differing(what: str, here: pd.DataFrame, there: pd.DataFrame) -> Compared:
     return Compared(what, "the same numbers", "the same" if not count else f"{count} differ", not count)
 
 
-def run(checks: Iterable[Check], folder: Path, say: Say) -> pd.DataFrame:
+def run(checks: Iterable[Part], folder: Path, say: Say) -> pd.DataFrame:
     """All checks, one after another, each in a folder of its own: the table ``selftest.csv``.
 
     What a check raises is what it found.

@@ -9,7 +9,7 @@ from pathlib import Path
 import pandas as pd
 
 from bayestissue.elements import element_names
-from bayestissue.selftest.checks import Check, Compared, Say, run
+from bayestissue.selftest.checks import Compared, Part, Say, run
 from bayestissue.selftest.fits import calibrated, recovered, resumed
 from bayestissue.selftest.formats import read_back
 from bayestissue.selftest.published import PUBLISHED, Published
@@ -31,20 +31,20 @@ def self_test(folder: Path, *, thorough: bool, say: Say) -> pd.DataFrame:
     return run([check for check in checks(folder) if thorough or not check.thorough], folder, say)
 
 
-def checks(folder: Path) -> Iterator[Check]:
+def checks(folder: Path) -> Iterator[Part]:
     """All checks. One that goes on from another finds what that has left in ``folder``."""
     for name, published in PUBLISHED.items():
-        yield Check(f"published: {name}", partial(_published, published), published.takes_long)
-    yield Check("formats of recorders", read_back)
-    yield Check("calibration of single impacts", partial(calibrated, campaigns=_CALIBRATION))
+        yield Part(f"published: {name}", partial(_published, published), published.takes_long)
+    yield Part("formats of recorders", read_back)
+    yield Part("calibration of single impacts", partial(calibrated, campaigns=_CALIBRATION))
     for likelihood in _LIKELIHOODS:
-        yield Check(f"recovery by {likelihood}", partial(_recovered, folder / likelihood, likelihood))
-    yield Check("a killed fit goes on", partial(resumed, whole=folder / "impact"))
+        yield Part(f"recovery by {likelihood}", partial(_recovered, folder / likelihood, likelihood))
+    yield Part("a killed fit goes on", partial(resumed, whole=folder / "impact"))
     further = ["a2", *(name for name in element_names() if name != "kelvin_voigt")]
     for model in further:
-        yield Check(f"recovery by {model}", partial(_recovered, folder / model, model), thorough=True)
+        yield Part(f"recovery by {model}", partial(_recovered, folder / model, model), thorough=True)
     calibration = partial(calibrated, campaigns=_THOROUGH_CALIBRATION)
-    yield Check("calibration of six hundred impacts", calibration, thorough=True)
+    yield Part("calibration of six hundred impacts", calibration, thorough=True)
 
 
 def _published(published: Published, folder: Path) -> list[Compared]:
