@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import ctypes
-import io
 import zipfile
 from pathlib import Path
 from xml.sax.saxutils import escape
 
 import ezc3d
 import numpy as np
-from bioread import headers
 
 
 def lvm(
@@ -104,45 +101,6 @@ def markers(path: Path, height: np.ndarray, rate: float, unit: str = "mm", hidde
         residuals[0, 0, hidden] = -1
         file["data"]["meta_points"]["residuals"] = residuals
     file.write(str(path))
-
-
-def acq(path: Path, channels: dict[str, np.ndarray], rate: float, units: dict[str, str]) -> None:
-    """An AcqKnowledge 3.8.1 file, set by the structures with which bioread reads one."""
-    revision, order = 41, "<"
-    count, samples = len(channels), len(next(iter(channels.values())))
-
-    def filled(kind: type, **fields: object) -> ctypes.LittleEndianStructure:
-        header = kind.for_revision(revision, order)  # type: ignore[attr-defined]
-        structure = header._struct_class()
-        for name, value in fields.items():
-            setattr(structure, name, value)
-        return structure
-
-    graph = filled(headers.GraphHeader, lVersion=revision, nChannels=count, dSampleTime=1000 / rate)
-    graph.lExtItemHeaderLen = ctypes.sizeof(graph)
-    out = io.BytesIO()
-    out.write(bytes(graph))
-    for number, name in enumerate(channels):
-        channel = filled(
-            headers.ChannelHeader,
-            nNum=number,
-            szCommentText=name.encode(),
-            szUnitsText=units.get(name, "").encode(),
-            lBufLength=samples,
-            dAmplScale=1.0,
-            dAmplOffset=0.0,
-            nChanOrder=number,
-            nVarSampleDivider=1,
-        )
-        channel.lChanHeaderLen = ctypes.sizeof(channel)
-        out.write(bytes(channel))
-    foreign = filled(headers.ForeignHeader)
-    foreign.nLength = ctypes.sizeof(foreign)
-    out.write(bytes(foreign))
-    for _ in channels:
-        out.write(bytes(filled(headers.ChannelDTypeHeader, nSize=8, nType=1)))
-    out.write(np.column_stack(list(channels.values())).astype("<f8").tobytes())
-    path.write_bytes(out.getvalue())
 
 
 def xlsx(path: Path, rows: list[list[object]], *, before: tuple[str, ...] = ()) -> None:

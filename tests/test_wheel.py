@@ -98,6 +98,9 @@ def test_an_installed_wheel_reproduces_and_fits_outside_the_checkout(wheel: Path
     about = json.loads((tmp_path / "published" / "run.json").read_text(encoding="utf-8"))
     assert about["verdict"]["passed"]
 
+    tested = call(program, "selftest", "--quiet", cwd=tmp_path)
+    assert tested.returncode == 0, tested.stdout + tested.stderr
+
 
 def installed(wheel: Path, folder: Path) -> Path:
     """The program in an environment of its own, which has the dependencies that the locks pin.

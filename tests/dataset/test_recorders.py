@@ -16,8 +16,9 @@ from scipy.io import savemat
 from bayestissue.dataset import Dataset, read_dataset
 from bayestissue.dataset.recorders import contents_of
 from bayestissue.errors import InputError
+from bayestissue.selftest.formats import acq
 from dataset_bench import MASSES, NAMES, RATE, Lab, tables
-from recorder_files import acq, c3d, lvm, markers, xlsx
+from recorder_files import c3d, lvm, markers, xlsx
 
 Writer = Callable[[Path, np.ndarray, np.ndarray], None]
 

@@ -1,8 +1,9 @@
-"""Group terms against another program: restricted maximum likelihood of statsmodels on exact estimates."""
+"""Group terms against other programs: restricted maximum likelihood of statsmodels on exact estimates, and
+MixedModels.jl's objectives."""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -11,20 +12,18 @@ import pandas as pd
 import pytest
 import statsmodels.formula.api as smf
 from numpy.testing import assert_allclose
-from scipy.optimize import minimize, minimize_scalar
 
-from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expected, expected_by_cell
-from bayestissue.hierarchy.gaussian.covariances import Covariances
+from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign
 from bayestissue.hierarchy.gaussian.effects import (
     effects_from_standard,
     integrate_effects,
     log_density_of_cells,
 )
-from bayestissue.hierarchy.gaussian.factor import GaussianFactor
-from bayestissue.hierarchy.population import EffectParts, covariances_of, population_design
+from bayestissue.hierarchy.population import EffectParts, population_design
 from bayestissue.hierarchy.priors import Normal, Priors
+from bayestissue.selftest.mixed_models import exactly_estimated, sleep_objective
+from bayestissue.selftest.published import PUBLISHED
 from designs import REFERENCE, design_of, impacts, indicator
-from mixed_model_tables import DYESTUFF, PASTES, PENICILLIN, SLEEP
 
 FORMULA = "log(mass_kg) + (log(mass_kg)|subject) + (1|subject:side) + (1|session)"
 SD = {"subject": 0.3, "slope": 0.4, "side": 0.2, "session": 0.25, "impact": 0.1}
@@ -83,126 +82,34 @@ def population(rows: pd.DataFrame) -> tuple[EffectParts, PopulationDesign]:
     return population_design(design_of(FORMULA, "1", rows), priors, ("noise",))
 
 
-def told(
-    population: tuple[EffectParts, PopulationDesign], y: Any, sd: dict[str, Any]
-) -> tuple[PopulationDesign, Covariances, GaussianFactor]:
-    """What exact estimates of log K say of b; of log C and the noise nothing is known."""
-    effects, design = population
-    sites = {NAMES[name]: jnp.asarray(value) for name, value in sd.items()}
-    sites |= {"sd_impact_C": jnp.asarray(0.3), "sd_noise": jnp.asarray(0.3)}
-    away = jnp.asarray(y) - expected(design, effects.mean)[0]
-    precision, first = sites["sd_impact_K"] ** -2.0, jnp.array([1.0, 0.0, 0.0])[:, None]
-    sums = (
-        precision * first * away,
-        precision * first[:, None] * first * jnp.ones_like(away),
-        (jnp.log(precision) - precision * away**2) / 2,
-    )
-    about = expected_by_cell(design, effects.mean)
-    laid = GaussianFactor(about, *(design.to_cells(part) for part in sums))
-    return design, covariances_of(effects, sites, 0.0, ("noise",)), laid
-
-
-def levels(values: np.ndarray) -> dict[str, np.ndarray]:
-    """A table's rows as levels of `subject`, its values one after the other."""
-    return {"subject": np.repeat([f"s{n}" for n in range(len(values))], values.shape[1])}
-
-
-def columns(values: np.ndarray, repeats: int = 1) -> np.ndarray:
-    """A name for each so many columns of a table, of every value."""
-    return np.tile([f"c{n // repeats}" for n in range(values.shape[1])], len(values))
-
-
-def greatest_objective(formula: str, values: np.ndarray, table: dict[str, np.ndarray], first: float) -> float:
-    """Minus twice the greatest log likelihood, over standard deviations and fixed effects.
-
-    The program integrates fixed effects out. Here they are known, to 1e-5, to be 0 of what is left of the
-    values: so their own greatest is found like that of the others.
-    """
-    y, count = values.ravel(), values.size
-    rows = impacts(people=1 + count // 12).iloc[:count].assign(mass_kg=REFERENCE).assign(**table)
-    known, free = (Normal(distribution="normal", mean=0.0, sd=sd) for sd in (1e-5, 1.0))
-    priors = Priors.model_validate(
-        {"intercept": {"K": known, "C": free}, "mass_exponent": {"K": known, "C": free}}
-    )
-    population = population_design(design_of(formula, "1", rows), priors, ("noise",))
-    x = np.log(rows["mass_kg"].to_numpy() / REFERENCE)
-    X = np.stack([np.ones(count), x], axis=1)[:, : 1 + ("log" in formula)]
-    names = ["impact", *(name for name, site in NAMES.items() if site in deviations(formula))]
-
-    @jax.jit
-    @jax.value_and_grad
-    def objective(at: jax.Array) -> jax.Array:
-        sd = dict(zip(names, jnp.exp(at[: len(names)]), strict=True))
-        left = jnp.asarray(y) - X @ at[len(names) :]
-        return -2 * log_density_of_cells(*told(population, left, sd)) + count * np.log(2 * np.pi)
-
-    begin = np.r_[np.full(len(names), np.log(first)), np.linalg.lstsq(X, y, rcond=None)[0]]
-    found = minimize(lambda at: objective(jnp.asarray(at)), begin, jac=True, method="BFGS")
-    return float(found.fun)
-
-
-def deviations(formula: str) -> list[str]:
-    """The standard deviations that a formula of log K has between levels."""
-    terms = {
-        "(1|subject)": "sd_subject_K",
-        "(1|subject:side)": "sd_subject_side_K",
-        "(1|session)": "sd_session_K",
-        "(log(mass_kg)|subject)": "sd_subject_mass_exponent_K",
-    }
-    found = [site for term, site in terms.items() if term in formula]
-    return [*found, "sd_subject_K"] if "(log(mass_kg)|subject)" in formula else found
-
-
-# The objectives are MixedModels.jl's. What fixed effects known to 1e-5 leave open is far below 1e-6, as is
-# what a search that ends at slopes of 1e-5 does.
-CLOSE = 1e-8
-
-
-@pytest.mark.parametrize(
-    ("values", "formula", "table", "first", "expected_objective"),
-    [
-        (DYESTUFF, "(1|subject)", {}, 40.0, 327.3270598811428),
-        (PASTES, "(1|subject) + (1|subject:side)", {"side": columns(PASTES, 2)}, 1.0, 247.99446586325791),
-        (PENICILLIN, "(1|subject) + (1|session)", {"session": columns(PENICILLIN)}, 1.0, 332.18834867227616),
-    ],
-    ids=["dyestuff", "pastes", "penicillin"],
-)
-def test_the_greatest_likelihood_is_that_of_mixed_models_jl(
-    values: np.ndarray, formula: str, table: dict[str, np.ndarray], first: float, expected_objective: float
-) -> None:
-    found = greatest_objective(formula, values, levels(values) | table, first)
-    assert found == pytest.approx(expected_objective, abs=CLOSE)
+@pytest.mark.parametrize("name", ["Dyestuff", "Pastes", "Penicillin"])
+def test_the_least_objective_is_that_of_mixed_models_jl(name: str) -> None:
+    published = PUBLISHED[name]
+    assert published.differences(published.computed()) == {}
 
 
 @pytest.mark.slow
 def test_slopes_are_independent_of_intercepts_at_the_reference() -> None:
-    """A correlation of the two is a matter of where the covariate is 0: one place has none.
-
-    The greatest likelihood over all places is so that of MixedModels.jl with a correlation.
-    """
-    days = np.tile(np.arange(10.0), len(SLEEP))
-
-    def objective(zero: float) -> float:
-        table = levels(SLEEP) | {"mass_kg": REFERENCE * np.exp(days - zero)}
-        return greatest_objective("log(mass_kg) + (log(mass_kg)|subject)", SLEEP, table, 20.0)
-
-    best = minimize_scalar(objective, bracket=(-1.0, 0.0), tol=1e-5)
-    assert best.fun == pytest.approx(1751.9393444663153, abs=CLOSE)
-    assert objective(0.0) > best.fun
+    published = PUBLISHED["sleepstudy"]
+    found = published.computed()
+    assert published.differences(found) == {}
+    assert sleep_objective(0.0) > found["objective"]
 
 
 def test_effects_are_the_best_linear_unbiased_predictions(
     population: tuple[EffectParts, PopulationDesign], rows: pd.DataFrame, fitted: Fitted
 ) -> None:
-    effects, names = population[0], list(fitted.sd)
+    effects, sites = population[0], [NAMES[name] for name in fitted.sd]
 
     @jax.jit
     def means(sd: jax.Array) -> jax.Array:
-        design, *known = told(population, rows["y"].to_numpy(), dict(zip(names, sd, strict=True)))
+        design, *known = exactly_estimated(
+            population, rows["y"].to_numpy(), dict(zip(sites, sd, strict=True))
+        )
         found, _ = integrate_effects(design, *known)
         return effects_from_standard(design, found, jnp.asarray(effects.mean))
 
-    b = np.asarray(means(jnp.array([fitted.sd[name] for name in names])))
+    b = np.asarray(means(jnp.array(list(fitted.sd.values()))))
 
     def part(name: str, levels: int) -> np.ndarray:
         return b[effects.parts[name]][:levels]
@@ -231,8 +138,8 @@ def test_restricted_likelihood_is_greatest_where_statsmodels_finds_it(
     names = list(fitted.sd)
 
     def log_density(log_sd: jax.Array) -> jax.Array:
-        sd = dict(zip(names, jnp.exp(log_sd), strict=True))
-        return log_density_of_cells(*told(population, rows["y"].to_numpy(), sd))
+        sd = dict(zip(map(NAMES.get, names), jnp.exp(log_sd), strict=True))
+        return log_density_of_cells(*exactly_estimated(population, rows["y"].to_numpy(), sd))
 
     at = np.log([fitted.sd[name] for name in names])
     slope_at = jax.jit(jax.grad(log_density))

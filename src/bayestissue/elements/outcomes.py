@@ -119,7 +119,7 @@ def _of_path(path: Path) -> Outcomes:
     s, end, last, fall = tuple(inner_states), at_leaving[0, :, 0], at_leaving[1, :, 0], falling(p)
     squares = (within[1] ** 2 @ jnp.asarray(_WEIGHTS)) * peak / 2
     # Of 0 m/s^2 nothing, however long.
-    fallen = fall * path.leaves if GRAVITY in p else 0.0
+    fallen = jnp.where(fall == 0, 0.0, fall * path.leaves)
     spent = M * (V**2 - v**2) / 2 + M * fall * x - element.stored(x, v, s, p)
     return Outcomes(
         mass=M,

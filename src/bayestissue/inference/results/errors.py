@@ -7,6 +7,7 @@ is left.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -33,7 +34,7 @@ from bayestissue.signal.displacement import FEWEST_SAMPLES
 
 NOISE, ELEMENT = "noise", "element"
 # Of log s_a^2: the derivative's own error is this squared over 24.
-_STEP = 0.1
+STEP = 0.1
 _SHORTER = 0.9
 _ITERATIONS = 5
 # What the mean of a trace does not depend on: told apart from K and C, and as small as to be nothing.
@@ -72,21 +73,32 @@ def trace_errors(
         ridge: a small precision, for parameters of which a trace says nothing.
     """
     data = as_expected(prepared, u)
-    covariance = np.linalg.inv(_information(prepared, data, u) + ridge)
-
-    def part(upper: Matrices, lower: Matrices) -> Matrices:
-        return -covariance @ ((upper - lower) / _STEP) @ covariance
-
-    parts: dict[str, Matrices] = {}
+    ends: dict[str, tuple[Matrices, Matrices]] = {}
     error_sd = np.asarray(data.record.error_sd)
     for column, name in enumerate(data.record.errors.values()):
         if error_sd[:, column].any():
-            ends = [_information(prepared, _scaled(data, column, side), u) for side in (1, -1)]
-            parts[name] = part(*ends)
+            upper, lower = (_information(prepared, _scaled(data, column, side), u) for side in (1, -1))
+            ends[name] = upper, lower
     if "discrepancy" in prepared.model.nuisance:
         is_discrepancy = np.arange(u.shape[1]) == 2 + prepared.model.nuisance.index("discrepancy")
-        ends = [_information(prepared, data, u + side * _STEP / 4 * is_discrepancy) for side in (1, -1)]
-        parts[ELEMENT] = part(*ends)
+        upper, lower = (
+            _information(prepared, data, u + side * STEP / 4 * is_discrepancy) for side in (1, -1)
+        )
+        ends[ELEMENT] = upper, lower
+    return by_source(_information(prepared, data, u) + ridge, ends)
+
+
+def by_source(information: Matrices, ends: Mapping[str, tuple[Matrices, Matrices]]) -> TraceErrors:
+    """N and its parts from P, and from P where one error's log variance is half of `STEP` larger and smaller.
+
+    Args:
+        information: P.
+        ends: by source, P with the larger and with the smaller error.
+    """
+    covariance = np.linalg.inv(information)
+    parts = {
+        name: -covariance @ ((upper - lower) / STEP) @ covariance for name, (upper, lower) in ends.items()
+    }
     others = sum(parts.values(), np.zeros_like(covariance))
     return TraceErrors(covariance, {NOISE: covariance - others, **parts})
 
@@ -144,7 +156,7 @@ def _information(prepared: Prepared, data: TraceData, u: np.ndarray) -> Matrices
 
 def _scaled(data: TraceData, column: int, side: int) -> TraceData:
     """With the log variance of one error larger or smaller by half a step."""
-    factor = np.where(np.arange(data.record.error_sd.shape[1]) == column, np.exp(side * _STEP / 4), 1.0)
+    factor = np.where(np.arange(data.record.error_sd.shape[1]) == column, np.exp(side * STEP / 4), 1.0)
     return replace(
         data, record=data.record._replace(error_sd=jax.device_put(np.asarray(data.record.error_sd) * factor))
     )
