@@ -41,7 +41,7 @@ def dataset():
 @pytest.fixture(scope="module")
 def fitted(dataset, tmp_path_factory):
     """A fit whose results are made up: the notebook of traces is the test of a real one."""
-    folder = make_fit_run(tmp_path_factory.mktemp("made") / "run")
+    folder = make_fit_run(tmp_path_factory.mktemp("made") / "run", pictures=True)
     with xr.open_datatree(folder / "posterior.nc", engine="h5netcdf") as stored:
         tree = stored.load()
     tables = {name: bt.read_run(folder).table(name) for name in TABLES}
