@@ -47,7 +47,8 @@ def test_every_figure_of_a_paper_is_drawn_with_names_and_units(run) -> None:
         assert name in made
     for name, figure in made.items():
         drawn = figure.svg()
-        unit = "m/s²" if name == "recording" else "N/m" if name.startswith("K") else "N s/m"
+        units = {"recording": "m/s²", "peak_force-ranks-by-side": "N", "K": "N/m", "C": "N s/m"}
+        unit = units.get(name) or units[name[0]]
         assert any(unit in words for words in words_in(drawn)), name
         assert "NaN" not in drawn, name
         assert len(figure.data), name

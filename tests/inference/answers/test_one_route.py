@@ -29,6 +29,7 @@ from bayestissue.inference.answers.predictions import predict
 from bayestissue.inference.answers.questions import ask, numbered
 from bayestissue.inference.results.labels import design_dimensions, labelled
 from bayestissue.report.fit import study
+from bayestissue.results.tables import table_of_rows
 from designs import REFERENCE, design_of
 
 DRAWS = (2, 4)
@@ -196,6 +197,7 @@ def rows_agree(made: Made) -> None:
 def page_agrees(made: Made, table: pd.DataFrame) -> None:
     run = SimpleNamespace(
         contrasts=table,
+        levels=table_of_rows("levels"),
         record={},
         of_tissue=("K", "C"),
         of_levels=lambda q, level: name if (name := f"{q}_{stem_of(level)}") in made.draws else "",
