@@ -13,7 +13,7 @@ from jaxtyping import Float64
 from bayestissue.dataset.checks import check_samples
 from bayestissue.dataset.impacts import ImpactTable
 from bayestissue.dataset.model import Channel, Trace
-from bayestissue.dataset.recordings import MIN_SAMPLES, Reading, Recordings, Windows, beside, crop
+from bayestissue.dataset.recordings import MIN_SAMPLES, Reading, Recordings, Windows, crop, interpolated
 from bayestissue.dataset.settings import ChannelSettings, Settings, SignalSettings
 from bayestissue.dataset.traces import read_files, read_long
 from bayestissue.errors import Problem, all_of
@@ -90,7 +90,7 @@ def _unfit(recordings: Recordings, first: Recordings) -> Iterator[Problem]:
     inside = (samples.time >= other.time[other.begin][mine]) & (
         samples.time <= other.time[other.end - 1][mine]
     )
-    recorded = beside(samples.time, mine, other.time, other.value, other.owner)
+    recorded = interpolated(samples.time, mine, other.time, other.value, other.owner)
     count = np.add.reduceat(inside.astype(int), samples.begin)
     apart = count < MIN_SAMPLES
     words = "{} of its samples while the first channel was recorded"

@@ -65,7 +65,7 @@ def _rounded(time: Float64[np.ndarray, " sample"], step: float) -> bool:
     return False
 
 
-def beside(
+def interpolated(
     time: Float64[np.ndarray, " sample"],
     owner: Int[np.ndarray, " sample"],
     other_time: Float64[np.ndarray, " other"],

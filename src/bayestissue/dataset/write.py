@@ -52,9 +52,11 @@ def write_dataset(
     (folder / "dataset.toml").write_text(settings_text(settings), encoding="utf-8")
     impacts.to_csv(folder / "impacts.csv", index=False, lineterminator="\n")
     if traces is not None:
-        beside = [channel["value_column"] for channel in settings.get("channel", ()) if "file" not in channel]
+        columns = [
+            channel["value_column"] for channel in settings.get("channel", ()) if "file" not in channel
+        ]
         _write_table(
-            traces[["impact", signal.time_column, signal.value_column, *beside]], folder / trace_file
+            traces[["impact", signal.time_column, signal.value_column, *columns]], folder / trace_file
         )
     for name, table in (further or {}).items():
         _write_table(table, folder / name)

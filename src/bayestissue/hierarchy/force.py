@@ -30,7 +30,7 @@ class PreparedForce:
     sensor.
 
     Attributes:
-        beside: the force against mass times deceleration.
+        comparison: the force against mass times deceleration.
         rows: of the likelihood.
         offset_sd: of its zero over the recorded mass [m/s^2].
         clock_sd: of what its clock is late [s].
@@ -40,7 +40,7 @@ class PreparedForce:
         gain_sd: of g.
     """
 
-    beside: Force
+    comparison: Force
     rows: ForceRows
     offset_sd: Float[np.ndarray, " impact"]
     clock_sd: Float[np.ndarray, " impact"]
@@ -76,9 +76,9 @@ def prepared_force(dataset: Dataset, signal: Displacements) -> PreparedForce | s
         dataset: decelerations, and a force.
         signal: what the signal chain made of the decelerations.
     """
-    beside = force_beside(dataset, signal)
-    assert beside is not None  # noqa: S101 - the callers ask
-    channel, recorded = beside.channel, stack(beside.channel.traces)
+    comparison = force_beside(dataset, signal)
+    assert comparison is not None  # noqa: S101 - the callers ask
+    channel, recorded = comparison.channel, stack(comparison.channel.traces)
     first = signal.contact_time_s + signal.first_sample_s
     last = (
         first
@@ -98,7 +98,7 @@ def prepared_force(dataset: Dataset, signal: Displacements) -> PreparedForce | s
             (n_quiet < FEWEST_SAMPLES).any(),
             "a recording has no quiet part before contact, which tells its zero",
         ),
-        (beside.lags, f"it is {1e3 * abs(beside.common_lag[0]):.2g} ms off: correct time_offset_s"),
+        (comparison.lags, f"it is {1e3 * abs(comparison.common_lag[0]):.2g} ms off: correct time_offset_s"),
     ):
         if wrong:
             return words
@@ -120,12 +120,12 @@ def prepared_force(dataset: Dataset, signal: Displacements) -> PreparedForce | s
     )
     chain, noise = dataset.uncertainty, np.maximum(noise / mass, 1e-12)
     return PreparedForce(
-        beside,
+        comparison,
         ForceRows(*parts),
         noise / np.sqrt(n_quiet),
         _CLOCK * recorded.dt,
         np.log(noise),
-        np.log(np.maximum(beside.ratio * (1 - tip) + tip, 1e-3)),
+        np.log(np.maximum(comparison.ratio * (1 - tip) + tip, 1e-3)),
         float(chain.relative_mass_sd),
         float(np.hypot(chain.relative_gain_sd, channel.relative_gain_sd)),
     )

@@ -99,10 +99,10 @@ def fit_traces(
     settings = specification.sampler
     longer = samples(prepared, settings, seed, say, expansions=expansions, checkpoints=checkpoints, end=end)
     for chains in longer:
-        kept = chains.thinned(settings.draws)
+        thin = chains.thinned(settings.draws)
         say("predicting", 0, 1)
-        analysis = label(prepared, specification, draws_of_chain(prepared, kept, seed), kept, seed, say)
-        thinned = kept.shape != chains.shape
+        analysis = label(prepared, specification, draws_of_chain(prepared, thin, seed), thin, seed, say)
+        thinned = thin.shape != chains.shape
         if not more_would_help(analysis.diagnostics, thinned=thinned, effective=settings.effective):
             break
     return analysis

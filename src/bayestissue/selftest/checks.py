@@ -60,10 +60,10 @@ def run(checks: Iterable[Part], folder: Path, say: Say) -> pd.DataFrame:
     chosen = list(checks)
     for number, check in enumerate(chosen):
         say(check.name, number, len(chosen))
-        own, began = folder / f"check-{number}", perf_counter()
-        own.mkdir(parents=True)
+        files, began = folder / f"check-{number}", perf_counter()
+        files.mkdir(parents=True)
         try:
-            comparisons = list(check.comparisons(own))
+            comparisons = list(check.comparisons(files))
         except Exception as error:
             # Whatever it is, the other checks go on.
             comparisons = [Compared("it ran to its end", "yes", f"{type(error).__name__}: {error}", False)]

@@ -68,7 +68,7 @@ def fitted_exponentials() -> dict[str, float]:
     def slopes_of(logs: Float[np.ndarray, " parameter"]) -> Float[np.ndarray, "time parameter"]:
         return np.asarray(slopes(jnp.asarray(logs)))
 
-    found = least_squares(
+    fitted = least_squares(
         left,
         np.log(element_of_rates(_RATES)),
         jac=slopes_of,
@@ -77,9 +77,9 @@ def fitted_exponentials() -> dict[str, float]:
         ftol=1e-15,
         gtol=1e-15,
     )
-    K, C, ratio = np.exp(found.x)
+    K, C, ratio = np.exp(fitted.x)
     arm = ratio * K
     rates = np.sort(np.roots([1.0, -arm / C, K + arm, -arm / C * K]).real)
     amplitudes = np.linalg.lstsq(np.exp(-np.outer(TIME, rates)), LANCZOS3, rcond=None)[0]
     named = {f"b{2 * n + 1 + k}": value[n] for n in range(3) for k, value in enumerate((amplitudes, rates))}
-    return {name: float(value) for name, value in named.items()} | {"squares": float(2 * found.cost)}
+    return {name: float(value) for name, value in named.items()} | {"squares": float(2 * fitted.cost)}

@@ -57,9 +57,9 @@ def campaign(
             "recording": _RECORDING,
         }
     )
-    made = simulate(simulation)
-    write_campaign(folder, made, simulation)
-    return made.impacts[["impact", "subject", "trial"]].merge(made.truth, on="impact")
+    campaign = simulate(simulation)
+    write_campaign(folder, campaign, simulation)
+    return campaign.impacts[["impact", "subject", "trial"]].merge(campaign.truth, on="impact")
 
 
 def displacements(folder: Path, *, sampled: bool) -> pd.DataFrame:
@@ -80,14 +80,14 @@ def displacements(folder: Path, *, sampled: bool) -> pd.DataFrame:
     shocks = _SHOCK * velocity / omega_n * rng.normal(size=(samples - 1, len(truth)))
     theta1 = theta1 if sampled else jnp.full(len(truth), _THETA1)
     x = np.asarray(arma21_series(first, jnp.asarray(shocks), c1, c2, theta1))
-    kept = np.arange(samples) * dt <= peak[:, None]
-    row, sample = np.nonzero(kept)
+    until_peak = np.arange(samples) * dt <= peak[:, None]
+    row, sample = np.nonzero(until_peak)
     names = truth["impact"].to_numpy()
     write_dataset(
         folder / "displacements",
         settings={"name": "self-test", "signal": {"quantity": "displacement", "unit": "m"}},
         impacts=truth[["impact", "subject", "trial", "mass_kg"]],
-        traces=pd.DataFrame({"impact": names[row], "time_s": sample * dt, "value": x[kept]}),
+        traces=pd.DataFrame({"impact": names[row], "time_s": sample * dt, "value": x[until_peak]}),
     )
     return truth
 
@@ -119,13 +119,13 @@ def _held(run: Path, truth: pd.DataFrame) -> list[Compared]:
     from bayestissue.results import read_table
 
     summary = read_table(run, _SUMMARY)
-    held, away = [], []
+    held, distances = [], []
     for variable, column in (("K", "K_N_per_m"), ("C", "C_N_s_per_m")):
         rows = summary[summary["variable"] == variable].reset_index(drop=True)
         true = truth[column].to_numpy(float)
         held.append((rows["eti90_low"] <= true) & (true <= rows["eti90_high"]))
-        away.append(np.abs(true - rows["median"]) / rows["sd"])
-    hits, farthest = np.concatenate(held), float(np.max(away))
+        distances.append(np.abs(true - rows["median"]) / rows["sd"])
+    hits, farthest = np.concatenate(held), float(np.max(distances))
     return [
         coverage(hits),
         Compared(
@@ -151,11 +151,13 @@ def calibrated(folder: Path, campaigns: int) -> list[Compared]:
     hits: dict[str, list[np.ndarray]] = {"K": [], "C": []}
     for number in range(campaigns):
         truth = campaign(folder / f"campaign-{number}", subjects=10, seed=100 + number)
-        found = estimate(folder / f"campaign-{number}")
+        estimates = estimate(folder / f"campaign-{number}")
         for name, unit in (("K", "N_per_m"), ("C", "N_s_per_m")):
             true = truth[f"{name}_{unit}"].to_numpy(float)
             hits[name].append(
-                ((found[f"{name}_low_{unit}"] <= true) & (true <= found[f"{name}_high_{unit}"])).to_numpy()
+                (
+                    (estimates[f"{name}_low_{unit}"] <= true) & (true <= estimates[f"{name}_high_{unit}"])
+                ).to_numpy()
             )
     return [coverage(np.concatenate(of), name) for name, of in hits.items()]
 
@@ -180,10 +182,12 @@ def resumed(folder: Path, whole: Path) -> list[Compared]:
     running = process.poll() is None
     process.kill()
     process.wait()
-    kept = len(list(folder.rglob("chain-*-segment-*")))
+    finished = len(list(folder.rglob("chain-*-segment-*")))
     ended = fit(dataset, out, "impact")
     return [
-        Compared("finished parts of a fit that was killed", "kept", f"{kept} kept", running and kept > 0),
+        Compared(
+            "finished parts of a fit that was killed", "kept", f"{finished} kept", running and finished > 0
+        ),
         Compared("exit status of the same command again", "0", str(ended), ended == 0),
         differing(
             "summary.csv, against that of the fit that was not killed",

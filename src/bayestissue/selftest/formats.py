@@ -42,10 +42,10 @@ def read_back(folder: Path) -> list[Compared]:
     comparisons = []
     for end, trace in zip(writers, data.traces, strict=True):
         same = len(trace.value) == len(value)
-        away = np.abs(np.asarray(trace.value) - value).max() / value.max() if same else np.inf
+        difference = np.abs(np.asarray(trace.value) - value).max() / value.max() if same else np.inf
         clock = np.abs(np.diff(np.asarray(trace.time_s)) - 1 / _RATE).max() * _RATE if same else np.inf
         allowed = _SINGLE if end == ".c3d" else _TEXT
-        off = max(away, clock)
+        off = max(difference, clock)
         expected = f"{len(value)} samples, {allowed:g} off at most"
         found = f"{len(trace.value)} samples, {off:.0e} off"
         comparisons.append(Compared(end, expected, found, bool(off <= allowed)))

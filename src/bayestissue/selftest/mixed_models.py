@@ -138,12 +138,12 @@ def exactly_estimated(
     """
     effects, design = population
     sites = {name: jnp.asarray(value) for name, value in (dict.fromkeys(_FURTHER, _ANY) | dict(sd)).items()}
-    away = jnp.asarray(y) - expected(design, jnp.asarray(effects.mean))[0]
+    residual = jnp.asarray(y) - expected(design, jnp.asarray(effects.mean))[0]
     precision, first = sites["sd_impact_K"] ** -2.0, jnp.array([1.0, 0.0, 0.0])[:, None]
     sums = (
-        precision * first * away,
-        precision * first[:, None] * first * jnp.ones_like(away),
-        (jnp.log(precision) - precision * away**2) / 2,
+        precision * first * residual,
+        precision * first[:, None] * first * jnp.ones_like(residual),
+        (jnp.log(precision) - precision * residual**2) / 2,
     )
     of_cells = expected_by_cell(design, effects.mean)
     factor = GaussianFactor(of_cells, *(design.to_cells(part) for part in sums))

@@ -60,7 +60,7 @@ def _published(published: Published, folder: Path) -> list[Compared]:
     ]
 
 
-def _recovered(kept: Path, model: str, folder: Path) -> list[Compared]:
+def _recovered(work: Path, model: str, folder: Path) -> list[Compared]:
     """`recovered`, in a folder that other checks know."""
-    kept.mkdir()
-    return recovered(kept, model)
+    work.mkdir()
+    return recovered(work, model)

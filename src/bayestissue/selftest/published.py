@@ -48,9 +48,13 @@ class Published:
 
     def differences(self, computed: Mapping[str, float]) -> dict[str, float]:
         """What is farther off than it may be: the number computed less the published one, by name."""
-        away = {name: computed[name] - value for name, value in self.numbers.items()}
-        allowed = {name: self.tolerance_of(name) for name in away}
-        return {name: difference for name, difference in away.items() if not abs(difference) <= allowed[name]}
+        differences = {name: computed[name] - value for name, value in self.numbers.items()}
+        allowed = {name: self.tolerance_of(name) for name in differences}
+        return {
+            name: difference
+            for name, difference in differences.items()
+            if not abs(difference) <= allowed[name]
+        }
 
     def tolerance_of(self, name: str) -> float:
         """How far off one number may be."""
@@ -81,10 +85,10 @@ def _budget(standard_uncertainties: Mapping[str, float]) -> dict[str, float]:
         return np.array([[[1 / (total + variance[name] * np.expm1(side * STEP / 2))]]])
 
     ends = {name: (information(name, 1), information(name, -1)) for name in variance}
-    found = by_source(np.array([[[1 / total]]]), ends)
+    budget = by_source(np.array([[[1 / total]]]), ends)
     # What is left to the noise, of which there is none, is the error of the derivatives.
-    parts = {name: np.sqrt(part[0, 0, 0]) for name, part in found.parts.items() if name != NOISE}
-    return {**parts, "combined": np.sqrt(found.total[0, 0, 0])}
+    parts = {name: np.sqrt(part[0, 0, 0]) for name, part in budget.parts.items() if name != NOISE}
+    return {**parts, "combined": np.sqrt(budget.total[0, 0, 0])}
 
 
 # By input: sensitivity coefficient times standard uncertainty [nm], as measured in the example.

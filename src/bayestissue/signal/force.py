@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from bayestissue.dataset.model import Channel, Dataset
-from bayestissue.dataset.recordings import beside
+from bayestissue.dataset.recordings import interpolated
 from bayestissue.signal.displacement import FEWEST_SAMPLES, Displacements
 from bayestissue.signal.traces import stack
 
@@ -119,7 +119,7 @@ def force_beside(dataset: Dataset, signal: Displacements) -> Force | None:
     others = times[slowing.inside], d, np.nonzero(slowing.inside)[0]
 
     def at(times: Float[np.ndarray, "impact sample"]) -> Float[np.ndarray, "impact sample"]:
-        return mass * beside(times.ravel(), owner.ravel(), *others).reshape(times.shape)
+        return mass * interpolated(times.ravel(), owner.ravel(), *others).reshape(times.shape)
 
     reach = _REACH * to_peak
     first, last = times[:, :1], np.take_along_axis(times, slowing.n[:, None] - 1, axis=1)

@@ -48,7 +48,7 @@ def judge_force(
     slope = _slope(posterior, declared_kg) if force.share else 0.0
     passed = abs(mean) <= _LIMIT * np.hypot(declared, sd) and not slope
     account = {
-        "channel": force.beside.channel.name,
+        "channel": force.comparison.channel.name,
         "passed": bool(passed),
         "slope": slope,
         "ratio": float(np.exp(mean)),
