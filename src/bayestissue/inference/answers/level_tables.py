@@ -170,12 +170,12 @@ def _loop_rows(loops: Mapping[str, Float[np.ndarray, "draw place"]]) -> Iterator
 
 def _middle(loops: Mapping[str, Float[np.ndarray, "draw place"]]) -> dict[str, Float[np.ndarray, " place"]]:
     """The medians of depth and force at even shares of the time in and out, which close the loop."""
-    found = {}
+    medians = {}
     for part, column in (("depth", "depth_m"), ("force", "force_N")):
         values = np.concatenate([loops[f"{part}_{branch}"] for branch in (IN, OUT)], axis=1)
         known = np.isfinite(values).mean(axis=0) >= SETTINGS.reached
-        found[column] = np.where(known, np.median(np.where(known, values, 0.0), axis=0), np.nan)
-    return found
+        medians[column] = np.where(known, np.median(np.where(known, values, 0.0), axis=0), np.nan)
+    return medians
 
 
 def _at(

@@ -127,8 +127,8 @@ def with_discrepancy(first: dict[str, Any], tree: xr.DataTree) -> dict[str, Any]
         score of the fit with it, and all of it in ``words``.
     """
     posterior = tree["posterior"].dataset
-    sizes = of_impacts(posterior["discrepancy"])
-    size, stiffness = float(posterior["discrepancy"].median()), posterior["K_secant"]
+    discrepancy, sizes = described(tree), of_impacts(posterior["discrepancy"])
+    size, stiffness = discrepancy["discrepancy"], posterior["K_secant"]
     larger = sizes[sizes > _SEVERAL * size].sort_values(ascending=False)
     drawn = [name for name in stiffness.dims if name != "impact"]
     low, high = stiffness.quantile([0.05, 0.95], drawn).to_numpy()
@@ -143,7 +143,6 @@ def with_discrepancy(first: dict[str, Any], tree: xr.DataTree) -> dict[str, Any]
     apart = apart if len(larger) else ""
     words = _words("form.discrepancy", first["score"], size=100 * size, sure=100 * sure, apart=apart)
     left = model_form(tree, "deceleration")["score"]
-    discrepancy = described(tree)
     if discrepancy["undescribed"]:
         words = f"{sentence('form.score', score=first['score'])}. {discrepancy['words']}"
     return first | discrepancy | {"apart": list(larger.index), "left": left, "words": words}
