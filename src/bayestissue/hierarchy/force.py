@@ -13,7 +13,7 @@ from bayestissue.likelihood.element.record import ForceRows
 from bayestissue.signal import Displacements
 from bayestissue.signal.displacement import FEWEST_SAMPLES
 from bayestissue.signal.force import Force, force_beside
-from bayestissue.signal.traces import stack
+from bayestissue.signal.traces import segment_moments, stack
 
 # The zero is the mean of what ends so many samples before the first one in contact.
 _CLEAR = 3
@@ -103,8 +103,7 @@ def prepared_force(dataset: Dataset, signal: Displacements) -> PreparedForce | s
         if wrong:
             return words
     mass = signal.mass
-    zero = np.where(quiet, recorded.value, 0.0).sum(axis=1) / n_quiet
-    noise = np.sqrt(np.where(quiet, (recorded.value - zero[:, None]) ** 2, 0.0).sum(axis=1) / (n_quiet - 1))
+    zero, noise = segment_moments(recorded.value, n_quiet)
     begin = used.argmax(axis=1)
     index = np.minimum(begin[:, None] + np.arange(count.max()), recorded.value.shape[1] - 1)
     value = np.take_along_axis(recorded.value, index, axis=1) - zero[:, None]
