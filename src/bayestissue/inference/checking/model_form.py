@@ -142,7 +142,8 @@ def with_discrepancy(first: dict[str, Any], tree: xr.DataTree) -> dict[str, Any]
     )
     apart = apart if len(larger) else ""
     words = _words("form.discrepancy", first["score"], size=100 * size, sure=100 * sure, apart=apart)
-    left = model_form(tree, "deceleration")["score"]
+    shown = next(name for name in ("force", "deceleration") if name in tree["observed_data"].dataset)
+    left = model_form(tree, shown)["score"]
     if discrepancy["undescribed"]:
         words = f"{sentence('form.score', score=first['score'])}. {discrepancy['words']}"
     return first | discrepancy | {"apart": list(larger.index), "left": left, "words": words}
@@ -226,6 +227,8 @@ def misfit_precheck(prepared: Prepared, expansions: GaussianFactor, seed: int) -
         seed: of the replicates.
     """
     rows = some_impacts(len(prepared.impacts))
+    if prepared.model.kind == "driven":
+        return None
     prepared, best = some_of(prepared, rows), np.asarray(expansions.centre)[rows]
     noise = np.exp(best[:, 2] + np.asarray(prepared.data.log_peak))
     if np.median(noise / np.maximum(prepared.signal.noise_sd, 1e-12)) < _SUSPICIOUS:

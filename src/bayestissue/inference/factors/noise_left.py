@@ -19,9 +19,10 @@ from jax import Array
 from jaxtyping import Float, Int
 
 from bayestissue.elements import element as element_named
-from bayestissue.hierarchy.traces import TraceData, TraceModel, impact_likelihood
+from bayestissue.hierarchy.traces import TraceData, TraceModel, driven_likelihood, impact_likelihood
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.points.whiteness import projected_portmanteau
+from bayestissue.likelihood.driven.measured import WIDE
 from bayestissue.padding import padded_impacts
 
 
@@ -35,7 +36,8 @@ def noise_p(
         data: the traces.
         u: a point of each impact's posterior.
     """
-    parts = _left(model, data.padded, padded_impacts(u))
+    of_likelihood = _left_of_driven if model.kind == "driven" else _left
+    parts = of_likelihood(model, data.padded, padded_impacts(u))
     left, fitted, size = (np.asarray(part)[: len(u)] for part in parts)
     return projected_portmanteau(left, fitted, size)
 
@@ -70,6 +72,23 @@ def _left(
     columns = jnp.stack([left, *fitted], axis=1)
     white = jax.vmap(_without)(A, columns)
     return white[:, 0], white[:, 1:], size
+
+
+@compiled_quickly
+def _left_of_driven(
+    model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]
+) -> tuple[Float[Array, "impact row"], Float[Array, "impact parameter row"], Int[Array, " impact"]]:
+    """The same of the force of a driven tissue: the weights of its motion are errors of both channels.
+
+    Of those whose standard deviation is a mere bound nothing is white, and they count as fitted.
+    """
+    event = driven_likelihood(model, data, list(u.T))
+    values, A = event.standardised()
+    fitted = jnp.concatenate([event.slopes(), A[..., jnp.array(WIDE)]], axis=-1)
+    columns = jnp.concatenate([values[..., None], fitted], axis=-1)
+    rows = event.record.y.shape[1]
+    white = jax.vmap(_without)(A, jnp.swapaxes(columns, 1, 2))[..., :rows]
+    return white[:, 0], white[:, 1:], event.record.n_samples
 
 
 def _without(A: Float[Array, "shock error"], rows: Float[Array, "row shock"]) -> Float[Array, "row shock"]:
