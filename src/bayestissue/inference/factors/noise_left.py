@@ -22,7 +22,6 @@ from bayestissue.elements import element as element_named
 from bayestissue.hierarchy.traces import TraceData, TraceModel, driven_likelihood, impact_likelihood
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.points.whiteness import projected_portmanteau
-from bayestissue.likelihood.driven.measured import WIDE
 from bayestissue.padding import padded_impacts
 
 
@@ -78,17 +77,23 @@ def _left(
 def _left_of_driven(
     model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]
 ) -> tuple[Float[Array, "impact row"], Float[Array, "impact parameter row"], Int[Array, " impact"]]:
-    """The same of the force of a driven tissue: the weights of its motion are errors of both channels.
+    """The same of a driven tissue, the displacement's samples behind the force's.
 
-    Of those whose standard deviation is a mere bound nothing is white, and they count as fitted.
+    The weights of its motion are errors of both channels. Those that the recordings tell count as fitted: the
+    motion need not be as rough in each of its modes as all of them together say.
     """
     event = driven_likelihood(model, data, list(u.T))
     values, A = event.standardised()
-    fitted = jnp.concatenate([event.slopes(), A[..., jnp.array(WIDE)]], axis=-1)
+    told = jnp.where((A**2).sum(1, keepdims=True) > 1, A, 0.0)
+    fitted = jnp.concatenate([event.slopes(), told], axis=-1)
     columns = jnp.concatenate([values[..., None], fitted], axis=-1)
-    rows = event.record.y.shape[1]
-    white = jax.vmap(_without)(A, jnp.swapaxes(columns, 1, 2))[..., :rows]
-    return white[:, 0], white[:, 1:], event.record.n_samples
+    white = jax.vmap(_without)(A, jnp.swapaxes(columns, 1, 2))
+    record, index = event.record, jnp.arange(white.shape[-1])
+    n_F, size = record.n_samples[:, None], record.n_samples + record.n_displacements
+    # Without a gap between the two.
+    at = jnp.where(index < n_F, index, jnp.minimum(index - n_F + record.y.shape[1], len(index) - 1))
+    white = jnp.where(index < size[:, None, None], jnp.take_along_axis(white, at[:, None], axis=-1), 0.0)
+    return white[:, 0], white[:, 1:], size
 
 
 def _without(A: Float[Array, "shock error"], rows: Float[Array, "row shock"]) -> Float[Array, "row shock"]:

@@ -38,8 +38,6 @@ from bayestissue.padding import padded_zeros
 
 # Of a_1 and a_2 and of the level, over the greatest displacement: next to nothing is known of them.
 _WIDE = 30.0
-# Among the weights: a_1, a_2 and the level.
-WIDE = (1, 2, motion.POWERS + motion.MODES)
 # Of a motion at hand: how rough, and how exact its samples are taken to be, over the greatest displacement.
 _ROUGH, _EXACT = 30.0, 1e-3
 

@@ -231,6 +231,11 @@ class FitRun(PosteriorRun):
         return str(self.record.get("model", {}).get("likelihood", ""))
 
     @property
+    def free(self) -> bool:
+        """Whether a free mass met the tissue: else nothing is said of a mass."""
+        return self.likelihood != "driven"
+
+    @property
     def shown(self) -> str:
         """Which of ``"deceleration"``, ``"displacement"`` and, of a driven tissue, ``"force"`` is drawn."""
         if self.likelihood == "driven":
