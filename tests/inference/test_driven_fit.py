@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,8 @@ import pytest
 
 import bayestissue as bt
 from bayestissue.errors import InputError
-from bayestissue.hierarchy.trace_data import prepare
 from bayestissue.hierarchy.specification import read_specification
+from bayestissue.hierarchy.trace_data import prepare
 from bayestissue.inference.factors.expansions import expanded
 from bayestissue.inference.factors.noise_left import noise_p
 from bayestissue.resources import shared
@@ -44,12 +45,10 @@ def test_a_tissue_that_stiffens_shows_in_the_residuals() -> None:
 
 @pytest.mark.parametrize(("free", "model"), [(False, "arma"), (True, "driven")])
 def test_other_models_are_refused(free: bool, model: str) -> None:
-    from dataclasses import replace
-
     dataset, _ = driven(Driven(seed=7, subjects=2, repeats=1))
     if free:
         dataset = replace(dataset, free=True, channels=(), impacts=dataset.impacts.assign(mass_kg=3.0))
-    with pytest.raises(InputError, match="motion.free"):
+    with pytest.raises(InputError, match=r"motion\.free"):
         bt.fit(dataset, model)
 
 
@@ -67,7 +66,7 @@ def test_a_fit_holds_the_truth_and_has_no_mass(tmp_path: Path) -> None:
     for absent in ("mass", "omega_n", "zeta", "peak_force", "mass_exponent_K"):
         assert absent not in posterior
     assert fit.table("levels").empty
-    with pytest.raises(InputError, match="no-free-mass|free mass"):
+    with pytest.raises(InputError, match="without a free mass"):
         fit.ask("peak_force[mass_kg=1, velocity_m_s=1] < 300")
     page = fit.report(tmp_path / "run")
     text = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")

@@ -91,8 +91,8 @@ def read_impacts(path: Path, *, needs_velocity: bool, needs_mass: bool = True) -
     Raises:
         InputError: the file as a whole can't be used: missing, not UTF-8, no table, columns missing.
     """
-    needs = {"needs_velocity": needs_velocity, "needs_mass": needs_mass}
-    return impact_table(*read_cells(path, wanted(**needs)), **needs)
+    cells, rows = read_cells(path, wanted(needs_velocity=needs_velocity, needs_mass=needs_mass))
+    return impact_table(cells, rows, needs_velocity=needs_velocity, needs_mass=needs_mass)
 
 
 def wanted(*, needs_velocity: bool, needs_mass: bool = True) -> list[str]:

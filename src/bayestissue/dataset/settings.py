@@ -326,7 +326,7 @@ class MotionSettings(_Table):
     free: bool = Field(
         default=True,
         description="true where a free mass meets the tissue, and the tissue alone slows it. false where "
-        "something pushes on: a leg, a hand, a test machine. The motion and the force are then both measured, "
+        "something pushes on: a leg, a hand, a test machine. The motion and the force are both measured, "
         "as quantity = displacement and a [[channel]] force, and no mass is asked for.",
     )
 

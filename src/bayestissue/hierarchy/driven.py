@@ -32,23 +32,29 @@ def driven_rows(dataset: Dataset, signal: Displacements, *, discrepancy: bool, s
     (channel,) = dataset.channels
     # Half the width of a uniform moment of contact is 3^1/2 of its standard deviations.
     rows = rows_within(channel.traces, signal, np.sqrt(3) * signal.contact_time_sd)
-    short = np.flatnonzero(rows.count < FEWEST_SAMPLES)
+    short = np.flatnonzero(rows.number < FEWEST_SAMPLES)
     if short.size:
         names = dataset.impacts["impact"].astype(str).to_list()
         raise InputError(
             Problem.stated(
-                "too-few-samples.force", source, column=channel.name, value=int(rows.count[i]), impact=names[i]
+                "too-few-samples.force",
+                source,
+                column=channel.name,
+                value=int(rows.number[i]),
+                impact=names[i],
             )
             for i in short
         )
     index = np.arange(rows.value.shape[1])
-    y = np.where(index < rows.count[:, None], rows.value - rows.zero[:, None], 0.0)
+    y = np.where(index < rows.number[:, None], rows.value - rows.zero[:, None], 0.0)
     # Without a quiet part the zero is known to within the force itself.
     unknown = np.abs(y).max(axis=1)
-    zero_sd = np.where(rows.n_quiet >= FEWEST_SAMPLES, rows.noise / np.sqrt(np.maximum(rows.n_quiet, 1)), unknown)
+    zero_sd = np.where(
+        rows.n_quiet >= FEWEST_SAMPLES, rows.noise / np.sqrt(np.maximum(rows.n_quiet, 1)), unknown
+    )
     depth_sd = np.abs(signal.v[:, 0]) * signal.contact_time_sd
     return driven_record(
-        (y, rows.count, rows.first - signal.contact_time_s, rows.dt),
+        (y, rows.number, rows.first - signal.contact_time_s, rows.dt),
         (signal.x, signal.n_samples, signal.first_sample_s, signal.dt),
         np.stack([depth_sd, zero_sd], axis=1),
         discrepancy=discrepancy,
@@ -62,8 +68,7 @@ def first_guess(record: DrivenRecord) -> dict[str, Float[np.ndarray, " impact"]]
     the spring makes all of the greatest force, or the damper a tenth.
     """
     y, at_y, rate, x, at_x, reference, unit = (
-        np.asarray(getattr(record, name))
-        for name in ("y", "at_y", "rate", "x", "at_x", "reference", "unit")
+        np.asarray(getattr(record, name)) for name in ("y", "at_y", "rate", "x", "at_x", "reference", "unit")
     )
     rows = np.arange(y.shape[1]) < np.asarray(record.n_samples)[:, None]
     samples = np.arange(x.shape[1]) < np.asarray(record.n_displacements)[:, None]
@@ -74,14 +79,15 @@ def first_guess(record: DrivenRecord) -> dict[str, Float[np.ndarray, " impact"]]
     K, C = found[..., 0].T
     fastest = np.maximum(np.abs(speed).max(axis=1), 1e-300)
     K = np.where(K > 0, K, unit[:, 1] / unit[:, 0])
-    C = np.where(C > _LIGHT * _LIGHT * unit[:, 1] / fastest, C, _LIGHT * unit[:, 1] / fastest)
+    light = _LIGHT * unit[:, 1] / fastest
+    C = np.where(_LIGHT * light < C, C, light)
     left = y - K[:, None] * depth - C[:, None] * speed
     force = np.sqrt((left**2).sum(1) / rows.sum(1)) / unit[:, 1]
     level = reference[:, -1:] * unit[:, :1]
     moved = x - np.where(samples, level + np.einsum("iaf,if->ia", at_x, reference[:, :-1]), 0.0)
     noise = np.sqrt((moved**2).sum(1) / samples.sum(1)) / unit[:, 0]
     rough = np.sqrt((reference[:, motion.POWERS : -1] ** 2).mean(1))
-    least = 1e-6
+    least = 1e-6  # of noise: below every digit that a recorder writes
     return {
         "K": np.log(K),
         "C": np.log(C),

@@ -75,7 +75,7 @@ class RowsWithin(NamedTuple):
 
     Attributes:
         value: [impact, row], the zero not taken off; past a row's end any values.
-        count: of each impact.
+        number: how many each impact has.
         first: on the recording's clock [s].
         dt: sampling interval [s].
         zero: mean of the quiet part.
@@ -85,7 +85,7 @@ class RowsWithin(NamedTuple):
     """
 
     value: Float[np.ndarray, "impact row"]
-    count: Int[np.ndarray, " impact"]
+    number: Int[np.ndarray, " impact"]
     first: Float[np.ndarray, " impact"]
     dt: Float[np.ndarray, " impact"]
     zero: Float[np.ndarray, " impact"]
@@ -109,7 +109,9 @@ def rows_within(traces: Sequence[Trace], signal: Displacements, earlier_s: Any =
     time = recorded.start[:, None] + recorded.time_s
     nearly = 1e-3 * recorded.dt[:, None]
     used = recorded.inside & (time >= first[:, None] - nearly) & (time <= last[:, None] + nearly)
-    quiet = recorded.inside & (time < (first - earlier_s - _CLEAR * np.maximum(recorded.dt, signal.dt))[:, None])
+    quiet = recorded.inside & (
+        time < (first - earlier_s - _CLEAR * np.maximum(recorded.dt, signal.dt))[:, None]
+    )
     count, n_quiet = used.sum(axis=1), quiet.sum(axis=1)
     begin = used.argmax(axis=1)
     index = np.minimum(begin[:, None] + np.arange(count.max()), recorded.value.shape[1] - 1)
@@ -130,7 +132,7 @@ def prepared_force(dataset: Dataset, signal: Displacements) -> PreparedForce | s
     assert comparison is not None  # noqa: S101 - the callers ask
     channel = comparison.channel
     rows = rows_within(channel.traces, signal)
-    count, n_quiet = rows.count, rows.n_quiet
+    count, n_quiet = rows.number, rows.n_quiet
     for wrong, words in (
         (rows.uneven.any() or signal.uneven.any(), "times are uneven"),
         (signal.clipped.any(), "recordings are clipped"),

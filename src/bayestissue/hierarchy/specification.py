@@ -134,8 +134,8 @@ class ModelSpecification(Table):
     likelihood: Likelihood = Field(
         description="what of a recording is modelled. impact: the deceleration of a mass on an element, "
         "seen through the measuring chain. arma: the displacement as an ARMA(2,1). a2: the displacement as "
-        "a sampled second-order process. driven: displacement and force together, of tissue that no free mass "
-        "meets (motion.free = false). published-estimates: printed K and C, of `bayestissue reproduce` "
+        "a sampled second-order process. driven: displacement and force together, of tissue that no free "
+        "mass meets (motion.free = false). published-estimates: printed K and C, of `bayestissue reproduce` "
         "alone.",
     )
     element: str = Field(

@@ -107,7 +107,8 @@ def prepare(dataset: Dataset, specification: ModelSpecification, *, source: str)
 def _without_mass(design: Design) -> Design:
     """The design of no mass, whose formulas never had one to leave out."""
     left_out = {
-        q: tuple(fault for fault in faults if fault.term != MASS_TERM) for q, faults in design.left_out.items()
+        q: tuple(fault for fault in faults if fault.term != MASS_TERM)
+        for q, faults in design.left_out.items()
     }
     return replace(design, left_out=left_out)
 
@@ -227,7 +228,7 @@ def unsuited(dataset: Dataset, specification: ModelSpecification, source: str) -
             '"arma" or another of a free mass, since dataset.toml does not say motion.free = false'
             if dataset.free
             else '"driven", since dataset.toml says motion.free = false: no mass meets the tissue freely',
-            "Use models/driven.toml of displacement and force without a free mass, and no other model of them.",
+            "Use models/driven.toml of displacement and force without a free mass, and no other of them.",
         ),
         (
             dataset.free and of_decelerations and dataset.quantity == "displacement",
@@ -255,6 +256,12 @@ def unsuited(dataset: Dataset, specification: ModelSpecification, source: str) -
         for applies, (column, value, code), expected, remedy in checks
         if applies
     ]
+    if not dataset.free:
+        problems += [
+            Problem.stated("no-free-mass.formula", source, None, f"formula.{q}", formula)
+            for q, formula in specification.formula
+            if formula is not None and "mass_kg" in terms_of(formula).columns
+        ]
     if of_traces and not problems:
         if not of_decelerations:
             problems += only_by_impact(dataset, source, "likelihood", likelihood)

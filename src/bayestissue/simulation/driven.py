@@ -68,9 +68,7 @@ def driven(study: Driven) -> tuple[Dataset, pd.DataFrame]:
     """The recordings of a study, and its truth: ``impact``, ``K_N_per_m`` and ``C_N_s_per_m``."""
     random = np.random.default_rng(study.seed)
     trials = len(study.of_trials)
-    subject, trial, repeat = (
-        part.ravel() for part in np.indices((study.subjects, trials, study.repeats))
-    )
+    subject, trial, repeat = (part.ravel() for part in np.indices((study.subjects, trials, study.repeats)))
     count = len(subject)
     of_subjects = study.sd_subject * random.standard_normal((study.subjects, 2))
     logs = np.log([study.K, study.C]) + of_subjects[subject] + np.array(study.of_trials)[trial]
@@ -96,7 +94,9 @@ def driven(study: Driven) -> tuple[Dataset, pd.DataFrame]:
         }
     )
     # The recorder's own time: contact stands nowhere in it.
-    traces, forces = ([Trace(row - row[0], values) for row, values in zip(time, part, strict=True)] for part in (x, force))
+    traces, forces = (
+        [Trace(row - row[0], values) for row, values in zip(time, part, strict=True)] for part in (x, force)
+    )
     dataset = Dataset(
         name="driven", description="Simulated.", impacts=impacts, traces=traces, quantity="displacement",
         uncertainty=Uncertainty(), warnings=(), left_out=(), folder=None, input_hash=f"driven-{study}",
@@ -129,6 +129,7 @@ def _pushed(
     begun = np.concatenate([np.zeros_like(V), V])
     end = float(time.max())
     solved = solve_ivp(rates, (0, end), begun, rtol=1e-9, atol=1e-12, dense_output=True)
+    assert solved.sol is not None  # noqa: S101 - it was asked for
     y = solved.sol(time.ravel()).reshape(2, len(V), *time.shape)
     rows = np.arange(len(V))
     x, v = y[:, rows, rows]

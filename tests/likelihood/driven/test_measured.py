@@ -43,9 +43,7 @@ def measured(
     return MeasuredDriven(jnp.asarray(K), jnp.asarray(C), *logs, beside, record)
 
 
-def dense(
-    record: DrivenRecord, row: int, rms: float = 0.0, K: np.ndarray = K, C: np.ndarray = C
-) -> float:
+def dense(record: DrivenRecord, row: int, rms: float = 0.0, K: np.ndarray = K, C: np.ndarray = C) -> float:
     """Log density by the covariance of all samples of both channels, of K x + C x' by the kernel's slopes."""
     at, then = grid(row)
     depth, force = np.asarray(record.unit)[row]
@@ -103,7 +101,6 @@ def test_sixteen_functions_tell_K_and_C_as_all_do() -> None:
     record = recorded(np.random.default_rng(1), discrepancy=False)
     few = [measured(record, K=K * f, C=C * g).log_density() for f, g in ((1, 1), (1.03, 1), (1, 1.1))]
     whole = [dense(record, 0, K=K * f, C=C * g) for f, g in ((1, 1), (1.03, 1), (1, 1.1))]
-    print(np.diff([f[0] for f in few]), np.diff(whole))
     np.testing.assert_allclose(np.diff([f[0] for f in few]), np.diff(whole), atol=0.05)
 
 

@@ -96,7 +96,8 @@ def estimates_table(
 def _none_of_driven(dataset: Dataset, signal: Displacements) -> pd.DataFrame:
     """The table without K and C: both methods are of a mass that moves freely."""
     unknown, no = np.full(len(signal.dt), np.nan), np.zeros(len(signal.dt), bool)
-    fit = PointFit(*[unknown] * (len(PointFit._fields) - 3), no, no, no)
+    columns = dict.fromkeys(PointFit._fields, unknown)
+    fit = PointFit(**columns | {"branch": no, "noiseless": no, "theta1_at_limit": no})
     ends = dict.fromkeys(("K", "C"), (unknown, unknown))
     noted = [[*notes, NO_FREE_MASS] for notes in signal.notes]
     return table_of(dataset, signal, fit, ends, signal.flags, noted)

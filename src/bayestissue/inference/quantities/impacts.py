@@ -53,7 +53,7 @@ class Impacts:
         velocity_error: that of the recorded velocity [m/s]; None where none is recorded.
         measured: beside a discrepancy, the traces' likelihood with contact where the errors put it.
         discrepancy: the force beside the element's, over mass [m/s^2].
-        secant: beside a discrepancy, of a driven motion the force over the depth where that is greatest [N/m].
+        secant: beside a discrepancy, of a driven motion force over depth where that is greatest [N/m].
     """
 
     model: TraceModel

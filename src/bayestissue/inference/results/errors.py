@@ -121,7 +121,10 @@ def as_expected(prepared: Prepared, u: Float[np.ndarray, "impact parameter"]) ->
         # Only a known contact has an error that can be made normal.
         return with_normal_errors(replace(prepared.data, record=record))
     if isinstance(prepared.data.record, DrivenRecord):
-        x, y = (np.asarray(part)[: len(u)] for part in _of_driven(prepared.model, prepared.data.padded, padded_impacts(u)))
+        x, y = (
+            np.asarray(part)[: len(u)]
+            for part in _of_driven(prepared.model, prepared.data.padded, padded_impacts(u))
+        )
         return replace(prepared.data, record=prepared.data.record.with_channels(x, y))
     data = with_normal_errors(prepared.data)
     quiet = np.where(_named(prepared, _OF_NOISE) & ~_named(prepared, _CORRELATIONS), _NOTHING, u)

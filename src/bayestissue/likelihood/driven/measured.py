@@ -193,10 +193,11 @@ def driven_record(
         cross + np.swapaxes(cross, 1, 2),
         np.einsum("iaf,iag->ifg", rate, rate),
     )
-    parts: Any = (y, n_y, *force[2:], x, n_x, *displacement[2:], error_sd, unit, at_x, at_y, rate, modes)
+    channels = y, n_y, *force[2:], x, n_x, *displacement[2:]
     reference = _reference(at_x, samples[1], x, unit[:, 0])
-    record = DrivenRecord(*parts, reference=reference, squares=squares)  # type: ignore[arg-type]
-    return jax.tree.map(jnp.asarray, record)  # type: ignore[no-any-return]
+    parts: Any = (*channels, error_sd, unit, at_x, at_y, rate, modes, reference, squares)
+    on_device: DrivenRecord = jax.tree.map(jnp.asarray, DrivenRecord(*parts))
+    return on_device
 
 
 def _grid(
@@ -324,8 +325,7 @@ class MeasuredDriven:
         of_F = [law, zero_F, record.inside()[..., None] + 0.0, record.modes]
         of_x = [record.at_x, inside_x[..., None], zero_x, jnp.repeat(zero_x, record.modes.shape[-1], axis=-1)]
         columns = [
-            jnp.concatenate(parts, axis=-1) * one[..., None]
-            for parts, one in ((of_F, one_F), (of_x, one_x))
+            jnp.concatenate(parts, axis=-1) * one[..., None] for parts, one in ((of_F, one_F), (of_x, one_x))
         ]
         values = jnp.concatenate([one_F * record.y, one_x * record.x], axis=1)
         return values, jnp.concatenate(columns, axis=1) * scale[:, None]
@@ -362,7 +362,7 @@ class MeasuredDriven:
         return jnp.pad(self.record.reference, ((0, 0), (0, 1 + number))) + scale * moved
 
     def depth(self, weights: Float[Array, "impact weight"]) -> Float[Array, "impact row"]:
-        """x at the force's samples [m]."""
+        """The motion x at the force's samples [m]."""
         size = self.record.at_y.shape[-1]
         return jnp.einsum("iaf,if->ia", self.record.at_y, weights[:, :size])
 
