@@ -55,6 +55,10 @@ def _element(run: FitRun) -> str:
 def unused_priors(run: FitRun) -> tuple[str, ...]:
     """Priors that the model file may set and this likelihood has no use for."""
     unused: tuple[str, ...] = () if run.likelihood == "arma" else ("atanh_theta1", "sd_atanh_theta1")
+    if run.free:
+        unused = (*unused, "roughness", "sd_roughness")
+    else:
+        unused = (*unused, "log_force_ratio", "sd_log_force_ratio")
     if not has_discrepancy(run):
         unused = (*unused, "discrepancy", "sd_discrepancy")
     if recorder_noise(run) == "white":
