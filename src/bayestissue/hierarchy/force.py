@@ -13,7 +13,7 @@ from bayestissue.likelihood.element.record import ForceRows
 from bayestissue.signal import Displacements
 from bayestissue.signal.displacement import FEWEST_SAMPLES
 from bayestissue.signal.force import Force, force_beside
-from bayestissue.signal.traces import segment_moments, stack
+from bayestissue.signal.traces import segment_moments, stack, standard_error
 
 # The zero is the mean of what ends so many samples before the first one in contact.
 _CLEAR = 3
@@ -121,7 +121,7 @@ def prepared_force(dataset: Dataset, signal: Displacements) -> PreparedForce | s
     return PreparedForce(
         comparison,
         ForceRows(*parts),
-        noise / np.sqrt(n_quiet),
+        standard_error(noise, n_quiet),
         _CLOCK * recorded.dt,
         np.log(noise),
         np.log(np.maximum(comparison.ratio * (1 - tip) + tip, 1e-3)),

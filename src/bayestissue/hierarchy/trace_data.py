@@ -374,15 +374,16 @@ def _deceleration_record(
         before = np.pad(signal.before, ((0, 0), (max(0, reach - BEFORE), 0)))
         before = before[:, before.shape[1] - reach :]
         n_before = np.minimum(signal.n_before, reach)
+        n_quiet = np.maximum(n_before - signal.n_since_quiet, 0)
         sample = signal.phase.before if signal.phase.known else None
         share = white_share(dataset, signal) if recorder is not None and white else 1.0
         if recorder is not None and share < 1:
             rows = reach + signal.deceleration.shape[1]
             colour, rate, longer = _colour(recorder, share, rows, signal.dt)
             offset_sd = np.where(np.isfinite(signal.offset_sd), longer * offset_sd, offset_sd)
-            contact = Contact.anywhere(before, n_before)
+            contact = Contact.anywhere(before, n_before, n_quiet=n_quiet)
         elif white and not discrepancy:
-            contact = Contact.anywhere(before, n_before, np.maximum(signal.noise_sd, 1e-12), sample)
+            contact = Contact.anywhere(before, n_before, np.maximum(signal.noise_sd, 1e-12), sample, n_quiet)
         else:
             contact = Contact.anywhere(before, np.zeros_like(n_before), sample=sample)
     gain_sd, chain_sd = np.full(number, chain.relative_gain_sd), [offset_sd, contact_sd]

@@ -51,6 +51,8 @@ class Contact(NamedTuple):
         before: the samples before the first, in order of time, one for each sampling interval that contact
             may be in; 0 where there are none [m/s^2]. Contact is known where it has no entries.
         n_before: how many of these samples were recorded and count.
+        n_quiet: how many of these, the earliest, are of the quiet part whose mean is the zero that was taken
+            away. Relative to that mean they tell nothing of its error, of which they are independent.
         quiet_log_density: of these samples as a quiet part of the recorder's noise, which the likelihood is
             relative to where noise is white; else 0.
         fraction: where contact lies in an interval of ``before``, from its end and as a fraction of it: its
@@ -60,6 +62,7 @@ class Contact(NamedTuple):
     uniform: Bool[Array, " impact"]
     before: Float[Array, "impact reach"]
     n_before: Int[Array, " impact"]
+    n_quiet: Int[Array, " impact"]
     quiet_log_density: Float[Array, " impact"]
     fraction: Float[Array, " impact"]
 
@@ -68,7 +71,8 @@ class Contact(NamedTuple):
         """At ``first_time`` but for its error."""
         number = len(uniform)
         nothing = np.zeros(number)
-        parts: Any = (uniform, np.zeros((number, 0)), np.zeros(number, int), nothing, nothing + 0.5)
+        none = np.zeros(number, int)
+        parts: Any = (uniform, np.zeros((number, 0)), none, none, nothing, nothing + 0.5)
         return cls(*parts)
 
     @classmethod
@@ -78,6 +82,7 @@ class Contact(NamedTuple):
         n_before: Int[np.ndarray, " impact"],
         quiet_sd: Float[np.ndarray, " impact"] | None = None,
         sample: float | None = None,
+        n_quiet: Int[np.ndarray, " impact"] | int = 0,
     ) -> Contact:
         """In any of the intervals of ``before``; with the noise's standard deviation in a quiet part.
 
@@ -91,13 +96,24 @@ class Contact(NamedTuple):
             np.full(len(before), sample is None),
             np.full(len(before), 0.5 if sample is None else sample),
         )
-        parts: Any = (uniform, early, n_before, density, fraction)
+        of_quiet = np.broadcast_to(n_quiet, len(before))
+        parts: Any = (uniform, early, n_before, of_quiet, density, fraction)
         return cls(*parts)
 
     @property
     def reach(self) -> int:
         """In how many sampling intervals before the first sample contact may be."""
         return self.before.shape[1]
+
+    @property
+    def counts(self) -> Bool[Array, "impact reach"]:
+        """Which of ``before`` were recorded and count."""
+        return jnp.arange(self.reach) >= self.reach - self.n_before[:, None]
+
+    @property
+    def shows_offset(self) -> Bool[Array, "impact reach"]:
+        """Which of ``before`` an error of the zero would show in."""
+        return jnp.arange(self.reach) >= self.reach - (self.n_before - self.n_quiet)[:, None]
 
 
 class UnevenTimes(NamedTuple):
