@@ -55,4 +55,6 @@ def _words(values: Iterable[float] | None, unit: str, factor: float = 1.0) -> st
     """A value or a range with its unit; empty where none was stated."""
     if values is None:
         return ""
-    return f"{' to '.join(dict.fromkeys(f'{factor * value:.4g}' for value in values))} {unit}"
+    return (
+        f"{' to '.join(dict.fromkeys(f'{factor * value:.4g}' for value in values))}\N{NO-BREAK SPACE}{unit}"
+    )
