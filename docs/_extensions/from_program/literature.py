@@ -55,6 +55,5 @@ def _words(values: Iterable[float] | None, unit: str, factor: float = 1.0) -> st
     """A value or a range with its unit; empty where none was stated."""
     if values is None:
         return ""
-    return (
-        f"{' to '.join(dict.fromkeys(f'{factor * value:.4g}' for value in values))}\N{NO-BREAK SPACE}{unit}"
-    )
+    numbers = dict.fromkeys(f"{factor * value:.4g}" for value in values)
+    return f"{' to '.join(numbers)}\N{NO-BREAK SPACE}{unit}"
