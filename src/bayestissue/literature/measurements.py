@@ -105,7 +105,7 @@ def measurements() -> tuple[Measurement, ...]:
 def _measurement(row: dict[str, Any], sources: Mapping[str, Source]) -> Measurement:
     source, mass, velocity = (row.pop(key, None) for key in ("source", "mass_kg", "velocity_m_s"))
     found = {name: _range(row.pop(name)) for name in MEASURED if name in row}
-    motion = {"mass": mass and _range(mass), "velocity": velocity and _range(velocity)}
+    motion: dict[str, Any] = {"mass": mass and _range(mass), "velocity": velocity and _range(velocity)}
     return Measurement(source=sources[source], found=found, **motion, **row)
 
 
