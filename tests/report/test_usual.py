@@ -83,6 +83,7 @@ def test_the_page_says_what_is_unusual_first_and_then_the_numbers(of) -> None:
 def test_without_a_site_the_rows_are_called_other_sites(of) -> None:
     words = section(page_of(of("")))
     assert "The dataset does not say what was hit, so these are other sites" in words
+    assert "Of 9 published values of impacts like these elsewhere some are beyond a factor of two" in words
     assert "other site published for by" in words
     assert "heel 5 kg at 0.93 m/s" in words
 

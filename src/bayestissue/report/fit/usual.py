@@ -105,9 +105,8 @@ def usual_words(run: FitRun) -> str:
     found = lines(run)
     off = dict.fromkeys(f"{outcome_name(line.quantity)} ({line.unusual})" for line in found if line.unusual)
     count = counted(len(found), "published value")
-    if not off:
-        return said("usual.all", count=count)
-    return said("usual.some", count=count, off=listed(list(off)))
+    sentence = f"usual.{'some' if off else 'all'}{'' if site(run) else '_elsewhere'}"
+    return said(sentence, count=count, off=listed(list(off)))
 
 
 def alike_words(run: FitRun, one: Comparable) -> str:
