@@ -93,6 +93,18 @@ def test_a_stated_site_without_a_like_measurement_is_answered(of) -> None:
     assert "no published measurement of the hip" in words
 
 
+def test_of_quantities_that_a_fit_lacks_the_measurements_are_named(of) -> None:
+    run = of()
+    lacking = replace(run, summary=run.summary[~run.summary["variable"].isin(OWN)])
+    words = section(page_of(lacking))
+    assert (
+        "have peak deceleration, peak depth and energy share with gravity, of which this fit has nothing"
+        in words
+    )
+    assert "Heel pads of 16 adults" in words
+    assert not usual.asked(replace(lacking, record=lacking.record | {"site": ""}))
+
+
 def test_a_page_of_other_motions_says_nothing_of_it(of) -> None:
     html = page_of(of("", motion={"mass_kg": 0.5, "velocity_m_s": 1.5}))
     assert 'id="usual"' not in html

@@ -71,20 +71,17 @@ def site(run: FitRun) -> str:
 
 
 def asked(run: FitRun) -> bool:
-    """Whether the page says so: a site is stated, or published values compare."""
-    return not run.undescribed and bool(site(run) or alike(run))
+    """Whether the page answers it: a site is stated, or published values compare."""
+    return not run.undescribed and bool(site(run) or lines(run))
 
 
 def alike(run: FitRun) -> list[Comparable]:
-    """The published measurements that compare, of which this run has something of its own."""
-    if run.undescribed:
-        return []
-    found = comparable(run.constant("mass_kg"), run.constant("velocity_m_s"), site(run))
-    return [one for one in found if any(_lines_of(run, one))]
+    """The published measurements of impacts like this run's."""
+    return comparable(run.constant("mass_kg"), run.constant("velocity_m_s"), site(run))
 
 
 def lines(run: FitRun) -> list[Line]:
-    """Their values beside this run's, by quantity."""
+    """Their values beside this run's, by quantity, of those quantities that this run has."""
     order = [_NAMES[column] for column in MEASURED]
     found = [line for one in alike(run) for line in _lines_of(run, one)]
     return sorted(found, key=lambda line: order.index(line.quantity))
@@ -95,14 +92,17 @@ def _lines_of(run: FitRun, one: Comparable) -> Iterator[Line]:
         quantity = _NAMES[column]
         values = run.of_impacts(_ACROSS_ELEMENTS.get(quantity, quantity))
         values = run.of_impacts(quantity) if values.empty else values
-        if len(values):
-            own = values["median"].to_numpy(float)[one.impacts]
-            yield Line(one.measurement, quantity, published, own[np.isfinite(own)])
+        own = values["median"].to_numpy(float)[one.impacts] if len(values) else np.empty(0)
+        if len(known := own[np.isfinite(own)]):
+            yield Line(one.measurement, quantity, published, known)
 
 
 def usual_words(run: FitRun) -> str:
-    """How many published values are near this run's, and which are not."""
+    """How many published values are near this run's, and which are not; or why that can't be said."""
     found = lines(run)
+    if not found:
+        of = dict.fromkeys(outcome_name(_NAMES[name]) for one in alike(run) for name in one.measurement.found)
+        return said("usual.lacking" if of else "usual.nothing", site=site(run), quantities=listed(list(of)))
     off = dict.fromkeys(f"{outcome_name(line.quantity)} ({line.unusual})" for line in found if line.unusual)
     count = counted(len(found), "published value")
     sentence = f"usual.{'some' if off else 'all'}{'' if site(run) else '_elsewhere'}"
