@@ -433,6 +433,7 @@ def _provenance(
         "description": data.description,
         "quantity": data.quantity,
         "words": dict(data.words),
+        **({"site": data.site} if data.site else {}),
         "model": specification.model_dump(mode="json") | prepared.design.resolved(),
         "terms_left_out": prepared.design.terms_left_out(),
         "columns_not_used": untried(prepared.design.recorded),

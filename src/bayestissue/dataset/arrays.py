@@ -62,6 +62,7 @@ def dataset(
     description: str = "",
     licence: str = "",
     source: str = "",
+    site: str = "",
     skip_bad: bool = False,
 ) -> Dataset:
     """A dataset from pandas tables or arrays, checked as `read_dataset` checks a folder.
@@ -96,6 +97,7 @@ def dataset(
         description: free text.
         licence: free text.
         source: free text.
+        site: what was hit, as ``site`` of ``dataset.toml``, for published values of the same to be shown.
         skip_bad: leave out impacts with something wrong, and say so in ``left_out``.
 
     Raises:
@@ -111,6 +113,7 @@ def dataset(
     }
     content: dict[str, Any] = {
         **{"name": name, "description": description, "licence": licence, "source": source},
+        **({"site": site} if site else {}),
         "signal": {
             **{"quantity": quantity, "unit": unit, "time_unit": time_unit, "zero": zero},
             **{"time_column": time_column, "value_column": value_column},

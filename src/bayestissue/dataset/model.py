@@ -98,6 +98,7 @@ class Dataset(Outlined):
         whole_hash: of a folder, the same but for ``left_out.csv``: it stays when an impact is left out.
         licence: on what terms others may use it.
         source: where it comes from.
+        site: what was hit, one of `bayestissue.literature.SITES`; empty where that was not stated.
         recorder: a known low-pass that the recordings went through; none where nothing was declared.
         gravity: g, the part of gravity along the motion, m/s², positive into the tissue; 0 of a horizontal
             impact. The impactor obeys x'' = g - F / M, and a deceleration in ``traces`` is F / M = g - x'',
@@ -122,6 +123,7 @@ class Dataset(Outlined):
     input_hash: str
     licence: str = ""
     source: str = ""
+    site: str = ""
     recorder: Recorder | None = None
     gravity: float = 0.0
     headform: bool = False
@@ -172,7 +174,9 @@ class Dataset(Outlined):
         from bayestissue.dataset.write import write_dataset
         from bayestissue.results import claim
 
-        free_text = {name: getattr(self, name) for name in ("name", "description", "licence", "source")}
+        free_text = {
+            name: getattr(self, name) for name in ("name", "description", "licence", "source", "site")
+        }
         unit = "m" if self.quantity == "displacement" else "m/s^2"
         settings = {name: text for name, text in free_text.items() if text} | {
             "signal": {"quantity": self.quantity, "unit": unit, "gravity": self.gravity or "none"},
@@ -223,6 +227,7 @@ class Dataset(Outlined):
             *(("further channel", str(channel)) for channel in self.channels),
             *([("low-pass", str(self.recorder))] if self.recorder else []),
             *([("gravity along the motion", f"{self.gravity:.4g} m/s²")] if self.gravity else []),
+            *([("site", self.site)] if self.site else []),
             *([("impactor", "a headform")] if self.headform else []),
             ("mass", span(self.impacts["mass_kg"], "kg")),
             ("velocity", span(self.impacts["velocity_m_s"], "m/s")),

@@ -25,6 +25,7 @@ from bayestissue.dataset.dialect import Stated
 from bayestissue.dataset.plausible import PLAUSIBLE
 from bayestissue.dataset.units import EXAMPLES, Dimension, dimension_of, to_si
 from bayestissue.errors import InputError, Problem, collected, has_control_characters, refuse
+from bayestissue.literature import SITES
 from bayestissue.settings import checked, parse_toml, read_text, row_of
 
 FILE = "dataset.toml"
@@ -65,6 +66,12 @@ def _fraction(value: float) -> float:
     if value >= (most := PLAUSIBLE.most_sd):
         meant = f"; {value:g} %, if that is meant, is {value / 100:g}" if value < 100 * most else ""
         raise ValueError(f"a fraction below {most:g}{meant}")
+    return value
+
+
+def _known_site(value: str) -> str:
+    if value and value not in SITES:
+        raise ValueError(f"one of {', '.join(SITES)}, or no site where none of them was hit")
     return value
 
 
@@ -359,6 +366,12 @@ class Settings(_Table):
     description: str = Field(default="", description="free text, shown on pages.")
     licence: str = Field(default="", description="on what terms others may use it.")
     source: str = Field(default="", description="where it comes from.")
+    site: Annotated[str, AfterValidator(_known_site)] = Field(
+        default="",
+        description="what was hit, so that the report holds this study against published values of the same: "
+        f"{'; '.join(f'{name}, {words}' for name, words in SITES.items())}. Left out, values of any site are "
+        "shown whose mass and velocity compare.",
+    )
     signal: SignalSettings = Field(description="what was recorded and in which units.")
     channel: Annotated[tuple[ChannelSettings, ...], BeforeValidator(_listed), AfterValidator(_one)] = Field(
         default=(), description="a table [[channel]]: one further channel of the same impacts."
