@@ -100,7 +100,7 @@ def fit(
     seed = _checked_seed(seed)
     dataset = as_dataset(dataset)
     specification, source = resolve(
-        model, dataset.quantity, formulas=formulas_of(K, C), questions=ask, sampler={"path": path}
+        model, dataset.recorded, formulas=formulas_of(K, C), questions=ask, sampler={"path": path}
     )
     with _set_up():
         prepared = prepare(dataset, specification, source=source)
@@ -136,7 +136,7 @@ def numpyro_model(
     from bayestissue.dataset import as_dataset
 
     dataset = as_dataset(dataset)
-    specification, source = resolve(model, dataset.quantity, formulas=formulas_of(K, C))
+    specification, source = resolve(model, dataset.recorded, formulas=formulas_of(K, C))
     return named_model(prepare(dataset, specification, source=source))
 
 
@@ -154,8 +154,11 @@ def formulas_of(K: str | None, C: str | None) -> dict[str, str]:
 
 
 def default_model(quantity: str) -> str:
-    """The model of a recorded quantity: of the deceleration itself, of either sign, or of displacements."""
-    return "arma" if quantity == "displacement" else "impact"
+    """The model of what was `Dataset.recorded`: decelerations of either sign, displacements, or both motions.
+
+    Of a driven tissue it is that of displacement and force together.
+    """
+    return {"displacement": "arma", "driven": "driven"}.get(quantity, "impact")
 
 
 def resolve(
@@ -170,7 +173,7 @@ def resolve(
 
     Args:
         model: any of these; `default_model` of the ``quantity`` where None.
-        quantity: what was recorded.
+        quantity: what was recorded, as `Dataset.recorded` has it.
         formulas: in place of the model's own, by response.
         questions: beside the model's own; those without names are question_1 and so on.
         sampler: in place of the model's own settings of its sampler, where not None.
@@ -328,7 +331,7 @@ def fit_prepared(
     names, limited = prepared.impacts["impact"].astype(str).tolist(), prepared.signal.clipped.any(axis=1)
     if clipped := clipped_recordings(names, limited.tolist()):
         diagnostics["clipped"] = clipped
-    if dataset.channels:
+    if dataset.channels and dataset.free:
         diagnostics["channels"] = (
             judge_force(prepared.force, analysis.tree["posterior"].dataset, prepared.signal.mass)
             if prepared.force

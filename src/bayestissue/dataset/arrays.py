@@ -284,6 +284,8 @@ def _hash(settings: Settings, cells: pd.DataFrame, reading: Reading) -> str:
     names = ("gravity", "zero", "contact", "limit")
     later = {name for name in names if getattr(signal, name) == fields[name].default}
     unsaid: dict[str, Any] = {"signal": later}
+    if settings.motion.free:
+        unsaid["motion"] = True
     if not settings.impactor.headform:
         unsaid["impactor"] = True
     if not settings.words.values():

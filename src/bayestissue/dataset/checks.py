@@ -75,7 +75,9 @@ def _sample_problems(recordings: Recordings) -> Iterator[Problem]:
             more = f" {times - 1} more samples of this impact are like this." if times > 1 else ""
             yield recordings.problem("not-a-number.cell", which, cell, at=at, column=column, more=more)
     few = samples.count < MIN_SAMPLES
-    yield from recordings.where(few, "too-few-samples", "{} samples", samples.count, least=MIN_SAMPLES)
+    yield from recordings.where(
+        few, "too-few-samples.recording", "{} samples", samples.count, least=MIN_SAMPLES
+    )
 
 
 def _clock_problems(recordings: Recordings) -> Iterator[Problem]:

@@ -46,7 +46,7 @@ COLUMNS = {
     "impact": "the impact's name, each once",
     "subject": "who was hit",
     "trial": "the condition; impacts at one mass and velocity share its name. It may be left out",
-    "mass_kg": _MEASURED["mass_kg"].meaning,
+    "mass_kg": f"{_MEASURED['mass_kg'].meaning}; with motion.free = false none is read",
     "velocity_m_s": f"{_MEASURED['velocity_m_s'].meaning}; of recorded displacements it may be left out",
     "trace": "the impact's file, relative to the folder and inside it, of a workbook with the sheet, such as "
     "`p1.xlsx#left`, of a LabVIEW text with the block's number, such as `p1.lvm#2`; left out, one "
@@ -80,28 +80,34 @@ class ImpactTable:
     warnings: list[Problem]
 
 
-def read_impacts(path: Path, *, needs_velocity: bool) -> ImpactTable:
+def read_impacts(path: Path, *, needs_velocity: bool, needs_mass: bool = True) -> ImpactTable:
     """Read and check ``impacts.csv``.
 
     Args:
         path: the file.
         needs_velocity: whether every impact must state its velocity at contact.
+        needs_mass: whether it must state the mass of the impactor; else none is read.
 
     Raises:
         InputError: the file as a whole can't be used: missing, not UTF-8, no table, columns missing.
     """
-    return impact_table(
-        *read_cells(path, wanted(needs_velocity=needs_velocity)), needs_velocity=needs_velocity
-    )
+    cells, rows = read_cells(path, wanted(needs_velocity=needs_velocity, needs_mass=needs_mass))
+    return impact_table(cells, rows, needs_velocity=needs_velocity, needs_mass=needs_mass)
 
 
-def wanted(*, needs_velocity: bool) -> list[str]:
+def wanted(*, needs_velocity: bool, needs_mass: bool = True) -> list[str]:
     """The columns that a table of impacts must have."""
-    return ["impact", "subject", "mass_kg", *(["velocity_m_s"] if needs_velocity else [])]
+    needed = {"mass_kg": needs_mass, "velocity_m_s": needs_velocity}
+    return ["impact", "subject", *(name for name, is_needed in needed.items() if is_needed)]
 
 
-def impact_table(cells: pd.DataFrame, rows: np.ndarray, *, needs_velocity: bool) -> ImpactTable:
+def impact_table(
+    cells: pd.DataFrame, rows: np.ndarray, *, needs_velocity: bool, needs_mass: bool = True
+) -> ImpactTable:
     """The table of impacts from cells of `read_cells`; without ``trial`` masses and velocities name it."""
+    if not needs_mass:
+        # No free mass: what stands there says nothing of the recordings.
+        cells = cells.drop(columns="mass_kg", errors="ignore")
     if "trial" not in cells:
         cells = cells.assign(trial=_conditions(cells))
     columns = {
@@ -130,7 +136,8 @@ def impact_table(cells: pd.DataFrame, rows: np.ndarray, *, needs_velocity: bool)
             most = PLAUSIBLE.largest_covariate
             too_large = np.abs(column.numbers) >= most
             problems += column.wrong(too_large, "impossible-value.covariate", limit=most)
-    content.setdefault("velocity_m_s", np.full(len(rows), np.nan))
+    for name in ("mass_kg", "velocity_m_s"):
+        content.setdefault(name, np.full(len(rows), np.nan))
     table = pd.DataFrame(content)
     if set(CROP) <= set(table):
         problems += _reversed(table, columns)

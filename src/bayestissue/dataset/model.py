@@ -105,6 +105,8 @@ class Dataset(Outlined):
             which is 0 in free fall; an acceleration is its negative. A sensor whose zero is at rest reads
             g less of it, which was added as the recordings were read.
         headform: whether the impactor stands for a head.
+        free: whether the impactor is a free mass; else something pushes on, ``mass_kg`` is NaN, and
+            displacement and force are both measured.
         contact: where contact falls, "between" samples or "on_sample"; None where nothing was declared.
         table: what messages call the table that ``impacts`` was read from.
         rows: of each impact, by its name, the row there; none where it was read from no table.
@@ -127,12 +129,18 @@ class Dataset(Outlined):
     recorder: Recorder | None = None
     gravity: float = 0.0
     headform: bool = False
+    free: bool = True
     whole_hash: str = ""
     words: Mapping[str, str] = field(default_factory=dict)
     contact: Contact | None = None
     table: str = IMPACTS
     rows: Mapping[str, int] = field(default_factory=dict)
     channels: tuple[Channel, ...] = ()
+
+    @property
+    def recorded(self) -> str:
+        """What a model is chosen by: `quantity`, or "driven" where no free mass meets the tissue."""
+        return self.quantity if self.free else "driven"
 
     def part(self, rows: slice | list[int]) -> Dataset:
         """The dataset of some of its impacts, by their position."""
@@ -182,6 +190,8 @@ class Dataset(Outlined):
             "signal": {"quantity": self.quantity, "unit": unit, "gravity": self.gravity or "none"},
             "uncertainty": self.uncertainty.settings(),
         }
+        if not self.free:
+            settings["motion"] = {"free": False}
         if self.headform:
             settings["impactor"] = {"headform": True}
         if self.words:
@@ -203,7 +213,8 @@ class Dataset(Outlined):
                 for channel, file in zip(self.channels, further, strict=True)
             ]
         traces = long_table(names, self.traces)
-        impacts, folder = self.impacts.drop(columns="trace", errors="ignore"), Path(path)
+        left = ["trace", *([] if self.free else ["mass_kg"])]
+        impacts, folder = self.impacts.drop(columns=left, errors="ignore"), Path(path)
         with (
             claim(folder, overwrite=overwrite, command="write", inputs=(self.folder,)) as target,
             target.folder() as staging,
@@ -229,7 +240,11 @@ class Dataset(Outlined):
             *([("gravity along the motion", f"{self.gravity:.4g} m/s²")] if self.gravity else []),
             *([("site", self.site)] if self.site else []),
             *([("impactor", "a headform")] if self.headform else []),
-            ("mass", span(self.impacts["mass_kg"], "kg")),
+            (
+                ("mass", span(self.impacts["mass_kg"], "kg"))
+                if self.free
+                else ("motion", "driven: displacement and force are both measured, no mass")
+            ),
             ("velocity", span(self.impacts["velocity_m_s"], "m/s")),
         ]
         return f"Dataset {short(self.name)}", [*rows, *([("look at", ", ".join(said))] if said else [])]

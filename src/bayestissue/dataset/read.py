@@ -181,6 +181,7 @@ def checked_dataset(
         source=settings.source,
         site=settings.site,
         headform=settings.impactor.headform,
+        free=settings.motion.free,
         words=settings.words.values(),
         contact=signal.contact,
         rows=dict(zip(impacts["impact"], map(int, table.row), strict=True)),
@@ -220,8 +221,9 @@ def _tables(folder: Path, impacts: Path) -> tuple[Settings, ImpactTable]:
     with collected(problems):
         settings = read_settings(folder / SETTINGS)
     needs_velocity = settings is not None and settings.signal.quantity != "displacement"
+    needs_mass = settings is None or settings.motion.free
     with collected(problems):
-        table = read_impacts(impacts, needs_velocity=needs_velocity)
+        table = read_impacts(impacts, needs_velocity=needs_velocity, needs_mass=needs_mass)
     if settings is None or table is None:
         raise InputError(problems + (table.problems if table else []))
     return settings, table

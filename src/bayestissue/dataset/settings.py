@@ -327,6 +327,17 @@ class RecorderSettings(_Table):
         return Recorder(self.low_pass_hz, self.order, self.kind, self.zero_phase, **stated)
 
 
+class MotionSettings(_Table):
+    """The table ``[motion]``: what moves the impactor."""
+
+    free: bool = Field(
+        default=True,
+        description="true where a free mass meets the tissue, and the tissue alone slows it. false where "
+        "something pushes on: a leg, a hand, a test machine. The motion and the force are both measured, "
+        "as quantity = displacement and a [[channel]] force, and no mass is asked for.",
+    )
+
+
 class ImpactorSettings(_Table):
     """The table ``[impactor]``: what hits."""
 
@@ -383,6 +394,9 @@ class Settings(_Table):
     recorder: RecorderSettings | None = Field(
         default=None, description="a table [recorder] with low_pass_hz, or with sae_class"
     )
+    motion: MotionSettings = Field(
+        default_factory=lambda: MotionSettings(), description="what moves the impactor."
+    )
     impactor: ImpactorSettings = Field(default_factory=lambda: ImpactorSettings(), description="what hits.")
     words: WordSettings = Field(
         default_factory=lambda: WordSettings(),
@@ -394,6 +408,21 @@ class Settings(_Table):
         if self.recorder is not None and self.signal.quantity == "displacement":
             raise ValueError(
                 "no table [recorder] beside displacements, whose likelihoods have no place for a low-pass"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _both_measured(self) -> Self:
+        if self.motion.free:
+            return self
+        if self.signal.quantity != "displacement" or not self.channel:
+            raise ValueError(
+                'signal.quantity = "displacement" and a table [[channel]] with quantity = "force" beside '
+                "motion.free = false: without a free mass K and C are those of force over depth"
+            )
+        if self.channel[0].tip_mass_kg:
+            raise ValueError(
+                "no tip_mass_kg beside motion.free = false: what accelerates a tip is not taken off the force"
             )
         return self
 

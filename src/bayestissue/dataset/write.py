@@ -45,8 +45,10 @@ def write_dataset(
         InputError: the settings are not those of a dataset.
         KeyError: a needed column is missing.
     """
-    signal = parse_settings(settings).signal
-    first = [name for name in ("impact", "subject", "trial", "mass_kg") if name != "trial" or name in impacts]
+    parsed = parse_settings(settings)
+    signal = parsed.signal
+    asked = ("impact", "subject", "trial", *(["mass_kg"] if parsed.motion.free else []))
+    first = [name for name in asked if name != "trial" or name in impacts]
     impacts = impacts[list(dict.fromkeys([*first, *impacts.columns]))]
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "dataset.toml").write_text(settings_text(settings), encoding="utf-8")

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
-from bayestissue.dataset.model import Dataset
+from bayestissue.dataset.model import Dataset, Trace
 from bayestissue.likelihood.element.record import ForceRows
 from bayestissue.signal import Displacements
 from bayestissue.signal.displacement import FEWEST_SAMPLES
@@ -69,6 +70,57 @@ class PreparedForce:
         return replace(self, rows=ForceRows(*(leaf[rows] for leaf in self.rows)), **chosen)
 
 
+class RowsWithin(NamedTuple):
+    """The samples of a force that lie in the windows, and what was quiet before.
+
+    Attributes:
+        value: [impact, row], the zero not taken off; past a row's end any values.
+        number: how many each impact has.
+        first: on the recording's clock [s].
+        dt: sampling interval [s].
+        zero: mean of the quiet part.
+        noise: its standard deviation.
+        n_quiet: how many samples that has.
+        uneven: where times are uneven.
+    """
+
+    value: Float[np.ndarray, "impact row"]
+    number: Int[np.ndarray, " impact"]
+    first: Float[np.ndarray, " impact"]
+    dt: Float[np.ndarray, " impact"]
+    zero: Float[np.ndarray, " impact"]
+    noise: Float[np.ndarray, " impact"]
+    n_quiet: Int[np.ndarray, " impact"]
+    uneven: Bool[np.ndarray, " impact"]
+
+
+def rows_within(traces: Sequence[Trace], signal: Displacements, earlier_s: Any = 0.0) -> RowsWithin:
+    """The rows of a force, and the quiet part that ends three intervals before the first in contact.
+
+    Args:
+        traces: the force.
+        signal: the windows.
+        earlier_s: by how much earlier contact may have been [s], one for all or each impact's.
+    """
+    recorded = stack(traces)
+    first = signal.contact_time_s + signal.first_sample_s
+    ends = np.maximum(signal.n_samples - 1, 0)[:, None]
+    last = first + np.take_along_axis(signal.sample_number, ends, axis=1)[:, 0] * signal.dt
+    time = recorded.start[:, None] + recorded.time_s
+    nearly = 1e-3 * recorded.dt[:, None]
+    used = recorded.inside & (time >= first[:, None] - nearly) & (time <= last[:, None] + nearly)
+    quiet = recorded.inside & (
+        time < (first - earlier_s - _CLEAR * np.maximum(recorded.dt, signal.dt))[:, None]
+    )
+    count, n_quiet = used.sum(axis=1), quiet.sum(axis=1)
+    begin = used.argmax(axis=1)
+    index = np.minimum(begin[:, None] + np.arange(count.max()), recorded.value.shape[1] - 1)
+    value = np.take_along_axis(recorded.value, index, axis=1)
+    start = recorded.start + begin * recorded.dt
+    moments = segment_moments(recorded.value, n_quiet)
+    return RowsWithin(value, count, start, recorded.dt, *moments, n_quiet, recorded.uneven)
+
+
 def prepared_force(dataset: Dataset, signal: Displacements) -> PreparedForce | str:
     """The force of a dataset that has one; or why these recordings keep a fit from using it.
 
@@ -78,20 +130,11 @@ def prepared_force(dataset: Dataset, signal: Displacements) -> PreparedForce | s
     """
     comparison = force_beside(dataset, signal)
     assert comparison is not None  # noqa: S101 - the callers ask
-    channel, recorded = comparison.channel, stack(comparison.channel.traces)
-    first = signal.contact_time_s + signal.first_sample_s
-    last = (
-        first
-        + np.take_along_axis(signal.sample_number, np.maximum(signal.n_samples - 1, 0)[:, None], axis=1)[:, 0]
-        * signal.dt
-    )
-    time = recorded.start[:, None] + recorded.time_s
-    nearly = 1e-3 * recorded.dt[:, None]
-    used = recorded.inside & (time >= first[:, None] - nearly) & (time <= last[:, None] + nearly)
-    quiet = recorded.inside & (time < (first - _CLEAR * np.maximum(recorded.dt, signal.dt))[:, None])
-    count, n_quiet = used.sum(axis=1), quiet.sum(axis=1)
+    channel = comparison.channel
+    rows = rows_within(channel.traces, signal)
+    count, n_quiet = rows.number, rows.n_quiet
     for wrong, words in (
-        (recorded.uneven.any() or signal.uneven.any(), "times are uneven"),
+        (rows.uneven.any() or signal.uneven.any(), "times are uneven"),
         (signal.clipped.any(), "recordings are clipped"),
         ((count < FEWEST_SAMPLES).any(), f"an impact has fewer than {FEWEST_SAMPLES} samples of it"),
         (
@@ -103,26 +146,23 @@ def prepared_force(dataset: Dataset, signal: Displacements) -> PreparedForce | s
         if wrong:
             return words
     mass = signal.mass
-    zero, noise = segment_moments(recorded.value, n_quiet)
-    begin = used.argmax(axis=1)
-    index = np.minimum(begin[:, None] + np.arange(count.max()), recorded.value.shape[1] - 1)
-    value = np.take_along_axis(recorded.value, index, axis=1) - zero[:, None]
+    value = rows.value - rows.zero[:, None]
     tip = channel.tip_mass_kg / mass
     # Contact as it was before the samples in contact were asked: these are to tell themselves.
-    contact = first - signal.bracket_s
+    contact = signal.contact_time_s + signal.first_sample_s - signal.bracket_s
     parts: Any = (
         np.where(np.arange(count.max()) < count[:, None], value / mass[:, None], 0.0),
         count,
-        recorded.start + begin * recorded.dt - contact,
-        recorded.dt,
+        rows.first - contact,
+        rows.dt,
         tip,
     )
-    chain, noise = dataset.uncertainty, np.maximum(noise / mass, 1e-12)
+    chain, noise = dataset.uncertainty, np.maximum(rows.noise / mass, 1e-12)
     return PreparedForce(
         comparison,
         ForceRows(*parts),
         standard_error(noise, n_quiet),
-        _CLOCK * recorded.dt,
+        _CLOCK * rows.dt,
         np.log(noise),
         np.log(np.maximum(comparison.ratio * (1 - tip) + tip, 1e-3)),
         float(chain.relative_mass_sd),

@@ -230,6 +230,14 @@ class Priors(Table):
     sd_noise_force: Scale = Field(
         default=half_normal(1.0), description="standard deviation between impacts of that."
     )
+    roughness: Normal = Field(
+        default=normal(2.0, 2.0),
+        description="mean over impacts of the log of how rough a driven motion is: of the intensity of its "
+        "jerk, over the greatest displacement and with the window as unit of time. Of the likelihood driven.",
+    )
+    sd_roughness: Scale = Field(
+        default=half_normal(1.0), description="standard deviation between impacts of that."
+    )
     log_force_ratio: Normal = Field(
         default=normal(0.0, 0.3),
         description="mean over impacts of the log of force over mass times deceleration, the errors of all "

@@ -27,9 +27,11 @@ from bayestissue.resources import model_content
 from bayestissue.settings import Table, checked, read_text
 from bayestissue.signal import SignalOptions
 
-Likelihood = Literal["published-estimates", "arma", "a2", "impact"]
+Likelihood = Literal["published-estimates", "arma", "a2", "impact", "driven"]
 Discrepancy = Literal["automatic", "none", "always"]
 Noise = Literal["white", "autoregressive"]
+# What a smooth force of unknown shape can stand beside.
+WITH_DISCREPANCY = ("impact", "driven")
 REACH_PEAK = ("peak", "rebound")
 
 
@@ -132,7 +134,8 @@ class ModelSpecification(Table):
     likelihood: Likelihood = Field(
         description="what of a recording is modelled. impact: the deceleration of a mass on an element, "
         "seen through the measuring chain. arma: the displacement as an ARMA(2,1). a2: the displacement as "
-        "a sampled second-order process. published-estimates: printed K and C, of `bayestissue reproduce` "
+        "a sampled second-order process. driven: displacement and force together, of tissue that no free "
+        "mass meets (motion.free = false). published-estimates: printed K and C, of `bayestissue reproduce` "
         "alone.",
     )
     element: str = Field(
@@ -146,7 +149,7 @@ class ModelSpecification(Table):
     discrepancy: Discrepancy = Field(
         default="automatic",
         description="a smooth force of unknown shape beside the element's. automatic: where the residuals of "
-        "a fit without it are plainly structured. Of the impact likelihood alone.",
+        "a fit without it are plainly structured. Of the likelihoods impact and driven alone.",
     )
     noise: Noise = Field(
         default="white",
@@ -188,15 +191,17 @@ class ModelSpecification(Table):
     @model_validator(mode="before")
     @classmethod
     def _none_of_displacements(cls, content: Any) -> Any:
-        if isinstance(content, dict) and content.get("likelihood") != "impact":
+        if isinstance(content, dict) and content.get("likelihood") not in WITH_DISCREPANCY:
             return {"discrepancy": "none", **content}
         return content
 
     @field_validator("discrepancy")
     @classmethod
     def _possible(cls, choice: str, info: ValidationInfo) -> str:
-        if choice != "none" and info.data.get("likelihood") != "impact":
-            raise ValueError('"none", or the key left out: only likelihood = "impact" can have a discrepancy')
+        if choice != "none" and info.data.get("likelihood") not in WITH_DISCREPANCY:
+            raise ValueError(
+                '"none", or the key left out: only likelihood = "impact" or "driven" can have a discrepancy'
+            )
         signal = info.data.get("signal")
         if choice == "always" and signal is not None and signal.window not in REACH_PEAK:
             raise ValueError(

@@ -20,9 +20,11 @@ from bayestissue.elements.element import GRAVITY, REFERENCE_DIAMETER_M
 from bayestissue.errors import InputError, Problem, along_with
 from bayestissue.hierarchy import SIDE_BY_SIDE
 from bayestissue.hierarchy.design import Design, build_design
+from bayestissue.hierarchy.driven import driven_rows
 from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.force import PreparedForce, prepared_force
 from bayestissue.hierarchy.formulas.formula import terms_of
+from bayestissue.hierarchy.formulas.group_terms import MASS_TERM
 from bayestissue.hierarchy.formulas.identifiability import missing
 from bayestissue.hierarchy.population import population_design
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
@@ -38,7 +40,7 @@ from bayestissue.signal.filters import ahead_s, autocorrelation, delay
 from bayestissue.signal.filters import modes as filter_modes
 from bayestissue.signal.recorder_noise import white_share
 
-KINDS: tuple[Kind, ...] = ("arma", "a2", "impact")
+KINDS: tuple[Kind, ...] = ("arma", "a2", "impact", "driven")
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,8 @@ class Prepared:
         impacts: their table.
         force: recorded beside the decelerations, if the fit is of it too.
         force_unused: else why not.
+        gain_sd: standard deviation of the log of the gain that all driven impacts have in common, the
+            force's over the displacement's.
     """
 
     model: TraceModel
@@ -62,6 +66,7 @@ class Prepared:
     impacts: pd.DataFrame
     force: PreparedForce | None = None
     force_unused: str = ""
+    gain_sd: float = 0.0
 
 
 def prepare(dataset: Dataset, specification: ModelSpecification, *, source: str) -> Prepared:
@@ -79,11 +84,13 @@ def prepare(dataset: Dataset, specification: ModelSpecification, *, source: str)
     with along_with(_empty_cells(dataset, specification.formula)):
         design = build_design(
             specification.formula,
-            dataset.impacts,
+            dataset.impacts if dataset.free else dataset.impacts.assign(mass_kg=1.0),
             reference_mass_kg=specification.reference_mass_kg,
             source=source,
         )
-    if specification.mass_error == "subject":
+    if not dataset.free:
+        design = _without_mass(design)
+    if specification.mass_error == "subject" and dataset.free:
         problems = _without_people(design, source)
         if problems:
             raise InputError(problems)
@@ -91,10 +98,19 @@ def prepare(dataset: Dataset, specification: ModelSpecification, *, source: str)
     problems = too_short(dataset, signal, source)
     if problems:
         raise InputError(problems)
-    force = _force(dataset, specification, signal) if dataset.channels else None
+    force = _force(dataset, specification, signal) if dataset.channels and dataset.free else None
     if isinstance(force, str):
         return replace(assemble(dataset, specification, design, signal), force_unused=force)
     return assemble(dataset, specification, design, signal, force)
+
+
+def _without_mass(design: Design) -> Design:
+    """The design of no mass, whose formulas never had one to leave out."""
+    left_out = {
+        q: tuple(fault for fault in faults if fault.term != MASS_TERM)
+        for q, faults in design.left_out.items()
+    }
+    return replace(design, left_out=left_out)
 
 
 def _force(dataset: Dataset, specification: ModelSpecification, signal: Displacements) -> PreparedForce | str:
@@ -158,7 +174,8 @@ def assemble(
     )
     effects, columns = population_design(design, priors, nuisance)
     # With a force the errors of mass are what it is over mass times deceleration.
-    relative_mass_sd = float(dataset.uncertainty.relative_mass_sd) if force is None else 0.0
+    of_mass = force is None and dataset.free
+    relative_mass_sd = float(dataset.uncertainty.relative_mass_sd) if of_mass else 0.0
     model = TraceModel(
         kind,
         effects,
@@ -177,10 +194,12 @@ def assemble(
         record,
         jax.device_put(columns),
         jax.device_put(effects.mean),
-        jax.device_put(np.log(signal.mass)),
+        jax.device_put(np.log(signal.mass) if dataset.free else np.zeros(len(signal.mass))),
         jax.device_put(np.log(peak)),
     )
-    return Prepared(model, data, design, signal, dataset.impacts, force)
+    gains = [dataset.uncertainty.relative_gain_sd, *(one.relative_gain_sd for one in dataset.channels)]
+    gain_sd = 0.0 if dataset.free else float(np.hypot.reduce(gains))
+    return Prepared(model, data, design, signal, dataset.impacts, force, gain_sd=gain_sd)
 
 
 def with_discrepancy(dataset: Dataset, specification: ModelSpecification, prepared: Prepared) -> Prepared:
@@ -204,7 +223,15 @@ def unsuited(dataset: Dataset, specification: ModelSpecification, source: str) -
             "`bayestissue reproduce`.",
         ),
         (
-            of_decelerations and dataset.quantity == "displacement",
+            of_traces and (likelihood == "driven") == dataset.free,
+            ("likelihood", likelihood, "unsuited-likelihood"),
+            '"arma" or another of a free mass, since dataset.toml does not say motion.free = false'
+            if dataset.free
+            else '"driven", since dataset.toml says motion.free = false: no mass meets the tissue freely',
+            "Use models/driven.toml of displacement and force without a free mass, and no other of them.",
+        ),
+        (
+            dataset.free and of_decelerations and dataset.quantity == "displacement",
             ("likelihood", likelihood, "unsuited-likelihood"),
             '"arma" or "a2", since this dataset holds displacements',
             "Use models/arma.toml: the impact likelihood reads recorded decelerations.",
@@ -229,6 +256,12 @@ def unsuited(dataset: Dataset, specification: ModelSpecification, source: str) -
         for applies, (column, value, code), expected, remedy in checks
         if applies
     ]
+    if not dataset.free:
+        problems += [
+            Problem.stated("no-free-mass.formula", source, None, f"formula.{q}", formula)
+            for q, formula in specification.formula
+            if formula is not None and "mass_kg" in terms_of(formula).columns
+        ]
     if of_traces and not problems:
         if not of_decelerations:
             problems += only_by_impact(dataset, source, "likelihood", likelihood)
@@ -305,6 +338,10 @@ def _record(
     force: PreparedForce | None,
 ) -> tuple[Record, np.ndarray]:
     """The traces with the standard deviations of their linear errors, and each trace's peak."""
+    if specification.likelihood == "driven":
+        beside = specification.discrepancy == "always"
+        rows = driven_rows(dataset, signal, discrepancy=beside, source=f"model {specification.name}")
+        return rows, np.asarray(rows.unit)[:, 0]
     chain = dataset.uncertainty
     velocity_sd = np.hypot(chain.velocity_sd_m_s, chain.relative_gain_sd * signal.velocity)
     # What a quiet part before contact tells of the offset replaces what was declared of it.

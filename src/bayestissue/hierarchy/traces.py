@@ -36,19 +36,21 @@ from bayestissue.hierarchy.population import (
 )
 from bayestissue.hierarchy.priors import HalfNormal, Priors
 from bayestissue.likelihood.arma.displacement import DisplacementRecord, MeasuredDisplacement
+from bayestissue.likelihood.driven.measured import DrivenRecord, MeasuredDriven
 from bayestissue.likelihood.element.impact import MeasuredImpact, NoiseParameters
 from bayestissue.likelihood.element.record import DecelerationRecord
 from bayestissue.padding import padded_rows
 
-Kind = Literal["arma", "a2", "impact"]
+Kind = Literal["arma", "a2", "impact", "driven"]
 NUISANCE: dict[str, tuple[str, ...]] = {
     "arma": ("noise", "atanh_theta1"),
     "a2": ("noise",),
     "impact": ("noise",),
+    "driven": ("noise", "noise_force", "roughness"),
 }
 # Of a force beside the deceleration: its noise, and it over mass times deceleration.
 FORCE = ("noise_force", "log_force_ratio")
-Record = DisplacementRecord | DecelerationRecord
+Record = DisplacementRecord | DecelerationRecord | DrivenRecord
 LOG_2 = 0.6931471805599453
 _SHAPE_OF_MODEL = [
     *("kind", "locations", "priors", "correlated"),
@@ -214,10 +216,12 @@ def nuisance_of(
 
 def trace_likelihood(
     model: TraceModel, data: TraceData, u: list[Array]
-) -> MeasuredDisplacement | MeasuredImpact:
+) -> MeasuredDisplacement | MeasuredImpact | MeasuredDriven:
     """The likelihood of every impact's trace."""
     if model.kind == "impact":
         return impact_likelihood(model, data, u)
+    if model.kind == "driven":
+        return driven_likelihood(model, data, u)
     at, record = physical(model, data, u), cast(DisplacementRecord, data.record)
     return MeasuredDisplacement(at.omega_n, at.zeta, at.theta1, at.log_sigma, record)
 
@@ -230,6 +234,15 @@ def impact_likelihood(model: TraceModel, data: TraceData, u: list[Array]) -> Mea
     noise = NoiseParameters(physical(model, data, u).log_sigma, log_discrepancy, atanh_correlation, *of_force)
     record = cast(DecelerationRecord, data.record)
     return MeasuredImpact(element_named(model.element), element_parameters(model, u), noise, record)
+
+
+def driven_likelihood(model: TraceModel, data: TraceData, u: list[Array]) -> MeasuredDriven:
+    """The likelihood of every impact's displacement and force; ``log_peak`` is the displacement's."""
+    record = cast(DrivenRecord, data.record)
+    log_force = jnp.log(record.unit[:, 1])
+    discrepancy = u[-1] if model.discrepancy else None
+    noises = u[2] + data.log_peak, u[3] + log_force
+    return MeasuredDriven(jnp.exp(u[0]), jnp.exp(u[1]), *noises, u[4], discrepancy, record)
 
 
 def log_likelihood(model: TraceModel, data: TraceData, u: list[Array]) -> Float[Array, " impact"]:

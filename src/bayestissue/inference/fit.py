@@ -188,7 +188,13 @@ def label(
     responses, near = tuple(prepared.design.responses), specification.practical_equivalence
     gravity = tree["constant_data"].dataset.get(GRAVITY, 0.0)
     finished = Finished(
-        posterior, None, recorded, specification.element, prepared.model.discrepancy, float(gravity)
+        posterior,
+        None,
+        recorded,
+        specification.element,
+        prepared.model.discrepancy,
+        float(gravity),
+        free=prepared.model.kind != "driven",
     )
     asked = tuple(specification.questions.values())
     compared = Comparison(posterior, recorded, responses, asked, finished.law)
@@ -225,9 +231,10 @@ def _variances(
 
 
 def _form(prepared: Prepared, draws: Draws, tree: xr.DataTree) -> dict[str, Any]:
-    """What the residuals say of the model, where it is one of the recorded deceleration."""
-    if prepared.model.kind != "impact":
+    """What the residuals say of the model, where it is one of recorded decelerations or forces."""
+    if prepared.model.kind not in ("impact", "driven"):
         return {}
+    shown = "force" if prepared.model.kind == "driven" else "deceleration"
     parameters = draws.impacts["parameters"]
     rows = np.arange(parameters.shape[2])
     if draws.kept_numbers is not None:
@@ -235,7 +242,7 @@ def _form(prepared: Prepared, draws: Draws, tree: xr.DataTree) -> dict[str, Any]
     middle = np.median(parameters[:, :, rows].astype(float), axis=(0, 1))
     chosen = some_of(prepared, rows)
     p = noise_p(chosen.model, chosen.data, middle)
-    form = with_impacts(model_form(tree, "deceleration"), chosen.impacts["impact"].astype(str).tolist(), p)
+    form = with_impacts(model_form(tree, shown), chosen.impacts["impact"].astype(str).tolist(), p)
     if not prepared.model.discrepancy:
         return {"model_form": form}
     undescribed = described(tree)

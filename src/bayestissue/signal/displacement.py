@@ -11,7 +11,7 @@ import numpy as np
 from bayestissue.dataset.model import Dataset
 from bayestissue.errors import Coded
 from bayestissue.signal.beyond_limit import beyond_limit
-from bayestissue.signal.contact import Onset, displacement_contact, find_onset
+from bayestissue.signal.contact import Onset, displacement_contact, find_onset, from_time_zero
 from bayestissue.signal.filters import ahead_s, low_pass
 from bayestissue.signal.integration import cumulative, derivatives
 from bayestissue.signal.options import SignalOptions
@@ -155,7 +155,9 @@ def displacements(dataset: Dataset, options: SignalOptions | None = None) -> Dis
         return _Met(stacked, mass[rows], velocity[rows], gravity[rows])
 
     if dataset.quantity == "displacement":
-        return _joined([_recorded(met(rows), options) for rows in blocks])
+        if dataset.free:
+            return _joined([_recorded(met(rows), options) for rows in blocks])
+        return _joined([_recorded(met(rows), options, _pushed(dataset, rows, options)) for rows in blocks])
     signals, evidence = zip(*(_integrated(met(rows), options) for rows in blocks), strict=True)
     if dataset.recorder is not None:
         # No force jumps behind a low-pass, and contact has no interval of its own.
@@ -261,13 +263,27 @@ def _before(recordings: Recordings, onset: Onset, offset: Column, removed: Mask)
     }
 
 
-def _recorded(met: _Met, options: SignalOptions) -> Displacements:
+def _pushed(dataset: Dataset, rows: slice, options: SignalOptions) -> tuple[Column, Column]:
+    """When a force began, on the recordings' clock, and the standard deviation of that [s]."""
+    forces = stack(dataset.channels[0].traces[rows])
+    onset = find_onset(forces, options)
+    first = forces.start + forces.sample_number_of(onset.first) * forces.dt
+    return first - (onset.least + onset.most) / 2, (onset.most - onset.least) / np.sqrt(12)
+
+
+def _recorded(
+    met: _Met, options: SignalOptions, contact: tuple[Column, Column] | None = None
+) -> Displacements:
+    """Of recorded displacements; ``contact`` is when another channel has it, with its error [s]."""
     recordings, mass, velocity, gravity = met
     noise = noise_sd(recordings)
     if options.filter != "none":
         whole = from_sample(recordings, np.zeros_like(recordings.n))
         recordings = replace(recordings, value=low_pass(whole.value, whole.dt, options.filter))
-    first, since_contact = displacement_contact(recordings, options)
+    if contact is None:
+        first, since_contact = displacement_contact(recordings, options)
+    else:
+        first, since_contact = from_time_zero(replace(recordings, start=recordings.start - contact[0]))
     share = since_contact / recordings.dt
     level = at(recordings.value, first)
     at_contact = np.where(first > 0, level - share * (level - at(recordings.value, first - 1)), level)
@@ -278,9 +294,10 @@ def _recorded(met: _Met, options: SignalOptions) -> Displacements:
     stop = slowest(replace(part, value=x), v, velocity)
     slowest_words = "velocity does not reach zero: the window ends where it is least"
     greatest = np.where(recordings.inside, recordings.value, -np.inf).max(axis=1)
-    below = (greatest <= 0) & (options.contact != "time-zero")
+    below = (greatest <= 0) & (options.contact != "time-zero") & (contact is None)
     flags = {BELOW_ZERO: below, Coded(slowest_words, "no-zero-velocity"): ~stop.reached & ~below}
     sd = np.where(options.contact == "time-zero", 0, noise / np.maximum(velocity, 1e-12))
+    sd = sd if contact is None else contact[1]
     nothing, known = np.zeros_like(sd), np.zeros(len(sd), bool)
     free = (since_contact, sd, nothing)
     start = Start(since_contact, sd, since_contact, sd, known, *free, x[:, 0], v[:, 0])

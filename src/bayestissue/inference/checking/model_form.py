@@ -25,6 +25,7 @@ from bayestissue.inference.checking import sentence
 from bayestissue.inference.execution.kept import some_impacts, some_of
 from bayestissue.inference.points.whiteness import autocorrelation
 from bayestissue.inference.results.predictions import PREDICTIVE_DRAWS, replicates
+from bayestissue.likelihood.driven.measured import DrivenRecord
 from bayestissue.outline import first_of
 
 # An impact's p-value that is counted.
@@ -142,7 +143,8 @@ def with_discrepancy(first: dict[str, Any], tree: xr.DataTree) -> dict[str, Any]
     )
     apart = apart if len(larger) else ""
     words = _words("form.discrepancy", first["score"], size=100 * size, sure=100 * sure, apart=apart)
-    left = model_form(tree, "deceleration")["score"]
+    shown = next(name for name in ("force", "deceleration") if name in tree["observed_data"].dataset)
+    left = model_form(tree, shown)["score"]
     if discrepancy["undescribed"]:
         words = f"{sentence('form.score', score=first['score'])}. {discrepancy['words']}"
     return first | discrepancy | {"apart": list(larger.index), "left": left, "words": words}
@@ -221,14 +223,15 @@ def misfit_precheck(prepared: Prepared, expansions: GaussianFactor, seed: int) -
     residuals have in common. Of very many impacts some are asked.
 
     Args:
-        prepared: the model and its data, decelerations.
+        prepared: the model and its data, decelerations or driven forces.
         expansions: each trace's own, as `bayestissue.inference.factors.expansions.expanded` finds them.
         seed: of the replicates.
     """
     rows = some_impacts(len(prepared.impacts))
     prepared, best = some_of(prepared, rows), np.asarray(expansions.centre)[rows]
     noise = np.exp(best[:, 2] + np.asarray(prepared.data.log_peak))
-    if np.median(noise / np.maximum(prepared.signal.noise_sd, 1e-12)) < _SUSPICIOUS:
+    driven = prepared.model.kind == "driven"
+    if not driven and np.median(noise / np.maximum(prepared.signal.noise_sd, 1e-12)) < _SUSPICIOUS:
         return None
     key = jax.random.fold_in(jax.random.PRNGKey(seed), 31)
     verdict = judged_at(prepared, prepared.data, best, key)
@@ -245,8 +248,10 @@ def judged_at(
     """`model_form` of decelerations less the offset, beside replicates of ``data`` at one u."""
     keys = jax.random.split(key, PREDICTIVE_DRAWS)
     draws = np.broadcast_to(u, (PREDICTIVE_DRAWS, *u.shape))
-    replicated = replicates(prepared.model, data, draws, keys)["deceleration"]
-    signal = prepared.signal
+    of_each = replicates(prepared.model, data, draws, keys)
+    if isinstance(data.record, DrivenRecord):
+        return judged(np.where(data.record.inside(), data.record.y, np.nan) - offset, of_each["force"])
+    replicated, signal = of_each["deceleration"], prepared.signal
     # An offset does not move samples at the sensor's limit.
     used = (np.arange(replicated.shape[-1]) < signal.n_samples[:, None]) & (signal.clipped == 0)
     return judged(np.where(used, signal.deceleration - offset, np.nan), replicated)

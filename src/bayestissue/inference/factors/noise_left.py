@@ -19,7 +19,7 @@ from jax import Array
 from jaxtyping import Float, Int
 
 from bayestissue.elements import element as element_named
-from bayestissue.hierarchy.traces import TraceData, TraceModel, impact_likelihood
+from bayestissue.hierarchy.traces import TraceData, TraceModel, driven_likelihood, impact_likelihood
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.points.whiteness import projected_portmanteau
 from bayestissue.padding import padded_impacts
@@ -35,7 +35,8 @@ def noise_p(
         data: the traces.
         u: a point of each impact's posterior.
     """
-    parts = _left(model, data.padded, padded_impacts(u))
+    of_likelihood = _left_of_driven if model.kind == "driven" else _left
+    parts = of_likelihood(model, data.padded, padded_impacts(u))
     left, fitted, size = (np.asarray(part)[: len(u)] for part in parts)
     return projected_portmanteau(left, fitted, size)
 
@@ -69,6 +70,29 @@ def _left(
     A = jnp.stack(shared, axis=-1) / event.sigma[:, None, None]
     columns = jnp.stack([left, *fitted], axis=1)
     white = jax.vmap(_without)(A, columns)
+    return white[:, 0], white[:, 1:], size
+
+
+@compiled_quickly
+def _left_of_driven(
+    model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]
+) -> tuple[Float[Array, "impact row"], Float[Array, "impact parameter row"], Int[Array, " impact"]]:
+    """The same of a driven tissue, the displacement's samples behind the force's.
+
+    The weights of its motion are errors of both channels. Those that the recordings tell count as fitted: the
+    motion need not be as rough in each of its modes as all of them together say.
+    """
+    event = driven_likelihood(model, data, list(u.T))
+    values, A = event.standardised()
+    told = jnp.where((A**2).sum(1, keepdims=True) > 1, A, 0.0)
+    fitted = jnp.concatenate([event.slopes(), told], axis=-1)
+    columns = jnp.concatenate([values[..., None], fitted], axis=-1)
+    white = jax.vmap(_without)(A, jnp.swapaxes(columns, 1, 2))
+    record, index = event.record, jnp.arange(white.shape[-1])
+    n_F, size = record.n_samples[:, None], record.n_samples + record.n_displacements
+    # Without a gap between the two.
+    at = jnp.where(index < n_F, index, jnp.minimum(index - n_F + record.y.shape[1], len(index) - 1))
+    white = jnp.where(index < size[:, None, None], jnp.take_along_axis(white, at[:, None], axis=-1), 0.0)
     return white[:, 0], white[:, 1:], size
 
 

@@ -19,6 +19,7 @@ ARCCOS = Coded("theta1 asks for another value of arccos", "theta1-branch")
 NOT_FILTERED = Coded("the declared low-pass is not in this method", "low-pass-not-applied")
 NOISELESS = Coded("no noise beyond rounding: no standard errors", "noiseless")
 ANOTHER_PEAK = Coded("K and C imply another peak displacement than recorded", "peak-disagrees")
+NO_FREE_MASS = Coded("no free mass: point estimates are of one", "no-free-mass")
 UNUSED = Coded("the further channel is not used here", "channel-unused")
 # Flags of the method "impact": its intervals then promise nothing.
 STRUCTURED = Coded(
@@ -43,7 +44,7 @@ _NAMED = 5
 # What `said_once` may meet in the column ``notes``.
 _NOTES = (
     *(THETA1, NOT_WHITE, ARCCOS, NOT_FILTERED, NOISELESS, NO_ANSWER, ANOTHER_PEAK, UNUSED),
-    *(NO_OFFSET, ON_SAMPLE, UNEVEN, LONGER),
+    *(NO_FREE_MASS, NO_OFFSET, ON_SAMPLE, UNEVEN, LONGER),
     KINDS["contact-earlier"].flag,
     KINDS["at-limit"].flag,
 )

@@ -80,6 +80,8 @@ def posterior_draws(
 
     force, a = prepared.force, population.b[..., _ratio_mean(model)]
     log_factor = np.zeros(shape)
+    if prepared.gain_sd:
+        log_factor = prepared.gain_sd * np.asarray(jax.random.normal(jax.random.fold_in(key, 14), shape))
     if force is not None:
         standard = np.asarray(jax.random.normal(jax.random.fold_in(key, 12), shape))
         log_factor = force.log_mass_factor(a, standard)
@@ -87,6 +89,8 @@ def posterior_draws(
     def errors_and_keys(rows: np.ndarray, u: np.ndarray) -> tuple[Any, Any]:
         of_block = _each(partial(jax.random.fold_in, data=rows[0]), keys_of_kept)
         of_errors, of_mass = np.moveaxis(_each(jax.random.split, of_block), 2, 0)
+        if prepared.gain_sd:
+            return np.broadcast_to(log_factor[:, kept_numbers, None], u.shape[:-1]), of_errors
         # Of the design X b of these impacts is asked alone.
         if force is not None:
             # What an impact's ratio has beside the common one is its own mass's.
@@ -269,7 +273,7 @@ def _heavier(
     log_factor: Float[np.ndarray, "chain draw"],
 ) -> Float[np.ndarray, "chain draw location"]:
     """Effects with K and C of so much heavier impactors."""
-    if not model.force:
+    if not log_factor.any():
         return b
     moved = np.array(b)
     for name in ("intercept_K", "intercept_C"):

@@ -29,6 +29,7 @@ from bayestissue.hierarchy.traces import (
 )
 from bayestissue.inference.quantities.common_depth import at_common_depth, whole_at_common_depth
 from bayestissue.inference.quantities.whole import Whole, whole_impact
+from bayestissue.likelihood.driven.measured import MeasuredDriven
 from bayestissue.likelihood.element.impact import MeasuredImpact
 from bayestissue.likelihood.element.record import CONTACT, DecelerationRecord
 
@@ -52,6 +53,7 @@ class Impacts:
         velocity_error: that of the recorded velocity [m/s]; None where none is recorded.
         measured: beside a discrepancy, the traces' likelihood with contact where the errors put it.
         discrepancy: the force beside the element's, over mass [m/s^2].
+        secant: beside a discrepancy, of a driven motion force over depth where that is greatest [N/m].
     """
 
     model: TraceModel
@@ -62,6 +64,7 @@ class Impacts:
     velocity_error: Float[Array, " impact"] | None
     measured: MeasuredImpact | None = None
     discrepancy: Float[Array, "impact sample"] | None = None
+    secant: Float[Array, " impact"] | None = None
 
     @classmethod
     def drawn(
@@ -84,10 +87,16 @@ class Impacts:
             recorded: whether it is given what was recorded, else as nothing but the priors has it.
         """
         velocity_key = jax.random.fold_in(key, 5)
-        if not model.discrepancy:
+        if not model.discrepancy or model.kind == "driven":
             likelihood = trace_likelihood(model, data, u)
+            if isinstance(likelihood, MeasuredDriven) and model.discrepancy:
+                secant = likelihood.secant(likelihood.weights(jax.random.fold_in(key, 6)))
+                secant *= jnp.exp(mass_error)
+            else:
+                secant = None
             errors = jax.lax.cond(recorded, likelihood.draw_errors, likelihood.prior_errors, key)
-            return cls(model, data, u, mass_error, errors, data.record.velocity_error(errors, velocity_key))
+            velocity_error = data.record.velocity_error(errors, velocity_key)
+            return cls(model, data, u, mass_error, errors, velocity_error, secant=secant)
         stated = impact_likelihood(model, data, u)
         located = stated.with_contact_found(key)
         response = located.response()
@@ -198,6 +207,11 @@ class Impacts:
         return self.outcomes.C_equivalent / (2 * jnp.sqrt(self.outcomes.K_secant * self.mass))
 
 
+def _of_free_mass(impacts: Impacts, quantity: Callable[[Impacts], Array]) -> Array | None:
+    """What a motion that is measured and driven says nothing of."""
+    return None if impacts.model.kind == "driven" else quantity(impacts)
+
+
 def _comparable(impacts: Impacts, name: str) -> Array | None:
     """Of spring and damper side by side alone these are K and C themselves."""
     return None if impacts.side_by_side else getattr(impacts.outcomes, name)
@@ -217,14 +231,18 @@ def _outcome(impacts: Impacts, name: str) -> Array | None:
 QUANTITIES: dict[str, Callable[[Impacts], Array | None]] = {
     "K": lambda impacts: impacts.parameters["K"],
     "C": lambda impacts: impacts.parameters["C"],
-    "omega_n": Impacts.omega_n,
-    "zeta": Impacts.zeta,
+    "omega_n": partial(_of_free_mass, quantity=Impacts.omega_n),
+    "zeta": partial(_of_free_mass, quantity=Impacts.zeta),
     "theta1": lambda impacts: impacts.noise.get("theta1"),
     "sigma_a": lambda impacts: impacts.noise.get("sigma_a"),
     "sigma_d": lambda impacts: impacts.noise.get("sigma_d"),
-    "mass": lambda impacts: impacts.mass,
+    "sigma_x": lambda impacts: impacts.noise.get("sigma_x"),
+    "sigma_F": lambda impacts: impacts.noise.get("sigma_F"),
+    "mass": partial(_of_free_mass, quantity=lambda impacts: impacts.mass),
     "K_tangent": partial(_comparable, name="K_tangent"),
-    "K_secant": partial(_comparable, name="K_secant"),
+    "K_secant": lambda impacts: (
+        impacts.secant if impacts.model.kind == "driven" else _comparable(impacts, "K_secant")
+    ),
     "C_equivalent": partial(_comparable, name="C_equivalent"),
     "energy_lost": partial(_comparable, name="energy_lost"),
     COMMON_DEPTH: lambda impacts: impacts.common_depth,

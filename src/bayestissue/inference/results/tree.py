@@ -32,6 +32,7 @@ from bayestissue.inference.results.labels import (
     of_one_person,
 )
 from bayestissue.inference.results.predictions import PRIOR_PREDICTIVE_DRAWS, predicted, replicates
+from bayestissue.likelihood.driven.measured import DrivenRecord
 
 
 def posterior_tree(
@@ -104,7 +105,7 @@ def dimensions(
         **design_dimensions(design),
         **{f"traces_of_{stem}": (name,) for name, stem in stems.items()},
         **{f"impact_{stem}": ("impact",) for stem in stems.values()},
-        **dict.fromkeys(("displacement", "deceleration", "time"), ("impact", "time_index")),
+        **dict.fromkeys(("displacement", "deceleration", "force", "time"), ("impact", "time_index")),
         **dict.fromkeys(("mass_kg", "velocity_m_s", "n_samples"), ("impact",)),
         **dict.fromkeys(("sampling_interval_s", "first_sample_s"), ("impact",)),
         **{f"column_{stem_of(name)}": ("impact",) for name in columns},
@@ -112,6 +113,9 @@ def dimensions(
 
 
 def _observed(prepared: Prepared) -> dict[str, np.ndarray]:
+    record = prepared.data.record
+    if isinstance(record, DrivenRecord):
+        return {"force": np.where(record.inside(), record.y, np.nan)}
     signal = prepared.signal
     inside = np.arange(signal.x.shape[1]) < signal.n_samples[:, None]
     return {
@@ -125,6 +129,12 @@ def _constants(prepared: Prepared) -> dict[str, np.ndarray]:
     error_sd, first = np.asarray(record.error_sd), np.asarray(record.first_time)
     time = first[:, None] + signal.sample_number * signal.dt[:, None]
     inside = np.arange(signal.x.shape[1]) < signal.n_samples[:, None]
+    number = signal.n_samples
+    if isinstance(record, DrivenRecord):
+        # The force is what is shown, at its own times.
+        rows = np.arange(record.y.shape[1])
+        time, inside = first[:, None] + rows * np.asarray(record.dt)[:, None], np.asarray(record.inside())
+        number = np.asarray(record.n_samples)
     has_depth = prepared.model.depends_on_depth
     return {
         **({"common_depth_m": common_depth(signal)} if has_depth else {}),
@@ -133,8 +143,8 @@ def _constants(prepared: Prepared) -> dict[str, np.ndarray]:
         "time": np.where(inside, time, np.nan),
         "mass_kg": signal.mass,
         "velocity_m_s": signal.velocity,
-        "n_samples": signal.n_samples,
-        "sampling_interval_s": signal.dt,
+        "n_samples": number,
+        "sampling_interval_s": np.asarray(record.dt),
         "first_sample_s": first,
         **{
             f"impact_{stem_of(name)}": np.array(grouping.levels)[grouping.code]

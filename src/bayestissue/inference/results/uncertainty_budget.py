@@ -62,6 +62,7 @@ _NUISANCE = {
     "atanh_noise_correlation": NOISE,
     "discrepancy": ELEMENT,
     "noise_force": NOISE,
+    "roughness": NOISE,
     "log_force_ratio": NOISE,
 }
 

@@ -45,6 +45,7 @@ _NEEDED = {
     "observed_data": ("displacement", "deceleration"),
     "constant_data": ("time", "mass_kg", "velocity_m_s", "impact_subject", "impact_trial"),
 }
+_DRIVEN = {"posterior_predictive": ("force",), "observed_data": ("force",)}
 _AGAIN = "Make the run anew with `bayestissue fit`."
 
 
@@ -226,12 +227,19 @@ class FitRun(PosteriorRun):
 
     @property
     def likelihood(self) -> str:
-        """``"arma"``, ``"a2"`` or ``"impact"``."""
+        """``"arma"``, ``"a2"``, ``"impact"`` or ``"driven"``."""
         return str(self.record.get("model", {}).get("likelihood", ""))
 
     @property
+    def free(self) -> bool:
+        """Whether a free mass met the tissue: else nothing is said of a mass."""
+        return self.likelihood != "driven"
+
+    @property
     def shown(self) -> str:
-        """Which of ``"deceleration"`` and ``"displacement"`` was recorded, and so is drawn."""
+        """Which of ``"deceleration"``, ``"displacement"`` and, of a driven tissue, ``"force"`` is drawn."""
+        if self.likelihood == "driven":
+            return "force"
         return "displacement" if self.record.get("quantity") == "displacement" else "deceleration"
 
 
@@ -261,11 +269,17 @@ def read_fit_run(folder: Path, record: dict[str, Any]) -> FitRun:
     record = record | {"dataset": record.get("dataset") or folder.name}
     readers: tuple[Callable[[], Any], ...] = (
         lambda: read_tables(folder, TABLES, FURTHER_TABLES),
-        lambda: read_groups(folder / "posterior.nc", _NEEDED, _AGAIN, of_impacts=()),
+        lambda: read_groups(folder / "posterior.nc", _needed(record), _AGAIN, of_impacts=()),
         lambda: _read_diagnostics(folder / "diagnostics.json"),
     )
     tables, groups, diagnostics = all_of(lambda read: read(), readers)
     return FitRun(record=record, diagnostics=diagnostics, groups=groups, **(tables | _further(tables)))
+
+
+def _needed(record: dict[str, Any]) -> dict[str, tuple[str, ...]]:
+    """What the page can't do without, of the run that ``run.json`` describes."""
+    is_driven = record.get("model", {}).get("likelihood") == "driven"
+    return _NEEDED | (_DRIVEN if is_driven else {})
 
 
 def _further(tables: Mapping[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:

@@ -118,7 +118,7 @@ def one_step_p(run: FitRun) -> np.ndarray:
     return pd.to_numeric(table["whiteness_p"], errors="coerce").to_numpy(float)
 
 
-SCALES = {"deceleration": ("m/s²", 1.0), "displacement": ("mm", 1e3)}
+SCALES = {"deceleration": ("m/s²", 1.0), "force": ("N", 1.0), "displacement": ("mm", 1e3)}
 
 
 def trace_rows(

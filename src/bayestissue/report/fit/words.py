@@ -68,7 +68,7 @@ def signal_words(run: FitRun) -> str:
     window, zero = str(signal.get("window", "peak")), str(signal.get("equilibrium", "rest"))
     until = SENTENCES["windows"].get(window, f"from contact to {window} of the time to zero velocity")
     text = f"The window goes {until}."
-    if run.likelihood == "impact":
+    if run.likelihood in ("impact", "driven"):
         return text
     return f"{text} The zero of x is {SENTENCES['equilibria'].get(zero, zero)}."
 

@@ -1,0 +1,75 @@
+"""Simulated heels under a leg: K and C from force over depth, the page, and what no such fit can have."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import bayestissue as bt
+from bayestissue.errors import InputError
+from bayestissue.hierarchy.specification import read_specification
+from bayestissue.hierarchy.trace_data import prepare
+from bayestissue.inference.factors.expansions import expanded
+from bayestissue.inference.factors.noise_left import noise_p
+from bayestissue.resources import shared
+from bayestissue.simulation.driven import Driven, driven
+
+
+def test_expansions_have_the_truth_and_residuals_are_noise() -> None:
+    dataset, truth = driven(Driven(seed=5, subjects=2, repeats=10))
+    prepared = prepare(dataset, read_specification(shared("models", "driven.toml")), source="driven")
+    sites = expanded(prepared)
+    u, covariance = np.asarray(sites.centre), np.linalg.inv(np.asarray(sites.precision))
+    for number, column in enumerate(("K_N_per_m", "C_N_s_per_m")):
+        z = (u[:, number] - np.log(truth[column])) / np.sqrt(covariance[:, number, number])
+        # Forty standard normals, but for the tails of roughness and noise: 3.7 once in a hundred times.
+        assert np.sqrt((z**2).mean()) < 1.4, column
+        assert np.abs(z).max() < 4.5, column
+    p = noise_p(prepared.model, prepared.data, u)
+    tested = p[np.isfinite(p)]
+    assert len(tested) > 10
+    assert (tested < 0.01).sum() <= 2
+
+
+def test_a_tissue_that_stiffens_shows_in_the_residuals() -> None:
+    dataset, _ = driven(Driven(seed=6, subjects=2, repeats=10, exponent=2.0))
+    prepared = prepare(dataset, read_specification(shared("models", "driven.toml")), source="driven")
+    p = noise_p(prepared.model, prepared.data, np.asarray(expanded(prepared).centre))
+    tested = p[np.isfinite(p)]
+    assert (tested < 0.01).mean() > 0.5
+
+
+@pytest.mark.parametrize(("free", "model"), [(False, "arma"), (True, "driven")])
+def test_other_models_are_refused(free: bool, model: str) -> None:
+    dataset, _ = driven(Driven(seed=7, subjects=2, repeats=1))
+    if free:
+        dataset = replace(dataset, free=True, channels=(), impacts=dataset.impacts.assign(mass_kg=3.0))
+    with pytest.raises(InputError, match=r"motion\.free"):
+        bt.fit(dataset, model)
+
+
+@pytest.mark.slow
+def test_a_fit_holds_the_truth_and_has_no_mass(tmp_path: Path) -> None:
+    dataset, truth = driven(Driven(seed=8))
+    fit = bt.fit(dataset, seed=1)
+    posterior = fit.posterior["posterior"].dataset
+    for name, column in (("K", "K_N_per_m"), ("C", "C_N_s_per_m")):
+        low, high = posterior[name].quantile([0.05, 0.95], ("chain", "draw")).to_numpy()
+        held = (low < truth[column]) & (truth[column] < high)
+        # 24 intervals of 90 %: fewer than 18 hold once in a hundred times.
+        assert held.sum() >= 18, name
+    assert not fit.diagnostics["model_form"]["structured"]
+    for absent in ("mass", "omega_n", "zeta", "peak_force", "mass_exponent_K"):
+        assert absent not in posterior
+    assert fit.table("levels").empty
+    with pytest.raises(InputError, match="without a free mass"):
+        fit.ask("peak_force[mass_kg=1, velocity_m_s=1] < 300")
+    page = fit.report(tmp_path / "run")
+    text = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
+    assert page is not None
+    assert "Nothing moves freely here" in text
+    assert " kg" not in pd.Series([text]).str.replace(r"<script.*?</script>", "", regex=True).iloc[0]

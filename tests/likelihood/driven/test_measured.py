@@ -1,0 +1,134 @@
+"""The density of displacements and forces, against a dense normal with the spline's own covariance."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from bayestissue.likelihood.driven import motion
+from bayestissue.likelihood.driven.measured import DrivenRecord, MeasuredDriven, driven_record
+from bayestissue.likelihood.element.noise import LENGTH
+
+K, C = np.array([40e3, 12e3]), np.array([300.0, 150.0])
+N_X, N_F = np.array([24, 18]), np.array([31, 25])
+DT_X, DT_F, FIRST = np.array([1e-3, 1.2e-3]), np.array([0.7e-3, 0.8e-3]), np.array([0.2e-3, 0.3e-3])
+SIGMA, SIGMA_F, ROUGH = np.array([1e-4, 5e-5]), np.array([2.0, 0.5]), np.array([4.0, 8.0])
+ERRORS = np.array([[2e-4, 1.0], [0.0, 0.3]])
+
+
+def grid(row: int) -> tuple[np.ndarray, np.ndarray]:
+    return FIRST[row] + np.arange(N_X[row]) * DT_X[row], FIRST[row] + np.arange(N_F[row]) * DT_F[row]
+
+
+def recorded(rng: np.random.Generator, *, discrepancy: bool) -> DrivenRecord:
+    x, y = np.zeros((2, N_X.max())), np.zeros((2, N_F.max()))
+    for row in range(2):
+        at, then = grid(row)
+        x[row, : N_X[row]] = 6e-3 * np.sin(60 * at) + 2e-3 + SIGMA[row] * rng.standard_normal(len(at))
+        y[row, : N_F[row]] = 6e-3 * (K[row] * np.sin(60 * then) + C[row] * 60 * np.cos(60 * then))
+        y[row, : N_F[row]] += SIGMA_F[row] * rng.standard_normal(len(then))
+    return driven_record((y, N_F, FIRST, DT_F), (x, N_X, FIRST, DT_X), ERRORS, discrepancy=discrepancy)
+
+
+def measured(
+    record: DrivenRecord, log_discrepancy: float | None = None, K: np.ndarray = K, C: np.ndarray = C
+) -> MeasuredDriven:
+    beside = None if log_discrepancy is None else jnp.full(2, log_discrepancy)
+    logs = [jnp.log(jnp.asarray(values)) for values in (SIGMA, SIGMA_F, ROUGH)]
+    return MeasuredDriven(jnp.asarray(K), jnp.asarray(C), *logs, beside, record)
+
+
+def dense(record: DrivenRecord, row: int, rms: float = 0.0, K: np.ndarray = K, C: np.ndarray = C) -> float:
+    """Log density by the covariance of all samples of both channels, of K x + C x' by the kernel's slopes."""
+    at, then = grid(row)
+    depth, force = np.asarray(record.unit)[row]
+    last = max(at[-1], then[-1])
+    t = np.concatenate([at, then]) / last
+    k, slope = motion.kernel(t[:, None], t)
+    # d2k / dt dt' = int_0^a (t - u) (t' - u) du
+    a, d = np.minimum(t[:, None], t), np.abs(t[:, None] - t)
+    both = a**3 / 3 + d * a**2 / 2
+    powers, slopes = np.stack([t, t**2]), np.stack([np.ones_like(t), 2 * t])
+    wide, rough = 30.0**2 * depth**2, ROUGH[row] ** 2 * depth**2
+    cov = rough * k + wide * powers.T @ powers + ERRORS[row, 0] ** 2
+    cov_xv = (rough * slope.T + wide * powers.T @ slopes) / last
+    cov_vv = (rough * both + wide * slopes.T @ slopes) / last**2
+    n, f = len(at), slice(len(at), None)
+    whole = np.empty((len(t), len(t)))
+    whole[:n, :n] = cov[:n, :n] + wide + SIGMA[row] ** 2 * np.eye(n)
+    whole[:n, f] = K[row] * cov[:n, f] + C[row] * cov_xv[:n, f]
+    whole[f, :n] = whole[:n, f].T
+    whole[f, f] = K[row] ** 2 * cov[f, f] + K[row] * C[row] * (cov_xv[f, f] + cov_xv[f, f].T)
+    whole[f, f] += C[row] ** 2 * cov_vv[f, f] + ERRORS[row, 1] ** 2 + SIGMA_F[row] ** 2 * np.eye(len(then))
+    if rms:
+        u = (then - then[0]) / (then[-1] - then[0])
+        values, vectors = np.linalg.eigh(np.exp(-((u[:, None] - u) ** 2) / (2 * LENGTH**2)))
+        values, vectors = values[-6:], vectors[:, -6:]
+        share = values * len(then) / values.sum()
+        whole[f, f] += (rms * force) ** 2 * (vectors * share) @ vectors.T
+    values = np.concatenate([np.asarray(record.x)[row, :n], np.asarray(record.y)[row, : len(then)]])
+    # In units of the noise: metres and newtons in one matrix would leave it no digits.
+    noise = np.concatenate([np.full(n, SIGMA[row]), np.full(len(then), SIGMA_F[row])])
+    normal = multivariate_normal(np.zeros(len(t)), whole / np.outer(noise, noise))
+    return float(normal.logpdf(values / noise) - np.log(noise).sum())
+
+
+@pytest.fixture
+def many_modes(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """So many functions that the sum is the integral."""
+    monkeypatch.setattr(motion, "MODES", 60)
+    monkeypatch.setattr(motion, "_NODES", 240)
+    motion._eigenvectors.cache_clear()
+    yield
+    motion._eigenvectors.cache_clear()
+
+
+@pytest.mark.parametrize("rms", [0.0, 0.05])
+@pytest.mark.usefixtures("many_modes")
+def test_density_is_that_of_a_dense_normal(rms: float) -> None:
+    record = recorded(np.random.default_rng(1), discrepancy=rms > 0)
+    density = measured(record, np.log(rms) if rms else None).log_density()
+    np.testing.assert_allclose(density, [dense(record, row, rms) for row in range(2)], atol=0.03)
+
+
+def test_sixteen_functions_tell_K_and_C_as_all_do() -> None:
+    """Their difference in log density does not depend on K and C."""
+    record = recorded(np.random.default_rng(1), discrepancy=False)
+    few = [measured(record, K=K * f, C=C * g).log_density() for f, g in ((1, 1), (1.03, 1), (1, 1.1))]
+    whole = [dense(record, 0, K=K * f, C=C * g) for f, g in ((1, 1), (1.03, 1), (1, 1.1))]
+    np.testing.assert_allclose(np.diff([f[0] for f in few]), np.diff(whole), atol=0.05)
+
+
+def test_slopes_are_those_of_the_functions() -> None:
+    t, step = np.linspace(0.05, 0.95, 7)[None], 1e-6
+    forth, back = (motion.functions(t + side * step)[0] for side in (1, -1))
+    np.testing.assert_allclose(motion.functions(t)[1], (forth - back) / (2 * step), atol=1e-7)
+
+
+def test_functions_have_the_covariance_of_the_integral() -> None:
+    t = np.linspace(0, 1, 21)[None]
+    f = motion.functions(t)[0][0, :, motion.POWERS :]
+    # The sum of what is left out falls as the fifth power of the number of modes.
+    np.testing.assert_allclose(f @ f.T, motion.kernel(t[0][:, None], t[0])[0], atol=1e-9)
+
+
+def test_padding_changes_nothing() -> None:
+    record = recorded(np.random.default_rng(2), discrepancy=True)
+    density, padded = (measured(one, -3.0).log_density() for one in (record, record.padded()))
+    np.testing.assert_allclose(density, padded, rtol=1e-12)
+
+
+def test_draws_have_the_moments_of_the_weights() -> None:
+    record = recorded(np.random.default_rng(3), discrepancy=True)
+    event = measured(record, -3.0)
+    draws = jax.vmap(event.weights)(jax.random.split(jax.random.PRNGKey(0), 4000))
+    mean, sd = np.asarray(event.weights()), np.asarray(draws.std(0))
+    moved = np.abs(np.asarray(draws.mean(0)) - mean) / np.where(sd > 0, sd, 1.0)
+    assert moved.max() < 5 / np.sqrt(4000)
+    residual = np.asarray(record.y - event.force(event.weights()))
+    assert np.abs(residual).max() < 5 * SIGMA_F.max()
