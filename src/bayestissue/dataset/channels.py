@@ -37,10 +37,15 @@ def read_channels(folder: Path, table: ImpactTable, settings: Settings) -> list[
             reading = read_files(folder, table.table, table.row, signal)
         else:
             reading = read_long(folder, table.table["impact"].tolist(), signal, channel.file)
-        time = reading.samples.time + channel.time_offset_s
-        return replace(reading, samples=replace(reading.samples, time=time))
+        return on_first_clock(reading, channel)
 
     return all_of(read, settings.channel)
+
+
+def on_first_clock(reading: Reading, channel: ChannelSettings) -> Reading:
+    """A channel's recordings by the first channel's clock."""
+    time = reading.samples.time + channel.time_offset_s
+    return replace(reading, samples=replace(reading.samples, time=time))
 
 
 def checked_channel(
