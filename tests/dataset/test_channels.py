@@ -189,6 +189,24 @@ def test_the_command_and_its_page_show_both(tmp_path: Path, command: Callable[..
     assert "recorded force" in page
 
 
+@pytest.mark.parametrize("limit", [None, 40.0])
+def test_samples_at_the_sensor_s_limit_are_known(tmp_path: Path, limit: float | None) -> None:
+    given, said = from_arrays()
+    given["traces"]["force_N"] = given["traces"]["force_N"].clip(upper=40.0)
+    said |= {"value_column": "force_N"} | ({} if limit is None else {"limit": limit})
+    data = bt.dataset(**given, channels={"cell": said})
+    (channel,) = data.channels
+    for trace in channel.traces:
+        at_limit = np.zeros(len(trace.value), bool) if trace.clipped is None else trace.clipped == 1
+        np.testing.assert_array_equal(at_limit, trace.value >= 40.0)
+    assert any(trace.clipped is not None for trace in channel.traces)
+    again = bt.read_dataset(data.write(tmp_path / "again"))
+    for one, other in zip(channel.traces, again.channels[0].traces, strict=True):
+        assert (one.clipped is None) == (other.clipped is None)
+    # What is below the limit still is mass times deceleration.
+    assert check(data).quality["force_ratio"].to_numpy() == pytest.approx(1, rel=0.01)
+
+
 def from_arrays(**said: Any) -> tuple[dict[str, Any], dict[str, Any]]:
     """The bench as arrays: the first channel's arguments, and what is said of the force."""
     impacts, traces = tables()

@@ -100,6 +100,31 @@ def test_the_log_density_is_that_of_the_dense_normal() -> None:
     assert float(likelihood(record).log_density()[0]) == pytest.approx(expected, rel=1e-7)
 
 
+def test_samples_at_the_limit_are_left_out() -> None:
+    record, d, y = recorded()
+    assert record.force is not None
+    mean, covariance, _ = dense()
+    kept = np.ones(SAMPLES + ROWS, bool)
+    kept[SAMPLES + 4 : SAMPLES + 11] = False
+    rows = np.append(kept[SAMPLES:], False)[None]
+    clipped = record.force._replace(y=jnp.where(rows, record.force.y, 0.0), kept=jnp.asarray(rows))
+    values = np.concatenate([d, y])[kept]
+    expected = multivariate_normal(mean[kept], covariance[np.ix_(kept, kept)]).logpdf(values)
+    found = likelihood(record._replace(force=clipped)).log_density()[0]
+    assert float(found) == pytest.approx(expected, rel=1e-7)
+
+
+def test_a_replicate_of_the_force_has_the_moments_of_the_dense_normal() -> None:
+    record, *_ = recorded()
+    mean, covariance, _ = dense()
+    mean, sd = MASS * mean[SAMPLES:], MASS * np.sqrt(np.diag(covariance)[SAMPLES:])
+    keys = jax.random.split(jax.random.PRNGKey(0), number := 2000)
+    drawn = np.asarray(jax.vmap(likelihood(record).replicate)(keys)["force"])[:, 0]
+    assert np.isnan(drawn[:, ROWS:]).all()
+    assert (np.abs(drawn[:, :ROWS].mean(0) - mean) < 5 * sd / np.sqrt(number)).all()
+    assert drawn[:, :ROWS].std(0) == pytest.approx(sd, rel=5 / np.sqrt(2 * number))
+
+
 def test_errors_given_both_channels_are_those_of_the_dense_normal() -> None:
     record, d, y = recorded()
     mean, covariance, columns = dense()

@@ -184,9 +184,7 @@ class Dataset(Outlined):
             settings["words"] = dict(self.words)
         if self.contact is not None:
             settings["signal"] |= {"contact": self.contact}
-        limits = [np.abs(t.value[t.clipped != 0]).min() for t in self.traces if t.clipped is not None]
-        if limits:
-            settings["signal"] |= {"limit": float(min(limits))}
+        settings["signal"] |= _limit(self.traces)
         if self.recorder is not None:
             settings["recorder"] = self.recorder.settings()
         names = pd.Index(self.impacts["impact"])
@@ -230,6 +228,12 @@ class Dataset(Outlined):
         return f"Dataset {short(self.name)}", [*rows, *([("look at", ", ".join(said))] if said else [])]
 
 
+def _limit(traces: Sequence[Trace]) -> dict[str, float]:
+    """The key ``limit`` of recordings that reach one."""
+    limits = [np.abs(trace.value[trace.clipped != 0]).min() for trace in traces if trace.clipped is not None]
+    return {"limit": float(min(limits))} if limits else {}
+
+
 def long_table(impacts: pd.Index, traces: Sequence[Trace]) -> pd.DataFrame:
     """All samples in one table: ``impact``, ``time_s`` and ``value``."""
     count = [len(trace.time_s) for trace in traces]
@@ -246,4 +250,4 @@ def channel_settings(channel: Channel) -> dict[str, Any]:
     """The keys of a table ``[[channel]]``, but for where its values stand."""
     known = {"relative_gain_sd": channel.relative_gain_sd, "tip_mass_kg": channel.tip_mass_kg}
     stated = {"name": channel.name, "quantity": channel.quantity, "place": channel.place, "unit": "N"}
-    return stated | {name: value for name, value in known.items() if value}
+    return stated | _limit(channel.traces) | {name: value for name, value in known.items() if value}

@@ -216,6 +216,10 @@ class ChannelSettings(_Table):
         default=1.0, description="raw values are multiplied by it; not 0."
     )
     offset: Finite = Field(default=0.0, description="is added to them after that.")
+    limit: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = Field(
+        default=None,
+        description="the sensor's range in that unit, as signal.limit; samples there are left out.",
+    )
     time_offset_s: Finite = Field(
         default=0.0,
         description="is added to its times, in s: they are then those of the first channel's clock.",
@@ -246,7 +250,7 @@ class ChannelSettings(_Table):
             "scale": self.scale,
             "offset": self.offset,
             "zero": "free_fall",
-            "limit": None,
+            "limit": self.limit,
         }
         return first.model_copy(update=own)
 

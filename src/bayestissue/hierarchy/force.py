@@ -5,15 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
+import jax
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from bayestissue.dataset.model import Dataset
 from bayestissue.likelihood.element.record import ForceRows
 from bayestissue.signal import Displacements
 from bayestissue.signal.displacement import FEWEST_SAMPLES
 from bayestissue.signal.force import Force, force_beside
-from bayestissue.signal.traces import segment_moments, stack
+from bayestissue.signal.traces import Recordings, segment_moments, stack
 
 # The zero is the mean of what ends so many samples before the first one in contact.
 _CLEAR = 3
@@ -62,11 +63,24 @@ class PreparedForce:
         sd = np.sqrt(self.share * (1 - self.share) * (self.mass_sd**2 + self.gain_sd**2))
         return self.share * a + sd * standard
 
+    @property
+    def time(self) -> Float[np.ndarray, "impact row"]:
+        """Of the rows since contact [s], NaN past their end."""
+        rows = self.rows
+        return self._known(rows.first_time[:, None] + np.arange(rows.y.shape[1]) * rows.dt[:, None])
+
+    def recorded(self, mass: Float[np.ndarray, " impact"]) -> Float[np.ndarray, "impact row"]:
+        """The force [N] of impacts of this recorded mass [kg], NaN past a row's end."""
+        return self._known(mass[:, None] * self.rows.y)
+
+    def _known(self, values: Any) -> Float[np.ndarray, "impact row"]:
+        return np.where(np.asarray(self.rows.inside()), values, np.nan)
+
     def impacts(self, rows: Int[np.ndarray, " row"]) -> PreparedForce:
         """Of some impacts."""
         names = ("offset_sd", "clock_sd", "log_noise", "log_ratio")
         chosen = {name: getattr(self, name)[rows] for name in names}
-        return replace(self, rows=ForceRows(*(leaf[rows] for leaf in self.rows)), **chosen)
+        return replace(self, rows=jax.tree.map(lambda leaf: leaf[rows], self.rows), **chosen)
 
 
 def prepared_force(dataset: Dataset, signal: Displacements) -> PreparedForce | str:
@@ -89,11 +103,15 @@ def prepared_force(dataset: Dataset, signal: Displacements) -> PreparedForce | s
     nearly = 1e-3 * recorded.dt[:, None]
     used = recorded.inside & (time >= first[:, None] - nearly) & (time <= last[:, None] + nearly)
     quiet = recorded.inside & (time < (first - _CLEAR * np.maximum(recorded.dt, signal.dt))[:, None])
+    kept = used & ~_about_limit(recorded, used)
     count, n_quiet = used.sum(axis=1), quiet.sum(axis=1)
     for wrong, words in (
         (recorded.uneven.any() or signal.uneven.any(), "times are uneven"),
-        (signal.clipped.any(), "recordings are clipped"),
-        ((count < FEWEST_SAMPLES).any(), f"an impact has fewer than {FEWEST_SAMPLES} samples of it"),
+        (signal.clipped.any(), "the deceleration is clipped"),
+        (
+            (kept.sum(axis=1) < FEWEST_SAMPLES).any(),
+            f"an impact has fewer than {FEWEST_SAMPLES} samples of it below the sensor's limit",
+        ),
         (
             (n_quiet < FEWEST_SAMPLES).any(),
             "a recording has no quiet part before contact, which tells its zero",
@@ -106,16 +124,19 @@ def prepared_force(dataset: Dataset, signal: Displacements) -> PreparedForce | s
     zero, noise = segment_moments(recorded.value, n_quiet)
     begin = used.argmax(axis=1)
     index = np.minimum(begin[:, None] + np.arange(count.max()), recorded.value.shape[1] - 1)
-    value = np.take_along_axis(recorded.value, index, axis=1) - zero[:, None]
+    value, counts = (
+        np.take_along_axis(part, index, axis=1) for part in (recorded.value - zero[:, None], kept)
+    )
     tip = channel.tip_mass_kg / mass
     # Contact as it was before the samples in contact were asked: these are to tell themselves.
     contact = first - signal.bracket_s
     parts: Any = (
-        np.where(np.arange(count.max()) < count[:, None], value / mass[:, None], 0.0),
+        np.where(counts, value / mass[:, None], 0.0),
         count,
         recorded.start + begin * recorded.dt - contact,
         recorded.dt,
         tip,
+        counts if (kept != used).any() else None,
     )
     chain, noise = dataset.uncertainty, np.maximum(noise / mass, 1e-12)
     return PreparedForce(
@@ -128,3 +149,19 @@ def prepared_force(dataset: Dataset, signal: Displacements) -> PreparedForce | s
         float(chain.relative_mass_sd),
         float(np.hypot(chain.relative_gain_sd, channel.relative_gain_sd)),
     )
+
+
+def _about_limit(
+    recorded: Recordings, used: Bool[np.ndarray, "impact sample"]
+) -> Bool[np.ndarray, "impact sample"]:
+    """Of used samples from before the first at the sensor's limit until after the last.
+
+    What is left out goes by time, not by value: to leave out single high readings would make the rest low.
+    """
+    if recorded.clipped is None:
+        return np.zeros(recorded.value.shape, bool)
+    at_limit = used & (recorded.clipped != 0)
+    near = np.pad(at_limit, ((0, 0), (1, 1)))
+    near = near[:, 2:] | near[:, :-2] | at_limit
+    reached, still = np.cumsum(near, axis=1) > 0, np.cumsum(near[:, ::-1], axis=1)[:, ::-1] > 0
+    return reached & still

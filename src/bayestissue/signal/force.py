@@ -124,6 +124,8 @@ def force_beside(dataset: Dataset, signal: Displacements) -> Force | None:
     reach = _REACH * to_peak
     first, last = times[:, :1], np.take_along_axis(times, slowing.n[:, None] - 1, axis=1)
     inside = force.inside & (since > np.maximum(-to_peak, first + 2 * reach))
+    if force.clipped is not None:
+        inside &= force.clipped == 0
     inside &= since < np.minimum(_AFTER * to_peak, last - 2 * reach)
     count = inside.sum(axis=1)
     # At the sensor's limit d is not what it was.

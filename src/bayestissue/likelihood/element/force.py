@@ -27,6 +27,23 @@ def force_of(
     return (jnp.exp(log_ratio) - record.force.tip)[:, None] * predicted.force.d
 
 
+def force_rows(
+    predicted: Response, record: DecelerationRecord, log_ratio: Float[Array, " impact"]
+) -> tuple[Float[Array, "impact row"], Float[Array, "impact error row"]]:
+    """(e^a - m / M) d at the force's samples, and what a unit of each error of ``error_sd`` adds to it.
+
+    All 0 where no sample counts. Arguments as of `with_force`.
+    """
+    force, here = record.force, predicted.force
+    assert force is not None  # noqa: S101 - for the type checker
+    assert here is not None  # noqa: S101 - for the type checker
+    share = jnp.where(force.inside(), (jnp.exp(log_ratio) - force.tip)[:, None], 0.0)
+    one = jnp.where(force.inside(), 1.0, 0.0)
+    none = jnp.zeros_like(one)
+    late = -share * here.jerk
+    return share * here.d, jnp.stack([share * here.by_velocity, none, one, late, none, late], axis=1)
+
+
 def with_force(
     products: Products,
     predicted: Response,
@@ -45,18 +62,14 @@ def with_force(
         log_sigma: log of the standard deviation of the deceleration's noise [m/s^2].
         log_force_sigma: of the noise of F / M [m/s^2].
     """
-    force, here = record.force, predicted.force
+    force = record.force
     assert force is not None  # noqa: S101 - for the type checker
-    assert here is not None  # noqa: S101 - for the type checker
-    share = (jnp.exp(log_ratio) - force.tip)[:, None]
-    one = jnp.where(force.inside(), 1.0, 0.0)
-    none = jnp.zeros_like(one)
-    residual = jnp.where(force.inside(), force.y - share * here.d, 0.0)
-    late = -share * here.jerk
-    parts = jnp.stack([residual, share * here.by_velocity, none, one, late, none, late], axis=1)
+    expected, columns = force_rows(predicted, record, log_ratio)
+    residual = jnp.where(force.inside(), force.y - expected, 0.0)
+    parts = jnp.concatenate([residual[:, None], columns], axis=1)
     weight = log_sigma - log_force_sigma
     gram = jnp.einsum("iar,ibr->abi", parts, parts) * jnp.exp(2 * weight)
-    count = force.n_samples + 0.0
+    count = force.inside().sum(1) + 0.0
     return Products(
         products.gram + gram[:, :, None],
         products.log_determinant - 2 * count * weight,

@@ -21,7 +21,7 @@ from jaxtyping import Float, Int
 
 from bayestissue.elements import Element
 from bayestissue.likelihood.element import clipped, contact, noise, spring_damper
-from bayestissue.likelihood.element.force import with_force
+from bayestissue.likelihood.element.force import force_rows, with_force
 from bayestissue.likelihood.element.record import CONTACT, OFFSET, DecelerationRecord
 from bayestissue.likelihood.element.response import Response, columns, response
 from bayestissue.likelihood.linear_errors import (
@@ -289,6 +289,31 @@ class MeasuredImpact:
         predicted, record = self.response() if predicted is None else predicted, self.record
         return jnp.where(record.inside(), record.d - predicted.d - _added(errors, predicted, record), 0.0)
 
+    def force_residuals(self, errors: Float[Array, "impact error"]) -> Float[Array, "impact row"]:
+        """What these errors and the impact leave of a force over mass [m/s^2], 0 past a row's end."""
+        ratio, force = self.noise_parameters.log_force_ratio, self.record.force
+        assert force is not None  # noqa: S101 - for the type checker
+        assert ratio is not None  # noqa: S101 - for the type checker
+        expected, columns = force_rows(self.response(), self.record, ratio)
+        left = force.y - expected - jnp.einsum("ie,ier->ir", errors, columns)
+        return jnp.where(force.inside(), left, 0.0)
+
+    def force_innovations(self, left: Float[Array, "impact row"]) -> Float[Array, "impact row"]:
+        """What is white of such residuals [m/s^2]."""
+        return left
+
+    def _replicated_force(self, key: Array) -> Float[Array, "impact row"]:
+        """A force [N] of the impact and errors that `sample` has by this key; contact is known."""
+        parameters, force = self.noise_parameters, self.record.force
+        assert force is not None  # noqa: S101 - for the type checker
+        assert parameters.log_force_ratio is not None  # noqa: S101 - for the type checker
+        assert parameters.log_force_sigma is not None  # noqa: S101 - for the type checker
+        errors = self.prior_errors(_keys_of_sample(key)[1])
+        noise = jax.random.normal(jax.random.fold_in(key, 5), force.y.shape)
+        noise = jnp.exp(parameters.log_force_sigma)[:, None] * noise
+        drawn = force.y - self.force_residuals(errors) + noise
+        return jnp.where(force.inside(), self.record.mass[:, None] * drawn, jnp.nan)
+
     def sample(self, key: Array, sample_shape: tuple[int, ...] = ()) -> Array:
         """Draw traces: the impact, its discrepancy, the chain's errors and noise.
 
@@ -297,7 +322,7 @@ class MeasuredImpact:
         """
         if self.record.contact.reach:
             return self.with_contact_found(key).sample(key, sample_shape)
-        key_of_noise, key_of_errors = jax.random.split(key)
+        key_of_noise, key_of_errors = _keys_of_sample(key)
         record, predicted = self.record, self.response()
         shape = (*sample_shape, len(record.d))
         errors = self.prior_errors(key_of_errors, sample_shape)
@@ -317,11 +342,20 @@ class MeasuredImpact:
     def replicate(self, key: Array) -> dict[str, Float[Array, "impact sample"]]:
         """A replicate of every trace, the deceleration [m/s^2] with its discrepancy; NaN past its end.
 
+        Of a force beside it one too [N].
+
         Of a clipped trace the sensor's limit cuts it too.
         """
         known = self.with_contact_found(key)
         recorded = known.record.within_limits(known.sample(key))
-        return {"deceleration": jnp.where(known.record.inside(), recorded, jnp.nan)}
+        traces = {"deceleration": jnp.where(known.record.inside(), recorded, jnp.nan)}
+        return traces if known.record.force is None else traces | {"force": known._replicated_force(key)}
+
+
+def _keys_of_sample(key: Array) -> tuple[Array, Array]:
+    """Of the noise, and of the chain's errors."""
+    first, second = jax.random.split(key)
+    return first, second
 
 
 def _added(

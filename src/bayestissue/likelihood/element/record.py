@@ -144,6 +144,7 @@ class ForceRows(NamedTuple):
         first_time: from contact to its first sample [s].
         dt: its sampling interval [s].
         tip: m / M, of what lies in front of the sensor.
+        kept: where a sample counts, as those at the sensor's limit do not; None where all do.
     """
 
     y: Float[Array, "impact row"]
@@ -151,10 +152,17 @@ class ForceRows(NamedTuple):
     first_time: Float[Array, " impact"]
     dt: Float[Array, " impact"]
     tip: Float[Array, " impact"]
+    kept: Bool[Array, "impact row"] | None = None
 
     def inside(self) -> Bool[Array, "impact row"]:
-        """True where there is a sample."""
-        return jnp.arange(self.y.shape[1]) < self.n_samples[:, None]
+        """True where there is a sample that counts."""
+        inside = jnp.arange(self.y.shape[1]) < self.n_samples[:, None]
+        return inside if self.kept is None else inside & self.kept
+
+    def padded(self) -> ForceRows:
+        """With as many samples, 0 past a row's end, as a `bucket` holds."""
+        kept = None if self.kept is None else padded_zeros(self.kept, 1)
+        return self._replace(y=padded_zeros(self.y, 1), kept=kept)
 
     def until(self, end: Float[Array, " impact"]) -> ForceRows:
         """The samples until so long after contact [s], the one there among them."""
@@ -319,7 +327,7 @@ class DecelerationRecord(NamedTuple):
         basis = padded_zeros(self.discrepancy.basis, -1)
         uneven = self.uneven and self.uneven._replace(later=padded_zeros(self.uneven.later, 1))
         clipped = None if self.clipped is None else padded_zeros(self.clipped, 1)
-        force = self.force and self.force._replace(y=padded_zeros(self.force.y, 1))
+        force = self.force and self.force.padded()
         padded = self._replace(d=padded_zeros(self.d, 1), uneven=uneven, clipped=clipped, force=force)
         return padded._replace(discrepancy=self.discrepancy._replace(basis=basis))
 

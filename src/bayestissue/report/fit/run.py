@@ -210,6 +210,11 @@ class FitRun(PosteriorRun):
         return dict(self.diagnostics.get("model_form", {}).get("impacts", {}).get("p", {}))
 
     @property
+    def force_form(self) -> dict[str, Any]:
+        """What the residuals of a force beside the deceleration say; empty without one in the fit."""
+        return dict(self.diagnostics.get("channels", {}).get("form", {}))
+
+    @property
     def chain(self) -> dict[str, Any]:
         """What the traces say of their measuring chain; empty where they were not asked."""
         return dict(self.diagnostics.get("measuring_chain", {}))
