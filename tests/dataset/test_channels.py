@@ -12,7 +12,7 @@ import pytest
 
 import bayestissue as bt
 from bayestissue.checking import check
-from bayestissue.dataset import read_dataset, write_dataset
+from bayestissue.dataset import Recorder, read_dataset, write_dataset
 from bayestissue.dataset.write import settings_text
 from bayestissue.errors import InputError
 from dataset_bench import MASSES, NAMES, RATE, SETTINGS, Outcome, tables
@@ -101,6 +101,7 @@ def test_a_file_of_its_own_may_have_another_rate(tmp_path: Path) -> None:
         ({"value_column": None, "file": "../force.csv"}, 19, "in the dataset's folder"),
         ({"place": "base"}, 12, "tip_mass_kg only beside"),
         ({"gain": 1.0}, 20, "one of the keys"),
+        ({"recorder": {"low_pass_hz": -400.0}}, 22, "greater than 0"),
     ],
 )
 def test_a_key_that_is_wrong_is_named_with_its_row(
@@ -187,6 +188,18 @@ def test_the_command_and_its_page_show_both(tmp_path: Path, command: Callable[..
     page = (tmp_path / "checked" / "check.html").read_text()
     assert "Force against M a" in page
     assert "recorded force" in page
+
+
+def test_a_low_pass_of_its_own_comes_with_it_and_is_written_back(tmp_path: Path) -> None:
+    filtered = {"low_pass_hz": 400.0, "order": 4}
+    data = read_dataset(bench(tmp_path / "bench", recorder=filtered))
+    assert data.channels[0].recorder == Recorder(400.0, 4)
+    assert data.recorder is None
+    assert read_dataset(data.write(tmp_path / "again")).channels[0].recorder == Recorder(400.0, 4)
+    given, said = from_arrays(value_column="force_N")
+    for low_pass in (filtered, Recorder(400.0, 4)):
+        made = bt.dataset(**given, channels={"cell": said | {"recorder": low_pass}})
+        assert made.channels[0].recorder == Recorder(400.0, 4)
 
 
 @pytest.mark.parametrize("limit", [None, 40.0])

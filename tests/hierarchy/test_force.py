@@ -16,6 +16,7 @@ from bayestissue.hierarchy.force import PreparedForce
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.inference.checking.force import judge_force
 from bayestissue.inference.samplers.diagnostics import headline
+from bayestissue.signal.filters import on_even_grid
 from bayestissue.simulation import Simulation, simulate
 from campaigns import FOUR_BY_FOUR
 
@@ -126,6 +127,38 @@ def test_a_force_that_lags_is_not_used(heavier: Dataset) -> None:
     ready = prepared(replace(heavier, channels=(replace(channel, traces=late),)))
     assert ready.force is None
     assert "2 ms off" in ready.force_unused
+
+
+@pytest.fixture(scope="module")
+def smooth() -> Dataset:
+    """Behind a low-pass at 400 Hz, which acted on samples much closer than its corner asks for."""
+    content = tomllib.loads(FOUR_BY_FOUR)
+    content["recording"] |= {"sampling_rate_hz": 20_000.0, "force": FORCE, "noise_relative_to_peak": 0.002}
+    made = simulate(Simulation.model_validate(content)).dataset("made")
+    (channel,) = made.channels
+    recorder = Recorder(400.0, noise="before", applied="analog")
+    traces = []
+    for trace in channel.traces:
+        zero = trace.value[:20].mean()
+        passed = on_even_grid((trace.value - zero)[None], 20_000.0, recorder)[0]
+        traces.append(replace(trace, value=passed + zero))
+    return replace(made, channels=(replace(channel, traces=traces, recorder=recorder),))
+
+
+def test_a_force_behind_a_low_pass_of_its_own_is_used(smooth: Dataset) -> None:
+    ready = prepared(smooth)
+    assert ready.force is not None
+    rows = ready.force.rows
+    assert rows.low_pass is not None
+    assert rows.colour is not None
+    # Some 2.6 ms after contact the filter has settled.
+    begins = rows.first_time + np.asarray(rows.inside()).argmax(axis=1) * rows.dt
+    assert begins == pytest.approx(0.0026, abs=0.0002)
+    # The deceleration passed through the same filter: the two agree, without a lag.
+    assert ready.force.comparison.ratio == pytest.approx(1, rel=0.03)
+    assert not ready.force.comparison.lags
+    undeclared = replace(smooth, channels=(replace(smooth.channels[0], recorder=None),))
+    assert "off: correct time_offset_s" in prepared(undeclared).force_unused
 
 
 def test_without_a_channel_nothing_of_it_is_there() -> None:

@@ -198,12 +198,18 @@ def _stated_channels(channels: Any, value_column: str) -> Any:
             where = SETTINGS, None, "channel.0.file", said["file"]
             raise InputError.stated("unknown-key", *where, allowed=allowed)
     return [
-        {"name": str(name), **_mapped(_plain, {key: said[key] for key in said if key != "traces"})}
+        {"name": str(name), **{str(key): _stated(value) for key, value in said.items() if key != "traces"}}
         | ({"value_column": said.get("value_column", value_column)} if "traces" in said else {})
         if isinstance(said, Mapping)
         else said
         for name, said in channels.items()
     ]
+
+
+def _stated(value: Any) -> Any:
+    """An entry of a channel: a low-pass as its table, any other as Python's."""
+    low_pass = isinstance(value, Mapping | Recorder)
+    return _mapped(_python, stated_table(value)) if low_pass else _plain(value)
 
 
 def _further(

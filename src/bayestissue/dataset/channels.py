@@ -84,7 +84,8 @@ def checked_channel(
 
 def declared(channel: ChannelSettings, traces: list[Trace]) -> Channel:
     """The channel as a `Dataset` carries it."""
-    known = channel.relative_gain_sd, channel.tip_mass_kg
+    recorder = channel.recorder.values() if channel.recorder else None
+    known = channel.relative_gain_sd, channel.tip_mass_kg, recorder
     return Channel(channel.name, channel.quantity, channel.place, traces, *known)
 
 

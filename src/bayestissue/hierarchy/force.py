@@ -5,19 +5,24 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from bayestissue.dataset.model import Dataset
+from bayestissue.hierarchy.recorder import filtered_noise, low_pass_of
 from bayestissue.likelihood.element.record import ForceRows
 from bayestissue.signal import Displacements
 from bayestissue.signal.displacement import FEWEST_SAMPLES
+from bayestissue.signal.filters import ahead_s, decay
 from bayestissue.signal.force import Force, force_beside
+from bayestissue.signal.recorder_noise import white_share
 from bayestissue.signal.traces import Recordings, segment_moments, stack
 
 # The zero is the mean of what ends so many samples before the first one in contact.
 _CLEAR = 3
+# Of a filter's answer to the jump at contact, what may be left of it.
+_SETTLED = 0.01
 # Of a sampling interval, the standard deviation of what is left of a lag that `Force.lags` does not show.
 _CLOCK = 0.25
 
@@ -80,7 +85,7 @@ class PreparedForce:
         """Of some impacts."""
         names = ("offset_sd", "clock_sd", "log_noise", "log_ratio")
         chosen = {name: getattr(self, name)[rows] for name in names}
-        return replace(self, rows=jax.tree.map(lambda leaf: leaf[rows], self.rows), **chosen)
+        return replace(self, rows=self.rows.impacts(rows), **chosen)
 
 
 def prepared_force(dataset: Dataset, signal: Displacements) -> PreparedForce | str:
@@ -102,15 +107,28 @@ def prepared_force(dataset: Dataset, signal: Displacements) -> PreparedForce | s
     time = recorded.start[:, None] + recorded.time_s
     nearly = 1e-3 * recorded.dt[:, None]
     used = recorded.inside & (time >= first[:, None] - nearly) & (time <= last[:, None] + nearly)
-    quiet = recorded.inside & (time < (first - _CLEAR * np.maximum(recorded.dt, signal.dt))[:, None])
-    kept = used & ~_about_limit(recorded, used)
-    count, n_quiet = used.sum(axis=1), quiet.sum(axis=1)
+    recorder, ahead = channel.recorder, ahead_s(channel.recorder, recorded.dt)
+    quiet = time < (first - _CLEAR * np.maximum(recorded.dt, signal.dt) - ahead)[:, None]
+    count, n_quiet, begin = used.sum(axis=1), (recorded.inside & quiet).sum(axis=1), used.argmax(axis=1)
+    limited = _about_limit(recorded, used)
+    kept = used & ~limited
+    if recorder is not None:
+        # What a filter makes of the jump at contact is not linear in when that was.
+        settled = -np.log(_SETTLED) / decay(recorder, recorded.dt)
+        kept &= time >= (first + settled)[:, None]
+    begins = recorded.start + begin * recorded.dt
+    of_filter = _filtered(dataset, signal, recorded, int(count.max())) if recorder else {}
     for wrong, words in (
         (recorded.uneven.any() or signal.uneven.any(), "times are uneven"),
         (signal.clipped.any(), "the deceleration is clipped"),
         (
             (kept.sum(axis=1) < FEWEST_SAMPLES).any(),
-            f"an impact has fewer than {FEWEST_SAMPLES} samples of it below the sensor's limit",
+            f"an impact has fewer than {FEWEST_SAMPLES} samples of it that count",
+        ),
+        (limited.any() and "colour" in of_filter, "it is clipped, and its noise went through a low-pass"),
+        (
+            recorder is not None and recorder.digital and (np.abs(begins - first)[:, None] > nearly).any(),
+            "a digital low-pass ran over other times than those of the deceleration",
         ),
         (
             (n_quiet < FEWEST_SAMPLES).any(),
@@ -122,18 +140,18 @@ def prepared_force(dataset: Dataset, signal: Displacements) -> PreparedForce | s
             return words
     mass = signal.mass
     zero, noise = segment_moments(recorded.value, n_quiet)
-    begin = used.argmax(axis=1)
     index = np.minimum(begin[:, None] + np.arange(count.max()), recorded.value.shape[1] - 1)
     value, counts = (
         np.take_along_axis(part, index, axis=1) for part in (recorded.value - zero[:, None], kept)
     )
+    counts &= np.arange(count.max()) < count[:, None]
     tip = channel.tip_mass_kg / mass
     # Contact as it was before the samples in contact were asked: these are to tell themselves.
     contact = first - signal.bracket_s
     parts: Any = (
         np.where(counts, value / mass[:, None], 0.0),
         count,
-        recorded.start + begin * recorded.dt - contact,
+        begins - contact,
         recorded.dt,
         tip,
         counts if (kept != used).any() else None,
@@ -141,14 +159,33 @@ def prepared_force(dataset: Dataset, signal: Displacements) -> PreparedForce | s
     chain, noise = dataset.uncertainty, np.maximum(noise / mass, 1e-12)
     return PreparedForce(
         comparison,
-        ForceRows(*parts),
-        noise / np.sqrt(n_quiet),
+        ForceRows(*parts)._replace(**{name: of_filter.get(name) for name in ("low_pass", "colour", "rate")}),
+        of_filter.get("longer", 1.0) * noise / np.sqrt(n_quiet),
         _CLOCK * recorded.dt,
         np.log(noise),
         np.log(np.maximum(comparison.ratio * (1 - tip) + tip, 1e-3)),
         float(chain.relative_mass_sd),
         float(np.hypot(chain.relative_gain_sd, channel.relative_gain_sd)),
     )
+
+
+def _filtered(dataset: Dataset, signal: Displacements, recorded: Recordings, rows: int) -> dict[str, Any]:
+    """Of a force behind a low-pass its ``low_pass`` and, where its noise went through it, ``colour``.
+
+    Then also ``rate`` and by how much ``longer`` a mean takes to settle.
+    """
+    (channel,) = dataset.channels
+    recorder = channel.recorder
+    assert recorder is not None  # noqa: S101 - the caller asks
+    share = white_share(
+        replace(dataset, recorder=recorder, traces=channel.traces), replace(signal, dt=recorded.dt)
+    )
+    # Contact is known, and no moments within an interval are to be told apart.
+    low_pass = low_pass_of(recorder, recorded.dt)._replace(phase=jnp.full(1, 0.5))
+    if share == 1:
+        return {"low_pass": low_pass}
+    noise = zip(("colour", "rate", "longer"), filtered_noise(recorder, share, rows, recorded.dt), strict=True)
+    return {"low_pass": low_pass, **dict(noise)}
 
 
 def _about_limit(

@@ -45,9 +45,10 @@ def judge_force(
         ``passed``: whether it is below 3, the masses are off by one factor, and the force follows the law of
         the deceleration; ``form`` as it was given, ``follows`` whether its residuals are noise, and
         ``agrees``, of the others; ``slope``, of the log of what each declared mass is to be multiplied by on
-        the log of that mass, where it is no chance, else 0: one factor does not put such masses right, and the mass exponents are wrong by as much; ``ratio``, exp(m);
-        ``ratio_sd``, its relative standard deviation; ``declared_sd``, D; ``mass_factor``, its 90 % interval
-        about the median; ``first``, what the first line of the run is to say, if anything; ``words``.
+        the log of that mass, where it is no chance, else 0: one factor does not put such masses right, and
+        the mass exponents are wrong by as much; ``ratio``, exp(m); ``ratio_sd``, its relative standard
+        deviation; ``declared_sd``, D; ``mass_factor``, its 90 % interval about the median; ``first``, what
+        the first line of the run is to say, if anything; ``words``.
     """
     a = posterior["log_force_ratio_mean"].to_numpy()
     low, middle, high = np.quantile(posterior["mass_factor"].to_numpy(), _INTERVAL)

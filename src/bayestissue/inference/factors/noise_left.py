@@ -65,7 +65,7 @@ def _left_of_both(
 
     def shocks(u: Array, errors: Array) -> tuple[Array, Array]:
         event = impact_likelihood(model, data, list(u.T))
-        return event.force_innovations(event.force_residuals(errors)), event.residuals(errors)
+        return event.force_innovations(event.force_residuals(errors))[0], event.residuals(errors)
 
     event = impact_likelihood(model, data, list(u.T))
     log_sigmas = event.noise_parameters.log_force_sigma, event.noise_parameters.log_sigma
@@ -76,8 +76,8 @@ def _left_of_both(
 
     fitted, shared = _directions(over_noise, u, none, data.record.error_sd, [*_shape(model), u.shape[1] - 1])
     white = _whitened(jnp.stack(shared, axis=-1), [over_noise(u, none), *fitted])
-    assert event.record.force is not None  # noqa: S101 - for the type checker
-    inside = jnp.concatenate([event.record.force.inside(), event.record.observed()], axis=1)
+    of_force = event.force_innovations(event.force_residuals(none))[1]
+    inside = jnp.concatenate([of_force, event.record.observed()], axis=1)
     return white[:, 0], white[:, 1:], inside
 
 

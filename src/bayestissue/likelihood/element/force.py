@@ -2,18 +2,21 @@
 
 F / M = (e^a - m / M) d(t) + zero + noise with M the recorded mass, m that of the tip in front of the sensor
 and a the log of what the recorded mass is to be multiplied by, the force's gain counted in (that of the
-accelerometer is an error of the deceleration's rows alone). Given motion and errors the rows are
+accelerometer is an error of the deceleration's rows alone). d is behind the force's own low-pass, where it
+went through one. Given motion and errors the rows are
 independent of the deceleration's, so that products and determinants of the two add up. Errors of velocity
 and contact move both.
 """
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.likelihood.element.record import DecelerationRecord
+from bayestissue.likelihood.element.noise import Noise
+from bayestissue.likelihood.element.record import DecelerationRecord, ForceRows
 from bayestissue.likelihood.element.response import Response
 from bayestissue.likelihood.linear_errors import Products
 
@@ -68,10 +71,28 @@ def with_force(
     residual = jnp.where(force.inside(), force.y - expected, 0.0)
     parts = jnp.concatenate([residual[:, None], columns], axis=1)
     weight = log_sigma - log_force_sigma
-    gram = jnp.einsum("iar,ibr->abi", parts, parts) * jnp.exp(2 * weight)
-    count = force.inside().sum(1) + 0.0
+    if (noise := noise_of_force(force)) is None:
+        gram, count = jnp.einsum("iar,ibr->abi", parts, parts), force.inside().sum(1) + 0.0
+        log_determinant = jnp.zeros_like(count)
+    else:
+        gram = jax.vmap(Noise.gram, out_axes=-1)(noise, parts[..., :: noise_stride(force)])
+        log_determinant, count = jax.vmap(Noise.log_determinant)(noise), noise.inside.sum(1) + 0.0
     return Products(
-        products.gram + gram[:, :, None],
-        products.log_determinant - 2 * count * weight,
+        products.gram + (gram * jnp.exp(2 * weight))[:, :, None],
+        products.log_determinant + log_determinant - 2 * count * weight,
         products.n_values + count,
     )
+
+
+def noise_stride(force: ForceRows) -> int:
+    """How far apart the samples are that are asked."""
+    return 1 if force.colour is None else force.colour.stride
+
+
+def noise_of_force(force: ForceRows) -> Noise | None:
+    """Its noise over sigma, on the samples that are asked; None where that is white."""
+    if force.colour is None or force.rate is None:
+        return None
+    inside = force.inside()[:, :: noise_stride(force)]
+    none = jnp.zeros((len(inside), 0, inside.shape[1]))
+    return Noise(inside, none, force.colour.first[force.rate], force.colour.predictor[force.rate])

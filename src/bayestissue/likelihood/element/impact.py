@@ -17,11 +17,11 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import Array
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from bayestissue.elements import Element
 from bayestissue.likelihood.element import clipped, contact, noise, spring_damper
-from bayestissue.likelihood.element.force import force_rows, with_force
+from bayestissue.likelihood.element.force import force_rows, noise_of_force, noise_stride, with_force
 from bayestissue.likelihood.element.record import CONTACT, OFFSET, DecelerationRecord
 from bayestissue.likelihood.element.response import Response, columns, response
 from bayestissue.likelihood.linear_errors import (
@@ -298,9 +298,16 @@ class MeasuredImpact:
         left = force.y - expected - jnp.einsum("ie,ier->ir", errors, columns)
         return jnp.where(force.inside(), left, 0.0)
 
-    def force_innovations(self, left: Float[Array, "impact row"]) -> Float[Array, "impact row"]:
-        """What is white of such residuals [m/s^2]."""
-        return left
+    def force_innovations(
+        self, left: Float[Array, "impact row"]
+    ) -> tuple[Float[Array, "impact shock"], Bool[Array, "impact shock"]]:
+        """What is white of such residuals [m/s^2], and where there is any."""
+        force = self.record.force
+        assert force is not None  # noqa: S101 - for the type checker
+        if (of_force := noise_of_force(force)) is None:
+            return left, force.inside()
+        white = jax.vmap(noise.Noise.whitened)(of_force, left[:, :: noise_stride(force)])
+        return jnp.where(of_force.inside, white, 0.0), of_force.inside
 
     def _replicated_force(self, key: Array) -> Float[Array, "impact row"]:
         """A force [N] of the impact and errors that `sample` has by this key; contact is known."""
@@ -309,9 +316,12 @@ class MeasuredImpact:
         assert parameters.log_force_ratio is not None  # noqa: S101 - for the type checker
         assert parameters.log_force_sigma is not None  # noqa: S101 - for the type checker
         errors = self.prior_errors(_keys_of_sample(key)[1])
-        noise = jax.random.normal(jax.random.fold_in(key, 5), force.y.shape)
-        noise = jnp.exp(parameters.log_force_sigma)[:, None] * noise
-        drawn = force.y - self.force_residuals(errors) + noise
+        key, sigma = jax.random.fold_in(key, 5), jnp.exp(parameters.log_force_sigma)[:, None]
+        if force.colour is None or force.rate is None:
+            shocks = jax.random.normal(key, force.y.shape)
+        else:
+            shocks = noise.drawn(force.colour, force.rate, key, force.y.shape)
+        drawn = force.y - self.force_residuals(errors) + sigma * shocks
         return jnp.where(force.inside(), self.record.mass[:, None] * drawn, jnp.nan)
 
     def sample(self, key: Array, sample_shape: tuple[int, ...] = ()) -> Array:

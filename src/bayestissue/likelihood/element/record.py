@@ -145,6 +145,8 @@ class ForceRows(NamedTuple):
         dt: its sampling interval [s].
         tip: m / M, of what lies in front of the sensor.
         kept: where a sample counts, as those at the sensor's limit do not; None where all do.
+        low_pass: a filter that it went through; None where there is none.
+        colour, rate: as of `DecelerationRecord`; None where its noise is white.
     """
 
     y: Float[Array, "impact row"]
@@ -153,6 +155,15 @@ class ForceRows(NamedTuple):
     dt: Float[Array, " impact"]
     tip: Float[Array, " impact"]
     kept: Bool[Array, "impact row"] | None = None
+    low_pass: LowPass | None = None
+    colour: Colour | None = None
+    rate: Int[Array, " impact"] | None = None
+
+    def impacts(self, rows: Int[np.ndarray, " row"]) -> ForceRows:
+        """Of some impacts; the filter and its noise are those of all."""
+        shared: Any = {"colour": None, "low_pass": None}
+        chosen = jax.tree.map(lambda leaf: np.asarray(leaf)[rows], self._replace(**shared))
+        return chosen._replace(colour=self.colour, low_pass=self.low_pass)
 
     def inside(self) -> Bool[Array, "impact row"]:
         """True where there is a sample that counts."""
@@ -318,9 +329,10 @@ class DecelerationRecord(NamedTuple):
 
     def impacts(self, rows: Int[np.ndarray, " row"]) -> DecelerationRecord:
         """The record of some impacts; the recorder's filter and noise are those of all."""
-        shared: Any = {"colour": None, "low_pass": None}
+        shared: Any = {"colour": None, "low_pass": None, "force": None}
         chosen = jax.tree.map(lambda leaf: np.asarray(leaf)[rows], self._replace(**shared))
-        return chosen._replace(colour=self.colour, low_pass=self.low_pass)
+        force = self.force and self.force.impacts(rows)
+        return chosen._replace(colour=self.colour, low_pass=self.low_pass, force=force)
 
     def padded(self) -> DecelerationRecord:
         """With as many samples, 0 past a row's end, as a `bucket` holds."""
