@@ -333,7 +333,12 @@ def fit_prepared(
         diagnostics["clipped"] = clipped
     if dataset.channels and dataset.free:
         diagnostics["channels"] = (
-            judge_force(prepared.force, analysis.tree["posterior"].dataset, prepared.signal.mass)
+            judge_force(
+                prepared.force,
+                analysis.tree["posterior"].dataset,
+                prepared.signal.mass,
+                diagnostics["channels"]["form"],
+            )
             if prepared.force
             else {"words": unused_channels(dataset.channels, prepared.force_unused)}
         )

@@ -46,8 +46,9 @@ def driven_rows(dataset: Dataset, signal: Displacements, *, discrepancy: bool, s
             )
             for i in short
         )
-    index = np.arange(rows.value.shape[1])
-    y = np.where(index < rows.number[:, None], rows.value - rows.zero[:, None], 0.0)
+    value = rows.value
+    index = np.arange(value.shape[1])
+    y = np.where(index < rows.number[:, None], value, 0.0)
     # Without a quiet part the zero is known to within the force itself.
     unknown = np.abs(y).max(axis=1)
     of_quiet = standard_error(rows.noise, rows.n_quiet)

@@ -160,6 +160,9 @@ class ForceRows(NamedTuple):
         first_time: from contact to its first sample [s].
         dt: its sampling interval [s].
         tip: m / M, of what lies in front of the sensor.
+        kept: where a sample counts, as those at the sensor's limit do not; None where all do.
+        low_pass: a filter that it went through; None where there is none.
+        colour, rate: as of `DecelerationRecord`; None where its noise is white.
     """
 
     y: Float[Array, "impact row"]
@@ -167,10 +170,26 @@ class ForceRows(NamedTuple):
     first_time: Float[Array, " impact"]
     dt: Float[Array, " impact"]
     tip: Float[Array, " impact"]
+    kept: Bool[Array, "impact row"] | None = None
+    low_pass: LowPass | None = None
+    colour: Colour | None = None
+    rate: Int[Array, " impact"] | None = None
+
+    def impacts(self, rows: Int[np.ndarray, " row"]) -> ForceRows:
+        """Of some impacts; the filter and its noise are those of all."""
+        shared: Any = {"colour": None, "low_pass": None}
+        chosen = jax.tree.map(lambda leaf: np.asarray(leaf)[rows], self._replace(**shared))
+        return chosen._replace(colour=self.colour, low_pass=self.low_pass)
 
     def inside(self) -> Bool[Array, "impact row"]:
-        """True where there is a sample."""
-        return jnp.arange(self.y.shape[1]) < self.n_samples[:, None]
+        """True where there is a sample that counts."""
+        inside = jnp.arange(self.y.shape[1]) < self.n_samples[:, None]
+        return inside if self.kept is None else inside & self.kept
+
+    def padded(self) -> ForceRows:
+        """With as many samples, 0 past a row's end, as a `bucket` holds."""
+        kept = None if self.kept is None else padded_zeros(self.kept, 1)
+        return self._replace(y=padded_zeros(self.y, 1), kept=kept)
 
     def until(self, end: Float[Array, " impact"]) -> ForceRows:
         """The samples until so long after contact [s], the one there among them."""
@@ -326,16 +345,17 @@ class DecelerationRecord(NamedTuple):
 
     def impacts(self, rows: Int[np.ndarray, " row"]) -> DecelerationRecord:
         """The record of some impacts; the recorder's filter and noise are those of all."""
-        shared: Any = {"colour": None, "low_pass": None}
+        shared: Any = {"colour": None, "low_pass": None, "force": None}
         chosen = jax.tree.map(lambda leaf: np.asarray(leaf)[rows], self._replace(**shared))
-        return chosen._replace(colour=self.colour, low_pass=self.low_pass)
+        force = self.force and self.force.impacts(rows)
+        return chosen._replace(colour=self.colour, low_pass=self.low_pass, force=force)
 
     def padded(self) -> DecelerationRecord:
         """With as many samples, 0 past a row's end, as a `bucket` holds."""
         basis = padded_zeros(self.discrepancy.basis, -1)
         uneven = self.uneven and self.uneven._replace(later=padded_zeros(self.uneven.later, 1))
         clipped = None if self.clipped is None else padded_zeros(self.clipped, 1)
-        force = self.force and self.force._replace(y=padded_zeros(self.force.y, 1))
+        force = self.force and self.force.padded()
         padded = self._replace(d=padded_zeros(self.d, 1), uneven=uneven, clipped=clipped, force=force)
         return padded._replace(discrepancy=self.discrepancy._replace(basis=basis))
 
