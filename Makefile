@@ -15,7 +15,7 @@ HOW := the commands: $(BIN)/bayestissue --help, or make shell and then bayestiss
 REPORTS := reports
 
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-dev shell report report-example report-arma report-published test test-all run-tests run-slow-tests check-code docs docs-outputs test-long evidence evidence-check evidence-status evidence-pages evidence-peers lock clean
+.PHONY: help setup setup-dev shell report report-example report-arma report-published test test-all run-tests run-slow-tests check-code docs docs-outputs test-long release-check evidence evidence-check evidence-status evidence-pages evidence-peers lock clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-16s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -99,6 +99,9 @@ docs-outputs: $(READY_FOR_TESTS)  ## what the manual's commands print, its pictu
 
 test-long: $(READY_FOR_TESTS)  ## the checks that take minutes to hours
 	@$(BIN)/python -m pytest -m long -n 0
+
+release-check: $(READY_FOR_TESTS)  ## the self-test of the built wheel on each Python of a release; a missing one fails
+	@$(BIN)/tox run --skip-missing-interpreters false
 
 EVIDENCE = PYTHONPATH=benchmarks $(BIN)/python -m evidence
 

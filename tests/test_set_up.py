@@ -77,3 +77,23 @@ def test_installing_says_how_far_it_is(install, capsys, monkeypatch, tmp_path) -
 def test_what_the_installer_said_is_shown_if_it_failed(install, tmp_path) -> None:
     with pytest.raises(SystemExit, match="no such package"):
         install.run([sys.executable, "-c", "import sys; sys.exit('no such package')"], "installing", tmp_path)
+
+
+def test_a_release_tests_itself_on_every_python_that_the_project_claims(project: dict) -> None:
+    tox, claimed = project["tool"]["tox"], " ".join(project["project"]["classifiers"])
+    assert {f"py3{minor}" for minor in re.findall(r":: Python :: 3\.(\d+)", claimed)} <= set(tox["env_list"])
+    assert len(tox["env_list"]) == 3
+    # The wheel with the pinned libraries, away from the checkout.
+    base = tox["env_run_base"]
+    assert (base["package"], base["deps"]) == ("wheel", ["-r requirements.lock"])
+    assert base["change_dir"] == "{env_tmp_dir}"
+    (command,) = base["commands"]
+    assert command[:2] == ["bayestissue", "selftest"]
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="needs make")
+def test_a_python_that_is_missing_fails_a_release_and_no_other_run(project: dict) -> None:
+    assert project["tool"]["tox"]["skip_missing_interpreters"] is True
+    command = ["make", "-n", "release-check"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)  # noqa: S603
+    assert "tox run --skip-missing-interpreters false" in done.stdout

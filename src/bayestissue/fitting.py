@@ -333,7 +333,12 @@ def fit_prepared(
         diagnostics["clipped"] = clipped
     if dataset.channels and dataset.free:
         diagnostics["channels"] = (
-            judge_force(prepared.force, analysis.tree["posterior"].dataset, prepared.signal.mass)
+            judge_force(
+                prepared.force,
+                analysis.tree["posterior"].dataset,
+                prepared.signal.mass,
+                diagnostics["channels"]["form"],
+            )
             if prepared.force
             else {"words": unused_channels(dataset.channels, prepared.force_unused)}
         )
@@ -436,6 +441,7 @@ def _provenance(
         "description": data.description,
         "quantity": data.quantity,
         "words": dict(data.words),
+        **({"site": data.site} if data.site else {}),
         "model": specification.model_dump(mode="json") | prepared.design.resolved(),
         "terms_left_out": prepared.design.terms_left_out(),
         "columns_not_used": untried(prepared.design.recorded),

@@ -74,7 +74,8 @@ def parse_toml(text: str, file: str) -> dict[str, Any]:
 def row_of(text: str, key: Sequence[str]) -> int | None:
     """The row of TOML text in which a key, or the table of that name, stands; None if it isn't found.
 
-    A table of a list has its number behind the list's name: ``("channel", "0", "unit")``.
+    A table of a list has its number behind the list's name: ``("channel", "0", "unit")``; so has a table
+    within one.
     """
     table: tuple[str, ...] = ()
     count: Counter[str] = Counter()
@@ -84,7 +85,8 @@ def row_of(text: str, key: Sequence[str]) -> int | None:
             here = table = (*_parts(header[1]), str(count[header[1]]))
             count[header[1]] += 1
         elif header := re.match(r"\s*\[\s*([^\]]+?)\s*\]", line):
-            here = table = _parts(header[1])
+            name, *within = _parts(header[1])
+            here = table = (name, str(count[name] - 1), *within) if name in count else (name, *within)
         elif entry := re.match(r"\s*([^=#]+?)\s*=", line):
             here = table + _parts(entry[1])
         if here == tuple(key):

@@ -21,7 +21,7 @@ def require_equal(one: Dataset, other: Dataset) -> None:
     for mine, theirs in zip(one.traces, other.traces, strict=True):
         np.testing.assert_array_equal(mine.time_s, theirs.time_s)
         np.testing.assert_array_equal(mine.value, theirs.value)
-    for name in ("name", "description", "licence", "source", "quantity", "uncertainty", "gravity"):
+    for name in ("name", "description", "licence", "source", "site", "quantity", "uncertainty", "gravity"):
         assert getattr(one, name) == getattr(other, name)
 
 
@@ -50,7 +50,7 @@ def test_it_is_written_and_read_back_equal_and_replaced_only_unchanged(tmp_path)
     impacts = impacts.assign(
         side=["left", 'the "other", right'] * (len(impacts) // 2) + ["l"] * (len(impacts) % 2)
     )
-    made = bt.dataset(impacts, traces, **GIVEN, licence="CC0", source="a lab")
+    made = bt.dataset(impacts, traces, **GIVEN, licence="CC0", source="a lab", site="heel")
     folder = tmp_path / "written"
     assert made.write(folder) == folder
     require_equal(bt.read_dataset(folder), made)

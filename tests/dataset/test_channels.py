@@ -7,10 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
+import bayestissue as bt
 from bayestissue.checking import check
-from bayestissue.dataset import read_dataset, write_dataset
+from bayestissue.dataset import Recorder, read_dataset, write_dataset
 from bayestissue.dataset.write import settings_text
 from bayestissue.errors import InputError
 from dataset_bench import MASSES, NAMES, RATE, SETTINGS, Outcome, tables
@@ -99,6 +101,7 @@ def test_a_file_of_its_own_may_have_another_rate(tmp_path: Path) -> None:
         ({"value_column": None, "file": "../force.csv"}, 19, "in the dataset's folder"),
         ({"place": "base"}, 12, "tip_mass_kg only beside"),
         ({"gain": 1.0}, 20, "one of the keys"),
+        ({"recorder": {"low_pass_hz": -400.0}}, 22, "greater than 0"),
     ],
 )
 def test_a_key_that_is_wrong_is_named_with_its_row(
@@ -185,3 +188,103 @@ def test_the_command_and_its_page_show_both(tmp_path: Path, command: Callable[..
     page = (tmp_path / "checked" / "check.html").read_text()
     assert "Force against M a" in page
     assert "recorded force" in page
+
+
+def test_a_low_pass_of_its_own_comes_with_it_and_is_written_back(tmp_path: Path) -> None:
+    filtered = {"low_pass_hz": 400.0, "order": 4}
+    data = read_dataset(bench(tmp_path / "bench", recorder=filtered))
+    assert data.channels[0].recorder == Recorder(400.0, 4)
+    assert data.recorder is None
+    assert read_dataset(data.write(tmp_path / "again")).channels[0].recorder == Recorder(400.0, 4)
+    given, said = from_arrays(value_column="force_N")
+    for low_pass in (filtered, Recorder(400.0, 4)):
+        made = bt.dataset(**given, channels={"cell": said | {"recorder": low_pass}})
+        assert made.channels[0].recorder == Recorder(400.0, 4)
+
+
+@pytest.mark.parametrize("limit", [None, 40.0])
+def test_samples_at_the_sensor_s_limit_are_known(tmp_path: Path, limit: float | None) -> None:
+    given, said = from_arrays()
+    given["traces"]["force_N"] = given["traces"]["force_N"].clip(upper=40.0)
+    said |= {"value_column": "force_N"} | ({} if limit is None else {"limit": limit})
+    data = bt.dataset(**given, channels={"cell": said})
+    (channel,) = data.channels
+    for trace in channel.traces:
+        at_limit = np.zeros(len(trace.value), bool) if trace.clipped is None else trace.clipped == 1
+        np.testing.assert_array_equal(at_limit, trace.value >= 40.0)
+    assert any(trace.clipped is not None for trace in channel.traces)
+    again = bt.read_dataset(data.write(tmp_path / "again"))
+    for one, other in zip(channel.traces, again.channels[0].traces, strict=True):
+        assert (one.clipped is None) == (other.clipped is None)
+    # What is below the limit still is mass times deceleration.
+    assert check(data).quality["force_ratio"].to_numpy() == pytest.approx(1, rel=0.01)
+
+
+def from_arrays(**said: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The bench as arrays: the first channel's arguments, and what is said of the force."""
+    impacts, traces = tables()
+    mass = traces["impact"].map(dict(zip(NAMES, MASSES, strict=True))).astype(float)
+    traces["force_N"] = mass * traces["value"] + np.random.default_rng(0).normal(0, 0.02, len(traces))
+    given = {"impacts": impacts, "traces": traces, "quantity": "deceleration", "unit": "m/s^2"}
+    return given, {"quantity": "force", "place": "base", "unit": "N", **said}
+
+
+def pairs(table: pd.DataFrame, column: str) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """By the impact's name times and values."""
+    parts = table.groupby("impact", observed=True)
+    return {str(name): (part["time_s"].to_numpy(), part[column].to_numpy()) for name, part in parts}
+
+
+def test_arrays_have_a_channel_as_a_folder_has(tmp_path: Path) -> None:
+    given, said = from_arrays(relative_gain_sd=0.01)
+    table = given["traces"]
+    beside = bt.dataset(**given, channels={"cell": said | {"value_column": "force_N"}})
+    own = bt.dataset(**given, channels={"cell": said | {"traces": pairs(table, "force_N")}})
+    given["traces"] = pairs(table, "value")
+    apart = bt.dataset(**given, channels={"cell": said | {"traces": table, "value_column": "force_N"}})
+    for data in (beside, own, apart, bt.read_dataset(beside.write(tmp_path / "written"))):
+        (channel,) = data.channels
+        assert (channel.name, channel.place, channel.relative_gain_sd) == ("cell", "base", 0.01)
+        for one, other in zip(channel.traces, beside.channels[0].traces, strict=True):
+            np.testing.assert_allclose(one.value, other.value, rtol=1e-12)
+    assert check(own).quality["force_ratio"].to_numpy() == pytest.approx(1, rel=0.005)
+    late = bt.dataset(
+        **given, channels={"cell": said | {"traces": pairs(table, "force_N"), "time_offset_s": 1e-3}}
+    )
+    np.testing.assert_allclose(
+        late.channels[0].traces[0].time_s, own.channels[0].traces[0].time_s + 1e-3, rtol=1e-12
+    )
+    assert len({beside.input_hash, late.input_hash, bt.dataset(**given).input_hash}) == 3
+
+
+@pytest.mark.parametrize(
+    ("channels", "words"),
+    [
+        ({"cell": {"place": "ceiling"}}, "column channels.place"),
+        ({"cell": {"unit": "mm"}}, "channels.unit"),
+        ({"cell": {"file": "force.csv"}}, "channels.file"),
+        ({"cell": {}}, "recordings of the channel cell"),
+        ({"cell": {"traces": {"a": 3.0}}}, "of the channel cell"),
+        ({"cell": 3}, "channels"),
+        (3, "channel"),
+    ],
+)
+def test_what_is_wrong_with_a_channel_of_arrays_is_said(channels: Any, words: str) -> None:
+    given, said = from_arrays()
+    given["traces"] = pairs(given["traces"], "value")
+    if isinstance(channels, dict) and isinstance(channels["cell"], dict):
+        channels = {"cell": said | channels["cell"]}
+        if words.startswith("recordings"):
+            channels["cell"]["value_column"] = "force_N"
+    with pytest.raises(InputError) as refused:
+        bt.dataset(**given, channels=channels)
+    assert words in str(refused.value)
+
+
+def test_a_row_of_a_channel_of_arrays_counts_from_0() -> None:
+    given, said = from_arrays()
+    force = pairs(given["traces"], "force_N")
+    time, value = force[NAMES[1]]
+    force[NAMES[1]] = (time, np.where(np.arange(len(value)) == 7, np.nan, value))
+    with pytest.raises(InputError, match=f"of the channel cell, row 7, .*impact {NAMES[1]}"):
+        bt.dataset(**given, channels={"cell": said | {"traces": force}})

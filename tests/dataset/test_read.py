@@ -268,3 +268,23 @@ def test_several_without_one_are_refused(lab: Lab) -> None:
         file.write('\n[words]\nsubjects = "pads"\n')
     with pytest.raises(InputError, match="subject beside subjects"):
         read_dataset(lab.folder)
+
+
+def test_a_site_of_published_values_is_kept(lab: Lab) -> None:
+    text = lab.path("dataset.toml").read_text(encoding="utf-8")
+    lab.path("dataset.toml").write_text(f'site = "prosthetic heel"\n{text}', encoding="utf-8")
+    dataset = bt.read_dataset(lab.folder)
+    assert dataset.site == "prosthetic heel"
+    dataset.write(lab.folder.parent / "again")
+    assert bt.read_dataset(lab.folder.parent / "again").site == "prosthetic heel"
+
+
+def test_a_site_without_published_values_is_refused_with_those_that_there_are(lab: Lab) -> None:
+    text = lab.path("dataset.toml").read_text(encoding="utf-8")
+    lab.path("dataset.toml").write_text(f'site = "calf"\n{text}', encoding="utf-8")
+    with pytest.raises(InputError) as refused:
+        bt.read_dataset(lab.folder)
+    (problem,) = refused.value.problems
+    assert (problem.row, problem.column, problem.value) == (1, "site", "calf")
+    assert problem.expected.startswith("one of heel, prosthetic heel, hip,")
+    assert problem.expected.endswith("or no site where none of them was hit")

@@ -16,10 +16,18 @@ from bayestissue.hierarchy.force import PreparedForce
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.inference.checking.force import judge_force
 from bayestissue.inference.samplers.diagnostics import headline
+from bayestissue.signal.filters import on_even_grid
 from bayestissue.simulation import Simulation, simulate
 from campaigns import FOUR_BY_FOUR
 
 FORCE = {"noise_relative_to_peak": 0.005, "offset_sd_N": 0.5, "relative_gain_sd": 0.01, "tip_mass_kg": 0.05}
+
+
+NOISE_ALONE = {
+    "score": 0.3,
+    "structured": False,
+    "impacts": {"p": {}, "below": 0, "tested": 16, "structured": False, "names": []},
+}
 
 
 def campaign(force: dict[str, float] | None = FORCE, **recording: float) -> Dataset:
@@ -56,6 +64,26 @@ def test_its_rows_begin_with_contact_and_end_with_the_window(heavier: Dataset) -
     ratio = (rows.y * np.asarray(record.d)).sum(axis=1) / (np.asarray(record.d) ** 2).sum(axis=1)
     assert ratio == pytest.approx(1.1 - 0.05 / mass, rel=0.03)
     assert np.exp(ready.force.log_ratio) == pytest.approx(1.1, rel=0.03)
+
+
+def test_the_stretch_at_the_limit_is_left_out(heavier: Dataset) -> None:
+    (channel,) = heavier.channels
+    limit = 0.8 * max(trace.value.max() for trace in channel.traces)
+    traces = [
+        replace(trace, value=np.minimum(trace.value, limit), clipped=(trace.value >= limit).astype(np.int8))
+        for trace in channel.traces
+    ]
+    rows = of_force(replace(heavier, channels=(replace(channel, traces=traces),))).rows
+    whole, counts = of_force(heavier).rows, np.asarray(rows.inside())
+    assert (counts.sum(axis=1) < rows.n_samples).any()
+    for row, count in enumerate(rows.n_samples):
+        out = np.flatnonzero(~counts[row, :count])
+        # One stretch, a sample longer than what stands at the limit on either side.
+        assert (np.diff(out) == 1).all()
+        if out.size:
+            middle = whole.y[row, out[1:-1]] * heavier.impacts["mass_kg"].iloc[row]
+            assert len(middle) == 0 or middle.max() > 0.9 * limit
+    np.testing.assert_allclose(rows.y[counts], whole.y[counts], rtol=1e-12)
 
 
 def test_a_gain_and_a_mass_share_the_ratio_by_what_is_declared(heavier: Dataset) -> None:
@@ -101,6 +129,38 @@ def test_a_force_that_lags_is_not_used(heavier: Dataset) -> None:
     assert "2 ms off" in ready.force_unused
 
 
+@pytest.fixture(scope="module")
+def smooth() -> Dataset:
+    """Behind a low-pass at 400 Hz, which acted on samples much closer than its corner asks for."""
+    content = tomllib.loads(FOUR_BY_FOUR)
+    content["recording"] |= {"sampling_rate_hz": 20_000.0, "force": FORCE, "noise_relative_to_peak": 0.002}
+    made = simulate(Simulation.model_validate(content)).dataset("made")
+    (channel,) = made.channels
+    recorder = Recorder(400.0, noise="before", applied="analog")
+    traces = []
+    for trace in channel.traces:
+        zero = trace.value[:20].mean()
+        passed = on_even_grid((trace.value - zero)[None], 20_000.0, recorder)[0]
+        traces.append(replace(trace, value=passed + zero))
+    return replace(made, channels=(replace(channel, traces=traces, recorder=recorder),))
+
+
+def test_a_force_behind_a_low_pass_of_its_own_is_used(smooth: Dataset) -> None:
+    ready = prepared(smooth)
+    assert ready.force is not None
+    rows = ready.force.rows
+    assert rows.low_pass is not None
+    assert rows.colour is not None
+    # Some 2.6 ms after contact the filter has settled.
+    begins = rows.first_time + np.asarray(rows.inside()).argmax(axis=1) * rows.dt
+    assert begins == pytest.approx(0.0026, abs=0.0002)
+    # The deceleration passed through the same filter: the two agree, without a lag.
+    assert ready.force.comparison.ratio == pytest.approx(1, rel=0.03)
+    assert not ready.force.comparison.lags
+    undeclared = replace(smooth, channels=(replace(smooth.channels[0], recorder=None),))
+    assert "off: correct time_offset_s" in prepared(undeclared).force_unused
+
+
 def test_without_a_channel_nothing_of_it_is_there() -> None:
     ready = prepared(campaign(None))
     assert ready.force is None
@@ -129,7 +189,7 @@ def test_the_verdict_names_the_size(heavier: Dataset, mass_sd: float, passed: bo
     declared = heavier.impacts["mass_kg"].to_numpy()
     mass = factor[..., None] * declared * np.exp(0.002 * random.standard_normal((1, 1, len(declared))))
     posterior["mass"] = ("chain", "draw", "impact"), mass
-    account = judge_force(force, posterior, declared)
+    account = judge_force(force, posterior, declared, NOISE_ALONE)
     assert account["slope"] == 0
     assert account["passed"] is passed
     assert words in headline({"passed": True, "channels": account})
@@ -146,7 +206,7 @@ def test_masses_that_lack_one_arm_are_not_off_by_one_factor(heavier: Dataset) ->
             "mass": (("chain", "draw", "impact"), declared * np.exp(off)),
         }
     )
-    account = judge_force(force, posterior, declared)
+    account = judge_force(force, posterior, declared, NOISE_ALONE)
     # From 0.4 to 1.3 kg an arm of 0.05 kg is 12 to 4 %.
     slope = (np.log1p(0.05 / 1.3) - np.log1p(0.05 / 0.4)) / np.log(1.3 / 0.4)
     assert account["slope"] == pytest.approx(slope, rel=0.1)

@@ -23,6 +23,8 @@ DT, SAMPLES, CELLS = 2e-4, 60, 4
 LONGEST = 72
 COUNT = np.array([60, 48])
 RECORDED = np.array([100, 3])
+# Of these, as many tell the zero that was taken away.
+QUIET = np.array([2, 1])
 MASS, VELOCITY, DIAMETER = np.array([0.6, 0.9]), np.array([1.2, 1.1]), np.full(2, 0.0318)
 SIGMA, QUIET_SD = 0.3, 0.25
 ERROR_SD = np.array([0.02, 0.01, 0.1, 0.0])
@@ -94,7 +96,7 @@ def measured(name: str, reach: int, *, sigma: float = SIGMA, lead: float = 2.6) 
         error_sd,
         MASS,
         {"diameter_m": DIAMETER},
-        Contact.anywhere(traces[:, :reach], recorded, quiet_sd),
+        Contact.anywhere(traces[:, :reach], recorded, quiet_sd, n_quiet=QUIET),
     )
     parameters = jnp.stack([jnp.full(2, value) for value in VALUES[name].values()])
     return MeasuredImpact(element(name), parameters, NoiseParameters(jnp.full(2, np.log(sigma))), record)
@@ -120,7 +122,7 @@ def density_about(given: MeasuredImpact, name: str, row: int, about: float) -> C
     columns = [
         np.where(own, (faster - slower) / (2 * step[row]), 0.0) * ERROR_SD[0],
         np.where(own, d, 0.0) * ERROR_SD[1],
-        np.ones_like(d) * ERROR_SD[2],
+        (np.arange(n + before) >= QUIET[row]) * ERROR_SD[2],
     ]
     covariance = float(given.sigma[row]) ** 2 * np.eye(n + before)
     covariance += sum(np.outer(column, column) for column in columns)

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.linalg import toeplitz
 from scipy.stats import multivariate_normal
 
+from bayestissue.dataset.chain import Recorder
 from bayestissue.elements import element
+from bayestissue.hierarchy.recorder import filtered_noise, low_pass_of
 from bayestissue.likelihood.element.impact import MeasuredImpact, NoiseParameters
 from bayestissue.likelihood.element.record import Contact, DecelerationRecord, ForceRows
+from bayestissue.signal.filters import autocorrelation, on_even_grid
 
 K, C, MASS, VELOCITY = 3000.0, 25.0, 0.8, 1.4
 # Velocity, gain, the force's zero, its clock, the deceleration's zero, the time of contact.
@@ -98,6 +104,94 @@ def test_the_log_density_is_that_of_the_dense_normal() -> None:
     mean, covariance, _ = dense()
     expected = multivariate_normal(mean, covariance).logpdf(np.concatenate([d, y]))
     assert float(likelihood(record).log_density()[0]) == pytest.approx(expected, rel=1e-7)
+
+
+FINER = 400
+LATER = 3
+
+
+@pytest.mark.parametrize(
+    ("recorder", "share"),
+    [
+        (Recorder(300.0), 1.0),
+        (Recorder(300.0, 4, "bessel"), 0.3),
+        (Recorder(150.0, 2, zero_phase=True, applied="analog"), 0.3),
+        (Recorder(200.0, applied="digital"), 0.3),
+    ],
+)
+def test_behind_a_low_pass_it_is_the_dense_normal_of_what_passes(recorder: Recorder, share: float) -> None:
+    record, d, _ = recorded()
+    assert record.force is not None
+    dt, random = np.array([FORCE_DT]), np.random.default_rng(5)
+
+    def passed(late: float, velocity: float = VELOCITY) -> np.ndarray:
+        """By filtering a grid from before contact on, much finer unless the filter is one of samples."""
+        finer = 1 if recorder.digital else FINER
+        step, before = FORCE_DT / finer, 200 * finer
+        grid = FORCE_FIRST + (np.arange(before + 200 * finer) - before) * step - late
+        whole = np.where(grid >= 0, deceleration(np.maximum(grid, 0.0), velocity), 0.0)
+        whole = np.where(np.cumprod((whole > 0) | (grid < 0)) > 0, whole, 0.0)
+        return on_even_grid(whole[None], 1 / step, recorder)[0, before::finer][:ROWS]
+
+    ratio, kept = np.exp(RATIO) - TIP, np.arange(ROWS) >= LATER
+    small = 1e-6
+    # A filter of samples knows nothing between two: what it makes of a later contact is its slope's.
+    late = (passed(small) - passed(-small)) / (2 * small)
+    mean_y = ratio * passed(0.0)
+    correlation = (1 - share) * autocorrelation(recorder, np.arange(ROWS), FORCE_DT)
+    correlation[0] = 1.0
+    y = mean_y + np.linalg.cholesky(FORCE_SIGMA**2 * toeplitz(correlation)) @ random.normal(size=ROWS)
+    noise = {} if share == 1 else filtered_noise_of(recorder, share, dt)
+    stride = noise["colour"].stride if noise else 1
+    kept &= np.arange(ROWS) % stride == 0
+    rows = record.force._replace(
+        y=jnp.asarray(np.append(y, 0.0)[None]),
+        kept=jnp.asarray(np.append(np.arange(ROWS) >= LATER, False)[None]),
+        low_pass=low_pass_of(recorder, dt)._replace(phase=jnp.full(1, 0.5)),
+        **noise,
+    )
+    mean, covariance, columns = dense()
+    mean[SAMPLES:] = mean_y
+    columns[0, SAMPLES:] = ratio * passed(0.0) / VELOCITY
+    columns[3, SAMPLES:] = columns[5, SAMPLES:] = ratio * late
+    covariance = columns.T @ np.diag(np.square(SD)) @ columns
+    covariance[:SAMPLES, :SAMPLES] += SIGMA**2 * np.eye(SAMPLES)
+    covariance[SAMPLES:, SAMPLES:] += FORCE_SIGMA**2 * toeplitz(correlation)
+    asked = np.concatenate([np.ones(SAMPLES, bool), kept])
+    expected = multivariate_normal(mean[asked], covariance[np.ix_(asked, asked)])
+    found = float(likelihood(record._replace(force=rows)).log_density()[0])
+    # The filtered grid is off by its step.
+    assert found == pytest.approx(expected.logpdf(np.concatenate([d, y])[asked]), abs=0.02)
+
+
+def filtered_noise_of(recorder: Recorder, share: float, dt: np.ndarray) -> dict[str, Any]:
+    colour, rate, _ = filtered_noise(recorder, share, ROWS, dt)
+    return {"colour": colour, "rate": jnp.asarray(rate)}
+
+
+def test_samples_at_the_limit_are_left_out() -> None:
+    record, d, y = recorded()
+    assert record.force is not None
+    mean, covariance, _ = dense()
+    kept = np.ones(SAMPLES + ROWS, bool)
+    kept[SAMPLES + 4 : SAMPLES + 11] = False
+    rows = np.append(kept[SAMPLES:], False)[None]
+    clipped = record.force._replace(y=jnp.where(rows, record.force.y, 0.0), kept=jnp.asarray(rows))
+    values = np.concatenate([d, y])[kept]
+    expected = multivariate_normal(mean[kept], covariance[np.ix_(kept, kept)]).logpdf(values)
+    found = likelihood(record._replace(force=clipped)).log_density()[0]
+    assert float(found) == pytest.approx(expected, rel=1e-7)
+
+
+def test_a_replicate_of_the_force_has_the_moments_of_the_dense_normal() -> None:
+    record, *_ = recorded()
+    mean, covariance, _ = dense()
+    mean, sd = MASS * mean[SAMPLES:], MASS * np.sqrt(np.diag(covariance)[SAMPLES:])
+    keys = jax.random.split(jax.random.PRNGKey(0), number := 2000)
+    drawn = np.asarray(jax.vmap(likelihood(record).replicate)(keys)["force"])[:, 0]
+    assert np.isnan(drawn[:, ROWS:]).all()
+    assert (np.abs(drawn[:, :ROWS].mean(0) - mean) < 5 * sd / np.sqrt(number)).all()
+    assert drawn[:, :ROWS].std(0) == pytest.approx(sd, rel=5 / np.sqrt(2 * number))
 
 
 def test_errors_given_both_channels_are_those_of_the_dense_normal() -> None:

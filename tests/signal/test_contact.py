@@ -147,7 +147,7 @@ def test_a_zero_measured_in_great_noise_errs_by_as_much_as_is_said():
     # Four standard errors of a standard deviation of 200 values, and some for its own noise being estimated.
     assert error.std() == pytest.approx(1.0, abs=4 / 400**0.5)
     # The quiet part tells the zero: what is said to come between it and the first sample does not.
-    assert (made.n_before < 50).all()
+    assert (made.n_since_quiet < 50).all()
 
 
 def test_great_noise_leaves_contact_in_its_bracket():

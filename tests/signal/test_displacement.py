@@ -68,6 +68,16 @@ def test_the_offset_of_the_quiet_part_is_removed():
     assert (kept.time_to_peak < made.time_to_peak).all()
 
 
+@pytest.mark.parametrize("samples", [8, 21])
+def test_the_offset_errs_by_what_is_said_of_it(samples):
+    number = 10_000
+    made = displacements(record([TYPICAL] * number, 1e4, before=samples / 1e4, noise=0.005))
+    told = np.isfinite(made.offset_sd)
+    assert told.mean() > 0.95
+    # Four standard errors of the standard deviation of Student's t of twenty samples.
+    assert (made.offset / made.offset_sd)[told].std() == pytest.approx(1, abs=4 / np.sqrt(1.6 * number))
+
+
 def test_no_offset_is_claimed_where_nothing_was_recorded_before_contact():
     made = displacements(record([TYPICAL], 1e4, before=0.0, noise=0.005))
     assert made.offset[0] == 0

@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 from sphinx.application import Sphinx
 
-from from_program import commands, elements, folders, functions, keys, results, thesis
+from from_program import commands, elements, folders, functions, keys, literature, results, thesis
 
 PARTS: dict[str, Callable[[], str]] = {
     "commands": commands.commands,
@@ -29,6 +29,7 @@ PARTS: dict[str, Callable[[], str]] = {
     "variables": results.variables,
     "functions": functions.functions,
     "folders": folders.folders,
+    "published values": literature.published_values,
     "thesis exponents": thesis.exponents,
     "thesis audit": thesis.audit,
     "thesis recomputed": thesis.recomputed,

@@ -41,6 +41,7 @@ def run(
     recorder: Annotated[list[str] | None, typer.Option(metavar="KEY=VALUE")] = None,
     text: Annotated[list[str] | None, typer.Option(metavar="KEY=VALUE")] = None,
     uncertainty: Annotated[list[str] | None, typer.Option(metavar="NAME=SD")] = None,
+    force: Annotated[list[str] | None, typer.Option(metavar="KEY=VALUE|none")] = None,
     gravity: Annotated[str | None, typer.Option(metavar="none|drop|M_S2")] = None,
     zero: Literal["free_fall", "rest"] | None = None,
     several: bool = False,
@@ -90,6 +91,9 @@ def run(
             comma, space, apostrophe), header_row, units_row; may be repeated.
         uncertainty: How well the measuring chain is known, as a standard deviation: mass and gain as a
             fraction, velocity in m/s, offset in m/s^2, such as velocity=0.01; may be repeated.
+        force: An entry of the table [[channel]] of a force beside the deceleration: value_column, place
+            (impactor or base), unit, scale, tip_mass_kg, relative_gain_sd, time_offset_s; may be repeated.
+            The only channel with a unit of force is taken unless given; none leaves it out.
         gravity: The part of gravity along the motion: none (a pendulum at its lowest point), drop (straight
             down), or a number of m/s², positive into the tissue. Asked for where a drop height is given.
         zero: Where an accelerometer read 0; in free fall unless stated.
@@ -109,6 +113,7 @@ def run(
         recorder=_entries(recorder or [], "--recorder", "sae_class=180"),
         text=_entries(text or [], "--text", "decimal=comma"),
         uncertainty=_uncertainty(uncertainty or []),
+        force="none" if force == ["none"] else _entries(force or [], "--force", "place=base"),
     )  # fmt: skip
     intake = prepare(folder, choices)
     if intake.questions and not quiet and not as_json and _at_a_terminal():

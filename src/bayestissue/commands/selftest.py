@@ -27,7 +27,7 @@ def run(
     Args:
         out: Folder for what was found; the files of the test are made beside it, in the place where your
             results are to lie, and removed.
-        thorough: More models recovered, and a calibration of six hundred impacts: half an hour.
+        thorough: More models recovered, and a calibration of six hundred impacts: ten minutes.
     """
     start = runtime.Start()
     with claim(out, overwrite=overwrite, command="selftest") as target:

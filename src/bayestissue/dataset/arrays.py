@@ -16,12 +16,21 @@ import pandas as pd
 from bayestissue.dataset.cells import FILE as IMPACTS
 from bayestissue.dataset.cells import cells_of, column_problems
 from bayestissue.dataset.chain import Contact, Quantity, Recorder, Uncertainty
+from bayestissue.dataset.channels import on_first_clock
 from bayestissue.dataset.impacts import impact_table, wanted
 from bayestissue.dataset.model import Dataset, Trace
 from bayestissue.dataset.read import checked_dataset
 from bayestissue.dataset.recordings import Reading
 from bayestissue.dataset.settings import FILE as SETTINGS
-from bayestissue.dataset.settings import Gravity, Settings, SignalSettings, Zero, parse_settings, stated_table
+from bayestissue.dataset.settings import (
+    ChannelSettings,
+    Gravity,
+    Settings,
+    SignalSettings,
+    Zero,
+    parse_settings,
+    stated_table,
+)
 from bayestissue.dataset.tables import FIRST_ROW, Columns, Labels, Numbers
 from bayestissue.dataset.traces import long_reading
 from bayestissue.errors import InputError, Problem, all_of, along_with, refuse
@@ -32,6 +41,8 @@ _CALLED = {IMPACTS: "impacts (rows from 0)", SETTINGS: "arguments", _LONG: _LONG
 _WORDS = (
     (re.compile(r" (in|to|of|than) dataset\.toml"), ""),
     (re.compile(r"\b(?:signal)\.(\w+)"), r"\1"),
+    (re.compile(r"\bchannel\.0\b"), "channels"),
+    (re.compile(r"\[\[channel\]\]"), "channel in channels"),
     (re.compile(r"impacts\.csv"), "the table impacts"),
     (re.compile(r"\bthe key (\w)"), r"the argument \1"),
     (re.compile(r"\ba table with\b"), "a dictionary with"),
@@ -56,12 +67,14 @@ def dataset(
     contact: Contact | None = None,
     uncertainty: Mapping[str, float] | Uncertainty | None = None,
     recorder: Mapping[str, Any] | Recorder | None = None,
+    channels: Mapping[str, Mapping[str, Any]] | None = None,
     headform: bool = False,
     words: Mapping[str, str] | None = None,
     name: str = "from arrays",
     description: str = "",
     licence: str = "",
     source: str = "",
+    site: str = "",
     skip_bad: bool = False,
 ) -> Dataset:
     """A dataset from pandas tables or arrays, checked as `read_dataset` checks a folder.
@@ -90,12 +103,16 @@ def dataset(
             given.
         uncertainty: standard deviations of the measuring chain, by the keys of ``[uncertainty]``.
         recorder: a known low-pass that the recordings went through, by the keys of ``[recorder]``.
+        channels: a further channel of the same impacts, by its name: a dictionary with the keys of a table
+            ``[[channel]]`` (``quantity``, ``place``, ``unit`` ...) and ``traces``, its recordings in any form
+            that ``traces`` may have; without it ``value_column`` is its column in the long table ``traces``.
         headform: whether the impactor stands for a head, whose impacts have the head injury criterion too.
         words: what pages call people, conditions and impacts, by the keys of ``[words]``.
         name: of the dataset.
         description: free text.
         licence: free text.
         source: free text.
+        site: what was hit, as ``site`` of ``dataset.toml``, for published values of the same to be shown.
         skip_bad: leave out impacts with something wrong, and say so in ``left_out``.
 
     Raises:
@@ -111,6 +128,7 @@ def dataset(
     }
     content: dict[str, Any] = {
         **{"name": name, "description": description, "licence": licence, "source": source},
+        **({"site": site} if site else {}),
         "signal": {
             **{"quantity": quantity, "unit": unit, "time_unit": time_unit, "zero": zero},
             **{"time_column": time_column, "value_column": value_column},
@@ -120,6 +138,8 @@ def dataset(
         **{key: table for key, table in tables.items() if table is not None},
     }
     with _in_the_callers_words():
+        if channels:
+            content["channel"] = _stated_channels(channels, value_column)
         settings = parse_settings(content)
         needs_velocity = quantity != "displacement"
         names, body = _texts(impacts)
@@ -129,10 +149,12 @@ def dataset(
         listed = cells["impact"].tolist()
         with along_with(table.problems):
             label, recorded, sample_rows = _columns(traces, listed, settings.signal)
+            further = [_further(one, channels, traces, listed, settings.signal) for one in settings.channel]
         reading = long_reading(label, recorded, sample_rows, listed, settings.signal)
         reading = replace(reading, problems=[*table.problems, *reading.problems])
-        hashed = _hash(settings, cells, reading)
-        checked = checked_dataset(settings, table, reading, skip_bad=skip_bad, folder=None, input_hash=hashed)
+        hashed = _hash(settings, cells, [reading, *further])
+        known: Any = {"skip_bad": skip_bad, "folder": None, "input_hash": hashed}
+        checked = checked_dataset(settings, table, reading, further, **known)
     warnings, left_out = (
         tuple(map(_in_words, problems)) for problems in (checked.warnings, checked.left_out)
     )
@@ -163,6 +185,52 @@ def _mapped(function: Callable[[Any], Any], table: Any) -> Any:
     return (
         {str(key): function(value) for key, value in table.items()} if isinstance(table, Mapping) else table
     )
+
+
+def _stated_channels(channels: Any, value_column: str) -> Any:
+    """The tables ``[[channel]]``; what is no dictionary is left for the settings to refuse.
+
+    Raises:
+        InputError: one names a file, which arrays have not.
+    """
+    if not isinstance(channels, Mapping):
+        return channels
+    for said in channels.values():
+        if isinstance(said, Mapping) and "file" in said:
+            allowed = ", ".join(["traces", *(key for key in ChannelSettings.model_fields if key != "file")])
+            where = SETTINGS, None, "channel.0.file", said["file"]
+            raise InputError.stated("unknown-key", *where, allowed=allowed)
+    return [
+        {"name": str(name), **{str(key): _stated(value) for key, value in said.items() if key != "traces"}}
+        | ({"value_column": said.get("value_column", value_column)} if "traces" in said else {})
+        if isinstance(said, Mapping)
+        else said
+        for name, said in channels.items()
+    ]
+
+
+def _stated(value: Any) -> Any:
+    """An entry of a channel: a low-pass as its table, any other as Python's."""
+    low_pass = isinstance(value, Mapping | Recorder)
+    return _mapped(_python, stated_table(value)) if low_pass else _plain(value)
+
+
+def _further(
+    channel: ChannelSettings, channels: Any, traces: Any, impacts: list[str], first: SignalSettings
+) -> Reading:
+    """A further channel's recordings, its own or those in the long table of the first."""
+    signal, own = channel.as_signal(first), channels[channel.name].get("traces")
+    if own is None and not isinstance(traces, pd.DataFrame):
+        raise InputError.stated("array-shape.channel", _SINGLE, value="no traces", name=channel.name)
+    if own is None:
+        reading = long_reading(*_columns(traces, impacts, signal), impacts, signal)
+        return on_first_clock(reading, channel)
+    of = f" of the channel {channel.name}"
+    try:
+        label, columns, rows = _columns(own, impacts, signal)
+    except InputError as error:
+        raise InputError(replace(problem, file=problem.file + of) for problem in error.problems) from None
+    return on_first_clock(long_reading(label + of, columns, rows, impacts, signal), channel)
 
 
 def _python(value: Any) -> Any:
@@ -275,7 +343,7 @@ def _numbers(values: Any, label: str, column: str, impact: str | None) -> Number
     raise InputError.stated("array-shape.numbers", label, column=column, value=shape, impact=impact)
 
 
-def _hash(settings: Settings, cells: pd.DataFrame, reading: Reading) -> str:
+def _hash(settings: Settings, cells: pd.DataFrame, readings: Sequence[Reading]) -> str:
     # What was not stated before there was a key for it leaves the hash as it was.
     signal, fields = settings.signal, SignalSettings.model_fields
     names = ("gravity", "zero", "contact", "limit")
@@ -287,6 +355,8 @@ def _hash(settings: Settings, cells: pd.DataFrame, reading: Reading) -> str:
         unsaid["impactor"] = True
     if not settings.words.values():
         unsaid["words"] = True
+    if not settings.channel:
+        unsaid["channel"] = True
     if settings.recorder is None:
         unsaid["recorder"] = True
     elif settings.recorder.noise is None:
@@ -294,7 +364,7 @@ def _hash(settings: Settings, cells: pd.DataFrame, reading: Reading) -> str:
     stated = settings.model_dump(mode="json", exclude=unsaid)
     digest = hashlib.sha256(json.dumps(stated, sort_keys=True).encode())
     digest.update(cells.to_csv(index=False).encode())
-    samples = reading.samples
-    for array in (samples.impact, samples.start, samples.time, samples.value):
-        digest.update(np.ascontiguousarray(array).tobytes())
+    for samples in (reading.samples for reading in readings):
+        for array in (samples.impact, samples.start, samples.time, samples.value):
+            digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()

@@ -12,6 +12,7 @@ from jaxtyping import Float64
 
 from bayestissue.dataset.checks import check_samples
 from bayestissue.dataset.impacts import ImpactTable
+from bayestissue.dataset.limits import at_limit
 from bayestissue.dataset.model import Channel, Trace
 from bayestissue.dataset.recordings import MIN_SAMPLES, Reading, Recordings, Windows, crop, interpolated
 from bayestissue.dataset.settings import ChannelSettings, Settings, SignalSettings
@@ -37,10 +38,15 @@ def read_channels(folder: Path, table: ImpactTable, settings: Settings) -> list[
             reading = read_files(folder, table.table, table.row, signal)
         else:
             reading = read_long(folder, table.table["impact"].tolist(), signal, channel.file)
-        time = reading.samples.time + channel.time_offset_s
-        return replace(reading, samples=replace(reading.samples, time=time))
+        return on_first_clock(reading, channel)
 
     return all_of(read, settings.channel)
+
+
+def on_first_clock(reading: Reading, channel: ChannelSettings) -> Reading:
+    """A channel's recordings by the first channel's clock."""
+    time = reading.samples.time + channel.time_offset_s
+    return replace(reading, samples=replace(reading.samples, time=time))
 
 
 def checked_channel(
@@ -63,6 +69,9 @@ def checked_channel(
         first: the first channel, of impacts with nothing wrong so far.
     """
     samples, problems = crop(reading.samples, Windows.stated(impacts, signal), impacts["impact"].tolist())
+    clipped = at_limit(samples, channel.quantity, channel.as_signal(signal).limits_si)
+    if clipped.any():
+        samples = replace(samples, clipped=clipped)
     recordings = Recordings.with_impacts(samples, impacts, first.quantity, first.uncertainty)
     if channel.file is not None:
         # The rate that impacts.csv states is the first channel's.
@@ -75,7 +84,8 @@ def checked_channel(
 
 def declared(channel: ChannelSettings, traces: list[Trace]) -> Channel:
     """The channel as a `Dataset` carries it."""
-    known = channel.relative_gain_sd, channel.tip_mass_kg
+    recorder = channel.recorder.values() if channel.recorder else None
+    known = channel.relative_gain_sd, channel.tip_mass_kg, recorder
     return Channel(channel.name, channel.quantity, channel.place, traces, *known)
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64, Int8
 
-from bayestissue.dataset.chain import Quantity
+from bayestissue.dataset.chain import ChannelQuantity, Quantity
 from bayestissue.dataset.recordings import Samples
 
 
@@ -36,7 +36,7 @@ LIMITS = LimitSettings()
 
 
 def at_limit(
-    samples: Samples, quantity: Quantity, stated: tuple[float, float] | None = None
+    samples: Samples, quantity: Quantity | ChannelQuantity, stated: tuple[float, float] | None = None
 ) -> Int8[np.ndarray, " sample"]:
     """1 where a sample stands at the sensor's upper limit, -1 at its lower one, 0 elsewhere.
 
@@ -46,7 +46,7 @@ def at_limit(
     Args:
         samples: the recordings, of one sensor.
         quantity: what was recorded.
-        stated: the lower and the upper limit, m/s² or m; None where none is known.
+        stated: the lower and the upper limit, m/s², m or N; None where none is known.
     """
     value, clipped = samples.value, np.zeros(samples.value.size, np.int8)
     if not samples.impact.size:
@@ -86,7 +86,9 @@ def _shared(samples: Samples, sign: int) -> float | None:
     return float(sign * limit) if several and different > 3 * below else None
 
 
-def _mark_plateaus(samples: Samples, quantity: Quantity, clipped: Int8[np.ndarray, " sample"]) -> None:
+def _mark_plateaus(
+    samples: Samples, quantity: Quantity | ChannelQuantity, clipped: Int8[np.ndarray, " sample"]
+) -> None:
     """Write into ``clipped`` where recordings are cut off at one value.
 
     At a recorder's limit samples pile up: more stand there than the few steps of the recorder's scale below

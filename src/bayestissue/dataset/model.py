@@ -55,6 +55,7 @@ class Channel:
         relative_gain_sd: standard deviation of its sensitivity, as a fraction of it; one error for all
             impacts.
         tip_mass_kg: m.
+        recorder: a known low-pass that it went through; None where nothing was declared.
     """
 
     name: str
@@ -63,6 +64,7 @@ class Channel:
     traces: list[Trace]
     relative_gain_sd: float = 0.0
     tip_mass_kg: float = 0.0
+    recorder: Recorder | None = None
 
     def part(self, rows: slice | list[int]) -> Channel:
         """Of some of the impacts."""
@@ -70,7 +72,8 @@ class Channel:
 
     def __str__(self) -> str:
         behind = f", behind a tip of {self.tip_mass_kg:g} kg" if self.tip_mass_kg else ""
-        return f"{self.name}: {self.quantity} at the {self.place}{behind}"
+        filtered = f", {self.recorder}" if self.recorder else ""
+        return f"{self.name}: {self.quantity} at the {self.place}{behind}{filtered}"
 
 
 def _of(traces: list[Trace], rows: slice | list[int]) -> list[Trace]:
@@ -98,6 +101,7 @@ class Dataset(Outlined):
         whole_hash: of a folder, the same but for ``left_out.csv``: it stays when an impact is left out.
         licence: on what terms others may use it.
         source: where it comes from.
+        site: what was hit, one of `bayestissue.literature.SITES`; empty where that was not stated.
         recorder: a known low-pass that the recordings went through; none where nothing was declared.
         gravity: g, the part of gravity along the motion, m/s², positive into the tissue; 0 of a horizontal
             impact. The impactor obeys x'' = g - F / M, and a deceleration in ``traces`` is F / M = g - x'',
@@ -124,6 +128,7 @@ class Dataset(Outlined):
     input_hash: str
     licence: str = ""
     source: str = ""
+    site: str = ""
     recorder: Recorder | None = None
     gravity: float = 0.0
     headform: bool = False
@@ -180,7 +185,9 @@ class Dataset(Outlined):
         from bayestissue.dataset.write import write_dataset
         from bayestissue.results import claim
 
-        free_text = {name: getattr(self, name) for name in ("name", "description", "licence", "source")}
+        free_text = {
+            name: getattr(self, name) for name in ("name", "description", "licence", "source", "site")
+        }
         unit = "m" if self.quantity == "displacement" else "m/s^2"
         settings = {name: text for name, text in free_text.items() if text} | {
             "signal": {"quantity": self.quantity, "unit": unit, "gravity": self.gravity or "none"},
@@ -194,9 +201,7 @@ class Dataset(Outlined):
             settings["words"] = dict(self.words)
         if self.contact is not None:
             settings["signal"] |= {"contact": self.contact}
-        limits = [np.abs(t.value[t.clipped != 0]).min() for t in self.traces if t.clipped is not None]
-        if limits:
-            settings["signal"] |= {"limit": float(min(limits))}
+        settings["signal"] |= _limit(self.traces)
         if self.recorder is not None:
             settings["recorder"] = self.recorder.settings()
         names = pd.Index(self.impacts["impact"])
@@ -234,6 +239,7 @@ class Dataset(Outlined):
             *(("further channel", str(channel)) for channel in self.channels),
             *([("low-pass", str(self.recorder))] if self.recorder else []),
             *([("gravity along the motion", f"{self.gravity:.4g} m/s²")] if self.gravity else []),
+            *([("site", self.site)] if self.site else []),
             *([("impactor", "a headform")] if self.headform else []),
             (
                 ("mass", span(self.impacts["mass_kg"], "kg"))
@@ -243,6 +249,12 @@ class Dataset(Outlined):
             ("velocity", span(self.impacts["velocity_m_s"], "m/s")),
         ]
         return f"Dataset {short(self.name)}", [*rows, *([("look at", ", ".join(said))] if said else [])]
+
+
+def _limit(traces: Sequence[Trace]) -> dict[str, float]:
+    """The key ``limit`` of recordings that reach one."""
+    limits = [np.abs(trace.value[trace.clipped != 0]).min() for trace in traces if trace.clipped is not None]
+    return {"limit": float(min(limits))} if limits else {}
 
 
 def long_table(impacts: pd.Index, traces: Sequence[Trace]) -> pd.DataFrame:
@@ -261,4 +273,5 @@ def channel_settings(channel: Channel) -> dict[str, Any]:
     """The keys of a table ``[[channel]]``, but for where its values stand."""
     known = {"relative_gain_sd": channel.relative_gain_sd, "tip_mass_kg": channel.tip_mass_kg}
     stated = {"name": channel.name, "quantity": channel.quantity, "place": channel.place, "unit": "N"}
-    return stated | {name: value for name, value in known.items() if value}
+    recorder = {} if channel.recorder is None else {"recorder": channel.recorder.settings()}
+    return stated | _limit(channel.traces) | {n: value for n, value in known.items() if value} | recorder

@@ -179,6 +179,7 @@ def checked_dataset(
         input_hash=input_hash,
         licence=settings.licence,
         source=settings.source,
+        site=settings.site,
         headform=settings.impactor.headform,
         free=settings.motion.free,
         words=settings.words.values(),

@@ -25,6 +25,7 @@ from bayestissue.dataset.dialect import Stated
 from bayestissue.dataset.plausible import PLAUSIBLE
 from bayestissue.dataset.units import EXAMPLES, Dimension, dimension_of, to_si
 from bayestissue.errors import InputError, Problem, collected, has_control_characters, refuse
+from bayestissue.literature import SITES
 from bayestissue.settings import checked, parse_toml, read_text, row_of
 
 FILE = "dataset.toml"
@@ -65,6 +66,12 @@ def _fraction(value: float) -> float:
     if value >= (most := PLAUSIBLE.most_sd):
         meant = f"; {value:g} %, if that is meant, is {value / 100:g}" if value < 100 * most else ""
         raise ValueError(f"a fraction below {most:g}{meant}")
+    return value
+
+
+def _known_site(value: str) -> str:
+    if value and value not in SITES:
+        raise ValueError(f"one of {', '.join(SITES)}, or no site where none of them was hit")
     return value
 
 
@@ -189,90 +196,6 @@ class SignalSettings(Stated):
         return self.below_force - limit, self.below_force + limit
 
 
-class ChannelSettings(_Table):
-    """A table ``[[channel]]``: a further channel of the same impacts; ``[signal]`` is the first."""
-
-    name: Annotated[Name, Field(max_length=40), AfterValidator(_plain)] = Field(
-        description="what pages and messages call it."
-    )
-    quantity: ChannelQuantity = Field(
-        description="what it recorded. force: positive while the impactor slows."
-    )
-    place: Place = Field(
-        description="where the sensor is: impactor (between the impactor and its tip), or base (below the "
-        "tissue)."
-    )
-    unit: Name = Field(description="the unit of its values after scale and offset: N, kN ...")
-    file: Annotated[Name, AfterValidator(_table_name)] | None = Field(
-        default=None,
-        description="a long table of its own in the dataset's folder, such as force.csv; left out, its "
-        "values stand beside those of the first channel, in the same table or files.",
-    )
-    value_column: Name | None = Field(
-        default=None,
-        description="the column, channel or variable with its values; value in a file of its own.",
-    )
-    scale: Annotated[Finite, AfterValidator(_not_zero)] = Field(
-        default=1.0, description="raw values are multiplied by it; not 0."
-    )
-    offset: Finite = Field(default=0.0, description="is added to them after that.")
-    time_offset_s: Finite = Field(
-        default=0.0,
-        description="is added to its times, in s: they are then those of the first channel's clock.",
-    )
-    relative_gain_sd: Fraction = Field(
-        default=0.0, description="of its sensitivity, as a fraction of it, below 0.5; one for all impacts."
-    )
-    tip_mass_kg: Spread = Field(
-        default=0.0,
-        description="what of the mass in impacts.csv lies between an impactor's sensor and the tissue: the "
-        "sensor reads the force on the rest.",
-    )
-
-    @model_validator(mode="after")
-    def _somewhere(self) -> Self:
-        if self.file is None and self.value_column is None:
-            raise ValueError("value_column, or file, which say where its values are")
-        if self.tip_mass_kg and self.place != "impactor":
-            raise ValueError('tip_mass_kg only beside place = "impactor"')
-        return self
-
-    def as_signal(self, first: SignalSettings) -> SignalSettings:
-        """The settings by which its recordings are read: those of the first channel but for its own."""
-        own: dict[str, Any] = {
-            "quantity": self.quantity,
-            "unit": self.unit,
-            "value_column": self.value_column or SignalSettings.model_fields["value_column"].default,
-            "scale": self.scale,
-            "offset": self.offset,
-            "zero": "free_fall",
-            "limit": None,
-        }
-        return first.model_copy(update=own)
-
-
-class UncertaintySettings(_Table):
-    """The table ``[uncertainty]``: standard deviations of the measuring chain, in SI units."""
-
-    relative_mass_sd: Fraction = Field(
-        default=0.0, description="of the mass, as a fraction of it, below 0.5: 0.05 is 5 %."
-    )
-    velocity_sd_m_s: Spread = Field(
-        default=0.0, description="of the velocity at contact; below half the median velocity."
-    )
-    relative_gain_sd: Fraction = Field(
-        default=0.0, description="of the recorder's sensitivity, as a fraction of it, below 0.5."
-    )
-    offset_sd: Spread = Field(
-        default=0.0,
-        description="of the recorder's zero, in m/s² or, of displacements, in m; below half the median peak.",
-    )
-
-    def values(self) -> Uncertainty:
-        """The same as the plain object a `Dataset` carries."""
-        return Uncertainty(**self.model_dump())
-
-
 class RecorderSettings(_Table):
     """The table ``[recorder]``: a known low-pass between the sensor and the file."""
 
@@ -331,6 +254,99 @@ class MotionSettings(_Table):
     )
 
 
+class ChannelSettings(_Table):
+    """A table ``[[channel]]``: a further channel of the same impacts; ``[signal]`` is the first."""
+
+    name: Annotated[Name, Field(max_length=40), AfterValidator(_plain)] = Field(
+        description="what pages and messages call it."
+    )
+    quantity: ChannelQuantity = Field(
+        description="what it recorded. force: positive while the impactor slows."
+    )
+    place: Place = Field(
+        description="where the sensor is: impactor (between the impactor and its tip), or base (below the "
+        "tissue)."
+    )
+    unit: Name = Field(description="the unit of its values after scale and offset: N, kN ...")
+    file: Annotated[Name, AfterValidator(_table_name)] | None = Field(
+        default=None,
+        description="a long table of its own in the dataset's folder, such as force.csv; left out, its "
+        "values stand beside those of the first channel, in the same table or files.",
+    )
+    value_column: Name | None = Field(
+        default=None,
+        description="the column, channel or variable with its values; value in a file of its own.",
+    )
+    scale: Annotated[Finite, AfterValidator(_not_zero)] = Field(
+        default=1.0, description="raw values are multiplied by it; not 0."
+    )
+    offset: Finite = Field(default=0.0, description="is added to them after that.")
+    limit: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = Field(
+        default=None,
+        description="the sensor's range in that unit, as signal.limit; samples there are left out.",
+    )
+    time_offset_s: Finite = Field(
+        default=0.0,
+        description="is added to its times, in s: they are then those of the first channel's clock.",
+    )
+    relative_gain_sd: Fraction = Field(
+        default=0.0, description="of its sensitivity, as a fraction of it, below 0.5; one for all impacts."
+    )
+    tip_mass_kg: Spread = Field(
+        default=0.0,
+        description="what of the mass in impacts.csv lies between an impactor's sensor and the tissue: the "
+        "sensor reads the force on the rest.",
+    )
+    recorder: RecorderSettings | None = Field(
+        default=None,
+        description="a table [channel.recorder] with the keys of [recorder]: the low-pass that this channel "
+        "went through. That of the first channel does not hold for it.",
+    )
+
+    @model_validator(mode="after")
+    def _somewhere(self) -> Self:
+        if self.file is None and self.value_column is None:
+            raise ValueError("value_column, or file, which say where its values are")
+        if self.tip_mass_kg and self.place != "impactor":
+            raise ValueError('tip_mass_kg only beside place = "impactor"')
+        return self
+
+    def as_signal(self, first: SignalSettings) -> SignalSettings:
+        """The settings by which its recordings are read: those of the first channel but for its own."""
+        own: dict[str, Any] = {
+            "quantity": self.quantity,
+            "unit": self.unit,
+            "value_column": self.value_column or SignalSettings.model_fields["value_column"].default,
+            "scale": self.scale,
+            "offset": self.offset,
+            "zero": "free_fall",
+            "limit": self.limit,
+        }
+        return first.model_copy(update=own)
+
+
+class UncertaintySettings(_Table):
+    """The table ``[uncertainty]``: standard deviations of the measuring chain, in SI units."""
+
+    relative_mass_sd: Fraction = Field(
+        default=0.0, description="of the mass, as a fraction of it, below 0.5: 0.05 is 5 %."
+    )
+    velocity_sd_m_s: Spread = Field(
+        default=0.0, description="of the velocity at contact; below half the median velocity."
+    )
+    relative_gain_sd: Fraction = Field(
+        default=0.0, description="of the recorder's sensitivity, as a fraction of it, below 0.5."
+    )
+    offset_sd: Spread = Field(
+        default=0.0,
+        description="of the recorder's zero, in m/s² or, of displacements, in m; below half the median peak.",
+    )
+
+    def values(self) -> Uncertainty:
+        """The same as the plain object a `Dataset` carries."""
+        return Uncertainty(**self.model_dump())
+
+
 class ImpactorSettings(_Table):
     """The table ``[impactor]``: what hits."""
 
@@ -370,6 +386,12 @@ class Settings(_Table):
     description: str = Field(default="", description="free text, shown on pages.")
     licence: str = Field(default="", description="on what terms others may use it.")
     source: str = Field(default="", description="where it comes from.")
+    site: Annotated[str, AfterValidator(_known_site)] = Field(
+        default="",
+        description="what was hit, so that the report holds this study against published values of the same: "
+        f"{'; '.join(f'{name}, {words}' for name, words in SITES.items())}. Left out, values of any site are "
+        "shown whose mass and velocity compare.",
+    )
     signal: SignalSettings = Field(description="what was recorded and in which units.")
     channel: Annotated[tuple[ChannelSettings, ...], BeforeValidator(_listed), AfterValidator(_one)] = Field(
         default=(), description="a table [[channel]]: one further channel of the same impacts."

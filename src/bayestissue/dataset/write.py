@@ -93,7 +93,11 @@ def settings_text(settings: dict[str, Any]) -> str:
         lines += ["", f"[{table}]", *(_entry(key, value) for key, value in settings[table].items())]
     for key in lists:
         for content in settings[key]:
-            lines += ["", f"[[{key}]]", *(_entry(name, value) for name, value in content.items())]
+            within = {name: value for name, value in content.items() if isinstance(value, dict)}
+            own = (_entry(name, value) for name, value in content.items() if name not in within)
+            lines += ["", f"[[{key}]]", *own]
+            for table, entries in within.items():
+                lines += ["", f"[{key}.{table}]", *(_entry(name, value) for name, value in entries.items())]
     return "\n".join(lines) + "\n"
 
 

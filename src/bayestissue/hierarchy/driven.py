@@ -12,6 +12,7 @@ from bayestissue.likelihood.driven import motion
 from bayestissue.likelihood.driven.measured import DrivenRecord, driven_record
 from bayestissue.signal import Displacements
 from bayestissue.signal.displacement import FEWEST_SAMPLES
+from bayestissue.signal.traces import standard_error
 
 # Of the greatest: a force that no damper adds to, where least squares find none.
 _LIGHT = 0.1
@@ -45,13 +46,13 @@ def driven_rows(dataset: Dataset, signal: Displacements, *, discrepancy: bool, s
             )
             for i in short
         )
-    index = np.arange(rows.value.shape[1])
-    y = np.where(index < rows.number[:, None], rows.value - rows.zero[:, None], 0.0)
+    value = rows.value
+    index = np.arange(value.shape[1])
+    y = np.where(index < rows.number[:, None], value, 0.0)
     # Without a quiet part the zero is known to within the force itself.
     unknown = np.abs(y).max(axis=1)
-    zero_sd = np.where(
-        rows.n_quiet >= FEWEST_SAMPLES, rows.noise / np.sqrt(np.maximum(rows.n_quiet, 1)), unknown
-    )
+    of_quiet = standard_error(rows.noise, rows.n_quiet)
+    zero_sd = np.where(rows.n_quiet >= FEWEST_SAMPLES, of_quiet, unknown)
     depth_sd = np.abs(signal.v[:, 0]) * signal.contact_time_sd
     return driven_record(
         (y, rows.number, rows.first - signal.contact_time_s, rows.dt),

@@ -4,20 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from bayestissue.dataset.model import Dataset, Trace
+from bayestissue.hierarchy.recorder import filtered_noise, low_pass_of
 from bayestissue.likelihood.element.record import ForceRows
 from bayestissue.signal import Displacements
 from bayestissue.signal.displacement import FEWEST_SAMPLES
+from bayestissue.signal.filters import ahead_s, decay
 from bayestissue.signal.force import Force, force_beside
-from bayestissue.signal.traces import segment_moments, stack
+from bayestissue.signal.recorder_noise import white_share
+from bayestissue.signal.traces import Recordings, segment_moments, stack, standard_error
 
 # The zero is the mean of what ends so many samples before the first one in contact.
 _CLEAR = 3
+# Of a sampling interval: times that differ by less are alike.
+_NEARLY = 1e-3
+# Of a filter's answer to the jump at contact, what may be left of it.
+_SETTLED = 0.01
 # Of a sampling interval, the standard deviation of what is left of a lag that `Force.lags` does not show.
 _CLOCK = 0.25
 
@@ -63,35 +71,68 @@ class PreparedForce:
         sd = np.sqrt(self.share * (1 - self.share) * (self.mass_sd**2 + self.gain_sd**2))
         return self.share * a + sd * standard
 
+    @property
+    def time(self) -> Float[np.ndarray, "impact row"]:
+        """Of the rows since contact [s], NaN past their end."""
+        rows = self.rows
+        return self._known(rows.first_time[:, None] + np.arange(rows.y.shape[1]) * rows.dt[:, None])
+
+    def recorded(self, mass: Float[np.ndarray, " impact"]) -> Float[np.ndarray, "impact row"]:
+        """The force [N] of impacts of this recorded mass [kg], NaN past a row's end."""
+        return self._known(mass[:, None] * self.rows.y)
+
+    def _known(self, values: Any) -> Float[np.ndarray, "impact row"]:
+        return np.where(np.asarray(self.rows.inside()), values, np.nan)
+
     def impacts(self, rows: Int[np.ndarray, " row"]) -> PreparedForce:
         """Of some impacts."""
         names = ("offset_sd", "clock_sd", "log_noise", "log_ratio")
         chosen = {name: getattr(self, name)[rows] for name in names}
-        return replace(self, rows=ForceRows(*(leaf[rows] for leaf in self.rows)), **chosen)
+        return replace(self, rows=self.rows.impacts(rows), **chosen)
 
 
-class RowsWithin(NamedTuple):
+@dataclass(frozen=True)
+class RowsWithin:
     """The samples of a force that lie in the windows, and what was quiet before.
 
     Attributes:
-        value: [impact, row], the zero not taken off; past a row's end any values.
+        recorded: the recordings.
+        used: which of their samples lie in the windows.
+        begin: the first of these, of each impact.
         number: how many each impact has.
-        first: on the recording's clock [s].
-        dt: sampling interval [s].
         zero: mean of the quiet part.
         noise: its standard deviation.
         n_quiet: how many samples that has.
-        uneven: where times are uneven.
     """
 
-    value: Float[np.ndarray, "impact row"]
+    recorded: Recordings
+    used: Bool[np.ndarray, "impact sample"]
+    begin: Int[np.ndarray, " impact"]
     number: Int[np.ndarray, " impact"]
-    first: Float[np.ndarray, " impact"]
-    dt: Float[np.ndarray, " impact"]
     zero: Float[np.ndarray, " impact"]
     noise: Float[np.ndarray, " impact"]
     n_quiet: Int[np.ndarray, " impact"]
-    uneven: Bool[np.ndarray, " impact"]
+
+    @property
+    def dt(self) -> Float[np.ndarray, " impact"]:
+        """The sampling interval [s]."""
+        return self.recorded.dt
+
+    @property
+    def first(self) -> Float[np.ndarray, " impact"]:
+        """When the first was, on the recording's clock [s]."""
+        first: np.ndarray = self.recorded.start + self.begin * self.recorded.dt
+        return first
+
+    @property
+    def value(self) -> Float[np.ndarray, "impact row"]:
+        """The samples, the zero taken off; past a row's end any values."""
+        return self.within(self.recorded.value - self.zero[:, None])
+
+    def within(self, values: np.ndarray) -> np.ndarray:
+        """Of all samples those in the windows, [impact, row]."""
+        index = self.begin[:, None] + np.arange(self.number.max())
+        return np.take_along_axis(values, np.minimum(index, values.shape[1] - 1), axis=1)
 
 
 def rows_within(traces: Sequence[Trace], signal: Displacements, earlier_s: Any = 0.0) -> RowsWithin:
@@ -100,25 +141,19 @@ def rows_within(traces: Sequence[Trace], signal: Displacements, earlier_s: Any =
     Args:
         traces: the force.
         signal: the windows.
-        earlier_s: by how much earlier contact may have been [s], one for all or each impact's.
+        earlier_s: by how much earlier the force may begin [s], one for all or each impact's.
     """
     recorded = stack(traces)
     first = signal.contact_time_s + signal.first_sample_s
     ends = np.maximum(signal.n_samples - 1, 0)[:, None]
     last = first + np.take_along_axis(signal.sample_number, ends, axis=1)[:, 0] * signal.dt
     time = recorded.start[:, None] + recorded.time_s
-    nearly = 1e-3 * recorded.dt[:, None]
+    nearly = _NEARLY * recorded.dt[:, None]
     used = recorded.inside & (time >= first[:, None] - nearly) & (time <= last[:, None] + nearly)
-    quiet = recorded.inside & (
-        time < (first - earlier_s - _CLEAR * np.maximum(recorded.dt, signal.dt))[:, None]
-    )
-    count, n_quiet = used.sum(axis=1), quiet.sum(axis=1)
-    begin = used.argmax(axis=1)
-    index = np.minimum(begin[:, None] + np.arange(count.max()), recorded.value.shape[1] - 1)
-    value = np.take_along_axis(recorded.value, index, axis=1)
-    start = recorded.start + begin * recorded.dt
+    clear = first - earlier_s - _CLEAR * np.maximum(recorded.dt, signal.dt)
+    n_quiet = (recorded.inside & (time < clear[:, None])).sum(axis=1)
     moments = segment_moments(recorded.value, n_quiet)
-    return RowsWithin(value, count, start, recorded.dt, *moments, n_quiet, recorded.uneven)
+    return RowsWithin(recorded, used, used.argmax(axis=1), used.sum(axis=1), *moments, n_quiet)
 
 
 def prepared_force(dataset: Dataset, signal: Displacements) -> PreparedForce | str:
@@ -130,15 +165,31 @@ def prepared_force(dataset: Dataset, signal: Displacements) -> PreparedForce | s
     """
     comparison = force_beside(dataset, signal)
     assert comparison is not None  # noqa: S101 - the callers ask
-    channel = comparison.channel
-    rows = rows_within(channel.traces, signal)
-    count, n_quiet = rows.number, rows.n_quiet
+    channel, recorder = comparison.channel, comparison.channel.recorder
+    dt = stack(channel.traces).dt
+    rows = rows_within(channel.traces, signal, ahead_s(recorder, dt))
+    recorded, first = rows.recorded, signal.contact_time_s + signal.first_sample_s
+    limited = _about_limit(recorded, rows.used)
+    kept = rows.used & ~limited
+    if recorder is not None:
+        # What a filter makes of the jump at contact is not linear in when that was.
+        settled = -np.log(_SETTLED) / decay(recorder, dt)
+        kept &= recorded.start[:, None] + recorded.time_s >= (first + settled)[:, None]
+    of_filter = _filtered(dataset, signal, recorded, int(rows.number.max())) if recorder else {}
     for wrong, words in (
-        (rows.uneven.any() or signal.uneven.any(), "times are uneven"),
-        (signal.clipped.any(), "recordings are clipped"),
-        ((count < FEWEST_SAMPLES).any(), f"an impact has fewer than {FEWEST_SAMPLES} samples of it"),
+        (recorded.uneven.any() or signal.uneven.any(), "times are uneven"),
+        (signal.clipped.any(), "the deceleration is clipped"),
         (
-            (n_quiet < FEWEST_SAMPLES).any(),
+            (kept.sum(axis=1) < FEWEST_SAMPLES).any(),
+            f"an impact has fewer than {FEWEST_SAMPLES} samples of it that count",
+        ),
+        (limited.any() and "colour" in of_filter, "it is clipped, and its noise went through a low-pass"),
+        (
+            recorder is not None and recorder.digital and (np.abs(rows.first - first) > _NEARLY * dt).any(),
+            "a digital low-pass ran over other times than those of the deceleration",
+        ),
+        (
+            (rows.n_quiet < FEWEST_SAMPLES).any(),
             "a recording has no quiet part before contact, which tells its zero",
         ),
         (comparison.lags, f"it is {1e3 * abs(comparison.common_lag[0]):.2g} ms off: correct time_offset_s"),
@@ -146,25 +197,62 @@ def prepared_force(dataset: Dataset, signal: Displacements) -> PreparedForce | s
         if wrong:
             return words
     mass = signal.mass
-    value = rows.value - rows.zero[:, None]
+    counts = rows.within(kept) & (np.arange(rows.number.max()) < rows.number[:, None])
     tip = channel.tip_mass_kg / mass
     # Contact as it was before the samples in contact were asked: these are to tell themselves.
-    contact = signal.contact_time_s + signal.first_sample_s - signal.bracket_s
+    contact = first - signal.bracket_s
     parts: Any = (
-        np.where(np.arange(count.max()) < count[:, None], value / mass[:, None], 0.0),
-        count,
+        np.where(counts, rows.value / mass[:, None], 0.0),
+        rows.number,
         rows.first - contact,
-        rows.dt,
+        dt,
         tip,
+        counts if (kept != rows.used).any() else None,
     )
+    behind: Any = {name: of_filter.get(name) for name in ("low_pass", "colour", "rate")}
     chain, noise = dataset.uncertainty, np.maximum(rows.noise / mass, 1e-12)
     return PreparedForce(
         comparison,
-        ForceRows(*parts),
-        noise / np.sqrt(n_quiet),
-        _CLOCK * rows.dt,
+        ForceRows(*parts)._replace(**behind),
+        of_filter.get("longer", 1.0) * standard_error(noise, rows.n_quiet),
+        _CLOCK * dt,
         np.log(noise),
         np.log(np.maximum(comparison.ratio * (1 - tip) + tip, 1e-3)),
         float(chain.relative_mass_sd),
         float(np.hypot(chain.relative_gain_sd, channel.relative_gain_sd)),
     )
+
+
+def _filtered(dataset: Dataset, signal: Displacements, recorded: Recordings, rows: int) -> dict[str, Any]:
+    """Of a force behind a low-pass its ``low_pass`` and, where its noise went through it, ``colour``.
+
+    Then also ``rate`` and by how much ``longer`` a mean takes to settle.
+    """
+    (channel,) = dataset.channels
+    recorder = channel.recorder
+    assert recorder is not None  # noqa: S101 - the caller asks
+    share = white_share(
+        replace(dataset, recorder=recorder, traces=channel.traces), replace(signal, dt=recorded.dt)
+    )
+    # Contact is known, and no moments within an interval are to be told apart.
+    low_pass = low_pass_of(recorder, recorded.dt)._replace(phase=jnp.full(1, 0.5))
+    if share == 1:
+        return {"low_pass": low_pass}
+    noise = zip(("colour", "rate", "longer"), filtered_noise(recorder, share, rows, recorded.dt), strict=True)
+    return {"low_pass": low_pass, **dict(noise)}
+
+
+def _about_limit(
+    recorded: Recordings, used: Bool[np.ndarray, "impact sample"]
+) -> Bool[np.ndarray, "impact sample"]:
+    """Of used samples from before the first at the sensor's limit until after the last.
+
+    What is left out goes by time, not by value: to leave out single high readings would make the rest low.
+    """
+    if recorded.clipped is None:
+        return np.zeros(recorded.value.shape, bool)
+    at_limit = used & (recorded.clipped != 0)
+    near = np.pad(at_limit, ((0, 0), (1, 1)))
+    near = near[:, 2:] | near[:, :-2] | at_limit
+    reached, still = np.cumsum(near, axis=1) > 0, np.cumsum(near[:, ::-1], axis=1)[:, ::-1] > 0
+    return reached & still

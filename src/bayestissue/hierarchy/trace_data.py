@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -27,17 +26,17 @@ from bayestissue.hierarchy.formulas.formula import terms_of
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM
 from bayestissue.hierarchy.formulas.identifiability import missing
 from bayestissue.hierarchy.population import population_design
+from bayestissue.hierarchy.recorder import filtered_noise, low_pass_of
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
 from bayestissue.hierarchy.traces import Kind, Record, TraceData, TraceModel, nuisance_of
 from bayestissue.likelihood.arma.displacement import displacement_record
-from bayestissue.likelihood.element.noise import colour_of, discrepancy_modes
+from bayestissue.likelihood.element.noise import discrepancy_modes
 from bayestissue.likelihood.element.record import Contact, DecelerationRecord, UnevenTimes
 from bayestissue.likelihood.element.recorder import Colour, LowPass
 from bayestissue.remedies import Code
 from bayestissue.signal import Displacements, displacements
 from bayestissue.signal.displacement import BEFORE, BELOW_ZERO, FEWEST_SAMPLES
-from bayestissue.signal.filters import ahead_s, autocorrelation, delay
-from bayestissue.signal.filters import modes as filter_modes
+from bayestissue.signal.filters import delay
 from bayestissue.signal.recorder_noise import white_share
 
 KINDS: tuple[Kind, ...] = ("arma", "a2", "impact", "driven")
@@ -400,7 +399,7 @@ def _deceleration_record(
     chain, recorder, number = dataset.uncertainty, dataset.recorder, len(signal.dt)
     side_by_side = specification.element == SIDE_BY_SIDE
     white, discrepancy = specification.noise == "white", specification.discrepancy == "always"
-    low_pass = None if recorder is None else _low_pass(recorder, signal.dt)
+    low_pass = None if recorder is None else low_pass_of(recorder, signal.dt)
     reach = _reach(specification, signal, recorder, low_pass)
     contact, contact_sd = Contact.known(signal.bracket_uniform), signal.bracket_sd
     colour, rate = Colour.white_noise(), np.zeros(number, int)
@@ -411,15 +410,16 @@ def _deceleration_record(
         before = np.pad(signal.before, ((0, 0), (max(0, reach - BEFORE), 0)))
         before = before[:, before.shape[1] - reach :]
         n_before = np.minimum(signal.n_before, reach)
+        n_quiet = np.maximum(n_before - signal.n_since_quiet, 0)
         sample = signal.phase.before if signal.phase.known else None
         share = white_share(dataset, signal) if recorder is not None and white else 1.0
         if recorder is not None and share < 1:
             rows = reach + signal.deceleration.shape[1]
-            colour, rate, longer = _colour(recorder, share, rows, signal.dt)
+            colour, rate, longer = filtered_noise(recorder, share, rows, signal.dt)
             offset_sd = np.where(np.isfinite(signal.offset_sd), longer * offset_sd, offset_sd)
-            contact = Contact.anywhere(before, n_before)
+            contact = Contact.anywhere(before, n_before, n_quiet=n_quiet)
         elif white and not discrepancy:
-            contact = Contact.anywhere(before, n_before, np.maximum(signal.noise_sd, 1e-12), sample)
+            contact = Contact.anywhere(before, n_before, np.maximum(signal.noise_sd, 1e-12), sample, n_quiet)
         else:
             contact = Contact.anywhere(before, np.zeros_like(n_before), sample=sample)
     gain_sd, chain_sd = np.full(number, chain.relative_gain_sd), [offset_sd, contact_sd]
@@ -492,47 +492,3 @@ def _reach(
         # Noise hides the jump: contact is anywhere between two moments, too far apart to be linear in.
         return min(int(np.ceil((2 * signal.bracket_s / signal.dt).max())), BEFORE)
     return 0
-
-
-def _colour(
-    recorder: Recorder, white: float, rows: int, dt: np.ndarray
-) -> tuple[Colour, np.ndarray, np.ndarray]:
-    """The recorder's noise, each impact's sampling rate, and by how much longer a mean takes to settle.
-
-    A mean of many samples varies in proportion to the sum of their correlations.
-    """
-    intervals, rate = np.unique([float(f"{interval:.6g}") for interval in dt], return_inverse=True)
-    of_lags = [partial(autocorrelation, recorder, dt=float(interval)) for interval in intervals]
-    sums = white + (1 - white) * np.array([2 * at_lags(np.arange(rows)).sum() - 1 for at_lags in of_lags])
-    return colour_of(white, of_lags, rows), rate, np.sqrt(np.maximum(sums, white))[rate]
-
-
-class ContactCells(NamedTuple):
-    """How finely a filtered trace is told when between two samples contact was.
-
-    Attributes:
-        phase: at the filter's corner over a cell, in rad: a trace is then linear in the moment of contact but
-            for 1 % of the force's jump at the cell's ends.
-        most: cells between two samples.
-    """
-
-    phase: float = 0.35
-    most: int = 24
-
-
-CONTACT_CELLS = ContactCells()
-
-
-def _low_pass(recorder: Recorder, dt: np.ndarray) -> LowPass:
-    """The recorder's filter as the likelihood takes it, and how it is told in samples this far apart."""
-    poles, weights = filter_modes(recorder)
-    corner = 2 * np.pi * recorder.low_pass_hz
-    # Between two samples nothing happens to those that a digital filter ran over.
-    phase, most = CONTACT_CELLS
-    finer = 1 if recorder.digital else int(np.clip(np.ceil(corner * dt.max() / phase), 1, most))
-    ahead = None
-    if recorder.zero_phase:
-        ahead = jnp.zeros(int(np.ceil((ahead_s(recorder, dt) / dt).max())))
-    cells = (jnp.arange(finer) + 0.5) / finer
-    sampled = jnp.asarray(corner) if recorder.digital else None
-    return LowPass(jnp.asarray(poles), jnp.asarray(weights), cells, ahead, sampled)

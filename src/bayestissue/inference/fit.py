@@ -38,7 +38,7 @@ from bayestissue.inference.checking.pooled_parameters import pooled_parameters
 from bayestissue.inference.checking.straight_lines import straight_lines
 from bayestissue.inference.execution.kept import kept_draws, some_impacts, some_of
 from bayestissue.inference.factors.expansions import expanded
-from bayestissue.inference.factors.noise_left import noise_p
+from bayestissue.inference.factors.noise_left import noise_p, noise_p_of_both
 from bayestissue.inference.factors.scores import log_densities
 from bayestissue.inference.quantities.draws import Draws, posterior_draws
 from bayestissue.inference.quantities.impacts import COMMON_DEPTH
@@ -241,8 +241,13 @@ def _form(prepared: Prepared, draws: Draws, tree: xr.DataTree) -> dict[str, Any]
         rows = some_impacts(len(rows))
     middle = np.median(parameters[:, :, rows].astype(float), axis=(0, 1))
     chosen = some_of(prepared, rows)
+    names = chosen.impacts["impact"].astype(str).tolist()
     p = noise_p(chosen.model, chosen.data, middle)
-    form = with_impacts(model_form(tree, shown), chosen.impacts["impact"].astype(str).tolist(), p)
+    form = with_impacts(model_form(tree, shown), names, p)
+    if prepared.force:
+        p = noise_p_of_both(chosen.model, chosen.data, middle)
+        of_force = with_impacts(model_form(tree, "force"), names, p)
+        return {"model_form": form, "channels": {"form": of_force}}
     if not prepared.model.discrepancy:
         return {"model_form": form}
     undescribed = described(tree)

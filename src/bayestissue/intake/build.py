@@ -47,6 +47,13 @@ _TEMPLATE = """
 # offset_sd = 0.1              # the sensor's zero, in m/s^2, or in m of a displacement
 """
 _ALIKE = ("quantity", "unit", "time_unit", "scale", "offset", "crop", "gravity", "zero")
+_FORCE = (
+    "Channel {channel} is taken as the force at the {place}, with an exact gain. --force place=base, --force "
+    "tip_mass_kg=0.05 (between sensor and tissue) and --force relative_gain_sd=0.01 say more of it; --force "
+    "none leaves it out."
+)
+_FORCE_TURNED = " It counted the other way: its scale is -1."
+_FORCE_UNFIT = "The force of channel {channel} is left out: {why} To keep it, say more of it by --force."
 _OPTIONS = {
     **{f"signal.{key}": f"--{key.replace('_', '-')}" for key in _ALIKE},
     **{f"signal.{key}": f"--text {key}" for key in Stated.model_fields},
@@ -115,6 +122,7 @@ def build(
             that they make.
     """
     problems = [*recordings.problems, *facts.problems]
+    asked: Any = {"name": name, "cutting": cutting, "skip_bad": skip_bad}
     settings = _settings(choices, name, len(recordings.files))
     plan = _Plan(recordings, facts, choices, _signal(settings, problems), cutting)
     rows = list(plan.rows(problems))
@@ -124,12 +132,21 @@ def build(
     try:
         dataset = read_dataset(folder)
     except InputError as error:
+        unfit = [p for p in error.problems if p.column == choices.beside.get("value_column", "")]
+        if unfit and not choices.force:
+            # Nobody asked for the force: it must not cost an impact.
+            turned = {p.code for p in unfit} == {"channel-unfit"} and "scale" not in choices.beside
+            other = replace(choices, beside=choices.beside | {"scale": -1.0} if turned else {})
+            shutil.rmtree(folder / RECORDINGS)
+            again = build(folder, recordings, facts, other, **asked)
+            words = _FORCE_UNFIT.format(channel=unfit[0].column, why=_in_terms_of_init(unfit[0]))
+            return again if turned else replace(again, notes=(*again.notes, words))
         by_trace = {f"{RECORDINGS}/{file.name}": file for file in recordings.files}
         by_impact = {row["impact"]: by_trace[row["trace"]] for row in rows}
         for problem in map(_in_terms_of_init, error.problems):
             problems.append(problem if cutting else plan.with_hint(problem, by_impact))
     if not problems:
-        return Built(dataset, (), _notes(dataset, cutting))
+        return Built(dataset, (), _notes(dataset, cutting, choices))
     bad = {problem.impact for problem in problems}
     rows = [row for row in rows if row["impact"] not in bad]
     files = {file.name for file in recordings.files} | {problem.file for problem in recordings.problems}
@@ -140,7 +157,7 @@ def build(
     _write(folder, settings, rows, recordings)
     write_left_out(folder, _reasons(problems, recordings, {row["impact"] for row in rows}))
     dataset = read_dataset(folder)
-    return Built(dataset, tuple(problems), _notes(dataset, cutting))
+    return Built(dataset, tuple(problems), _notes(dataset, cutting, choices))
 
 
 def _reasons(problems: Iterable[Problem], recordings: RecorderFolder, used: set[str]) -> dict[str, str]:
@@ -168,6 +185,7 @@ def _settings(choices: Choices, name: str, files: int) -> dict[str, Any]:
         "name": name,
         "source": f"bayestissue init, from {files} recorder file{'s' if files > 1 else ''}{names}",
         "signal": choices.signal(),
+        **({"channel": [choices.beside]} if choices.beside else {}),
         **stated,
     }
 
@@ -177,15 +195,17 @@ def _signal(settings: dict[str, Any], problems: list[Problem]) -> SignalSettings
         return parse_settings(settings).signal
     except InputError as error:
         options = [
-            replace(p, file="init", column=_OPTIONS.get(column := p.column or "", _recorder_option(column)))
+            replace(p, file="init", column=_OPTIONS.get(column := p.column or "", _table_option(column)))
             for p in error.problems
         ]
         raise InputError([*problems, *options]) from None
 
 
-def _recorder_option(key: str) -> str | None:
-    """An entry of the table ``[recorder]`` as the option that gives it; others as they are."""
+def _table_option(key: str) -> str | None:
+    """An entry of a table ``[recorder]`` or ``[[channel]]`` as its option; others as they are."""
     table, _, name = key.partition(".")
+    if table == "channel":
+        return f"--force {name.removeprefix('0').removeprefix('.')}".strip()
     return f"--recorder {name}".strip() if table == "recorder" else key or None
 
 
@@ -221,8 +241,11 @@ def _in_terms_of_init(problem: Problem) -> Problem:
     return problem
 
 
-def _notes(dataset: Dataset, cutting: Cutting | None) -> tuple[str, ...]:
+def _notes(dataset: Dataset, cutting: Cutting | None, choices: Choices) -> tuple[str, ...]:
     notes = [] if any(asdict(dataset.uncertainty).values()) else [_CHAIN]
+    if choices.beside and not choices.force:
+        words = _FORCE.format(channel=choices.beside["value_column"], place=choices.beside["place"])
+        notes.append(words + (_FORCE_TURNED if "scale" in choices.beside else ""))
     sign = -1.0 if dataset.quantity == "acceleration" else 1.0
     oriented = [Trace(trace.time_s, sign * trace.value) for trace in dataset.traces]
     named = list(zip(map(str, dataset.impacts["impact"]), oriented, strict=True))
@@ -401,7 +424,7 @@ def _usual_units(recordings: RecorderFolder, choices: Choices) -> dict[str, str]
     units = {
         name: Counter(channel.unit for channel in channels)
         for name, channels in recordings.candidates().items()
-        if name in (choices.channel, choices.time)
+        if name in (choices.channel, choices.time, choices.beside.get("value_column"))
     }
     return {name: count.most_common(1)[0][0] for name, count in units.items()}
 

@@ -6,7 +6,7 @@ import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from bayestissue.dataset.recordings import MIN_SAMPLES, RATE_WITHIN
 from bayestissue.dataset.settings import DIMENSIONS
@@ -29,6 +29,9 @@ _FALLS = (
     "how it moves at contact: straight down (drop), or across gravity, as a pendulum at its lowest point "
     "does (none)"
 )
+# What a force can stand beside, and names of sensors below the tissue.
+BESIDE_FORCE = ("deceleration", "acceleration")
+_BELOW = re.compile(r"base|plate|platform|floor|ground|below", re.IGNORECASE)
 _ALIKE = "for all recordings alike, or of each by --pattern or --table"
 
 
@@ -54,6 +57,9 @@ class Choices:
         text: how texts are written, as far as it is not to be found: keys of `Stated`.
         gravity: the part of gravity along the motion, as ``signal.gravity``.
         zero: where the sensor read 0, as ``signal.zero``.
+        force: entries of the table ``[[channel]]`` of a force beside the deceleration; "none" for none. The
+            only channel with a unit of force is taken where nothing is said.
+        beside: the whole of that table, as `settle` has it; empty without a force.
     """
 
     channel: str | None = None
@@ -73,6 +79,8 @@ class Choices:
     gravity: str | float | None = None
     zero: str | None = None
     uncertainty: dict[str, Any] = field(default_factory=dict)
+    force: dict[str, Any] | Literal["none"] = field(default_factory=dict)
+    beside: dict[str, Any] = field(default_factory=dict)
 
     def signal(self) -> dict[str, Any]:
         """The table ``[signal]`` of ``dataset.toml``."""
@@ -225,7 +233,39 @@ def settle(
     ]
     if choices.gravity is None and any(map(is_height, facts)):
         questions.append(Question("--gravity", _FALLS, ("drop", "none"), "drop"))
-    return choices, questions
+    return replace(choices, beside=_beside(choices, recordings)), questions
+
+
+def forces_among(recordings: RecorderFolder) -> list[str]:
+    """The names of the channels that have a unit of force in every file."""
+    return [
+        name
+        for name, channels in recordings.candidates().items()
+        if len(channels) == len(recordings.files)
+        and min(channel.samples for channel in channels) >= MIN_SAMPLES
+        and _unit(channels, ["force"])
+    ]
+
+
+def _beside(choices: Choices, recordings: RecorderFolder) -> dict[str, Any]:
+    """The table ``[[channel]]`` of a force beside the deceleration, by its unit or as was said."""
+    said = choices.force
+    if said == "none" or choices.quantity not in BESIDE_FORCE:
+        return {}
+    candidates = recordings.candidates()
+    forces = [name for name in forces_among(recordings) if name != choices.channel]
+    name = _in_full(said.get("value_column"), candidates)
+    if name is None and len(forces) == 1:
+        name = forces[0]
+    if name not in candidates:
+        if not said:
+            return {}
+        value = name or "no value_column"
+        raise InputError.stated("no-channel.option", "--force", value=value, names=", ".join(candidates))
+    place = "base" if _BELOW.search(name) else "impactor"
+    found = {"name": "force", "quantity": "force", "place": place}
+    unit = _unit(candidates[name], ["force"])
+    return found | ({"unit": unit} if unit else {}) | said | {"value_column": name}
 
 
 def _in_full(name: str | None, names: Collection[str]) -> str | None:

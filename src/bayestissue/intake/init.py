@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from bayestissue.dataset import Dataset, Quantity, Recorder, Uncertainty, read_dataset
 from bayestissue.dataset.dialect import Stated
@@ -16,7 +16,7 @@ from bayestissue.dataset.settings import Gravity, Zero, stated_table
 from bayestissue.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES
 from bayestissue.errors import InputError, Problem
 from bayestissue.intake.build import Built, Cutting, build
-from bayestissue.intake.choices import Choices, Question, settle
+from bayestissue.intake.choices import BESIDE_FORCE, Choices, Question, forces_among, settle
 from bayestissue.intake.facts import Facts, gather, joins_by_names
 from bayestissue.intake.folder import ChannelSummary, RecorderFolder, look
 from bayestissue.intake.names import Pattern, guessed
@@ -91,7 +91,11 @@ class Intake:
 
     def passed_over(self) -> tuple[str, ...]:
         """What of the files and of the table was not read and is no problem, in words."""
-        return self.recordings.passed_over + self.facts.passed_over
+        forces = forces_among(self.recordings)
+        several = len(forces) > 1 and self.choices.quantity in BESIDE_FORCE
+        said = self.choices.force or self.choices.beside or not several
+        words = f"forces: {first_of(forces, _SHOWN)} (--force value_column=NAME takes one)"
+        return self.recordings.passed_over + self.facts.passed_over + (() if said else (words,))
 
     def written(self) -> list[str]:
         """How texts are written: each way of the recordings with the number of files, then the table."""
@@ -252,6 +256,7 @@ def init_dataset(
     gravity: Gravity | None = None,
     zero: Zero | None = None,
     uncertainty: Mapping[str, float] | Uncertainty | None = None,
+    force: Mapping[str, Any] | Literal["none"] | None = None,
     name: str = "",
     several: bool = False,
     threshold: float = Cutting.threshold,
@@ -291,6 +296,9 @@ def init_dataset(
             m/s², positive into the tissue; needed where a drop height is given.
         zero: where an accelerometer read 0: ``"free_fall"`` or ``"rest"``.
         uncertainty: of the measuring chain, by the keys of ``[uncertainty]`` in ``dataset.toml``.
+        force: of a force beside the deceleration, entries of ``[[channel]]`` in ``dataset.toml``, such as
+            ``{"place": "base"}``; ``"none"`` for none. The only channel with a unit of force is taken as one
+            unless given.
         name: of the dataset; that of its folder if empty.
         several: a recording may hold several impacts, which are cut apart.
         threshold: how many standard deviations of the noise an impact rises above.
@@ -309,6 +317,7 @@ def init_dataset(
         recorder=dict(stated_table(recorder or {})),
         text=dict(text or {}),
         uncertainty=dict(stated_table(uncertainty or {})),
+        force="none" if force == "none" else dict(force or {}),
     )  # fmt: skip
     out = default_out(folder) if out is None else out
     write(
@@ -348,12 +357,21 @@ def _summary(intake: Intake, cutting: Cutting | None) -> list[tuple[str, str]]:
         *(("written", words) for words in intake.written()),
         *(("passed over", words) for words in intake.passed_over()),
         ("values", f"{choices.quantity}, channel {choices.channel}{scaled}, in {choices.unit}"),
+        *([("force beside it", _force_words(choices))] if choices.beside else []),
         *([("gravity along the motion", falls)] if choices.gravity is not None else []),
         ("times", times),
         *([("low-pass", low_pass)] if choices.recorder else []),
         ("impacts", cut_words),
         ("facts", "; ".join(sources)),
     ]
+
+
+def _force_words(choices: Choices) -> str:
+    """Where the force stands and was recorded."""
+    first = ("value_column", "unit", "place", "name", "quantity")
+    known = choices.beside
+    further = "".join(f", {key} = {value}" for key, value in known.items() if key not in first)
+    return f"channel {known['value_column']}, in {known['unit']}, at the {known['place']}{further}"
 
 
 def _units(channels: list[ChannelSummary]) -> str:

@@ -103,7 +103,7 @@ def text_of(run: FitRun, finished: Finished | None = None) -> Text:
 
 def _measurements(run: FitRun) -> str:
     trials = len(set(run.groups["constant_data"]["impact_trial"].to_numpy().tolist()))
-    time = run.constant("time")
+    time = run.times()
     rate = 1e-3 / (time[:, 1] - time[:, 0])
     return (
         f"{counted(len(run.impacts), 'impact')} on {counted(run.people_count, 'person', 'people')} in "

@@ -273,7 +273,7 @@ def init_page(
             which,
             partial(_init_panel, dataset=dataset, signal=signal),
             "recorder's clock (ms)",
-            "displacement (mm)" if dataset.quantity == "displacement" else "deceleration (m/s²)",
+            _init_axis(dataset),
             "Recording with contact and peak",
         ),
         impacts=frame_table(dataset.impacts.dropna(axis="columns", how="all"), _cell_words(6)),
@@ -286,6 +286,12 @@ def _nouns(dataset: Dataset) -> Words:
     return Words(dataset.words, {dataset.name, dataset.description, *labels})
 
 
+def _init_axis(dataset: Dataset) -> str:
+    if dataset.quantity == "displacement":
+        return "displacement (mm)"
+    return f"deceleration{', force over mass' if dataset.channels else ''} (m/s²)"
+
+
 def _init_panel(index: int, *, dataset: Dataset, signal: Displacements) -> Panel:
     trace = dataset.traces[index]
     factor = {"acceleration": -1.0, "displacement": 1e3}.get(dataset.quantity, 1.0)
@@ -294,4 +300,11 @@ def _init_panel(index: int, *, dataset: Dataset, signal: Displacements) -> Panel
     near = (time > contact - 2 * to_peak) & (time < contact + 4 * to_peak)
     near = near if near.any() else np.ones_like(near)
     peak = int(np.argmax(value))
-    return {"recorded": (time[near], value[near]), CONTACT: (contact, 0.0), PEAK: (time[peak], value[peak])}
+    shown: Panel = {"recorded": (time[near], value[near])}
+    for channel in dataset.channels if dataset.quantity != "displacement" else ():
+        other = channel.traces[index]
+        behind = float(signal.mass[index]) - channel.tip_mass_kg
+        then = 1e3 * other.time_s
+        around = (then >= time[near][0]) & (then <= time[near][-1])
+        shown["force over mass"] = (then[around], other.value[around] / behind)
+    return shown | {CONTACT: (contact, 0.0), PEAK: (time[peak], value[peak])}

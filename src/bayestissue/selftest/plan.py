@@ -24,7 +24,7 @@ def self_test(folder: Path, *, thorough: bool, say: Say) -> pd.DataFrame:
 
     Args:
         folder: an empty one, in which everything is done that is done with files.
-        thorough: the checks that take half an hour, too.
+        thorough: the checks that take ten minutes, too.
         say: told the check, how many are done, and of how many.
     """
     return run([check for check in checks(folder) if thorough or not check.thorough], folder, say)

@@ -19,6 +19,7 @@ from bayestissue.signal.traces import (
     last_where,
     noise_sd,
     segment_moments,
+    standard_error,
 )
 
 type LastBelow = Callable[[Column], Index]
@@ -46,6 +47,13 @@ class Onset:
     doubtful: Mask
     reach: Column
     blurred: Mask
+
+    @property
+    def offset_sd(self) -> Column:
+        """Standard deviation of the error of the quiet part's mean; of no account where there is none."""
+        count = np.maximum(self.quiet_samples, 1)
+        of_scatter = standard_error(self.noise_sd, count)
+        return np.where(count >= CONTACT.scatter_samples, of_scatter, self.noise_sd / np.sqrt(count))
 
 
 def find_onset(recordings: Recordings, options: SignalOptions) -> Onset:
@@ -204,7 +212,7 @@ def _quiet_part(
     level = drift <= np.maximum(CONTACT.quiet_drift * peak, 8 * sd / np.sqrt(np.maximum(end, 1)))
     quiet = (end >= CONTACT.quiet_samples) & level & (np.abs(mean) < CONTACT.quiet_ceiling * peak)
     # Without a quiet part the baseline is 0: an offset can't be told from the impact itself.
-    measured = quiet & (end >= 4 * CONTACT.quiet_samples)
+    measured = quiet & (end >= CONTACT.scatter_samples)
     return (
         quiet,
         np.where(quiet, mean, 0),

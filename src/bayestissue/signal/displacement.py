@@ -77,7 +77,9 @@ class Displacements:
         before: [impact, `BEFORE`], the last samples before the first one of x, offset removed, m/s²; 0 where
             there are none, as of a recorded displacement.
         before_s: [impact, `BEFORE`], when these were, since the first sample of x, negative, s.
-        n_before: [impact], how many of these there are; where ``blurred``, after the quiet part.
+        n_before: [impact], how many of these there are.
+        n_since_quiet: [impact], how many of these at most are later than the quiet part whose mean was
+            subtracted; all where there was none.
         reach_s: [impact], for how long before the first sample a force that rises from 0 may have acted
             without showing, s; 0 where contact was given.
         blurred: [impact], where noise hides a jump of the force too: contact was looked for in means.
@@ -112,6 +114,7 @@ class Displacements:
     before: Rows
     before_s: Rows
     n_before: Index
+    n_since_quiet: Index
     reach_s: Column
     blurred: Mask
     flags: list[list[Coded]]
@@ -204,7 +207,7 @@ def _integrated(
     onset = find_onset(recordings, options)
     offset = onset.offset if options.remove_offset else np.zeros_like(onset.offset)
     removed = onset.quiet & options.remove_offset
-    offset_sd = np.where(removed, onset.noise_sd / np.sqrt(np.maximum(onset.quiet_samples, 1)), np.nan)
+    offset_sd = np.where(removed, onset.offset_sd, np.nan)
     part = from_sample(recordings, onset.first)
     part = replace(part, value=part.value - offset[:, None])
     recorded, clipped, bracket = part.value, np.zeros_like(part.value), (onset.least, onset.most)
@@ -234,7 +237,7 @@ def _integrated(
         part, (x, v, d if recordings.clipped is None else recorded), clipped, stop, start, options, flags,
         {NO_OFFSET: options.remove_offset & ~onset.quiet, UNEVEN: part.uneven},
         mass=mass, velocity=velocity, gravity=gravity, offset=offset, offset_sd=offset_sd,
-        noise_sd=onset.noise_sd, **_before(recordings, onset, offset),
+        noise_sd=onset.noise_sd, **_before(recordings, onset, offset, removed),
     )  # fmt: skip
     # Beyond the sensor's limit a trace is what a spring and damper makes of it: it tells nothing of contact.
     bracketed &= (clipped == 0).all(axis=1)
@@ -245,17 +248,16 @@ def _integrated(
     return signal, ContactEvidence(start.free, start.free_sd, start.by_velocity, dt, bracketed, at_zero)
 
 
-def _before(recordings: Recordings, onset: Onset, offset: Column) -> dict[str, Any]:
+def _before(recordings: Recordings, onset: Onset, offset: Column, removed: Mask) -> dict[str, Any]:
     """What was recorded before the first sample in contact: see `Displacements`."""
     index = onset.first[:, None] - BEFORE + np.arange(BEFORE)
     value = np.take_along_axis(recordings.value, np.maximum(index, 0), axis=1) - offset[:, None]
-    # In great noise the quiet part ends well before, and tells the offset: it must not do so twice.
-    count = onset.first - np.where(onset.blurred, onset.quiet_samples, 0)
     since_first = recordings.sample_number_of(index) - recordings.sample_number_of(onset.first)[:, None]
     return {
         "before": np.where(index >= 0, value, 0.0),
         "before_s": since_first * recordings.dt[:, None],
-        "n_before": np.minimum(count, BEFORE),
+        "n_before": np.minimum(onset.first, BEFORE),
+        "n_since_quiet": onset.first - np.where(removed, onset.quiet_samples, 0),
         "reach_s": onset.reach,
         "blurred": onset.blurred,
     }
@@ -303,7 +305,7 @@ def _recorded(
         part, (x, v, d), np.zeros_like(x), stop, start, options, flags, {},
         mass=mass, velocity=velocity, gravity=gravity, offset=at_contact, offset_sd=nothing * np.nan,
         noise_sd=noise, before=np.zeros((len(sd), BEFORE)), before_s=np.zeros((len(sd), BEFORE)),
-        n_before=nothing.astype(int), reach_s=nothing,
+        n_before=nothing.astype(int), n_since_quiet=nothing.astype(int), reach_s=nothing,
         blurred=nothing.astype(bool),
     )  # fmt: skip
 

@@ -4,21 +4,23 @@ Of each impact F(t) = r (M - m) d(t) - l r (M - m) d'(t) + b by least squares, f
 the impactor takes to zero velocity until three times as long after it, m being what lies between sensor and
 tissue: the ratio r, which holds the errors of mass and of both gains, the lag l of the force behind the
 deceleration, and the zero b. What the noise of d adds to its sum of squares, which would make r too small, is
-taken off.
+taken off. Where one of the two went through a low-pass of its own, the other is passed through it as well.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from bayestissue.dataset.chain import Recorder
 from bayestissue.dataset.model import Channel, Dataset
 from bayestissue.dataset.recordings import interpolated
 from bayestissue.signal.displacement import FEWEST_SAMPLES, Displacements
-from bayestissue.signal.traces import stack
+from bayestissue.signal.filters import on_even_grid
+from bayestissue.signal.traces import Recordings, segment_moments, stack
 
 # The slope is taken over so much of the time to zero velocity on either side: a curve's error is then 0.4 %.
 _REACH = 0.1
@@ -112,10 +114,15 @@ def force_beside(dataset: Dataset, signal: Displacements) -> Force | None:
     (channel,) = dataset.channels
     sign = -1.0 if dataset.quantity == "acceleration" else 1.0
     force, slowing = stack(channel.traces), stack(dataset.traces).signed(sign)
+    slowing = replace(slowing, value=np.where(slowing.inside, slowing.value - signal.offset[:, None], 0.0))
+    if channel.recorder != dataset.recorder:
+        # Each as if it had gone through both low-passes.
+        slowing = _passed(slowing, channel.recorder, 0.0)
+        force = _passed(force, dataset.recorder, _first_mean(force, signal.contact_time_s))
     since, times = ((part.start - signal.contact_time_s)[:, None] + part.time_s for part in (force, slowing))
     mass, to_peak = (signal.mass - channel.tip_mass_kg)[:, None], signal.time_to_peak[:, None]
     owner = np.broadcast_to(np.arange(len(since))[:, None], since.shape)
-    d = (slowing.value - signal.offset[:, None])[slowing.inside]
+    d = slowing.value[slowing.inside]
     others = times[slowing.inside], d, np.nonzero(slowing.inside)[0]
 
     def at(times: Float[np.ndarray, "impact sample"]) -> Float[np.ndarray, "impact sample"]:
@@ -124,6 +131,8 @@ def force_beside(dataset: Dataset, signal: Displacements) -> Force | None:
     reach = _REACH * to_peak
     first, last = times[:, :1], np.take_along_axis(times, slowing.n[:, None] - 1, axis=1)
     inside = force.inside & (since > np.maximum(-to_peak, first + 2 * reach))
+    if force.clipped is not None:
+        inside &= force.clipped == 0
     inside &= since < np.minimum(_AFTER * to_peak, last - 2 * reach)
     count = inside.sum(axis=1)
     # At the sensor's limit d is not what it was.
@@ -149,6 +158,28 @@ def force_beside(dataset: Dataset, signal: Displacements) -> Force | None:
     of_lag = (np.where(whole, lag, np.nan), moved_sd / np.abs(ratio))
     value = force.value - np.where(whole, zero, 0.0)[:, None]
     return Force(channel, since, value, expected, inside, ratio, ratio_sd, *of_lag, force.dt, float(declared))
+
+
+def _passed(
+    recorded: Recordings, recorder: Recorder | None, zero: Float[np.ndarray, "impact 1"] | float
+) -> Recordings:
+    """What a low-pass makes of recordings whose zero is known; as they are where it passes all of them."""
+    if recorder is None or recorded.uneven.any():
+        return recorded
+    above = np.where(recorded.inside, recorded.value - zero, 0.0)
+    rates = np.round(1 / recorded.dt, 3)
+    for rate in np.unique(rates[rates > 2 * recorder.low_pass_hz]):
+        rows = rates == rate
+        above[rows] = on_even_grid(above[rows], rate, recorder)
+    return replace(recorded, value=np.where(recorded.inside, above + zero, 0.0))
+
+
+def _first_mean(
+    recorded: Recordings, contact_time_s: Float[np.ndarray, " impact"]
+) -> Float[np.ndarray, "impact 1"]:
+    """The mean before contact; the first sample where there is none."""
+    quiet = np.maximum(np.floor((contact_time_s - recorded.start) / recorded.dt).astype(int), 1)
+    return segment_moments(recorded.value, quiet)[0][:, None]
 
 
 def _least_squares(

@@ -10,6 +10,7 @@ class ContactSettings:
     """By what contact is found in a recording, and the end of the force; fractions are of the peak.
 
     Attributes:
+        scatter_samples: so many samples of a quiet part tell the noise by their scatter.
         quiet_samples: a quiet part is at least this long,
         quiet_ceiling: this far below the peak,
         quiet_drift: and this level.
@@ -26,6 +27,7 @@ class ContactSettings:
         most_jump: of the greatest force, that a first sample may have where contact is judged by it.
     """
 
+    scatter_samples: int = 20
     quiet_samples: int = 5
     quiet_ceiling: float = 0.3
     quiet_drift: float = 0.01

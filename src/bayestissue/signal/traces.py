@@ -152,6 +152,16 @@ def segment_moments(values: Rows, end: Index) -> tuple[Column, Column]:
     return mean, np.sqrt(squares.sum(axis=1) / np.maximum(end - 1, 1))
 
 
+def standard_error(scatter: Column, count: Index) -> Column:
+    """Standard deviation of the error of a mean, of the scatter of the same samples, four or more.
+
+    The error over scatter / √n is Student's t of n − 1 degrees of freedom, whose variance is
+    (n − 1) / (n − 3): of twenty samples the scatter is itself unsure by a sixth.
+    """
+    count = np.maximum(count, 4)
+    return scatter * np.sqrt((count - 1) / (count - 3) / count)
+
+
 def noise_sd(recordings: Recordings) -> Column:
     """Standard deviation of white noise on each recording, from its third differences.
 

@@ -11,6 +11,8 @@ from scipy.special import stdtrit
 
 from bayestissue.hierarchy.force import PreparedForce
 from bayestissue.inference.checking import sentence
+from bayestissue.inference.checking.model_form import NAMED, SMALL_P
+from bayestissue.outline import first_of
 
 # Of standard deviations, beyond which the two channels contradict what is declared of them: once in 370.
 _LIMIT = 3.0
@@ -21,7 +23,10 @@ _INTERVAL = (0.05, 0.5, 0.95)
 
 
 def judge_force(
-    force: PreparedForce, posterior: xr.Dataset, declared_kg: Float[np.ndarray, " impact"]
+    force: PreparedForce,
+    posterior: xr.Dataset,
+    declared_kg: Float[np.ndarray, " impact"],
+    form: dict[str, Any],
 ) -> dict[str, Any]:
     """The entry ``channels`` of ``diagnostics.json``, of a fit with a force.
 
@@ -33,23 +38,31 @@ def judge_force(
         force: what the fit is of.
         posterior: of the fit.
         declared_kg: mass of each impact.
+        form: what the force's residuals say, as `bayestissue.inference.checking.model_form.with_impacts`
+            has it.
 
     Returns:
-        ``passed``: whether it is below 3, and the masses are off by one factor; ``slope``, of the log of what
-        each declared mass is to be multiplied by on the log of that mass, where it is no chance, else 0: one
-        factor does not put such masses right, and the mass exponents are wrong by as much; ``ratio``, exp(m);
-        ``ratio_sd``, its relative standard deviation; ``declared_sd``, D; ``mass_factor``, its 90 % interval
-        about the median; ``first``, what the first line of the run is to say, if anything; ``words``.
+        ``passed``: whether it is below 3, the masses are off by one factor, and the force follows the law of
+        the deceleration; ``form`` as it was given, ``follows`` whether its residuals are noise, and
+        ``agrees``, of the others; ``slope``, of the log of what each declared mass is to be multiplied by on
+        the log of that mass, where it is no chance, else 0: one factor does not put such masses right, and
+        the mass exponents are wrong by as much; ``ratio``, exp(m); ``ratio_sd``, its relative standard
+        deviation; ``declared_sd``, D; ``mass_factor``, its 90 % interval about the median; ``first``, what
+        the first line of the run is to say, if anything; ``words``.
     """
     a = posterior["log_force_ratio_mean"].to_numpy()
     low, middle, high = np.quantile(posterior["mass_factor"].to_numpy(), _INTERVAL)
     declared = float(np.hypot(force.mass_sd, force.gain_sd))
     mean, sd = float(a.mean()), float(a.std())
     slope = _slope(posterior, declared_kg) if force.share else 0.0
-    passed = abs(mean) <= _LIMIT * np.hypot(declared, sd) and not slope
+    agrees = abs(mean) <= _LIMIT * np.hypot(declared, sd) and not slope
+    follows = not (form["structured"] or form["impacts"]["structured"])
     account = {
         "channel": force.comparison.channel.name,
-        "passed": bool(passed),
+        "passed": bool(agrees and follows),
+        "agrees": bool(agrees),
+        "follows": follows,
+        "form": form | {"words": _form_words(force, form)},
         "slope": slope,
         "ratio": float(np.exp(mean)),
         "ratio_sd": sd,
@@ -74,14 +87,27 @@ def _sentences(account: dict[str, Any], *, of_mass: bool) -> tuple[str, str]:
     }
     if account["slope"]:
         kind = "by_mass"
-    elif not account["passed"]:
+    elif not account["agrees"]:
         kind = "contradicted"
     elif of_mass:
         kind = "mass"
     else:
         kind = "exact"
-    says = not account["passed"] or (of_mass and not low <= 1 <= high)
-    return sentence(f"force.first_{kind}", **numbers) if says else "", sentence(f"force.{kind}", **numbers)
+    words = sentence(f"force.{kind}", **numbers)
+    if not account["follows"]:
+        return sentence("force.first_form", **numbers), f"{account['form']['words']} {words}"
+    says = not account["agrees"] or (of_mass and not low <= 1 <= high)
+    return sentence(f"force.first_{kind}", **numbers) if says else "", words
+
+
+def _form_words(force: PreparedForce, form: dict[str, Any]) -> str:
+    """What the residuals of the force say of it."""
+    impacts, channel = form["impacts"], force.comparison.channel.name
+    counted = sentence("form.counted", small=SMALL_P, **{key: impacts[key] for key in ("below", "tested")})
+    score = sentence("form.score", score=form["score"])
+    named = f" ({first_of(impacts['names'], NAMED)})" if impacts["names"] else ""
+    kind = "form" if form["structured"] or impacts["structured"] else "follows"
+    return sentence(f"force.{kind}", channel=channel, counted=counted + named, score=score)
 
 
 def _slope(posterior: xr.Dataset, declared_kg: Float[np.ndarray, " impact"]) -> float:

@@ -34,7 +34,7 @@ SMALL_P = 0.01
 _BY_CHANCE = 0.015
 # Probability that so many of a sound dataset are counted; and that any of them is named alone, at the most.
 _TOO_MANY, _ALONE = 0.01, 0.001
-_NAMED = 5
+NAMED = 5
 # So many times the median impact's is a discrepancy of its own.
 _SEVERAL = 5.0
 # In standard errors of the pooled score: once in thirty thousand fits of the right model.
@@ -109,7 +109,7 @@ def with_impacts(
     counted = sentence("form.counted", below=len(below), tested=tested, small=SMALL_P)
     words = form["words"]
     if structured and not form["structured"]:
-        words = sentence("form.impacts", counted=counted, named=first_of(below, _NAMED))
+        words = sentence("form.impacts", counted=counted, named=first_of(below, NAMED))
     elif not form["structured"]:
         words = sentence("form.nothing", counted=counted, words=words)
     return form | {"impacts": impacts, "words": words}
@@ -139,7 +139,7 @@ def with_discrepancy(first: dict[str, Any], tree: xr.DataTree) -> dict[str, Any]
         most=100 * sizes.max(),
         count=len(larger),
         of=len(sizes),
-        named=first_of(list(larger.index), _NAMED),
+        named=first_of(list(larger.index), NAMED),
     )
     apart = apart if len(larger) else ""
     words = _words("form.discrepancy", first["score"], size=100 * size, sure=100 * sure, apart=apart)

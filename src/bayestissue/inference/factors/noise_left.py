@@ -10,13 +10,15 @@ The autocorrelations of what is left are held against those of white noise less 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from bayestissue.elements import element as element_named
 from bayestissue.hierarchy.traces import TraceData, TraceModel, driven_likelihood, impact_likelihood
@@ -41,6 +43,68 @@ def noise_p(
     return projected_portmanteau(left, fitted, size)
 
 
+def noise_p_of_both(
+    model: TraceModel, data: TraceData, u: Float[np.ndarray, "impact parameter"]
+) -> Float[np.ndarray, " impact"]:
+    """The same of each deceleration and the force beside it as one series, the force first.
+
+    Where the deceleration's own residuals are noise, it is the force that has another law, or other K and C:
+    what was fitted and the errors take the same directions off both. Arguments as of `noise_p`.
+    """
+    parts = _left_of_both(model, data.padded, padded_impacts(u))
+    left, fitted, inside = (np.asarray(part)[: len(u)] for part in parts)
+    order = np.argsort(~inside, axis=1, kind="stable")
+    packed = np.take_along_axis(left, order, 1), np.take_along_axis(fitted, order[:, None], 2)
+    return projected_portmanteau(*packed, inside.sum(1))
+
+
+@compiled_quickly
+def _left_of_both(
+    model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]
+) -> tuple[Float[Array, "impact shock"], Float[Array, "impact parameter shock"], Bool[Array, "impact shock"]]:
+    """As of `_left`, and where there is a sample."""
+    none = jnp.zeros_like(data.record.error_sd)
+
+    def shocks(u: Array, errors: Array) -> tuple[Array, Array]:
+        event = impact_likelihood(model, data, list(u.T))
+        return event.force_innovations(event.force_residuals(errors))[0], event.residuals(errors)
+
+    event = impact_likelihood(model, data, list(u.T))
+    log_sigmas: Any = event.noise_parameters.log_force_sigma, event.noise_parameters.log_sigma
+
+    def over_noise(u: Array, errors: Array) -> Array:
+        pairs = zip(shocks(u, errors), log_sigmas, strict=True)
+        return jnp.concatenate([part / jnp.exp(log_sigma)[:, None] for part, log_sigma in pairs], axis=1)
+
+    fitted, shared = _directions(over_noise, u, none, data.record.error_sd, [*_shape(model), u.shape[1] - 1])
+    white = _whitened(jnp.stack(shared, axis=-1), [over_noise(u, none), *fitted])
+    of_force = event.force_innovations(event.force_residuals(none))[1]
+    inside = jnp.concatenate([of_force, event.record.observed()], axis=1)
+    return white[:, 0], white[:, 1:], inside
+
+
+def _shape(model: TraceModel) -> list[int]:
+    """The parameters that a trace depends on: the noise's own are no direction of it."""
+    return [0, 1, *range(3, 3 + len(element_named(model.element).extra))]
+
+
+def _directions(
+    shocks: Callable[[Array, Array], Array], u: Array, none: Array, error_sd: Array, shape: list[int]
+) -> tuple[list[Array], list[Array]]:
+    """What a unit of each parameter adds to the shocks, and what a standard deviation of each error does."""
+    fitted = [jax.jvp(lambda u: shocks(u, none), (u,), (_only(u, a),))[1] for a in shape]
+    shared = [
+        jax.jvp(lambda errors: shocks(u, errors), (none,), (_only(none, a) * error_sd,))[1]
+        for a in range(error_sd.shape[-1])
+    ]
+    return fitted, shared
+
+
+def _whitened(A: Float[Array, "impact shock error"], rows: list[Array]) -> Float[Array, "impact row shock"]:
+    """(1 + A A')^-1/2 of each of the rows."""
+    return jax.vmap(_without)(A, jnp.stack(rows, axis=1))
+
+
 @compiled_quickly
 def _left(
     model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]
@@ -56,20 +120,12 @@ def _left(
         event = impact_likelihood(model, data, list(u.T))
         return event.innovations(event.residuals(errors))[0]
 
-    # The noise's own parameters are no direction of the trace.
-    shape = [0, 1, *range(3, 3 + len(element_named(model.element).extra))]
-    fitted = [jax.jvp(lambda u: shocks(u, none), (u,), (_only(u, a),))[1] for a in shape]
-    shared = [
-        jax.jvp(lambda errors: shocks(u, errors), (none,), (_only(none, a) * error_sd,))[1]
-        for a in range(error_sd.shape[-1])
-    ]
+    fitted, shared = _directions(shocks, u, none, error_sd, _shape(model))
     basis, share = event.record.discrepancy
     sd = (event.sigma * event.noise_parameters.ratio())[:, None] * jnp.sqrt(share)
     shared += [event.innovations(basis[:, j] * sd[:, j, None])[0] for j in range(basis.shape[1])]
     left, size = event.innovations(event.residuals(none))
-    A = jnp.stack(shared, axis=-1) / event.sigma[:, None, None]
-    columns = jnp.stack([left, *fitted], axis=1)
-    white = jax.vmap(_without)(A, columns)
+    white = _whitened(jnp.stack(shared, axis=-1) / event.sigma[:, None, None], [left, *fitted])
     return white[:, 0], white[:, 1:], size
 
 

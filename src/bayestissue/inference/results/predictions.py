@@ -54,11 +54,14 @@ def replicates(
 ) -> dict[str, Float[np.ndarray, "draw impact sample"]]:
     """A replicate of every trace for each draw of ``u``, as what the likelihood is of.
 
-    That is the deceleration; of a likelihood of displacements these, and the decelerations that follow.
+    That is the deceleration, and a force beside it; of a likelihood of displacements these, and the
+    decelerations that follow.
     """
     impacts, samples = data.record.traces.shape
+    force = getattr(data.record, "force", None)
+    ends = {} if force is None else {"force": force.y.shape[1]}
     replicated = _replicates(model, replace(data.padded, design=None), padded_impacts(u, 1), keys)  # type: ignore[arg-type]
-    return {name: values[:, :impacts, :samples] for name, values in replicated.items()}
+    return {name: values[:, :impacts, : ends.get(name, samples)] for name, values in replicated.items()}
 
 
 @by_row(PREDICTIVE_DRAWS, constant=2)

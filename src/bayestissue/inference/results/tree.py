@@ -105,7 +105,8 @@ def dimensions(
         **design_dimensions(design),
         **{f"traces_of_{stem}": (name,) for name, stem in stems.items()},
         **{f"impact_{stem}": ("impact",) for stem in stems.values()},
-        **dict.fromkeys(("displacement", "deceleration", "force", "time"), ("impact", "time_index")),
+        **dict.fromkeys(("displacement", "deceleration", "time"), ("impact", "time_index")),
+        **dict.fromkeys(("force", "force_time"), ("impact", "force_index")),
         **dict.fromkeys(("mass_kg", "velocity_m_s", "n_samples"), ("impact",)),
         **dict.fromkeys(("sampling_interval_s", "first_sample_s"), ("impact",)),
         **{f"column_{stem_of(name)}": ("impact",) for name in columns},
@@ -121,6 +122,7 @@ def _observed(prepared: Prepared) -> dict[str, np.ndarray]:
     return {
         "displacement": np.where(inside, signal.x, np.nan),
         "deceleration": np.where(inside, signal.deceleration, np.nan),
+        **({"force": prepared.force.recorded(signal.mass)} if prepared.force else {}),
     }
 
 
@@ -139,8 +141,9 @@ def _constants(prepared: Prepared) -> dict[str, np.ndarray]:
     return {
         **({"common_depth_m": common_depth(signal)} if has_depth else {}),
         **({GRAVITY: signal.gravity[0]} if signal.gravity.any() else {}),
+        **({"force_time": prepared.force.time} if prepared.force else {}),
         **({HEADFORM: 1} if prepared.model.headform else {}),
-        "time": np.where(inside, time, np.nan),
+        "force_time" if isinstance(record, DrivenRecord) else "time": np.where(inside, time, np.nan),
         "mass_kg": signal.mass,
         "velocity_m_s": signal.velocity,
         "n_samples": number,

@@ -24,6 +24,7 @@ OF_RECORDINGS = ("recordings", "clipped", "channels")
 NO_INTERVAL = Coded("not an interval: no element describes these traces", "undescribed")
 CONTRADICTED = Coded("the traces contradict the measuring chain", "measuring-chain")
 FORCE_CONTRADICTS = Coded("the force contradicts mass times deceleration", "channels-disagree")
+FORCE_OTHER_LAW = Coded("the force follows another law than the deceleration", "force-form")
 ELEMENT_ALONE = Coded(
     "the element's own part of the force; the tissue's stiffness is K_secant", "element-alone"
 )
@@ -118,7 +119,7 @@ def warnings(diagnostics: dict[str, Any]) -> list[Coded]:
         law = "structured-residuals"
     doubts: list[tuple[dict[str, Any], bool, Code]] = [
         (chain, chain.get("passed") is False, "measuring-chain"),
-        (force, force.get("passed") is False, "channels-disagree"),
+        (force, force.get("passed") is False, _of_force(force)),
         ({"words": velocity}, bool(velocity), "velocity-contradicted"),
         (form, _against_all(form) or _against_some(form), law),
         (lines, bool(lines.get("words")), "no-straight-line"),
@@ -128,6 +129,11 @@ def warnings(diagnostics: dict[str, Any]) -> list[Coded]:
         for parameter in diagnostics.get("pooled_parameters", [])
     ]
     return [Coded(entry["words"], code) for entry, raised, code in doubts if raised] + pooled
+
+
+def _of_force(force: dict[str, Any]) -> Code:
+    """The entry that explains what is wrong with a force: its size before its form."""
+    return "channels-disagree" if force.get("agrees") is False else "force-form"
 
 
 def warned_codes(diagnostics: dict[str, Any]) -> list[Code]:
@@ -163,7 +169,8 @@ def noted(summary: pd.DataFrame, diagnostics: dict[str, Any]) -> pd.DataFrame:
     if (force := diagnostics.get("channels", {})).get("passed") is False:
         # An impact's own mass is put right where one factor is not.
         exponents = summary["variable"].str.startswith("mass_exponent").to_numpy(bool)
-        note[exponents if force["slope"] else all_rows] = FORCE_CONTRADICTS
+        words = FORCE_CONTRADICTS if force["agrees"] is False else FORCE_OTHER_LAW
+        note[exponents if force["slope"] and force["follows"] else all_rows] = words
     if chain.get("passed") is False:
         whole = len(chain["impacts"]) == chain["of"]
         note[all_rows if whole else label.isin(chain["impacts"])] = CONTRADICTED

@@ -61,8 +61,7 @@ def log_probability(
         sd = jnp.exp(log_discrepancy)[:, None] * jnp.sqrt(record.discrepancy.share)
         sd = jnp.broadcast_to(sd, (len(error_sd), *sd.shape))
         error_sd = jnp.concatenate([sd, error_sd], axis=-1)
-    early = jnp.arange(reach) >= reach - record.contact.n_before[:, None]
-    observed = jnp.concatenate([early, record.observed()], axis=1)
+    observed = jnp.concatenate([record.contact.counts, record.observed()], axis=1)
     parts = jnp.concatenate([rows.residual[:, :, None], columns], axis=2)
     observed_parts = jnp.where(observed[:, None, None], parts, 0.0)
     # [part, part, cell, impact] and [error, sample, cell, impact]

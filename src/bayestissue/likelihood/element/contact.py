@@ -94,8 +94,14 @@ def rows_by_cell(response: Response, record: DecelerationRecord) -> ByCell:
         width = samples.shape[1]
         longer = jnp.pad(parts, ((0, 0), (0, 0), (reach, 0)))
         parts = jnp.stack([longer[..., cell : cell + width] for cell in range(reach)], axis=1)
-        parts = parts.at[:, :, 2].set(1.0)
+    parts = parts.at[:, :, 2].set(offset_row(record)[:, None])
     return ByCell(samples[:, None] - parts[:, :, 1], parts)
+
+
+def offset_row(record: DecelerationRecord) -> Float[Array, "impact row"]:
+    """What a unit of the zero's error adds to each sample, those before the first among them."""
+    before = jnp.where(record.contact.shows_offset, 1.0, 0.0)
+    return jnp.concatenate([before, jnp.ones_like(record.d)], axis=1)
 
 
 def products(response: Response, record: DecelerationRecord, noise: Noise) -> Products:
@@ -111,7 +117,8 @@ def products(response: Response, record: DecelerationRecord, noise: Noise) -> Pr
         samples = jnp.concatenate([record.contact.before, record.d], axis=1)[:, ::stride]
         from_contact = (response.by_velocity, response.d, jnp.ones_like(response.d), -response.jerk)
         in_cells = partial(_gram_in_cells, reach, len(record.phase), stride)
-        gram = jax.vmap(in_cells, out_axes=-1)(noise, samples, jnp.stack(from_contact, axis=1))
+        rows = samples, jnp.where(noise.inside, offset_row(record)[:, ::stride], 0.0)
+        gram = jax.vmap(in_cells, out_axes=-1)(noise, *rows, jnp.stack(from_contact, axis=1))
     else:
         residual = jnp.where(record.inside(), record.d - response.d, 0.0)
         parts = jnp.stack([residual, *columns(response, record)], axis=1)[..., ::stride]
@@ -125,6 +132,7 @@ def _gram_in_cells(
     stride: int,
     noise: Noise,
     samples: Float[Array, " row"],
+    offset: Float[Array, " row"],
     parts: Float[Array, "4 time"],
 ) -> Float[Array, "5 5 cell"]:
     """Products of residual, velocity, gain, offset and contact of one impact, for contact in each cell.
@@ -135,18 +143,24 @@ def _gram_in_cells(
         stride: every how many samples are asked.
         noise: of the trace.
         samples: the trace, beginning with the samples before the first.
+        offset: what a unit of the zero's error adds to each of these.
         parts: what by-velocity, deceleration, 1 and minus the jerk are from contact on, on the finer grid.
     """
     by_phase = jnp.moveaxis(parts.reshape(4, -1, finer), -1, 0)
     if noise.is_white:
-        gram = jax.vmap(lambda phase: _slid_gram(reach, noise, samples, phase))(by_phase)
+        gram = jax.vmap(lambda phase: _slid_gram(reach, noise, samples, offset, phase))(by_phase)
     else:
-        gram = jax.vmap(lambda phase: _gram_by_cell(reach, stride, noise, samples, phase))(by_phase)
+        gram = jax.vmap(lambda phase: _gram_by_cell(reach, stride, noise, samples, offset, phase))(by_phase)
     return jnp.moveaxis(gram.reshape(-1, 5, 5), 0, -1)
 
 
 def _gram_by_cell(
-    reach: int, stride: int, noise: Noise, samples: Float[Array, " row"], parts: Float[Array, "4 time"]
+    reach: int,
+    stride: int,
+    noise: Noise,
+    samples: Float[Array, " row"],
+    offset: Float[Array, " row"],
+    parts: Float[Array, "4 time"],
 ) -> Float[Array, "cell 5 5"]:
     """The products under any noise, cell by cell.
 
@@ -156,7 +170,7 @@ def _gram_by_cell(
     shifted = [longer]
     if noise.is_filtered:
         shifted.append(filtered(longer, noise.predictor, stride))
-    whitened = noise.whitened(jnp.stack([samples, jnp.where(noise.inside, 1.0, 0.0)]))
+    whitened = noise.whitened(jnp.stack([samples, offset]))
 
     def of_cell(shift: Array) -> Array:
         rows, *later = (jax.lax.dynamic_slice(part, (0, shift), parts.shape)[:, ::stride] for part in shifted)
@@ -169,7 +183,11 @@ def _gram_by_cell(
 
 
 def _slid_gram(
-    reach: int, noise: Noise, samples: Float[Array, " row"], parts: Float[Array, "4 time"]
+    reach: int,
+    noise: Noise,
+    samples: Float[Array, " row"],
+    offset: Float[Array, " row"],
+    parts: Float[Array, "4 time"],
 ) -> Float[Array, "cell 5 5"]:
     """The products under white noise: by how much those of the first cell change from cell to cell.
 
@@ -177,7 +195,7 @@ def _slid_gram(
     """
     recorded, number = noise.inside[:reach].sum(), noise.inside[reach:].sum()
     width = parts.shape[1]
-    shift, offset = jnp.arange(reach)[:, None], jnp.arange(reach)
+    shift, response = jnp.arange(reach)[:, None], jnp.arange(reach)
 
     def among(values: Array, counts: Array) -> Array:
         return jnp.einsum("sk,ak,bk->sab", counts + 0.0, values, values)
@@ -188,10 +206,13 @@ def _slid_gram(
     sums = jnp.concatenate([jnp.stack(slid), window]) @ parts.T
     with_samples, among_parts = sums[:reach], sums[reach:]
     enters, leaves = jax.lax.dynamic_slice(parts, (0, number), (4, reach)), parts[:, :reach]
-    among_parts += among(enters, offset < shift) - among(leaves, offset < shift - recorded)
-    # The offset counts before contact too.
-    among_parts = among_parts.at[:, 2, 2].set(number + recorded)
-    with_samples = with_samples.at[:, 2].set(samples.sum())
+    among_parts += among(enters, response < shift)
+    # The offset counts before contact too, but not where it does not show.
+    with_offset = among_parts[:, 2] - among(leaves, response < shift - offset[:reach].sum())[:, 2]
+    with_offset = with_offset.at[:, 2].set(offset.sum())
+    among_parts -= among(leaves, response < shift - recorded)
+    among_parts = among_parts.at[:, 2].set(with_offset).at[:, :, 2].set(with_offset)
+    with_samples = with_samples.at[:, 2].set(samples @ offset)
     squares = jnp.broadcast_to(samples @ samples, (reach, 1, 1))
     top = jnp.concatenate([squares, with_samples[:, None]], axis=2)
     gram = jnp.concatenate([top, jnp.concatenate([with_samples[..., None], among_parts], axis=2)], axis=1)

@@ -2,18 +2,21 @@
 
 F / M = (e^a - m / M) d(t) + zero + noise with M the recorded mass, m that of the tip in front of the sensor
 and a the log of what the recorded mass is to be multiplied by, the force's gain counted in (that of the
-accelerometer is an error of the deceleration's rows alone). Given motion and errors the rows are
+accelerometer is an error of the deceleration's rows alone). d is behind the force's own low-pass, where it
+went through one. Given motion and errors the rows are
 independent of the deceleration's, so that products and determinants of the two add up. Errors of velocity
 and contact move both.
 """
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.likelihood.element.record import DecelerationRecord
+from bayestissue.likelihood.element.noise import Noise
+from bayestissue.likelihood.element.record import DecelerationRecord, ForceRows
 from bayestissue.likelihood.element.response import Response
 from bayestissue.likelihood.linear_errors import Products
 
@@ -25,6 +28,23 @@ def force_of(
     if record.force is None or predicted.force is None or log_ratio is None:
         return None
     return (jnp.exp(log_ratio) - record.force.tip)[:, None] * predicted.force.d
+
+
+def force_rows(
+    predicted: Response, record: DecelerationRecord, log_ratio: Float[Array, " impact"]
+) -> tuple[Float[Array, "impact row"], Float[Array, "impact error row"]]:
+    """(e^a - m / M) d at the force's samples, and what a unit of each error of ``error_sd`` adds to it.
+
+    All 0 where no sample counts. Arguments as of `with_force`.
+    """
+    force, here = record.force, predicted.force
+    assert force is not None  # noqa: S101 - for the type checker
+    assert here is not None  # noqa: S101 - for the type checker
+    share = jnp.where(force.inside(), (jnp.exp(log_ratio) - force.tip)[:, None], 0.0)
+    one = jnp.where(force.inside(), 1.0, 0.0)
+    none = jnp.zeros_like(one)
+    late = -share * here.jerk
+    return share * here.d, jnp.stack([share * here.by_velocity, none, one, late, none, late], axis=1)
 
 
 def with_force(
@@ -45,20 +65,34 @@ def with_force(
         log_sigma: log of the standard deviation of the deceleration's noise [m/s^2].
         log_force_sigma: of the noise of F / M [m/s^2].
     """
-    force, here = record.force, predicted.force
+    force = record.force
     assert force is not None  # noqa: S101 - for the type checker
-    assert here is not None  # noqa: S101 - for the type checker
-    share = (jnp.exp(log_ratio) - force.tip)[:, None]
-    one = jnp.where(force.inside(), 1.0, 0.0)
-    none = jnp.zeros_like(one)
-    residual = jnp.where(force.inside(), force.y - share * here.d, 0.0)
-    late = -share * here.jerk
-    parts = jnp.stack([residual, share * here.by_velocity, none, one, late, none, late], axis=1)
+    expected, columns = force_rows(predicted, record, log_ratio)
+    residual = jnp.where(force.inside(), force.y - expected, 0.0)
+    parts = jnp.concatenate([residual[:, None], columns], axis=1)
     weight = log_sigma - log_force_sigma
-    gram = jnp.einsum("iar,ibr->abi", parts, parts) * jnp.exp(2 * weight)
-    count = force.n_samples + 0.0
+    if (noise := noise_of_force(force)) is None:
+        gram, count = jnp.einsum("iar,ibr->abi", parts, parts), force.inside().sum(1) + 0.0
+        log_determinant = jnp.zeros_like(count)
+    else:
+        gram = jax.vmap(Noise.gram, out_axes=-1)(noise, parts[..., :: noise_stride(force)])
+        log_determinant, count = jax.vmap(Noise.log_determinant)(noise), noise.inside.sum(1) + 0.0
     return Products(
-        products.gram + gram[:, :, None],
-        products.log_determinant - 2 * count * weight,
+        products.gram + (gram * jnp.exp(2 * weight))[:, :, None],
+        products.log_determinant + log_determinant - 2 * count * weight,
         products.n_values + count,
     )
+
+
+def noise_stride(force: ForceRows) -> int:
+    """How far apart the samples are that are asked."""
+    return 1 if force.colour is None else force.colour.stride
+
+
+def noise_of_force(force: ForceRows) -> Noise | None:
+    """Its noise over sigma, on the samples that are asked; None where that is white."""
+    if force.colour is None or force.rate is None:
+        return None
+    inside = force.inside()[:, :: noise_stride(force)]
+    none = jnp.zeros((len(inside), 0, inside.shape[1]))
+    return Noise(inside, none, force.colour.first[force.rate], force.colour.predictor[force.rate])

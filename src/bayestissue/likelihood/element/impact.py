@@ -17,11 +17,11 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import Array
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from bayestissue.elements import Element
 from bayestissue.likelihood.element import clipped, contact, noise, spring_damper
-from bayestissue.likelihood.element.force import with_force
+from bayestissue.likelihood.element.force import force_rows, noise_of_force, noise_stride, with_force
 from bayestissue.likelihood.element.record import CONTACT, OFFSET, DecelerationRecord
 from bayestissue.likelihood.element.response import Response, columns, response
 from bayestissue.likelihood.linear_errors import (
@@ -289,6 +289,41 @@ class MeasuredImpact:
         predicted, record = self.response() if predicted is None else predicted, self.record
         return jnp.where(record.inside(), record.d - predicted.d - _added(errors, predicted, record), 0.0)
 
+    def force_residuals(self, errors: Float[Array, "impact error"]) -> Float[Array, "impact row"]:
+        """What these errors and the impact leave of a force over mass [m/s^2], 0 past a row's end."""
+        ratio, force = self.noise_parameters.log_force_ratio, self.record.force
+        assert force is not None  # noqa: S101 - for the type checker
+        assert ratio is not None  # noqa: S101 - for the type checker
+        expected, columns = force_rows(self.response(), self.record, ratio)
+        left = force.y - expected - jnp.einsum("ie,ier->ir", errors, columns)
+        return jnp.where(force.inside(), left, 0.0)
+
+    def force_innovations(
+        self, left: Float[Array, "impact row"]
+    ) -> tuple[Float[Array, "impact shock"], Bool[Array, "impact shock"]]:
+        """What is white of such residuals [m/s^2], and where there is any."""
+        force = self.record.force
+        assert force is not None  # noqa: S101 - for the type checker
+        if (of_force := noise_of_force(force)) is None:
+            return left, force.inside()
+        white = jax.vmap(noise.Noise.whitened)(of_force, left[:, :: noise_stride(force)])
+        return jnp.where(of_force.inside, white, 0.0), of_force.inside
+
+    def _replicated_force(self, key: Array) -> Float[Array, "impact row"]:
+        """A force [N] of the impact and errors that `sample` has by this key; contact is known."""
+        parameters, force = self.noise_parameters, self.record.force
+        assert force is not None  # noqa: S101 - for the type checker
+        assert parameters.log_force_ratio is not None  # noqa: S101 - for the type checker
+        assert parameters.log_force_sigma is not None  # noqa: S101 - for the type checker
+        errors = self.prior_errors(_keys_of_sample(key)[1])
+        key, sigma = jax.random.fold_in(key, 5), jnp.exp(parameters.log_force_sigma)[:, None]
+        if force.colour is None or force.rate is None:
+            shocks = jax.random.normal(key, force.y.shape)
+        else:
+            shocks = noise.drawn(force.colour, force.rate, key, force.y.shape)
+        drawn = force.y - self.force_residuals(errors) + sigma * shocks
+        return jnp.where(force.inside(), self.record.mass[:, None] * drawn, jnp.nan)
+
     def sample(self, key: Array, sample_shape: tuple[int, ...] = ()) -> Array:
         """Draw traces: the impact, its discrepancy, the chain's errors and noise.
 
@@ -297,7 +332,7 @@ class MeasuredImpact:
         """
         if self.record.contact.reach:
             return self.with_contact_found(key).sample(key, sample_shape)
-        key_of_noise, key_of_errors = jax.random.split(key)
+        key_of_noise, key_of_errors = _keys_of_sample(key)
         record, predicted = self.record, self.response()
         shape = (*sample_shape, len(record.d))
         errors = self.prior_errors(key_of_errors, sample_shape)
@@ -317,11 +352,20 @@ class MeasuredImpact:
     def replicate(self, key: Array) -> dict[str, Float[Array, "impact sample"]]:
         """A replicate of every trace, the deceleration [m/s^2] with its discrepancy; NaN past its end.
 
+        Of a force beside it one too [N].
+
         Of a clipped trace the sensor's limit cuts it too.
         """
         known = self.with_contact_found(key)
         recorded = known.record.within_limits(known.sample(key))
-        return {"deceleration": jnp.where(known.record.inside(), recorded, jnp.nan)}
+        traces = {"deceleration": jnp.where(known.record.inside(), recorded, jnp.nan)}
+        return traces if known.record.force is None else traces | {"force": known._replicated_force(key)}
+
+
+def _keys_of_sample(key: Array) -> tuple[Array, Array]:
+    """Of the noise, and of the chain's errors."""
+    first, second = jax.random.split(key)
+    return first, second
 
 
 def _added(

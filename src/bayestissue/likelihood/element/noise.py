@@ -161,8 +161,7 @@ def noise_of(
         atanh_correlation: of autoregressive noise.
     """
     colour, contact, stride = record.colour, record.contact, record.colour.stride
-    early = jnp.arange(contact.reach) >= contact.reach - contact.n_before[:, None]
-    inside = jnp.concatenate([early, record.observed()], axis=1)[:, ::stride]
+    inside = jnp.concatenate([contact.counts, record.observed()], axis=1)[:, ::stride]
     basis = jnp.pad(record.discrepancy.basis, ((0, 0), (0, 0), (contact.reach, 0)))[..., ::stride]
     if record.clipped is not None:
         basis = jnp.where(inside[:, None], basis, 0.0)

@@ -51,6 +51,8 @@ class Contact(NamedTuple):
         before: the samples before the first, in order of time, one for each sampling interval that contact
             may be in; 0 where there are none [m/s^2]. Contact is known where it has no entries.
         n_before: how many of these samples were recorded and count.
+        n_quiet: how many of these, the earliest, are of the quiet part whose mean is the zero that was taken
+            away. Relative to that mean they tell nothing of its error, of which they are independent.
         quiet_log_density: of these samples as a quiet part of the recorder's noise, which the likelihood is
             relative to where noise is white; else 0.
         fraction: where contact lies in an interval of ``before``, from its end and as a fraction of it: its
@@ -60,6 +62,7 @@ class Contact(NamedTuple):
     uniform: Bool[Array, " impact"]
     before: Float[Array, "impact reach"]
     n_before: Int[Array, " impact"]
+    n_quiet: Int[Array, " impact"]
     quiet_log_density: Float[Array, " impact"]
     fraction: Float[Array, " impact"]
 
@@ -68,7 +71,8 @@ class Contact(NamedTuple):
         """At ``first_time`` but for its error."""
         number = len(uniform)
         nothing = np.zeros(number)
-        parts: Any = (uniform, np.zeros((number, 0)), np.zeros(number, int), nothing, nothing + 0.5)
+        none = np.zeros(number, int)
+        parts: Any = (uniform, np.zeros((number, 0)), none, none, nothing, nothing + 0.5)
         return cls(*parts)
 
     @classmethod
@@ -78,6 +82,7 @@ class Contact(NamedTuple):
         n_before: Int[np.ndarray, " impact"],
         quiet_sd: Float[np.ndarray, " impact"] | None = None,
         sample: float | None = None,
+        n_quiet: Int[np.ndarray, " impact"] | int = 0,
     ) -> Contact:
         """In any of the intervals of ``before``; with the noise's standard deviation in a quiet part.
 
@@ -91,13 +96,24 @@ class Contact(NamedTuple):
             np.full(len(before), sample is None),
             np.full(len(before), 0.5 if sample is None else sample),
         )
-        parts: Any = (uniform, early, n_before, density, fraction)
+        of_quiet = np.broadcast_to(n_quiet, len(before))
+        parts: Any = (uniform, early, n_before, of_quiet, density, fraction)
         return cls(*parts)
 
     @property
     def reach(self) -> int:
         """In how many sampling intervals before the first sample contact may be."""
         return self.before.shape[1]
+
+    @property
+    def counts(self) -> Bool[Array, "impact reach"]:
+        """Which of ``before`` were recorded and count."""
+        return jnp.arange(self.reach) >= self.reach - self.n_before[:, None]
+
+    @property
+    def shows_offset(self) -> Bool[Array, "impact reach"]:
+        """Which of ``before`` an error of the zero would show in."""
+        return jnp.arange(self.reach) >= self.reach - (self.n_before - self.n_quiet)[:, None]
 
 
 class UnevenTimes(NamedTuple):
@@ -144,6 +160,9 @@ class ForceRows(NamedTuple):
         first_time: from contact to its first sample [s].
         dt: its sampling interval [s].
         tip: m / M, of what lies in front of the sensor.
+        kept: where a sample counts, as those at the sensor's limit do not; None where all do.
+        low_pass: a filter that it went through; None where there is none.
+        colour, rate: as of `DecelerationRecord`; None where its noise is white.
     """
 
     y: Float[Array, "impact row"]
@@ -151,10 +170,26 @@ class ForceRows(NamedTuple):
     first_time: Float[Array, " impact"]
     dt: Float[Array, " impact"]
     tip: Float[Array, " impact"]
+    kept: Bool[Array, "impact row"] | None = None
+    low_pass: LowPass | None = None
+    colour: Colour | None = None
+    rate: Int[Array, " impact"] | None = None
+
+    def impacts(self, rows: Int[np.ndarray, " row"]) -> ForceRows:
+        """Of some impacts; the filter and its noise are those of all."""
+        shared: Any = {"colour": None, "low_pass": None}
+        chosen = jax.tree.map(lambda leaf: np.asarray(leaf)[rows], self._replace(**shared))
+        return chosen._replace(colour=self.colour, low_pass=self.low_pass)
 
     def inside(self) -> Bool[Array, "impact row"]:
-        """True where there is a sample."""
-        return jnp.arange(self.y.shape[1]) < self.n_samples[:, None]
+        """True where there is a sample that counts."""
+        inside = jnp.arange(self.y.shape[1]) < self.n_samples[:, None]
+        return inside if self.kept is None else inside & self.kept
+
+    def padded(self) -> ForceRows:
+        """With as many samples, 0 past a row's end, as a `bucket` holds."""
+        kept = None if self.kept is None else padded_zeros(self.kept, 1)
+        return self._replace(y=padded_zeros(self.y, 1), kept=kept)
 
     def until(self, end: Float[Array, " impact"]) -> ForceRows:
         """The samples until so long after contact [s], the one there among them."""
@@ -310,16 +345,17 @@ class DecelerationRecord(NamedTuple):
 
     def impacts(self, rows: Int[np.ndarray, " row"]) -> DecelerationRecord:
         """The record of some impacts; the recorder's filter and noise are those of all."""
-        shared: Any = {"colour": None, "low_pass": None}
+        shared: Any = {"colour": None, "low_pass": None, "force": None}
         chosen = jax.tree.map(lambda leaf: np.asarray(leaf)[rows], self._replace(**shared))
-        return chosen._replace(colour=self.colour, low_pass=self.low_pass)
+        force = self.force and self.force.impacts(rows)
+        return chosen._replace(colour=self.colour, low_pass=self.low_pass, force=force)
 
     def padded(self) -> DecelerationRecord:
         """With as many samples, 0 past a row's end, as a `bucket` holds."""
         basis = padded_zeros(self.discrepancy.basis, -1)
         uneven = self.uneven and self.uneven._replace(later=padded_zeros(self.uneven.later, 1))
         clipped = None if self.clipped is None else padded_zeros(self.clipped, 1)
-        force = self.force and self.force._replace(y=padded_zeros(self.force.y, 1))
+        force = self.force and self.force.padded()
         padded = self._replace(d=padded_zeros(self.d, 1), uneven=uneven, clipped=clipped, force=force)
         return padded._replace(discrepancy=self.discrepancy._replace(basis=basis))
 

@@ -106,15 +106,15 @@ def response(
             d_and_jerk, (record.velocity,), (jnp.ones_like(record.velocity),)
         )
     inside = True if record.contact.reach else record.inside()
-    force = None if record.force is None else response(element, parameters, _at_force(record, record.force))
+    force = None if record.force is None else response(element, parameters, at_force(record, record.force))
     d, by_velocity, jerk = (jnp.where(inside, part, 0.0) for part in (d, by_velocity, jerk))
     return Response(d, by_velocity, jerk, force)
 
 
-def _at_force(record: DecelerationRecord, force: ForceRows) -> DecelerationRecord:
-    """The record as if its samples were those of the force."""
+def at_force(record: DecelerationRecord, force: ForceRows) -> DecelerationRecord:
+    """The record as if its samples and its recorder were those of the force."""
     times: Any = {"first_time": force.first_time, "dt": force.dt, "n_samples": force.n_samples}
-    return record._replace(d=force.y, force=None, **times)
+    return record._replace(d=force.y, force=None, low_pass=force.low_pass, **times)
 
 
 def columns(response: Response, record: DecelerationRecord) -> list[Array]:

@@ -26,7 +26,7 @@ def carried(run: FitRun) -> np.ndarray:
 
     All of them, or as many as `MOST_VALUES` allows, evenly spaced.
     """
-    samples = np.isfinite(run.constant("time")[run.predicted]).sum(axis=1)
+    samples = np.isfinite(run.times()[run.predicted]).sum(axis=1)
     size = int(samples.sum()) * (1 + len(BANDS))
     count = len(run.predicted)
     return evenly_spaced(count, count if size <= MOST_VALUES else max(int(count * MOST_VALUES / size), 1))

@@ -217,6 +217,14 @@ def recording(run: FitRun, impact: str | None = None) -> Figure:
     return of_traces.recording(rows, run.shown, unit, said("figures.recording", shown=run.shown))
 
 
+def recorded_force(run: FitRun) -> Figure:
+    """The force of one impact over what is predicted of it."""
+    index = traces.force_impact(run)
+    rows, (unit, _) = traces.trace_rows(run, index, what="force"), traces.SCALES["force"]
+    words = said("figures.force", impact=run.impacts[run.predicted[index]])
+    return of_traces.recording(rows, "force", unit, words)
+
+
 def residual_p(run: FitRun, one_step: np.ndarray) -> Figure:
     """Sorted p-values of the residuals of every impact being the model's noise."""
     tested = np.array(list(run.tested.values()))

@@ -46,7 +46,7 @@ def _compared(run: FitRun, factor: str) -> dict[str, Any]:
     if FIRST in known:
         fields.append(Field("P(best)", lambda level: probability(by[FIRST, level]["p_lowest"]), "number"))
     fields += [
-        Field(_title(q), partial(_cell, by, q), "number")
+        Field(quantity_title(q), partial(_cell, by, q), "number")
         for q in (FIRST, *(q for q in QUANTITIES if q in run.of_tissue))
         if q in known
     ]
@@ -91,10 +91,10 @@ def _more(first: dict[Any, Any], others: list[dict[Any, Any]]) -> str:
     return ", ".join(parts).replace("-", "−")
 
 
-def _title(quantity: str) -> str:
+def quantity_title(quantity: str) -> str:
     """Name and unit, as of an axis: "peak force (N)"."""
-    name, unit, _ = _scaled(quantity)
-    return f"{name} ({unit})"
+    name, unit, _ = scaled(quantity)
+    return name if unit == "1" else f"{name} ({unit})"
 
 
 def _spread(row: dict[Any, Any], factor: float = 1.0) -> Spread:
@@ -108,7 +108,7 @@ def _rank(row: dict[Any, Any]) -> str:
 def ranks(run: FitRun, factor: str, quantity: str = FIRST) -> Figure:
     """A quantity on each level of a factor, the lowest first, with its rank."""
     rows = run.levels[(run.levels["factor"] == factor) & (run.levels["quantity"] == quantity)]
-    title, _, scale = _scaled(quantity)
+    title, _, scale = scaled(quantity)
     by_level = [(row, _spread(row, scale)) for row in rows.sort_values("median").to_dict("records")]
     table = pd.DataFrame(
         [
@@ -123,10 +123,10 @@ def ranks(run: FitRun, factor: str, quantity: str = FIRST) -> Figure:
         ]
     )
     words = said("figures.ranks", name=title, factor=factor)
-    return intervals(table, _title(quantity), words, straight=True)
+    return intervals(table, quantity_title(quantity), words, straight=True)
 
 
-def _scaled(quantity: str) -> tuple[str, str, float]:
+def scaled(quantity: str) -> tuple[str, str, float]:
     """Name, unit, and how many of it per SI unit."""
     if quantity in UNITS:
         return quantity, UNITS[quantity], 1.0
@@ -199,7 +199,7 @@ def _recorded(run: FitRun, factor: str, titles: dict[tuple[float, float], str]) 
 
 def curves(run: FitRun, factor: str, quantity: str = FIRST) -> Figure:
     """An outcome over the height of the fall, or the velocity, on each level, and of each impact."""
-    title, _, scale = _scaled(quantity)
+    title, _, scale = scaled(quantity)
     rows = run.curves[(run.curves["factor"] == factor) & (run.curves["quantity"] == quantity)]
     column = "drop_height_cm" if run.gravity else "velocity_m_s"
     x = number(column, "height of the fall (cm)" if run.gravity else "velocity at contact (m/s)")
@@ -223,7 +223,7 @@ def curves(run: FitRun, factor: str, quantity: str = FIRST) -> Figure:
     )[["panel", "level", "impact", column, "median", "low", "high"]]
     levels = list(dict.fromkeys(table["level"]))
     words = said("figures.curves", name=title, over=x["title"], factor=factor)
-    return drawn.over_velocity(table, points, x, _title(quantity), panels, levels, words)
+    return drawn.over_velocity(table, points, x, quantity_title(quantity), panels, levels, words)
 
 
 def _measured(run: FitRun, factor: str, quantity: str) -> pd.DataFrame:

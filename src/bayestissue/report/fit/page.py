@@ -22,6 +22,7 @@ from bayestissue.report.fit import (
     population,
     study,
     traces,
+    usual,
     words,
 )
 from bayestissue.report.fit.run import FitRun, read_fit_run
@@ -30,7 +31,7 @@ from bayestissue.report.page import render_page
 # What the template calls for the words, tables and figures of a section, by the modules' names.
 _MODULES = (
     *(answers, answers_page, checks, estimates, explorer, figures, outcomes),
-    *(population, posterior, study, tables, traces, words),
+    *(population, posterior, study, tables, traces, usual, words),
 )
 _SECTIONS: dict[str, Any] = {module.__name__.rpartition(".")[2]: module for module in _MODULES}
 

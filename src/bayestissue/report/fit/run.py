@@ -211,6 +211,11 @@ class FitRun(PosteriorRun):
         return dict(self.diagnostics.get("model_form", {}).get("impacts", {}).get("p", {}))
 
     @property
+    def force_form(self) -> dict[str, Any]:
+        """What the residuals of a force beside the deceleration say; empty without one in the fit."""
+        return dict(self.diagnostics.get("channels", {}).get("form", {}))
+
+    @property
     def chain(self) -> dict[str, Any]:
         """What the traces say of their measuring chain; empty where they were not asked."""
         return dict(self.diagnostics.get("measuring_chain", {}))
@@ -241,6 +246,10 @@ class FitRun(PosteriorRun):
         if self.likelihood == "driven":
             return "force"
         return "displacement" if self.record.get("quantity") == "displacement" else "deceleration"
+
+    def times(self, what: str | None = None) -> np.ndarray:
+        """[impact, sample]: when the samples of what is drawn, or of ``what``, were since contact [s]."""
+        return self.constant("force_time" if (what or self.shown) == "force" else "time")
 
 
 def fit_run(

@@ -105,6 +105,15 @@ def middle_impact(run: FitRun) -> int:
     return int(order[len(order) // 2])
 
 
+def force_impact(run: FitRun) -> int:
+    """The impact whose force is shown: where that follows another law the worst, else the median one."""
+    p = run.force_form["impacts"]["p"]
+    names = [run.impacts[row] for row in run.predicted]
+    worst = min((name for name in names if name in p), key=lambda name: p[name], default=None)
+    followed = run.diagnostics["channels"]["follows"]
+    return middle_impact(run) if followed or worst is None else names.index(worst)
+
+
 def one_step_p(run: FitRun) -> np.ndarray:
     """Ljung-Box p-values of the exact ARMA(2,1) fits' one-step residuals [impact], NaN where none is.
 
@@ -122,17 +131,29 @@ SCALES = {"deceleration": ("m/s²", 1.0), "force": ("N", 1.0), "displacement": (
 
 
 def trace_rows(
-    run: FitRun, index: int, replicates: Float[np.ndarray, "draw sample"] | None = None
+    run: FitRun,
+    index: int,
+    replicates: Float[np.ndarray, "draw sample"] | None = None,
+    *,
+    what: str | None = None,
 ) -> pd.DataFrame:
-    """One of the impacts that have predictions: ``time_ms``, ``recorded`` and `BANDS` of its replicates."""
-    scale = SCALES[run.shown][1]
+    """One of the impacts that have predictions: ``time_ms``, ``recorded`` and `BANDS` of its replicates.
+
+    Args:
+        run: a finished fit.
+        index: of the impact, among those.
+        replicates: of it, where they are at hand.
+        what: "force" for one beside what the fit is shown by.
+    """
+    what = what or run.shown
+    scale = SCALES[what][1]
     if replicates is None:
-        replicates = run.draws(run.shown, "posterior_predictive")[:, index]
+        replicates = run.draws(what, "posterior_predictive")[:, index]
     bands = scale * np.percentile(replicates.astype(float), list(BANDS.values()), axis=0)
     rows = pd.DataFrame(
         {
-            "time_ms": 1e3 * run.constant("time")[run.predicted[index]],
-            "recorded": scale * run.groups["observed_data"][run.shown].to_numpy()[index],
+            "time_ms": 1e3 * run.times(what)[run.predicted[index]],
+            "recorded": scale * run.groups["observed_data"][what].to_numpy()[index],
         }
         | dict(zip(BANDS, bands, strict=True))
     )
@@ -151,7 +172,8 @@ def residual_words(run: FitRun, left: Residuals, one_step: np.ndarray) -> list[s
     """Whether the residuals have structure, and whether the model expects what they have."""
     sentences = [said("traces.inside", share=percent(inside_band(left)))]
     if run.tested:
-        return [*sentences, str(run.diagnostics["model_form"]["words"])]
+        of_force = [run.force_form["words"]] if run.force_form else []
+        return [*sentences, str(run.diagnostics["model_form"]["words"]), *of_force]
     if np.isfinite(one_step).any():
         sentences.append(
             _structure("One step ahead, by the exact point fit", one_step, np.array(run.impacts))

@@ -1,0 +1,152 @@
+"""Whether what was found is usual: published values of impacts like these, beside this study's own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float64
+
+from bayestissue.inference.results.meanings import COLUMNS, OUTCOME_COLUMNS, outcome_name
+from bayestissue.literature import FACTOR, MEASURED, Comparable, Measurement, Range, comparable
+from bayestissue.outline import counted
+from bayestissue.report.fit.outcomes import quantity_title, scaled
+from bayestissue.report.fit.run import FitRun
+from bayestissue.report.fit.sentences import said
+from bayestissue.report.tables import Field, Table, table_of
+from bayestissue.report.wording import listed, significant
+
+# Of an impact, what means the same for every element, where its own has it.
+_ACROSS_ELEMENTS = {"K": "K_secant", "C": "C_equivalent"}
+# What is lost of the energy that was put in has the weight's work in it, where an impactor falls.
+_NAMES = {column: name for name, column in (COLUMNS | OUTCOME_COLUMNS).items()} | {
+    "energy_share": "energy_share_with_gravity"
+}
+# Of this study's impacts, nine in ten.
+_MOST = (0.05, 0.95)
+
+
+class Line(NamedTuple):
+    """A published value beside this study's.
+
+    Attributes:
+        measurement: what it is of.
+        quantity: what was measured, by the name of the variable.
+        published: the published value, in the unit of the variable.
+        own: posterior medians of the impacts that compare, in that unit.
+    """
+
+    measurement: Measurement
+    quantity: str
+    published: Range
+    own: Float64[np.ndarray, " impact"]
+
+    @property
+    def median(self) -> float:
+        """That of this study's impacts."""
+        return float(np.median(self.own))
+
+    @property
+    def ratio(self) -> float:
+        """That median over the published value, or over the nearest of a published range."""
+        return self.published.ratio(self.median)
+
+    @property
+    def unusual(self) -> str:
+        """What the ratio says where it is beyond a factor of two; else empty."""
+        if 1 / FACTOR <= self.ratio <= FACTOR:
+            return ""
+        return said("usual.less" if self.ratio < 1 else "usual.more")
+
+    def words(self, values: Iterable[float]) -> str:
+        """Values of it as the page has them: a number, or a range."""
+        _, _, factor = scaled(self.quantity)
+        return _span(factor * value for value in values)
+
+
+def site(run: FitRun) -> str:
+    """What was hit; empty where the dataset does not state it."""
+    return str(run.record.get("site", ""))
+
+
+def asked(run: FitRun) -> bool:
+    """Whether the page answers it: a site is stated, or published values compare."""
+    return not run.undescribed and bool(site(run) or lines(run))
+
+
+def alike(run: FitRun) -> list[Comparable]:
+    """The published measurements of impacts like this run's."""
+    return comparable(run.constant("mass_kg"), run.constant("velocity_m_s"), site(run))
+
+
+def lines(run: FitRun) -> list[Line]:
+    """Their values beside this run's, by quantity, of those quantities that this run has."""
+    order = [_NAMES[column] for column in MEASURED]
+    found = [line for one in alike(run) for line in _lines_of(run, one)]
+    return sorted(found, key=lambda line: order.index(line.quantity))
+
+
+def _lines_of(run: FitRun, one: Comparable) -> Iterator[Line]:
+    for column, published in one.measurement.found.items():
+        quantity = _NAMES[column]
+        values = run.of_impacts(_ACROSS_ELEMENTS.get(quantity, quantity))
+        values = run.of_impacts(quantity) if values.empty else values
+        own = values["median"].to_numpy(float)[one.impacts] if len(values) else np.empty(0)
+        if len(known := own[np.isfinite(own)]):
+            yield Line(one.measurement, quantity, published, known)
+
+
+def usual_words(run: FitRun) -> str:
+    """How many published values are near this run's, and which are not; or why that can't be said."""
+    found = lines(run)
+    if not found:
+        of = dict.fromkeys(outcome_name(_NAMES[name]) for one in alike(run) for name in one.measurement.found)
+        return said("usual.lacking" if of else "usual.nothing", site=site(run), quantities=listed(list(of)))
+    off = dict.fromkeys(f"{outcome_name(line.quantity)} ({line.unusual})" for line in found if line.unusual)
+    count = counted(len(found), "published value")
+    sentence = f"usual.{'some' if off else 'all'}{'' if site(run) else '_elsewhere'}"
+    return said(sentence, count=count, off=listed(list(off)))
+
+
+def alike_words(run: FitRun, one: Comparable) -> str:
+    """What was measured, and how many of this run's impacts are like it."""
+    of = one.measurement
+    return said(
+        "usual.alike",
+        hit=f"{of.hit[:1].upper()}{of.hit[1:]}",
+        by=of.by,
+        motion=_motion(of),
+        short=of.source.short,
+        method=of.method,
+        where=of.where,
+        address=of.source.address,
+        count=int(one.impacts.sum()),
+        of=counted(len(one.impacts), "impact"),
+    )
+
+
+def _motion(of: Measurement) -> str:
+    mass, velocity = (_span(values or (), "{:.3g}".format) for values in (of.mass, of.velocity))
+    return f"{mass} kg at {velocity} m/s"
+
+
+def _span(values: Iterable[float], words: Callable[[float], str] = significant) -> str:
+    return " to ".join(dict.fromkeys(map(words, values)))
+
+
+def usual_table(run: FitRun) -> Table:
+    """Published values and this study's side by side, with their ratio."""
+    return table_of(
+        lines(run),
+        Field("quantity", lambda line: quantity_title(line.quantity)),
+        Field("published", lambda line: line.words(line.published), "number"),
+        Field("here", lambda line: line.words([line.median]), "number"),
+        Field("nine in ten", lambda line: line.words(np.quantile(line.own, _MOST)), "number"),
+        Field("here / published", lambda line: significant(line.ratio, 2), "number"),
+        Field("unusual", lambda line: line.unusual),
+        Field("other site", lambda line: "" if site(run) else line.measurement.site),
+        Field("published for", lambda line: _motion(line.measurement)),
+        Field("by", lambda line: line.measurement.source.short),
+        empty=False,
+    )
