@@ -159,7 +159,7 @@ def prepared_force(dataset: Dataset, signal: Displacements) -> PreparedForce | s
     chain, noise = dataset.uncertainty, np.maximum(noise / mass, 1e-12)
     return PreparedForce(
         comparison,
-        ForceRows(*parts)._replace(**{name: of_filter.get(name) for name in ("low_pass", "colour", "rate")}),
+        ForceRows(*parts, *(of_filter.get(name) for name in ("low_pass", "colour", "rate"))),
         of_filter.get("longer", 1.0) * noise / np.sqrt(n_quiet),
         _CLOCK * recorded.dt,
         np.log(noise),
