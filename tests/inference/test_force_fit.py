@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -43,4 +44,41 @@ def test_masses_that_are_declared_too_small_are_put_right(tip: float) -> None:
         # At the declared mass every one of them would be 10 % off.
         assert abs(float(z.mean())) < 0.03
     assert fit.diagnostics["channels"]["passed"]
+    assert fit.diagnostics["channels"]["follows"]
+    predicted, observed = (fit.posterior[name].dataset for name in ("posterior_predictive", "observed_data"))
+    band = np.nanpercentile(predicted["force"], [5, 95], axis=(0, 1))
+    recorded = observed["force"].to_numpy()
+    known = np.isfinite(recorded)
+    inside = ((band[0] < recorded) & (recorded < band[1]))[known].mean()
+    # Replicates have errors of the chain from the prior: they scatter more than the noise alone.
+    assert inside > 0.85
+    assert "force" in fit.posterior["prior_predictive"].dataset
     assert "all masses are 1." in fit.about["verdict"]["headline"]
+
+
+def test_a_force_of_another_law_is_said_on_the_first_line_and_on_the_page(tmp_path: Path) -> None:
+    content = tomllib.loads(FOUR_BY_FOUR)
+    content["recording"] |= {
+        "relative_gain_sd": 0.002,
+        "force": {"noise_relative_to_peak": 0.005, "relative_gain_sd": 0.01},
+    }
+    made = simulate(Simulation.model_validate(content)).dataset("made")
+    (channel,) = made.channels
+    # A cell that reads more the more it is pressed; the deceleration is that of the spring and damper.
+    bent = [
+        replace(trace, value=trace.value * (1 + 0.1 * (trace.value / trace.value.max()) ** 2))
+        for trace in channel.traces
+    ]
+    uncertainty = Uncertainty(0.1, 0.005, 0.002, 0.0)
+    dataset = replace(made, channels=(replace(channel, traces=bent),), uncertainty=uncertainty)
+    fit = bt.fit(dataset, seed=1)
+    account, form = fit.diagnostics["channels"], fit.diagnostics["model_form"]
+    assert not form["structured"]
+    assert not form["impacts"]["structured"]
+    assert not account["follows"]
+    assert "The force of the channel force does not follow the law" in account["words"]
+    assert (fit.summary.loc[fit.summary["variable"] == "K", "note"] != "").all()
+    fit.report(tmp_path / "report")
+    page = (tmp_path / "report" / "report.html").read_text()
+    assert "does not follow the law that the deceleration does" in page
+    assert "The force beside the deceleration of one impact (the one with the smallest p)" in page

@@ -209,11 +209,10 @@ def prepared_force(dataset: Dataset, signal: Displacements) -> PreparedForce | s
         tip,
         counts if (kept != rows.used).any() else None,
     )
-    behind: Any = {name: of_filter.get(name) for name in ("low_pass", "colour", "rate")}
     chain, noise = dataset.uncertainty, np.maximum(rows.noise / mass, 1e-12)
     return PreparedForce(
         comparison,
-        ForceRows(*parts)._replace(**behind),
+        ForceRows(*parts, *(of_filter.get(name) for name in ("low_pass", "colour", "rate"))),
         of_filter.get("longer", 1.0) * standard_error(noise, rows.n_quiet),
         _CLOCK * dt,
         np.log(noise),

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -70,11 +69,11 @@ def _left_of_both(
         return event.force_innovations(event.force_residuals(errors))[0], event.residuals(errors)
 
     event = impact_likelihood(model, data, list(u.T))
-    log_sigmas: Any = event.noise_parameters.log_force_sigma, event.noise_parameters.log_sigma
+    sigmas = event.force_sigma, event.sigma
 
     def over_noise(u: Array, errors: Array) -> Array:
-        pairs = zip(shocks(u, errors), log_sigmas, strict=True)
-        return jnp.concatenate([part / jnp.exp(log_sigma)[:, None] for part, log_sigma in pairs], axis=1)
+        pairs = zip(shocks(u, errors), sigmas, strict=True)
+        return jnp.concatenate([part / sigma[:, None] for part, sigma in pairs], axis=1)
 
     fitted, shared = _directions(over_noise, u, none, data.record.error_sd, [*_shape(model), u.shape[1] - 1])
     white = _whitened(jnp.stack(shared, axis=-1), [over_noise(u, none), *fitted])

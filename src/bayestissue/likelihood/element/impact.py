@@ -172,6 +172,12 @@ class MeasuredImpact:
         """The noise's standard deviation [m/s^2]."""
         return jnp.exp(self.noise_parameters.log_sigma)
 
+    @property
+    def force_sigma(self) -> Float[Array, " impact"]:
+        """The standard deviation of the noise of a force over mass [m/s^2]."""
+        assert self.noise_parameters.log_force_sigma is not None  # noqa: S101 - for the type checker
+        return jnp.exp(self.noise_parameters.log_force_sigma)
+
     def response(self) -> Response:
         """See `response`."""
         return response(self.element, self.parameters, self.record)
@@ -311,12 +317,10 @@ class MeasuredImpact:
 
     def _replicated_force(self, key: Array) -> Float[Array, "impact row"]:
         """A force [N] of the impact and errors that `sample` has by this key; contact is known."""
-        parameters, force = self.noise_parameters, self.record.force
+        force = self.record.force
         assert force is not None  # noqa: S101 - for the type checker
-        assert parameters.log_force_ratio is not None  # noqa: S101 - for the type checker
-        assert parameters.log_force_sigma is not None  # noqa: S101 - for the type checker
         errors = self.prior_errors(_keys_of_sample(key)[1])
-        key, sigma = jax.random.fold_in(key, 5), jnp.exp(parameters.log_force_sigma)[:, None]
+        key, sigma = jax.random.fold_in(key, 5), self.force_sigma[:, None]
         if force.colour is None or force.rate is None:
             shocks = jax.random.normal(key, force.y.shape)
         else:
