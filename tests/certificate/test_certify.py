@@ -1,4 +1,4 @@
-"""A small campaign certified: calibrated as it is, not where the sampler is spoilt; kept, and gone on with."""
+"""A small campaign certified: calibrated as it is, not where the sampler is spoilt; parts are kept."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def test_finished_refits_are_read_and_change_nothing(run: Path, certificate: Pat
         (tmp_path / f"refit-{int(number) - 1:04d}.json").write_text(json.dumps(one), encoding="utf-8")
     made = certifying._refitted(study, 3, 0, lambda *_: None, tmp_path)
     third = ranks[ranks["refit"] == 3]
-    assert {name: value for name, value in made[0]["ranks"].items()} == {
+    assert made[0]["ranks"] == {
         str(name): part["rank"].tolist()
         for name, part in rows[rows["refit"] == 1].groupby("quantity", sort=False)
     }

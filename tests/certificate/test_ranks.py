@@ -21,7 +21,7 @@ def ranks_of(
 
 def test_p_of_uniform_ranks_is_uniform() -> None:
     rng = np.random.default_rng(0)
-    p = np.array([p_of_uniform(rng.integers(0, DRAWS + 1, REFITS)) for _ in range(2000)])
+    p = np.array([p_of_uniform(rng.integers(0, DRAWS + 1, REFITS)) for _ in range(500)])
     for level in (0.01, 0.1, 0.5):
         # A share of 2000; the statistic has few values, so that it may be a little rarer.
         assert (p <= level).mean() <= level + 4 * np.sqrt(level * (1 - level) / len(p))
@@ -31,11 +31,11 @@ def test_p_of_uniform_ranks_is_uniform() -> None:
 def test_elements_of_one_refit_count_as_dependent() -> None:
     rng = np.random.default_rng(1)
     small = 0
-    for _ in range(500):
+    for _ in range(100):
         common = rng.standard_normal((REFITS, 1))
         places = norm.cdf(0.8 * common + 0.6 * rng.standard_normal((REFITS, 50)))
         small += judge("K", (places * (DRAWS + 1)).astype(int)).p < 0.05
-    assert small / 500 < 0.05 + 4 * np.sqrt(0.05 * 0.95 / 500)
+    assert small / 100 < 0.05 + 4 * np.sqrt(0.05 * 0.95 / 100)
 
 
 @pytest.mark.parametrize(("sd", "shift"), [(1.3, 0.0), (0.7, 0.0), (1.0, 0.3)])
