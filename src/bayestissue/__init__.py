@@ -17,6 +17,7 @@ _PUBLIC: dict[str, str] = {
     "dataset": "bayestissue.dataset",
     "read_dataset": "bayestissue.dataset",
     "init_dataset": "bayestissue.intake",
+    "Certificate": "bayestissue.certificate.certificate",
     "Check": "bayestissue.checking",
     "Fit": "bayestissue.finished",
     "Impact": "bayestissue.one_impact",
@@ -28,6 +29,7 @@ _PUBLIC: dict[str, str] = {
 }
 # What computes with JAX, and so in float64, whatever the caller's setting is.
 _COMPUTED: dict[str, str] = {
+    "certify": "bayestissue.certificate.certificate",
     "check": "bayestissue.checking",
     "fit": "bayestissue.fitting",
     "impact": "bayestissue.one_impact",

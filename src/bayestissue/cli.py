@@ -18,6 +18,7 @@ import typer
 from bayestissue import runtime, stopping
 from bayestissue.commands import (
     causes,
+    certify,
     check,
     compare,
     estimate,
@@ -42,7 +43,8 @@ STATUSES = {
     0: "done",
     1: "whoever read the output closed it",
     2: "the input is wrong, nothing written",
-    options.FAILED_DIAGNOSTICS: "finished, but the sampler's diagnostics failed, or a check of `selftest`",
+    options.FAILED_DIAGNOSTICS: "finished, but the sampler's diagnostics failed, or a check of `selftest` or "
+    "`certify`",
     4: "the results are written, but not their page, or in another folder, as the message says",
     5: "the machine failed (a full disk, say), nothing kept but what the message names",
     stopping.INTERRUPTED: "interrupted",
@@ -67,7 +69,7 @@ _COMMANDS: dict[str, Callable[..., None]] = {
     **{"fit": fit.run, "reproduce": reproduce.run, "report": finished_runs.report, "compare": compare.run},
     **{"ask": finished_runs.ask, "predict": finished_runs.predict, "causes": causes.run},
     **{"export": export.run, "watch": watch.run, "open": open_page.run, "explain": explain.run},
-    "selftest": selftest.run,
+    **{"selftest": selftest.run, "certify": certify.run},
 }
 for name, command in _COMMANDS.items():
     function, words = options.documented(command)

@@ -331,6 +331,7 @@ class Fit(Outlined):
         self,
         path: str | Path,
         *,
+        certificate: str | Path | None = None,
         width_mm: float = WIDTH_MM,
         excel: results.Excel | None = None,
         overwrite: bool = False,
@@ -339,6 +340,7 @@ class Fit(Outlined):
 
         Args:
             path: a folder that is new or empty.
+            certificate: the folder of `bayestissue certify` of this fit, whose verdict the checklists state.
             width_mm: of a figure in print; a journal's column is about 85 mm wide, its page 170.
             excel: the decimal mark of the spreadsheet that opens the figures' rows; None for programs.
             overwrite: replace what is there.
@@ -347,11 +349,13 @@ class Fit(Outlined):
             The folder.
 
         Raises:
-            InputError: ``path`` is taken and ``overwrite`` is false, or holds what no command wrote.
+            InputError: ``path`` is taken and ``overwrite`` is false, or holds what no command wrote; or
+                ``certificate`` is none of this fit.
         """
         from bayestissue.paper.export import write_paper
 
-        inputs = (self.folder,)
+        inputs = (self.folder, certificate)
+        certified = None if certificate is None else self._certified(Path(certificate))
         with results.claim(Path(path), overwrite=overwrite, command="export", inputs=inputs) as target:
             with target.folder() as folder:
                 write_paper(
@@ -359,10 +363,20 @@ class Fit(Outlined):
                     folder,
                     table=self.table,
                     finished=self.finished,
+                    certified=certified,
                     width_mm=width_mm,
                     excel=excel,
                 )
             return target.path
+
+    def _certified(self, folder: Path) -> dict[str, Any]:
+        """The verdict of this fit's certificate in a folder."""
+        record = read_about(folder)
+        of = record.get("run", {})
+        if record["kind"] != "certificate" or of.get("started") != self.about["started"]:
+            raise InputError.stated("not-a-run.certificate", str(folder), value=of.get("started"))
+        verdict: dict[str, Any] = record["verdict"]
+        return verdict
 
     def _page(self, path: Path, overwrite: bool) -> Path:
         if path.exists() and not overwrite:

@@ -23,7 +23,7 @@ from bayestissue.errors import InputError, Problem
 from bayestissue.finished import TABLES, Fit, read_run
 from bayestissue.hierarchy.named_model import named_model
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification, specification_of
-from bayestissue.hierarchy.trace_data import KINDS, Prepared, assemble, prepare, with_discrepancy
+from bayestissue.hierarchy.trace_data import KINDS, Prepared, assemble, prepare, too_short, with_discrepancy
 from bayestissue.hierarchy.untried import untried
 from bayestissue.inference.answers.agreement import agreement
 from bayestissue.inference.chain.results import ChainEnd
@@ -211,6 +211,20 @@ def _content(
     named = default_model(quantity) if model is None else model
     path = resources.model_file(named, lambda content: content.get("likelihood") in KINDS)
     return resources.model_content(path), str(path), read_text(path, str(path))
+
+
+def without_short(dataset: Dataset, specification: ModelSpecification, source: str) -> Dataset:
+    """The dataset less the impacts of too few samples, which are told as left out; all of them stay."""
+    from bayestissue.signal import displacements
+
+    problems = too_short(dataset, displacements(dataset, specification.signal), source)
+    short = {problem.impact for problem in problems}
+    keep = np.flatnonzero(~dataset.impacts["impact"].isin(short))
+    if not problems or not len(keep):
+        return dataset
+    kept = dataset.part(keep.tolist())
+    impacts, left_out = kept.impacts.reset_index(drop=True), (*dataset.left_out, *problems)
+    return replace(kept, impacts=impacts, left_out=left_out)
 
 
 def require_answerable(prepared: Prepared, specification: ModelSpecification, source: str) -> None:

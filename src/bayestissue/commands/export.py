@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -14,6 +15,7 @@ from bayestissue.paper import WIDTH_MM
 def run(
     run: FinishedFit,
     out: Out,
+    certificate: Annotated[Path | None, typer.Option(metavar="DIR")] = None,
     width: Annotated[float, typer.Option(metavar="MM", min=40, max=400)] = WIDTH_MM,
     excel: Excel = None,
     overwrite: Overwrite = False,
@@ -27,13 +29,19 @@ def run(
     side and condition, as SPSS, JASP and Excel want it; its sheet columns says what each means. figures/ has
     each figure as SVG, PDF and PNG, and the rows that it is drawn from as CSV.
 
+    checklists.md has the checklists BARG (Bayesian analyses) and GRRAS (reliability), answered where the run
+    knows the answer; the rest are questions to you.
+
     Args:
+        certificate: Folder of `bayestissue certify` of this run, whose verdict the checklists then state.
         width: Of a figure in print; a journal's column is about 85 mm wide, its page 170.
     """
     runtime.configure()
     from bayestissue.commands.console import echo
     from bayestissue.finished import read_run
 
-    folder = read_run(run).export(out, width_mm=width, excel=excel, overwrite=overwrite)
+    folder = read_run(run).export(
+        out, certificate=certificate, width_mm=width, excel=excel, overwrite=overwrite
+    )
     if not quiet:
-        echo(f"wrote methods.md, methods.docx, tables.xlsx and figures/ to {folder}")
+        echo(f"wrote methods.md, methods.docx, checklists.md, tables.xlsx and figures/ to {folder}")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -28,8 +27,6 @@ from bayestissue.commands.options import (
 from bayestissue.words import Words
 
 if TYPE_CHECKING:
-    from bayestissue.dataset import Dataset
-    from bayestissue.hierarchy.specification import ModelSpecification
     from bayestissue.hierarchy.trace_data import Prepared
     from bayestissue.remedies import Code
 
@@ -43,6 +40,7 @@ def run(
     ask: Annotated[list[str] | None, typer.Option(metavar="QUESTION")] = None,
     continue_from: Annotated[Path | None, typer.Option("--continue", metavar="RUN")] = None,
     path: str | None = None,
+    certify: bool = False,
     scheduler: Scheduler = None,
     seed: Seed = 0,
     skip_bad: SkipBad = False,
@@ -62,6 +60,7 @@ def run(
             again.
         continue_from: Folder of a finished fit of the same recordings and model, whose chains go on where
             they ended; may be --out itself, with --overwrite.
+        certify: Then certify the fit, as `bayestissue certify` does, in OUT-certificate.
         path: Of an earlier version, which had several samplers: without effect.
     """
     runtime.configure(one_core=True)
@@ -70,7 +69,14 @@ def run(
         from bayestissue.commands.finished_runs import print_answers
         from bayestissue.dataset import read_dataset
         from bayestissue.finished import CHAIN, page_html, write_run
-        from bayestissue.fitting import earlier_run, fit_prepared, formulas_of, require_answerable, resolve
+        from bayestissue.fitting import (
+            earlier_run,
+            fit_prepared,
+            formulas_of,
+            require_answerable,
+            resolve,
+            without_short,
+        )
         from bayestissue.hierarchy.trace_data import prepare
         from bayestissue.inference.execution.workers import on_cluster
         from bayestissue.inference.samplers.diagnostics import headline, warned_codes
@@ -85,7 +91,7 @@ def run(
         if specification.sampler.ignored and not quiet:
             echo(f"without effect, of an earlier sampler: {', '.join(specification.sampler.ignored)}")
         if skip_bad:
-            data = _without_short(data, specification, source)
+            data = without_short(data, specification, source)
         prepared = prepare(data, specification, source=source)
         require_answerable(prepared, specification, source)
         earlier = None
@@ -113,25 +119,17 @@ def run(
             echo(nouns(f"{headline(fit.diagnostics)}\n{fit.verdict}"))
             explained([*codes, *warned_codes(fit.diagnostics)])
             echo(f"wrote {target.path / 'report.html'}")
-        if not fit.diagnostics["passed"]:
-            raise typer.Exit(FAILED_DIAGNOSTICS)
+    passed = fit.diagnostics["passed"]
+    if certify:
+        from bayestissue.commands.certify import certified
+        from bayestissue.report.run_folder import after_results
 
-
-def _without_short(data: Dataset, specification: ModelSpecification, source: str) -> Dataset:
-    """The dataset less the impacts of too few samples, which are told as left out; all of them stay."""
-    import numpy as np
-
-    from bayestissue.hierarchy.trace_data import too_short
-    from bayestissue.signal import displacements
-
-    problems = too_short(data, displacements(data, specification.signal), source)
-    short = {problem.impact for problem in problems}
-    keep = np.flatnonzero(~data.impacts["impact"].isin(short))
-    if not problems or not len(keep):
-        return data
-    kept = data.part(keep.tolist())
-    impacts, left_out = kept.impacts.reset_index(drop=True), (*data.left_out, *problems)
-    return replace(kept, impacts=impacts, left_out=left_out)
+        again = f"`bayestissue certify {target.path}` goes on with it"
+        failed = "they could not be certified"
+        with after_results(target.path, again, failed=failed, code="certificate-not-made"):
+            passed &= certified(target.path, seed=seed, excel=excel, overwrite=overwrite, quiet=quiet)
+    if not passed:
+        raise typer.Exit(FAILED_DIAGNOSTICS)
 
 
 def _say_what_is_told(prepared: Prepared, nouns: Words) -> list[Code]:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
 from bayestissue.inference.answers.finished import Finished
 from bayestissue.paper import WIDTH_MM
+from bayestissue.paper.checklists import checklists, checklists_markdown
 from bayestissue.paper.documents import write_markdown, write_word
 from bayestissue.paper.drawings import write_figures
 from bayestissue.paper.text import text_of
@@ -24,22 +26,26 @@ def write_paper(
     *,
     table: Callable[[str], pd.DataFrame],
     finished: Finished,
+    certified: Mapping[str, Any] | None = None,
     width_mm: float = WIDTH_MM,
     excel: Excel | None = None,
 ) -> None:
-    """Write ``methods.md``, ``methods.docx``, ``tables.xlsx`` and ``figures/`` into ``folder``.
+    """Write ``methods.md``, ``methods.docx``, ``checklists.md``, ``tables.xlsx`` and ``figures/``.
 
     Args:
         run: a finished fit, whatever its diagnostics say: the text says it too.
         folder: that exists.
         table: a table of the fit by its name; a KeyError where there is none.
         finished: the same fit as questions need it.
+        certified: the ``verdict`` of the fit's certificate, if it has one.
         width_mm: of a figure in print.
         excel: how the figures' rows are written, as of `bayestissue.results.write_table`.
     """
     text = text_of(run, finished)
     write_markdown(text, folder / "methods.md")
     write_word(text, folder / "methods.docx")
+    lists = ["# Checklists of journals", "", *checklists_markdown(checklists(run, text, certified))]
+    (folder / "checklists.md").write_text("\n".join(lists), encoding="utf-8")
     write_workbook(folder / "tables.xlsx", table, finished, run.record["model"])
     (folder / "figures").mkdir()
     write_figures(published(run), folder / "figures", nouns=run.nouns, width_mm=width_mm, excel=excel)

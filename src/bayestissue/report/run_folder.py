@@ -17,6 +17,7 @@ import xarray as xr
 from bayestissue import stopping
 from bayestissue.errors import InputError, PartialResultError, Problem
 from bayestissue.outline import short
+from bayestissue.remedies import Code
 from bayestissue.results import damaged, whole_file
 from bayestissue.results.tables import AGAIN, HELD, wrong_in
 
@@ -224,8 +225,16 @@ def draw_page(run_dir: Path, page: Callable[[], str] | None = None) -> Path:
 
 
 @contextmanager
-def after_results(folder: Path, again: str) -> Iterator[None]:
-    """A block that adds to results that stand; ``again`` says how it is repeated if it fails or is stopped.
+def after_results(
+    folder: Path, again: str, *, failed: str = "their page could not be drawn", code: Code = "page-not-drawn"
+) -> Iterator[None]:
+    """A block that adds to results that stand.
+
+    Args:
+        folder: of the results.
+        again: how it is repeated if it fails or is stopped.
+        failed: what it means that it failed.
+        code: of that.
 
     Raises:
         PartialResultError: whatever failed in the block, in one line.
@@ -236,8 +245,8 @@ def after_results(folder: Path, again: str) -> Iterator[None]:
         except Exception as error:
             what = short(" ".join(f"{type(error).__name__}: {error}".split()), 300)
             raise PartialResultError(
-                f"the results are in {folder}, but their page could not be drawn ({what}); {again}",
-                code="page-not-drawn",
+                f"the results are in {folder}, but {failed} ({what}); {again}",
+                code=code,
             ) from error
 
 
@@ -249,6 +258,7 @@ _PAGES = {
     "comparison": ("report.comparison", "comparison_page"),
     "causes": ("thesis.pages.causes_page", "causes_page"),
     "plan": ("report.plan_page", "plan_page"),
+    "certificate": ("report.certificate_page", "certificate_page"),
 }
 
 

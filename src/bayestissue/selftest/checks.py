@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 
 from bayestissue import runtime
+from bayestissue.outline import markdown_rows
 from bayestissue.results.tables import table_of_rows
 
 Say = Callable[[str, int, int], None]
@@ -108,14 +109,9 @@ def as_markdown(table: pd.DataFrame, record: Mapping[str, Any]) -> str:
             "",
             words,
             "",
-            *_rows(("", ""), facts.items()),
+            *markdown_rows(("", ""), facts.items()),
             "",
-            *_rows(("check", "what", "expected", "found", "passed"), checks),
+            *markdown_rows(("check", "what", "expected", "found", "passed"), checks),
             "",
         ]
     )
-
-
-def _rows(headings: tuple[str, ...], rows: Iterable[Iterable[object]]) -> list[str]:
-    lines = [headings, ("---",) * len(headings), *rows]
-    return ["| " + " | ".join(str(cell).replace("|", "\\|") for cell in line) + " |" for line in lines]
