@@ -74,6 +74,7 @@ def run(
         from bayestissue.hierarchy.trace_data import prepare
         from bayestissue.inference.execution.workers import on_cluster
         from bayestissue.inference.samplers.diagnostics import headline, warned_codes
+        from bayestissue.inference.single.phantoms import apart
         from bayestissue.report import draw_page
 
         data = read_dataset(dataset, skip_bad=skip_bad)
@@ -86,7 +87,8 @@ def run(
             echo(f"without effect, of an earlier sampler: {', '.join(specification.sampler.ignored)}")
         if skip_bad:
             data = _without_short(data, specification, source)
-        prepared = prepare(data, specification, source=source)
+        data, reference = apart(data)
+        prepared = replace(prepare(data, specification, source=source), reference=reference)
         require_answerable(prepared, specification, source)
         earlier = None
         if continue_from is not None:

@@ -25,6 +25,7 @@ from bayestissue.hierarchy.force import PreparedForce, prepared_force
 from bayestissue.hierarchy.formulas.formula import terms_of
 from bayestissue.hierarchy.formulas.identifiability import missing
 from bayestissue.hierarchy.population import population_design
+from bayestissue.hierarchy.reference import Reference
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
 from bayestissue.hierarchy.traces import Kind, Record, TraceData, TraceModel, nuisance_of
 from bayestissue.likelihood.arma.displacement import displacement_record
@@ -62,6 +63,7 @@ class Prepared:
     impacts: pd.DataFrame
     force: PreparedForce | None = None
     force_unused: str = ""
+    reference: Reference | None = None
 
 
 def prepare(dataset: Dataset, specification: ModelSpecification, *, source: str) -> Prepared:
@@ -188,7 +190,7 @@ def with_discrepancy(dataset: Dataset, specification: ModelSpecification, prepar
     wider = specification.model_copy(update={"discrepancy": "always"})
     without = assemble(dataset, wider, prepared.design, prepared.signal)
     why = "the model has a discrepancy" if prepared.force else prepared.force_unused
-    return replace(without, force_unused=why)
+    return replace(without, force_unused=why, reference=prepared.reference)
 
 
 def unsuited(dataset: Dataset, specification: ModelSpecification, source: str) -> list[Problem]:
