@@ -62,6 +62,31 @@ def phantom_table(phantoms: Dataset) -> pd.DataFrame:
     return table[columns].join(phantoms.impacts[list(REFERENCE)])
 
 
+def control_chart(dataset: Dataset) -> pd.DataFrame | None:
+    """K of each impact of known stiffness over that stiffness, in the order of the table; None without any.
+
+    Returns:
+        A row an impact: ``label``, its name; ``median``, ``low`` and ``high``, K at the recorded mass over
+        the known K with its 90 % interval; ``limit``, the half width within which 90 % of it lie, by what
+        is declared of the mass and of the known stiffness.
+    """
+    known = of_phantoms(dataset)
+    if not known.any() or dataset.quantity == "displacement":
+        return None
+    part, chain = dataset.part(np.flatnonzero(known).tolist()), dataset.uncertainty
+    phantoms = replace(
+        part,
+        impacts=part.impacts.reset_index(drop=True),
+        uncertainty=replace(chain, relative_mass_sd=0.0),
+    )
+    table = phantom_table(phantoms)
+    stiffness, sd = (table[name].to_numpy(float) for name in REFERENCE)
+    ends = {"median": "K_N_per_m", "low": "K_low_N_per_m", "high": "K_high_N_per_m"}
+    ratios = {name: table[column].to_numpy(float) / stiffness for name, column in ends.items()}
+    limit = _WIDE / 2 * np.hypot(chain.relative_mass_sd, sd / stiffness)
+    return pd.DataFrame({"label": table["impact"].astype(str), **ratios, "limit": limit})
+
+
 def _reference(dataset: Dataset, phantoms: Dataset) -> Reference:
     table = phantom_table(phantoms)
     exact = replace(phantoms, uncertainty=replace(phantoms.uncertainty, relative_gain_sd=0.0))
