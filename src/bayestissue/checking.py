@@ -16,6 +16,7 @@ from bayestissue.errors import Coded, Problem
 from bayestissue.hierarchy.columns import few_valued
 from bayestissue.inference.points.notes import said_once
 from bayestissue.inference.results.meanings import few_valued_words
+from bayestissue.inference.single.phantoms import control_chart
 from bayestissue.outline import Outlined, Rows, short, span
 from bayestissue.report.recordings_pages import check_page, kinds, quality_table
 from bayestissue.results.tables import table_of_rows
@@ -40,6 +41,8 @@ class Check(Outlined):
         warnings: what looks odd: of reading, of the signal chain, and of the detectors of spoilt recordings.
         findings: what those detectors found: see `bayestissue.signal.quality.inspect`.
         force: a force that was recorded beside the decelerations, against mass times deceleration.
+        phantoms: K of each impact of known stiffness as recorded: see
+            `bayestissue.inference.single.phantoms.control_chart`.
     """
 
     dataset: Dataset
@@ -48,6 +51,7 @@ class Check(Outlined):
     warnings: tuple[Problem, ...]
     findings: Sequence[Finding] = ()
     force: Force | None = None
+    phantoms: pd.DataFrame | None = None
 
     def _outline(self) -> tuple[str, Rows]:
         rows = [
@@ -104,6 +108,7 @@ class Check(Outlined):
             verdict=self.verdict,
             warnings=self.warnings,
             force=self.force,
+            phantoms=self.phantoms,
         )
 
 
@@ -119,7 +124,7 @@ def check(dataset: Dataset | str | Path) -> Check:
     force = force_beside(dataset, signal)
     warnings = (*dataset.warnings, *_raised(dataset, signal, findings), *_disagreement(force))
     quality = quality_table(dataset, signal, warnings, force)
-    return Check(dataset, signal, quality, warnings, findings, force)
+    return Check(dataset, signal, quality, warnings, findings, force, control_chart(dataset))
 
 
 def _raised(data: Dataset, signal: Displacements, findings: Sequence[Finding]) -> Iterator[Problem]:

@@ -23,18 +23,20 @@ from bayestissue.errors import InputError, Problem
 from bayestissue.finished import TABLES, Fit, read_run
 from bayestissue.hierarchy.named_model import named_model
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification, specification_of
-from bayestissue.hierarchy.trace_data import KINDS, Prepared, assemble, prepare, too_short, with_discrepancy
+from bayestissue.hierarchy.trace_data import KINDS, Prepared, assemble, too_short, with_discrepancy
 from bayestissue.hierarchy.untried import untried
 from bayestissue.inference.answers.agreement import agreement
 from bayestissue.inference.chain.results import ChainEnd
 from bayestissue.inference.checking import model_form
 from bayestissue.inference.checking.force import judge_force
 from bayestissue.inference.checking.measuring_chain import judge
+from bayestissue.inference.checking.reference import judge_reference
 from bayestissue.inference.factors.expansions import expanded
 from bayestissue.inference.fit import Say, TraceAnalysis, fit_traces
 from bayestissue.inference.points.notes import clipped_recordings, flagged_recordings, unused_channels
 from bayestissue.inference.results.meanings import COLUMNS, symbols
 from bayestissue.inference.samplers.diagnostics import headline, noted, verdict_in_words, warnings
+from bayestissue.inference.single.phantoms import prepare_without_phantoms
 from bayestissue.settings import read_text
 from bayestissue.words import Words
 
@@ -103,7 +105,7 @@ def fit(
         model, dataset.recorded, formulas=formulas_of(K, C), questions=ask, sampler={"path": path}
     )
     with _set_up():
-        prepared = prepare(dataset, specification, source=source)
+        dataset, prepared = prepare_without_phantoms(dataset, specification, source=source)
         require_answerable(prepared, specification, source)
         earlier = (
             None if continue_from is None else earlier_run(continue_from, dataset, specification, prepared)
@@ -137,7 +139,8 @@ def numpyro_model(
 
     dataset = as_dataset(dataset)
     specification, source = resolve(model, dataset.recorded, formulas=formulas_of(K, C))
-    return named_model(prepare(dataset, specification, source=source))
+    _, prepared = prepare_without_phantoms(dataset, specification, source=source)
+    return named_model(prepared)
 
 
 def _checked_seed(seed: Any) -> int:
@@ -356,6 +359,8 @@ def fit_prepared(
             if prepared.force
             else {"words": unused_channels(dataset.channels, prepared.force_unused)}
         )
+    if prepared.reference is not None:
+        diagnostics["reference"] = judge_reference(prepared.reference)
     analysis = replace(analysis, diagnostics=diagnostics, summary=summary)
     return finished_fit(dataset, specification, prepared, analysis, points, seed, start.time, start.seconds)
 
@@ -481,7 +486,7 @@ def _provenance(
 
 def _remarks(diagnostics: dict[str, Any]) -> list[str]:
     """What is not wrong, but should be known beside a verdict that passed."""
-    return [diagnostics[key]["words"] for key in ("clipped", "channels") if key in diagnostics]
+    return [diagnostics[key]["words"] for key in ("clipped", "channels", "reference") if key in diagnostics]
 
 
 def _kept_of_impacts(tree: xr.DataTree) -> dict[str, Any]:

@@ -20,10 +20,11 @@ from bayestissue.errors import InputError
 from bayestissue.finished import Fit, fit_run_of, read_run
 from bayestissue.fitting import earlier_run, without_short
 from bayestissue.hierarchy.specification import Sampler
-from bayestissue.hierarchy.trace_data import Prepared, prepare, with_discrepancy
+from bayestissue.hierarchy.trace_data import Prepared, with_discrepancy
 from bayestissue.inference.chain.draws import chain_draws
 from bayestissue.inference.chain.results import ChainEnd
 from bayestissue.inference.fit import Say, sample
+from bayestissue.inference.single.phantoms import prepare_without_phantoms
 from bayestissue.outline import Outlined, Rows, counted, short
 from bayestissue.paper.checklists import checklists, checklists_markdown
 from bayestissue.paper.text import text_of
@@ -155,7 +156,7 @@ class Study:
             return cls(fit, fit.prepared, fit.chain_end())
         recordings = _recordings(fit, dataset)
         source = str(fit.folder)
-        prepared = prepare(recordings, fit.specification, source=source)
+        recordings, prepared = prepare_without_phantoms(recordings, fit.specification, source=source)
         earlier = earlier_run(fit, recordings, fit.specification, prepared)
         if "score_without" in fit.about.get("discrepancy", {}):
             prepared = with_discrepancy(recordings, fit.specification, prepared)

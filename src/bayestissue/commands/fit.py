@@ -77,9 +77,9 @@ def run(
             resolve,
             without_short,
         )
-        from bayestissue.hierarchy.trace_data import prepare
         from bayestissue.inference.execution.workers import on_cluster
         from bayestissue.inference.samplers.diagnostics import headline, warned_codes
+        from bayestissue.inference.single.phantoms import prepare_without_phantoms
         from bayestissue.report import draw_page
 
         data = read_dataset(dataset, skip_bad=skip_bad)
@@ -92,7 +92,7 @@ def run(
             echo(f"without effect, of an earlier sampler: {', '.join(specification.sampler.ignored)}")
         if skip_bad:
             data = without_short(data, specification, source)
-        prepared = prepare(data, specification, source=source)
+        data, prepared = prepare_without_phantoms(data, specification, source=source)
         require_answerable(prepared, specification, source)
         earlier = None
         if continue_from is not None:

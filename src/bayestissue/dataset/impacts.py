@@ -18,6 +18,8 @@ from bayestissue.dataset.recordings import CROP
 from bayestissue.errors import Problem, has_control_characters
 
 RESERVED = ("impact", "subject", "trial", "mass_kg", "velocity_m_s", "trace", "sampling_rate_hz", *CROP)
+# Of a spring or phantom whose stiffness is known.
+REFERENCE = ("reference_K_N_per_m", "reference_K_sd_N_per_m")
 _GROUPS = ("subject", "trial")
 
 
@@ -40,6 +42,8 @@ _MEASURED = {
     "sampling_rate_hz": _Measured("the sampling rate in Hz", 1.0, 1e9, "Hz"),
     "energy_J": _Measured("the energy in J", 1e-9, 1e7, "J"),
     "diameter_m": _Measured("the impactor's diameter in m", 1e-5, 10.0, "m"),
+    REFERENCE[0]: _Measured("the known stiffness of a spring or phantom in N/m", 1e-2, 1e10, "N/m"),
+    REFERENCE[1]: _Measured("the standard deviation of that stiffness in N/m", 1e-6, 1e10, "N/m"),
 }
 # What each column is, for the manual; any other is a covariate.
 COLUMNS = {
@@ -58,6 +62,11 @@ COLUMNS = {
     "with the times within 1 % if there are any",
     "energy_J": f"{_MEASURED['energy_J'].meaning}, M V²/2",
     "diameter_m": f"{_MEASURED['diameter_m'].meaning}, for the element hunt_crossley",
+    REFERENCE[
+        0
+    ]: f"{_MEASURED[REFERENCE[0]].meaning}; empty for people. Such impacts tell by what factor all "
+    "masses are wrong, and are in no person's results",
+    REFERENCE[1]: _MEASURED[REFERENCE[1]].meaning,
 }
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _WHOLE_NUMBER = re.compile(r"(?<![\d.])(\d+)\.0+(?![\d.])")
@@ -136,6 +145,7 @@ def impact_table(
             most = PLAUSIBLE.largest_covariate
             too_large = np.abs(column.numbers) >= most
             problems += column.wrong(too_large, "impossible-value.covariate", limit=most)
+    problems += _half_known(columns)
     for name in ("mass_kg", "velocity_m_s"):
         content.setdefault(name, np.full(len(rows), np.nan))
     table = pd.DataFrame(content)
@@ -203,6 +213,16 @@ class _Column:
         counts = {"count": int(odd.sum()), "total": len(self.texts)}
         first = [int(np.argmax(odd))] if odd.any() else []
         return content, [self.problem(index, f"unusual-value.{kind}", **counts) for index in first]
+
+
+def _half_known(columns: dict[str, _Column]) -> list[Problem]:
+    """Cells of a known stiffness without its standard deviation, and the other way round."""
+    problems, empty = [], {name: columns[name].empty for name in REFERENCE if name in columns}
+    for name, other in (REFERENCE, REFERENCE[::-1]):
+        if name in empty:
+            lacking = ~empty[name] & empty.get(other, np.ones_like(empty[name]))
+            problems += columns[name].wrong(lacking, "reference-unfit.half", other=other)
+    return problems
 
 
 def _conditions(cells: pd.DataFrame) -> list[str]:

@@ -6,12 +6,21 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from bayestissue.dataset.impacts import RESERVED
+from bayestissue.dataset.impacts import REFERENCE, RESERVED
 from bayestissue.hierarchy.formulas.group_terms import labels_of
 
 # What every study has, and what `bayestissue init` fills besides: counts of repeats, and heights of drops.
 USUAL = (
-    *("subject", "trial", "mass_kg", "velocity_m_s", "energy_J", "diameter_m", "sampling_rate_hz"),
+    *(
+        "subject",
+        "trial",
+        "mass_kg",
+        "velocity_m_s",
+        "energy_J",
+        "diameter_m",
+        "sampling_rate_hz",
+        *REFERENCE,
+    ),
     *("n", "drop_height_m", "drop_height_cm", "drop_height_mm"),
 )
 _DATE = r"(19|20)\d{6}|\d{4}-\d\d?-\d\d?([T ].*)?|\d\d?[./]\d\d?[./]\d{2,4}( .*)?|\d\d?:\d\d(:\d\d.*)?"

@@ -27,6 +27,7 @@ from bayestissue.hierarchy.formulas.group_terms import MASS_TERM
 from bayestissue.hierarchy.formulas.identifiability import missing
 from bayestissue.hierarchy.population import population_design
 from bayestissue.hierarchy.recorder import filtered_noise, low_pass_of
+from bayestissue.hierarchy.reference import Reference
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
 from bayestissue.hierarchy.traces import Kind, Record, TraceData, TraceModel, nuisance_of
 from bayestissue.likelihood.arma.displacement import displacement_record
@@ -66,6 +67,7 @@ class Prepared:
     force: PreparedForce | None = None
     force_unused: str = ""
     gain_sd: float = 0.0
+    reference: Reference | None = None
 
 
 def prepare(dataset: Dataset, specification: ModelSpecification, *, source: str) -> Prepared:
@@ -206,7 +208,7 @@ def with_discrepancy(dataset: Dataset, specification: ModelSpecification, prepar
     wider = specification.model_copy(update={"discrepancy": "always"})
     without = assemble(dataset, wider, prepared.design, prepared.signal)
     why = "the model has a discrepancy" if prepared.force else prepared.force_unused
-    return replace(without, force_unused=why)
+    return replace(without, force_unused=why, reference=prepared.reference)
 
 
 def unsuited(dataset: Dataset, specification: ModelSpecification, source: str) -> list[Problem]:

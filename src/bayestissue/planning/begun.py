@@ -11,7 +11,7 @@ from bayestissue.dataset import read_dataset
 from bayestissue.errors import InputError
 from bayestissue.finished import Fit, read_run
 from bayestissue.hierarchy.specification import ModelSpecification
-from bayestissue.hierarchy.trace_data import prepare
+from bayestissue.inference.single.phantoms import prepare_without_phantoms
 from bayestissue.planning.candidates import Candidate
 from bayestissue.planning.population import Beliefs, Pilot
 from bayestissue.planning.running import Running, RunningPrior, running_study
@@ -70,7 +70,8 @@ def begun_study(after: After, otherwise: Beliefs, source: str) -> Begun:
             "impossible-plan.recordings", source, None, "after.dataset", after.dataset, run=after.run
         )
     model = fit.specification
-    running = running_study(prepare(dataset, model, source=after.run), model)
+    _, prepared = prepare_without_phantoms(dataset, model, source=after.run)
+    running = running_study(prepared, model)
     posterior = fit.posterior["posterior"].to_dataset()
     prior = RunningPrior.of_posterior(
         posterior, pilot_of(fit, otherwise, (source, None, "after.run", after.run))

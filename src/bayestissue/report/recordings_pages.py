@@ -13,6 +13,7 @@ import pandas as pd
 
 from bayestissue.dataset import Dataset
 from bayestissue.errors import Problem, by_cause
+from bayestissue.figures.intervals import intervals
 from bayestissue.figures.theme import Figure
 from bayestissue.figures.traces import CONTACT, PEAK, TURN, against, panels, thinned
 from bayestissue.outline import first_of
@@ -130,6 +131,7 @@ def check_page(
     verdict: str,
     warnings: Sequence[Problem],
     force: Force | None = None,
+    phantoms: pd.DataFrame | None = None,
 ) -> str:
     """The whole page: verdict, what was found, a panel per impact, and the table of `quality_table`.
 
@@ -157,6 +159,10 @@ def check_page(
         ),
         force=None if force is None else _force_figure(force, names.to_list(), shown),
         force_words="" if force is None else f"{force.channel}. It is {force.words}.",
+        phantoms=None if phantoms is None else _control_chart(phantoms),
+        phantom_table=None
+        if phantoms is None
+        else frame_table(phantoms.rename(columns={"label": "impact"}), _cell_words(4)),
         problems=Table(
             columns("severity", "impacts", "what", words=("impacts", "what")),
             [*_problems("left out", dataset.left_out), *_problems("warning", warnings)],
@@ -192,6 +198,19 @@ def _check_panel(index: int, *, dataset: Dataset, signal: Displacements, force: 
         for kind, (times, values) in curves.items()
     }
     return shown | {CONTACT: (0.0, 0.0), TURN: (to_peak, 0.0)}
+
+
+def _control_chart(phantoms: pd.DataFrame) -> Figure:
+    """K of springs and phantoms over the known one, from the top in the order of the table."""
+    limit = float(phantoms["limit"].max())
+    return intervals(
+        phantoms.drop(columns="limit").dropna().rename(columns={"low": "eti90_low", "high": "eti90_high"}),
+        "K as recorded, over the known K",
+        "K of each impact of known stiffness over that stiffness, with its 90 % interval.",
+        lines=(1.0,),
+        band=(1 - limit, 1 + limit),
+        straight=True,
+    )
 
 
 def _force_figure(force: Force, names: Sequence[str], rows: np.ndarray) -> Figure:

@@ -13,12 +13,13 @@ from jaxtyping import Bool, Float, Int
 
 from bayestissue.dataset import write_dataset
 from bayestissue.dataset.chain import Recorder, Uncertainty
+from bayestissue.dataset.impacts import REFERENCE
 from bayestissue.dataset.model import Channel, Dataset, Trace, channel_settings
 from bayestissue.dataset.settings import gravity_m_s2
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, grouping_of
 from bayestissue.signal.filters import decay, on_even_grid
 from bayestissue.simulation.contact import deceleration, leaves, what_is_met
-from bayestissue.simulation.specification import RecordedForce, Recording, Simulation, Tissue
+from bayestissue.simulation.specification import Phantom, RecordedForce, Recording, Simulation, Tissue
 
 # Of the trace table, beside ``value``.
 FORCE_COLUMN = "force_N"
@@ -109,7 +110,38 @@ def simulate(simulation: Simulation, seed: int | None = None) -> Campaign:
         simulation: the specification.
         seed: instead of the specification's.
     """
-    streams = np.random.SeedSequence(simulation.seed if seed is None else seed).spawn(7)
+    seed = simulation.seed if seed is None else seed
+    people = _simulated(simulation, seed)
+    if simulation.phantom is None:
+        return people
+    spring = _simulated(_of_phantom(simulation, simulation.phantom), (seed, 1))
+    random = np.random.default_rng((seed, 2))
+    stated = simulation.phantom.K_N_per_m + simulation.phantom.sd_N_per_m * random.standard_normal()
+    known = dict(zip(REFERENCE, (stated, simulation.phantom.sd_N_per_m), strict=True))
+    names = "phantom-" + spring.impacts["impact"]
+    return replace(
+        people,
+        impacts=pd.concat(
+            [people.impacts, spring.impacts.assign(impact=names, subject="phantom", **known)],
+            ignore_index=True,
+        ),
+        truth=pd.concat([people.truth, spring.truth.assign(impact=names)], ignore_index=True),
+        n_samples=np.concatenate([people.n_samples, spring.n_samples]),
+        time=np.concatenate([people.time, spring.time]),
+        value=np.concatenate([people.value, spring.value]),
+    )
+
+
+def _of_phantom(simulation: Simulation, phantom: Phantom) -> Simulation:
+    """The same conditions and measuring chain, and a spring in place of people."""
+    tissue = Tissue(K_N_per_m=phantom.K_N_per_m, C_N_s_per_m=phantom.C_N_s_per_m)
+    design = simulation.design.model_copy(update={"subjects": 1, "repeats": phantom.repeats})
+    return simulation.model_copy(update={"tissue": tissue, "design": design})
+
+
+def _simulated(simulation: Simulation, seed: int | tuple[int, ...]) -> Campaign:
+    """People alone, or a phantom alone."""
+    streams = np.random.SeedSequence(seed).spawn(7)
     tissue, chain, noise, further, groups, factors, forces = (
         np.random.default_rng(stream) for stream in streams
     )

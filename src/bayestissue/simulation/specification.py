@@ -294,6 +294,17 @@ class Output(Table):
         return self
 
 
+class Phantom(Table):
+    """A spring of known stiffness, hit in every condition as people are; a linear one with a damper."""
+
+    K_N_per_m: Positive = Field(description="its stiffness.")
+    sd_N_per_m: Positive = Field(
+        description="how well that is known: what `impacts.csv` states is drawn with this standard deviation."
+    )
+    C_N_s_per_m: Positive = Field(description="its damping.")
+    repeats: Annotated[int, Field(ge=1)] = Field(default=1, description="impacts in each condition.")
+
+
 class Simulation(Table):
     """A whole specification."""
 
@@ -304,6 +315,9 @@ class Simulation(Table):
     )
     design: Design = Field(default=Design(), description="who is hit how.")
     tissue: Tissue = Field(description="a typical person's K and C, and how they vary.")
+    phantom: Phantom | None = Field(
+        default=None, description="a table [phantom]: a spring of known stiffness beside the people."
+    )
     recording: Recording = Field(default=Recording(), description="the measuring chain.")
     gravity: Gravity = Field(
         default="none",
@@ -324,6 +338,12 @@ class Simulation(Table):
     @model_validator(mode="after")
     def _has_samples_to_filter(self) -> Self:
         require_samples_to_filter(self.recorder, self.recording)
+        return self
+
+    @model_validator(mode="after")
+    def _one_reference(self) -> Self:
+        if self.phantom and self.recording.force:
+            raise ValueError("[phantom] or [recording.force], not both: a fit can use one of them")
         return self
 
     @model_validator(mode="after")

@@ -85,6 +85,9 @@ def posterior_draws(
     if force is not None:
         standard = np.asarray(jax.random.normal(jax.random.fold_in(key, 12), shape))
         log_factor = force.log_mass_factor(a, standard)
+    elif (reference := prepared.reference) is not None:
+        standard = np.asarray(jax.random.normal(jax.random.fold_in(key, 12), shape))
+        log_factor = reference.log_mean + reference.log_sd * standard
 
     def errors_and_keys(rows: np.ndarray, u: np.ndarray) -> tuple[Any, Any]:
         of_block = _each(partial(jax.random.fold_in, data=rows[0]), keys_of_kept)
@@ -96,13 +99,15 @@ def posterior_draws(
             # What an impact's ratio has beside the common one is its own mass's.
             scatter = u[..., -1] - a[:, kept_numbers, None] if force.share else np.zeros(u.shape[:-1])
             return log_factor[:, kept_numbers, None] + scatter, of_errors
+        if prepared.reference is not None:
+            return np.broadcast_to(log_factor[:, kept_numbers, None], u.shape[:-1]), of_errors
         of_rows = design._replace(cell=cell[rows[padded_rows(len(rows))]])
         of_people = keys_of_kept if model.mass_error == "subject" else of_mass
         return _mass_errors(model, of_rows, of_kept, u, of_people), of_errors
 
     impacts = _of_impacts(prepared, u, errors_and_keys, recorded=True, single=not whole)
     b = _heavier(model, _at_true_masses(model, population, keys), log_factor)
-    factor = {} if force is None else {MASS_FACTOR: np.exp(log_factor)}
+    factor = {} if force is None and prepared.reference is None else {MASS_FACTOR: np.exp(log_factor)}
     return Draws(
         population.hyperparameters | derived.effects_by_name(model.locations, prepared.design, b) | factor,
         impacts,
@@ -122,10 +127,8 @@ def prior_draws(prepared: Prepared, seed: int, rng: np.random.Generator) -> Draw
         error = drawn["log_mass_error"][
             ..., people.get_indexer(pd.Index(prepared.impacts["subject"].astype(str)))
         ]
-    elif prepared.force is not None:
-        error = np.broadcast_to(
-            prepared.force.mass_sd * rng.standard_normal(u.shape[:2])[..., None], u.shape[:-1]
-        )
+    elif (common := prepared.force or prepared.reference) is not None:
+        error = np.broadcast_to(common.mass_sd * rng.standard_normal(u.shape[:2])[..., None], u.shape[:-1])
         drawn["locations"] = _heavier(model, drawn["locations"], error[..., 0])
         factor = {MASS_FACTOR: np.exp(error[..., 0])}
     else:

@@ -19,7 +19,7 @@ R_HAT_LIMIT = 1.01
 ESS_LIMIT = 400
 _DECLARED = declared(__package__, "checks.toml")
 # What is said of single recordings, by the keys of a fit's diagnostics.
-OF_RECORDINGS = ("recordings", "clipped", "channels")
+OF_RECORDINGS = ("recordings", "clipped", "channels", "reference")
 # Notes of a summary's rows.
 NO_INTERVAL = Coded("not an interval: no element describes these traces", "undescribed")
 CONTRADICTED = Coded("the traces contradict the measuring chain", "measuring-chain")
@@ -113,13 +113,14 @@ def warnings(diagnostics: dict[str, Any]) -> list[Coded]:
     """What the model or its data leave in doubt, whatever the sampler did; the measuring chain first."""
     chain, form = diagnostics.get("measuring_chain", {}), diagnostics.get("model_form", {})
     lines, velocity = diagnostics.get("straight_lines", {}), _velocity(diagnostics)
-    force = diagnostics.get("channels", {})
+    force, reference = diagnostics.get("channels", {}), diagnostics.get("reference", {})
     law: Code = "undescribed" if form.get("undescribed") else "model-form"
     if not _against_all(form):
         law = "structured-residuals"
     doubts: list[tuple[dict[str, Any], bool, Code]] = [
         (chain, chain.get("passed") is False, "measuring-chain"),
         (force, force.get("passed") is False, _of_force(force)),
+        (reference, reference.get("passed") is False, "reference-contradicted"),
         ({"words": velocity}, bool(velocity), "velocity-contradicted"),
         (form, _against_all(form) or _against_some(form), law),
         (lines, bool(lines.get("words")), "no-straight-line"),
@@ -189,9 +190,10 @@ def headline(diagnostics: dict[str, Any]) -> str:
         return "No element of this program describes these traces: there are no intervals of K and C."
     if chain.get("passed") is False:
         return "The sampler passed, but the traces contradict the measuring chain."
-    force = diagnostics.get("channels", {})
-    if force.get("passed") is False:
-        return f"The sampler passed, but {force['first']}."
+    force, reference = diagnostics.get("channels", {}), diagnostics.get("reference", {})
+    for told in (force, reference):
+        if told.get("passed") is False:
+            return f"The sampler passed, but {told['first']}."
     if _velocity(diagnostics):
         return "The sampler passed, but the recordings imply another velocity at contact than was stated."
     if form.get("structured"):
@@ -202,8 +204,9 @@ def headline(diagnostics: dict[str, Any]) -> str:
         return "Diagnostics passed, but a column of few whole numbers counts as a straight line."
     if diagnostics.get("pooled_parameters"):
         return "Diagnostics passed, but a parameter that differs between levels is taken as alike."
-    if force.get("first"):
-        return f"Diagnostics passed; {force['first']}."
+    for told in (force, reference):
+        if told.get("first"):
+            return f"Diagnostics passed; {told['first']}."
     return "Diagnostics passed."
 
 

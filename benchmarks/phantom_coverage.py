@@ -1,0 +1,145 @@
+"""How often intervals hold the truth where a phantom of known stiffness was hit too: simulated, fitted.
+
+    .venv/bin/python benchmarks/phantom_coverage.py 20
+
+Studies of four people hit with two masses, beside eight impacts of one spring of 2500 N/m known to 1 %. By
+turns the declared masses are 6 % too small, or the accelerometer reads 6 % too much, with people of damping
+ratio 0.1 or 0.4; mass and gain are declared to 5 %. Noted are the 90 % intervals of K and C of each impact,
+by the fit with the phantom and by one of the people alone.
+
+Rows are added to results/phantom_coverage.csv, study by study: a script that is stopped goes on where it was.
+The shares that held are printed, with the mean width of the intervals, as high over low less 1.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+import bayestissue as bt
+from bayestissue import runtime
+from bayestissue.dataset.chain import Uncertainty
+from bayestissue.dataset.impacts import REFERENCE
+from bayestissue.simulation import Simulation, simulate
+
+PATH = Path(__file__).parent / "results" / "phantom_coverage.csv"
+MASSES_KG, VELOCITY, OFF = (0.5, 1.0), 1.4, 1.06
+DECLARED = Uncertainty(0.05, 0.005, 0.05, 0.0)
+PHANTOM_K, PHANTOM_SD, PHANTOM_C = 2500.0, 25.0, 6.0
+COLUMNS = {"K": "K_N_per_m", "C": "C_N_s_per_m"}
+LEVEL = 0.9
+KINDS = [(of, C) for of in ("mass", "gain") for C in (10.0, 35.0)]
+
+
+def campaign(number: int, people: int, factor: float, tissue: dict[str, float], name: str) -> Simulation:
+    """People, or a phantom, hit with both masses."""
+    return Simulation.model_validate(
+        {
+            "name": name,
+            "seed": number,
+            "design": {
+                "subjects": people,
+                "conditions": [
+                    {"trial": f"{mass} kg", "mass_kg": mass, "velocity_m_s": VELOCITY} for mass in MASSES_KG
+                ],
+            },
+            "tissue": tissue,
+            "recording": {
+                "sampling_rate_hz": 5000.0,
+                "noise_relative_to_peak": 0.005,
+                "velocity_sd_m_s": DECLARED.velocity_sd_m_s,
+                "mass_factor": factor,
+            },
+        }
+    )
+
+
+def study(number: int) -> tuple[bt.Dataset, pd.DataFrame]:
+    """People and a phantom, and the people's truth; all random numbers follow from the study's number."""
+    of, C = KINDS[number % len(KINDS)]
+    rng = np.random.default_rng([number, 7])
+    factor, gain = (OFF, 1.0) if of == "mass" else (1.0, OFF)
+    spread = {f"sd_{level}_{name}": sd for level, sd in (("subject", 0.2), ("impact", 0.05)) for name in "KC"}
+    tissue = {"K_N_per_m": 3000.0, "C_N_s_per_m": C, **spread}
+    spring = {"K_N_per_m": PHANTOM_K, "C_N_s_per_m": PHANTOM_C}
+    made = [
+        simulate(campaign(2 * number + which, 4, factor, what, name))
+        for which, (name, what) in enumerate((("people", tissue), ("phantom", spring)))
+    ]
+    stated = PHANTOM_K + PHANTOM_SD * rng.standard_normal()
+    impacts, traces = [], []
+    for name, one, known in zip(("people", "phantom"), made, (None, stated), strict=True):
+        part = one.dataset(name)
+        table = part.impacts.assign(impact=name + "-" + part.impacts["impact"].astype(str))
+        table["subject"] = table["subject"] if known is None else "phantom"
+        table[list(REFERENCE)] = (np.nan, np.nan) if known is None else (known, PHANTOM_SD)
+        impacts.append(table)
+        traces += [
+            pd.DataFrame({"impact": impact, "time_s": trace.time_s, "value": gain * trace.value})
+            for impact, trace in zip(table["impact"], part.traces, strict=True)
+        ]
+    dataset = bt.dataset(
+        pd.concat(impacts, ignore_index=True),
+        pd.concat(traces, ignore_index=True),
+        quantity="deceleration",
+        unit="m/s^2",
+        uncertainty=DECLARED,
+    )
+    truth = made[0].truth
+    return dataset, truth.assign(impact="people-" + truth["impact"].astype(str)).set_index("impact")
+
+
+def alone(dataset: bt.Dataset) -> bt.Dataset:
+    """The people of the study."""
+    of_people = dataset.part(np.flatnonzero(dataset.impacts[REFERENCE[0]].isna()).tolist())
+    impacts = of_people.impacts.drop(columns=list(REFERENCE)).reset_index(drop=True)
+    return replace(of_people, impacts=impacts)
+
+
+def fitted(number: int) -> pd.DataFrame:
+    """A row an interval: of what, with the phantom or without, its ends, the truth."""
+    dataset, truth = study(number)
+    rows = []
+    for which, what in (("with", dataset), ("without", alone(dataset))):
+        posterior = bt.fit(what, seed=number).posterior["posterior"].dataset
+        for name, column in COLUMNS.items():
+            low, high = (
+                posterior[name].quantile(end, ("chain", "draw")) for end in ((1 - LEVEL) / 2, (1 + LEVEL) / 2)
+            )
+            true = truth[column].loc[low["impact"].to_numpy().astype(str)].to_numpy()
+            part = {
+                "of": name,
+                "phantom": which,
+                "low": low.to_numpy(),
+                "high": high.to_numpy(),
+                "truth": true,
+            }
+            rows.append(pd.DataFrame(part))
+    of, C = KINDS[number % len(KINDS)]
+    return pd.concat(rows, ignore_index=True).assign(unit=number, wrong=of, C=C)
+
+
+def main() -> None:
+    runtime.configure(one_core=True)
+    known = set(pd.read_csv(PATH)["unit"]) if PATH.is_file() else set()
+    for number in (each for each in range(int(sys.argv[1])) if each not in known):
+        # What is compiled for many shapes takes more mapped memory than a process may have.
+        runtime.release_compiled()
+        rows = fitted(number)
+        rows.to_csv(PATH, mode="a", header=not PATH.is_file(), index=False, float_format="%.7g")
+        print(f"study {number + 1}", flush=True)
+    rows = pd.read_csv(PATH)
+    rows = rows.assign(
+        held=rows["truth"].between(rows["low"], rows["high"]), width=rows["high"] / rows["low"] - 1
+    )
+    kinds = ["wrong", "C", "of", "phantom"]
+    of_study = rows.groupby([*kinds, "unit"])[["held", "width"]].mean().groupby(kinds)
+    print(of_study.agg(["mean", "sem", "size"]).to_string())
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,150 @@
+"""Impacts of springs and phantoms of known stiffness: what they say of the masses in the people's fit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+from scipy.stats import norm
+
+from bayestissue.dataset.impacts import REFERENCE
+from bayestissue.errors import InputError, Problem
+from bayestissue.hierarchy.reference import Reference, mass_factor, with_declared
+from bayestissue.hierarchy.trace_data import Prepared, prepare
+from bayestissue.inference.single.estimates import estimate
+
+if TYPE_CHECKING:
+    from jaxtyping import Bool
+
+    from bayestissue.dataset import Dataset
+    from bayestissue.hierarchy.specification import ModelSpecification
+
+# A 90 % interval is so many standard deviations wide.
+_WIDE = 2 * float(norm.ppf(0.95))
+
+
+def of_phantoms(dataset: Dataset) -> Bool[np.ndarray, " impact"]:
+    """Which impacts are of something whose stiffness is known."""
+    if REFERENCE[0] not in dataset.impacts:
+        return np.zeros(len(dataset.impacts), bool)
+    known: np.ndarray = np.isfinite(dataset.impacts[REFERENCE[0]].to_numpy(float))
+    return known
+
+
+def apart(dataset: Dataset) -> tuple[Dataset, Reference | None]:
+    """The dataset of people alone, its masses without errors of their own; what phantoms say of the masses.
+
+    The declared error of mass is then one factor of all masses. Of a dataset without phantoms it is as it
+    came.
+
+    Raises:
+        InputError: errors of mass or gain are not declared, without which phantoms would be to blame the
+            recordings on the stiffness; displacements were recorded, or a force besides; no person was hit.
+    """
+    known = of_phantoms(dataset)
+    if not known.any():
+        return dataset, None
+    if problems := _unfit(dataset, people=bool((~known).any())):
+        raise InputError(problems)
+    chain = replace(dataset.uncertainty, relative_mass_sd=0.0)
+    phantoms, people = (
+        replace(part, impacts=part.impacts.reset_index(drop=True), uncertainty=chain)
+        for part in (dataset.part(np.flatnonzero(rows).tolist()) for rows in (known, ~known))
+    )
+    people = replace(people, impacts=people.impacts.drop(columns=list(REFERENCE)))
+    return people, _reference(dataset, phantoms)
+
+
+def prepare_without_phantoms(
+    dataset: Dataset, specification: ModelSpecification, *, source: str
+) -> tuple[Dataset, Prepared]:
+    """The dataset of `apart`, ready for a fit, with what its phantoms say of the masses.
+
+    Args:
+        dataset: of a study, with phantoms or without.
+        specification: as of `prepare`.
+        source: the model file's name.
+
+    Raises:
+        InputError: as of `apart` and `prepare`.
+    """
+    people, reference = apart(dataset)
+    return people, replace(prepare(people, specification, source=source), reference=reference)
+
+
+def phantom_table(phantoms: Dataset) -> pd.DataFrame:
+    """K of each phantom impact by itself with its 90 % interval, and what is known of it, in order."""
+    table = estimate(phantoms)
+    columns = ["impact", "subject", "K_N_per_m", "K_low_N_per_m", "K_high_N_per_m"]
+    return table[columns].join(phantoms.impacts[list(REFERENCE)])
+
+
+def control_chart(dataset: Dataset) -> pd.DataFrame | None:
+    """K of each impact of known stiffness over that stiffness, in the order of the table; None without any.
+
+    Returns:
+        A row an impact: ``label``, its name; ``median``, ``low`` and ``high``, K at the recorded mass over
+        the known K with its 90 % interval; ``limit``, the half width within which 90 % of it lie, by what
+        is declared of the mass and of the known stiffness.
+    """
+    known = of_phantoms(dataset)
+    if not known.any() or dataset.quantity == "displacement":
+        return None
+    part, chain = dataset.part(np.flatnonzero(known).tolist()), dataset.uncertainty
+    phantoms = replace(
+        part,
+        impacts=part.impacts.reset_index(drop=True),
+        uncertainty=replace(chain, relative_mass_sd=0.0),
+    )
+    table = phantom_table(phantoms)
+    stiffness, sd = (table[name].to_numpy(float) for name in REFERENCE)
+    ends = {"median": "K_N_per_m", "low": "K_low_N_per_m", "high": "K_high_N_per_m"}
+    ratios = {name: table[column].to_numpy(float) / stiffness for name, column in ends.items()}
+    limit = _WIDE / 2 * np.hypot(chain.relative_mass_sd, sd / stiffness)
+    return pd.DataFrame({"label": table["impact"].astype(str), **ratios, "limit": limit})
+
+
+def _reference(dataset: Dataset, phantoms: Dataset) -> Reference:
+    table = phantom_table(phantoms)
+    exact = replace(phantoms, uncertainty=replace(phantoms.uncertainty, relative_gain_sd=0.0))
+    variance, of_exact = (_variance(one) for one in (table, phantom_table(exact)))
+    stands = np.isfinite(table["K_N_per_m"].to_numpy()) & np.isfinite(variance)
+    if not stands.any():
+        raise InputError.stated("reference-unfit.untold", dataset.table, None, REFERENCE[0], len(table))
+    # What the gain adds to an impact's error is no less in the mean of many.
+    common = float(np.nanmedian(np.maximum(variance - of_exact, 0.0)[stands]))
+    stiffness, sd = (table[name].to_numpy(float)[stands] for name in REFERENCE)
+    difference = np.log(stiffness / table["K_N_per_m"].to_numpy()[stands])
+    kinds = pd.Series(list(zip(stiffness, sd, strict=True))).factorize()[0]
+    own = np.maximum(variance[stands] - common, of_exact[stands] / 4)
+    by_phantoms = mass_factor(difference, own, common, sd / stiffness, kinds)
+    return with_declared(by_phantoms, dataset.uncertainty.relative_mass_sd, table)
+
+
+def _variance(table: pd.DataFrame) -> np.ndarray:
+    """Of log K, by the interval's width; no number of what the recording does not tell."""
+    low, high = (table[f"K_{end}_N_per_m"].to_numpy(float) for end in ("low", "high"))
+    with np.errstate(all="ignore"):
+        variance: np.ndarray = np.where(low > 0, (np.log(high / low) / _WIDE) ** 2, np.nan)
+    return variance
+
+
+def _unfit(dataset: Dataset, *, people: bool) -> list[Problem]:
+    chain = dataset.uncertainty
+    problems = [
+        Problem.stated("reference-unfit.undeclared", "dataset.toml", None, f"uncertainty.{name}", 0.0)
+        for name in ("relative_mass_sd", "relative_gain_sd")
+        if not getattr(chain, name)
+    ]
+    for key, wrong, value in (
+        ("displacement", dataset.quantity == "displacement", dataset.quantity),
+        ("channel", bool(dataset.channels), len(dataset.channels)),
+        ("nobody", not people, "phantoms alone"),
+    ):
+        if wrong:
+            problems.append(
+                Problem.stated(f"reference-unfit.{key}", dataset.table, None, REFERENCE[0], value)
+            )
+    return problems

@@ -1,0 +1,106 @@
+"""Impacts of a spring of known stiffness: refused where they say nothing, and people put right by them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import bayestissue as bt
+from bayestissue.dataset.chain import Uncertainty
+from bayestissue.dataset.impacts import REFERENCE
+from bayestissue.errors import InputError
+from bayestissue.inference.single.phantoms import apart, of_phantoms
+from bayestissue.simulation import Simulation, simulate
+
+FACTOR, GAIN, KNOWN, SD = 1.06, 1.06, 2500.0, 25.0
+DECLARED = Uncertainty(0.05, 0.005, 0.05, 0.0)
+
+
+def campaign(seed: int, tissue: dict[str, float], factor: float) -> Simulation:
+    """Three subjects hit with two masses, which are declared too small by a factor."""
+    conditions = [{"trial": f"{mass} kg", "mass_kg": mass, "velocity_m_s": 1.4} for mass in (0.5, 1.0)]
+    recording = {"sampling_rate_hz": 5000.0, "noise_relative_to_peak": 0.005, "velocity_sd_m_s": 0.005}
+    return Simulation.model_validate(
+        {
+            "name": "made",
+            "seed": seed,
+            "design": {"subjects": 3, "conditions": conditions},
+            "tissue": tissue,
+            "recording": recording | {"mass_factor": factor},
+        }
+    )
+
+
+def with_phantom(damping: float, factor: float = 1.0, gain: float = 1.0) -> tuple[bt.Dataset, pd.DataFrame]:
+    """People and a spring, and the people's truth."""
+    people = {"K_N_per_m": 3000.0, "C_N_s_per_m": damping, "sd_subject_K": 0.2, "sd_impact_K": 0.05}
+    made = [
+        simulate(campaign(seed, tissue, factor))
+        for seed, tissue in ((1, people), (2, {"K_N_per_m": KNOWN, "C_N_s_per_m": 6.0}))
+    ]
+    impacts, traces = [], []
+    for name, one, known in zip(("person", "spring"), made, (np.nan, KNOWN), strict=True):
+        part = one.dataset("made")
+        names = name + "-" + part.impacts["impact"].astype(str)
+        who = part.impacts["subject"] if name == "person" else "spring"
+        columns = dict(zip(REFERENCE, (known, known and SD * known / KNOWN), strict=True))
+        impacts.append(part.impacts.assign(impact=names, subject=who, **columns))
+        traces += [
+            pd.DataFrame({"impact": impact, "time_s": trace.time_s, "value": gain * trace.value})
+            for impact, trace in zip(names, part.traces, strict=True)
+        ]
+    tables = [pd.concat(parts, ignore_index=True) for parts in (impacts, traces)]
+    dataset = bt.dataset(*tables, quantity="deceleration", unit="m/s^2", uncertainty=DECLARED)
+    return dataset, made[0].truth
+
+
+def test_errors_of_mass_and_gain_must_be_declared() -> None:
+    dataset, _ = with_phantom(25.0)
+    assert of_phantoms(dataset).sum() == 6
+    with pytest.raises(InputError) as error:
+        apart(replace(dataset, uncertainty=Uncertainty()))
+    assert {problem.column for problem in error.value.problems} == {
+        "uncertainty.relative_mass_sd",
+        "uncertainty.relative_gain_sd",
+    }
+    phantoms = dataset.part(np.flatnonzero(of_phantoms(dataset)).tolist())
+    with pytest.raises(InputError, match="whose stiffness is not known"):
+        apart(phantoms)
+    people = dataset.part(np.flatnonzero(~of_phantoms(dataset)).tolist())
+    assert apart(people) == (people, None)
+
+
+def test_a_known_stiffness_needs_its_error() -> None:
+    impacts = pd.DataFrame(
+        {"impact": ["a"], "subject": ["s"], "mass_kg": [1.0], "velocity_m_s": [1.0], REFERENCE[0]: [2500.0]}
+    )
+    traces = pd.DataFrame(
+        {"impact": "a", "time_s": np.arange(50) / 1000, "value": np.sin(np.arange(50) / 10)}
+    )
+    with pytest.raises(InputError, match=REFERENCE[1]):
+        bt.dataset(impacts, traces, quantity="deceleration", unit="m/s^2")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("damping", "factor", "gain"), [(10.0, FACTOR, 1.0), (10.0, 1.0, GAIN), (35.0, 1.0, GAIN)]
+)
+def test_people_are_put_right_by_a_spring(damping: float, factor: float, gain: float) -> None:
+    dataset, truth = with_phantom(damping, factor, gain)
+    fit = bt.fit(dataset, seed=1)
+    posterior = fit.posterior["posterior"].dataset
+    assert set(posterior["subject"].to_numpy()) == set(truth["subject"])
+    low, high = np.quantile(posterior["mass_factor"], [0.05, 0.95])
+    # A spring known to 1 % leaves as much open, and no more than that and the gain.
+    assert low < factor < high
+    assert 0.02 < high - low < 0.06
+    for name, column in (("K", "K_N_per_m"), ("C", "C_N_s_per_m")):
+        z = np.log(posterior[name].to_numpy() / truth[column].to_numpy())
+        ends = np.quantile(z, [0.05, 0.95], axis=(0, 1))
+        assert ((ends[0] < 0) & (ends[1] > 0)).mean() >= 0.8, name
+        assert abs(float(z.mean())) < 0.03, name
+    assert fit.diagnostics["reference"]["passed"]
+    assert "known springs read" in fit.about["verdict"]["headline"]
