@@ -129,9 +129,9 @@ def _without_short(data: Dataset, specification: ModelSpecification, source: str
     keep = np.flatnonzero(~data.impacts["impact"].isin(short))
     if not problems or not len(keep):
         return data
-    kept = data.part(keep.tolist())
-    impacts, left_out = kept.impacts.reset_index(drop=True), (*data.left_out, *problems)
-    return replace(kept, impacts=impacts, left_out=left_out)
+    remaining = data.part(keep.tolist())
+    impacts, left_out = remaining.impacts.reset_index(drop=True), (*data.left_out, *problems)
+    return replace(remaining, impacts=impacts, left_out=left_out)
 
 
 def _say_what_is_told(prepared: Prepared, nouns: Words) -> list[Code]:
