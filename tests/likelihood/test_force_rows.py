@@ -146,7 +146,7 @@ def test_behind_a_low_pass_it_is_the_dense_normal_of_what_passes(recorder: Recor
     kept &= np.arange(ROWS) % stride == 0
     rows = record.force._replace(
         y=jnp.asarray(np.append(y, 0.0)[None]),
-        kept=jnp.asarray(np.append(np.arange(ROWS) >= LATER, False)[None]),
+        usable=jnp.asarray(np.append(np.arange(ROWS) >= LATER, False)[None]),
         low_pass=low_pass_of(recorder, dt)._replace(phase=jnp.full(1, 0.5)),
         **noise,
     )
@@ -176,7 +176,7 @@ def test_samples_at_the_limit_are_left_out() -> None:
     kept = np.ones(SAMPLES + ROWS, bool)
     kept[SAMPLES + 4 : SAMPLES + 11] = False
     rows = np.append(kept[SAMPLES:], False)[None]
-    clipped = record.force._replace(y=jnp.where(rows, record.force.y, 0.0), kept=jnp.asarray(rows))
+    clipped = record.force._replace(y=jnp.where(rows, record.force.y, 0.0), usable=jnp.asarray(rows))
     values = np.concatenate([d, y])[kept]
     expected = multivariate_normal(mean[kept], covariance[np.ix_(kept, kept)]).logpdf(values)
     found = likelihood(record._replace(force=clipped)).log_density()[0]

@@ -20,12 +20,12 @@ def named(short: str) -> list:
 def test_every_row_says_what_was_hit_by_what_how_where_it_stands_and_on_what_terms() -> None:
     for row in measurements():
         assert row.site in SITES
-        assert row.found
-        assert set(row.found) <= set(MEASURED)
+        assert row.published
+        assert set(row.published) <= set(MEASURED)
         for text in (row.hit, row.by, row.method, row.where, row.source.title, row.source.licence):
             assert text.strip()
         assert row.source.address.startswith("https://")
-        for values in (*row.found.values(), *filter(None, (row.mass, row.velocity))):
+        for values in (*row.published.values(), *filter(None, (row.mass, row.velocity))):
             assert 0 < values.low <= values.high
     assert {row.site for row in measurements()} == set(SITES)
 
@@ -40,7 +40,7 @@ def test_units_are_those_of_tissue() -> None:
         "energy_share": (0.0, 1.0),
     }
     for row in measurements():
-        for name, values in row.found.items():
+        for name, values in row.published.items():
             low, high = plausible[name]
             assert low < values.low
             assert values.high < high
@@ -49,7 +49,7 @@ def test_units_are_those_of_tissue() -> None:
 def test_the_heel_pads_of_kinoshita_are_those_of_the_abstract() -> None:
     (row,) = named("Kinoshita et al. 1993")
     assert (row.mass, row.velocity) == (Range(5, 5), Range(0.93, 0.93))
-    assert row.found == {
+    assert row.published == {
         "peak_deceleration_g": Range(11.6, 11.6),
         "peak_displacement_m": Range(0.0113, 0.0113),
         "energy_share": Range(0.79, 0.79),
@@ -63,7 +63,7 @@ def test_what_was_derived_follows_from_what_was_published() -> None:
     (cadavers,) = named("Robinovitch et al. 1995")
     taken_up = [float(found) for found in re.search(r"([\d.]+) to ([\d.]+) J", cadavers.method).groups()]
     given = float(re.search(r"(\d+) J", cadavers.by)[1])
-    np.testing.assert_allclose(cadavers.found["energy_share"], np.array(taken_up) / given, atol=5e-4)
+    np.testing.assert_allclose(cadavers.published["energy_share"], np.array(taken_up) / given, atol=5e-4)
 
 
 def test_a_dataset_s_own_nouns_change_no_row() -> None:

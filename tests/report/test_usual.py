@@ -57,7 +57,11 @@ def of(tmp_path_factory) -> Callable[..., FitRun]:
 
 def test_published_values_of_the_site_stand_beside_this_study_s(of) -> None:
     run = of()
-    (first,) = (one for one in usual.alike(run) if one.measurement.source.short == "Kinoshita et al. 1993")
+    (first,) = (
+        one
+        for one in usual.comparable_measurements(run)
+        if one.measurement.source.short == "Kinoshita et al. 1993"
+    )
     assert first.impacts.all()
     beside = {line.quantity: line for line in usual.lines(run) if line.measurement is first.measurement}
     assert {name: line.median for name, line in beside.items()} == pytest.approx(OWN)
@@ -102,7 +106,7 @@ def test_of_quantities_that_a_fit_lacks_the_measurements_are_named(of) -> None:
         in words
     )
     assert "Heel pads of 16 adults" in words
-    assert not usual.asked(replace(lacking, record=lacking.record | {"site": ""}))
+    assert not usual.is_answered(replace(lacking, record=lacking.record | {"site": ""}))
 
 
 def test_a_page_of_other_motions_says_nothing_of_it(of) -> None:
@@ -125,4 +129,4 @@ def test_secant_stiffness_compares_where_an_element_has_it(of) -> None:
 def test_numbers_that_are_no_estimates_are_held_against_nothing(of) -> None:
     run = of()
     diagnostics = run.diagnostics | {"model_form": {"undescribed": True, "impacts": {}}}
-    assert not usual.asked(replace(run, diagnostics=diagnostics))
+    assert not usual.is_answered(replace(run, diagnostics=diagnostics))

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from bayestissue.literature import SITES, Measurement, measurements
 from from_program.markdown import escaped, table
 
-# By column of `Measurement.found`: name, unit, how many of it per SI unit.
+# By column of `Measurement.published`: name, unit, how many of it per SI unit.
 _NAMES = {
     "K_N_per_m": ("K", "kN/m", 1e-3),
     "C_N_s_per_m": ("C", "N s/m", 1.0),
@@ -32,9 +32,9 @@ def _section(site: str, words: str) -> str:
 def _row(of: Measurement) -> tuple[str, ...]:
     motion = [_words(of.mass, "kg"), _words(of.velocity, "m/s")] if of.mass or of.velocity else []
     found = [
-        f"{name} {_words(of.found[column], unit, factor)}"
+        f"{name} {_words(of.published[column], unit, factor)}"
         for column, (name, unit, factor) in _NAMES.items()
-        if column in of.found
+        if column in of.published
     ]
     method = f"{of.method}; derived: {of.derived}" if of.derived else of.method
     source = f"[{escaped(of.source.short)}]({of.source.address}): {escaped(of.source.title)}. {_place(of)}"

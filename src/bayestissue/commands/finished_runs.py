@@ -230,8 +230,8 @@ def print_answers(answers: pd.DataFrame, nouns: Words) -> None:
 def _notes(answers: pd.DataFrame) -> list[tuple[list[str], str]]:
     """What is said of one question's answers: of all levels once, then of each what is said of it alone."""
     clauses = [[clause for clause in note.split("; ") if clause] for note in answers["note"]]
-    common = [clause for clause in clauses[0] if all(clause in each for each in clauses)]
-    single = ("; ".join(clause for clause in each if clause not in common) for each in clauses)
+    common = [clause for clause in clauses[0] if all(clause in note for note in clauses)]
+    single = ("; ".join(clause for clause in note if clause not in common) for note in clauses)
     of_levels = [([level], words) for level, words in zip(answers["level"], single, strict=True)]
     return [(levels, words) for levels, words in [([], "; ".join(common)), *of_levels] if words]
 

@@ -42,10 +42,10 @@ def run(
             work.mkdir()
             try:
                 with Stages(quiet=quiet) as say:
-                    found = self_test(work, thorough=thorough, say=say)
+                    findings = self_test(work, thorough=thorough, say=say)
             finally:
                 shutil.rmtree(work)
-            passed, words = verdict(found)
+            passed, words = verdict(findings)
             record = start.record(
                 "selftest",
                 "selftest",
@@ -53,10 +53,10 @@ def run(
                 machine=machine(),
                 verdict={"passed": passed, "words": words},
             )
-            write_table(found, folder / "selftest.csv", None)
-            (folder / "selftest.md").write_text(as_markdown(found, record), encoding="utf-8")
+            write_table(findings, folder / "selftest.csv", None)
+            (folder / "selftest.md").write_text(as_markdown(findings, record), encoding="utf-8")
             write_json(record, folder / "run.json")
-        failed = found[found["passed"] == 0]
+        failed = findings[findings["passed"] == 0]
         if len(failed):
             columns = ["check", "what", "expected", "found"]
             show(table("what failed", columns, failed[columns].itertuples(index=False)))

@@ -219,18 +219,18 @@ def _further(
     channel: ChannelSettings, channels: Any, traces: Any, impacts: list[str], first: SignalSettings
 ) -> Reading:
     """A further channel's recordings, its own or those in the long table of the first."""
-    signal, own = channel.as_signal(first), channels[channel.name].get("traces")
-    if own is None and not isinstance(traces, pd.DataFrame):
+    signal, channel_traces = channel.as_signal(first), channels[channel.name].get("traces")
+    if channel_traces is None and not isinstance(traces, pd.DataFrame):
         raise InputError.stated("array-shape.channel", _SINGLE, value="no traces", name=channel.name)
-    if own is None:
+    if channel_traces is None:
         reading = long_reading(*_columns(traces, impacts, signal), impacts, signal)
         return on_first_clock(reading, channel)
-    of = f" of the channel {channel.name}"
+    suffix = f" of the channel {channel.name}"
     try:
-        label, columns, rows = _columns(own, impacts, signal)
+        label, columns, rows = _columns(channel_traces, impacts, signal)
     except InputError as error:
-        raise InputError(replace(problem, file=problem.file + of) for problem in error.problems) from None
-    return on_first_clock(long_reading(label + of, columns, rows, impacts, signal), channel)
+        raise InputError(replace(problem, file=problem.file + suffix) for problem in error.problems) from None
+    return on_first_clock(long_reading(label + suffix, columns, rows, impacts, signal), channel)
 
 
 def _python(value: Any) -> Any:

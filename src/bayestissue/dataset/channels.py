@@ -76,9 +76,9 @@ def checked_channel(
     if channel.file is not None:
         # The rate that impacts.csv states is the first channel's.
         recordings = replace(recordings, rate=np.full_like(recordings.rate, np.nan))
-    found, sound = check_samples(recordings)
+    of_samples, sound = check_samples(recordings)
     return replace(
-        reading, samples=samples, problems=[*reading.problems, *problems, *found, *_unfit(sound, first)]
+        reading, samples=samples, problems=[*reading.problems, *problems, *of_samples, *_unfit(sound, first)]
     )
 
 
@@ -91,16 +91,16 @@ def declared(channel: ChannelSettings, traces: list[Trace]) -> Channel:
 
 def _unfit(recordings: Recordings, first: Recordings) -> Iterator[Problem]:
     """What the first channel says against recordings whose samples and clocks are sound."""
-    recordings = recordings.of(first.name)
+    recordings = recordings.of_impacts(first.name)
     if not recordings.name.size:
         return
     samples, owner = recordings.samples, recordings.samples.owner
-    other = first.samples
+    reference = first.samples
     mine = pd.Index(first.name).get_indexer(pd.Index(recordings.name))[owner]
-    inside = (samples.time >= other.time[other.begin][mine]) & (
-        samples.time <= other.time[other.end - 1][mine]
+    inside = (samples.time >= reference.time[reference.begin][mine]) & (
+        samples.time <= reference.time[reference.end - 1][mine]
     )
-    recorded = interpolated(samples.time, mine, other.time, other.value, other.owner)
+    recorded = interpolated(samples.time, mine, reference.time, reference.value, reference.owner)
     count = np.add.reduceat(inside.astype(int), samples.begin)
     apart = count < MIN_SAMPLES
     words = "{} of its samples while the first channel was recorded"

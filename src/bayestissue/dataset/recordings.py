@@ -350,7 +350,7 @@ class Recordings:
         """The recordings of impacts that none of the problems concerns."""
         return self._only(~self._among(problem.impact for problem in problems))
 
-    def of(self, names: Iterable[str]) -> Recordings:
+    def of_impacts(self, names: Iterable[str]) -> Recordings:
         """The recordings of these impacts."""
         return self._only(self._among(names))
 

@@ -313,7 +313,7 @@ class ChannelSettings(_Table):
 
     def as_signal(self, first: SignalSettings) -> SignalSettings:
         """The settings by which its recordings are read: those of the first channel but for its own."""
-        own: dict[str, Any] = {
+        overrides: dict[str, Any] = {
             "quantity": self.quantity,
             "unit": self.unit,
             "value_column": self.value_column or SignalSettings.model_fields["value_column"].default,
@@ -322,7 +322,7 @@ class ChannelSettings(_Table):
             "zero": "free_fall",
             "limit": self.limit,
         }
-        return first.model_copy(update=own)
+        return first.model_copy(update=overrides)
 
 
 class UncertaintySettings(_Table):

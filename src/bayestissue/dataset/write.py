@@ -47,8 +47,8 @@ def write_dataset(
     """
     parsed = parse_settings(settings)
     signal = parsed.signal
-    asked = ("impact", "subject", "trial", *(["mass_kg"] if parsed.motion.free else []))
-    first = [name for name in asked if name != "trial" or name in impacts]
+    required = ("impact", "subject", "trial", *(["mass_kg"] if parsed.motion.free else []))
+    first = [name for name in required if name != "trial" or name in impacts]
     impacts = impacts[list(dict.fromkeys([*first, *impacts.columns]))]
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "dataset.toml").write_text(settings_text(settings), encoding="utf-8")
@@ -94,8 +94,8 @@ def settings_text(settings: dict[str, Any]) -> str:
     for key in lists:
         for content in settings[key]:
             within = {name: value for name, value in content.items() if isinstance(value, dict)}
-            own = (_entry(name, value) for name, value in content.items() if name not in within)
-            lines += ["", f"[[{key}]]", *own]
+            key_lines = (_entry(name, value) for name, value in content.items() if name not in within)
+            lines += ["", f"[[{key}]]", *key_lines]
             for table, entries in within.items():
                 lines += ["", f"[{key}.{table}]", *(_entry(name, value) for name, value in entries.items())]
     return "\n".join(lines) + "\n"

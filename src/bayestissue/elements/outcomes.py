@@ -76,8 +76,8 @@ def outcomes_of(
         comes, nodes = _of_path(path), path.nodes
     if not headform:
         return comes
-    rest = jnp.minimum(SEARCH.times_to_peak * comes.time_to_peak, LONG * jnp.sqrt(mass / p["K"]))
-    end = jnp.minimum(comes.contact_duration, rest)
+    window = jnp.minimum(SEARCH.times_to_peak * comes.time_to_peak, LONG * jnp.sqrt(mass / p["K"]))
+    end = jnp.minimum(comes.contact_duration, window)
     return comes._replace(**head_injury(pulse_of(element, p, mass, velocity, end, nodes)))
 
 

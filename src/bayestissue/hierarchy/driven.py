@@ -76,8 +76,8 @@ def first_guess(record: DrivenRecord) -> dict[str, Float[np.ndarray, " impact"]]
     depth, speed = (np.einsum("iaf,if->ia", part, reference[:, :-1]) for part in (at_y, rate))
     columns = np.stack([depth, speed], axis=-1)
     squares = np.einsum("iac,iad->icd", columns, columns)
-    found = np.linalg.pinv(squares, hermitian=True) @ np.einsum("iac,ia->ic", columns, y)[..., None]
-    K, C = found[..., 0].T
+    coefficients = np.linalg.pinv(squares, hermitian=True) @ np.einsum("iac,ia->ic", columns, y)[..., None]
+    K, C = coefficients[..., 0].T
     fastest = np.maximum(np.abs(speed).max(axis=1), 1e-300)
     K = np.where(K > 0, K, unit[:, 1] / unit[:, 0])
     light = _LIGHT * unit[:, 1] / fastest

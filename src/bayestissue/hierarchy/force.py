@@ -170,17 +170,17 @@ def prepared_force(dataset: Dataset, signal: Displacements) -> PreparedForce | s
     rows = rows_within(channel.traces, signal, ahead_s(recorder, dt))
     recorded, first = rows.recorded, signal.contact_time_s + signal.first_sample_s
     limited = _about_limit(recorded, rows.used)
-    kept = rows.used & ~limited
+    usable = rows.used & ~limited
     if recorder is not None:
         # What a filter makes of the jump at contact is not linear in when that was.
         settled = -np.log(_SETTLED) / decay(recorder, dt)
-        kept &= recorded.start[:, None] + recorded.time_s >= (first + settled)[:, None]
+        usable &= recorded.start[:, None] + recorded.time_s >= (first + settled)[:, None]
     of_filter = _filtered(dataset, signal, recorded, int(rows.number.max())) if recorder else {}
     for wrong, words in (
         (recorded.uneven.any() or signal.uneven.any(), "times are uneven"),
         (signal.clipped.any(), "the deceleration is clipped"),
         (
-            (kept.sum(axis=1) < FEWEST_SAMPLES).any(),
+            (usable.sum(axis=1) < FEWEST_SAMPLES).any(),
             f"an impact has fewer than {FEWEST_SAMPLES} samples of it that count",
         ),
         (limited.any() and "colour" in of_filter, "it is clipped, and its noise went through a low-pass"),
@@ -197,7 +197,7 @@ def prepared_force(dataset: Dataset, signal: Displacements) -> PreparedForce | s
         if wrong:
             return words
     mass = signal.mass
-    counts = rows.within(kept) & (np.arange(rows.number.max()) < rows.number[:, None])
+    counts = rows.within(usable) & (np.arange(rows.number.max()) < rows.number[:, None])
     tip = channel.tip_mass_kg / mass
     # Contact as it was before the samples in contact were asked: these are to tell themselves.
     contact = first - signal.bracket_s
@@ -207,7 +207,7 @@ def prepared_force(dataset: Dataset, signal: Displacements) -> PreparedForce | s
         rows.first - contact,
         dt,
         tip,
-        counts if (kept != rows.used).any() else None,
+        counts if (usable != rows.used).any() else None,
     )
     chain, noise = dataset.uncertainty, np.maximum(rows.noise / mass, 1e-12)
     return PreparedForce(

@@ -340,8 +340,8 @@ def _record(
 ) -> tuple[Record, np.ndarray]:
     """The traces with the standard deviations of their linear errors, and each trace's peak."""
     if specification.likelihood == "driven":
-        beside = specification.discrepancy == "always"
-        rows = driven_rows(dataset, signal, discrepancy=beside, source=f"model {specification.name}")
+        discrepancy = specification.discrepancy == "always"
+        rows = driven_rows(dataset, signal, discrepancy=discrepancy, source=f"model {specification.name}")
         return rows, np.asarray(rows.unit)[:, 0]
     chain = dataset.uncertainty
     velocity_sd = np.hypot(chain.velocity_sd_m_s, chain.relative_gain_sd * signal.velocity)

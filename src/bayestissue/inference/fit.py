@@ -196,8 +196,8 @@ def label(
         float(gravity),
         free=prepared.model.kind != "driven",
     )
-    asked = tuple(specification.questions.values())
-    compared = Comparison(posterior, recorded, responses, asked, finished.law)
+    questions = tuple(specification.questions.values())
+    compared = Comparison(posterior, recorded, responses, questions, finished.law)
     return TraceAnalysis(
         tree,
         summary,

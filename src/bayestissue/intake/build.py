@@ -122,7 +122,7 @@ def build(
             that they make.
     """
     problems = [*recordings.problems, *facts.problems]
-    asked: Any = {"name": name, "cutting": cutting, "skip_bad": skip_bad}
+    options: Any = {"name": name, "cutting": cutting, "skip_bad": skip_bad}
     settings = _settings(choices, name, len(recordings.files))
     plan = _Plan(recordings, facts, choices, _signal(settings, problems), cutting)
     rows = list(plan.rows(problems))
@@ -132,13 +132,15 @@ def build(
     try:
         dataset = read_dataset(folder)
     except InputError as error:
-        unfit = [p for p in error.problems if p.column == choices.beside.get("value_column", "")]
+        unfit = [p for p in error.problems if p.column == choices.force_channel.get("value_column", "")]
         if unfit and not choices.force:
             # Nobody asked for the force: it must not cost an impact.
-            turned = {p.code for p in unfit} == {"channel-unfit"} and "scale" not in choices.beside
-            other = replace(choices, beside=choices.beside | {"scale": -1.0} if turned else {})
+            turned = {p.code for p in unfit} == {"channel-unfit"} and "scale" not in choices.force_channel
+            revised = replace(
+                choices, force_channel=choices.force_channel | {"scale": -1.0} if turned else {}
+            )
             shutil.rmtree(folder / RECORDINGS)
-            again = build(folder, recordings, facts, other, **asked)
+            again = build(folder, recordings, facts, revised, **options)
             words = _FORCE_UNFIT.format(channel=unfit[0].column, why=_in_terms_of_init(unfit[0]))
             return again if turned else replace(again, notes=(*again.notes, words))
         by_trace = {f"{RECORDINGS}/{file.name}": file for file in recordings.files}
@@ -185,7 +187,7 @@ def _settings(choices: Choices, name: str, files: int) -> dict[str, Any]:
         "name": name,
         "source": f"bayestissue init, from {files} recorder file{'s' if files > 1 else ''}{names}",
         "signal": choices.signal(),
-        **({"channel": [choices.beside]} if choices.beside else {}),
+        **({"channel": [choices.force_channel]} if choices.force_channel else {}),
         **stated,
     }
 
@@ -243,9 +245,11 @@ def _in_terms_of_init(problem: Problem) -> Problem:
 
 def _notes(dataset: Dataset, cutting: Cutting | None, choices: Choices) -> tuple[str, ...]:
     notes = [] if any(asdict(dataset.uncertainty).values()) else [_CHAIN]
-    if choices.beside and not choices.force:
-        words = _FORCE.format(channel=choices.beside["value_column"], place=choices.beside["place"])
-        notes.append(words + (_FORCE_TURNED if "scale" in choices.beside else ""))
+    if choices.force_channel and not choices.force:
+        words = _FORCE.format(
+            channel=choices.force_channel["value_column"], place=choices.force_channel["place"]
+        )
+        notes.append(words + (_FORCE_TURNED if "scale" in choices.force_channel else ""))
     sign = -1.0 if dataset.quantity == "acceleration" else 1.0
     oriented = [Trace(trace.time_s, sign * trace.value) for trace in dataset.traces]
     named = list(zip(map(str, dataset.impacts["impact"]), oriented, strict=True))
@@ -424,7 +428,7 @@ def _usual_units(recordings: RecorderFolder, choices: Choices) -> dict[str, str]
     units = {
         name: Counter(channel.unit for channel in channels)
         for name, channels in recordings.candidates().items()
-        if name in (choices.channel, choices.time, choices.beside.get("value_column"))
+        if name in (choices.channel, choices.time, choices.force_channel.get("value_column"))
     }
     return {name: count.most_common(1)[0][0] for name, count in units.items()}
 

@@ -59,7 +59,7 @@ class Choices:
         zero: where the sensor read 0, as ``signal.zero``.
         force: entries of the table ``[[channel]]`` of a force beside the deceleration; "none" for none. The
             only channel with a unit of force is taken where nothing is said.
-        beside: the whole of that table, as `settle` has it; empty without a force.
+        force_channel: the whole of that table, as `settle` has it; empty without a force.
     """
 
     channel: str | None = None
@@ -80,7 +80,7 @@ class Choices:
     zero: str | None = None
     uncertainty: dict[str, Any] = field(default_factory=dict)
     force: dict[str, Any] | Literal["none"] = field(default_factory=dict)
-    beside: dict[str, Any] = field(default_factory=dict)
+    force_channel: dict[str, Any] = field(default_factory=dict)
 
     def signal(self) -> dict[str, Any]:
         """The table ``[signal]`` of ``dataset.toml``."""
@@ -233,7 +233,7 @@ def settle(
     ]
     if choices.gravity is None and any(map(is_height, facts)):
         questions.append(Question("--gravity", _FALLS, ("drop", "none"), "drop"))
-    return replace(choices, beside=_beside(choices, recordings)), questions
+    return replace(choices, force_channel=_force_channel(choices, recordings)), questions
 
 
 def forces_among(recordings: RecorderFolder) -> list[str]:
@@ -247,7 +247,7 @@ def forces_among(recordings: RecorderFolder) -> list[str]:
     ]
 
 
-def _beside(choices: Choices, recordings: RecorderFolder) -> dict[str, Any]:
+def _force_channel(choices: Choices, recordings: RecorderFolder) -> dict[str, Any]:
     """The table ``[[channel]]`` of a force beside the deceleration, by its unit or as was said."""
     said = choices.force
     if said == "none" or choices.quantity not in BESIDE_FORCE:
@@ -262,10 +262,10 @@ def _beside(choices: Choices, recordings: RecorderFolder) -> dict[str, Any]:
             return {}
         value = name or "no value_column"
         raise InputError.stated("no-channel.option", "--force", value=value, names=", ".join(candidates))
-    place = "base" if _BELOW.search(name) else "impactor"
-    found = {"name": "force", "quantity": "force", "place": place}
+    location = "base" if _BELOW.search(name) else "impactor"
+    defaults = {"name": "force", "quantity": "force", "place": location}
     unit = _unit(candidates[name], ["force"])
-    return found | ({"unit": unit} if unit else {}) | said | {"value_column": name}
+    return defaults | ({"unit": unit} if unit else {}) | said | {"value_column": name}
 
 
 def _in_full(name: str | None, names: Collection[str]) -> str | None:

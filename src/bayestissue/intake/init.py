@@ -93,7 +93,7 @@ class Intake:
         """What of the files and of the table was not read and is no problem, in words."""
         forces = forces_among(self.recordings)
         several = len(forces) > 1 and self.choices.quantity in BESIDE_FORCE
-        said = self.choices.force or self.choices.beside or not several
+        said = self.choices.force or self.choices.force_channel or not several
         words = f"forces: {first_of(forces, _SHOWN)} (--force value_column=NAME takes one)"
         return self.recordings.passed_over + self.facts.passed_over + (() if said else (words,))
 
@@ -357,7 +357,7 @@ def _summary(intake: Intake, cutting: Cutting | None) -> list[tuple[str, str]]:
         *(("written", words) for words in intake.written()),
         *(("passed over", words) for words in intake.passed_over()),
         ("values", f"{choices.quantity}, channel {choices.channel}{scaled}, in {choices.unit}"),
-        *([("force beside it", _force_words(choices))] if choices.beside else []),
+        *([("force beside it", _force_words(choices))] if choices.force_channel else []),
         *([("gravity along the motion", falls)] if choices.gravity is not None else []),
         ("times", times),
         *([("low-pass", low_pass)] if choices.recorder else []),
@@ -369,7 +369,7 @@ def _summary(intake: Intake, cutting: Cutting | None) -> list[tuple[str, str]]:
 def _force_words(choices: Choices) -> str:
     """Where the force stands and was recorded."""
     first = ("value_column", "unit", "place", "name", "quantity")
-    known = choices.beside
+    known = choices.force_channel
     further = "".join(f", {key} = {value}" for key, value in known.items() if key not in first)
     return f"channel {known['value_column']}, in {known['unit']}, at the {known['place']}{further}"
 

@@ -70,7 +70,7 @@ class Measurement:
         by: what hit it, in words.
         method: how it was measured, and what the numbers are.
         where: the place in the source where the numbers stand.
-        found: the published values, by the names in `MEASURED`.
+        published: the values, by the names in `MEASURED`.
         mass: that of the impactor [kg]; None where it was not stated.
         velocity: that at contact [m/s]; likewise.
         derived: which of the numbers was computed, and of what.
@@ -82,7 +82,7 @@ class Measurement:
     by: str
     method: str
     where: str
-    found: Mapping[str, Range]
+    published: Mapping[str, Range]
     mass: Range | None = None
     velocity: Range | None = None
     derived: str = ""
@@ -104,9 +104,9 @@ def measurements() -> tuple[Measurement, ...]:
 
 def _measurement(row: dict[str, Any], sources: Mapping[str, Source]) -> Measurement:
     source, mass, velocity = (row.pop(key, None) for key in ("source", "mass_kg", "velocity_m_s"))
-    found = {name: _range(row.pop(name)) for name in MEASURED if name in row}
+    published = {name: _range(row.pop(name)) for name in MEASURED if name in row}
     motion: dict[str, Any] = {"mass": mass and _range(mass), "velocity": velocity and _range(velocity)}
-    return Measurement(source=sources[source], found=found, **motion, **row)
+    return Measurement(source=sources[source], published=published, **motion, **row)
 
 
 def _range(value: float | list[float]) -> Range:
@@ -136,5 +136,5 @@ def comparable(
     return chosen
 
 
-def _near(value: Float64[np.ndarray, " impact"], of: Range) -> Bool[np.ndarray, " impact"]:
-    return (of.low / FACTOR <= value) & (value <= of.high * FACTOR)
+def _near(value: Float64[np.ndarray, " impact"], published: Range) -> Bool[np.ndarray, " impact"]:
+    return (published.low / FACTOR <= value) & (value <= published.high * FACTOR)

@@ -239,8 +239,8 @@ def _unanswerable(
         exponents = [q.name for q in quantities(parse(question.text)) if q.name.startswith("mass_exponent_")]
         if exponents and len(masses_kg) == 1:
             where = source, None, "candidates.masses_kg", masses_kg[0]
-            asked: dict[str, Any] = {"exponent": exponents[0], "name": question.name}
-            problems.append(Problem.stated("impossible-plan.one-mass", *where, **asked))
+            names: dict[str, Any] = {"exponent": exponents[0], "name": question.name}
+            problems.append(Problem.stated("impossible-plan.one-mass", *where, **names))
             continue
         with collected(problems):
             require_readable([question], design.recorded, draws)

@@ -78,7 +78,7 @@ class _Table(NamedTuple):
         return np.where(np.isnan(values), np.inf, np.exp(values) if self.of_log else values)
 
 
-@lru_cache(maxsize=SETTINGS.kept)
+@lru_cache(maxsize=SETTINGS.tiles)
 def _tile(law: PlannedLaw, motion: tuple[float, ...], i: int, j: int) -> dict[str, _Table]:
     """Each outcome over one tile."""
     from scipy.interpolate import RegularGridInterpolator

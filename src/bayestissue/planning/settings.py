@@ -82,12 +82,12 @@ class TabulationSettings:
     Attributes:
         side: of a tile of the table: a factor of 55 in K or C.
         points: on each side: as many motions in all as are solved at once.
-        kept: tiles; a motion that is asked about needs a few.
+        tiles: that are held; a motion that is asked about needs a few.
     """
 
     side: float = 4.0
     points: int = 64
-    kept: int = 256
+    tiles: int = 256
 
 
 PLAN, INTEGRATION, TABULATION = PlanSettings(), IntegrationSettings(), TabulationSettings()

@@ -215,8 +215,8 @@ def _control_chart(phantoms: pd.DataFrame) -> Figure:
 
 def _force_figure(force: Force, names: Sequence[str], rows: np.ndarray) -> Figure:
     """F against M a of these impacts."""
-    kept = [(row, np.flatnonzero(force.inside[row])) for row in rows]
-    most = max(LIMITS.samples // max(len(kept), 1), 20)
+    samples_inside = [(row, np.flatnonzero(force.inside[row])) for row in rows]
+    most = max(LIMITS.samples // max(len(samples_inside), 1), 20)
     curves = pd.concat(
         pd.DataFrame(
             {
@@ -226,7 +226,7 @@ def _force_figure(force: Force, names: Sequence[str], rows: np.ndarray) -> Figur
                 "recorded": force.value[row, samples],
             }
         )
-        for row, inside in kept
+        for row, inside in samples_inside
         if len(samples := inside[:: max(1, len(inside) // most)])
     )
     return against(
@@ -321,9 +321,9 @@ def _init_panel(index: int, *, dataset: Dataset, signal: Displacements) -> Panel
     peak = int(np.argmax(value))
     shown: Panel = {"recorded": (time[near], value[near])}
     for channel in dataset.channels if dataset.quantity != "displacement" else ():
-        other = channel.traces[index]
+        force_trace = channel.traces[index]
         behind = float(signal.mass[index]) - channel.tip_mass_kg
-        then = 1e3 * other.time_s
+        then = 1e3 * force_trace.time_s
         around = (then >= time[near][0]) & (then <= time[near][-1])
-        shown["force over mass"] = (then[around], other.value[around] / behind)
+        shown["force over mass"] = (then[around], force_trace.value[around] / behind)
     return shown | {CONTACT: (contact, 0.0), PEAK: (time[peak], value[peak])}

@@ -206,8 +206,8 @@ def require_file(
     where, kinds = f"{option} {str(path)!r}", " or ".join(suffixes)
     if path.suffix not in suffixes:
         raise InputError.stated("file-taken.suffix", where, value=path.suffix, kinds=kinds)
-    place = require_place(path, inputs, option)
-    if place.exists() and not (overwrite and place.is_file() and is_own(place)):
+    resolved = require_place(path, inputs, option)
+    if resolved.exists() and not (overwrite and resolved.is_file() and is_own(resolved)):
         key, value = (
             ("others", "no such file of bayestissue") if overwrite else ("own", "a name that is taken")
         )

@@ -44,7 +44,9 @@ def element_of_rates(rates: tuple[float, ...]) -> Float[np.ndarray, " 3"]:
 def _left(logs: Float[Array, " parameter"]) -> Float[Array, " time"]:
     """What the motions that begin with x, v or s alone leave of `LANCZOS3`."""
     which, mass = element("standard_linear"), jnp.ones(1)
-    values = dict(zip((each.name for each in which.parameters), jnp.exp(logs)[:, None], strict=True))
+    values = dict(
+        zip((parameter.name for parameter in which.parameters), jnp.exp(logs)[:, None], strict=True)
+    )
     columns = transition(which, complete(which, values, None), mass, jnp.asarray(TIME)[None])[0, :, 0]
     basis, _ = jnp.linalg.qr(columns)
     series = jnp.asarray(LANCZOS3)

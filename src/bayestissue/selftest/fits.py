@@ -110,7 +110,7 @@ def recovered(folder: Path, model: str) -> list[Compared]:
 
 def _tissue(name: str) -> dict[str, Any]:
     """Of an element with its typical further parameters."""
-    further = {each.name: each.typical for each in element(name).extra}
+    further = {parameter.name: parameter.typical for parameter in element(name).extra}
     return {"element": name, "parameters": further, **_OF_ELEMENTS.get(name, {})}
 
 
@@ -140,8 +140,8 @@ def _held(run: Path, truth: pd.DataFrame) -> list[Compared]:
 def coverage(hits: np.ndarray, name: str = "K and C") -> Compared:
     """How many 90 % intervals hold the truth, which of a correct program are hardly ever fewer."""
     held, least = int(hits.sum()), int(binom.ppf(_RARE, hits.size, 0.9))
-    expected, found = f"at least {least} of {hits.size}", f"{held} of {hits.size}"
-    return Compared(f"90 % intervals of {name} that hold the truth", expected, found, held >= least)
+    expected, observed = f"at least {least} of {hits.size}", f"{held} of {hits.size}"
+    return Compared(f"90 % intervals of {name} that hold the truth", expected, observed, held >= least)
 
 
 def calibrated(folder: Path, campaigns: int) -> list[Compared]:
@@ -159,7 +159,7 @@ def calibrated(folder: Path, campaigns: int) -> list[Compared]:
                     (estimates[f"{name}_low_{unit}"] <= true) & (true <= estimates[f"{name}_high_{unit}"])
                 ).to_numpy()
             )
-    return [coverage(np.concatenate(of), name) for name, of in hits.items()]
+    return [coverage(np.concatenate(inside), name) for name, inside in hits.items()]
 
 
 def resumed(folder: Path, whole: Path) -> list[Compared]:

@@ -47,8 +47,8 @@ def read_back(folder: Path) -> list[Compared]:
         allowed = _SINGLE if end == ".c3d" else _TEXT
         off = max(difference, clock)
         expected = f"{len(value)} samples, {allowed:g} off at most"
-        found = f"{len(trace.value)} samples, {off:.0e} off"
-        comparisons.append(Compared(end, expected, found, bool(off <= allowed)))
+        observed = f"{len(trace.value)} samples, {off:.0e} off"
+        comparisons.append(Compared(end, expected, observed, bool(off <= allowed)))
     left_out = [end for end in WRITERS if end not in writers]
     return comparisons + [Compared(end, "its library is optional", "not installed", True) for end in left_out]
 

@@ -168,8 +168,8 @@ def least_objective(
     rows = pd.DataFrame({"impact": np.arange(count), "trial": "t", "mass_kg": REFERENCE, **levels(values)})
     rows = rows.assign(**table)
     known, free = (Normal(distribution="normal", mean=0.0, sd=sd) for sd in (_KNOWN, 1.0))
-    both = {"K": known, "C": free}
-    priors = Priors.model_validate({"intercept": both, "mass_exponent": both})
+    fixed_effects = {"K": known, "C": free}
+    priors = Priors.model_validate({"intercept": fixed_effects, "mass_exponent": fixed_effects})
     design = build_design(Formulas(K=formula, C="1"), rows, reference_mass_kg=REFERENCE, source="selftest")
     population = population_design(design, priors, ("noise",))
     x = np.log(rows["mass_kg"].to_numpy() / REFERENCE)

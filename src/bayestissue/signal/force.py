@@ -200,11 +200,11 @@ def _least_squares(
     squares = squares / (scale[:, :, None] * scale[:, None])
     products = np.einsum("isa,is->ia", columns, values) / scale
     inverse = np.linalg.pinv(squares, hermitian=True)
-    found = np.einsum("iab,ib->ia", inverse, products)
-    left = values - np.einsum("isa,ia->is", columns, found / scale)
+    coefficients = np.einsum("iab,ib->ia", inverse, products)
+    left = values - np.einsum("isa,ia->is", columns, coefficients / scale)
     variance = (left**2).sum(axis=1) / np.maximum(count - columns.shape[2], 1)
     sd = np.sqrt(variance[:, None] * np.einsum("iaa->ia", inverse))
-    of_known, of_sd = (np.where(known[:, None], part / scale, np.nan).T for part in (found, sd))
+    of_known, of_sd = (np.where(known[:, None], part / scale, np.nan).T for part in (coefficients, sd))
     return of_known, of_sd
 
 

@@ -126,9 +126,9 @@ def _pushed(
         x, v = y.reshape(2, -1)
         return np.concatenate([v, (push * -np.expm1(-t / rise) - force(x, v, K, C)) / mass])
 
-    begun = np.concatenate([np.zeros_like(V), V])
+    initial_state = np.concatenate([np.zeros_like(V), V])
     end = float(time.max())
-    solved = solve_ivp(rates, (0, end), begun, rtol=1e-9, atol=1e-12, dense_output=True)
+    solved = solve_ivp(rates, (0, end), initial_state, rtol=1e-9, atol=1e-12, dense_output=True)
     assert solved.sol is not None  # noqa: S101 - it was asked for
     y = solved.sol(time.ravel()).reshape(2, len(V), *time.shape)
     rows = np.arange(len(V))

@@ -214,9 +214,9 @@ class InOutcomes:
 
     def rows_of(self, levels: Sequence[Condition]) -> list[int]:
         """Where conditions stand; empty where some were not simulated."""
-        place = {_key(at): row for row, at in enumerate(self.stated)}
+        row_of = {_key(at): row for row, at in enumerate(self.stated)}
         keys = [_key(at) for at in levels]
-        return [place[key] for key in keys] if all(key in place for key in keys) else []
+        return [row_of[key] for key in keys] if all(key in row_of for key in keys) else []
 
 
 def contrasts(
@@ -278,17 +278,19 @@ def _by_contrast(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
 
 def _outcome_rows(comparison: Comparison, equivalence: float) -> list[pd.DataFrame]:
     """Rows of each of `REFERENCE_OUTCOMES`."""
-    of, recorded, law = comparison.in_outcomes, comparison.recorded, comparison.law
-    if of is None or law is None:
+    in_outcomes, recorded, law = comparison.in_outcomes, comparison.recorded, comparison.law
+    if in_outcomes is None or law is None:
         return []
-    simulated = [words] if (words := simulated_words(of.outcomes, comparison.draws)) else []
-    found = _notes(recorded, of.compared)
-    notes = ["; ".join([note, *simulated] if note else simulated) for note in found]
-    hits = law.motion(recorded, of.conditions)
-    motion = {name: _shared(values, of.weights) for name, values in hits.items()}
+    simulated = [words] if (words := simulated_words(in_outcomes.outcomes, comparison.draws)) else []
+    level_notes = _notes(recorded, in_outcomes.compared)
+    notes = ["; ".join([note, *simulated] if note else simulated) for note in level_notes]
+    hits = law.motion(recorded, in_outcomes.conditions)
+    motion = {name: _shared(values, in_outcomes.weights) for name, values in hits.items()}
     return [
-        _rows(of.compared, notes, name, np.log(outcome) @ of.weights, equivalence).assign(**motion)
-        for name, outcome in of.outcomes.items()
+        _rows(in_outcomes.compared, notes, name, np.log(outcome) @ in_outcomes.weights, equivalence).assign(
+            **motion
+        )
+        for name, outcome in in_outcomes.outcomes.items()
     ]
 
 

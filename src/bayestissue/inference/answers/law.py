@@ -227,8 +227,8 @@ def unfit_height(recorded: Recorded, columns: Collection[str], gravity: float) -
         return ""
     if gravity > 0:
         return f"{DROP_HEIGHT} or velocity_m_s, not both" if velocity else ""
-    beside = "beside it" if covariate else "in its place"
-    return f"velocity_m_s {beside}, since this dataset states no gravity along the motion"
+    relation = "beside it" if covariate else "in its place"
+    return f"velocity_m_s {relation}, since this dataset states no gravity along the motion"
 
 
 def beyond(words: str, value: float, measured: ArrayLike) -> list[Coded]:

@@ -43,7 +43,7 @@ def levels_table(comparison: Comparison) -> pd.DataFrame:
     ``best(pad, lowest peak_force)``, ``p_highest`` the highest, levels that are equal in a draw sharing it.
     Rank 1 is the lowest; ``above_lowest`` is the mean distance from the lowest.
     """
-    draws, recorded, of = comparison.draws, comparison.recorded, comparison.in_outcomes
+    draws, recorded, in_outcomes = comparison.draws, comparison.recorded, comparison.in_outcomes
     tables = []
     for factor, levels in comparison.factors.items():
         if len(levels) > SETTINGS.in_pairs:
@@ -55,14 +55,15 @@ def levels_table(comparison: Comparison) -> pd.DataFrame:
                 values = np.exp(log_at_levels(draws, recorded, response, levels)).reshape(-1, len(levels))
                 alone = [ELEMENT_ALONE] if response == "K" and element_alone(draws) else []
                 tables.append(_ranked_rows(at, response, values, [*filter(None, [note]), *alone]))
-        rows = of.rows_of(levels) if of is not None else []
-        if of is None or comparison.law is None or not rows:
+        rows = in_outcomes.rows_of(levels) if in_outcomes is not None else []
+        if in_outcomes is None or comparison.law is None or not rows:
             continue
-        conditions = [of.conditions[row] for row in rows]
+        conditions = [in_outcomes.conditions[row] for row in rows]
         motion = comparison.law.motion(recorded, conditions)
-        notes = [*filter(None, [note, simulated_words(of.outcomes, draws)])]
+        notes = [*filter(None, [note, simulated_words(in_outcomes.outcomes, draws)])]
         tables += [
-            _ranked_rows(at | motion, name, values[:, rows], notes) for name, values in of.outcomes.items()
+            _ranked_rows(at | motion, name, values[:, rows], notes)
+            for name, values in in_outcomes.outcomes.items()
         ]
     return _whole("levels", tables)
 
@@ -215,8 +216,8 @@ def curves_table(comparison: Comparison) -> pd.DataFrame:
     law, recorded, tables = comparison.law, comparison.recorded, []
     rows = recorded.rows[["mass_kg", "velocity_m_s"]].astype(float)
     rows = rows[(rows > 0).all(axis=1)]
-    alike = (np.log(rows["mass_kg"]) / SETTINGS.same_motion).round()
-    masses = rows["mass_kg"].groupby(alike).mean().to_numpy()
+    mass_group = (np.log(rows["mass_kg"]) / SETTINGS.same_motion).round()
+    masses = rows["mass_kg"].groupby(mass_group).mean().to_numpy()
     if law is None or not 0 < len(masses) <= SETTINGS.motions:
         return _whole("curves", [])
     least, most = float(rows["velocity_m_s"].min()), float(rows["velocity_m_s"].max())

@@ -115,8 +115,8 @@ def predicted(finished: Finished, conditions: Sequence[Condition]) -> Predicted:
         of_law = finished.law.outcomes(flat, mass, velocity, diameter)
         outcomes = {name: value.reshape(shape) for name, value in of_law.items()}
         depths = np.median(of_law["peak_depth"], axis=0)
-        for own, at, v, depth in zip(notes, conditions, velocity, depths, strict=True):
-            own += deeper(posterior, recorded, at, float(depth)) if v > 0 else [NO_VELOCITY]
+        for row_notes, at, v, depth in zip(notes, conditions, velocity, depths, strict=True):
+            row_notes += deeper(posterior, recorded, at, float(depth)) if v > 0 else [NO_VELOCITY]
     summarised = {name: parameters[name] for name in RESPONSES} | outcomes
     columns = COLUMNS | (HEADFORM_COLUMNS if finished.headform else OUTCOME_COLUMNS)
     table = pd.DataFrame(

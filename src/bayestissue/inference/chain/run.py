@@ -159,8 +159,8 @@ def sampled(
         rates.append(jax.tree.map(_mean, *[segment.rates for segment in segments]))
         if len(paths) < next_look:
             continue
-        kept = paths[int(settings.dropped * len(paths)) :]
-        path = jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *kept)
+        retained = paths[int(settings.dropped * len(paths)) :]
+        path = jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *retained)
         verdict = look(*quantities(path), sampler.effective)
         in_a_row = in_a_row + 1 if verdict.passed else 0
         stage = f"sampling, R-hat {verdict.r_hat:.3f}, {verdict.effective:.0f} effective draws"

@@ -214,7 +214,7 @@ def _shifted(prepared: Prepared, data: TraceData, name: str, error: np.ndarray) 
     record: Any = data.record
     if name == CONTACT:
         first = jnp.maximum(record.first_time - error, 0.0)
-        return replace(data, record=record.begun(first))
+        return replace(data, record=record.with_first_time(first))
     return replace(data, record=record._replace(velocity=jnp.asarray(prepared.signal.velocity + error)))
 
 

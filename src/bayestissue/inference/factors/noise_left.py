@@ -139,8 +139,8 @@ def _left_of_driven(
     """
     event = driven_likelihood(model, data, list(u.T))
     values, A = event.standardised()
-    told = jnp.where((A**2).sum(1, keepdims=True) > 1, A, 0.0)
-    fitted = jnp.concatenate([event.slopes(), told], axis=-1)
+    identified = jnp.where((A**2).sum(1, keepdims=True) > 1, A, 0.0)
+    fitted = jnp.concatenate([event.slopes(), identified], axis=-1)
     columns = jnp.concatenate([values[..., None], fitted], axis=-1)
     white = jax.vmap(_without)(A, jnp.swapaxes(columns, 1, 2))
     record, index = event.record, jnp.arange(white.shape[-1])

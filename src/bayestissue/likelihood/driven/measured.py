@@ -118,27 +118,32 @@ class DrivenRecord(NamedTuple):
         self, traces: Float[np.ndarray, "impact row"], n_samples: Int[np.ndarray, " impact"]
     ) -> DrivenRecord:
         """The record of other forces, or of fewer of their samples, displacements until their end."""
-        own = jax.tree.map(np.asarray, self)
-        end = own.first_time + (n_samples - 1) * own.dt
-        most = np.floor((end - own.first_displacement) / own.dt_displacement + 1.01).astype(int)
-        n_displacements = np.clip(most, 1, own.n_displacements)
+        record = jax.tree.map(np.asarray, self)
+        end = record.first_time + (n_samples - 1) * record.dt
+        most = np.floor((end - record.first_displacement) / record.dt_displacement + 1.01).astype(int)
+        n_displacements = np.clip(most, 1, record.n_displacements)
         return driven_record(
-            (traces, n_samples, own.first_time, own.dt),
-            (own.x, n_displacements, own.first_displacement, own.dt_displacement),
-            own.error_sd,
-            discrepancy=bool(own.modes.shape[-1]),
+            (traces, n_samples, record.first_time, record.dt),
+            (record.x, n_displacements, record.first_displacement, record.dt_displacement),
+            record.error_sd,
+            discrepancy=bool(record.modes.shape[-1]),
         )
 
     def with_channels(
         self, x: Float[np.ndarray, "impact sample"], y: Float[np.ndarray, "impact row"]
     ) -> DrivenRecord:
         """The record of other displacements and forces at the same times."""
-        own = jax.tree.map(np.asarray, self)
+        record = jax.tree.map(np.asarray, self)
         return driven_record(
-            (y[:, : own.y.shape[1]], own.n_samples, own.first_time, own.dt),
-            (x[:, : own.x.shape[1]], own.n_displacements, own.first_displacement, own.dt_displacement),
-            own.error_sd,
-            discrepancy=bool(own.modes.shape[-1]),
+            (y[:, : record.y.shape[1]], record.n_samples, record.first_time, record.dt),
+            (
+                x[:, : record.x.shape[1]],
+                record.n_displacements,
+                record.first_displacement,
+                record.dt_displacement,
+            ),
+            record.error_sd,
+            discrepancy=bool(record.modes.shape[-1]),
         )._replace(unit=self.unit)
 
     def impacts(self, rows: Int[np.ndarray, " row"]) -> DrivenRecord:
@@ -279,39 +284,39 @@ class MeasuredDriven:
         inside_x = (jnp.arange(record.x.shape[1]) < record.n_displacements[:, None]) * record.unit[:, :1]
         law = K * record.at_y + C * record.rate
         # Level, zero and modes: what stands besides the functions in either channel.
-        beside = jnp.concatenate([record.inside()[..., None] + 0.0, record.modes], axis=-1)
+        additive = jnp.concatenate([record.inside()[..., None] + 0.0, record.modes], axis=-1)
         x, F = self._rows()
         of_x, of_y, of_both, of_rate = record.squares
         motion_square = over_x[:, None, None] * of_x + over_F[:, None, None] * (
             K**2 * of_y + K * C * of_both + C**2 * of_rate
         )
         with_level = over_x[:, None] * jnp.einsum("iaf,ia->if", record.at_x, inside_x)
-        with_beside = over_F[:, None, None] * jnp.einsum("iaf,iab->ifb", law, beside)
+        with_additive = over_F[:, None, None] * jnp.einsum("iaf,iab->ifb", law, additive)
         level = over_x * (inside_x**2).sum(1)
-        beside_square = over_F[:, None, None] * jnp.einsum("iab,iac->ibc", beside, beside)
+        additive_square = over_F[:, None, None] * jnp.einsum("iab,iac->ibc", additive, additive)
         total = size + 2 + number
         gram = jnp.zeros((len(self.K), total, total))
         gram = gram.at[:, :size, :size].set(motion_square).at[:, size, size].set(level)
         gram = gram.at[:, :size, size].set(with_level).at[:, size, :size].set(with_level)
-        gram = gram.at[:, :size, size + 1 :].set(with_beside)
-        gram = gram.at[:, size + 1 :, :size].set(jnp.swapaxes(with_beside, 1, 2))
-        gram = gram.at[:, size + 1 :, size + 1 :].set(beside_square)
+        gram = gram.at[:, :size, size + 1 :].set(with_additive)
+        gram = gram.at[:, size + 1 :, :size].set(jnp.swapaxes(with_additive, 1, 2))
+        gram = gram.at[:, size + 1 :, size + 1 :].set(additive_square)
         right = jnp.concatenate(
             [
                 over_x[:, None] * jnp.einsum("iaf,ia->if", record.at_x, x)
                 + over_F[:, None] * jnp.einsum("iaf,ia->if", law, F),
                 (over_x * (inside_x * x).sum(1))[:, None],
-                over_F[:, None] * jnp.einsum("iab,ia->ib", beside, F),
+                over_F[:, None] * jnp.einsum("iab,ia->ib", additive, F),
             ],
             axis=1,
         )
-        begun = jnp.pad(record.reference, ((0, 0), (0, 1 + number)))
+        reference = jnp.pad(record.reference, ((0, 0), (0, 1 + number)))
         # A scale of 0 fixes its weight at 0, where the reference has it too.
-        begun = jnp.where(scale > 0, begun / jnp.where(scale > 0, scale, 1.0), 0.0)
+        reference = jnp.where(scale > 0, reference / jnp.where(scale > 0, scale, 1.0), 0.0)
         matrix = jnp.eye(total) + scale[:, :, None] * gram * scale[:, None]
         factor = jnp.linalg.cholesky(matrix)
-        squares = over_x * (x**2).sum(1) + over_F * (F**2).sum(1) + (begun**2).sum(1)
-        return factor, scale * right - begun, squares, scale
+        squares = over_x * (x**2).sum(1) + over_F * (F**2).sum(1) + (reference**2).sum(1)
+        return factor, scale * right - reference, squares, scale
 
     def standardised(
         self,
@@ -371,9 +376,9 @@ class MeasuredDriven:
         record = self.record
         size = record.at_y.shape[-1]
         law = self.K[:, None, None] * record.at_y + self.C[:, None, None] * record.rate
-        own = jnp.einsum("iaf,if->ia", law, weights[:, :size])
-        beside = jnp.einsum("iab,ib->ia", record.modes, weights[:, size + 2 :])
-        return own + jnp.where(record.inside(), weights[:, size + 1, None], 0.0) + beside
+        law_force = jnp.einsum("iaf,if->ia", law, weights[:, :size])
+        discrepancy = jnp.einsum("iab,ib->ia", record.modes, weights[:, size + 2 :])
+        return law_force + jnp.where(record.inside(), weights[:, size + 1, None], 0.0) + discrepancy
 
     def secant(self, weights: Float[Array, "impact weight"]) -> Float[Array, " impact"]:
         """Force over depth, without noise and zero, at the sample where depth is greatest [N/m]."""

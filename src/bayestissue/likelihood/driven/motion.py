@@ -28,13 +28,13 @@ _NODES = 64
 
 
 def kernel(
-    t: Float[np.ndarray, "*time"], other: Float[np.ndarray, "*#time"]
+    t: Float[np.ndarray, "*time"], t_prime: Float[np.ndarray, "*#time"]
 ) -> tuple[Float[np.ndarray, "*time"], Float[np.ndarray, "*time"]]:
     """k(t, t') and its slope in t."""
-    a, d = np.minimum(t, other), np.abs(t - other)
+    a, d = np.minimum(t, t_prime), np.abs(t - t_prime)
     value = (a**5 / 5 + d * a**4 / 2 + d**2 * a**3 / 3) / 4
     # int_0^a (t - u) (t' - u)^2 / 2 du, the longer of the two reaching d beyond a.
-    slope = np.where(t <= other, a**4 / 4 + 2 * d * a**3 / 3 + d**2 * a**2 / 2, a**4 / 4 + d * a**3 / 3) / 2
+    slope = np.where(t <= t_prime, a**4 / 4 + 2 * d * a**3 / 3 + d**2 * a**2 / 2, a**4 / 4 + d * a**3 / 3) / 2
     return value, slope
 
 
@@ -60,8 +60,8 @@ def functions(
     value, slope = kernel(t[..., None], node)
     one = np.ones_like(t)
     powers = np.stack([one, t, t**2], axis=-1), np.stack([0 * one, one, 2 * t], axis=-1)
-    both = [
+    basis, slopes = (
         np.concatenate([first, part @ weights], axis=-1)
         for first, part in zip(powers, (value, slope), strict=True)
-    ]
-    return both[0], both[1]
+    )
+    return basis, slopes

@@ -160,7 +160,7 @@ class ForceRows(NamedTuple):
         first_time: from contact to its first sample [s].
         dt: its sampling interval [s].
         tip: m / M, of what lies in front of the sensor.
-        kept: where a sample counts, as those at the sensor's limit do not; None where all do.
+        usable: where a sample counts, as those at the sensor's limit do not; None where all do.
         low_pass: a filter that it went through; None where there is none.
         colour, rate: as of `DecelerationRecord`; None where its noise is white.
     """
@@ -170,7 +170,7 @@ class ForceRows(NamedTuple):
     first_time: Float[Array, " impact"]
     dt: Float[Array, " impact"]
     tip: Float[Array, " impact"]
-    kept: Bool[Array, "impact row"] | None = None
+    usable: Bool[Array, "impact row"] | None = None
     low_pass: LowPass | None = None
     colour: Colour | None = None
     rate: Int[Array, " impact"] | None = None
@@ -184,20 +184,20 @@ class ForceRows(NamedTuple):
     def inside(self) -> Bool[Array, "impact row"]:
         """True where there is a sample that counts."""
         inside = jnp.arange(self.y.shape[1]) < self.n_samples[:, None]
-        return inside if self.kept is None else inside & self.kept
+        return inside if self.usable is None else inside & self.usable
 
     def padded(self) -> ForceRows:
         """With as many samples, 0 past a row's end, as a `bucket` holds."""
-        kept = None if self.kept is None else padded_zeros(self.kept, 1)
-        return self._replace(y=padded_zeros(self.y, 1), kept=kept)
+        usable = None if self.usable is None else padded_zeros(self.usable, 1)
+        return self._replace(y=padded_zeros(self.y, 1), usable=usable)
 
     def until(self, end: Float[Array, " impact"]) -> ForceRows:
         """The samples until so long after contact [s], the one there among them."""
         # Where it is not a sample by the rounding of its time alone.
         count = jnp.floor((end - self.first_time) / self.dt + 1.01).astype(int)
         n_samples = jnp.clip(count, 0, self.n_samples)
-        kept = jnp.arange(self.y.shape[1]) < n_samples[:, None]
-        return self._replace(y=jnp.where(kept, self.y, 0.0), n_samples=n_samples)
+        inside = jnp.arange(self.y.shape[1]) < n_samples[:, None]
+        return self._replace(y=jnp.where(inside, self.y, 0.0), n_samples=n_samples)
 
 
 class DecelerationRecord(NamedTuple):
@@ -370,9 +370,9 @@ class DecelerationRecord(NamedTuple):
 
     def at_contact(self, first_time: Float[Array, " impact"]) -> DecelerationRecord:
         """The same traces with contact so long before the first sample [s], its error about that."""
-        return self.begun(first_time)._replace(contact=Contact.known(self.contact.uniform))
+        return self.with_first_time(first_time)._replace(contact=Contact.known(self.contact.uniform))
 
-    def begun(self, first_time: Float[Array, " impact"]) -> DecelerationRecord:
+    def with_first_time(self, first_time: Float[Array, " impact"]) -> DecelerationRecord:
         """The same traces, all of them, with contact so long before the first sample [s]."""
         force = self.force
         if force is not None:

@@ -177,8 +177,8 @@ def _recorded(run: FitRun, factor: str, titles: dict[tuple[float, float], str]) 
     if run.shown != "deceleration" or (factor and factor not in table):
         return pd.DataFrame(columns=columns)
     hits = np.log(table[["mass_kg", "velocity_m_s"]].to_numpy(float))
-    away = np.abs(hits[:, None] - np.log(np.array(list(titles)))).max(axis=-1)
-    rows = np.flatnonzero(away.min(axis=1) < LIMITS.same_motion)
+    distance = np.abs(hits[:, None] - np.log(np.array(list(titles)))).max(axis=-1)
+    rows = np.flatnonzero(distance.min(axis=1) < LIMITS.same_motion)
     rows = rows[evenly_spaced(len(rows), LIMITS.loops)] if len(rows) else rows
     names, observed, parts = list(titles.values()), run.groups["observed_data"], []
     for row in rows:
@@ -186,7 +186,7 @@ def _recorded(run: FitRun, factor: str, titles: dict[tuple[float, float], str]) 
         known = np.flatnonzero(np.isfinite(depth) & np.isfinite(force))
         known = known[evenly_spaced(len(known), LIMITS.loop_samples)]
         one = {
-            "panel": names[int(away[row].argmin())],
+            "panel": names[int(distance[row].argmin())],
             "level": str(table[factor].iloc[row]) if factor else _typical(run),
             "impact": run.impacts[row],
             "order": np.arange(len(known)),
@@ -251,10 +251,10 @@ def loop_figures(run: FitRun) -> list[Figure]:
 
 def level_figures(run: FitRun) -> dict[str, list[Figure]]:
     """By factor: peak force over height or velocity, and ranks."""
-    found: dict[str, list[Figure]] = {}
+    by_factor: dict[str, list[Figure]] = {}
     for name, make in _of_levels(run):
-        found.setdefault(name.rpartition("-by-")[2], []).append(make())
-    return found
+        by_factor.setdefault(name.rpartition("-by-")[2], []).append(make())
+    return by_factor
 
 
 def _of_levels(run: FitRun) -> Iterator[tuple[str, Callable[[], Figure]]]:

@@ -34,18 +34,18 @@ class Line(NamedTuple):
         measurement: what it is of.
         quantity: what was measured, by the name of the variable.
         published: the published value, in the unit of the variable.
-        own: posterior medians of the impacts that compare, in that unit.
+        estimates: posterior medians of the impacts that compare, in that unit.
     """
 
     measurement: Measurement
     quantity: str
     published: Range
-    own: Float64[np.ndarray, " impact"]
+    estimates: Float64[np.ndarray, " impact"]
 
     @property
     def median(self) -> float:
         """That of this study's impacts."""
-        return float(np.median(self.own))
+        return float(np.median(self.estimates))
 
     @property
     def ratio(self) -> float:
@@ -70,12 +70,12 @@ def site(run: FitRun) -> str:
     return str(run.record.get("site", ""))
 
 
-def asked(run: FitRun) -> bool:
+def is_answered(run: FitRun) -> bool:
     """Whether the page answers it: a site is stated, or published values compare."""
     return not run.undescribed and bool(site(run) or lines(run))
 
 
-def alike(run: FitRun) -> list[Comparable]:
+def comparable_measurements(run: FitRun) -> list[Comparable]:
     """The published measurements of impacts like this run's."""
     return comparable(run.constant("mass_kg"), run.constant("velocity_m_s"), site(run))
 
@@ -83,51 +83,63 @@ def alike(run: FitRun) -> list[Comparable]:
 def lines(run: FitRun) -> list[Line]:
     """Their values beside this run's, by quantity, of those quantities that this run has."""
     order = [_NAMES[column] for column in MEASURED]
-    found = [line for one in alike(run) for line in _lines_of(run, one)]
-    return sorted(found, key=lambda line: order.index(line.quantity))
+    compared = [line for one in comparable_measurements(run) for line in _lines_of(run, one)]
+    return sorted(compared, key=lambda line: order.index(line.quantity))
 
 
 def _lines_of(run: FitRun, one: Comparable) -> Iterator[Line]:
-    for column, published in one.measurement.found.items():
+    for column, published in one.measurement.published.items():
         quantity = _NAMES[column]
         values = run.of_impacts(_ACROSS_ELEMENTS.get(quantity, quantity))
         values = run.of_impacts(quantity) if values.empty else values
-        own = values["median"].to_numpy(float)[one.impacts] if len(values) else np.empty(0)
-        if len(known := own[np.isfinite(own)]):
+        estimates = values["median"].to_numpy(float)[one.impacts] if len(values) else np.empty(0)
+        if len(known := estimates[np.isfinite(estimates)]):
             yield Line(one.measurement, quantity, published, known)
 
 
 def usual_words(run: FitRun) -> str:
     """How many published values are near this run's, and which are not; or why that can't be said."""
-    found = lines(run)
-    if not found:
-        of = dict.fromkeys(outcome_name(_NAMES[name]) for one in alike(run) for name in one.measurement.found)
-        return said("usual.lacking" if of else "usual.nothing", site=site(run), quantities=listed(list(of)))
-    off = dict.fromkeys(f"{outcome_name(line.quantity)} ({line.unusual})" for line in found if line.unusual)
-    count = counted(len(found), "published value")
+    compared = lines(run)
+    if not compared:
+        quantities = dict.fromkeys(
+            outcome_name(_NAMES[name])
+            for one in comparable_measurements(run)
+            for name in one.measurement.published
+        )
+        return said(
+            "usual.lacking" if quantities else "usual.nothing",
+            site=site(run),
+            quantities=listed(list(quantities)),
+        )
+    off = dict.fromkeys(
+        f"{outcome_name(line.quantity)} ({line.unusual})" for line in compared if line.unusual
+    )
+    count = counted(len(compared), "published value")
     sentence = f"usual.{'some' if off else 'all'}{'' if site(run) else '_elsewhere'}"
     return said(sentence, count=count, off=listed(list(off)))
 
 
 def alike_words(run: FitRun, one: Comparable) -> str:
     """What was measured, and how many of this run's impacts are like it."""
-    of = one.measurement
+    measurement = one.measurement
     return said(
         "usual.alike",
-        hit=f"{of.hit[:1].upper()}{of.hit[1:]}",
-        by=of.by,
-        motion=_motion(of),
-        short=of.source.short,
-        method=of.method,
-        where=of.where,
-        address=of.source.address,
+        hit=f"{measurement.hit[:1].upper()}{measurement.hit[1:]}",
+        by=measurement.by,
+        motion=_motion(measurement),
+        short=measurement.source.short,
+        method=measurement.method,
+        where=measurement.where,
+        address=measurement.source.address,
         count=int(one.impacts.sum()),
         of=counted(len(one.impacts), "impact"),
     )
 
 
-def _motion(of: Measurement) -> str:
-    mass, velocity = (_span(values or (), "{:.3g}".format) for values in (of.mass, of.velocity))
+def _motion(measurement: Measurement) -> str:
+    mass, velocity = (
+        _span(values or (), "{:.3g}".format) for values in (measurement.mass, measurement.velocity)
+    )
     return f"{mass} kg at {velocity} m/s"
 
 
@@ -142,7 +154,7 @@ def usual_table(run: FitRun) -> Table:
         Field("quantity", lambda line: quantity_title(line.quantity)),
         Field("published", lambda line: line.words(line.published), "number"),
         Field("here", lambda line: line.words([line.median]), "number"),
-        Field("nine in ten", lambda line: line.words(np.quantile(line.own, _MOST)), "number"),
+        Field("nine in ten", lambda line: line.words(np.quantile(line.estimates, _MOST)), "number"),
         Field("here / published", lambda line: significant(line.ratio, 2), "number"),
         Field("unusual", lambda line: line.unusual),
         Field("other site", lambda line: "" if site(run) else line.measurement.site),

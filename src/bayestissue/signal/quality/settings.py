@@ -134,7 +134,7 @@ class VelocitySettings:
         fewest: samples that tell of the velocity.
         parameters: that are fitted with it.
         majority: of a group's impacts, that some velocity has to explain.
-        alike: impacts of a person or pad at least, to say that what they share is its law.
+        fewest_impacts: impacts of a person or pad at least, to say that what they share is its law.
         others: impacts of a condition,
         spreads: and of their standard deviations, to say that one lies apart from them.
         of_median: two standard errors of a median, in the spread of what it is of over the root of their
@@ -152,7 +152,7 @@ class VelocitySettings:
     fewest: int = 12
     parameters: int = 4
     majority: float = 0.5
-    alike: int = 3
+    fewest_impacts: int = 3
     others: int = 4
     spreads: float = 6.0
     of_median: float = 2.5

@@ -268,12 +268,12 @@ def _apart(implied: Implied, trial: np.ndarray) -> Mask:
 
 def _of_another_law(implied: Implied, codes: np.ndarray) -> Mask:
     """The impacts that look like all others of their level, where no velocity leaves noise alone."""
-    alike, fraction = np.zeros(len(codes), bool), np.log1p(implied.fraction)
+    typical, fraction = np.zeros(len(codes), bool), np.log1p(implied.fraction)
     for code in np.unique(codes):
         rows = np.flatnonzero((codes == code) & implied.usable)
-        if len(rows) >= VELOCITY.alike:
-            alike[rows] = np.abs(fraction[rows] - np.median(fraction[rows])) < np.log1p(VELOCITY.apart)
-    return alike & ~implied.explained
+        if len(rows) >= VELOCITY.fewest_impacts:
+            typical[rows] = np.abs(fraction[rows] - np.median(fraction[rows])) < np.log1p(VELOCITY.apart)
+    return typical & ~implied.explained
 
 
 def in_words(contradiction: Contradiction, impacts: pd.DataFrame, *, falls: bool) -> list[str]:
