@@ -73,3 +73,18 @@ def test_a_fit_holds_the_truth_and_has_no_mass(tmp_path: Path) -> None:
     assert page is not None
     assert "Nothing moves freely here" in text
     assert " kg" not in re.sub(r"<script.*?</script>", "", text, flags=re.DOTALL)
+
+
+@pytest.mark.slow
+def test_where_a_spring_and_damper_does_not_describe_the_tissue_there_is_no_interval(tmp_path: Path) -> None:
+    """No second fit with a discrepancy follows, which would widen what the residuals contradict."""
+    dataset, _ = driven(Driven(seed=6, subjects=2, repeats=5, exponent=2.0))
+    fit = bt.fit(dataset, seed=1)
+    assert fit.diagnostics["model_form"]["undescribed"]
+    summary = fit.summary
+    assert summary.loc[summary["variable"].isin(["K", "C"]), "note"].str.startswith("not an interval").all()
+    written = fit.export(tmp_path / "paper")
+    assert written is not None
+    methods = (tmp_path / "paper" / "methods.md").read_text(encoding="utf-8")
+    assert "No K or C is stated" in methods
+    assert "mass of" not in methods

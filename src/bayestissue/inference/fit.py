@@ -33,7 +33,7 @@ from bayestissue.inference.chain.draws import chain_draws
 from bayestissue.inference.chain.ending import r_hat_limit
 from bayestissue.inference.chain.explanations import explanations
 from bayestissue.inference.chain.results import ChainDraws, ChainEnd
-from bayestissue.inference.checking.model_form import described, model_form, with_impacts
+from bayestissue.inference.checking.model_form import described, model_form, of_driven, with_impacts
 from bayestissue.inference.checking.pooled_parameters import pooled_parameters
 from bayestissue.inference.checking.straight_lines import straight_lines
 from bayestissue.inference.execution.kept import kept_draws, some_impacts, some_of
@@ -249,7 +249,7 @@ def _form(prepared: Prepared, draws: Draws, tree: xr.DataTree) -> dict[str, Any]
         of_force = with_impacts(model_form(tree, "force"), names, p)
         return {"model_form": form, "channels": {"form": of_force}}
     if not prepared.model.discrepancy:
-        return {"model_form": form}
+        return {"model_form": form if prepared.model.kind == "impact" else of_driven(form)}
     undescribed = described(tree)
     return {
         "model_form": form

@@ -105,11 +105,18 @@ def _measurements(run: FitRun) -> str:
     trials = len(set(run.groups["constant_data"]["impact_trial"].to_numpy().tolist()))
     time = run.times()
     rate = 1e-3 / (time[:, 1] - time[:, 0])
-    return (
+    analysed = (
         f"{counted(len(run.impacts), 'impact')} on {counted(run.people_count, 'person', 'people')} in "
-        f"{counted(trials, 'condition')} were analysed. The impactor had a mass of "
-        f"{_range(run.constant('mass_kg'))} kg and met the tissue at {_range(run.constant('velocity_m_s'))} "
-        f"m/s; its {run.shown} was recorded at {_range(rate)} kHz."
+        f"{counted(trials, 'condition')} were analysed."
+    )
+    if not run.free:
+        return (
+            f"{analysed} Displacement and force of tissue that something pushes were recorded, the force at "
+            f"{_range(rate)} kHz."
+        )
+    return (
+        f"{analysed} The impactor had a mass of {_range(run.constant('mass_kg'))} kg and met the tissue at "
+        f"{_range(run.constant('velocity_m_s'))} m/s; its {run.shown} was recorded at {_range(rate)} kHz."
     )
 
 
@@ -156,9 +163,10 @@ def _left_out(run: FitRun) -> str:
 def _formulas(run: FitRun) -> str:
     model = run.record["model"]
     formulas = listed([f"log {name} ~ {formula}" for name, formula in model["formula"].items()])
+    stated = f" Numbers are stated at a mass of {run.reference_mass:.3g} kg." if run.free else ""
     return (
         f"In R's notation {formulas}; a term such as (1|subject) stands for normally distributed differences "
-        f"of people. Numbers are stated at a mass of {run.reference_mass:.3g} kg. The model file is "
+        f"of people.{stated} The model file is "
         f"“{model['name']}”; its priors stand in tables.xlsx.{_untried(run)}"
     )
 

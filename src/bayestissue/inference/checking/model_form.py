@@ -150,6 +150,16 @@ def with_discrepancy(first: dict[str, Any], tree: xr.DataTree) -> dict[str, Any]
     return first | discrepancy | {"apart": list(larger.index), "left": left, "words": words}
 
 
+def of_driven(form: dict[str, Any]) -> dict[str, Any]:
+    """The form of a driven tissue, which has no second fit with a discrepancy that would widen intervals.
+
+    Where residuals are structured there is no interval of K and C: see `described`.
+    """
+    if not form["structured"]:
+        return form
+    return form | {"undescribed": True, "words": sentence("form.driven", words=form["words"])}
+
+
 def described(tree: xr.DataTree) -> dict[str, Any]:
     """Whether the element describes the traces of a fit with a discrepancy at all.
 
