@@ -332,7 +332,8 @@ def fit_prepared(
     if analysis is None or (specification.may_add_discrepancy and form.get("structured", False)):
         prepared = with_discrepancy(dataset, specification, prepared)
         analysis = _second_fit(prepared, specification, seed, say, checkpoints, end)
-        of_both = model_form.with_discrepancy(form, analysis.tree)
+        shown = model_form.shown_by(prepared.model.kind)
+        of_both = model_form.with_discrepancy(form, analysis.tree, shown)
         of_both |= {"impacts": analysis.diagnostics.get("model_form", {}).get("impacts", {})}
         diagnostics = analysis.diagnostics | {"model_form": of_both}
     else:

@@ -13,6 +13,7 @@ import xarray as xr
 
 from bayestissue.commands import check, fit
 from bayestissue.dataset import read_dataset
+from bayestissue.fitting import without_short
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import prepare
 from bayestissue.oscillator import impact_motion
@@ -172,7 +173,7 @@ def test_impacts_too_short_to_be_fitted_are_told_and_can_be_left_out(tmp_path: P
     check.run(folder, out=None, skip_bad=False, overwrite=False, quiet=False, as_json=False)
     assert "1 of 2 impacts too short to be fitted" in capsys.readouterr().out
     model = ModelSpecification(name="m", likelihood="a2")
-    left = fit._without_short(read_dataset(folder), model, "m.toml")
+    left = without_short(read_dataset(folder), model, "m.toml")
     assert left.impacts["impact"].to_list() == ["long"]
     assert len(left.traces) == 1
     assert [problem.impact for problem in left.left_out] == ["short"]

@@ -33,7 +33,7 @@ from bayestissue.inference.chain.draws import chain_draws
 from bayestissue.inference.chain.ending import r_hat_limit
 from bayestissue.inference.chain.explanations import explanations
 from bayestissue.inference.chain.results import ChainDraws, ChainEnd
-from bayestissue.inference.checking.model_form import described, model_form, of_driven, with_impacts
+from bayestissue.inference.checking.model_form import described, model_form, of_driven, shown_by, with_impacts
 from bayestissue.inference.checking.pooled_parameters import pooled_parameters
 from bayestissue.inference.checking.straight_lines import straight_lines
 from bayestissue.inference.execution.kept import kept_draws, some_impacts, some_of
@@ -234,7 +234,6 @@ def _form(prepared: Prepared, draws: Draws, tree: xr.DataTree) -> dict[str, Any]
     """What the residuals say of the model, where it is one of recorded decelerations or forces."""
     if prepared.model.kind not in ("impact", "driven"):
         return {}
-    shown = "force" if prepared.model.kind == "driven" else "deceleration"
     parameters = draws.impacts["parameters"]
     rows = np.arange(parameters.shape[2])
     if draws.kept_numbers is not None:
@@ -243,7 +242,7 @@ def _form(prepared: Prepared, draws: Draws, tree: xr.DataTree) -> dict[str, Any]
     chosen = some_of(prepared, rows)
     names = chosen.impacts["impact"].astype(str).tolist()
     p = noise_p(chosen.model, chosen.data, middle)
-    form = with_impacts(model_form(tree, shown), names, p)
+    form = with_impacts(model_form(tree, shown_by(prepared.model.kind)), names, p)
     if prepared.force:
         p = noise_p_of_both(chosen.model, chosen.data, middle)
         of_force = with_impacts(model_form(tree, "force"), names, p)

@@ -20,7 +20,7 @@ from scipy.stats import binom
 
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import TraceData
+from bayestissue.hierarchy.traces import Kind, TraceData
 from bayestissue.inference.checking import sentence
 from bayestissue.inference.execution.kept import some_impacts, some_of
 from bayestissue.inference.points.whiteness import autocorrelation
@@ -115,12 +115,13 @@ def with_impacts(
     return form | {"impacts": impacts, "words": words}
 
 
-def with_discrepancy(first: dict[str, Any], tree: xr.DataTree) -> dict[str, Any]:
+def with_discrepancy(first: dict[str, Any], tree: xr.DataTree, shown: str = "deceleration") -> dict[str, Any]:
     """What `model_form` said of a fit without a discrepancy, after one with it.
 
     Args:
         first: of the fit without.
         tree: the fit with it.
+        shown: the recorded quantity; see `shown_by`.
 
     Returns:
         ``score`` and ``structured`` as they were, ``discrepancy``, the discrepancy's rms as a fraction of the
@@ -143,11 +144,15 @@ def with_discrepancy(first: dict[str, Any], tree: xr.DataTree) -> dict[str, Any]
     )
     apart = apart if len(larger) else ""
     words = _words("form.discrepancy", first["score"], size=100 * size, sure=100 * sure, apart=apart)
-    shown = next(name for name in ("force", "deceleration") if name in tree["observed_data"].dataset)
     left = model_form(tree, shown)["score"]
     if discrepancy["undescribed"]:
         words = f"{sentence('form.score', score=first['score'])}. {discrepancy['words']}"
     return first | discrepancy | {"apart": list(larger.index), "left": left, "words": words}
+
+
+def shown_by(kind: Kind) -> str:
+    """The recorded quantity whose residuals tell the form of a model."""
+    return "force" if kind == "driven" else "deceleration"
 
 
 def of_driven(form: dict[str, Any]) -> dict[str, Any]:
@@ -157,7 +162,8 @@ def of_driven(form: dict[str, Any]) -> dict[str, Any]:
     """
     if not form["structured"]:
         return form
-    return form | {"undescribed": True, "words": sentence("form.driven", words=form["words"])}
+    words = f"{sentence('form.score', score=form['score'])}. {sentence('form.driven')}"
+    return form | {"undescribed": True, "words": words}
 
 
 def described(tree: xr.DataTree) -> dict[str, Any]:
