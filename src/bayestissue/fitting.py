@@ -360,7 +360,13 @@ def fit_prepared(
                 diagnostics["channels"]["form"],
             )
             if prepared.force
-            else {"words": unused_channels(dataset.channels, prepared.force_unused)}
+            else {
+                "words": unused_channels(
+                    dataset.channels,
+                    prepared.force_unused,
+                    displaced=dataset.quantity == "displacement",
+                )
+            }
         )
     if prepared.reference is not None:
         diagnostics["reference"] = judge_reference(prepared.reference)

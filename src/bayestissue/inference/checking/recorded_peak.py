@@ -44,7 +44,8 @@ def missed_peaks(
     Args:
         dataset: the recordings, of an impactor that moves freely.
         prepared: the fit of their decelerations.
-        low, high: ends of the 90 % interval of peak_deceleration [standard gravity].
+        low: end of the 90 % interval of peak_deceleration [standard gravity].
+        high: its other end.
         jerk: the greatest that is credible [m/s^3]; infinite where it is not known.
     """
     if prepared.model.kind != "impact" or prepared.model.autoregressive or dataset.recorder is not None:

@@ -104,12 +104,24 @@ def clipped_recordings(impacts: Sequence[str], clipped: Sequence[bool]) -> dict[
     return {"impacts": named, "of": len(impacts), "words": words}
 
 
-def unused_channels(channels: Sequence[Channel], why: str) -> str:
-    """Sentences on further channels that a fit is not of, and ``why``."""
+def unused_channels(channels: Sequence[Channel], why: str, *, displaced: bool = False) -> str:
+    """Sentences on further channels that a fit is not of.
+
+    Args:
+        channels: the further ones.
+        why: they are not used.
+        displaced: whether the first channel is a displacement, which nothing compares with a force.
+    """
     named = first_of([f"{channel.name} ({channel.quantity})" for channel in channels], _NAMED)
+    compared = (
+        "Nothing compares a force with a displacement: write `free = false` in `[motion]` for a fit of both, "
+        "if no free mass hits."
+        if displaced
+        else "`bayestissue check` compares the two."
+    )
     return (
         f"The further channel {named} is not used here: {why}. K and C are those of the first one, at the "
-        "declared mass. `bayestissue check` compares the two."
+        f"declared mass. {compared}"
     )
 
 
