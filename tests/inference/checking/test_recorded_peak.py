@@ -16,8 +16,7 @@ from bayestissue.dataset.chain import Recorder
 from bayestissue.hierarchy.specification import read_specification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.inference.checking.recorded_peak import judge_peaks, missed_peaks
-from bayestissue.inference.points.notes import PEAK_MISSED
-from bayestissue.inference.samplers.diagnostics import headline, noted, warnings
+from bayestissue.inference.samplers.diagnostics import PEAK_MISSED, headline, noted, warnings
 from bayestissue.resources import shared
 from bayestissue.simulation import Simulation, simulate
 

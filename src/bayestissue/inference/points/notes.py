@@ -27,7 +27,6 @@ STRUCTURED = Coded(
     "structured-residuals",
 )
 UNCORRECTED = Coded("importance weights are not to be trusted: its interval may miss", "pareto-k")
-PEAK_MISSED = Coded("the recorded peak is outside the interval of peak_deceleration", "peak-missed")
 # Flags that say that the fit came to no answer, whether or not the recording is sound.
 NO_OSCILLATOR = Coded("no oscillator has these coefficients", "no-answer")
 NOT_POSITIVE = Coded("K or C is not positive", "no-answer")

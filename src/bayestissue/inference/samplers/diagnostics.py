@@ -12,7 +12,6 @@ import pandas as pd
 
 from bayestissue.declarations import declared
 from bayestissue.errors import Coded
-from bayestissue.inference.points.notes import PEAK_MISSED
 from bayestissue.inference.samplers.convergence import let_pass
 from bayestissue.remedies import Code, codes_in
 
@@ -26,6 +25,7 @@ NO_INTERVAL = Coded("not an interval: no element describes these traces", "undes
 CONTRADICTED = Coded("the traces contradict the measuring chain", "measuring-chain")
 FORCE_CONTRADICTS = Coded("the force contradicts mass times deceleration", "channels-disagree")
 FORCE_OTHER_LAW = Coded("the force follows another law than the deceleration", "force-form")
+PEAK_MISSED = Coded("the recorded peak is outside the interval of peak_deceleration", "peak-missed")
 ELEMENT_ALONE = Coded(
     "the element's own part of the force; the tissue's stiffness is K_secant", "element-alone"
 )

@@ -30,10 +30,10 @@ from bayestissue.inference.points.notes import (
     C_UNTOLD,
     K_MOSTLY_UNTOLD,
     K_UNTOLD,
-    PEAK_MISSED,
     UNCORRECTED,
 )
 from bayestissue.inference.results.labels import element_attributes, outcome_column
+from bayestissue.inference.samplers.diagnostics import PEAK_MISSED
 from bayestissue.inference.samplers.psis import k_threshold
 from bayestissue.inference.single.posterior import POINTS, SinglePosteriors, single_posteriors
 from bayestissue.oscillator import spring_damper_inverse, to_discrete
