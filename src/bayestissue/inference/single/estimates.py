@@ -202,8 +202,9 @@ def by_impact(
         ends[name] = (low, high)
     flags, notes = flagged(dataset, signal, fit, findings, "impact")
     raised = {UNCORRECTED: (posteriors.pareto_k > k_threshold(POINTS)) & ~noiseless}
-    peak, jerk = posteriors.outcomes["peak_deceleration"], posteriors.outcomes["peak_jerk"]
-    raised[PEAK_MISSED] = bounded & missed_peaks(dataset, prepared, peak.low, peak.high, jerk.high)
+    greatest, jerk = posteriors.outcomes["peak_deceleration"], posteriors.outcomes["peak_jerk"]
+    missed = missed_peaks(dataset, prepared, greatest.low, greatest.high, jerk.high)
+    raised[PEAK_MISSED] = bounded & missed
     for name, alone, among in (("K", K_UNTOLD, K_MOSTLY_UNTOLD), ("C", C_UNTOLD, C_MOSTLY_UNTOLD)):
         # The few of a trial that come out above the threshold are those that erred upwards.
         share = prepared.impacts.assign(untold=untold[name]).groupby("trial")["untold"].transform("mean")
