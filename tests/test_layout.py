@@ -18,7 +18,8 @@ ROOMS = (
     ("samplers", "points"),
     ("factors", "quantities"),
     ("results",),
-    ("checking", "single", "chain"),
+    ("checking", "chain"),
+    ("single",),
     ("answers",),
     ("comparing", "published", "fit"),
 )

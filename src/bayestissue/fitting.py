@@ -30,6 +30,7 @@ from bayestissue.inference.chain.results import ChainEnd
 from bayestissue.inference.checking import model_form
 from bayestissue.inference.checking.force import judge_force
 from bayestissue.inference.checking.measuring_chain import judge
+from bayestissue.inference.checking.recorded_peak import judge_peaks
 from bayestissue.inference.checking.reference import judge_reference
 from bayestissue.inference.factors.expansions import expanded
 from bayestissue.inference.fit import Say, TraceAnalysis, fit_traces
@@ -343,6 +344,8 @@ def fit_prepared(
         if "model_form" in diagnostics:
             diagnostics["model_form"] = model_form.with_chain(diagnostics["model_form"], chain())
     points = point_estimates(dataset, specification.signal, prepared.signal)
+    if peaks := judge_peaks(dataset, prepared, analysis.summary):
+        diagnostics["recorded_peak"] = peaks
     summary = noted(analysis.summary, diagnostics)
     if flagged := flagged_recordings(*(points["exact"][name].tolist() for name in ("impact", "flags"))):
         diagnostics["recordings"] = flagged
@@ -358,7 +361,13 @@ def fit_prepared(
                 diagnostics["channels"]["form"],
             )
             if prepared.force
-            else {"words": unused_channels(dataset.channels, prepared.force_unused)}
+            else {
+                "words": unused_channels(
+                    dataset.channels,
+                    prepared.force_unused,
+                    displaced=dataset.quantity == "displacement",
+                )
+            }
         )
     if prepared.reference is not None:
         diagnostics["reference"] = judge_reference(prepared.reference)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from bayestissue.dataset.model import Channel
 from bayestissue.inference.points.notes import (
     ANOTHER_VELOCITY,
     AT_A_LIMIT,
     clipped_recordings,
     flagged_recordings,
+    unused_channels,
 )
 from bayestissue.inference.samplers.diagnostics import headline, verdict_in_words
 
@@ -49,3 +51,11 @@ def test_clipped_recordings_are_named_beside_the_flagged() -> None:
         "Of 2 recordings 1 is clipped: b. Samples at the sensor's limit count as that much or more."
     )
     assert headline(SOUND | found) == "Diagnostics passed."
+
+
+def test_a_force_beside_a_displacement_is_not_said_to_be_compared() -> None:
+    plate = [Channel("plate", "force", "base", [])]
+    assert unused_channels(plate, "why").endswith("`bayestissue check` compares the two.")
+    words = unused_channels(plate, "why", displaced=True)
+    assert "`bayestissue check`" not in words
+    assert "write `free = false` in `[motion]`" in words

@@ -27,7 +27,6 @@ STRUCTURED = Coded(
     "structured-residuals",
 )
 UNCORRECTED = Coded("importance weights are not to be trusted: its interval may miss", "pareto-k")
-PEAK_MISSED = Coded("the recorded peak is outside the interval of peak_deceleration", "peak-missed")
 # Flags that say that the fit came to no answer, whether or not the recording is sound.
 NO_OSCILLATOR = Coded("no oscillator has these coefficients", "no-answer")
 NOT_POSITIVE = Coded("K or C is not positive", "no-answer")
@@ -104,12 +103,24 @@ def clipped_recordings(impacts: Sequence[str], clipped: Sequence[bool]) -> dict[
     return {"impacts": named, "of": len(impacts), "words": words}
 
 
-def unused_channels(channels: Sequence[Channel], why: str) -> str:
-    """Sentences on further channels that a fit is not of, and ``why``."""
+def unused_channels(channels: Sequence[Channel], why: str, *, displaced: bool = False) -> str:
+    """Sentences on further channels that a fit is not of.
+
+    Args:
+        channels: the further ones.
+        why: they are not used.
+        displaced: whether the first channel is a displacement, which nothing compares with a force.
+    """
     named = first_of([f"{channel.name} ({channel.quantity})" for channel in channels], _NAMED)
+    compared = (
+        "Nothing compares a force with a displacement: write `free = false` in `[motion]` for a fit of both, "
+        "if no free mass hits."
+        if displaced
+        else "`bayestissue check` compares the two."
+    )
     return (
         f"The further channel {named} is not used here: {why}. K and C are those of the first one, at the "
-        "declared mass. `bayestissue check` compares the two."
+        f"declared mass. {compared}"
     )
 
 

@@ -25,6 +25,7 @@ NO_INTERVAL = Coded("not an interval: no element describes these traces", "undes
 CONTRADICTED = Coded("the traces contradict the measuring chain", "measuring-chain")
 FORCE_CONTRADICTS = Coded("the force contradicts mass times deceleration", "channels-disagree")
 FORCE_OTHER_LAW = Coded("the force follows another law than the deceleration", "force-form")
+PEAK_MISSED = Coded("the recorded peak is outside the interval of peak_deceleration", "peak-missed")
 ELEMENT_ALONE = Coded(
     "the element's own part of the force; the tissue's stiffness is K_secant", "element-alone"
 )
@@ -114,6 +115,7 @@ def warnings(diagnostics: dict[str, Any]) -> list[Coded]:
     chain, form = diagnostics.get("measuring_chain", {}), diagnostics.get("model_form", {})
     lines, velocity = diagnostics.get("straight_lines", {}), _velocity(diagnostics)
     force, reference = diagnostics.get("channels", {}), diagnostics.get("reference", {})
+    peaks = diagnostics.get("recorded_peak", {})
     law: Code = "undescribed" if form.get("undescribed") else "model-form"
     if not _against_all(form):
         law = "structured-residuals"
@@ -123,6 +125,7 @@ def warnings(diagnostics: dict[str, Any]) -> list[Coded]:
         (reference, reference.get("passed") is False, "reference-contradicted"),
         ({"words": velocity}, bool(velocity), "velocity-contradicted"),
         (form, _against_all(form) or _against_some(form), law),
+        (peaks, bool(peaks), "peak-missed"),
         (lines, bool(lines.get("words")), "no-straight-line"),
     ]
     pooled = [
@@ -167,6 +170,8 @@ def noted(summary: pd.DataFrame, diagnostics: dict[str, Any]) -> pd.DataFrame:
     note = np.full(len(summary), "", dtype=object)
     if "discrepancy" in form:
         note[summary["variable"].map(of_element_alone)] = ELEMENT_ALONE
+    if peaks := diagnostics.get("recorded_peak"):
+        note[label.isin(peaks["impacts"])] = PEAK_MISSED
     if (force := diagnostics.get("channels", {})).get("passed") is False:
         # An impact's own mass is put right where one factor is not.
         exponents = summary["variable"].str.startswith("mass_exponent").to_numpy(bool)
@@ -198,6 +203,9 @@ def headline(diagnostics: dict[str, Any]) -> str:
         return "The sampler passed, but the recordings imply another velocity at contact than was stated."
     if form.get("structured"):
         return "The sampler passed, but the traces obey another law than the model's."
+    if peaks := diagnostics.get("recorded_peak"):
+        count = f"{len(peaks['impacts'])} of {peaks['of']} impacts"
+        return f"The sampler passed, but the recorded peak of {count} is outside its interval."
     if _against_some(form):
         return "The sampler passed, but the residuals have structure that the model does not explain."
     if diagnostics.get("straight_lines", {}).get("words"):

@@ -7,16 +7,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from jaxtyping import Bool
 
 from bayestissue.dataset import as_dataset
-from bayestissue.dataset.chain import STANDARD_GRAVITY
 from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.elements.outcomes import NEVER, OUTCOMES
 from bayestissue.errors import InputError
 from bayestissue.hierarchy.design import build_design
 from bayestissue.hierarchy.specification import Formulas, read_specification
-from bayestissue.hierarchy.trace_data import Prepared, assemble, only_by_impact, unsuited
+from bayestissue.hierarchy.trace_data import assemble, only_by_impact, unsuited
+from bayestissue.inference.checking.recorded_peak import missed_peaks
 from bayestissue.inference.execution.kept import some_of
 from bayestissue.inference.points.estimates import (
     default_options,
@@ -31,10 +30,10 @@ from bayestissue.inference.points.notes import (
     C_UNTOLD,
     K_MOSTLY_UNTOLD,
     K_UNTOLD,
-    PEAK_MISSED,
     UNCORRECTED,
 )
 from bayestissue.inference.results.labels import element_attributes, outcome_column
+from bayestissue.inference.samplers.diagnostics import PEAK_MISSED
 from bayestissue.inference.samplers.psis import k_threshold
 from bayestissue.inference.single.posterior import POINTS, SinglePosteriors, single_posteriors
 from bayestissue.oscillator import spring_damper_inverse, to_discrete
@@ -59,8 +58,6 @@ OUTCOME_COLUMNS = {
     for name in OUTCOMES
     for which in ("median", "low", "high")
 } | {f"{name}_never": (name, "never") for name in NEVER}
-# The greatest of some hundred samples is so many standard deviations of their noise off, at most.
-_NOISES = 4.0
 # An interval whose ends are this many times apart leaves the order of magnitude open.
 _DECADE = 10.0
 
@@ -205,7 +202,9 @@ def by_impact(
         ends[name] = (low, high)
     flags, notes = flagged(dataset, signal, fit, findings, "impact")
     raised = {UNCORRECTED: (posteriors.pareto_k > k_threshold(POINTS)) & ~noiseless}
-    raised[PEAK_MISSED] = bounded & _peak_missed(posteriors, prepared, dataset)
+    greatest, jerk = posteriors.outcomes["peak_deceleration"], posteriors.outcomes["peak_jerk"]
+    missed = missed_peaks(dataset, prepared, greatest.low, greatest.high, jerk.high)
+    raised[PEAK_MISSED] = bounded & missed
     for name, alone, among in (("K", K_UNTOLD, K_MOSTLY_UNTOLD), ("C", C_UNTOLD, C_MOSTLY_UNTOLD)):
         # The few of a trial that come out above the threshold are those that erred upwards.
         share = prepared.impacts.assign(untold=untold[name]).groupby("trial")["untold"].transform("mean")
@@ -238,23 +237,6 @@ def outcomes_in(row: pd.Series) -> pd.DataFrame:
             one = rows.setdefault(name, {"never": 0.0, "unit": units[name]["unit"]})
             one[which] = float(row[column])
     return pd.DataFrame(rows).T[["median", "low", "high", "never", "unit"]].infer_objects()
-
-
-def _peak_missed(
-    posteriors: SinglePosteriors, prepared: Prepared, dataset: Dataset
-) -> Bool[np.ndarray, " impact"]:
-    """Where the sensor's greatest sample is farther from peak_deceleration's interval than noise takes it.
-
-    Farther than the interval is wide and a few standard deviations of the noise, and below it than the
-    deceleration changes from sample to sample, since its peak may be at contact. Behind a declared low-pass,
-    or at the sensor's limit, what was recorded is not the peak.
-    """
-    peak, jerk = posteriors.outcomes["peak_deceleration"], posteriors.outcomes["peak_jerk"].high
-    low, high = (STANDARD_GRAVITY * end for end in (peak.low, peak.high))
-    recorded, signal = np.exp(np.asarray(prepared.data.log_peak)), prepared.signal
-    room = high - low + _NOISES * signal.noise_sd
-    missed = (recorded > high + room) | (recorded < low - room - jerk * signal.dt)
-    return missed & ~signal.clipped.any(axis=1) & (dataset.recorder is None)
 
 
 def _untold(posteriors: SinglePosteriors, noiseless: np.ndarray) -> dict[str, np.ndarray]:

@@ -1,0 +1,157 @@
+"""Recorded peaks outside their intervals: sound ones are never called so, shocks of another law are."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.constants import g as standard_gravity
+
+import bayestissue as bt
+from bayestissue.dataset import Dataset, Uncertainty
+from bayestissue.dataset.chain import Recorder
+from bayestissue.hierarchy.specification import read_specification
+from bayestissue.hierarchy.trace_data import Prepared, prepare
+from bayestissue.inference.checking.recorded_peak import judge_peaks, missed_peaks
+from bayestissue.inference.samplers.diagnostics import PEAK_MISSED, headline, noted, warnings
+from bayestissue.resources import shared
+from bayestissue.simulation import Simulation, simulate
+
+DT = 1 / 51_200
+
+
+def of_true_peaks(
+    noise: float, gravity: str = "none", impacts: int = 200
+) -> tuple[Dataset, Prepared, np.ndarray]:
+    """Simulated impacts of a spring and damper, and the true peak of each [standard gravity]."""
+    conditions = [{"trial": "a", "mass_kg": 0.7, "velocity_m_s": 1.5}]
+    made = simulate(
+        Simulation.model_validate(
+            {
+                "name": "sound",
+                "seed": 3,
+                "gravity": gravity,
+                "design": {"conditions": conditions, "subjects": impacts},
+                "tissue": {
+                    "K_N_per_m": 3000.0,
+                    "C_N_s_per_m": 25.0,
+                    "sd_impact_K": 0.3,
+                    "sd_impact_C": 0.3,
+                },
+                "recording": {"noise_relative_to_peak": noise},
+            }
+        )
+    )
+    dataset = made.dataset("sound")
+    ready = prepare(dataset, read_specification(shared("models", "impact.toml")), source="test")
+    return dataset, ready, made.truth["peak_deceleration_g"].to_numpy(float)
+
+
+@pytest.mark.parametrize(("noise", "gravity"), [(0.2, "none"), (0.005, "none"), (0.2, "drop")])
+def test_noise_takes_no_sample_out_of_an_interval_that_is_the_true_peak_alone(
+    noise: float, gravity: str
+) -> None:
+    dataset, ready, peak = of_true_peaks(noise, gravity)
+    jerk = np.full(len(peak), 1e5)
+    assert not missed_peaks(dataset, ready, peak, peak, jerk).any()
+
+
+def test_a_peak_beyond_noise_gain_and_zero_is_missed_on_either_side() -> None:
+    dataset, ready, peak = of_true_peaks(0.005, impacts=40)
+    jerk = np.zeros(len(peak))
+    # Five standard deviations of the noise and 1 % of the peak are 3.5 % of it.
+    assert missed_peaks(dataset, ready, 0.5 * peak, 0.9 * peak, jerk).all()
+    assert missed_peaks(dataset, ready, 1.1 * peak, 1.5 * peak, jerk).all()
+    assert not missed_peaks(dataset, ready, 1.1 * peak, 1.5 * peak, jerk + np.inf).any()
+    for uncertainty in (Uncertainty(relative_gain_sd=0.05), Uncertainty(offset_sd=5.0)):
+        declared = replace(dataset, uncertainty=uncertainty)
+        of_quiet = ready if uncertainty.relative_gain_sd else without_quiet_part(ready)
+        assert not missed_peaks(declared, of_quiet, 0.5 * peak, 0.9 * peak, jerk).any()
+    behind = replace(dataset, recorder=Recorder(300.0))
+    assert not missed_peaks(behind, ready, 0.5 * peak, 0.9 * peak, jerk).any()
+    for model in (
+        replace(ready.model, autoregressive=True),
+        replace(ready.model, kind="arma"),
+    ):
+        assert not missed_peaks(dataset, replace(ready, model=model), 0.5 * peak, 0.9 * peak, jerk).any()
+    limited = replace(ready, signal=replace(ready.signal, clipped=np.ones_like(ready.signal.clipped)))
+    assert not missed_peaks(dataset, limited, 0.5 * peak, 0.9 * peak, jerk).any()
+
+
+def without_quiet_part(ready: Prepared) -> Prepared:
+    unknown = np.full_like(ready.signal.offset_sd, np.nan)
+    return replace(ready, signal=replace(ready.signal, offset_sd=unknown))
+
+
+def test_a_missed_peak_is_in_the_first_line_the_warnings_and_its_rows() -> None:
+    dataset, ready, peak = of_true_peaks(0.005, impacts=40)
+    names = ready.impacts["impact"].astype(str).tolist()
+    high = np.where(np.arange(40) == 7, 0.9, 1.05) * peak
+    summary = pd.DataFrame(
+        {"variable": "peak_deceleration", "label": names, "eti90_low": 0.8 * peak, "eti90_high": high}
+    )
+    found = {"passed": True, "recorded_peak": judge_peaks(dataset, ready, summary)}
+    assert found["recorded_peak"]["impacts"] == [names[7]]
+    assert headline(found).endswith("but the recorded peak of 1 of 40 impacts is outside its interval.")
+    (warning,) = warnings(found)
+    assert warning.code == "peak-missed"
+    assert f"the interval is {0.8 * peak[7]:.4g} to {0.9 * peak[7]:.4g} g" in warning
+    assert 'discrepancy = "always"' in warning
+    notes = noted(summary, found)["note"]
+    assert notes[7] == PEAK_MISSED
+    assert notes.ne("").sum() == 1
+    assert judge_peaks(dataset, ready, summary.assign(eti90_high=1.05 * peak)) == {}
+    assert judge_peaks(dataset, ready, summary.iloc[:0]) == {}
+
+
+def one_shock(pulse: np.ndarray, name: str, velocity: float) -> tuple[dict[str, object], pd.DataFrame]:
+    row = {"impact": name, "subject": name, "trial": "a", "mass_kg": 1.0, "velocity_m_s": velocity}
+    return row, pd.DataFrame({"impact": name, "time_s": np.arange(len(pulse)) * DT, "value": pulse})
+
+
+def dataset_of(shocks: list[tuple[dict[str, object], pd.DataFrame]], velocity_sd: float) -> Dataset:
+    rows, traces = zip(*shocks, strict=True)
+    return bt.dataset(
+        pd.DataFrame(rows),
+        pd.concat(traces),
+        quantity="deceleration",
+        unit="m/s^2",
+        uncertainty={"velocity_sd_m_s": velocity_sd},
+    )
+
+
+@pytest.mark.slow
+def test_a_sharp_shock_of_few_samples_is_flagged() -> None:
+    # A pulse A exp(-|t| / T), which rises and falls over 14 samples at the height of 10 % and more.
+    time = np.arange(-12, 10) * DT
+    pulse = 40_000 * np.exp(-np.abs(time) / (3 * DT))
+    rng = np.random.default_rng(2)
+    velocity = 40_000 * 3 * DT
+    shocks = [
+        one_shock(pulse + 20 * rng.standard_normal(len(pulse)), f"s{number}", velocity) for number in range(4)
+    ]
+    flags = bt.estimate(dataset_of(shocks, 0.2 * velocity))["flags"]
+    assert flags.str.contains(PEAK_MISSED, regex=False).all()
+
+
+# Two impacts leave what a new person comes to so open that squares of single draws overflow.
+@pytest.mark.filterwarnings("ignore:overflow encountered:RuntimeWarning")
+@pytest.mark.slow
+def test_the_recorded_shocks_do_not_pass_silently(shock_table: Path) -> None:
+    shocks = []
+    for name in ("Test_010", "Test_024"):
+        lines = (shock_table / f"{name}.lvm").read_text().splitlines()
+        start = next(number for number, line in enumerate(lines) if line.startswith("X_Value"))
+        y = np.array([float(line.split(",")[1]) for line in lines[start + 1 :] if line and line[0].isdigit()])
+        top = int(y.argmax())
+        shocks.append(one_shock(y[top - 12 : top + 9] - y[top - 60 : top - 30].mean(), name, 3.5))
+    dataset = dataset_of(shocks, 0.7)
+    assert dataset.traces[0].value.max() > 3900 * standard_gravity
+    flags = bt.estimate(dataset)["flags"]
+    assert flags[0].count(PEAK_MISSED) == 1
+    fit = bt.fit(dataset, seed=1)
+    assert fit.diagnostics["recorded_peak"]["impacts"] == ["Test_010"]
+    assert "the recorded peak of 1 of 2 impacts" in fit.about["verdict"]["headline"]
