@@ -161,7 +161,7 @@ def estimate_figure(table: pd.DataFrame, q: str) -> Figure:
         rows,
         number("mass_kg", MASS, scale={"zero": False, "padding": 12}),
         number(COLUMNS[q], axis_title(q), scale={"zero": False}),
-        f"Point estimates of {NAMES[q]} of every impact over the mass of the impactor; the legend names the marks.",
+        f"Point estimates of {NAMES[q]} of every impact over the mass; the legend names the marks.",
     )
 
 
