@@ -212,3 +212,24 @@ def test_the_study_so_far_shrinks_towards_the_person_and_finds_who_is_unlike(
     assert taken.kind == "again"
     assert "higher than this person's other drops" in taken.reason
     assert not taken.left_out, "a number is no reason to leave a drop out"
+
+
+def test_drops_on_a_known_spring_are_no_persons(begin: Callable[[], Watch], recorded: Path) -> None:
+    stated = '"reference_K_N_per_m" = "2500"\n"reference_K_sd_N_per_m" = "25"\n'
+    campaign = recorded.parent / "campaign.toml"
+    people = campaign.read_text()
+    for name, settings in ((NAMES[0], people), (NAMES[3], people + stated)):
+        campaign.write_text(settings)
+        watch = begin()
+        write(recorded, name, drop(name))
+        watch.catch_up(0)
+    person, spring = watch.drops.all
+    assert (person.of_phantom, spring.of_phantom) == (False, True)
+    assert watch.study.drops == 1
+    assert watch.study.estimates(spring) is None
+    assert "a spring or phantom of known stiffness" in watch.line(spring)
+    state = WatchView(watch).state(0)
+    assert [(each["person"], each["drops"]) for each in state["people"]] == [("s01 left", 1)]
+    assert state["used"] == 2
+    data = bt.read_dataset(watch.drops.folder)
+    assert len(data.people.impacts) == 1

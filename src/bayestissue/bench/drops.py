@@ -27,7 +27,7 @@ from bayestissue.dataset import Dataset
 from bayestissue.dataset.arrays import plain_text
 from bayestissue.dataset.cells import FILE as IMPACTS
 from bayestissue.dataset.cells import cells_of, read_cells
-from bayestissue.dataset.impacts import RESERVED, impact_table, wanted
+from bayestissue.dataset.impacts import REFERENCE, RESERVED, impact_table, wanted
 from bayestissue.dataset.left_out import FILE as LEFT_OUT
 from bayestissue.dataset.left_out import left_out_text, reasons, write_left_out
 from bayestissue.dataset.read import checked_dataset
@@ -93,6 +93,11 @@ class Drop:
     def good(self) -> bool:
         """Whether it is in use and need not be repeated, so that it fills a row of the order."""
         return not self.left_out and self.kind != "again"
+
+    @property
+    def of_phantom(self) -> bool:
+        """Whether a spring or phantom of known stiffness was hit, and no person."""
+        return bool({**self.further, **self.cells}.get(REFERENCE[0]))
 
     @property
     def decided(self) -> bool:

@@ -34,6 +34,7 @@ from bayestissue.hierarchy.gaussian.arrangement import expected
 from bayestissue.hierarchy.specification import Formulas
 from bayestissue.hierarchy.trace_data import prepare
 from bayestissue.inference.factors.expansions import expanded
+from bayestissue.inference.points.notes import PHANTOM
 from bayestissue.intake.facts import Cells
 from bayestissue.intake.init import COUNTS
 from bayestissue.one_impact import Impact
@@ -101,7 +102,7 @@ class Study:
     """The study so far.
 
     Attributes:
-        drops: how many drops it is of.
+        drops: how many drops it is of; those of springs and phantoms of known stiffness are in no study.
     """
 
     def __init__(self, campaign: Campaign) -> None:
@@ -135,6 +136,7 @@ class Study:
         Where the table has no room for them, a larger one is compiled meanwhile, for some ten seconds, and
         the study stays as it was; or that is waited for.
         """
+        drops = [drop for drop in drops if not drop.of_phantom]
         usable = [drop for drop in drops if drop.precision is not None]
         hit = [(level(drop.cells), float(drop.cells["mass_kg"])) for drop in usable]
         people = {person: n for n, person in enumerate(dict.fromkeys(person for person, _ in hit))}
@@ -200,10 +202,10 @@ class Study:
         return _Posterior(people, masses, (room[0], room[1]), mean, covariance, drawn.weight[0])
 
     def estimates(self, drop: Drop) -> StudyEstimates | None:
-        """What the study so far says of a drop; None where it has none of its person by its mass."""
+        """What the study so far says of a drop; None without its person and mass, or of a phantom."""
         posterior = self._posterior
         mean = None if posterior is None else posterior.expected(drop.cells)
-        if posterior is None or mean is None or drop.precision is None:
+        if posterior is None or mean is None or drop.precision is None or drop.of_phantom:
             return None
         P, D = np.array(drop.precision), np.linalg.inv(posterior.covariance)
         V = np.linalg.inv(P + D)
@@ -244,6 +246,8 @@ class Study:
 
     def words(self, drop: Drop) -> list[str]:
         """What the study so far says of a drop, in words."""
+        if drop.of_phantom:
+            return [PHANTOM]
         estimates = self.estimates(drop)
         if estimates is None:
             return []

@@ -17,6 +17,7 @@ from bayestissue.bench.watching import Watch, numbers_of
 from bayestissue.dataset import read_dataset
 from bayestissue.dataset.impacts import wanted
 from bayestissue.errors import InputError, printable
+from bayestissue.inference.points.notes import PHANTOM
 from bayestissue.inference.single.estimates import estimate
 from bayestissue.one_impact import Impact, impact_of
 from bayestissue.words import PLAIN, Words
@@ -97,8 +98,9 @@ class WatchView(DropsView):
         watch = self.watch
         name, said = watch.last
         version, used, left = self.version, watch.drops.used, watch.left()
-        last = {level(drop.cells): drop for drop in used}
-        count = {key: sum(level(drop.cells) == key for drop in used) for key in last}
+        hit = [drop for drop in used if not drop.of_phantom]
+        last = {level(drop.cells): drop for drop in hit}
+        count = {key: sum(level(drop.cells) == key for drop in hit) for key in last}
         people = []
         for key, drop in last.items():
             study = watch.study.estimates(drop)
@@ -126,7 +128,11 @@ class WatchView(DropsView):
             "drops": [
                 {
                     **{name: getattr(drop, name) for name in ("impact", "kind", "left_out", *_NUMBERS)},
-                    **{"reason": self.nouns(drop.reason), "taken": drop.taken, "cells": drop.cells},
+                    **{
+                        "reason": self.nouns(drop.reason or _note(of_phantom=drop.of_phantom)),
+                        "taken": drop.taken,
+                        "cells": drop.cells,
+                    },
                 }
                 for drop in watch.drops
                 if drop.changed > since or not since
@@ -207,7 +213,7 @@ class DatasetView(DropsView):
     def _drop(self, impact: str, left_out: str) -> dict[str, Any]:
         row = self._rows.loc[[impact]].iloc[0]
         said = verdict(flag for flag in row["flags"].split("; ") if flag)
-        reason = self.nouns(said.reason)
+        reason = self.nouns(said.reason or _note(of_phantom=PHANTOM in row["notes"].split("; ")))
         shown = {"impact": impact, "kind": said.kind, "reason": reason, "left_out": left_out}
         return shown | numbers_of(row)
 
@@ -224,6 +230,11 @@ class DatasetView(DropsView):
         if self.why_not:
             raise InputError.stated("no-dataset.read-only", str(self._decisions.folder), value=self.why_not)
         self._decisions.act(action, content)
+
+
+def _note(*, of_phantom: bool) -> str:
+    """What is said of a sound drop on a spring or phantom of known stiffness."""
+    return str(PHANTOM) if of_phantom else ""
 
 
 def trace(impact: Impact) -> dict[str, list[float | None]]:

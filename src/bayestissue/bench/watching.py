@@ -265,7 +265,7 @@ class Watch:
 
     def _rows_of(self, names: Sequence[str]) -> tuple[dict[str, int], dict[str, tuple[bool, Any]]]:
         """The rows that files take one after the other, and whether facts of each lack, and which it has."""
-        people = list(dict.fromkeys(str(drop.cells["subject"]) for drop in self.drops))
+        people = list(self._people())
         left = self._left()
         row_of: dict[str, int] = {}
         facts: dict[str, tuple[bool, Any]] = {}
@@ -452,7 +452,7 @@ class Watch:
                 columns(self.campaign.pattern.read(name, suffix), name) if self.campaign.pattern else {}
             )
         at = self.drops.rows.get(name)
-        people = dict.fromkeys(str(drop.cells["subject"]) for drop in self.drops)
+        people = self._people()
         if "subject" in (named := self.campaign.named(name, suffix)):
             people[str(named["subject"])] = None
         following = {} if at is None else self.order.named(people).get(at, {})
@@ -464,14 +464,19 @@ class Watch:
 
     def _left(self) -> dict[int, Cells]:
         rows = self.drops.rows
-        good = [drop for drop in self.drops if drop.good]
+        # A plan is of people alone; an order may have rows of phantoms too.
+        named = self.order.people_named
+        good = [drop for drop in self.drops if drop.good and (named or not drop.of_phantom)]
         held = [rows[drop.file] for drop in good if drop.file in rows]
         # Of files that nobody has judged yet, since they are empty, still grow, or wait for their turn.
         judged = {*self.drops.refused, *(drop.file for drop in self.drops)}
         held += [at for name, at in rows.items() if name not in judged]
         unknown = [drop.cells for drop in good if drop.file not in rows]
-        people = dict.fromkeys(str(drop.cells["subject"]) for drop in self.drops)
-        return self.order.left(unknown, held, people)
+        return self.order.left(unknown, held, self._people())
+
+    def _people(self) -> dict[str, None]:
+        """Who was hit, in this order."""
+        return dict.fromkeys(str(drop.cells["subject"]) for drop in self.drops if not drop.of_phantom)
 
     def take_back(self) -> Drop | None:
         """Leave the last drop out that is in use; None where there is none."""

@@ -101,13 +101,12 @@ def _print(checked: Check) -> None:
 
 
 def _summary(checked: Check) -> list[tuple[str, str]]:
+    from bayestissue.dataset.impacts import counts
+
     data, quality, impacts = checked.dataset, checked.quality, checked.dataset.impacts
     noise = quality["noise_to_peak"]
     return [
-        (
-            "impacts",
-            f"{len(impacts)}; subjects: {impacts['subject'].nunique()}, trials: {impacts['trial'].nunique()}",
-        ),
+        ("impacts", counts(impacts)),
         ("recorded", data.quantity),
         *([("further channel", str(channel)) for channel in data.channels]),
         *([("force", checked.force.words)] if checked.force else []),

@@ -105,6 +105,7 @@ def _varied(data: Dataset, method: Method, choices: dict[str, tuple[SignalOption
     import pandas as pd
 
     from bayestissue.errors import InputError
+    from bayestissue.inference.points.notes import people_alone
     from bayestissue.inference.single.estimates import estimates
     from bayestissue.signal import displacements
 
@@ -113,7 +114,7 @@ def _varied(data: Dataset, method: Method, choices: dict[str, tuple[SignalOption
         for option in options:
             row: dict[str, Any] = {"choice": choice, "value": str(getattr(option, choice))}
             try:
-                table = estimates(data, displacements(data, option), method, option)
+                table = people_alone(estimates(data, displacements(data, option), method, option))
             except InputError as error:
                 rows.append({**row, "note": "; ".join(str(problem) for problem in error.problems[:1])})
                 continue
@@ -127,16 +128,17 @@ def _varied(data: Dataset, method: Method, choices: dict[str, tuple[SignalOption
 
 def _print(data: Dataset, estimates: pd.DataFrame, varied: pd.DataFrame | None, out: Path) -> None:
     from bayestissue.commands.console import echo, explained, line, show, table
-    from bayestissue.inference.points.notes import said_once
+    from bayestissue.inference.points.notes import people_alone, said_once
     from bayestissue.remedies import codes_in
 
     flagged = int((estimates["flags"] != "").sum())
-    rows = []
+    rows, people = [], people_alone(estimates)
     for name, words in (("K_N_per_m", "K (N/m)"), ("C_N_s_per_m", "C (N s/m)"), ("zeta", "zeta")):
-        low, median, high = estimates[name].quantile([0.05, 0.5, 0.95])
+        low, median, high = people[name].quantile([0.05, 0.5, 0.95])
         rows.append((words, *(f"{value:.4g}" for value in (median, low, high))))
+    which = "these impacts" if len(people) == len(estimates) else "people's impacts"
     title = f"{data.name}: {len(estimates)} impacts, {flagged} flagged"
-    show(table(title, ("these impacts", "median", "5 % below", "95 % below"), rows))
+    show(table(title, (which, "median", "5 % below", "95 % below"), rows))
     for sentence in said_once(estimates["notes"]):
         line(sentence)
     if varied is not None:

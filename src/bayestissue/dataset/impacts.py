@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Bool
 
 from bayestissue.dataset.cells import FILE, read_cells
 from bayestissue.dataset.plausible import PLAUSIBLE
@@ -102,6 +103,22 @@ def read_impacts(path: Path, *, needs_velocity: bool, needs_mass: bool = True) -
     """
     cells, rows = read_cells(path, wanted(needs_velocity=needs_velocity, needs_mass=needs_mass))
     return impact_table(cells, rows, needs_velocity=needs_velocity, needs_mass=needs_mass)
+
+
+def of_phantoms(impacts: pd.DataFrame) -> Bool[np.ndarray, " impact"]:
+    """Which impacts of a checked table are of a spring or phantom of known stiffness, and so of no person."""
+    if REFERENCE[0] not in impacts:
+        return np.zeros(len(impacts), bool)
+    known: np.ndarray = np.isfinite(impacts[REFERENCE[0]].to_numpy(float))
+    return known
+
+
+def counts(impacts: pd.DataFrame) -> str:
+    """How many impacts, people and conditions a checked table has, and how many impacts of phantoms."""
+    known = of_phantoms(impacts)
+    people, trials = impacts.loc[~known, "subject"].nunique(), impacts["trial"].nunique()
+    phantoms = f"; of known springs or phantoms: {known.sum()}" if known.any() else ""
+    return f"{len(impacts)}; subjects: {people}, trials: {trials}{phantoms}"
 
 
 def wanted(*, needs_velocity: bool, needs_mass: bool = True) -> list[str]:

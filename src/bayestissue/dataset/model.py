@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Float64, Int8
+from jaxtyping import Bool, Float64, Int8
 
 from bayestissue.dataset.cells import FILE as IMPACTS
 from bayestissue.dataset.chain import ChannelQuantity, Contact, Place, Quantity, Recorder, Uncertainty
+from bayestissue.dataset.impacts import counts, of_phantoms
 from bayestissue.errors import Problem
 from bayestissue.outline import Outlined, Rows, counted, short, span
 
@@ -154,6 +155,17 @@ class Dataset(Outlined):
             channels=tuple(channel.part(rows) for channel in self.channels),
         )
 
+    @property
+    def people(self) -> Dataset:
+        """The dataset without impacts of springs and phantoms of known stiffness."""
+        known = of_phantoms(self.impacts)
+        return self.of(~known) if known.any() else self
+
+    def of(self, chosen: Bool[np.ndarray, " impact"]) -> Dataset:
+        """The dataset of the chosen impacts alone, numbered anew."""
+        part = self.part(np.flatnonzero(chosen).tolist())
+        return replace(part, impacts=part.impacts.reset_index(drop=True))
+
     def cell(self, key: str, impact: str, column: str, value: object, **numbers: object) -> Problem:
         """What is wrong with a cell of the table of impacts, with its row there.
 
@@ -224,14 +236,13 @@ class Dataset(Outlined):
         return folder
 
     def _outline(self) -> tuple[str, Rows]:
-        people, trials = (self.impacts[name].nunique() for name in ("subject", "trial"))
         count = [len(trace.time_s) for trace in self.traces]
         steps = [(trace.time_s[-1] - trace.time_s[0]) / (len(trace.time_s) - 1) for trace in self.traces]
         left_out = len({problem.impact for problem in self.left_out})
         said = [counted(len(self.warnings), "warning")] if self.warnings else []
         said += [f"{counted(left_out, 'impact')} left out"] if left_out else []
         rows = [
-            ("impacts", f"{len(self.impacts)}; subjects: {people}, trials: {trials}"),
+            ("impacts", counts(self.impacts)),
             (
                 "recorded",
                 f"{self.quantity}, {span(count, 'samples each')}, {span(1 / np.array(steps), 'Hz')}",

@@ -13,7 +13,7 @@ import pandas as pd
 from bayestissue.figures.impacts import INTERVALS, MASS, axis_title, end
 from bayestissue.figures.study import points
 from bayestissue.figures.theme import Figure, number
-from bayestissue.inference.points.notes import said_once
+from bayestissue.inference.points.notes import PHANTOM, people_alone, said_once
 from bayestissue.inference.results.meanings import COLUMNS, NAMES, QUANTITIES, UNITS
 from bayestissue.remedies import codes_in
 from bayestissue.report.page import render_page
@@ -79,6 +79,7 @@ def page_of(tables: Mapping[str, pd.DataFrame], record: dict[str, Any]) -> str:
         codes=codes_in("; ".join([*table["flags"], *notes])),
         record=record,
         impacts=table,
+        people=people_alone(table),
         flagged=int((table["flags"] != "").sum()),
         notes=said_once(notes),
         plots=[estimate_figure(table, q) for q in QUANTITIES] if table["mass_kg"].notna().any() else [],
@@ -149,15 +150,18 @@ def estimate_figure(table: pd.DataFrame, q: str) -> Figure:
     """K or C of every impact over the mass; flagged impacts have a colour and a shape of their own."""
     rows = table[["impact", "subject", "trial", "mass_kg", COLUMNS[q]]]
     rows = rows.rename(columns={"subject": "person", "trial": "condition"})
-    rows["kind"] = table["flags"].map(lambda flags: "flagged" if flags else "no flag")
+    rows["kind"] = np.where(table["flags"] != "", "flagged", "no flag")
+    phantom = table.index.difference(people_alone(table).index)
+    rows.loc[phantom, "kind"] = rows.loc[phantom, "kind"].replace("no flag", PHANTOM)
     if by_posterior(table):
         rows["low"], rows["high"] = (table[end(q, side)] for side in ("low", "high"))
-    rows = rows.sort_values("kind", ascending=False, ignore_index=True)
+    kinds = ["no flag", "flagged", PHANTOM]
+    rows = rows.sort_values("kind", key=lambda kind: kind.map(kinds.index), kind="stable", ignore_index=True)
     return points(
         rows,
         number("mass_kg", MASS, scale={"zero": False, "padding": 12}),
         number(COLUMNS[q], axis_title(q), scale={"zero": False}),
-        f"Point estimates of {NAMES[q]} of every impact over the mass of the impactor; squares are flagged.",
+        f"Point estimates of {NAMES[q]} of every impact over the mass; the legend names the marks.",
     )
 
 

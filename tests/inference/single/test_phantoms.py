@@ -10,9 +10,11 @@ import pytest
 
 import bayestissue as bt
 from bayestissue.dataset.chain import Uncertainty
-from bayestissue.dataset.impacts import REFERENCE
+from bayestissue.dataset.impacts import REFERENCE, counts, of_phantoms
 from bayestissue.errors import InputError
-from bayestissue.inference.single.phantoms import apart, of_phantoms
+from bayestissue.inference.points.notes import PHANTOM, people_alone
+from bayestissue.inference.single.phantoms import apart
+from bayestissue.report.estimates_page import estimate_figure, level, page_of
 from bayestissue.simulation import Simulation, simulate
 
 FACTOR, GAIN, KNOWN, SD = 1.06, 1.06, 2500.0, 25.0
@@ -59,18 +61,38 @@ def with_phantom(damping: float, factor: float = 1.0, gain: float = 1.0) -> tupl
 
 def test_errors_of_mass_and_gain_must_be_declared() -> None:
     dataset, _ = with_phantom(25.0)
-    assert of_phantoms(dataset).sum() == 6
+    assert of_phantoms(dataset.impacts).sum() == 6
     with pytest.raises(InputError) as error:
         apart(replace(dataset, uncertainty=Uncertainty()))
     assert {problem.column for problem in error.value.problems} == {
         "uncertainty.relative_mass_sd",
         "uncertainty.relative_gain_sd",
     }
-    phantoms = dataset.part(np.flatnonzero(of_phantoms(dataset)).tolist())
+    phantoms = dataset.part(np.flatnonzero(of_phantoms(dataset.impacts)).tolist())
     with pytest.raises(InputError, match="whose stiffness is not known"):
         apart(phantoms)
-    people = dataset.part(np.flatnonzero(~of_phantoms(dataset)).tolist())
+    people = dataset.part(np.flatnonzero(~of_phantoms(dataset.impacts)).tolist())
     assert apart(people) == (people, None)
+
+
+def test_phantoms_are_counted_and_estimated_beside_people_and_not_as_people() -> None:
+    dataset, _ = with_phantom(25.0)
+    impacts = len(dataset.impacts)
+    assert counts(dataset.impacts) == f"{impacts}; subjects: 3, trials: 2; of known springs or phantoms: 6"
+    assert dataset.people.impacts["subject"].nunique() == 3
+    assert len(dataset.people.traces) == len(dataset.people.impacts) == impacts - 6
+    table = bt.estimate(dataset, method="dds")
+    assert [PHANTOM in notes for notes in table["notes"]] == (table["subject"] == "spring").tolist()
+    people = people_alone(table)
+    assert people["impact"].tolist() == dataset.people.impacts["impact"].tolist()
+    # Phantoms alone are what the table is of.
+    assert len(people_alone(table[table["subject"] == "spring"])) == 6
+    page = page_of({"estimates": table}, {"dataset": "made", "program": "bayestissue", "command": "estimate"})
+    assert f"{impacts} impacts, 6 of them of springs or phantoms of known stiffness" in page
+    assert level(people, "K")["median"] in page
+    assert level(people, "K")["median"] != level(table, "K")["median"]
+    drawn = estimate_figure(table, "K").data
+    assert set(drawn.loc[drawn["person"] == "spring", "kind"]) <= {PHANTOM, "flagged"}
 
 
 def test_a_known_stiffness_needs_its_error() -> None:

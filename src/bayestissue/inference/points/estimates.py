@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from scipy.special import stdtrit
 
+from bayestissue.dataset.impacts import of_phantoms
 from bayestissue.errors import Coded
 from bayestissue.inference.points.fit import Column, Method, PointFit, fit_points
 from bayestissue.inference.points.notes import (
@@ -22,6 +23,7 @@ from bayestissue.inference.points.notes import (
     NOT_FILTERED,
     NOT_POSITIVE,
     NOT_WHITE,
+    PHANTOM,
     STRUCTURED,
     THETA1,
     UNUSED,
@@ -205,6 +207,7 @@ def flagged(
             ARCCOS: (fit.branch > 0) & ~fit.noiseless,
             NOISELESS: fit.noiseless,
             UNUSED: np.full(len(fit.K), bool(dataset.channels)),
+            PHANTOM: of_phantoms(dataset.impacts),
         }
         if method == "impact":
             wrong[STRUCTURED] = (fit.whiteness_p < STRUCTURED_BY_CHANCE) & ~fit.noiseless

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from bayestissue.dataset.model import Channel
 from bayestissue.errors import Coded
@@ -13,6 +13,9 @@ from bayestissue.remedies import entries
 from bayestissue.signal.displacement import LONGER, NO_OFFSET, ON_SAMPLE, UNEVEN
 from bayestissue.signal.quality.inspection import KINDS
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 THETA1 = Coded("theta1 at its limit", "integrated-noise")
 NOT_WHITE = Coded("residuals are not white", "integrated-noise")
 ARCCOS = Coded("theta1 asks for another value of arccos", "theta1-branch")
@@ -20,6 +23,7 @@ NOT_FILTERED = Coded("the declared low-pass is not in this method", "low-pass-no
 NOISELESS = Coded("no noise beyond rounding: no standard errors", "noiseless")
 ANOTHER_PEAK = Coded("K and C imply another peak displacement than recorded", "peak-disagrees")
 NO_FREE_MASS = Coded("no free mass: point estimates are of one", "no-free-mass")
+PHANTOM = Coded("a spring or phantom of known stiffness", "known-stiffness")
 UNUSED = Coded("the further channel is not used here", "channel-unused")
 # Flags of the method "impact": its intervals then promise nothing.
 STRUCTURED = Coded(
@@ -43,7 +47,7 @@ ANOTHER_VELOCITY = KINDS["velocity-contradicted"].flag
 _NAMED = 5
 # What `said_once` may meet in the column ``notes``.
 _NOTES = (
-    *(THETA1, NOT_WHITE, ARCCOS, NOT_FILTERED, NOISELESS, NO_ANSWER, ANOTHER_PEAK, UNUSED),
+    *(THETA1, NOT_WHITE, ARCCOS, NOT_FILTERED, NOISELESS, NO_ANSWER, ANOTHER_PEAK, UNUSED, PHANTOM),
     *(NO_FREE_MASS, NO_OFFSET, ON_SAMPLE, UNEVEN, LONGER),
     KINDS["contact-earlier"].flag,
     KINDS["at-limit"].flag,
@@ -122,6 +126,14 @@ def unused_channels(channels: Sequence[Channel], why: str, *, displaced: bool = 
         f"The further channel {named} is not used here: {why}. K and C are those of the first one, at the "
         f"declared mass. {compared}"
     )
+
+
+def people_alone(table: pd.DataFrame) -> pd.DataFrame:
+    """The rows of `estimates.csv` without springs and phantoms of known stiffness; all where all are such."""
+    if "notes" not in table:
+        return table
+    people = table[[PHANTOM not in notes.split("; ") for notes in table["notes"]]]
+    return people if len(people) else table
 
 
 def said_once(notes: Iterable[str]) -> list[str]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from bayestissue.dataset import as_dataset
+from bayestissue.dataset.impacts import of_phantoms
 from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.elements.outcomes import NEVER, OUTCOMES
 from bayestissue.errors import InputError
@@ -207,7 +208,8 @@ def by_impact(
     raised[PEAK_MISSED] = bounded & missed
     for name, alone, among in (("K", K_UNTOLD, K_MOSTLY_UNTOLD), ("C", C_UNTOLD, C_MOSTLY_UNTOLD)):
         # The few of a trial that come out above the threshold are those that erred upwards.
-        share = prepared.impacts.assign(untold=untold[name]).groupby("trial")["untold"].transform("mean")
+        rows_of = prepared.impacts.assign(untold=untold[name], phantom=of_phantoms(prepared.impacts))
+        share = rows_of.groupby(["trial", "phantom"])["untold"].transform("mean")
         raised |= {alone: untold[name], among: (share.to_numpy() > 0.5) & ~untold[name]}
     for row, *up in zip(np.flatnonzero(rows), *raised.values(), strict=True):
         flags[row].extend(flag for flag, is_raised in zip(raised, up, strict=True) if is_raised)

@@ -9,28 +9,18 @@ import numpy as np
 import pandas as pd
 from scipy.stats import norm
 
-from bayestissue.dataset.impacts import REFERENCE
+from bayestissue.dataset.impacts import REFERENCE, of_phantoms
 from bayestissue.errors import InputError, Problem
 from bayestissue.hierarchy.reference import Reference, mass_factor, with_declared
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.inference.single.estimates import estimate
 
 if TYPE_CHECKING:
-    from jaxtyping import Bool
-
     from bayestissue.dataset import Dataset
     from bayestissue.hierarchy.specification import ModelSpecification
 
 # A 90 % interval is so many standard deviations wide.
 _WIDE = 2 * float(norm.ppf(0.95))
-
-
-def of_phantoms(dataset: Dataset) -> Bool[np.ndarray, " impact"]:
-    """Which impacts are of something whose stiffness is known."""
-    if REFERENCE[0] not in dataset.impacts:
-        return np.zeros(len(dataset.impacts), bool)
-    known: np.ndarray = np.isfinite(dataset.impacts[REFERENCE[0]].to_numpy(float))
-    return known
 
 
 def apart(dataset: Dataset) -> tuple[Dataset, Reference | None]:
@@ -43,16 +33,13 @@ def apart(dataset: Dataset) -> tuple[Dataset, Reference | None]:
         InputError: errors of mass or gain are not declared, without which phantoms would be to blame the
             recordings on the stiffness; displacements were recorded, or a force besides; no person was hit.
     """
-    known = of_phantoms(dataset)
+    known = of_phantoms(dataset.impacts)
     if not known.any():
         return dataset, None
     if problems := _unfit(dataset, people=bool((~known).any())):
         raise InputError(problems)
     chain = replace(dataset.uncertainty, relative_mass_sd=0.0)
-    phantoms, people = (
-        replace(part, impacts=part.impacts.reset_index(drop=True), uncertainty=chain)
-        for part in (dataset.part(np.flatnonzero(rows).tolist()) for rows in (known, ~known))
-    )
+    phantoms, people = (replace(part, uncertainty=chain) for part in (dataset.of(known), dataset.people))
     people = replace(people, impacts=people.impacts.drop(columns=list(REFERENCE)))
     return people, _reference(dataset, phantoms)
 
@@ -89,15 +76,10 @@ def control_chart(dataset: Dataset) -> pd.DataFrame | None:
         the known K with its 90 % interval; ``limit``, the half width within which 90 % of it lie, by what
         is declared of the mass and of the known stiffness.
     """
-    known = of_phantoms(dataset)
+    known, chain = of_phantoms(dataset.impacts), dataset.uncertainty
     if not known.any() or dataset.quantity == "displacement":
         return None
-    part, chain = dataset.part(np.flatnonzero(known).tolist()), dataset.uncertainty
-    phantoms = replace(
-        part,
-        impacts=part.impacts.reset_index(drop=True),
-        uncertainty=replace(chain, relative_mass_sd=0.0),
-    )
+    phantoms = replace(dataset.of(known), uncertainty=replace(chain, relative_mass_sd=0.0))
     table = phantom_table(phantoms)
     stiffness, sd = (table[name].to_numpy(float) for name in REFERENCE)
     ends = {"median": "K_N_per_m", "low": "K_low_N_per_m", "high": "K_high_N_per_m"}

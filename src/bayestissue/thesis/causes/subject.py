@@ -120,7 +120,7 @@ def _description(
 
 
 def dataset_subject(dataset: Dataset, method: Method, source: str) -> Subject:
-    """A dataset's own estimates, by the method named.
+    """A dataset's own estimates, by the method named; of its people, not of phantoms of known stiffness.
 
     Raises:
         InputError: displacements were recorded, or there are fewer than three masses.
@@ -128,6 +128,7 @@ def dataset_subject(dataset: Dataset, method: Method, source: str) -> Subject:
     from bayestissue.inference.points.estimates import default_options, estimates_table
     from bayestissue.signal import displacements
 
+    dataset = dataset.people
     impacts = dataset.impacts
     _require_masses(dataset, source)
     tables = {}
