@@ -183,7 +183,7 @@ def test_a_fit_is_in_float64_and_other_threads_keep_their_setting(some_impacts, 
         other.join()
         raise bt.InputError(())
 
-    monkeypatch.setattr(fitting, "prepare", prepare)
+    monkeypatch.setattr(fitting, "prepare_without_phantoms", prepare)
     dataset = bt.read_dataset(some_impacts)
     jax.config.update("jax_enable_x64", False)
     try:

@@ -40,11 +40,12 @@ def certificate(run: Path) -> Path:
     return run.with_name("run-certificate")
 
 
-def test_the_folder_has_all_that_was_found(certificate: Path) -> None:
+def test_the_folder_has_all_that_was_found(run: Path, certificate: Path) -> None:
     record = json.loads((certificate / "run.json").read_text(encoding="utf-8"))
     calibration = read_table(certificate, "calibration")
     assert record["refits"] == REFITS
-    assert record["verdict"]["passed"] == bool(calibration["passed"].all())
+    diagnosed = json.loads((run / "diagnostics.json").read_text(encoding="utf-8"))["passed"]
+    assert record["verdict"]["passed"] == (diagnosed and bool(calibration["passed"].all()))
     impacts = calibration.set_index("quantity").loc[["K of drawn impacts", "C of drawn impacts"]]
     assert (impacts["elements"] == 12).all()
     # The chain is exact: five standard errors, of which a correct program has two in a million.
@@ -123,7 +124,7 @@ def test_too_few_or_many_refits_are_refused(run: Path, refits: int) -> None:
 
 
 def test_recordings_that_are_gone_or_others_are_named(run: Path, tmp_path: Path) -> None:
-    ended = bayestissue("certify", run, "--dataset", tmp_path / "nowhere")
+    ended = bayestissue("certify", run, "--dataset", tmp_path / "nowhere", "--out", tmp_path / "out")
     assert ended.status == 2
     assert "--dataset DATASET" in ended.err
     campaign(tmp_path / "others", seed=5)
