@@ -15,16 +15,14 @@ The shares that held are printed, with standard errors over studies.
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from studies import shares_held, studied
 
 import bayestissue as bt
-from bayestissue import runtime
 from bayestissue.simulation.driven import Driven, driven
 
-PATH = Path(__file__).parent / "results" / "driven_coverage.csv"
 COLUMNS = {"K": "K_N_per_m", "C": "C_N_s_per_m"}
 NOISES = ({}, {"noise_N": 5.0}, {"noise_m": 2e-4})
 LEVEL = 0.9
@@ -54,7 +52,6 @@ def intervals(number: int) -> pd.DataFrame:
         parts.append(pd.DataFrame({"of": f"{name}, t1 over t0", "truth": [difference], **ends_of_ratio}))
     form = fit.diagnostics["model_form"]
     return pd.concat(parts).assign(
-        unit=number,
         noise=number % len(NOISES),
         passed=fit.diagnostics["passed"],
         structured=form["structured"] or form["impacts"]["structured"],
@@ -62,18 +59,8 @@ def intervals(number: int) -> pd.DataFrame:
 
 
 def main() -> None:
-    runtime.configure(one_core=True)
-    known = set(pd.read_csv(PATH)["unit"]) if PATH.is_file() else set()
-    for number in (each for each in range(int(sys.argv[1])) if each not in known):
-        # What is compiled for many shapes takes more mapped memory than a process may have.
-        runtime.release_compiled()
-        rows = intervals(number)
-        rows.to_csv(PATH, mode="a", header=not PATH.is_file(), index=False, float_format="%.7g")
-        print(f"study {number + 1}", flush=True)
-    rows = pd.read_csv(PATH)
-    rows = rows.assign(held=rows["truth"].between(rows["low"], rows["high"]))
-    of_study = rows.groupby(["of", "unit"], sort=False)["held"].mean().groupby("of", sort=False)
-    print(pd.DataFrame({"share": of_study.mean(), "error": of_study.sem(), "studies": of_study.size()}))
+    rows = studied("driven_coverage", int(sys.argv[1]), intervals)
+    print(shares_held(rows))
     print(rows.pivot_table("held", "noise", "of"))
     one = rows.drop_duplicates("unit")
     print(f"passed {one['passed'].mean():.3f}, called structured {one['structured'].mean():.3f}")

@@ -16,17 +16,15 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from studies import shares_held, studied
 
 import bayestissue as bt
-from bayestissue import runtime
 from bayestissue.dataset.chain import Uncertainty
 from bayestissue.simulation import Simulation, simulate
 
-PATH = Path(__file__).parent / "results" / "force_coverage.csv"
 MASSES_KG, VELOCITY = (0.5, 0.7, 0.9, 1.2), 1.4
 MASS_SD, GAIN_SD, FORCE_GAIN_SD, VELOCITY_SD = 0.05, 0.005, 0.01, 0.005
 COLUMNS = {"K": "K_N_per_m", "C": "C_N_s_per_m", "mass": "mass_kg"}
@@ -86,22 +84,12 @@ def intervals(number: int) -> pd.DataFrame:
     ]
     rows = [part.assign(low=low, high=high) for part, (low, high) in zip(parts, found, strict=True)]
     said = bool(fit.about["verdict"]["headline"].count("mass"))
-    return pd.concat(rows).assign(unit=number, passed=fit.diagnostics["passed"], said=said)
+    return pd.concat(rows).assign(passed=fit.diagnostics["passed"], said=said)
 
 
 def main() -> None:
-    runtime.configure(one_core=True)
-    known = set(pd.read_csv(PATH)["unit"]) if PATH.is_file() else set()
-    for number in (each for each in range(int(sys.argv[1])) if each not in known):
-        # What is compiled for many shapes takes more mapped memory than a process may have.
-        runtime.release_compiled()
-        rows = intervals(number)
-        rows.to_csv(PATH, mode="a", header=not PATH.is_file(), index=False, float_format="%.7g")
-        print(f"study {number + 1}", flush=True)
-    rows = pd.read_csv(PATH)
-    rows = rows.assign(held=rows["truth"].between(rows["low"], rows["high"]))
-    of_study = rows.groupby(["of", "unit"], sort=False)["held"].mean().groupby("of", sort=False)
-    print(pd.DataFrame({"share": of_study.mean(), "error": of_study.sem(), "studies": of_study.size()}))
+    rows = studied("force_coverage", int(sys.argv[1]), intervals)
+    print(shares_held(rows))
     apart = rows[rows["of"] == "mass_factor"]
     print(f"passed {apart['passed'].mean():.3f}, masses named in the first line {apart['said'].mean():.3f}")
 

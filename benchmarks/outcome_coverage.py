@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,8 +25,8 @@ import pandas as pd
 from coverage import MEASURING_CHAIN, model_of
 from evidence.references import TISSUES
 from scipy.integrate import solve_ivp
+from studies import RESULTS, studied
 
-from bayestissue import runtime
 from bayestissue.elements import element
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import prepare
@@ -39,7 +38,6 @@ from bayestissue.inference.samplers.sampling import quantiles
 from bayestissue.simulation import Simulation, simulate
 from bayestissue.simulation.campaign import Campaign
 
-RESULTS = Path(__file__).parent / "results"
 G, REFERENCE_KG = 9.80665, 0.7
 SPREADS = {"sd_subject": 0.2, "sd_side": 0.1, "sd_impact": 0.05}
 MASSES = {"a": (0.5, 1.5), "b": (0.8, 1.2), "c": (1.2, 1.0)}
@@ -215,8 +213,7 @@ def _flat(draws: np.ndarray) -> np.ndarray:
 
 def shares(rows: pd.DataFrame) -> pd.DataFrame:
     """The share of intervals that hold the truth, with its standard error over studies."""
-    held = rows.assign(held=(rows["low"] <= rows["truth"]) & (rows["truth"] <= rows["high"]))
-    of_study = held.groupby(["of", "outcome", "unit"], sort=False)["held"].mean()
+    of_study = rows.groupby(["of", "outcome", "unit"], sort=False)["held"].mean()
     grouped = of_study.groupby(["of", "outcome"], sort=False)
     table = pd.DataFrame({"share": grouped.mean(), "studies": grouped.size()})
     # Of all intervals or none the studies tell no error: that of a share half an interval from it.
@@ -230,24 +227,18 @@ def shares(rows: pd.DataFrame) -> pd.DataFrame:
 def main() -> None:
     name, count = sys.argv[1], int(sys.argv[2])
     path = RESULTS / f"outcome_coverage-{name}.csv"
-    runtime.configure(one_core=True)
     formula = dict.fromkeys("KC", FORMULA)
     found = model_of(name)
     specification = found.model_copy(update={"formula": found.formula.model_copy(update=formula)})
-    known = set(pd.read_csv(path)["unit"]) if path.is_file() else set()
-    for number in (each for each in range(count) if each not in known):
-        # What is compiled for many shapes takes more mapped memory than a process may have.
-        runtime.release_compiled()
+
+    def rows_of(number: int) -> pd.DataFrame:
         simulation = study(name, number)
-        rows = pd.DataFrame(
+        return pd.DataFrame(
             intervals(simulate(simulation), simulation, specification, number),
             columns=["of", "outcome", "low", "high", "truth"],
         )
-        rows.assign(unit=number).to_csv(
-            path, mode="a", header=not path.is_file(), index=False, float_format="%.7g"
-        )
-        print(f"{name}: {number + 1} of {count}", flush=True)
-    table = shares(pd.read_csv(path))
+
+    table = shares(studied(path.stem, count, rows_of))
     table.to_csv(path.with_name(f"{path.stem}-shares.csv"), float_format="%.4g")
     print(table.to_string(float_format="{:.3f}".format))
 

@@ -15,18 +15,16 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from studies import studied
 
 import bayestissue as bt
-from bayestissue import runtime
 from bayestissue.dataset.chain import Uncertainty
 from bayestissue.dataset.impacts import REFERENCE
 from bayestissue.simulation import Simulation, simulate
 
-PATH = Path(__file__).parent / "results" / "phantom_coverage.csv"
 MASSES_KG, VELOCITY, OFF = (0.5, 1.0), 1.4, 1.06
 DECLARED = Uncertainty(0.05, 0.005, 0.05, 0.0)
 PHANTOM_K, PHANTOM_SD, PHANTOM_C = 2500.0, 25.0, 6.0
@@ -120,22 +118,12 @@ def fitted(number: int) -> pd.DataFrame:
             }
             rows.append(pd.DataFrame(part))
     of, C = KINDS[number % len(KINDS)]
-    return pd.concat(rows, ignore_index=True).assign(unit=number, wrong=of, C=C)
+    return pd.concat(rows, ignore_index=True).assign(wrong=of, C=C)
 
 
 def main() -> None:
-    runtime.configure(one_core=True)
-    known = set(pd.read_csv(PATH)["unit"]) if PATH.is_file() else set()
-    for number in (each for each in range(int(sys.argv[1])) if each not in known):
-        # What is compiled for many shapes takes more mapped memory than a process may have.
-        runtime.release_compiled()
-        rows = fitted(number)
-        rows.to_csv(PATH, mode="a", header=not PATH.is_file(), index=False, float_format="%.7g")
-        print(f"study {number + 1}", flush=True)
-    rows = pd.read_csv(PATH)
-    rows = rows.assign(
-        held=rows["truth"].between(rows["low"], rows["high"]), width=rows["high"] / rows["low"] - 1
-    )
+    rows = studied("phantom_coverage", int(sys.argv[1]), fitted)
+    rows = rows.assign(width=rows["high"] / rows["low"] - 1)
     kinds = ["wrong", "C", "of", "phantom"]
     of_study = rows.groupby([*kinds, "unit"])[["held", "width"]].mean().groupby(kinds)
     print(of_study.agg(["mean", "sem", "size"]).to_string())
