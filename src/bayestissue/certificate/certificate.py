@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from bayestissue import results, runtime
+from bayestissue.certificate import FEWEST_REFITS, MOST_REFITS, REFITS
 from bayestissue.certificate.augmented import Truth, augmented, reason_against, truths
 from bayestissue.certificate.ranks import calibration_table, ranks_of
 from bayestissue.dataset import Dataset, read_dataset
@@ -32,7 +33,6 @@ from bayestissue.report.certificate_page import TABLES, as_markdown, certificate
 from bayestissue.report.wording import listed
 from bayestissue.results.tables import table_of_rows
 
-REFITS, FEWEST_REFITS, MOST_REFITS = 20, 10, 1000
 # Of a refit: enough for ranks among 99 draws.
 _SAMPLER = Sampler(chains=2, draws=1000, effective=150)
 

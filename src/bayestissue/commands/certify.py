@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bayestissue import results, runtime
+from bayestissue.certificate import FEWEST_REFITS, MOST_REFITS, REFITS
 from bayestissue.commands.options import FAILED_DIAGNOSTICS, Excel, FinishedFit, Overwrite, Quiet, Seed
 
 if TYPE_CHECKING:
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 def run(
     run: FinishedFit,
     out: Annotated[Path | None, typer.Option("--out")] = None,
-    refits: Annotated[int, typer.Option(min=10, max=1000)] = 20,
+    refits: Annotated[int, typer.Option(min=FEWEST_REFITS, max=MOST_REFITS)] = REFITS,
     dataset: Annotated[Path | None, typer.Option(metavar="DATASET")] = None,
     seed: Seed = 0,
     excel: Excel = None,
@@ -50,7 +51,7 @@ def certified(
     run: Path,
     out: Path | None = None,
     *,
-    refits: int = 20,
+    refits: int = REFITS,
     dataset: Path | None = None,
     seed: int = 0,
     excel: results.Excel | None = None,

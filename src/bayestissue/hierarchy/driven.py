@@ -12,7 +12,7 @@ from bayestissue.likelihood.driven import motion
 from bayestissue.likelihood.driven.measured import DrivenRecord, driven_record
 from bayestissue.signal import Displacements
 from bayestissue.signal.displacement import FEWEST_SAMPLES
-from bayestissue.signal.traces import standard_error
+from bayestissue.signal.traces import stack, standard_error
 
 # Of the greatest: a force that no damper adds to, where least squares find none.
 _LIGHT = 0.1
@@ -32,7 +32,7 @@ def driven_rows(dataset: Dataset, signal: Displacements, *, discrepancy: bool, s
     """
     (channel,) = dataset.channels
     # Half the width of a uniform moment of contact is 3^1/2 of its standard deviations.
-    rows = rows_within(channel.traces, signal, np.sqrt(3) * signal.contact_time_sd)
+    rows = rows_within(stack(channel.traces), signal, np.sqrt(3) * signal.contact_time_sd)
     short = np.flatnonzero(rows.number < FEWEST_SAMPLES)
     if short.size:
         names = dataset.impacts["impact"].astype(str).to_list()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from bayestissue.dataset.model import Dataset, Trace
+from bayestissue.dataset.model import Dataset
 from bayestissue.hierarchy.recorder import filtered_noise, low_pass_of
 from bayestissue.likelihood.element.record import ForceRows
 from bayestissue.signal import Displacements
@@ -135,15 +134,14 @@ class RowsWithin:
         return np.take_along_axis(values, np.minimum(index, values.shape[1] - 1), axis=1)
 
 
-def rows_within(traces: Sequence[Trace], signal: Displacements, earlier_s: Any = 0.0) -> RowsWithin:
+def rows_within(recorded: Recordings, signal: Displacements, earlier_s: Any = 0.0) -> RowsWithin:
     """The rows of a force, and the quiet part that ends three intervals before the first in contact.
 
     Args:
-        traces: the force.
+        recorded: the force.
         signal: the windows.
         earlier_s: by how much earlier the force may begin [s], one for all or each impact's.
     """
-    recorded = stack(traces)
     first = signal.contact_time_s + signal.first_sample_s
     ends = np.maximum(signal.n_samples - 1, 0)[:, None]
     last = first + np.take_along_axis(signal.sample_number, ends, axis=1)[:, 0] * signal.dt
@@ -166,9 +164,9 @@ def prepared_force(dataset: Dataset, signal: Displacements) -> PreparedForce | s
     comparison = force_beside(dataset, signal)
     assert comparison is not None  # noqa: S101 - the callers ask
     channel, recorder = comparison.channel, comparison.channel.recorder
-    dt = stack(channel.traces).dt
-    rows = rows_within(channel.traces, signal, ahead_s(recorder, dt))
-    recorded, first = rows.recorded, signal.contact_time_s + signal.first_sample_s
+    recorded, first = stack(channel.traces), signal.contact_time_s + signal.first_sample_s
+    dt = recorded.dt
+    rows = rows_within(recorded, signal, ahead_s(recorder, dt))
     limited = _about_limit(recorded, rows.used)
     usable = rows.used & ~limited
     if recorder is not None:

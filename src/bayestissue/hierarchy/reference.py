@@ -17,6 +17,10 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 from jaxtyping import Float, Int
+from scipy.stats import norm
+
+# Standard deviations of a normal distribution from the middle of its 90 % interval to either end.
+HALF_WIDTH = float(norm.ppf(0.95))
 
 
 @dataclass(frozen=True)

@@ -346,7 +346,7 @@ def _record(
     chain = dataset.uncertainty
     velocity_sd = np.hypot(chain.velocity_sd_m_s, chain.relative_gain_sd * signal.velocity)
     # What a quiet part before contact tells of the offset replaces what was declared of it.
-    offset_sd = np.where(np.isfinite(signal.offset_sd), signal.offset_sd, chain.offset_sd)
+    offset_sd = signal.zero_sd(chain.offset_sd)
     if specification.likelihood == "impact":
         record = _deceleration_record(dataset, specification, signal, velocity_sd, offset_sd, force)
         return record, np.abs(signal.deceleration).max(axis=1)

@@ -126,6 +126,10 @@ class Displacements:
         """[impact], samples in the window that are not at the sensor's limit."""
         return self.n_samples - (self.clipped != 0).sum(axis=1)
 
+    def zero_sd(self, declared: float | Column) -> Column:
+        """[impact], of the zero's error: of the quiet part whose mean was subtracted, else as declared."""
+        return np.where(np.isfinite(self.offset_sd), self.offset_sd, declared)
+
     @property
     def since_contact_s(self) -> Rows:
         """[impact, sample], when each sample of x was, s."""

@@ -6,12 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from bayestissue.hierarchy.reference import Reference
+from bayestissue.hierarchy.reference import HALF_WIDTH, Reference
 from bayestissue.inference.checking import sentence
 
 # Of standard deviations, beyond which phantoms contradict what is declared of the mass: once in 370.
 _LIMIT = 3.0
-_WIDE = 1.6449
 
 
 def judge_reference(reference: Reference) -> dict[str, Any]:
@@ -24,11 +23,11 @@ def judge_reference(reference: Reference) -> dict[str, Any]:
     """
     mean, sd = reference.apart
     passed = abs(mean) <= _LIMIT * np.hypot(sd, reference.mass_sd)
-    low, middle, high = np.exp(reference.log_mean + reference.log_sd * _WIDE * np.array([-1, 0, 1]))
+    low, middle, high = np.exp(reference.log_mean + reference.log_sd * HALF_WIDTH * np.array([-1, 0, 1]))
     off = 100 * (np.exp(-mean) - 1)
     numbers = {
         "size": f"{abs(off):.2g} % {'high' if off > 0 else 'low'}",
-        "give": f"{100 * _WIDE * sd:.2g} %",
+        "give": f"{100 * HALF_WIDTH * sd:.2g} %",
         "impacts": len(reference.table),
         "factor": f"{middle:.4g} ({low:.4g} to {high:.4g})",
         "declared": f"{100 * reference.mass_sd:.2g} %",

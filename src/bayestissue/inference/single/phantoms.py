@@ -7,20 +7,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
-from scipy.stats import norm
 
 from bayestissue.dataset.impacts import REFERENCE, of_phantoms
 from bayestissue.errors import InputError, Problem
-from bayestissue.hierarchy.reference import Reference, mass_factor, with_declared
+from bayestissue.hierarchy.reference import HALF_WIDTH, Reference, mass_factor, with_declared
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.inference.single.estimates import estimate
 
 if TYPE_CHECKING:
     from bayestissue.dataset import Dataset
     from bayestissue.hierarchy.specification import ModelSpecification
-
-# A 90 % interval is so many standard deviations wide.
-_WIDE = 2 * float(norm.ppf(0.95))
 
 
 def apart(dataset: Dataset) -> tuple[Dataset, Reference | None]:
@@ -84,7 +80,7 @@ def control_chart(dataset: Dataset) -> pd.DataFrame | None:
     stiffness, sd = (table[name].to_numpy(float) for name in REFERENCE)
     ends = {"median": "K_N_per_m", "low": "K_low_N_per_m", "high": "K_high_N_per_m"}
     ratios = {name: table[column].to_numpy(float) / stiffness for name, column in ends.items()}
-    limit = _WIDE / 2 * np.hypot(chain.relative_mass_sd, sd / stiffness)
+    limit = HALF_WIDTH * np.hypot(chain.relative_mass_sd, sd / stiffness)
     return pd.DataFrame({"label": table["impact"].astype(str), **ratios, "limit": limit})
 
 
@@ -109,7 +105,7 @@ def _variance(table: pd.DataFrame) -> np.ndarray:
     """Of log K, by the interval's width; no number of what the recording does not tell."""
     low, high = (table[f"K_{end}_N_per_m"].to_numpy(float) for end in ("low", "high"))
     with np.errstate(all="ignore"):
-        variance: np.ndarray = np.where(low > 0, (np.log(high / low) / _WIDE) ** 2, np.nan)
+        variance: np.ndarray = np.where(low > 0, (np.log(high / low) / (2 * HALF_WIDTH)) ** 2, np.nan)
     return variance
 
 

@@ -100,7 +100,7 @@ def implied(
     duration = problem.duration
     half = np.sqrt(3) * signal.bracket_sd
     low, high = np.maximum(signal.bracket_s - half, 0) / duration, (signal.bracket_s + half) / duration
-    zero = np.where(np.isfinite(signal.offset_sd), signal.offset_sd, offset_sd)
+    zero = signal.zero_sd(offset_sd)
     taken = 1 - 1 / np.sqrt(1 + n * np.square(zero / np.maximum(noise_sd, 1e-12)))
     squares = (
         _least(problem, part.inside, signal.sample_number * (dt / duration)[:, None], low, high, taken)
