@@ -223,12 +223,10 @@ def without_short(dataset: Dataset, specification: ModelSpecification, source: s
 
     problems = too_short(dataset, displacements(dataset, specification.signal), source)
     short = {problem.impact for problem in problems}
-    keep = np.flatnonzero(~dataset.impacts["impact"].isin(short))
-    if not problems or not len(keep):
+    long_enough = ~dataset.impacts["impact"].isin(short).to_numpy()
+    if not problems or not long_enough.any():
         return dataset
-    kept = dataset.part(keep.tolist())
-    impacts, left_out = kept.impacts.reset_index(drop=True), (*dataset.left_out, *problems)
-    return replace(kept, impacts=impacts, left_out=left_out)
+    return replace(dataset.of(long_enough), left_out=(*dataset.left_out, *problems))
 
 
 def require_answerable(prepared: Prepared, specification: ModelSpecification, source: str) -> None:
