@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from datetime import datetime
-from functools import cache
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -21,6 +20,7 @@ from bayestissue import resources, runtime
 from bayestissue.dataset.left_out import reason_of
 from bayestissue.errors import InputError, Problem
 from bayestissue.finished import TABLES, Fit, read_run
+from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.named_model import named_model
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification, specification_of
 from bayestissue.hierarchy.trace_data import KINDS, Prepared, assemble, too_short, with_discrepancy
@@ -301,76 +301,104 @@ def fit_prepared(
     Chains go on from those of an ``earlier`` run of the same; if that was a second fit, so is this one.
     float64 must be set.
     """
-    start, plain = runtime.Start(), prepared
-    if prepared.model.discrepancy:
-        # A discrepancy would take up what the measuring chain does.
-        without = specification.model_copy(update={"discrepancy": "none"})
-        plain = assemble(dataset, without, prepared.design, prepared.signal)
+    start = runtime.Start()
     say("summarising each trace", 0, 1)
+    plain = _without_discrepancy(dataset, specification, prepared)
     expansions = expanded(plain)
+    prepared, analysis = _first_or_second(
+        dataset, specification, prepared, expansions, seed, say, checkpoints=checkpoints, earlier=earlier
+    )
+    points = point_estimates(dataset, specification.signal, prepared.signal)
+    chain = {} if dataset.quantity == "displacement" else judge(plain, expansions)
+    diagnostics = analysis.diagnostics | _of_recordings(dataset, prepared, analysis, points["exact"], chain)
+    analysis = replace(analysis, diagnostics=diagnostics, summary=noted(analysis.summary, diagnostics))
+    return finished_fit(dataset, specification, prepared, analysis, points, seed, start.time, start.seconds)
 
-    @cache
-    def chain() -> dict[str, Any]:
-        """What the traces say of their measuring chain; nothing of displacements."""
-        return {} if dataset.quantity == "displacement" else judge(plain, expansions)
 
-    analysis, end, form = None, *(earlier or EarlierRun(None, {}))
-    if earlier is None and specification.may_add_discrepancy and not prepared.model.discrepancy:
+def _without_discrepancy(dataset: Dataset, specification: ModelSpecification, prepared: Prepared) -> Prepared:
+    """The same without the discrepancy, which would take up what the measuring chain does."""
+    if not prepared.model.discrepancy:
+        return prepared
+    without = specification.model_copy(update={"discrepancy": "none"})
+    return assemble(dataset, without, prepared.design, prepared.signal)
+
+
+def _first_or_second(
+    dataset: Dataset,
+    specification: ModelSpecification,
+    prepared: Prepared,
+    expansions: GaussianFactor,
+    seed: int,
+    say: Say,
+    *,
+    checkpoints: Path | None,
+    earlier: EarlierRun | None,
+) -> tuple[Prepared, TraceAnalysis]:
+    """The fit as the model file has it, or that with a discrepancy, which it leads to; see `fit_prepared`."""
+    end, form = earlier or EarlierRun(None, {})
+    alone, may_add = not prepared.model.discrepancy, specification.may_add_discrepancy
+    if earlier is None and may_add and alone:
         form = model_form.misfit_precheck(prepared, expansions, seed) or {}
     if not form:
-        analysis = fit_traces(
+        first = fit_traces(
             prepared,
             specification,
             seed,
             say,
-            expansions=expansions if plain is prepared else None,
+            expansions=expansions if alone else None,
             checkpoints=checkpoints,
             end=end,
         )
-        form, end = analysis.diagnostics.get("model_form", {}), None
-    if analysis is None or (specification.may_add_discrepancy and form.get("structured", False)):
-        prepared = with_discrepancy(dataset, specification, prepared)
-        analysis = _second_fit(prepared, specification, seed, say, checkpoints, end)
-        shown = model_form.shown_by(prepared.model.kind)
-        of_both = model_form.with_discrepancy(form, analysis.tree, shown)
-        of_both |= {"impacts": analysis.diagnostics.get("model_form", {}).get("impacts", {})}
-        diagnostics = analysis.diagnostics | {"model_form": of_both}
-    else:
-        diagnostics = dict(analysis.diagnostics)
-    if chain():
-        diagnostics["measuring_chain"] = chain()
-        if "model_form" in diagnostics:
-            diagnostics["model_form"] = model_form.with_chain(diagnostics["model_form"], chain())
-    points = point_estimates(dataset, specification.signal, prepared.signal)
-    if peaks := judge_peaks(dataset, prepared, analysis.summary):
-        diagnostics["recorded_peak"] = peaks
-    summary = noted(analysis.summary, diagnostics)
-    if flagged := flagged_recordings(*(points["exact"][name].tolist() for name in ("impact", "flags"))):
-        diagnostics["recordings"] = flagged
+        form, end = first.diagnostics.get("model_form", {}), None
+        if not (may_add and form.get("structured", False)):
+            return prepared, first
+    wider = with_discrepancy(dataset, specification, prepared)
+    second = _second_fit(wider, specification, seed, say, checkpoints, end)
+    of_both = model_form.with_discrepancy(form, second.tree, model_form.shown_by(wider.model.kind))
+    of_both |= {"impacts": second.diagnostics.get("model_form", {}).get("impacts", {})}
+    return wider, replace(second, diagnostics=second.diagnostics | {"model_form": of_both})
+
+
+def _of_recordings(
+    dataset: Dataset,
+    prepared: Prepared,
+    analysis: TraceAnalysis,
+    estimates: pd.DataFrame,
+    chain: dict[str, Any],
+) -> dict[str, Any]:
+    """What recordings add to ``diagnostics.json``: entries beside, or in place of, those of the draws.
+
+    Args:
+        dataset: what was recorded.
+        prepared: the fit.
+        analysis: its results.
+        estimates: of each impact by the exact method.
+        chain: what the traces say of their measuring chain.
+    """
+    form = analysis.diagnostics.get("model_form")
     names, limited = prepared.impacts["impact"].astype(str).tolist(), prepared.signal.clipped.any(axis=1)
-    if clipped := clipped_recordings(names, limited.tolist()):
-        diagnostics["clipped"] = clipped
-    if dataset.channels and dataset.free:
-        diagnostics["channels"] = (
-            judge_force(
-                prepared.force,
-                analysis.tree["posterior"].dataset,
-                prepared.signal.mass,
-                diagnostics["channels"]["form"],
-            )
-            if prepared.force
-            else {
-                "words": unused_channels(
-                    dataset.channels,
-                    prepared.force_unused,
-                    displaced=dataset.quantity == "displacement",
-                )
-            }
-        )
-    if prepared.reference is not None:
-        diagnostics["reference"] = judge_reference(prepared.reference)
-    analysis = replace(analysis, diagnostics=diagnostics, summary=summary)
-    return finished_fit(dataset, specification, prepared, analysis, points, seed, start.time, start.seconds)
+    flags = (estimates[column].tolist() for column in ("impact", "flags"))
+    entries = {
+        "measuring_chain": chain,
+        "model_form": model_form.with_chain(form, chain) if form and chain else form,
+        "recorded_peak": judge_peaks(dataset, prepared, analysis.summary),
+        "recordings": flagged_recordings(*flags),
+        "clipped": clipped_recordings(names, limited.tolist()),
+        "channels": _of_channels(dataset, prepared, analysis),
+        "reference": prepared.reference and judge_reference(prepared.reference),
+    }
+    return {name: entry for name, entry in entries.items() if entry}
+
+
+def _of_channels(dataset: Dataset, prepared: Prepared, analysis: TraceAnalysis) -> dict[str, Any]:
+    """What a force beside the deceleration says, or why it was not used."""
+    if prepared.force:
+        posterior, form = analysis.tree["posterior"].dataset, analysis.diagnostics["channels"]["form"]
+        return judge_force(prepared.force, posterior, prepared.signal.mass, form)
+    if not (dataset.channels and dataset.free):
+        return {}
+    displaced = dataset.quantity == "displacement"
+    return {"words": unused_channels(dataset.channels, prepared.force_unused, displaced=displaced)}
 
 
 def finished_fit(

@@ -11,6 +11,7 @@ import pytest
 
 import bayestissue as bt
 from bayestissue.dataset.chain import Uncertainty
+from bayestissue.inference.samplers.diagnostics import FORCE_CONTRADICTS
 from bayestissue.simulation import Simulation, simulate
 from campaigns import FOUR_BY_FOUR
 
@@ -82,3 +83,17 @@ def test_a_force_of_another_law_is_said_on_the_first_line_and_on_the_page(tmp_pa
     page = (tmp_path / "report" / "report.html").read_text()
     assert "does not follow the law that the deceleration does" in page
     assert "The force beside the deceleration of one impact (the one with the smallest p)" in page
+
+
+def test_masses_that_the_force_contradicts_are_noted_on_every_row() -> None:
+    content = tomllib.loads(FOUR_BY_FOUR)
+    content["recording"] |= {
+        "mass_factor": FACTOR,
+        "relative_gain_sd": 0.002,
+        "force": {"noise_relative_to_peak": 0.005, "relative_gain_sd": 0.01},
+    }
+    made = simulate(Simulation.model_validate(content)).dataset("made")
+    # Masses are declared as exact to 0.2 %, and are a tenth off.
+    fit = bt.fit(replace(made, uncertainty=Uncertainty(0.002, 0.005, 0.002, 0.0)), seed=1)
+    assert fit.diagnostics["channels"]["agrees"] is False
+    assert (fit.summary["note"] == FORCE_CONTRADICTS).all()

@@ -20,7 +20,7 @@ from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.answers.contrasts import Comparison, contrasts_table, people_compared
-from bayestissue.inference.answers.finished import Finished
+from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.level_tables import curves_table, levels_table, loops_table
 from bayestissue.inference.answers.reliability import (
     Variances,
@@ -153,66 +153,77 @@ def label(
     """Labels, tables, checks and scores of the draws."""
     statistics = labelled({"lp": chains.log_likelihood}, {}, {})
     tree = posterior_tree(prepared, specification, statistics, draws, seed)
-    posterior = tree["posterior"].dataset
-    # Beside a discrepancy K is the element's own, and the tissue's stiffness is K_secant.
-    of_tissue = [q for q in derived.RESPONSES if q != "K" or not prepared.model.discrepancy]
-    exponents = {
-        q: posterior[f"mass_exponent_{q}"].to_numpy()
-        for q in (*of_tissue, COMMON_DEPTH, "K_secant")
-        if f"mass_exponent_{q}" in posterior
-    }
     say("checking and scoring", 0, 1)
     form = _form(prepared, draws, tree)
     scores, sensitivity = cross_validation(tree), prior_sensitivity(tree)
-    recorded = prepared.design.recorded
     budget = uncertainty_budget(prepared, draws)
-    repeatable = {
-        name: coefficients(_variances(prepared, of_tissue, tree[name].dataset, budget), tree[name].dataset)
-        for name in ("posterior", "prior")
-    }
-    for name, measures in repeatable.items():
-        tree[name] = xr.DataTree(tree[name].dataset.merge(as_variables(measures)))
+    # Beside a discrepancy K is the element's own, and the tissue's stiffness is K_secant.
+    of_tissue = [q for q in derived.RESPONSES if q != "K" or not prepared.model.discrepancy]
+    repeatable = {}
+    for name in ("posterior", "prior"):
+        values = tree[name].dataset
+        repeatable[name] = coefficients(_variances(prepared, of_tissue, values, budget), values)
+        tree[name] = xr.DataTree(values.merge(as_variables(repeatable[name])))
     posterior = tree["posterior"].dataset
     summary = summary_table(posterior)
-    # Functions of standard deviations that are checked themselves.
+    # Coefficients are functions of standard deviations, which are checked themselves.
     checked = summary[~summary["variable"].isin(list(as_variables(repeatable["posterior"])))]
+    compared, near = _comparison(prepared, specification, tree), specification.practical_equivalence
+    return TraceAnalysis(
+        tree=tree,
+        summary=summary,
+        diagnostics=_diagnostics(prepared, posterior, checked, chains, form),
+        hypotheses=_hypotheses(posterior, of_tissue, near.mass_exponent),
+        cross_validation=scores,
+        sensitivity=sensitivity,
+        interval_sources=budget,
+        contrasts=contrasts_table(compared, near.ratio),
+        levels=levels_table(compared),
+        loops=loops_table(compared),
+        curves=curves_table(compared),
+        people=people_compared(posterior, compared.recorded, compared.responses),
+        reliability=reliability(repeatable["posterior"], repeatable["prior"]),
+        end=chains.end,
+    )
+
+
+def _hypotheses(posterior: xr.Dataset, of_tissue: Sequence[str], near: float) -> pd.DataFrame:
+    """How K and C go with mass, of every exponent that there is."""
+    names = {q: f"mass_exponent_{q}" for q in (*of_tissue, COMMON_DEPTH, "K_secant")}
+    exponents = {q: posterior[name].to_numpy() for q, name in names.items() if name in posterior}
+    return derived.hypotheses(exponents, near)
+
+
+def _diagnostics(
+    prepared: Prepared,
+    posterior: xr.Dataset,
+    checked: pd.DataFrame,
+    chains: ChainDraws,
+    form: dict[str, Any],
+) -> dict[str, Any]:
+    """What draws say of chains and model, for ``diagnostics.json``; ``checked`` are rows of the summary."""
     of_impacts = [str(name) for name, values in posterior.data_vars.items() if "impact" in values.dims]
-    diagnostics = diagnose(checked, r_hat_limit(len(checked), *chains.shape), of_impacts)
-    further = {
-        "straight_lines": straight_lines(prepared.design, posterior, prepared.model.log_mass_sd),
-        "pooled_parameters": [
-            one.record() for one in pooled_parameters(posterior, recorded, element(specification.element))
-        ],
+    model, design = prepared.model, prepared.design
+    pooled = pooled_parameters(posterior, design.recorded, element(model.element))
+    return {
+        **diagnose(checked, r_hat_limit(len(checked), *chains.shape), of_impacts),
+        **form,
+        "straight_lines": straight_lines(design, posterior, model.log_mass_sd),
+        "pooled_parameters": [one.record() for one in pooled],
         "route": chains.record(),
     }
-    responses, near = tuple(prepared.design.responses), specification.practical_equivalence
-    gravity = tree["constant_data"].dataset.get(GRAVITY, 0.0)
-    finished = Finished(
-        posterior,
-        None,
-        recorded,
-        specification.element,
-        prepared.model.discrepancy,
-        float(gravity),
-        free=prepared.model.kind != "driven",
-    )
-    questions = tuple(specification.questions.values())
-    compared = Comparison(posterior, recorded, responses, questions, finished.law)
-    return TraceAnalysis(
-        tree,
-        summary,
-        diagnostics | form | further,
-        derived.hypotheses(exponents, near.mass_exponent),
-        scores,
-        sensitivity,
-        budget,
-        contrasts_table(compared, near.ratio),
-        levels_table(compared),
-        loops_table(compared),
-        curves_table(compared),
-        people_compared(posterior, recorded, responses),
-        reliability(repeatable["posterior"], repeatable["prior"]),
-        chains.end,
+
+
+def _comparison(prepared: Prepared, specification: ModelSpecification, tree: xr.DataTree) -> Comparison:
+    """What is compared between levels, by the law of force where there is one."""
+    gravity = float(tree["constant_data"].dataset.get(GRAVITY, 0.0))
+    lawless = prepared.model.discrepancy or prepared.model.kind == "driven"
+    return Comparison(
+        draws=tree["posterior"].dataset,
+        recorded=prepared.design.recorded,
+        responses=tuple(prepared.design.responses),
+        questions=tuple(specification.questions.values()),
+        law=None if lawless else Law(specification.element, gravity),
     )
 
 

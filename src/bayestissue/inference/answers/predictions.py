@@ -94,38 +94,18 @@ def predicted(finished: Finished, conditions: Sequence[Condition]) -> Predicted:
     count = posterior.sizes["chain"] * posterior.sizes["draw"]
     step = simulated_step(count, len(conditions))
     simulated = {name: value[:, ::step] for name, value in parameters.items()}
-    shape = simulated["K"].shape
-    mass, velocity, diameter = (numbers(recorded, conditions, name) for name in MET)
-    mixed = [one.note for one in pooled_parameters(posterior, recorded, which)]
-    notes = [
-        [
-            *beyond_notes(recorded, value),
-            *_unknown(recorded, value),
-            *average_notes(recorded, RESPONSES, value),
-            *mixed,
-        ]
-        for value in conditions
-    ]
-    outcomes: dict[str, np.ndarray] = {}
-    if finished.law is None:
-        alone = [ELEMENT_ALONE] * finished.element_alone
-        notes = [[*value, *alone, NO_LAW] for value in notes]
-    else:
-        flat = {name: value.reshape(-1, len(conditions)) for name, value in simulated.items()}
-        of_law = finished.law.outcomes(flat, mass, velocity, diameter)
-        outcomes = {name: value.reshape(shape) for name, value in of_law.items()}
-        depths = np.median(of_law["peak_depth"], axis=0)
-        for row_notes, at, v, depth in zip(notes, conditions, velocity, depths, strict=True):
-            row_notes += deeper(posterior, recorded, at, float(depth)) if v > 0 else [NO_VELOCITY]
+    met = {name: numbers(recorded, conditions, name) for name in MET}
+    outcomes = _outcomes(finished, simulated, met)
     summarised = {name: parameters[name] for name in RESPONSES} | outcomes
     columns = COLUMNS | (HEADFORM_COLUMNS if finished.headform else OUTCOME_COLUMNS)
+    notes = _notes(finished, conditions, met["velocity_m_s"], outcomes.get("peak_depth"))
     table = pd.DataFrame(
         [
             dict(condition)
-            | {"mass_kg": mass[row], "velocity_m_s": velocity[row]}
+            | {name: met[name][row] for name in ("mass_kg", "velocity_m_s")}
             | {"new": ", ".join(_new(recorded, condition))}
             | _summary({name: value[..., row].ravel() for name, value in summarised.items()}, columns)
-            | {"draws": count, "simulated": shape[0] * shape[1] if outcomes else 0}
+            | {"draws": count, "simulated": simulated["K"][..., row].size if outcomes else 0}
             | {"note": "; ".join(notes[row])}
             for row, condition in enumerate(conditions)
         ]
@@ -133,10 +113,51 @@ def predicted(finished: Finished, conditions: Sequence[Condition]) -> Predicted:
     coords = {name: posterior[name].to_numpy() for name in ("chain", "draw")}
     coords |= {"draw": coords["draw"][::step], "row": np.arange(1, len(conditions) + 1)}
     attributes = ATTRIBUTES | element_attributes()
-    return Predicted(
-        table,
-        xr.Dataset({n: (tuple(coords), v, attributes[n]) for n, v in (simulated | outcomes).items()}, coords),
-    )
+    draws = {name: (tuple(coords), value, attributes[name]) for name, value in (simulated | outcomes).items()}
+    return Predicted(table, xr.Dataset(draws, coords))
+
+
+def _outcomes(
+    finished: Finished,
+    parameters: Mapping[str, Float[np.ndarray, "chain draw condition"]],
+    met: Mapping[str, Float[np.ndarray, " condition"]],
+) -> dict[str, Float[np.ndarray, "chain draw condition"]]:
+    """What impacts of such parameters and motions come to; nothing without a law."""
+    if finished.law is None:
+        return {}
+    shape = parameters["K"].shape
+    flat = {name: value.reshape(-1, shape[-1]) for name, value in parameters.items()}
+    of_law = finished.law.outcomes(flat, *(met[name] for name in MET))
+    return {name: value.reshape(shape) for name, value in of_law.items()}
+
+
+def _notes(
+    finished: Finished,
+    conditions: Sequence[Condition],
+    velocity: Float[np.ndarray, " condition"],
+    depth: Float[np.ndarray, "chain draw condition"] | None,
+) -> list[list[str]]:
+    """Of each condition what lacks, and what lies beyond what was measured."""
+    recorded, posterior = finished.recorded, finished.posterior
+    of_all: list[str] = [
+        one.note for one in pooled_parameters(posterior, recorded, element(finished.element))
+    ]
+    notes = [
+        [
+            *beyond_notes(recorded, condition),
+            *_unknown(recorded, condition),
+            *average_notes(recorded, RESPONSES, condition),
+            *of_all,
+        ]
+        for condition in conditions
+    ]
+    if depth is None:
+        return [[*one, *[ELEMENT_ALONE] * finished.element_alone, NO_LAW] for one in notes]
+    depths = np.median(depth, axis=(0, 1))
+    return [
+        [*one, *(deeper(posterior, recorded, at, float(x)) if v > 0 else [NO_VELOCITY])]
+        for one, at, v, x in zip(notes, conditions, velocity, depths, strict=True)
+    ]
 
 
 # What joint draws are written as.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -17,20 +17,24 @@ from numpyro.infer import Predictive
 
 from bayestissue.elements.outcomes import OUTCOMES
 from bayestissue.hierarchy import derived
-from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expected
-from bayestissue.hierarchy.gaussian.covariances import Covariances
-from bayestissue.hierarchy.population import Population, of_impacts
+from bayestissue.hierarchy.population import Population
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, impacts_model
 from bayestissue.inference.execution.chunks import in_blocks
 from bayestissue.inference.execution.compiling import by_row, compiled_quickly
 from bayestissue.inference.quantities.impacts import NAMES, Impacts, impact_quantities, named_quantities
+from bayestissue.inference.quantities.masses import (
+    DRAWS,
+    MASS_FACTOR,
+    at_true_masses,
+    common_log_factor,
+    heavier,
+    mass_errors,
+    own_log_factor,
+)
 from bayestissue.padding import padded_impacts, padded_rows
 
-# Draws of one call, and of a prior.
-DRAWS, PRIOR_DRAWS = 256, 1000
-# What all declared masses are to be multiplied by.
-MASS_FACTOR = "mass_factor"
+PRIOR_DRAWS = 1000
 # Of the rows of a block and its impacts' parameters: the errors of log mass, and a key of each draw.
 ErrorsAndKeys = Callable[[np.ndarray, np.ndarray], tuple[Any, Any]]
 
@@ -77,43 +81,27 @@ def posterior_draws(
     # In numpy: jax compiles each step of choosing some of them anew for every number of draws.
     keys = np.asarray(jax.random.split(jax.random.fold_in(key, 11), shape))
     of_kept, keys_of_kept = jax.tree.map(lambda values: values[:, kept_numbers], (population, keys))
-
-    force, a = prepared.force, population.b[..., _ratio_mean(model)]
-    log_factor = np.zeros(shape)
-    if prepared.gain_sd:
-        log_factor = prepared.gain_sd * np.asarray(jax.random.normal(jax.random.fold_in(key, 14), shape))
-    if force is not None:
-        standard = np.asarray(jax.random.normal(jax.random.fold_in(key, 12), shape))
-        log_factor = force.log_mass_factor(a, standard)
-    elif (reference := prepared.reference) is not None:
-        standard = np.asarray(jax.random.normal(jax.random.fold_in(key, 12), shape))
-        log_factor = reference.log_mean + reference.log_sd * standard
+    log_factor = common_log_factor(prepared, population, key)
 
     def errors_and_keys(rows: np.ndarray, u: np.ndarray) -> tuple[Any, Any]:
         of_block = _each(partial(jax.random.fold_in, data=rows[0]), keys_of_kept)
         of_errors, of_mass = np.moveaxis(_each(jax.random.split, of_block), 2, 0)
-        if prepared.gain_sd:
-            return np.broadcast_to(log_factor[:, kept_numbers, None], u.shape[:-1]), of_errors
+        if log_factor is not None:
+            return log_factor[:, kept_numbers, None] + own_log_factor(prepared, of_kept, u), of_errors
         # Of the design X b of these impacts is asked alone.
-        if force is not None:
-            # What an impact's ratio has beside the common one is its own mass's.
-            scatter = u[..., -1] - a[:, kept_numbers, None] if force.share else np.zeros(u.shape[:-1])
-            return log_factor[:, kept_numbers, None] + scatter, of_errors
-        if prepared.reference is not None:
-            return np.broadcast_to(log_factor[:, kept_numbers, None], u.shape[:-1]), of_errors
         of_rows = design._replace(cell=cell[rows[padded_rows(len(rows))]])
         of_people = keys_of_kept if model.mass_error == "subject" else of_mass
-        return _mass_errors(model, of_rows, of_kept, u, of_people), of_errors
+        return mass_errors(model, of_rows, of_kept, u, of_people), of_errors
 
     impacts = _of_impacts(prepared, u, errors_and_keys, recorded=True, single=not whole)
-    b = _heavier(model, _at_true_masses(model, population, keys), log_factor)
-    factor = {} if force is None and prepared.reference is None else {MASS_FACTOR: np.exp(log_factor)}
-    return Draws(
-        population.hyperparameters | derived.effects_by_name(model.locations, prepared.design, b) | factor,
-        impacts,
-        log_likelihood,
-        None if whole else kept_numbers,
-    )
+    b, factor = at_true_masses(model, population, keys), {}
+    if log_factor is not None:
+        b = heavier(model, b, log_factor)
+        # Of a driven tissue it is a gain.
+        factor = {} if prepared.gain_sd else {MASS_FACTOR: np.exp(log_factor)}
+    effects = derived.effects_by_name(model.locations, prepared.design, b)
+    kept = None if whole else kept_numbers
+    return Draws(population.hyperparameters | effects | factor, impacts, log_likelihood, kept)
 
 
 def prior_draws(prepared: Prepared, seed: int, rng: np.random.Generator) -> Draws:
@@ -129,7 +117,7 @@ def prior_draws(prepared: Prepared, seed: int, rng: np.random.Generator) -> Draw
         ]
     elif (common := prepared.force or prepared.reference) is not None:
         error = np.broadcast_to(common.mass_sd * rng.standard_normal(u.shape[:2])[..., None], u.shape[:-1])
-        drawn["locations"] = _heavier(model, drawn["locations"], error[..., 0])
+        drawn["locations"] = heavier(model, drawn["locations"], error[..., 0])
         factor = {MASS_FACTOR: np.exp(error[..., 0])}
     else:
         error = model.log_mass_sd * rng.standard_normal(u.shape[:-1])
@@ -236,78 +224,3 @@ def _drawn_from_prior(
     drawn = bare(key)
     nuisance = [drawn.pop(name)[..., None] for name in model.nuisance]
     return drawn, jnp.concatenate([drawn.pop("log_K_and_C"), *nuisance], axis=-1)
-
-
-@by_row(DRAWS, constant=2, axes=2)
-def _mass_errors(
-    model: TraceModel,
-    design: PopulationDesign,
-    population: Population,
-    u: Float[Array, "impact parameter"],
-    key: Array,
-) -> Float[Array, " impact"]:
-    """The error of every impact's log mass."""
-    covariances = model.covariances(population.hyperparameters)
-    if covariances.shared is not None:
-        return of_impacts(design, covariances, error_of_people(covariances, population.b, key))
-    pair = [entry - model.log_mass_sd**2 for entry in covariances.pair]
-    return error_given(model.log_mass_sd**2, pair, u.T - expected(design, population.b), key)
-
-
-@by_row(DRAWS, constant=1, axes=2)
-def _at_true_masses(model: TraceModel, population: Population, key: Array) -> Float[Array, " location"]:
-    """People's effects in b put at their true mass."""
-    covariances, b = model.covariances(population.hyperparameters), population.b
-    if covariances.shared is None:
-        return b
-    error = error_of_people(covariances, b, key)
-    effects = jnp.concatenate([covariances.shared.effect_on_K, covariances.shared.effect_on_C])
-    return b + jax.ops.segment_sum(jnp.tile(error, 2), effects, len(b))
-
-
-def _ratio_mean(model: TraceModel) -> int:
-    """Which element of b is the common log of force over mass times deceleration; of no force any."""
-    return model.locations.parts["log_force_ratio_mean"].start if model.force else 0
-
-
-def _heavier(
-    model: TraceModel,
-    b: Float[np.ndarray, "chain draw location"],
-    log_factor: Float[np.ndarray, "chain draw"],
-) -> Float[np.ndarray, "chain draw location"]:
-    """Effects with K and C of so much heavier impactors."""
-    if not log_factor.any():
-        return b
-    moved = np.array(b)
-    for name in ("intercept_K", "intercept_C"):
-        moved[..., model.locations.parts[name].start] += log_factor
-    return moved
-
-
-def error_of_people(covariances: Covariances, b: Array, key: Array) -> Float[Array, " person"]:
-    """The error of the log mass that a person's impacts share, given the effects at the recorded mass."""
-    assert covariances.shared is not None  # noqa: S101 - the callers ask
-    on_K, on_C, variance = covariances.shared
-    K, C = covariances.locations[on_K] ** 2, covariances.locations[on_C] ** 2
-    return error_given(variance, (K, 0.0, C), (b[on_K], b[on_C]), key)
-
-
-def error_given(
-    variance: Any, pair: Sequence[Any], deviation: Sequence[Any] | Array, key: Array
-) -> Float[Array, " one"]:
-    """A draw of the error e of the log mass, N(0, v), given log K - e and log C - e: all that is seen.
-
-    With the covariance (KK, KC, CC) of log K and log C its mean is -v ((CC - KC) f_K + (KK - KC) f_C) / d and
-    its variance v (KK CC - KC^2) / d, where d = KK CC - KC^2 + v (KK + CC - 2 KC).
-
-    Args:
-        variance: v.
-        pair: the covariance without the error.
-        deviation: f, log K - e and log C - e less their means.
-        key: of the draw.
-    """
-    kk, kc, cc = pair
-    determinant = jnp.maximum(kk * cc - kc**2, 0.0)
-    over = variance / (determinant + variance * (kk + cc - 2 * kc))
-    mean = -over * ((cc - kc) * deviation[0] + (kk - kc) * deviation[1])
-    return mean + jnp.sqrt(over * determinant) * jax.random.normal(key, mean.shape)

@@ -30,7 +30,8 @@ from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceModel
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.execution.kept import some_of
-from bayestissue.inference.quantities.draws import MASS_FACTOR, Draws
+from bayestissue.inference.quantities.draws import Draws
+from bayestissue.inference.quantities.masses import MASS_FACTOR
 from bayestissue.inference.results.errors import (
     ELEMENT,
     NOISE,

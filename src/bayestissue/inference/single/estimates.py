@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from jaxtyping import Bool
 
 from bayestissue.dataset import as_dataset
 from bayestissue.dataset.impacts import of_phantoms
@@ -15,7 +16,7 @@ from bayestissue.elements.outcomes import NEVER, OUTCOMES
 from bayestissue.errors import InputError
 from bayestissue.hierarchy.design import build_design
 from bayestissue.hierarchy.specification import Formulas, read_specification
-from bayestissue.hierarchy.trace_data import assemble, only_by_impact, unsuited
+from bayestissue.hierarchy.trace_data import Prepared, assemble, only_by_impact, unsuited
 from bayestissue.inference.checking.recorded_peak import missed_peaks
 from bayestissue.inference.execution.kept import some_of
 from bayestissue.inference.points.estimates import (
@@ -187,42 +188,69 @@ def by_impact(
     design = build_design(specification.formula, dataset.impacts, reference_mass_kg=None, source="estimate")
     prepared = some_of(assemble(dataset, specification, design, signal), np.flatnonzero(rows))
     posteriors = single_posteriors(prepared) if say is None else single_posteriors(prepared, say)
-    peak = np.exp(np.asarray(prepared.data.log_peak))
-    noiseless = posteriors.sigma.median < _LEAST_NOISE * peak
-    untold = _untold(posteriors, noiseless)
-    known = _as_fit(posteriors, prepared.signal, noiseless)
-    fit = PointFit(*(in_rows(column, rows) for column in _told(known, untold)))
-    bounded = posteriors.moved & ~noiseless
-    ends = {}
-    for name, marginal in (("K", posteriors.K), ("C", posteriors.C)):
-        # What is not told from below has the upper end of its interval as a bound.
-        low, high = (
-            in_rows(np.where(bounded, end, np.nan), rows)
-            for end in (np.where(untold[name], 0.0, marginal.low), marginal.high)
+    noiseless = posteriors.sigma.median < _LEAST_NOISE * np.exp(np.asarray(prepared.data.log_peak))
+    untold, bounded = _untold(posteriors, noiseless), posteriors.moved & ~noiseless
+
+    def in_table(values: np.ndarray, stands: np.ndarray | bool = True) -> np.ndarray:
+        """Of all impacts of the dataset, without those whose value means nothing."""
+        return in_rows(np.where(stands, values, np.nan), rows)
+
+    # What is not told from below has the upper end of its interval as a bound.
+    ends = {
+        name: (
+            in_table(np.where(untold[name], 0.0, marginal.low), bounded),
+            in_table(marginal.high, bounded),
         )
-        ends[name] = (low, high)
+        for name, marginal in (("K", posteriors.K), ("C", posteriors.C))
+    }
+    known = _told(_as_fit(posteriors, prepared.signal, noiseless), untold)
+    fit = PointFit(*(in_rows(column, rows) for column in known))
     flags, notes = flagged(dataset, signal, fit, findings, "impact")
-    raised = {UNCORRECTED: (posteriors.pareto_k > k_threshold(POINTS)) & ~noiseless}
-    greatest, jerk = posteriors.outcomes["peak_deceleration"], posteriors.outcomes["peak_jerk"]
-    missed = missed_peaks(dataset, prepared, greatest.low, greatest.high, jerk.high)
-    raised[PEAK_MISSED] = bounded & missed
+    missed = _missed_peak(dataset, prepared, posteriors)
+    raised = {
+        UNCORRECTED: (posteriors.pareto_k > k_threshold(POINTS)) & ~noiseless,
+        PEAK_MISSED: bounded & missed,
+        **_untold_flags(prepared, untold),
+    }
+    for flag, impacts in raised.items():
+        for row in np.flatnonzero(rows)[impacts]:
+            flags[row].append(flag)
+    # Of what was not found, and of intervals that are none, there is no outcome either.
+    outcomes = {
+        column: in_table(getattr(outcome, which), posteriors.moved if which == "median" else bounded)
+        for column, (name, which) in OUTCOME_COLUMNS.items()
+        if (outcome := posteriors.outcomes.get(name)) is not None
+    }
+    table = table_of(dataset, signal, fit, ends, flags, notes)
+    return table.assign(
+        noise_sd_m_s2=in_table(posteriors.sigma.median),
+        pareto_k=in_table(posteriors.pareto_k),
+        **outcomes,
+        notes=table.pop("notes"),
+    ), posteriors
+
+
+def _missed_peak(
+    dataset: Dataset, prepared: Prepared, posteriors: SinglePosteriors
+) -> Bool[np.ndarray, " impact"]:
+    """Whether the sensor's own peak is outside its interval."""
+    greatest, jerk = (posteriors.outcomes[name] for name in ("peak_deceleration", "peak_jerk"))
+    return missed_peaks(dataset, prepared, greatest.low, greatest.high, jerk.high)
+
+
+def _untold_flags(
+    prepared: Prepared, untold: dict[str, Bool[np.ndarray, " impact"]]
+) -> dict[str, Bool[np.ndarray, " impact"]]:
+    """By flag: impacts whose K or C is not told, and the others of a trial of which most are not.
+
+    The few of a trial that come out above the threshold are those that erred upwards.
+    """
+    flags: dict[str, np.ndarray] = {}
     for name, alone, among in (("K", K_UNTOLD, K_MOSTLY_UNTOLD), ("C", C_UNTOLD, C_MOSTLY_UNTOLD)):
-        # The few of a trial that come out above the threshold are those that erred upwards.
         rows_of = prepared.impacts.assign(untold=untold[name], phantom=of_phantoms(prepared.impacts))
         share = rows_of.groupby(["trial", "phantom"])["untold"].transform("mean")
-        raised |= {alone: untold[name], among: (share.to_numpy() > 0.5) & ~untold[name]}
-    for row, *up in zip(np.flatnonzero(rows), *raised.values(), strict=True):
-        flags[row].extend(flag for flag, is_raised in zip(raised, up, strict=True) if is_raised)
-    table = table_of(dataset, signal, fit, ends, flags, notes)
-    last = table.pop("notes")
-    noise, pareto_k = (in_rows(column, rows) for column in (posteriors.sigma.median, posteriors.pareto_k))
-    # Of what was not found, and of intervals that are none, there is no outcome either.
-    outcomes = {}
-    for column, (name, which) in OUTCOME_COLUMNS.items():
-        if (posterior := posteriors.outcomes.get(name)) is not None:
-            stands = posteriors.moved if which == "median" else bounded
-            outcomes[column] = in_rows(np.where(stands, getattr(posterior, which), np.nan), rows)
-    return table.assign(noise_sd_m_s2=noise, pareto_k=pareto_k, **outcomes, notes=last), posteriors
+        flags |= {alone: untold[name], among: (share.to_numpy() > 0.5) & ~untold[name]}
+    return flags
 
 
 def outcomes_in(row: pd.Series) -> pd.DataFrame:
@@ -241,7 +269,7 @@ def outcomes_in(row: pd.Series) -> pd.DataFrame:
     return pd.DataFrame(rows).T[["median", "low", "high", "never", "unit"]].infer_objects()
 
 
-def _untold(posteriors: SinglePosteriors, noiseless: np.ndarray) -> dict[str, np.ndarray]:
+def _untold(posteriors: SinglePosteriors, noiseless: np.ndarray) -> dict[str, Bool[np.ndarray, " impact"]]:
     """Where the recording does not tell K, or C: its interval spans a decade, or nothing was found at all."""
     with np.errstate(all="ignore"):
         wide = {
@@ -251,7 +279,7 @@ def _untold(posteriors: SinglePosteriors, noiseless: np.ndarray) -> dict[str, np
     return {name: (~posteriors.moved | here) & ~noiseless for name, here in wide.items()}
 
 
-def _told(fit: PointFit, untold: dict[str, np.ndarray]) -> PointFit:
+def _told(fit: PointFit, untold: dict[str, Bool[np.ndarray, " impact"]]) -> PointFit:
     """The same without what the recordings do not tell; all but K, omega_n and C needs both K and C."""
     always = {"log_likelihood", "whiteness_p", "branch", "noiseless", "theta1_at_limit"}
     needs = dict.fromkeys(("K", "K_signed", "K_se", "omega_n", "omega_n_se"), untold["K"])
