@@ -181,16 +181,15 @@ def prepared_force(
     latest = (low_pass.lead if low_pass else 0) * signal.dt
     earliest = reach * signal.dt - latest
     rows = rows_within(recorded, signal, ahead_s(recorder, dt) + earliest, latest)
-    limited = _about_limit(recorded, rows.used)
+    settled = 0.0 if recorder is None else -np.log(_SETTLED) / decay(recorder, dt)
+    limited = _about_limit(recorded, rows.used, settled)
     usable = rows.used & ~limited
     if recorder is not None and not _resolved(recorder, rows, signal, low_pass, reach, jumps=jumps):
         # What a filter makes of the jump at contact is not linear in when that was.
-        settled = latest - np.log(_SETTLED) / decay(recorder, dt)
-        usable &= recorded.start[:, None] + recorded.time_s >= (first + settled)[:, None]
+        usable &= recorded.start[:, None] + recorded.time_s >= (first + latest + settled)[:, None]
     length = int(rows.number.max())
-    if reach or (recorder is not None and recorder.digital):
-        before = np.maximum(earliest, signal.bracket_s) + rows.first - first
-        length += 2 + int(np.ceil((before / dt).max()))
+    if reach:
+        length += 2 + int(np.ceil(((rows.first - first + earliest) / dt).max()))
     of_filter = _filtered(dataset, signal, recorded, length) if recorder else {}
     for wrong, words in (
         (recorded.uneven.any() or signal.uneven.any(), "times are uneven"),
@@ -199,7 +198,6 @@ def prepared_force(
             (usable.sum(axis=1) < FEWEST_SAMPLES).any(),
             f"an impact has fewer than {FEWEST_SAMPLES} samples of it that count",
         ),
-        (limited.any() and "colour" in of_filter, "it is clipped, and its noise went through a low-pass"),
         (
             (rows.n_quiet < FEWEST_SAMPLES).any(),
             "a recording has no quiet part before contact, which tells its zero",
@@ -283,11 +281,12 @@ def _resolved(
 
 
 def _about_limit(
-    recorded: Recordings, used: Bool[np.ndarray, "impact sample"]
+    recorded: Recordings, used: Bool[np.ndarray, "impact sample"], settled: Any
 ) -> Bool[np.ndarray, "impact sample"]:
-    """Of used samples from before the first at the sensor's limit until after the last.
+    """Of used samples from before the first at the sensor's limit until so long after the last [s].
 
     What is left out goes by time, not by value: to leave out single high readings would make the rest low.
+    Noise that went through a filter shares nothing with that before, once it has ``settled``.
     """
     if recorded.clipped is None:
         return np.zeros(recorded.value.shape, bool)
@@ -295,4 +294,6 @@ def _about_limit(
     near = np.pad(at_limit, ((0, 0), (1, 1)))
     near = near[:, 2:] | near[:, :-2] | at_limit
     reached, still = np.cumsum(near, axis=1) > 0, np.cumsum(near[:, ::-1], axis=1)[:, ::-1] > 0
-    return reached & still
+    between = reached & still
+    last = np.where(between, recorded.time_s, -np.inf).max(axis=1)
+    return between | (reached & (recorded.time_s <= (last + settled)[:, None]))

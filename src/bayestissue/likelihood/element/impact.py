@@ -310,10 +310,12 @@ class MeasuredImpact:
         """What is white of such residuals [m/s^2], and where there is any."""
         force = self.record.force
         assert force is not None  # noqa: S101 - for the type checker
-        if (of_force := noise_of_force(force)) is None:
+        if not (runs := noise_of_force(force)):
             return left, force.inside()
-        white = jax.vmap(noise.Noise.whitened)(of_force, left[:, :: noise_stride(force)])
-        return jnp.where(of_force.inside, white, 0.0), of_force.inside
+        asked, white = left[:, :: noise_stride(force)], jnp.zeros(())
+        for run in runs:
+            white += jax.vmap(noise.Noise.whitened)(run, jnp.where(run.inside, asked, 0.0))
+        return white, force.inside()[:, :: noise_stride(force)]
 
     def _replicated_force(self, key: Array) -> Float[Array, "impact row"]:
         """A force [N] of the impact and errors that `sample` has by this key; contact is known."""

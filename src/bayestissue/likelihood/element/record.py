@@ -158,7 +158,7 @@ class ForceRows(NamedTuple):
 
     Attributes:
         y: F / M, its zero taken off, 0 past a row's end [m/s^2]. Where contact may be in any of several
-            cells, or ahead of a digital filter, the rows are as much longer as contact may be before them.
+            cells, the rows are as much longer as contact may be before them.
         n_samples: length of each.
         first_time: from contact to its first sample [s].
         dt: its sampling interval [s].

@@ -14,7 +14,7 @@ from jaxtyping import Float
 from bayestissue.elements import Element, linear, solver
 from bayestissue.elements.element import GRAVITY, at_contact, deceleration_of, rates_of_motion
 from bayestissue.likelihood.element.record import Contact, DecelerationRecord, ForceRows
-from bayestissue.likelihood.element.recorder import PIECES, Flow, LowPass, low_passed, samples_passed
+from bayestissue.likelihood.element.recorder import EARLIER, PIECES, Flow, LowPass, low_passed, samples_passed
 
 
 class Response(NamedTuple):
@@ -128,12 +128,10 @@ def _of_force(element: Element, parameters: Array, record: DecelerationRecord, f
     Where it has to be in one go for contact in several cells, it is made on one even grid, of the force's
     interval or behind an analog low-pass of a part of it, that begins after contact in the last cell. From
     cell to cell the samples lie later on it by a time that all of them share: the cubic through deceleration
-    and jerk of the grid's points is there, with an error of (omega_n h)^4 / 384 of the motion. So it is for
-    a digital low-pass too, which knows the force at all its samples since contact: of these `_recorded` would
-    have those from the first row on.
+    and jerk of the grid's points is there, with an error of (omega_n h)^4 / 384 of the motion.
     """
-    reach, low_pass = record.contact.reach, force.low_pass
-    if not reach and (low_pass is None or low_pass.corner is None):
+    low_pass = force.low_pass
+    if not record.contact.reach:
         return response(element, parameters, at_force(record, force))
     since = (force.first_time - record.first_time + record.cells).T
     finer = 1 if low_pass is None else low_pass.phase.shape[0]
@@ -162,9 +160,8 @@ def _of_force(element: Element, parameters: Array, record: DecelerationRecord, f
         return solver.cubic(*ends, into, interval), solver.cubic_slope(*ends, into, interval)
 
     inside = jnp.expand_dims(force.inside(), 1)
-    parts = (jnp.where(inside, part, 0.0) for part in _by_velocity(element, record, shifted))
-    d, by_velocity, jerk = parts if reach else (part[:, 0] for part in parts)
-    return Response(d, by_velocity, jerk)
+    parts: Any = (jnp.where(inside, part, 0.0) for part in _by_velocity(element, record, shifted))
+    return Response(*parts)
 
 
 def at_force(record: DecelerationRecord, force: ForceRows) -> DecelerationRecord:
@@ -285,20 +282,26 @@ def _recorded(
     finer, reach = low_pass.phase.shape[0], record.contact.reach
     step, ahead, count = record.dt / finer, low_pass.lead * finer, record.d.shape[1] * finer
     first, late = _after_contact(record)
+    more, begin = 0, ahead - finer * late
     if reach:
         # As long before contact as behind the end.
         first, count = step / 2, count + finer * reach - ahead
-    later = flow(first, step, count + ahead).while_pushing()
+    elif low_pass.corner is not None:
+        # Of all samples since contact, which the first of the record need not be.
+        more = EARLIER
+        earlier = jnp.clip(jnp.floor(first / step), 0, more)
+        first, begin = first - earlier * step, begin + earlier.astype(int)
+    later = flow(first, step, count + ahead + more).while_pushing()
     if low_pass.corner is None:
         early = flow(jnp.zeros_like(first), first / PIECES, PIECES + 1)
         since = first[:, None] + (jnp.arange(ahead) - ahead) * step[:, None] if ahead else None
         passed = low_passed(low_pass, early, later, since)
     else:
         passed = samples_passed(low_pass, low_pass.corner, later, ahead)
-    d, slope = (part[:, : ahead + count] for part in passed)
+    d, slope = (part[:, : ahead + more + count] for part in passed)
     if reach:
         return d, slope
-    if ahead:
-        index = jnp.arange(count) + ahead - finer * late[:, None]
+    if ahead or more:
+        index = jnp.arange(count) + begin[:, None]
         d, slope = (jnp.take_along_axis(part, jnp.maximum(index, 0), axis=1) for part in (d, slope))
     return d[:, ::finer], slope[:, ::finer]
