@@ -358,8 +358,8 @@ def _recorded(
         gravity = gravity_m_s2(simulation.gravity)
         motion = deceleration(simulation.tissue.element, truth.iloc[index], time, gravity)
         part = slice(begin, min(begin + rows, len(n)))
-        motion = np.asarray(motion)[: part.stop - begin]
-        d, behind = (_passed(motion, one, rate, finer, ring) for one in (recorder, force_recorder))
+        moved = np.asarray(motion)[: part.stop - begin]
+        d, behind = (_passed(moved, one, rate, finer, ring) for one in (recorder, force_recorder))
         recorded = np.arange(d.shape[1]) < n[part, None]
         noise = _noise(recorder, rate, ring, recorded, random)
         force = np.empty(0)

@@ -348,8 +348,8 @@ class Simulation(Table):
 
     @model_validator(mode="after")
     def _has_samples_to_filter(self) -> Self:
-        of_force = self.recording.force and self.recording.force.recorder
-        for recorder in (self.recorder, of_force):
+        force = self.recording.force
+        for recorder in (self.recorder, None if force is None else force.recorder):
             require_samples_to_filter(recorder, self.recording)
         return self
 
