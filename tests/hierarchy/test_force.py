@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import tomllib
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 import xarray as xr
 
-from bayestissue.dataset.chain import Recorder
 from bayestissue.dataset.model import Dataset
 from bayestissue.fitting import resolve
 from bayestissue.hierarchy.force import PreparedForce
 from bayestissue.hierarchy.trace_data import Prepared, prepare
+from bayestissue.hierarchy.traces import impact_likelihood
 from bayestissue.inference.checking.force import judge_force
+from bayestissue.inference.factors.expansions import first_guess
 from bayestissue.inference.samplers.diagnostics import headline
-from bayestissue.signal.filters import on_even_grid
 from bayestissue.simulation import Simulation, simulate
 from campaigns import FOUR_BY_FOUR
 
@@ -26,7 +27,7 @@ FORCE = {"noise_relative_to_peak": 0.005, "offset_sd_N": 0.5, "relative_gain_sd"
 NOISE_ALONE = {
     "score": 0.3,
     "structured": False,
-    "impacts": {"p": {}, "below": 0, "tested": 16, "structured": False, "names": []},
+    "impacts": {"p": {}, "below": 0, "tested": 16, "combined": 0.5, "structured": False, "names": []},
 }
 
 
@@ -104,21 +105,59 @@ def test_a_mass_that_is_declared_exact_is_not_moved(heavier: Dataset) -> None:
     assert (force.log_mass_factor(np.array([0.1]), np.array([2.0])) == 0).all()
 
 
+def test_what_keeps_a_fit_from_using_it_is_said(heavier: Dataset) -> None:
+    ready = prepared(heavier, "arma")
+    assert ready.force is None
+    assert "no place" in ready.force_unused
+    assert not ready.model.force
+
+
 @pytest.mark.parametrize(
-    ("change", "model", "why"),
+    ("recorder", "model"),
     [
-        ({"recorder": Recorder(400.0)}, "impact", "low-pass"),
-        ({}, "arma", "no place"),
-        ({}, "hunt_crossley", "when contact was"),
+        ({}, "hunt_crossley"),
+        ({"low_pass_hz": 400.0}, "impact"),
+        ({"low_pass_hz": 400.0, "zero_phase": True}, "impact"),
     ],
 )
-def test_what_keeps_a_fit_from_using_it_is_said(
-    heavier: Dataset, change: dict[str, Recorder], model: str, why: str
+def test_its_rows_begin_once_contact_must_have_been(recorder: dict[str, Any], model: str) -> None:
+    content = tomllib.loads(FOUR_BY_FOUR) | ({"recorder": recorder} if recorder else {})
+    content["recording"] |= {"force": FORCE}
+    ready = prepared(simulate(Simulation.model_validate(content)).dataset("made"), model)
+    assert ready.force is not None
+    rows, record = ready.force.rows, ready.data.record
+    assert record.contact.reach
+    # From contact in any cell to the first of its rows, and on until the last of the longest.
+    since = rows.first_time - np.asarray(record.first_time) + np.asarray(record.cells)
+    width = rows.dt / len(record.phase)
+    assert ((since >= 0) & (since.min(axis=0) < width)).all()
+    assert ((since.max(axis=0) / rows.dt + rows.n_samples) < rows.y.shape[1] - 1).all()
+    assert record.error_sd.shape[1] == len(record.errors) == 6
+    assert np.isfinite(first_log_density(ready)).all()
+
+
+def first_log_density(ready: Prepared) -> np.ndarray:
+    event = impact_likelihood(ready.model, ready.data, list(first_guess(ready).T))
+    return np.asarray(event.log_density())
+
+
+@pytest.mark.parametrize("recorder", [None, {"low_pass_hz": 400.0, "noise": "before"}])
+def test_all_from_the_first_to_the_last_sample_at_its_limit_is_left_out(
+    recorder: dict[str, Any] | None,
 ) -> None:
-    ready = prepared(replace(heavier, **change), model)
-    assert ready.force is None
-    assert why in ready.force_unused
-    assert not ready.model.force
+    content = tomllib.loads(FOUR_BY_FOUR)
+    of_force = FORCE | {"limit_N": 60.0} | ({} if recorder is None else {"recorder": recorder})
+    content["recording"] |= {"sampling_rate_hz": 20_000.0, "force": of_force}
+    made = simulate(Simulation.model_validate(content))
+    ready = prepared(made.dataset("made"))
+    assert ready.force is not None
+    rows, counts = ready.force.rows, np.asarray(ready.force.rows.inside())
+    # The zero is known to some hundredths of a newton, and was taken off.
+    limit = 60.0 - made.truth["force_offset_N"].to_numpy()
+    highest = np.where(counts, rows.y * ready.signal.mass[:, None], 0.0).max(axis=1)
+    assert (highest < limit + 0.1).all()
+    assert (highest > limit - 5).any()
+    assert np.isfinite(first_log_density(ready)).all()
 
 
 def test_a_force_that_lags_is_not_used(heavier: Dataset) -> None:
@@ -131,18 +170,11 @@ def test_a_force_that_lags_is_not_used(heavier: Dataset) -> None:
 
 @pytest.fixture(scope="module")
 def smooth() -> Dataset:
-    """Behind a low-pass at 400 Hz, which acted on samples much closer than its corner asks for."""
+    """Behind a low-pass at 400 Hz with its noise."""
     content = tomllib.loads(FOUR_BY_FOUR)
-    content["recording"] |= {"sampling_rate_hz": 20_000.0, "force": FORCE, "noise_relative_to_peak": 0.002}
-    made = simulate(Simulation.model_validate(content)).dataset("made")
-    (channel,) = made.channels
-    recorder = Recorder(400.0, noise="before", applied="analog")
-    traces = []
-    for trace in channel.traces:
-        zero = trace.value[:20].mean()
-        passed = on_even_grid((trace.value - zero)[None], 20_000.0, recorder)[0]
-        traces.append(replace(trace, value=passed + zero))
-    return replace(made, channels=(replace(channel, traces=traces, recorder=recorder),))
+    force = FORCE | {"recorder": {"low_pass_hz": 400.0, "noise": "before"}}
+    content["recording"] |= {"sampling_rate_hz": 20_000.0, "force": force, "noise_relative_to_peak": 0.002}
+    return simulate(Simulation.model_validate(content)).dataset("made")
 
 
 def test_a_force_behind_a_low_pass_of_its_own_is_used(smooth: Dataset) -> None:

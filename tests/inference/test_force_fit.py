@@ -5,9 +5,12 @@ from __future__ import annotations
 import tomllib
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
+import xarray as xr
 
 import bayestissue as bt
 from bayestissue.dataset.chain import Uncertainty
@@ -39,9 +42,8 @@ def test_masses_that_are_declared_too_small_are_put_right(tip: float) -> None:
     assert 0.02 < high - low < 0.05
     for name, column in (("K", "K_N_per_m"), ("C", "C_N_s_per_m"), ("mass", "mass_kg")):
         z = np.log(posterior[name] / made.truth[column].to_numpy()[None, None])
-        held = (np.quantile(z, 0.05, axis=(0, 1)) < 0) & (np.quantile(z, 0.95, axis=(0, 1)) > 0)
         # All impacts share the gain's error; so nearly all intervals hold, or none.
-        assert held.mean() > 0.8, name
+        assert held(posterior, name, made.truth[column]) > 0.8, name
         # At the declared mass every one of them would be 10 % off.
         assert abs(float(z.mean())) < 0.03
     assert fit.diagnostics["channels"]["passed"]
@@ -55,6 +57,42 @@ def test_masses_that_are_declared_too_small_are_put_right(tip: float) -> None:
     assert inside > 0.85
     assert "force" in fit.posterior["prior_predictive"].dataset
     assert "all masses are 1." in fit.about["verdict"]["headline"]
+
+
+@pytest.mark.parametrize(
+    ("model", "tissue", "recorder"),
+    [
+        ("hunt_crossley", {"element": "hunt_crossley", "C_N_s_per_m": 60.0}, {}),
+        ("impact", {}, {"low_pass_hz": 300.0}),
+    ],
+    ids=["a force that rises from 0", "behind a low-pass"],
+)
+def test_it_is_so_where_a_deceleration_does_not_show_when_contact_was(
+    model: str, tissue: dict[str, Any], recorder: dict[str, Any]
+) -> None:
+    content = tomllib.loads(FOUR_BY_FOUR)
+    content["tissue"] |= tissue
+    force = {"noise_relative_to_peak": 0.005, "relative_gain_sd": 0.01, "tip_mass_kg": 0.1}
+    if recorder:
+        content["recorder"] = force["recorder"] = recorder
+    content["recording"] |= {"mass_factor": FACTOR, "relative_gain_sd": 0.002, "force": force}
+    made = simulate(Simulation.model_validate(content))
+    dataset = replace(made.dataset("made"), uncertainty=Uncertainty(0.1, 0.005, 0.002, 0.0))
+    fit = bt.fit(dataset, model=model, seed=1)
+    posterior = fit.posterior["posterior"].dataset
+    low, high = np.quantile(posterior["mass_factor"], [0.05, 0.95])
+    assert low < FACTOR < high
+    assert 0.02 < high - low < 0.05
+    for name, column in (("K", "K_N_per_m"), ("C", "C_N_s_per_m"), ("mass", "mass_kg")):
+        assert held(posterior, name, made.truth[column]) > 0.8, name
+    assert fit.diagnostics["channels"]["passed"]
+    assert "force" in fit.posterior["posterior_predictive"].dataset
+
+
+def held(posterior: xr.Dataset, name: str, truth: pd.Series) -> float:
+    """The share of impacts whose 90 % interval holds the truth."""
+    low, high = np.quantile(posterior[name], [0.05, 0.95], axis=(0, 1))
+    return float(((low < truth) & (truth < high)).mean())
 
 
 def test_a_force_of_another_law_is_said_on_the_first_line_and_on_the_page(tmp_path: Path) -> None:

@@ -90,12 +90,15 @@ def test_the_mean_is_what_scipy_makes_of_the_samples(name, recorder):
     low_pass, lead = likelihoods(recorder)
     parameters = jnp.array([[value] for value in TISSUES[name].values()])
     place = np.arange(-300, 300)
-    filtered = {since: by_scipy(recorder, sampled(name, (place + since) * DT)) for since in (0.5, 0.13, -2.4)}
+    filtered = {
+        since: by_scipy(recorder, sampled(name, (place + since) * DT)) for since in (0.5, 0.13, 2.4, -2.4)
+    }
     peak = max(np.abs(values).max() for values in filtered.values())
     tail = 1e-3 if recorder.zero_phase else 1e-9
     # Of a force that a solver finds.
     solved = 1e-9 if name == "kelvin_voigt" else 1e-5
-    for since in (0.13, -2.4) if recorder.zero_phase else (0.13,):
+    # Two samples since contact before the first of the record among them.
+    for since in (0.13, 2.4, -2.4) if recorder.zero_phase else (0.13, 2.4):
         answer = answered(element(name), parameters, record(since * DT, low_pass))
         expected = filtered[since][300 : 300 + SAMPLES]
         np.testing.assert_allclose(answer.d[0], expected, atol=(tail + solved) * peak)

@@ -108,18 +108,25 @@ def test_the_log_density_is_that_of_the_dense_normal() -> None:
 
 FINER = 400
 LATER = 3
+NO_GAP = range(0)
 
 
 @pytest.mark.parametrize(
-    ("recorder", "share"),
+    ("recorder", "share", "first", "gap"),
     [
-        (Recorder(300.0), 1.0),
-        (Recorder(300.0, 4, "bessel"), 0.3),
-        (Recorder(150.0, 2, zero_phase=True, applied="analog"), 0.3),
-        (Recorder(200.0, applied="digital"), 0.3),
+        (Recorder(300.0), 1.0, FORCE_FIRST, NO_GAP),
+        (Recorder(300.0, 4, "bessel"), 0.3, FORCE_FIRST, NO_GAP),
+        (Recorder(150.0, 2, zero_phase=True, applied="analog"), 0.3, FORCE_FIRST, NO_GAP),
+        (Recorder(200.0, applied="digital"), 0.3, FORCE_FIRST, NO_GAP),
+        # Samples since contact before the first that counts are behind the filter too.
+        (Recorder(200.0, applied="digital"), 1.0, FORCE_FIRST + 2 * FORCE_DT, NO_GAP),
+        # Clipped for longer than the noise's correlations last.
+        (Recorder(300.0), 0.3, FORCE_FIRST, range(8, 17)),
     ],
 )
-def test_behind_a_low_pass_it_is_the_dense_normal_of_what_passes(recorder: Recorder, share: float) -> None:
+def test_behind_a_low_pass_it_is_the_dense_normal_of_what_passes(
+    recorder: Recorder, share: float, first: float, gap: range
+) -> None:
     record, d, _ = recorded()
     assert record.force is not None
     dt, random = np.array([FORCE_DT]), np.random.default_rng(5)
@@ -128,12 +135,12 @@ def test_behind_a_low_pass_it_is_the_dense_normal_of_what_passes(recorder: Recor
         """By filtering a grid from before contact on, much finer unless the filter is one of samples."""
         finer = 1 if recorder.digital else FINER
         step, before = FORCE_DT / finer, 200 * finer
-        grid = FORCE_FIRST + (np.arange(before + 200 * finer) - before) * step - late
+        grid = first + (np.arange(before + 200 * finer) - before) * step - late
         whole = np.where(grid >= 0, deceleration(np.maximum(grid, 0.0), velocity), 0.0)
         whole = np.where(np.cumprod((whole > 0) | (grid < 0)) > 0, whole, 0.0)
         return on_even_grid(whole[None], 1 / step, recorder)[0, before::finer][:ROWS]
 
-    ratio, kept = np.exp(RATIO) - TIP, np.arange(ROWS) >= LATER
+    ratio, kept = np.exp(RATIO) - TIP, (np.arange(ROWS) >= LATER) & ~np.isin(np.arange(ROWS), gap)
     small = 1e-6
     # A filter of samples knows nothing between two: what it makes of a later contact is its slope's.
     late = (passed(small) - passed(-small)) / (2 * small)
@@ -143,10 +150,12 @@ def test_behind_a_low_pass_it_is_the_dense_normal_of_what_passes(recorder: Recor
     y = mean_y + np.linalg.cholesky(FORCE_SIGMA**2 * toeplitz(correlation)) @ random.normal(size=ROWS)
     noise = {} if share == 1 else filtered_noise_of(recorder, share, dt)
     stride = noise["colour"].stride if noise else 1
+    usable = np.append(kept, False)
     kept &= np.arange(ROWS) % stride == 0
     rows = record.force._replace(
         y=jnp.asarray(np.append(y, 0.0)[None]),
-        usable=jnp.asarray(np.append(np.arange(ROWS) >= LATER, False)[None]),
+        first_time=jnp.array([first]),
+        usable=jnp.asarray(usable[None]),
         low_pass=low_pass_of(recorder, dt)._replace(phase=jnp.full(1, 0.5)),
         **noise,
     )

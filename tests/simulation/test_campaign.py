@@ -287,6 +287,45 @@ def test_a_recorded_force_is_that_on_the_mass_behind_the_tip():
         assert np.abs(force - expected).max() < 0.1
 
 
+def behind(recorder, **recording):
+    made = specification(subjects=2, recording=recording).model_dump(exclude_unset=True)
+    return Simulation.model_validate(made | {"recorder": recorder})
+
+
+@pytest.mark.parametrize(
+    "recorder", [{"low_pass_hz": 300.0, "noise": "before"}, {"low_pass_hz": 300.0, "applied": "digital"}]
+)
+def test_a_force_goes_through_its_own_low_pass(recorder):
+    """As a deceleration does, whatever that one goes through."""
+    other = {"low_pass_hz": 700.0, "zero_phase": True, "applied": "analog"}
+    expected, alone = (simulate(behind(filtered)) for filtered in (recorder, other))
+    made = behind(other, force={"recorder": recorder})
+    campaign = simulate(made)
+    np.testing.assert_allclose(campaign.value, alone.value, atol=1e-9 * alone.value.max())
+    mass = np.repeat(campaign.truth["mass_kg"].to_numpy(), campaign.n_samples)
+    # Behind an analog filter the grid is finer than alone: a bilinear transform's error goes with its step.
+    assert campaign.force == pytest.approx(mass * expected.value, abs=2e-3 * campaign.force.max())
+    (channel,) = campaign.dataset("made").channels
+    assert channel.recorder == made.recording.force.recorder.values()
+
+
+def test_a_force_is_clipped_at_its_limit_and_read_so(tmp_path):
+    free = simulate(specification(subjects=2, recording={"force": FORCE}))
+    limit = float(
+        np.round(
+            0.8 * np.median(np.maximum.reduceat(free.force, np.cumsum(free.n_samples) - free.n_samples)), 1
+        )
+    )
+    made = specification(subjects=2, recording={"force": FORCE | {"limit_N": limit}})
+    campaign = simulate(made)
+    np.testing.assert_array_equal(campaign.force, np.clip(free.force, -limit, limit))
+    write_campaign(tmp_path / "made", campaign, made)
+    for dataset in (campaign.dataset("made"), read_dataset(tmp_path / "made")):
+        (channel,) = dataset.channels
+        marked = [np.zeros(len(t.value)) if t.clipped is None else t.clipped for t in channel.traces]
+        np.testing.assert_array_equal(np.concatenate(marked), campaign.force >= limit)
+
+
 def test_a_campaign_with_a_force_is_read_with_it(tmp_path):
     made = specification(subjects=2, recording={"force": FORCE})
     campaign = simulate(made)

@@ -160,3 +160,11 @@ def cubic(values: tuple[Array, Array], slopes: tuple[Array, Array], into: Array,
     run = values[1] - values[0]
     bent = (1 - into) * (step * slopes[0] - run) - into * (step * slopes[1] - run)
     return values[0] + into * run + into * (1 - into) * bent
+
+
+def cubic_slope(values: tuple[Array, Array], slopes: tuple[Array, Array], into: Array, step: Array) -> Array:
+    """The slope of `cubic` there."""
+    run = values[1] - values[0]
+    here, there = step * slopes[0] - run, step * slopes[1] - run
+    bent = (1 - into) * (1 - 3 * into) * here - into * (2 - 3 * into) * there
+    return (run + bent) / step

@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from bayestissue.dataset.chain import Recorder
 from bayestissue.dataset.model import Dataset
-from bayestissue.hierarchy.recorder import filtered_noise, low_pass_of
+from bayestissue.hierarchy.recorder import CONTACT_CELLS, filtered_noise, low_pass_of
 from bayestissue.likelihood.element.record import ForceRows
+from bayestissue.likelihood.element.recorder import LowPass
 from bayestissue.signal import Displacements
 from bayestissue.signal.displacement import FEWEST_SAMPLES
 from bayestissue.signal.filters import ahead_s, decay
@@ -134,57 +135,68 @@ class RowsWithin:
         return np.take_along_axis(values, np.minimum(index, values.shape[1] - 1), axis=1)
 
 
-def rows_within(recorded: Recordings, signal: Displacements, earlier_s: Any = 0.0) -> RowsWithin:
+def rows_within(
+    recorded: Recordings, signal: Displacements, earlier_s: Any = 0.0, later_s: Any = 0.0
+) -> RowsWithin:
     """The rows of a force, and the quiet part that ends three intervals before the first in contact.
 
     Args:
         recorded: the force.
         signal: the windows.
         earlier_s: by how much earlier the force may begin [s], one for all or each impact's.
+        later_s: by how much later the windows begin [s].
     """
     first = signal.contact_time_s + signal.first_sample_s
     ends = np.maximum(signal.n_samples - 1, 0)[:, None]
     last = first + np.take_along_axis(signal.sample_number, ends, axis=1)[:, 0] * signal.dt
     time = recorded.start[:, None] + recorded.time_s
     nearly = _NEARLY * recorded.dt[:, None]
-    used = recorded.inside & (time >= first[:, None] - nearly) & (time <= last[:, None] + nearly)
+    begin = (first + later_s)[:, None] - nearly
+    used = recorded.inside & (time >= begin) & (time <= last[:, None] + nearly)
     clear = first - earlier_s - _CLEAR * np.maximum(recorded.dt, signal.dt)
     n_quiet = (recorded.inside & (time < clear[:, None])).sum(axis=1)
     moments = segment_moments(recorded.value, n_quiet)
     return RowsWithin(recorded, used, used.argmax(axis=1), used.sum(axis=1), *moments, n_quiet)
 
 
-def prepared_force(dataset: Dataset, signal: Displacements) -> PreparedForce | str:
+def prepared_force(
+    dataset: Dataset, signal: Displacements, low_pass: LowPass | None, reach: int, *, jumps: bool
+) -> PreparedForce | str:
     """The force of a dataset that has one; or why these recordings keep a fit from using it.
 
     Args:
         dataset: decelerations, and a force.
         signal: what the signal chain made of the decelerations.
+        low_pass: of the decelerations.
+        reach: in how many of their sampling intervals before the first sample contact may be; 0 where it is
+            known.
+        jumps: whether the element's force is not 0 at contact.
     """
     comparison = force_beside(dataset, signal)
     assert comparison is not None  # noqa: S101 - the callers ask
     channel, recorder = comparison.channel, comparison.channel.recorder
     recorded, first = stack(channel.traces), signal.contact_time_s + signal.first_sample_s
     dt = recorded.dt
-    rows = rows_within(recorded, signal, ahead_s(recorder, dt))
-    limited = _about_limit(recorded, rows.used)
+    # Contact is so long after the first sample of the decelerations at the latest, or so long before it.
+    latest = (low_pass.lead if low_pass else 0) * signal.dt
+    earliest = reach * signal.dt - latest
+    rows = rows_within(recorded, signal, ahead_s(recorder, dt) + earliest, latest)
+    settled = 0.0 if recorder is None else -np.log(_SETTLED) / decay(recorder, dt)
+    limited = _about_limit(recorded, rows.used, settled)
     usable = rows.used & ~limited
-    if recorder is not None:
+    if recorder is not None and not _resolved(recorder, rows, signal, low_pass, reach, jumps=jumps):
         # What a filter makes of the jump at contact is not linear in when that was.
-        settled = -np.log(_SETTLED) / decay(recorder, dt)
-        usable &= recorded.start[:, None] + recorded.time_s >= (first + settled)[:, None]
-    of_filter = _filtered(dataset, signal, recorded, int(rows.number.max())) if recorder else {}
+        usable &= recorded.start[:, None] + recorded.time_s >= (first + latest + settled)[:, None]
+    length = int(rows.number.max())
+    if reach:
+        length += 2 + int(np.ceil(((rows.first - first + earliest) / dt).max()))
+    of_filter = _filtered(dataset, signal, recorded, length) if recorder else {}
     for wrong, words in (
         (recorded.uneven.any() or signal.uneven.any(), "times are uneven"),
         (signal.clipped.any(), "the deceleration is clipped"),
         (
             (usable.sum(axis=1) < FEWEST_SAMPLES).any(),
             f"an impact has fewer than {FEWEST_SAMPLES} samples of it that count",
-        ),
-        (limited.any() and "colour" in of_filter, "it is clipped, and its noise went through a low-pass"),
-        (
-            recorder is not None and recorder.digital and (np.abs(rows.first - first) > _NEARLY * dt).any(),
-            "a digital low-pass ran over other times than those of the deceleration",
         ),
         (
             (rows.n_quiet < FEWEST_SAMPLES).any(),
@@ -196,16 +208,17 @@ def prepared_force(dataset: Dataset, signal: Displacements) -> PreparedForce | s
             return words
     mass = signal.mass
     counts = rows.within(usable) & (np.arange(rows.number.max()) < rows.number[:, None])
+    longer = ((0, 0), (0, length - counts.shape[1]))
     tip = channel.tip_mass_kg / mass
     # Contact as it was before the samples in contact were asked: these are to tell themselves.
     contact = first - signal.bracket_s
     parts: Any = (
-        np.where(counts, rows.value / mass[:, None], 0.0),
+        np.pad(np.where(counts, rows.value / mass[:, None], 0.0), longer),
         rows.number,
         rows.first - contact,
         dt,
         tip,
-        counts if (usable != rows.used).any() else None,
+        np.pad(counts, longer) if (usable != rows.used).any() else None,
     )
     chain, noise = dataset.uncertainty, np.maximum(rows.noise / mass, 1e-12)
     return PreparedForce(
@@ -231,20 +244,49 @@ def _filtered(dataset: Dataset, signal: Displacements, recorded: Recordings, row
     share = white_share(
         replace(dataset, recorder=recorder, traces=channel.traces), replace(signal, dt=recorded.dt)
     )
-    # Contact is known, and no moments within an interval are to be told apart.
-    low_pass = low_pass_of(recorder, recorded.dt)._replace(phase=jnp.full(1, 0.5))
+    low_pass = low_pass_of(recorder, recorded.dt)
     if share == 1:
         return {"low_pass": low_pass}
     noise = zip(("colour", "rate", "longer"), filtered_noise(recorder, share, rows, recorded.dt), strict=True)
     return {"low_pass": low_pass, **dict(noise)}
 
 
+def _resolved(
+    recorder: Recorder,
+    rows: RowsWithin,
+    signal: Displacements,
+    low_pass: LowPass | None,
+    reach: int,
+    *,
+    jumps: bool,
+) -> bool:
+    """Whether what the force's low-pass makes of an impact is linear in the moment of contact in each cell.
+
+    Behind an analog filter it is where cells are as narrow as `ContactCells` has them. A digital one knows
+    nothing of what happens between two samples, and none of the decelerations' cells has a sample of the
+    force inside where both have the same
+    times. Arguments as of `prepared_force`.
+    """
+    if not reach:
+        return False
+    if not jumps:
+        return True
+    if recorder.digital:
+        first = signal.contact_time_s + signal.first_sample_s
+        apart = np.abs((rows.first - first + rows.dt / 2) % rows.dt - rows.dt / 2)
+        alike = np.maximum(apart, np.abs(rows.dt - signal.dt)) < _NEARLY * rows.dt
+        return bool(alike.all())
+    cells = 1 if low_pass is None else len(low_pass.phase)
+    return bool((2 * np.pi * recorder.low_pass_hz * signal.dt / cells <= CONTACT_CELLS.phase).all())
+
+
 def _about_limit(
-    recorded: Recordings, used: Bool[np.ndarray, "impact sample"]
+    recorded: Recordings, used: Bool[np.ndarray, "impact sample"], settled: Any
 ) -> Bool[np.ndarray, "impact sample"]:
-    """Of used samples from before the first at the sensor's limit until after the last.
+    """Of used samples from before the first at the sensor's limit until so long after the last [s].
 
     What is left out goes by time, not by value: to leave out single high readings would make the rest low.
+    Noise that went through a filter shares nothing with that before, once it has ``settled``.
     """
     if recorded.clipped is None:
         return np.zeros(recorded.value.shape, bool)
@@ -252,4 +294,6 @@ def _about_limit(
     near = np.pad(at_limit, ((0, 0), (1, 1)))
     near = near[:, 2:] | near[:, :-2] | at_limit
     reached, still = np.cumsum(near, axis=1) > 0, np.cumsum(near[:, ::-1], axis=1)[:, ::-1] > 0
-    return reached & still
+    between = reached & still
+    last = np.where(between, recorded.time_s, -np.inf).max(axis=1)
+    return between | (reached & (recorded.time_s <= (last + settled)[:, None]))

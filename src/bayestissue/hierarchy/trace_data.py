@@ -119,17 +119,13 @@ def _force(dataset: Dataset, specification: ModelSpecification, signal: Displace
     if specification.likelihood != "impact":
         return f"the likelihood {specification.likelihood} has no place for it"
     for wrong, words in (
-        (dataset.recorder is not None, "the deceleration went through a declared low-pass"),
         (specification.noise != "white", "the model's noise is autoregressive"),
         (specification.discrepancy == "always", "the model has a discrepancy"),
-        (
-            not element(specification.element).jumps or signal.blurred.any(),
-            "the recordings have to tell when contact was",
-        ),
     ):
         if wrong:
             return words
-    return prepared_force(dataset, signal)
+    low_pass, reach = _low_pass_and_reach(dataset, specification, signal)
+    return prepared_force(dataset, signal, low_pass, reach, jumps=element(specification.element).jumps)
 
 
 def too_short(dataset: Dataset, signal: Displacements, source: str) -> list[Problem]:
@@ -401,8 +397,7 @@ def _deceleration_record(
     chain, recorder, number = dataset.uncertainty, dataset.recorder, len(signal.dt)
     side_by_side = specification.element == SIDE_BY_SIDE
     white, discrepancy = specification.noise == "white", specification.discrepancy == "always"
-    low_pass = None if recorder is None else low_pass_of(recorder, signal.dt)
-    reach = _reach(specification, signal, recorder, low_pass)
+    low_pass, reach = _low_pass_and_reach(dataset, specification, signal)
     contact, contact_sd = Contact.known(signal.bracket_uniform), signal.bracket_sd
     colour, rate = Colour.white_noise(), np.zeros(number, int)
     if reach:
@@ -430,7 +425,7 @@ def _deceleration_record(
     separate = recorder or discrepancy or reach or force or (dataset.gravity and chain.relative_gain_sd)
     if side_by_side and white and not separate:
         chain_sd = [velocity_sd, *chain_sd]
-    elif side_by_side and recorder is not None and not dataset.gravity:
+    elif side_by_side and recorder is not None and not dataset.gravity and force is None:
         chain_sd = [velocity_sd, np.zeros(number), *chain_sd]
     else:
         chain_sd = [np.full(number, chain.velocity_sd_m_s), gain_sd, *chain_sd]
@@ -474,6 +469,14 @@ def _uneven_times(signal: Displacements, reach: int) -> UnevenTimes | None:
     # Past a row's end any times serve, but none that fall.
     later = np.maximum.accumulate(signal.sample_number, axis=1) * signal.dt[:, None]
     return UnevenTimes(jnp.asarray(later), jnp.asarray(signal.before_s[:, BEFORE - reach :]))
+
+
+def _low_pass_and_reach(
+    dataset: Dataset, specification: ModelSpecification, signal: Displacements
+) -> tuple[LowPass | None, int]:
+    """The decelerations' low-pass, and in how many intervals before their first sample contact may be."""
+    low_pass = None if dataset.recorder is None else low_pass_of(dataset.recorder, signal.dt)
+    return low_pass, _reach(specification, signal, dataset.recorder, low_pass)
 
 
 def _reach(

@@ -256,7 +256,7 @@ def _form(prepared: Prepared, draws: Draws, tree: xr.DataTree) -> dict[str, Any]
     form = with_impacts(model_form(tree, shown_by(prepared.model.kind)), names, p)
     if prepared.force:
         p = noise_p_of_both(chosen.model, chosen.data, middle)
-        of_force = with_impacts(model_form(tree, "force"), names, p)
+        of_force = with_impacts(model_form(tree, "force"), names, p, together=True)
         return {"model_form": form, "channels": {"form": of_force}}
     if not prepared.model.discrepancy:
         return {"model_form": form if prepared.model.kind == "impact" else of_driven(form)}

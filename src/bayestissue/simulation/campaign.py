@@ -48,6 +48,7 @@ class Campaign:
         headform: whether the impactor stands for a head.
         force: [sample], recorded beside it, N; None where none was.
         force_channel: what is declared of it, without recordings.
+        force_limit: its sensor's, N.
     """
 
     impacts: pd.DataFrame
@@ -61,6 +62,7 @@ class Campaign:
     headform: bool = False
     force: Float[np.ndarray, " sample"] | None = None
     force_channel: Channel | None = None
+    force_limit: float = np.inf
 
     def traces(self) -> pd.DataFrame:
         """The long trace table: ``impact``, ``time_s``, ``value`` and, where it was recorded, ``force_N``."""
@@ -75,8 +77,10 @@ class Campaign:
         times = np.split(self.time, ends)
         channels: tuple[Channel, ...] = ()
         if self.force is not None and self.force_channel is not None:
-            forces = zip(times, np.split(self.force, ends), strict=True)
-            channels = (replace(self.force_channel, traces=[Trace(*pair) for pair in forces]),)
+            clipped = np.where(np.abs(self.force) >= self.force_limit, np.sign(self.force), 0).astype(np.int8)
+            forces = zip(times, *(np.split(part, ends) for part in (self.force, clipped)), strict=True)
+            traces = [Trace(time, value, at if at.any() else None) for time, value, at in forces]
+            channels = (replace(self.force_channel, traces=traces),)
         pairs = zip(times, np.split(self.value, ends), strict=True)
         return Dataset(
             name=name,
@@ -171,7 +175,15 @@ def _simulated(simulation: Simulation, seed: int | tuple[int, ...]) -> Campaign:
     if recording.force is None:
         return Campaign(impacts, truth, n, time, value, *chain_of)
     return Campaign(
-        impacts, truth, n, time, value, *chain_of, np.concatenate(of_force), _channel(recording.force)
+        impacts,
+        truth,
+        n,
+        time,
+        value,
+        *chain_of,
+        np.concatenate(of_force),
+        _channel(recording.force),
+        recording.force.limit_N or np.inf,
     )
 
 
@@ -185,7 +197,8 @@ def _of_force(force: RecordedForce, count: int, random: np.random.Generator) -> 
 
 def _channel(force: RecordedForce) -> Channel:
     """What a lab would declare of it."""
-    return Channel("force", "force", force.place, [], force.relative_gain_sd, force.tip_mass_kg)
+    recorder = force.recorder.values() if force.recorder else None
+    return Channel("force", "force", force.place, [], force.relative_gain_sd, force.tip_mass_kg, recorder)
 
 
 def _impacts(simulation: Simulation, random: np.random.Generator) -> pd.DataFrame:
@@ -328,11 +341,15 @@ def _recorded(
     """Recorded values, and forces where there are any, in blocks of impacts that bound the memory in use."""
     recording = simulation.recording
     rate, finer, ring = recording.sampling_rate_hz, 1, 0
-    recorder = simulation.recorder.values() if simulation.recorder else None
-    if recorder is not None:
-        finer = 1 if recorder.digital else int(np.ceil(_FINER * max(1.0, recorder.low_pass_hz / rate)))
-        # On either side until the filter has come to rest, forwards and backwards.
-        ring = int(np.ceil(_AT_REST / decay(recorder, 1 / rate) * rate))
+    recorder, force_recorder = (
+        settings.values() if settings else None
+        for settings in (simulation.recorder, recording.force and recording.force.recorder)
+    )
+    for one in (recorder, force_recorder):
+        if one is not None:
+            steps = 1 if one.digital else int(np.ceil(_FINER * max(1.0, one.low_pass_hz / rate)))
+            # On either side until the filter has come to rest, forwards and backwards.
+            finer, ring = max(finer, steps), max(ring, int(np.ceil(_AT_REST / decay(one, 1 / rate) * rate)))
     time = np.arange(-ring * finer, (n.max() + ring) * finer) / (rate * finer)
     rows = min(len(n), max(1, _BLOCK // len(time)))
     for begin in range(0, len(n), rows):
@@ -341,19 +358,38 @@ def _recorded(
         gravity = gravity_m_s2(simulation.gravity)
         motion = deceleration(simulation.tissue.element, truth.iloc[index], time, gravity)
         part = slice(begin, min(begin + rows, len(n)))
-        d = at_samples = np.asarray(motion)[: part.stop - begin]
-        if recorder is not None:
-            at_samples = d[:, ring * finer : -ring * finer or None : finer]
-            d = on_even_grid(d, rate * finer, recorder)[:, ring * finer : -ring * finer or None : finer]
+        moved = np.asarray(motion)[: part.stop - begin]
+        d, behind = (_passed(moved, one, rate, finer, ring) for one in (recorder, force_recorder))
         recorded = np.arange(d.shape[1]) < n[part, None]
-        if recorder is not None and recorder.noise == "before":
-            noise = _filtered_noise(recorder, rate, ring, d.shape, random)[recorded]
-        else:
-            noise = random.standard_normal(recorded.sum())
+        noise = _noise(recorder, rate, ring, recorded, random)
         force = np.empty(0)
         if recording.force is not None:
-            force = _recorded_force(recording.force, truth.iloc[part], at_samples, recorded, of_force)
+            noise_of_force = _noise(force_recorder, rate, ring, recorded, of_force)
+            force = _recorded_force(recording.force, truth.iloc[part], behind, recorded, noise_of_force)
         yield _through_chain(recording, truth.iloc[part], d, recorded, noise), force
+
+
+def _passed(
+    motion: Float[np.ndarray, "impact step"], recorder: Recorder | None, rate: float, finer: int, ring: int
+) -> Float[np.ndarray, "impact sample"]:
+    """What a recorder's low-pass makes of a motion in ``finer`` steps a sample, ``ring`` samples about it."""
+    if recorder is None or recorder.digital:
+        motion, finer = motion[:, ::finer], 1
+    passed = motion if recorder is None else on_even_grid(motion, rate * finer, recorder)
+    return passed[:, ring * finer : -ring * finer or None : finer]
+
+
+def _noise(
+    recorder: Recorder | None,
+    rate: float,
+    ring: int,
+    recorded: Bool[np.ndarray, "impact sample"],
+    random: np.random.Generator,
+) -> Float[np.ndarray, " recorded"]:
+    """Noise of variance 1 at the samples that are recorded, one impact's after another's."""
+    if recorder is not None and recorder.noise == "before":
+        return _filtered_noise(recorder, rate, ring, recorded.shape, random)[recorded]
+    return random.standard_normal(recorded.sum())
 
 
 def _recorded_force(
@@ -361,16 +397,20 @@ def _recorded_force(
     truth: pd.DataFrame,
     deceleration: Float[np.ndarray, "impact sample"],
     recorded: Bool[np.ndarray, "impact sample"],
-    random: np.random.Generator,
+    noise: Float[np.ndarray, " recorded"],
 ) -> Float[np.ndarray, " recorded"]:
-    """(1 + gain) (M - m) d + zero + noise at the samples that are recorded, one impact's after another's."""
+    """(1 + gain) (M - m) d + zero + noise at the samples that are recorded, one impact's after another's.
+
+    ``noise`` has variance 1.
+    """
     mass, gain, offset = (
         truth[name].to_numpy()[:, None] for name in ("mass_kg", "force_gain", "force_offset_N")
     )
     exact = (mass - force.tip_mass_kg) * deceleration
     sd = np.hypot(force.noise_sd_N, force.noise_relative_to_peak * exact.max(axis=1, keepdims=True))
-    noise = np.repeat(sd[:, 0], recorded.sum(axis=1)) * random.standard_normal(recorded.sum())
-    return (gain * exact + offset)[recorded] + noise
+    noise = np.repeat(sd[:, 0], recorded.sum(axis=1)) * noise
+    value = (gain * exact + offset)[recorded] + noise
+    return value if force.limit_N is None else np.clip(value, -force.limit_N, force.limit_N)
 
 
 def _filtered_noise(
@@ -429,7 +469,10 @@ def write_campaign(folder: Path, campaign: Campaign, simulation: Simulation) -> 
     if campaign.recorder is not None:
         settings["recorder"] = campaign.recorder.settings()
     if campaign.force_channel is not None:
-        settings["channel"] = [channel_settings(campaign.force_channel) | {"value_column": FORCE_COLUMN}]
+        where: dict[str, Any] = {"value_column": FORCE_COLUMN}
+        if np.isfinite(campaign.force_limit):
+            where |= {"limit": campaign.force_limit}
+        settings["channel"] = [channel_settings(campaign.force_channel) | where]
     write_dataset(
         folder,
         settings=settings,

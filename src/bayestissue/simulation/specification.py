@@ -191,7 +191,10 @@ class Tissue(Table):
 
 
 class RecordedForce(Table):
-    """A force that is recorded beside the deceleration, at the same samples, unfiltered."""
+    """A force that is recorded beside the deceleration, at the same samples.
+
+    A low-pass of the decelerations is not one of the force, whose own acts before its gain and limit.
+    """
 
     place: Place = Field(
         default="impactor",
@@ -210,6 +213,14 @@ class RecordedForce(Table):
     relative_gain_sd: Annotated[float, Field(ge=0, lt=0.3)] = Field(
         default=0.0,
         description="standard deviation of its sensitivity, as a fraction of it; one for all impacts.",
+    )
+    limit_N: Positive | None = Field(
+        default=None, description="the sensor clips beyond this, either way; left out, it does not."
+    )
+    recorder: RecorderSettings | None = Field(
+        default=None,
+        description="a table [recording.force.recorder] with the keys of [recorder]: the force's own "
+        "low-pass, whose noise is that of [recorder].",
     )
 
 
@@ -337,7 +348,9 @@ class Simulation(Table):
 
     @model_validator(mode="after")
     def _has_samples_to_filter(self) -> Self:
-        require_samples_to_filter(self.recorder, self.recording)
+        force = self.recording.force
+        for recorder in (self.recorder, None if force is None else force.recorder):
+            require_samples_to_filter(recorder, self.recording)
         return self
 
     @model_validator(mode="after")

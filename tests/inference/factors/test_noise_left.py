@@ -87,3 +87,15 @@ def test_a_verdict_of_few_counts_on_chance() -> None:
     found = with_impacts(law, names, p)
     assert (found["words"], found["impacts"]["tested"]) == ("The score.", 9)
     assert not with_impacts(FORM, names, np.full(10, np.nan))["impacts"]["structured"]
+
+
+def test_what_is_slight_in_every_impact_shows_in_all_of_them_together() -> None:
+    """Against Fisher's own example: p of 0.145, 0.263 and 0.087 come to 0.076 together."""
+    found = with_impacts(FORM, ["a", "b", "c"], np.array([0.145, 0.263, 0.087]), together=True)["impacts"]
+    assert found["combined"] == pytest.approx(0.076, abs=0.0005)
+    names, p = [f"i{k}" for k in range(20)], np.full(20, 0.15)
+    assert not with_impacts(FORM, names, p)["impacts"]["structured"]
+    assert with_impacts(FORM, names, p, together=True)["impacts"]["structured"]
+    none = with_impacts(FORM, names, np.full(20, np.nan), together=True)["impacts"]
+    assert (none["structured"], none["combined"]) == (False, 1.0)
+    assert with_impacts(FORM, names, np.append(p[1:], 0.0), together=True)["impacts"]["structured"]

@@ -103,7 +103,8 @@ def _sentences(account: dict[str, Any], *, of_mass: bool) -> tuple[str, str]:
 def _form_words(force: PreparedForce, form: dict[str, Any]) -> str:
     """What the residuals of the force say of it."""
     impacts, channel = form["impacts"], force.comparison.channel.name
-    counted = sentence("form.counted", small=SMALL_P, **{key: impacts[key] for key in ("below", "tested")})
+    numbers = {key: impacts[key] for key in ("below", "tested", "combined")}
+    counted = sentence("force.counted", small=SMALL_P, **numbers)
     score = sentence("form.score", score=form["score"])
     named = f" ({first_of(impacts['names'], NAMED)})" if impacts["names"] else ""
     kind = "form" if form["structured"] or impacts["structured"] else "follows"

@@ -16,7 +16,7 @@ import pandas as pd
 import xarray as xr
 from jax import Array
 from jaxtyping import Float
-from scipy.stats import binom
+from scipy.stats import binom, combine_pvalues
 
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.trace_data import Prepared
@@ -35,6 +35,8 @@ _BY_CHANCE = 0.015
 # Probability that so many of a sound dataset are counted; and that any of them is named alone, at the most.
 _TOO_MANY, _ALONE = 0.01, 0.001
 NAMED = 5
+# What a p that is 0 to rounding is taken for.
+_LEAST_P = 1e-300
 # So many times the median impact's is a discrepancy of its own.
 _SEVERAL = 5.0
 # In standard errors of the pooled score: once in thirty thousand fits of the right model.
@@ -78,7 +80,7 @@ def judged(
 
 
 def with_impacts(
-    form: dict[str, Any], names: Sequence[str], p: Float[np.ndarray, " impact"]
+    form: dict[str, Any], names: Sequence[str], p: Float[np.ndarray, " impact"], *, together: bool = False
 ) -> dict[str, Any]:
     """What was said of the form, with what each impact's residuals say.
 
@@ -86,26 +88,30 @@ def with_impacts(
         form: as `model_form` has it.
         names: of the impacts.
         p: of each, as `bayestissue.inference.factors.noise_left.noise_p` finds them; NaN where not tested.
+        together: whether chance is asked of all p at once by Fisher's method, -2 sum log p being chi-squared
+            with twice as many degrees of freedom as impacts (Fisher 1925, Statistical Methods for Research
+            Workers, section 21.1), instead of how many are small: what is slight in every impact shows then.
 
     Returns:
         Besides ``impacts``: ``p`` by name, how many were ``tested`` and are ``below`` `SMALL_P`, whether
         they are ``structured``, which chance makes of fewer than two sound datasets in a hundred, and then
-        the ``names`` of those below. ``words`` are of these where nothing is said of another law.
+        the ``names`` of those below; of all ``together`` their p as ``combined`` too. ``words`` are of these
+        where nothing is said of another law.
     """
     p_values = {
         str(name): float(f"{value:.4g}") for name, value in zip(names, p, strict=True) if np.isfinite(value)
     }
     below = [name for name, value in p_values.items() if value < SMALL_P]
     tested, least = len(p_values), min(p_values.values(), default=1.0)
-    by_chance = float(binom.sf(len(below) - 1, tested, _BY_CHANCE))
-    structured = by_chance < _TOO_MANY or least < _ALONE / max(tested, 1)
+    by_chance = _fisher(list(p_values.values())) if together else binom.sf(len(below) - 1, tested, _BY_CHANCE)
+    structured = bool(by_chance < _TOO_MANY or least < _ALONE / max(tested, 1))
     impacts = {
         "p": p_values,
         "tested": tested,
         "below": len(below),
         "structured": structured,
         "names": below if structured else [],
-    }
+    } | ({"combined": by_chance} if together else {})
     counted = sentence("form.counted", below=len(below), tested=tested, small=SMALL_P)
     words = form["words"]
     if structured and not form["structured"]:
@@ -113,6 +119,13 @@ def with_impacts(
     elif not form["structured"]:
         words = sentence("form.nothing", counted=counted, words=words)
     return form | {"impacts": impacts, "words": words}
+
+
+def _fisher(p: list[float]) -> float:
+    """One p of independent ones, to four digits; 1 of none."""
+    if not p:
+        return 1.0
+    return float(f"{combine_pvalues(np.maximum(p, _LEAST_P)).pvalue:.4g}")
 
 
 def with_discrepancy(first: dict[str, Any], tree: xr.DataTree, shown: str = "deceleration") -> dict[str, Any]:

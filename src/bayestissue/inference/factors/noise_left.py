@@ -23,6 +23,7 @@ from bayestissue.elements import element as element_named
 from bayestissue.hierarchy.traces import TraceData, TraceModel, driven_likelihood, impact_likelihood
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.points.whiteness import projected_portmanteau
+from bayestissue.likelihood.element.impact import MeasuredImpact
 from bayestissue.padding import padded_impacts
 
 
@@ -62,24 +63,34 @@ def _left_of_both(
     model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]
 ) -> tuple[Float[Array, "impact shock"], Float[Array, "impact parameter shock"], Bool[Array, "impact shock"]]:
     """As of `_left`, and where there is a sample."""
-    none = jnp.zeros_like(data.record.error_sd)
+    error_sd, none = data.record.error_sd, jnp.zeros_like(data.record.error_sd)
+    data, event = _with_contact(model, data, u)
 
     def shocks(u: Array, errors: Array) -> tuple[Array, Array]:
         event = impact_likelihood(model, data, list(u.T))
-        return event.force_innovations(event.force_residuals(errors))[0], event.residuals(errors)
+        of_force = event.force_innovations(event.force_residuals(errors))[0]
+        return of_force, event.innovations(event.residuals(errors))[0]
 
-    event = impact_likelihood(model, data, list(u.T))
     sigmas = event.force_sigma, event.sigma
 
     def over_noise(u: Array, errors: Array) -> Array:
         pairs = zip(shocks(u, errors), sigmas, strict=True)
         return jnp.concatenate([part / sigma[:, None] for part, sigma in pairs], axis=1)
 
-    fitted, shared = _directions(over_noise, u, none, data.record.error_sd, [*_shape(model), u.shape[1] - 1])
+    fitted, shared = _directions(over_noise, u, none, error_sd, [*_shape(model), u.shape[1] - 1])
     white = _whitened(jnp.stack(shared, axis=-1), [over_noise(u, none), *fitted])
     of_force = event.force_innovations(event.force_residuals(none))[1]
-    inside = jnp.concatenate([of_force, event.record.observed()], axis=1)
-    return white[:, 0], white[:, 1:], inside
+    observed = event.record.observed()[:, :: event.record.colour.stride]
+    return white[:, 0], white[:, 1:], jnp.concatenate([of_force, observed], axis=1)
+
+
+def _with_contact(
+    model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]
+) -> tuple[TraceData, MeasuredImpact]:
+    """The traces with contact known, where they have it, and their likelihood."""
+    event = impact_likelihood(model, data, list(u.T))
+    data = replace(data, record=event.with_contact_found(jax.random.PRNGKey(0)).record)
+    return data, impact_likelihood(model, data, list(u.T))
 
 
 def _shape(model: TraceModel) -> list[int]:
@@ -109,11 +120,8 @@ def _left(
     model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]
 ) -> tuple[Float[Array, "impact shock"], Float[Array, "impact parameter shock"], Int[Array, " impact"]]:
     """What is white if the model is right, what a unit of each parameter adds to it, and how much it is."""
-    key, error_sd = jax.random.PRNGKey(0), data.record.error_sd
-    event = impact_likelihood(model, data, list(u.T))
-    data = replace(data, record=event.with_contact_found(key).record)
-    event = impact_likelihood(model, data, list(u.T))
-    none = jnp.zeros_like(error_sd)
+    error_sd, none = data.record.error_sd, jnp.zeros_like(data.record.error_sd)
+    data, event = _with_contact(model, data, u)
 
     def shocks(u: Array, errors: Array) -> Array:
         event = impact_likelihood(model, data, list(u.T))

@@ -26,29 +26,16 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
 from bayestissue.likelihood.element.noise import Noise, filtered
-from bayestissue.likelihood.element.record import CONTACT, DecelerationRecord
+from bayestissue.likelihood.element.record import CONTACT, OF_FORCE, DecelerationRecord
 from bayestissue.likelihood.element.response import Response, columns
 from bayestissue.likelihood.linear_errors import Products
 
 _ROOT_12 = 12**0.5
-
-
-def middles(record: DecelerationRecord) -> Float[Array, "cell impact"]:
-    """From the middle of each cell to the first sample [s]; the first cell is the last before that sample.
-
-    Behind a low-pass a row of them for each phase, by as much later as the filter looks ahead. Of a known
-    contact its time alone.
-    """
-    if not record.contact.reach:
-        return record.first_time[None]
-    if record.uneven is not None:
-        return record.uneven.cells[0].T
-    interval = jnp.arange(record.contact.reach)[:, None] + record.phase[:, None] - record.lead
-    return interval.reshape(-1, len(record.dt)) * record.dt
 
 
 def cell_width(record: DecelerationRecord) -> Float[Array, "#cell #impact"]:
@@ -123,6 +110,10 @@ def products(response: Response, record: DecelerationRecord, noise: Noise) -> Pr
         residual = jnp.where(record.inside(), record.d - response.d, 0.0)
         parts = jnp.stack([residual, *columns(response, record)], axis=1)[..., ::stride]
         gram = jax.vmap(Noise.gram, out_axes=-1)(noise, parts)[:, :, None]
+    if reach and record.force is not None:
+        # Errors of the force's zero and clock are nothing to the deceleration.
+        own = np.delete(np.arange(1 + record.error_sd.shape[1]), 1 + np.array(OF_FORCE))
+        gram = jnp.zeros((len(own) + 2, len(own) + 2, *gram.shape[2:])).at[np.ix_(own, own)].set(gram)
     return Products(gram, jax.vmap(Noise.log_determinant)(noise), noise.inside.sum(-1) + 0.0)
 
 

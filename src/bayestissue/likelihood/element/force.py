@@ -32,19 +32,23 @@ def force_of(
 
 def force_rows(
     predicted: Response, record: DecelerationRecord, log_ratio: Float[Array, " impact"]
-) -> tuple[Float[Array, "impact row"], Float[Array, "impact error row"]]:
+) -> tuple[Float[Array, "impact *cell row"], Float[Array, "impact *cell error row"]]:
     """(e^a - m / M) d at the force's samples, and what a unit of each error of ``error_sd`` adds to it.
 
-    All 0 where no sample counts. Arguments as of `with_force`.
+    All 0 where no sample counts; for contact in each cell where that may be in several. Arguments as of
+    `with_force`.
     """
     force, here = record.force, predicted.force
     assert force is not None  # noqa: S101 - for the type checker
     assert here is not None  # noqa: S101 - for the type checker
-    share = jnp.where(force.inside(), (jnp.exp(log_ratio) - force.tip)[:, None], 0.0)
-    one = jnp.where(force.inside(), 1.0, 0.0)
+    inside, ratio = force.inside(), (jnp.exp(log_ratio) - force.tip)[:, None]
+    if here.d.ndim > inside.ndim:
+        inside, ratio = inside[:, None], ratio[:, None]
+    share = jnp.where(inside, ratio, 0.0)
+    one = jnp.broadcast_to(jnp.where(inside, 1.0, 0.0), here.d.shape)
     none = jnp.zeros_like(one)
     late = -share * here.jerk
-    return share * here.d, jnp.stack([share * here.by_velocity, none, one, late, none, late], axis=1)
+    return share * here.d, jnp.stack([share * here.by_velocity, none, one, late, none, late], axis=-2)
 
 
 def with_force(
@@ -58,7 +62,7 @@ def with_force(
     """Products of the deceleration's rows with those of the force's, in units of the deceleration's noise.
 
     Args:
-        products: of the deceleration's rows, with one cell of contact.
+        products: of the deceleration's rows.
         predicted: the impact, at the force's samples too.
         record: what was recorded.
         log_ratio: a.
@@ -68,17 +72,22 @@ def with_force(
     force = record.force
     assert force is not None  # noqa: S101 - for the type checker
     expected, columns = force_rows(predicted, record, log_ratio)
-    residual = jnp.where(force.inside(), force.y - expected, 0.0)
-    parts = jnp.concatenate([residual[:, None], columns], axis=1)
+    if not record.contact.reach:
+        expected, columns = expected[:, None], columns[:, None]
+    residual = jnp.where(force.inside()[:, None], force.y[:, None] - expected, 0.0)
+    parts = jnp.concatenate([residual[:, :, None], columns], axis=2)
     weight = log_sigma - log_force_sigma
-    if (noise := noise_of_force(force)) is None:
-        gram, count = jnp.einsum("iar,ibr->abi", parts, parts), force.inside().sum(1) + 0.0
-        log_determinant = jnp.zeros_like(count)
-    else:
-        gram = jax.vmap(Noise.gram, out_axes=-1)(noise, parts[..., :: noise_stride(force)])
-        log_determinant, count = jax.vmap(Noise.log_determinant)(noise), noise.inside.sum(1) + 0.0
+    gram, count, log_determinant = jnp.zeros(()), jnp.zeros(len(force.y)), jnp.zeros(len(force.y))
+    if not (runs := noise_of_force(force)):
+        gram, count = jnp.einsum("icar,icbr->abci", parts, parts), force.inside().sum(1) + 0.0
+    in_cells = jax.vmap(Noise.gram, in_axes=(None, 0), out_axes=-1)
+    for run in runs:
+        asked = jnp.where(run.inside[:, None, None], parts[..., :: noise_stride(force)], 0.0)
+        gram += jax.vmap(in_cells, out_axes=-1)(run, asked)
+        log_determinant += jax.vmap(Noise.log_determinant)(run)
+        count += run.inside.sum(1)
     return Products(
-        products.gram + (gram * jnp.exp(2 * weight))[:, :, None],
+        products.gram + gram * jnp.exp(2 * weight),
         products.log_determinant + log_determinant - 2 * count * weight,
         products.n_values + count,
     )
@@ -89,10 +98,20 @@ def noise_stride(force: ForceRows) -> int:
     return 1 if force.colour is None else force.colour.stride
 
 
-def noise_of_force(force: ForceRows) -> Noise | None:
-    """Its noise over sigma, on the samples that are asked; None where that is white."""
+def noise_of_force(force: ForceRows) -> tuple[Noise, ...]:
+    """Its noise over sigma, on the samples that are asked; nothing where that is white.
+
+    Of those before and of those after a gap of samples at the sensor's limit, which is as long as the filter
+    takes to settle: the two share nothing.
+    """
     if force.colour is None or force.rate is None:
-        return None
+        return ()
     inside = force.inside()[:, :: noise_stride(force)]
+    runs = [inside]
+    if force.usable is not None:
+        begins = inside & ~jnp.pad(inside[:, :-1], ((0, 0), (1, 0)))
+        is_first = jnp.cumsum(begins, axis=1) == 1
+        runs = [inside & is_first, inside & ~is_first]
     none = jnp.zeros((len(inside), 0, inside.shape[1]))
-    return Noise(inside, none, force.colour.first[force.rate], force.colour.predictor[force.rate])
+    of_filter = force.colour.first[force.rate], force.colour.predictor[force.rate]
+    return tuple(Noise(run, none, *of_filter) for run in runs)

@@ -214,7 +214,7 @@ class MeasuredImpact:
         products = products._replace(gram=chosen(products.gram))
         error_sd = chosen(jnp.moveaxis(parameters.error_sd(record), -1, 0)).T
         errors = draw_errors(key, products, parameters.log_sigma, error_sd, record.contact.uniform)
-        return errors.at[:, CONTACT].add(record.first_time - chosen(contact.middles(record)))
+        return errors.at[:, CONTACT].add(record.first_time - chosen(record.cells))
 
     def mean_first_time(self) -> Float[Array, " impact"]:
         """From contact to the first sample as the traces have it, by the mean over the cells [s]."""
@@ -222,7 +222,7 @@ class MeasuredImpact:
             return self.record.first_time
         predicted = self.response()
         density = _densities(predicted, self.products(predicted), self.noise_parameters, self.record)
-        return (jax.nn.softmax(density, axis=0) * contact.middles(self.record)).sum(0)
+        return (jax.nn.softmax(density, axis=0) * self.record.cells).sum(0)
 
     def as_drawn(self, contact_error: Float[Array, " impact"]) -> MeasuredImpact:
         """The same with contact where such an error puts it, and known."""
@@ -310,10 +310,12 @@ class MeasuredImpact:
         """What is white of such residuals [m/s^2], and where there is any."""
         force = self.record.force
         assert force is not None  # noqa: S101 - for the type checker
-        if (of_force := noise_of_force(force)) is None:
+        if not (runs := noise_of_force(force)):
             return left, force.inside()
-        white = jax.vmap(noise.Noise.whitened)(of_force, left[:, :: noise_stride(force)])
-        return jnp.where(of_force.inside, white, 0.0), of_force.inside
+        asked, white = left[:, :: noise_stride(force)], jnp.zeros(())
+        for run in runs:
+            white += jax.vmap(noise.Noise.whitened)(run, jnp.where(run.inside, asked, 0.0))
+        return white, force.inside()[:, :: noise_stride(force)]
 
     def _replicated_force(self, key: Array) -> Float[Array, "impact row"]:
         """A force [N] of the impact and errors that `sample` has by this key; contact is known."""

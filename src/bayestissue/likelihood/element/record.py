@@ -21,6 +21,8 @@ from bayestissue.padding import padded_zeros
 
 # Among the errors of the measuring chain; the gain, if it is another than the velocity's, is between them.
 VELOCITY, OFFSET, CONTACT = 0, -2, -1
+# Those of a force's zero and of its clock, where there is one.
+OF_FORCE = (2, 3)
 _MERGED = {
     "velocity_error": "velocity and gain",
     "offset_error": "offset",
@@ -155,7 +157,8 @@ class ForceRows(NamedTuple):
     """A force that was recorded beside the deceleration, over the recorded mass.
 
     Attributes:
-        y: F / M, its zero taken off, 0 past a row's end [m/s^2].
+        y: F / M, its zero taken off, 0 past a row's end [m/s^2]. Where contact may be in any of several
+            cells, the rows are as much longer as contact may be before them.
         n_samples: length of each.
         first_time: from contact to its first sample [s].
         dt: its sampling interval [s].
@@ -325,6 +328,20 @@ class DecelerationRecord(NamedTuple):
         if self.low_pass is None:
             return self.contact.fraction[None]
         return jnp.broadcast_to(self.low_pass.phase[:, None], (len(self.low_pass.phase), len(self.dt)))
+
+    @property
+    def cells(self) -> Float[Array, "cell impact"]:
+        """From contact in the middle of each cell to the first sample [s]; the first cell is the last before.
+
+        Behind a low-pass a row of them for each phase, by as much later as the filter looks ahead. Of a known
+        contact its time alone.
+        """
+        if not self.contact.reach:
+            return self.first_time[None]
+        if self.uneven is not None:
+            return self.uneven.cells[0].T
+        interval = jnp.arange(self.contact.reach)[:, None] + self.phase[:, None] - self.lead
+        return interval.reshape(-1, len(self.dt)) * self.dt
 
     @property
     def lead(self) -> int:

@@ -25,6 +25,8 @@ from jaxtyping import Complex, Float
 _NODES = 16
 # Between contact and the first sample, which may be some intervals later.
 PIECES = 8
+# Samples between contact and the first one that a digital filter remembers.
+EARLIER = 64
 
 
 class LowPass(NamedTuple):

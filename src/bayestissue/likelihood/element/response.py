@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -11,8 +13,8 @@ from jaxtyping import Float
 
 from bayestissue.elements import Element, linear, solver
 from bayestissue.elements.element import GRAVITY, at_contact, deceleration_of, rates_of_motion
-from bayestissue.likelihood.element.record import DecelerationRecord, ForceRows
-from bayestissue.likelihood.element.recorder import PIECES, Flow, LowPass, low_passed, samples_passed
+from bayestissue.likelihood.element.record import Contact, DecelerationRecord, ForceRows
+from bayestissue.likelihood.element.recorder import EARLIER, PIECES, Flow, LowPass, low_passed, samples_passed
 
 
 class Response(NamedTuple):
@@ -29,12 +31,13 @@ class Response(NamedTuple):
         d: deceleration [m/s^2].
         by_velocity: its derivative by the velocity at contact [1/s].
         jerk: its derivative in time [m/s^3].
-        force: the same at the samples of a force, where one was recorded.
+        force: the same at the samples of a force, where one was recorded: where contact may be in any of
+            several cells, [impact, cell, sample], for contact in the middle of each.
     """
 
-    d: Float[Array, "impact sample"]
-    by_velocity: Float[Array, "impact sample"]
-    jerk: Float[Array, "impact sample"]
+    d: Float[Array, "impact *cell sample"]
+    by_velocity: Float[Array, "impact *cell sample"]
+    jerk: Float[Array, "impact *cell sample"]
     force: Response | None = None
 
 
@@ -86,35 +89,86 @@ def response(
         parameters: its parameters in their order.
         record: masses, velocities and times.
     """
-
-    def d_and_jerk(velocity: Array) -> tuple[Array, Array]:
-        if record.low_pass is not None:
-            return _recorded(element, parameters, velocity, record, record.low_pass)
-        if record.uneven is not None:
-            time = record.uneven.since_contact() if record.contact.reach else record.time()
-            return _at_times(element, parameters, velocity, record, time)[2:]
-        first = record.phase[0] * record.dt if record.contact.reach else record.first_time
-        count = record.d.shape[1] + record.contact.reach
-        return _on_grid(element, parameters, velocity, record, first, record.dt, count)[2:]
-
-    if element.linear and GRAVITY not in record.surroundings:
-        # In proportion to the velocity at contact.
-        d, jerk = d_and_jerk(record.velocity)
-        by_velocity = d / record.velocity[:, None]
-    else:
-        (d, jerk), (by_velocity, _) = jax.jvp(
-            d_and_jerk, (record.velocity,), (jnp.ones_like(record.velocity),)
-        )
     inside = True if record.contact.reach else record.inside()
-    force = None if record.force is None else response(element, parameters, at_force(record, record.force))
-    d, by_velocity, jerk = (jnp.where(inside, part, 0.0) for part in (d, by_velocity, jerk))
+    force = None if record.force is None else _of_force(element, parameters, record, record.force)
+    answered = _by_velocity(element, record, partial(_answer, element, parameters, record=record))
+    d, by_velocity, jerk = (jnp.where(inside, part, 0.0) for part in answered)
     return Response(d, by_velocity, jerk, force)
 
 
+def _answer(
+    element: Element, parameters: Array, velocity: Array, record: DecelerationRecord
+) -> tuple[Array, Array]:
+    """Deceleration and jerk at the samples."""
+    if record.low_pass is not None:
+        return _recorded(element, parameters, velocity, record, record.low_pass)
+    if record.uneven is not None:
+        time = record.uneven.since_contact() if record.contact.reach else record.time()
+        return _at_times(element, parameters, velocity, record, time)[2:]
+    first = record.phase[0] * record.dt if record.contact.reach else record.first_time
+    count = record.d.shape[1] + record.contact.reach
+    return _on_grid(element, parameters, velocity, record, first, record.dt, count)[2:]
+
+
+def _by_velocity(
+    element: Element, record: DecelerationRecord, answer: Callable[[Array], tuple[Array, Array]]
+) -> tuple[Array, Array, Array]:
+    """Deceleration, its derivative by the velocity at contact, and the jerk, of what gives first and last."""
+    if element.linear and GRAVITY not in record.surroundings:
+        # In proportion to the velocity at contact.
+        d, jerk = answer(record.velocity)
+        return d, d / record.velocity.reshape(-1, *[1] * (d.ndim - 1)), jerk
+    (d, jerk), (by_velocity, _) = jax.jvp(answer, (record.velocity,), (jnp.ones_like(record.velocity),))
+    return d, by_velocity, jerk
+
+
+def _of_force(element: Element, parameters: Array, record: DecelerationRecord, force: ForceRows) -> Response:
+    """The answer at the samples of the force.
+
+    Where it has to be in one go for contact in several cells, it is made on one even grid, of the force's
+    interval or behind an analog low-pass of a part of it, that begins after contact in the last cell. From
+    cell to cell the samples lie later on it by a time that all of them share: the cubic through deceleration
+    and jerk of the grid's points is there, with an error of (omega_n h)^4 / 384 of the motion.
+    """
+    low_pass = force.low_pass
+    if not record.contact.reach:
+        return response(element, parameters, at_force(record, force))
+    since = (force.first_time - record.first_time + record.cells).T
+    finer = 1 if low_pass is None else low_pass.phase.shape[0]
+    step = force.dt / finer
+    begin = since.min(1) % step
+    later = (since - begin[:, None]) / step[:, None]
+    whole = jnp.maximum(jnp.floor(later), 0.0)
+    index = whole.astype(int)[..., None] + finer * jnp.arange(force.y.shape[1])
+    grid = at_force(record, force)._replace(
+        d=jnp.zeros((len(begin), finer * force.y.shape[1])), first_time=begin, dt=step
+    )
+    grid = grid._replace(contact=Contact.known(jnp.zeros(len(begin), bool)))
+    if grid.low_pass is not None and grid.low_pass.ahead is not None:
+        ahead = jnp.repeat(grid.low_pass.ahead, finer)
+        grid = grid._replace(low_pass=grid.low_pass._replace(ahead=ahead))
+
+    def shifted(velocity: Array) -> tuple[Array, Array]:
+        d, jerk = _answer(element, parameters, velocity, grid)
+        into, interval = (later - whole)[..., None], step[:, None, None]
+
+        def at(values: Array, index: Array) -> Array:
+            flat = jnp.minimum(index, values.shape[1] - 1).reshape(len(values), -1)
+            return jnp.take_along_axis(values, flat, axis=1).reshape(index.shape)
+
+        ends = (at(d, index), at(d, index + 1)), (at(jerk, index), at(jerk, index + 1))
+        return solver.cubic(*ends, into, interval), solver.cubic_slope(*ends, into, interval)
+
+    inside = jnp.expand_dims(force.inside(), 1)
+    parts: Any = (jnp.where(inside, part, 0.0) for part in _by_velocity(element, record, shifted))
+    return Response(*parts)
+
+
 def at_force(record: DecelerationRecord, force: ForceRows) -> DecelerationRecord:
-    """The record as if its samples and its recorder were those of the force."""
+    """The record as if its samples and its recorder were those of the force, contact being known."""
+    low_pass = force.low_pass and force.low_pass._replace(phase=force.low_pass.phase[:1])
     times: Any = {"first_time": force.first_time, "dt": force.dt, "n_samples": force.n_samples}
-    return record._replace(d=force.y, force=None, low_pass=force.low_pass, **times)
+    return record._replace(d=force.y, force=None, low_pass=low_pass, **times)
 
 
 def columns(response: Response, record: DecelerationRecord) -> list[Array]:
@@ -228,20 +282,26 @@ def _recorded(
     finer, reach = low_pass.phase.shape[0], record.contact.reach
     step, ahead, count = record.dt / finer, low_pass.lead * finer, record.d.shape[1] * finer
     first, late = _after_contact(record)
+    more, begin = 0, ahead - finer * late
     if reach:
         # As long before contact as behind the end.
         first, count = step / 2, count + finer * reach - ahead
-    later = flow(first, step, count + ahead).while_pushing()
+    elif low_pass.corner is not None:
+        # Of all samples since contact, which the first of the record need not be.
+        more = EARLIER
+        earlier = jnp.clip(jnp.floor(first / step), 0, more)
+        first, begin = first - earlier * step, begin + earlier.astype(int)
+    later = flow(first, step, count + ahead + more).while_pushing()
     if low_pass.corner is None:
         early = flow(jnp.zeros_like(first), first / PIECES, PIECES + 1)
         since = first[:, None] + (jnp.arange(ahead) - ahead) * step[:, None] if ahead else None
         passed = low_passed(low_pass, early, later, since)
     else:
         passed = samples_passed(low_pass, low_pass.corner, later, ahead)
-    d, slope = (part[:, : ahead + count] for part in passed)
+    d, slope = (part[:, : ahead + more + count] for part in passed)
     if reach:
         return d, slope
-    if ahead:
-        index = jnp.arange(count) + ahead - finer * late[:, None]
+    if ahead or more:
+        index = jnp.arange(count) + begin[:, None]
         d, slope = (jnp.take_along_axis(part, jnp.maximum(index, 0), axis=1) for part in (d, slope))
     return d[:, ::finer], slope[:, ::finer]
