@@ -195,7 +195,7 @@ def plan() -> Numbers:
     return columns(made.designs)
 
 
-# Those of the default tests, and those that take long to compile.
+# Those of the default tests, those that take long to compile, and fits, whose means have Monte Carlo errors.
 QUICK: Mapping[str, Callable[[], Numbers]] = {
     "estimates": partial(estimates, filled_up),
     "point estimates, exact": partial(estimates, filled_up, method="exact"),
@@ -213,6 +213,8 @@ SLOW: Mapping[str, Callable[[], Numbers]] = {
     "log density of maxwell": partial(density, filled_up, "maxwell"),
     "short chain": short_chain,
     "plan": plan,
+}
+FITS: Mapping[str, Callable[[], Numbers]] = {
     "fit by impact": partial(fit, as_it_is, "impact"),
     "fit by arma": partial(fit, as_it_is, "arma"),
     "fit of driven": partial(fit, partial(heels, 2), "driven"),
@@ -273,7 +275,7 @@ def main() -> None:
     runtime.configure(one_core=True)
     found: Numbers = {"paths": np.array(paths())}
     for name in names:
-        for what, values in (QUICK | SLOW)[name]().items():
+        for what, values in (QUICK | SLOW | FITS)[name]().items():
             found[f"{name}: {what}"] = np.asarray(values, float)
         np.savez(Path(out), **found)
 

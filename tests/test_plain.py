@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.stats import norm
 
-from plain_answers import QUICK, SLOW, Numbers, both_ways, differences
+from bayestissue import runtime
+from bayestissue.errors import InputError
+from bayestissue.fitting import earlier_run, resolve
+from make_fit_run import write_fit_run
+from plain_answers import FITS, QUICK, SLOW, Numbers, both_ways, differences
 
 # Of a column's largest number: sums of some hundred terms in another order, of samples that nearly cancel.
 ROUNDING = 1e-9
@@ -45,10 +51,21 @@ def test_ten_answers_are_the_same_to_rounding(quick: tuple[Numbers, Numbers]) ->
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", SLOW)
+@pytest.mark.parametrize("name", [*SLOW, *FITS])
 def test_longer_answers_are_the_same(name: str, tmp_path: Path) -> None:
     (apart,) = differences(*both_ways(tmp_path, [name])).values()
-    assert apart <= (DRAWN if name.startswith("fit") else FARTHER.get(name, ROUNDING))
+    assert apart <= (DRAWN if name in FITS else FARTHER.get(name, ROUNDING))
+
+
+@pytest.mark.parametrize(("plain", "refused"), [(True, True), (False, False)])
+def test_a_run_does_not_go_on_with_arrays_of_other_sizes(
+    plain: bool, refused: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(runtime, "PLAIN", plain)
+    nothing: Any = SimpleNamespace(input_hash="", name="another", design=SimpleNamespace(resolved=dict))
+    with pytest.raises(InputError) as raised:
+        earlier_run(write_fit_run(tmp_path / "run"), nothing, resolve("a2")[0], nothing)
+    assert ("BAYESTISSUE_PLAIN" in str(raised.value)) == refused
 
 
 def test_a_difference_and_a_number_that_one_way_lacks_are_seen() -> None:

@@ -59,7 +59,7 @@ def plain_against_fast() -> Named:
     exact, of_draws = rows.loc[~drawn, "difference"].max(), rows.loc[drawn, "difference"].max()
     text = (
         f"with every fast path off {(~drawn).sum()} answers differ by at most {power_of_ten(exact)} of the "
-        f"largest number of their kind, and means of {drawn.sum()} fits by at most {of_draws:.1f} Monte "
+        f"largest number of their kind, and means of a fit by at most {of_draws:.1f} Monte "
         "Carlo errors"
     )
     yield "sentence", Figure(text, names("plain_against_fast"))
