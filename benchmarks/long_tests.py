@@ -1,10 +1,12 @@
-"""Tests that take minutes, as evidence: how many passed, and how many examples they drew.
+"""Tests as evidence: how many passed, and how many examples they drew.
 
     .venv/bin/python benchmarks/long_tests.py damaged_files tests/dataset/test_corruption.py
     .venv/bin/python benchmarks/long_tests.py kills tests/commands/test_fit_command.py -k kills
+    .venv/bin/python benchmarks/long_tests.py laws -m 'not(long)' tests/hierarchy/test_laws_of_effects.py
 
-Runs those of the named files that are marked long; what follows goes on to pytest. A row a test: whether it
-passed, its seconds, and the examples that hypothesis drew.
+Runs those of the named files that are marked long, unless another -m is given; what
+follows goes on to pytest. A row a test: whether it passed, its seconds, and the examples that hypothesis
+drew.
 """
 
 from __future__ import annotations

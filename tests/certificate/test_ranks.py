@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from bayestissue.certificate.ranks import DRAWS, calibration_table, judge, p_of_uniform
+from bayestissue.certificate.ranks import calibration_table, judge
+from bayestissue.certificate.uniform import DRAWS, half_band, p_of_uniform
 
 REFITS = 20
 
@@ -26,6 +27,17 @@ def test_p_of_uniform_ranks_is_uniform() -> None:
         # A share of 2000; the statistic has few values, so that it may be a little rarer.
         assert (p <= level).mean() <= level + 4 * np.sqrt(level * (1 - level) / len(p))
         assert (p <= level).mean() >= 0.5 * level
+
+
+@pytest.mark.parametrize("refits", [20, 400])
+def test_a_share_of_ranks_beyond_the_band_is_hardly_ever_uniform(refits: int) -> None:
+    band, rng = half_band(refits), np.random.default_rng(5)
+    # Of one place alone it would be 1.96 standard errors; of a curve's 99 places it is some more.
+    assert 1.96 < 2 * np.sqrt(refits) * band < 3.3
+    low = int(np.ceil(refits * (0.5 + band))) + 1
+    half = (DRAWS + 1) // 2
+    ranks = np.concatenate([rng.integers(0, half, low), rng.integers(half, DRAWS + 1, refits - low)])
+    assert p_of_uniform(ranks) <= 0.05
 
 
 def test_elements_of_one_refit_count_as_dependent() -> None:

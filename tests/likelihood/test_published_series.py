@@ -33,9 +33,18 @@ SERIES = {
 }
 
 
+# Five decimals.
+PRINTED = 0.5e-5
+
+
+def path_of(name: str) -> Path:
+    """Where a series lies beside the project, if it does."""
+    return Path(__file__).resolve().parents[3] / "shared" / "series" / f"{name}.dat"
+
+
 def series(name: str) -> np.ndarray:
     """Used where they lie beside the project."""
-    path = Path(__file__).resolve().parents[3] / "shared" / "series" / f"{name}.dat"
+    path = path_of(name)
     if not path.is_file():
         pytest.skip(f"the published series is not at {path}")
     values = np.array(path.read_text().split(), float)
@@ -63,10 +72,9 @@ def test_the_book_s_series_have_their_log_likelihood_and_it_is_the_greatest(name
     published, x = SERIES[name], series(name)
     value, slope, curvature = expansion(x, np.array(published.parameters), "stationary")
     assert (np.linalg.eigvalsh(curvature) > 0).all()
-    # Five decimals were printed, and what a step to the maximum would gain is not to be seen in them.
-    printed = 0.5e-5
-    assert float(value) == pytest.approx(published.log_likelihood, abs=printed)
-    assert slope @ np.linalg.solve(curvature, slope) / 2 < printed
+    assert float(value) == pytest.approx(published.log_likelihood, abs=PRINTED)
+    # What a step to the maximum would gain is not to be seen in what was printed.
+    assert slope @ np.linalg.solve(curvature, slope) / 2 < PRINTED
 
 
 # What the search of theta1 leaves: its last grid is this fine, in standard errors of these series.

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
+from bayestissue.certificate.uniform import DRAWS, half_band, p_of_uniform
 from evidence.registry import of_family
 from evidence.texts import (
     Figure,
@@ -27,7 +28,7 @@ from evidence.texts import (
 
 _MOST = 0.5
 # Of calibration: ranks are below this, and are counted in so many bins.
-RANKS, BINS = 100, 20
+RANKS, BINS = DRAWS + 1, 20
 
 
 @family
@@ -137,24 +138,6 @@ def many_impacts() -> Named:
     yield "sentence", Figure(text, names("many_impacts"))
 
 
-def _envelope(number: int, simulations: int = 4000) -> np.ndarray:
-    """The least pointwise p-value along an ECDF of uniform ranks, simulated (Säilynoja et al. 2022)."""
-    drawn = np.random.default_rng(0).integers(RANKS, size=(simulations, number))
-    return _least(drawn)
-
-
-def _least(ranks: np.ndarray) -> np.ndarray:
-    share, number = np.arange(1, RANKS) / RANKS, ranks.shape[1]
-    below = (ranks[:, :, None] < np.arange(1, RANKS)).sum(1)
-    tails = stats.binom.cdf(below, number, share), stats.binom.sf(below - 1, number, share)
-    return 2 * np.minimum(*tails).min(1)
-
-
-def _band(least: np.ndarray, number: int) -> float:
-    """How far a share of ranks may be off where half are below, in the envelope of 95 % of whole curves."""
-    return 0.5 - float(stats.binom.ppf(np.quantile(least, 0.05) / 2, number, 0.5)) / number
-
-
 def spread(u: np.ndarray) -> tuple[float, float]:
     """Standard deviation of ranks [data set, quantity] over a uniform's, and its error between data sets."""
     square = (12 * (u - 0.5) ** 2).mean(1)
@@ -169,12 +152,10 @@ def calibration() -> Named:
         if rows.empty:
             continue
         ranks = rows.drop(columns=["unit", "pareto_k", "passed"], errors="ignore").astype(int)
-        least = _envelope(len(ranks))
         p = {}
         for name in ranks:
             bins = np.bincount(ranks[name] * BINS // RANKS, minlength=BINS)
-            of_curve = float((least <= _least(ranks[[name]].to_numpy().T)).mean())
-            p[name] = float(stats.chisquare(bins).pvalue), of_curve
+            p[name] = float(stats.chisquare(bins).pvalue), p_of_uniform(ranks[name].to_numpy())
         cells[piece.each] = pd.Series({name: f"{a:.3f} / {b:.3f}" for name, (a, b) in p.items()})
         every += [each for pair in p.values() for each in pair]
         wide, error = spread((ranks.to_numpy() + 0.5) / RANKS)
@@ -183,7 +164,7 @@ def calibration() -> Named:
             f"be trusted by their diagnostics; the least of {2 * len(p)} p-values is "
             f"{min(map(min, p.values())):.3f}; the "
             f"ranks spread {wide:.3f} ± {error:.3f} times as far as they should; the ECDF's test sees a "
-            f"share of ranks that is {percent(_band(least, len(ranks)), 0)} off"
+            f"share of ranks that is {percent(half_band(len(ranks)), 0)} off"
         )
         said.append(f"- {text}.")
         yield f"{piece.each}_sentence", Figure(text, (piece.name,))

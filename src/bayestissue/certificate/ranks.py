@@ -3,30 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 from jaxtyping import Float, Int
-from scipy.special import bdtr, ndtr
+from scipy.special import ndtr
 from scipy.stats import norm, t
 
 from bayestissue.certificate.augmented import Truth
+from bayestissue.certificate.uniform import DRAWS, p_of_uniform
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.chain.results import ChainDraws
 from bayestissue.inference.execution.kept import evenly_spaced
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.results.tables import table_of_rows
 
-# A rank is among so many draws: one of a hundred places.
-DRAWS = 99
 # What an interval of 90 % holds of these places.
 _LEVEL = 0.9
 # Below so much, over all quantities together, ranks are called not uniform: of certificates of a correct fit
 # one in a hundred is wrong.
 RARE = 0.01
-_SIMULATED, _STUDIES = 20_000, 4_000
+_STUDIES = 4_000
 Ranks = dict[str, Int[np.ndarray, " element"]]
 
 
@@ -126,9 +124,8 @@ def judge(name: str, ranks: Int[np.ndarray, "refit element"]) -> Judged:
     """Whether ranks of `DRAWS` are uniform: of one element over the refits, of several their means too.
 
     Elements of one refit are told from the same truth, so that refits alone are independent: standard errors
-    are those of the refits' means, or of independent elements if greater. p of one element is that of the
-    farthest point of its empirical distribution (Säilynoja, Bürkner and Vehtari 2022,
-    doi:10.1007/s11222-022-10090-6). Of several it is twice the smaller of two: a t test of the shift, and
+    are those of the refits' means, or of independent elements if greater. p of one element is that of
+    `p_of_uniform`. Of several it is twice the smaller of two: a t test of the shift, and
     `p_of_held`.
     """
     refits, elements = ranks.shape
@@ -167,26 +164,3 @@ def p_of_held(held: Int[np.ndarray, " refit"], elements: int, variance: float) -
 def _standard_error(of_refits: Float[np.ndarray, " refit"], least: float) -> float:
     """Of their mean, whose variance is this at the least."""
     return float(np.sqrt(max(of_refits.var(ddof=1) / len(of_refits), least)))
-
-
-def p_of_uniform(ranks: Int[np.ndarray, " refit"]) -> float:
-    """How often uniform ranks have an empirical distribution as far from the diagonal as these."""
-    simulated = _smallest_tails(len(ranks))
-    return float((1 + (simulated <= _smallest_tail(ranks[None])[0]).sum()) / (1 + len(simulated)))
-
-
-@cache
-def _smallest_tails(refits: int) -> Float[np.ndarray, " simulated"]:
-    rng = np.random.default_rng(refits)
-    return _smallest_tail(rng.integers(0, DRAWS + 1, (_SIMULATED, refits)))
-
-
-def _smallest_tail(ranks: Int[np.ndarray, "sample refit"]) -> Float[np.ndarray, " sample"]:
-    """The smallest binomial tail of the counts up to each rank."""
-    count, places = ranks.shape[1], np.arange(1, DRAWS + 1) / (DRAWS + 1)
-    samples = np.repeat(np.arange(len(ranks)), count)
-    by_rank = np.zeros((len(ranks), DRAWS + 1))
-    np.add.at(by_rank, (samples, ranks.ravel()), 1)
-    below = by_rank.cumsum(axis=1)[:, :-1]
-    lower, upper = bdtr(below, count, places), 1 - np.where(below > 0, bdtr(below - 1, count, places), 0.0)
-    return np.minimum(lower, upper).min(axis=1)

@@ -24,7 +24,7 @@ from bayestissue.inference.chain.settings import FEW, FIRST, ChainSettings
 from bayestissue.inference.chain.target import LogRatios, Target
 from bayestissue.inference.chain.warm_up import begin, retuned
 from bayestissue.inference.execution.compiling import FULLY
-from bayestissue.inference.execution.kept import evenly_spaced, some_impacts, some_of
+from bayestissue.inference.execution.kept import evenly_spaced, in_single, some_impacts, some_of
 from bayestissue.padding import padded_impacts
 
 
@@ -242,7 +242,7 @@ def _trimmed(track: Track, prepared: Prepared, keep: int) -> Trimmed:
         log_likelihood,
         {"impact": log_ratios.impacts[..., :count], **groups},
         # Of many impacts seven digits.
-        u if keep == 1 else u.astype(np.float32),
+        u if keep == 1 else in_single(u),
     )
 
 

@@ -22,6 +22,7 @@ from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, impacts_model
 from bayestissue.inference.execution.chunks import in_blocks
 from bayestissue.inference.execution.compiling import by_row, compiled_quickly
+from bayestissue.inference.execution.kept import in_single
 from bayestissue.inference.quantities.impacts import NAMES, Impacts, impact_quantities, named_quantities
 from bayestissue.inference.quantities.masses import (
     DRAWS,
@@ -169,8 +170,8 @@ def _of_impacts(
         errors = errors_and_keys(rows, of_rows)
         padded = drawn_impacts(prepared.model, part.padded, recorded, of_rows, *errors)
         values = {name: np.moveaxis(array[:, :, : len(rows)], 2, 0) for name, array in padded.items()}
-        # Seven digits of a draw are more than it knows, and half the memory.
-        return {name: array.astype(np.float32) for name, array in values.items()} if single else values
+        # Half the memory.
+        return {name: in_single(array) for name, array in values.items()} if single else values
 
     return {name: np.moveaxis(values, 0, 2) for name, values in in_blocks(prepared.data, one).items()}
 
