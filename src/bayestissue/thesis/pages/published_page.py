@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from bayestissue.report.posterior import CONSTANT, FIXED, QUANTITIES, SURE, expo
 from bayestissue.report.wording import listed, percent, relative, significant
 from bayestissue.thesis.pages import published_figures, published_run
 from bayestissue.thesis.pages.published_run import PublishedRun, read_published_run
+from bayestissue.thesis.reproduction.conditions import Quantity
 from bayestissue.thesis.reproduction.relations import printed_line
 
 
@@ -89,22 +91,7 @@ def frequency_sentence(run: PublishedRun) -> str:
     )
 
 
-_CONTENTS = (
-    ("estimates", "Estimates and posteriors"),
-    ("mass", "Mass"),
-    ("hypotheses", "Hypotheses"),
-    ("effects", "People and conditions"),
-    ("explanations", "Competing explanations"),
-    ("priors", "Priors"),
-    ("predictions", "Predictions"),
-    ("figures", "The thesis's figures"),
-    ("reproduction", "Reproduction"),
-    ("audit", "Audit"),
-    ("diagnostics", "Diagnostics"),
-    ("model", "Model"),
-    ("provenance", "Provenance"),
-)
-_POPULATION = (
+POPULATION = (
     *(f"{stem}_{q}" for stem in ("intercept", "mass_exponent") for q in QUANTITIES),
     *(f"sd_{level}_{q}" for level in ("subject", "trial", "impact") for q in QUANTITIES),
     "residual_correlation",
@@ -122,51 +109,50 @@ def published_page(folder: Path, record: dict[str, Any]) -> str:
     own_tables = folder / "published"
     published = read_published(own_tables if own_tables.is_dir() else None)
     lines = {quantity: printed_line(published, quantity) for quantity in QUANTITIES}
-
-    def of_quantities(figure: Callable[..., Figure], *arguments: Any, **options: Any) -> list[Figure]:
-        """A figure of K, and the same of C."""
-        return [figure(*arguments, quantity, **options) for quantity in QUANTITIES]
-
-    finding = constant_frequency_finding(run)
     return render_page(
         "published.html",
-        title="Published K and C, re-analysed",
-        subtitle=_subtitle(run),
-        contents=_CONTENTS,
-        first_codes=warned_codes(run.diagnostics),
-        codes=[*warned_codes(run.diagnostics), *_further_codes(run)],
-        record=record,
-        model=record.get("model", {}),
-        versions=record.get("versions", {}),
-        run=run,
-        published=published,
-        lines=lines,
-        population=_POPULATION,
-        of_quantities=of_quantities,
+        page=sys.modules[__name__],
         figures=published_figures,
         run_tables=published_run,
         posterior=posterior,
         tables=tables,
-        exponent_plots=[
-            posterior.exponent_figure(run, q) for q in QUANTITIES if exponent(run, q) is not None
-        ],
-        effects_plots={
-            level: [
-                posterior.effects_figure(run, q, level) for q in QUANTITIES if run.has(f"{level}_effect_{q}")
-            ]
-            for level in ("subject", "trial")
-        },
-        comparison_plots=[
-            comparison_figure(run.comparison, name) for name in run.comparison["scheme"].unique()
-        ],
-        mass_plots=[published_figures.posterior_mass_figure(run, q, lines[q]) for q in QUANTITIES],
-        conclusion=mass_conclusion(run),
-        frequency=frequency_sentence(run),
-        constant_frequency="" if finding is None else f"finding-{finding + 1}",
-        doubt=doubt_words(run),
-        kept=listed([f"{percent(published_figures.kept_share(run, q))} for {q}" for q in QUANTITIES]),
-        prior_remark=posterior.prior_remark(run.sensitivity),
+        first_codes=warned_codes(run.diagnostics),
+        codes=[*warned_codes(run.diagnostics), *_further_codes(run)],
+        record=record,
+        run=run,
+        published=published,
+        lines=lines,
     )
+
+
+def of_quantities(figure: Callable[..., Figure], *arguments: Any, **options: Any) -> list[Figure]:
+    """A figure of K, and the same of C."""
+    return [figure(*arguments, quantity, **options) for quantity in QUANTITIES]
+
+
+def exponent_figures(run: PublishedRun) -> list[Figure]:
+    """The mass exponents that the model has."""
+    return [posterior.exponent_figure(run, q) for q in QUANTITIES if exponent(run, q) is not None]
+
+
+def effects_figures(run: PublishedRun, level: str) -> list[Figure]:
+    """The effects of people ("subject") or conditions ("trial") that the model has."""
+    return [posterior.effects_figure(run, q, level) for q in QUANTITIES if run.has(f"{level}_effect_{q}")]
+
+
+def mass_figures(run: PublishedRun, lines: Mapping[Quantity, tuple[float, float] | None]) -> list[Figure]:
+    """K and C over the mass, each with the thesis's line."""
+    return [published_figures.posterior_mass_figure(run, q, lines[q]) for q in QUANTITIES]
+
+
+def comparison_figures(run: PublishedRun) -> list[Figure]:
+    """How well each explanation predicts, a figure for each scheme of leaving out."""
+    return [comparison_figure(run.comparison, name) for name in run.comparison["scheme"].unique()]
+
+
+def kept(run: PublishedRun) -> str:
+    """How much of a published deviation the model keeps on average, of K and of C."""
+    return listed([f"{percent(published_figures.kept_share(run, q))} for {q}" for q in QUANTITIES])
 
 
 def _further_codes(run: PublishedRun) -> list[Code]:
@@ -174,8 +160,3 @@ def _further_codes(run: PublishedRun) -> list[Code]:
     failed = any(row.mark for row in published_run.checks_table(run).rows)
     said = "; ".join([posterior.prior_remark(run.sensitivity), *run.comparison["warning"]])
     return [*(("predictive-check",) if failed else ()), *codes_in(said)]
-
-
-def _subtitle(run: PublishedRun) -> str:
-    impacts, people, conditions = (len(run.labels(name)) for name in ("impact", "subject", "trial"))
-    return f"Stiffness K, damping C: {impacts} impacts, {people} people, {conditions} conditions"
