@@ -122,7 +122,6 @@ def build(
             that they make.
     """
     problems = [*recordings.problems, *facts.problems]
-    options: Any = {"name": name, "cutting": cutting, "skip_bad": skip_bad}
     settings = _settings(choices, name, len(recordings.files))
     plan = _Plan(recordings, facts, choices, _signal(settings, problems), cutting)
     rows = list(plan.rows(problems))
@@ -136,30 +135,33 @@ def build(
         if unfit and not choices.force:
             # Nobody asked for the force: it must not cost an impact.
             turned = {p.code for p in unfit} == {"channel-unfit"} and "scale" not in choices.force_channel
-            revised = replace(
-                choices, force_channel=choices.force_channel | {"scale": -1.0} if turned else {}
-            )
+            force = choices.force_channel | {"scale": -1.0} if turned else {}
+            revised = replace(choices, force_channel=force)
             shutil.rmtree(folder / RECORDINGS)
-            again = build(folder, recordings, facts, revised, **options)
+            again = build(folder, recordings, facts, revised, name=name, cutting=cutting, skip_bad=skip_bad)
             words = _FORCE_UNFIT.format(channel=unfit[0].column, why=_in_terms_of_init(unfit[0]))
             return again if turned else replace(again, notes=(*again.notes, words))
-        by_trace = {f"{RECORDINGS}/{file.name}": file for file in recordings.files}
-        by_impact = {row["impact"]: by_trace[row["trace"]] for row in rows}
-        for problem in map(_in_terms_of_init, error.problems):
-            problems.append(problem if cutting else plan.with_hint(problem, by_impact))
-    if not problems:
-        return Built(dataset, (), _notes(dataset, cutting, choices))
+        problems += plan.in_terms_of_init(error.problems, rows)
+    if problems:
+        rows = _fit_to_use(rows, problems, recordings, choices) if skip_bad else []
+        if not rows:
+            raise InputError(problems)
+        shutil.rmtree(folder / RECORDINGS)
+        _write(folder, settings, rows, recordings)
+        write_left_out(folder, _reasons(problems, recordings, {row["impact"] for row in rows}))
+        dataset = read_dataset(folder)
+    return Built(dataset, tuple(problems), _notes(dataset, cutting, choices))
+
+
+def _fit_to_use(
+    rows: list[dict[str, Any]], problems: list[Problem], recordings: RecorderFolder, choices: Choices
+) -> list[dict[str, Any]]:
+    """The rows with nothing wrong; none where a problem is not of one impact or one of the files alone."""
     bad = {problem.impact for problem in problems}
-    rows = [row for row in rows if row["impact"] not in bad]
     files = {file.name for file in recordings.files} | {problem.file for problem in recordings.problems}
     files |= {choices.table.name} if choices.table else set()
-    if not skip_bad or not rows or any(p.impact is None and p.file not in files for p in problems):
-        raise InputError(problems)
-    shutil.rmtree(folder / RECORDINGS)
-    _write(folder, settings, rows, recordings)
-    write_left_out(folder, _reasons(problems, recordings, {row["impact"] for row in rows}))
-    dataset = read_dataset(folder)
-    return Built(dataset, tuple(problems), _notes(dataset, cutting, choices))
+    of_all = any(problem.impact is None and problem.file not in files for problem in problems)
+    return [] if of_all else [row for row in rows if row["impact"] not in bad]
 
 
 def _reasons(problems: Iterable[Problem], recordings: RecorderFolder, used: set[str]) -> dict[str, str]:
@@ -342,16 +344,25 @@ class _Plan:
         """The stated sampling rate, Hz; not a number where none was."""
         return float(self.facts.of_file[file.name].get("sampling_rate_hz", self.choices.rate_hz or np.nan))
 
-    def with_hint(self, problem: Problem, files: dict[str, File]) -> Problem:
-        """The problem with a further remedy where the recording seems to hold several impacts."""
-        file = files.get(problem.impact or "")
-        if file is None or problem.file != file.name:
-            return problem
+    def in_terms_of_init(
+        self, problems: Iterable[Problem], rows: Iterable[dict[str, Any]]
+    ) -> Iterator[Problem]:
+        """What is wrong with the dataset, in the words of who has not seen it yet."""
+        by_trace = {f"{RECORDINGS}/{file.name}": file for file in self.recordings.files}
+        by_impact = {row["impact"]: by_trace[row["trace"]] for row in rows}
+        for problem in map(_in_terms_of_init, problems):
+            file = by_impact.get(problem.impact or "")
+            if file is not None and problem.file == file.name and not self.cutting:
+                problem = replace(problem, remedy=problem.remedy + self._several(file))
+            yield problem
+
+    def _several(self, file: File) -> str:
+        """A further remedy where a recording seems to hold several impacts; else empty."""
         with suppress(InputError):
             count = len(cut(self.oriented(file)))
-            hint = f" The recording seems to hold {count} impacts: --several cuts them apart."
-            return replace(problem, remedy=problem.remedy + hint) if count > 1 else problem
-        return problem
+            if count > 1:
+                return f" The recording seems to hold {count} impacts: --several cuts them apart."
+        return ""
 
 
 def cut(
