@@ -23,7 +23,7 @@ from bayestissue.dataset.settings import (
     parse_settings,
 )
 from bayestissue.dataset.tables import TEXT_SUFFIXES
-from bayestissue.errors import InputError, Problem
+from bayestissue.errors import InputError, Problem, refuse
 from bayestissue.intake.facts import Cells
 from bayestissue.intake.names import Pattern, columns, fills
 from bayestissue.settings import Table, checked, parse_toml, read_text
@@ -199,6 +199,5 @@ def _order(path: Path, label: str) -> tuple[dict[str, str], ...]:
             columns(record, label)
         except InputError as error:
             problems += (replace(problem, row=int(row)) for problem in error.problems)
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     return tuple(records)
