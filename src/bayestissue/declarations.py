@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import re
 import tomllib
+from collections.abc import Callable
 from importlib.resources import files
 from typing import Any
 
@@ -12,6 +13,20 @@ from typing import Any
 def declared(package: str, file: str) -> dict[str, Any]:
     """The content of a TOML file of a package, such as ``declared(__package__, "kinds.toml")``."""
     return tomllib.loads(files(package).joinpath(file).read_text(encoding="utf-8"))
+
+
+def sentences(package: str) -> Callable[..., str]:
+    """What writes the sentences of a package's ``sentences.toml``.
+
+    ``said("sources.window", share=0.1)`` is the sentence ``window`` of ``[sources]`` with 0.1 in its braces.
+    """
+    texts = declared(package, "sentences.toml")
+
+    def said(name: str, /, **values: object) -> str:
+        group, _, which = name.partition(".")
+        return str(texts[group][which]).format(**values)
+
+    return said
 
 
 def described(doc: str | None, heading: str) -> tuple[str, dict[str, str]]:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from bayestissue.dataset.published import read_published
+from bayestissue.declarations import sentences
 from bayestissue.figures.theme import Figure
 from bayestissue.inference.samplers.diagnostics import warned_codes
 from bayestissue.remedies import Code, codes_in
@@ -24,6 +25,8 @@ from bayestissue.thesis.pages.published_run import PublishedRun, read_published_
 from bayestissue.thesis.reproduction.conditions import Quantity
 from bayestissue.thesis.reproduction.relations import printed_line
 
+said = sentences(__package__)
+
 
 def natural_frequencies(run: PublishedRun) -> np.ndarray:
     """sqrt(K / M) of a typical person in each condition, posterior median [trial], rad/s."""
@@ -34,33 +37,20 @@ def mass_conclusion(run: PublishedRun) -> str:
     """What the exponent of K says about where its dependence on mass comes from."""
     beta = exponent(run, "K")
     if beta is None:
-        return "This model has no mass exponent, so it can't tell where a dependence on mass comes from."
+        return said("mass.no_exponent")
     constant = hypothesis_probability(run, "K", CONSTANT)
     fixed = hypothesis_probability(run, "K", FIXED)
     if constant > SURE and constant_frequency_finding(run) is not None:
         omega = natural_frequencies(run)
         same = relative(np.sqrt(omega.max() / omega.min()) - 1)
-        return (
-            f"Made by the method: ωₙ is the same to {same} at every mass, so K = Mωₙ² is only the mass "
-            "rescaled. A constant ωₙ means that the fit carried no information on the tissue."
-        )
+        return said("mass.rescaled", same=same)
     if constant > SURE:
-        return (
-            "K grows in proportion to mass: that is what a method gives whose ωₙ carries no information on "
-            "the tissue, since K = Mωₙ²."
-        )
+        return said("mass.proportional")
     if fixed > SURE:
-        return "K does not depend on mass in practice: the estimates behave as a tissue of fixed stiffness."
+        return said("mass.fixed")
     if beta.holds(0) or beta.holds(1):
-        return "The data do not decide between a fixed stiffness and a constant natural frequency."
-    if beta.high < 0:
-        return "K falls as mass grows, which neither a fixed stiffness nor a constant ωₙ explains."
-    if beta.low > 1:
-        return "K grows faster than the mass, which neither a fixed stiffness nor a constant ωₙ explains."
-    return (
-        "K grows with mass, but more slowly than K = Mωₙ² with a constant ωₙ would: "
-        "neither explanation suffices alone."
-    )
+        return said("mass.undecided")
+    return said("mass.falls" if beta.high < 0 else "mass.faster" if beta.low > 1 else "mass.slower")
 
 
 def constant_frequency_finding(run: PublishedRun) -> int | None:
@@ -83,11 +73,13 @@ def doubt_words(run: PublishedRun) -> str:
 def frequency_sentence(run: PublishedRun) -> str:
     """How much ωₙ varies over the conditions, beside how much the mass does."""
     omega, mass = natural_frequencies(run), run.constant("mass_kg")
-    return (
-        f"Over the {len(mass)} conditions the mass varies by a factor of "
-        f"{significant(mass.max() / mass.min(), 2)}, ωₙ = √(K/M) of a typical person by one of "
-        f"{significant(omega.max() / omega.min(), 3)}, from {significant(omega.min())} to "
-        f"{significant(omega.max())} rad/s."
+    return said(
+        "mass.frequency",
+        count=len(mass),
+        masses=significant(mass.max() / mass.min(), 2),
+        frequencies=significant(omega.max() / omega.min(), 3),
+        low=significant(omega.min()),
+        high=significant(omega.max()),
     )
 
 
