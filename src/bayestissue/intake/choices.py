@@ -168,7 +168,8 @@ def settle(
         if isinstance(answer, Question):
             questions.append(answer)
         else:
-            choices = replace(choices, **{name: answer})
+            settled: dict[str, Any] = {name: answer}
+            choices = replace(choices, **settled)
 
     channels = recordings.candidates()
     choices = replace(

@@ -140,7 +140,7 @@ def impact_sureness(run: FitRun, quantity: str) -> str:
 def held_sentence(run: FitRun) -> str:
     """For simulated data, how many 90 % intervals hold the truth; empty otherwise."""
     counted = held_by_intervals(run).query("level == 90").to_dict("records")
-    parts = ["{held} of {impacts} for {quantity}".format(**row) for row in counted]
+    parts = ["{held} of {impacts} for {quantity}".format_map(row) for row in counted]
     return f"Simulated data: the 90 % intervals hold the true value in {listed(parts)}." if parts else ""
 
 
