@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, get_args
 
 from pydantic import BaseModel, ConfigDict
 
+from bayestissue.declarations import described
 from bayestissue.errors import InputError, Problem
 
 if TYPE_CHECKING:
@@ -21,9 +22,18 @@ _LARGEST = 10_000_000
 
 
 class Table(BaseModel):
-    """A table of a settings file: a key that it does not have is a mistake, and its values stay as read."""
+    """A table of a settings file: a key that it does not have is a mistake, and its values stay as read.
+
+    What a key means stands in the docstring of its table under ``Attributes:``, whence the reference has it.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **_: Any) -> None:
+        """Give each key what the docstring says of it."""
+        for key, meaning in described(cls.__doc__, "Attributes")[1].items():
+            cls.model_fields[key].description = meaning
 
 
 def read_toml(path: Path) -> dict[str, Any]:

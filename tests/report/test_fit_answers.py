@@ -30,7 +30,7 @@ def arma(tmp_path_factory):
 
 @pytest.mark.slow
 def test_the_intervals_that_hold_the_truth_are_counted(run):
-    half, most = estimates.held_by_intervals(run, "K")
+    half, most = estimates.held_by_intervals(run).query("quantity == 'K'").itertuples()
     assert (half.level, most.level, most.impacts) == (50, 90, 12)
     # Made-up medians scatter about the truth as widely as their draws: coverage is that of the normal.
     assert stats.binom.cdf(most.held, 12, 0.9) > 0.001

@@ -23,7 +23,7 @@ from bayestissue.dataset.settings import (
     parse_settings,
 )
 from bayestissue.dataset.tables import TEXT_SUFFIXES
-from bayestissue.errors import InputError, Problem
+from bayestissue.errors import InputError, Problem, refuse
 from bayestissue.intake.facts import Cells
 from bayestissue.intake.names import Pattern, columns, fills
 from bayestissue.settings import Table, checked, parse_toml, read_text
@@ -31,61 +31,56 @@ from bayestissue.simulation.specification import Positive
 
 
 class Wanted(Table):
-    """The table ``[wanted]``: what a drop, and the drops of a person together, have to be."""
+    """The table ``[wanted]``: what a drop, and the drops of a person together, have to be.
 
-    velocity_m_s: Positive | None = Field(
-        default=None,
-        description="the velocity at contact of every drop; a drop with another one is repeated.",
-    )
-    velocity_within: Annotated[float, Field(gt=0, lt=1)] = Field(
-        default=0.05, description="by how much it may be another, as a fraction of it."
-    )
-    relative_width: Positive | None = Field(
-        default=None,
-        description="how well each person's K is to be known: the square root of high over low of its 90 % "
-        "interval, less 1; 0.05 is 5 % to either side.",
-    )
+    Attributes:
+        velocity_m_s: the velocity at contact of every drop; a drop with another one is repeated.
+        velocity_within: by how much it may be another, as a fraction of it.
+        relative_width: how well each person's K is to be known: the square root of high over low of its 90 %
+            interval, less 1; 0.05 is 5 % to either side.
+    """
+
+    velocity_m_s: Positive | None = None
+    velocity_within: Annotated[float, Field(gt=0, lt=1)] = 0.05
+    relative_width: Positive | None = None
 
 
 class CampaignSpecification(Table):
-    """A whole campaign file."""
+    """A whole campaign file.
 
-    name: Annotated[str, Field(min_length=1)] = Field(description="what the dataset is called.")
-    like: str | None = Field(
-        default=None,
-        description="a dataset that `bayestissue init` made of the same recorder's files, relative to the "
-        "campaign file; signal, recorder, uncertainty, impactor and words are as there unless a table here "
-        "says otherwise.",
-    )
-    pattern: str | None = Field(
-        default=None,
-        description='how file names are read, as by `init --pattern`: "{subject}_{side}_{mass_kg}kg_{n}".',
-    )
-    facts: dict[str, str | float] = Field(
-        default={},
-        description="what holds for every drop of which name and order say nothing, as by `init --set`: "
-        "drop_height_cm = 12.",
-    )
-    order: str | None = Field(
-        default=None,
-        description="a table of the drops in their order, a row each, relative to the campaign file: a "
-        "column for each fact, and `file` where rows say of which recording they are.",
-    )
-    files_by: Literal["times", "names"] | None = Field(
-        default=None,
-        description="what says in which order files were recorded that come together; left out, they are "
-        "refused where their times and their names disagree.",
-    )
-    signal: SignalSettings | None = Field(default=None, description="as in dataset.toml.")
-    uncertainty: UncertaintySettings | None = Field(default=None, description="as in dataset.toml.")
-    recorder: RecorderSettings | None = Field(default=None, description="as in dataset.toml.")
-    impactor: ImpactorSettings | None = Field(default=None, description="as in dataset.toml.")
-    words: WordSettings | None = Field(
-        default=None,
-        description="as in dataset.toml: what lines and page call people, conditions and impacts; those of "
-        "the dataset of `like` unless given.",
-    )
-    wanted: Wanted = Field(default=Wanted(), description="what a drop has to be, and how well K is known.")
+    Attributes:
+        name: what the dataset is called.
+        like: a dataset that `bayestissue init` made of the same recorder's files, relative to the campaign
+            file; signal, recorder, uncertainty, impactor and words are as there unless a table here says
+            otherwise.
+        pattern: how file names are read, as by `init --pattern`: "{subject}_{side}_{mass_kg}kg_{n}".
+        facts: what holds for every drop of which name and order say nothing, as by `init --set`:
+            drop_height_cm = 12.
+        order: a table of the drops in their order, a row each, relative to the campaign file: a column for
+            each fact, and `file` where rows say of which recording they are.
+        files_by: what says in which order files were recorded that come together; left out, they are refused
+            where their times and their names disagree.
+        signal: as in dataset.toml.
+        uncertainty: as in dataset.toml.
+        recorder: as in dataset.toml.
+        impactor: as in dataset.toml.
+        words: as in dataset.toml: what lines and page call people, conditions and impacts; those of the
+            dataset of `like` unless given.
+        wanted: what a drop has to be, and how well K is known.
+    """
+
+    name: Annotated[str, Field(min_length=1)]
+    like: str | None = None
+    pattern: str | None = None
+    facts: dict[str, str | float] = Field(default={})
+    order: str | None = None
+    files_by: Literal["times", "names"] | None = None
+    signal: SignalSettings | None = None
+    uncertainty: UncertaintySettings | None = None
+    recorder: RecorderSettings | None = None
+    impactor: ImpactorSettings | None = None
+    words: WordSettings | None = None
+    wanted: Wanted = Wanted()
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,6 +199,5 @@ def _order(path: Path, label: str) -> tuple[dict[str, str], ...]:
             columns(record, label)
         except InputError as error:
             problems += (replace(problem, row=int(row)) for problem in error.problems)
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     return tuple(records)

@@ -35,7 +35,7 @@ from bayestissue.dataset.recorders import suffix_of
 from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.dataset.traces import read_files
 from bayestissue.dataset.write import settings_text
-from bayestissue.errors import InputError, Problem
+from bayestissue.errors import InputError, Problem, refuse
 from bayestissue.intake.build import FIRST, RECORDINGS, cut
 from bayestissue.intake.facts import Cells
 from bayestissue.intake.names import is_number
@@ -174,21 +174,12 @@ class Drops:
             return
         ours = _flat(parse_toml(settings_text(self.campaign.content), str(path)))
         theirs = _flat(parse_toml(read_text(path, str(path)), str(path)))
-        differing = [key for key in {**ours, **theirs} if ours.get(key) != theirs.get(key)]
-        problems = [
-            Problem.stated(
-                "no-campaign.differs",
-                str(path),
-                None,
-                key,
-                theirs.get(key, "nothing"),
-                other=ours.get(key, "nothing"),
-            )
-            for key in differing
-            if key not in _DESCRIPTION
-        ]
-        if problems:
-            raise InputError(problems)
+        both = {key: (ours.get(key, "nothing"), theirs.get(key, "nothing")) for key in {**ours, **theirs}}
+        refuse(
+            Problem.stated("no-campaign.differs", str(path), None, key, found, other=expected)
+            for key, (expected, found) in both.items()
+            if expected != found and key not in _DESCRIPTION
+        )
 
     def _remember(self) -> None:
         """Read the list; where it is damaged, make it anew from the tables."""
@@ -240,8 +231,7 @@ class Drops:
     def _table(self) -> list[Cells]:
         """The rows of `impacts.csv`, as text."""
         cells, rows = read_cells(self.folder / IMPACTS, wanted(needs_velocity=True))
-        if problems := impact_table(cells, rows, needs_velocity=True).problems:
-            raise InputError(problems)
+        refuse(impact_table(cells, rows, needs_velocity=True).problems)
         return [{str(k): v for k, v in row.items() if v} for row in cells.to_dict("records")]
 
     def _parted(self, row: Cells, known: Cells) -> tuple[Cells, dict[str, str]]:
@@ -410,10 +400,13 @@ class Drops:
         self._write_list()
         self._write_tables()
 
+    def _left_out(self) -> dict[str, str]:
+        """The reasons of `left_out.csv`, by the names of impacts."""
+        return {drop.impact: drop.left_out for drop in self.all if drop.left_out} | self._strange
+
     def _texts(self) -> dict[str, str]:
         """The tables as they should be; of `impacts.csv` nothing where there is no impact."""
-        stated = {drop.impact: drop.left_out for drop in self.all if drop.left_out} | self._strange
-        texts = {LEFT_OUT: left_out_text(stated), IMPACTS: ""}
+        texts = {LEFT_OUT: left_out_text(self._left_out()), IMPACTS: ""}
         if self.used or (self.folder / IMPACTS).exists():
             table = pd.DataFrame([{**drop.cells, **drop.further} for drop in self.all] + self._others)
             order = dict.fromkeys([*(name for name in FIRST if name in table), *table.columns])
@@ -448,9 +441,7 @@ class Drops:
             # Somebody wrote one meanwhile: what stands there is taken first.
             return
         # In this order, so that what is left out is never in use for a moment.
-        write_left_out(
-            self.folder, {drop.impact: drop.left_out for drop in self.all if drop.left_out} | self._strange
-        )
+        write_left_out(self.folder, self._left_out())
         self._written(LEFT_OUT)
         if self._wanted[IMPACTS]:
             with whole_file(self.folder / IMPACTS) as staging:

@@ -9,7 +9,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from bayestissue.bench.campaign import Campaign
-from bayestissue.errors import InputError, Problem
+from bayestissue.errors import InputError, Problem, refuse
 from bayestissue.intake.facts import FILE, Cells
 from bayestissue.intake.names import columns
 from bayestissue.planning.candidates import grid
@@ -104,8 +104,7 @@ class Order:
                 )
                 words: dict[str, Any] = {"name": name, "other": earlier, "drop": file}
                 problems.append(Problem.stated("no-campaign.order", "order", at + 2, name, value, **words))
-        if problems:
-            raise InputError(problems)
+        refuse(problems)
 
 
 def order_of(campaign: Campaign, plan: Path | None) -> Order:
@@ -140,6 +139,5 @@ def _measured(rows: list[dict[str, Any]], campaign: Campaign, plan: Path) -> lis
         for k in row.keys() & facts.keys() - {"velocity_m_s", "subject"}
         if row[k] != facts[k]
     ]
-    if problems:
-        raise InputError(dict.fromkeys(problems))
+    refuse(dict.fromkeys(problems))
     return [{k: v for k, v in row.items() if k == "subject" or k not in facts} for row in rows]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import re
 import shutil
 import threading
@@ -40,6 +39,7 @@ from bayestissue.one_impact import Impact, impact_of
 from bayestissue.one_impact import impact as one_impact
 from bayestissue.report.wording import PREDICTED
 from bayestissue.results import put
+from bayestissue.results.files import file_sha256
 from bayestissue.signal.quality.inspection import KINDS, inspect
 from bayestissue.words import Words
 
@@ -308,7 +308,7 @@ class Watch:
         for name in sorted(names, key=lambda name: (listed[name].modified_ns, natural(name))):
             sha256 = ""
             if listed[name].size and sizes[listed[name].size] > 1:
-                sha256 = _sha256(self.recordings / name)
+                sha256 = file_sha256(self.recordings / name)
             former = known.get(sha256)
             if former is None:
                 first.append(name)
@@ -323,7 +323,7 @@ class Watch:
         try:
             incoming.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(source, incoming)
-            self._take_whole(name, incoming, _sha256(incoming))
+            self._take_whole(name, incoming, file_sha256(incoming))
         except InputError as error:
             self._refuse(name, error)
         finally:
@@ -587,12 +587,7 @@ def _as_text(cells: Mapping[str, Any]) -> dict[str, str]:
 
 def _holds(path: Path, sha256: str) -> bool:
     """Whether a file is there with these bytes."""
-    return path.exists() and _sha256(path) == sha256
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    return path.exists() and file_sha256(path) == sha256
 
 
 def _number(value: Any) -> float | None:

@@ -11,7 +11,7 @@ import typer
 
 from bayestissue import results, runtime
 from bayestissue.commands.options import Excel, Json, Overwrite, Quiet
-from bayestissue.errors import InputError, Problem, all_of
+from bayestissue.errors import InputError, Problem, all_of, refuse
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -123,8 +123,7 @@ def _require_distinct(runs: list[Path]) -> None:
         if earlier is not path:
             another = f"another run than {earlier}"
             problems.append(_unfit(str(path), another, "Name each run once.", value="the same run"))
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
 
 
 def _abouts(runs: list[Path]) -> list[dict[str, Any]]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from bayestissue.commands.options import Json, Overwrite, Quiet, SkipBad
-from bayestissue.errors import InputError, Problem, by_cause, printable
+from bayestissue.errors import Problem, by_cause, printable, refuse
 
 if TYPE_CHECKING:
     from bayestissue.intake import Intake, Question
@@ -163,8 +163,7 @@ def _facts(
             words: dict[str, Any] = {"form": form, "option": option, "example": example}
             problems.append(Problem.stated("option-value.fact", option, value=text, **words))
         facts_by_name[name] = value
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     return facts_by_name
 
 

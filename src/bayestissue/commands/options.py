@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import re
 from collections.abc import Callable
 from copy import copy
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Annotated, Any, Literal, get_args
 import typer
 
 from bayestissue import runtime
+from bayestissue.declarations import described
 
 # The exit status of what finished, but whose sampler's diagnostics failed.
 FAILED_DIAGNOSTICS = 3
@@ -84,8 +84,7 @@ def documented(command: Callable[..., None]) -> tuple[Callable[..., None], str]:
     is so declared once: its name, type and default in the signature, its meaning in the docstring. What else
     there is of it, such as bounds or another name, is `typer.Option` in its annotation; a bool is a flag.
     """
-    words, _, arguments = inspect.cleandoc(command.__doc__ or "").partition("\n\nArgs:\n")
-    helps = dict(re.findall(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", arguments, re.MULTILINE))
+    words, helps = described(command.__doc__, "Args")
     signature = inspect.signature(command, eval_str=True)
     options = [
         _with_help(option, helps[option.name]) if option.name in helps else option
@@ -97,12 +96,9 @@ def documented(command: Callable[..., None]) -> tuple[Callable[..., None], str]:
 
 def _with_help(option: inspect.Parameter, text: str) -> inspect.Parameter:
     """A parameter whose annotation says what typer is to say of it."""
-    kind, *stated = get_args(option.annotation) if _is_annotated(option.annotation) else (option.annotation,)
+    annotated = hasattr(option.annotation, "__metadata__")
+    kind, *stated = get_args(option.annotation) if annotated else (option.annotation,)
     flag = [f"--{option.name.replace('_', '-')}"] if kind is bool else []
     stated_option: Any = copy(stated[0]) if stated else typer.Option(*flag)
-    stated_option.help = " ".join(text.split())
+    stated_option.help = text
     return option.replace(annotation=Annotated[kind, stated_option])
-
-
-def _is_annotated(annotation: Any) -> bool:
-    return hasattr(annotation, "__metadata__")

@@ -16,11 +16,12 @@ from functools import cached_property
 from itertools import islice, takewhile
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
 
 from bayestissue.dataset.files import FILES, as_utf8, first_line, is_workbook, sheet_text
 from bayestissue.dataset.units import dimension_of
 from bayestissue.errors import InputError
+from bayestissue.settings import Table
 
 Encoding = Literal["utf-8", "utf-16", "cp1252"]
 Delimiter = Literal["comma", "semicolon", "tab", "pipe", "space"]
@@ -53,33 +54,29 @@ _FURTHER_UNITS = frozenset([
 _CLOCK = ("start", "increment")
 
 
-class Stated(BaseModel):
+class Stated(Table):
     """How recordings that are text tables are written, in ``[signal]`` where that is not to be found.
 
     Where nobody said so it is None, and found.
+
+    Attributes:
+        encoding: of text files: utf-8, utf-16 or cp1252. Found if left out, as the next five.
+        delimiter: between cells: comma, semicolon, tab, pipe or space.
+        decimal: the decimal mark: point or comma.
+        thousands: between thousands: none, point, comma, space or apostrophe.
+        header_row: the row with the names of columns; 0 where there are none, which makes them column 1,
+            column 2 ...
+        units_row: the row with their units; 0 where there is none.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+    model_config = ConfigDict(strict=True)
 
-    encoding: Encoding | None = Field(
-        default=None,
-        description="of text files: utf-8, utf-16 or cp1252. Found if left out, as the next five.",
-    )
-    delimiter: Delimiter | None = Field(
-        default=None, description="between cells: comma, semicolon, tab, pipe or space."
-    )
-    decimal: Decimal | None = Field(default=None, description="the decimal mark: point or comma.")
-    thousands: Thousands | None = Field(
-        default=None, description="between thousands: none, point, comma, space or apostrophe."
-    )
-    header_row: Row | None = Field(
-        default=None,
-        description="the row with the names of columns; 0 where there are none, which makes them column 1, "
-        "column 2 ...",
-    )
-    units_row: Row | None = Field(
-        default=None, description="the row with their units; 0 where there is none."
-    )
+    encoding: Encoding | None = None
+    delimiter: Delimiter | None = None
+    decimal: Decimal | None = None
+    thousands: Thousands | None = None
+    header_row: Row | None = None
+    units_row: Row | None = None
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import unicodedata
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,6 +16,7 @@ from jaxtyping import Bool
 from bayestissue.dataset.cells import FILE, read_cells
 from bayestissue.dataset.plausible import PLAUSIBLE
 from bayestissue.dataset.recordings import CROP
+from bayestissue.declarations import declared
 from bayestissue.errors import Problem, has_control_characters
 
 RESERVED = ("impact", "subject", "trial", "mass_kg", "velocity_m_s", "trace", "sampling_rate_hz", *CROP)
@@ -24,51 +25,9 @@ REFERENCE = ("reference_K_N_per_m", "reference_K_sd_N_per_m")
 _GROUPS = ("subject", "trial")
 
 
-class _Measured(NamedTuple):
-    """A column of numbers above 0: what it is, and its limits, outside which no impact on tissue lies.
-
-    No slip of a unit by a thousand lies far inside them.
-    """
-
-    meaning: str
-    low: float
-    high: float
-    unit: str
-    optional: bool = True
-
-
-_MEASURED = {
-    "mass_kg": _Measured("the impactor's mass in kg", 1e-5, 1e4, "kg", optional=False),
-    "velocity_m_s": _Measured("the velocity at contact in m/s", 1e-4, 1e3, "m/s", optional=False),
-    "sampling_rate_hz": _Measured("the sampling rate in Hz", 1.0, 1e9, "Hz"),
-    "energy_J": _Measured("the energy in J", 1e-9, 1e7, "J"),
-    "diameter_m": _Measured("the impactor's diameter in m", 1e-5, 10.0, "m"),
-    REFERENCE[0]: _Measured("the known stiffness of a spring or phantom in N/m", 1e-2, 1e10, "N/m"),
-    REFERENCE[1]: _Measured("the standard deviation of that stiffness in N/m", 1e-6, 1e10, "N/m"),
-}
+_DECLARED = declared(__package__, "columns.toml")
 # What each column is, for the manual; any other is a covariate.
-COLUMNS = {
-    "impact": "the impact's name, each once",
-    "subject": "who was hit",
-    "trial": "the condition; impacts at one mass and velocity share its name. It may be left out",
-    "mass_kg": f"{_MEASURED['mass_kg'].meaning}; with motion.free = false none is read",
-    "velocity_m_s": f"{_MEASURED['velocity_m_s'].meaning}; of recorded displacements it may be left out",
-    "trace": "the impact's file, relative to the folder and inside it, of a workbook with the sheet, such as "
-    "`p1.xlsx#left`, of a LabVIEW text with the block's number, such as `p1.lvm#2`; left out, one "
-    "table has all samples",
-    CROP[0]: "where the impact's stretch of the recording begins, in s on the recorder's clock, instead of "
-    "signal.crop; several impacts may be stretches of one file that do not overlap",
-    CROP[1]: "where the stretch ends",
-    "sampling_rate_hz": f"{_MEASURED['sampling_rate_hz'].meaning}, where there are no times; it must agree "
-    "with the times within 1 % if there are any",
-    "energy_J": f"{_MEASURED['energy_J'].meaning}, M V²/2",
-    "diameter_m": f"{_MEASURED['diameter_m'].meaning}, for the element hunt_crossley",
-    REFERENCE[
-        0
-    ]: f"{_MEASURED[REFERENCE[0]].meaning}; empty for people. Such impacts tell by what factor all "
-    "masses are wrong, and are in no person's results",
-    REFERENCE[1]: _MEASURED[REFERENCE[1]].meaning,
-}
+COLUMNS = {name: column["meaning"] + column.get("remark", "") for name, column in _DECLARED.items()}
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _WHOLE_NUMBER = re.compile(r"(?<![\d.])(\d+)\.0+(?![\d.])")
 
@@ -149,8 +108,8 @@ def impact_table(
     content: dict[str, object] = {}
     for name, column in columns.items():
         content[name] = column.texts
-        if name in _MEASURED:
-            optional = _MEASURED[name].optional or (name == "velocity_m_s" and not needs_velocity)
+        if "unit" in _DECLARED.get(name, {}):
+            optional = name not in wanted(needs_velocity=needs_velocity, needs_mass=needs_mass)
             content[name], wrong = column.measured(optional=optional)
             problems += wrong
         elif name in CROP:
@@ -207,9 +166,8 @@ class _Column:
 
     def measured(self, *, optional: bool) -> tuple[np.ndarray, list[Problem]]:
         """The numbers within the limits of this column, nan elsewhere, and what is wrong with the others."""
-        values, (meaning, low, high, unit, _) = self.numbers, _MEASURED[self.name]
-        good = (low <= values) & (values <= high)
-        limits: dict[str, Any] = {"meaning": meaning, "low": low, "high": high, "unit": unit}
+        values, limits = self.numbers, _DECLARED[self.name]
+        good = (limits["low"] <= values) & (values <= limits["high"])
         problems = [
             self.problem(index, f"impossible-value.{'limits' if values[index] > 0 else 'positive'}", **limits)
             for index in np.flatnonzero(~good & ~(self.empty & optional))

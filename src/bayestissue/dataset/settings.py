@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, model_validator
 
 from bayestissue.dataset.chain import (
     STANDARD_GRAVITY,
@@ -26,7 +26,7 @@ from bayestissue.dataset.plausible import PLAUSIBLE
 from bayestissue.dataset.units import EXAMPLES, Dimension, dimension_of, to_si
 from bayestissue.errors import InputError, Problem, collected, has_control_characters, refuse
 from bayestissue.literature import SITES
-from bayestissue.settings import checked, parse_toml, read_text, row_of
+from bayestissue.settings import Table, checked, parse_toml, read_text, row_of
 
 FILE = "dataset.toml"
 
@@ -117,58 +117,49 @@ def stated_table(value: Uncertainty | Recorder | Mapping[str, Any]) -> Any:
     return value.settings() if isinstance(value, Uncertainty | Recorder) else value
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+class _Table(Table):
+    model_config = ConfigDict(strict=True)
 
 
 class SignalSettings(Stated):
-    """The table ``[signal]``: what was recorded and in which units."""
+    """The table ``[signal]``: what was recorded and in which units.
 
-    quantity: Quantity = Field(
-        description="what was recorded. deceleration: positive while the impactor slows. acceleration: the "
-        "negative of that. displacement: into the tissue, positive."
-    )
-    unit: Name = Field(
-        description="the unit of the recorded values after scale and offset: m/s^2, g, mm, µm ..."
-    )
-    limit: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = Field(
-        default=None,
-        description="the sensor's range in that unit, on either side of its zero: samples there are taken as "
-        "that or beyond. Left out, the greatest value that several recordings share is the limit, and a "
-        "plateau in one of them.",
-    )
-    time_unit: Name = Field(default="s", description="the unit of the times: s, ms, µs ...")
-    time_column: Name = Field(default="time_s", description="the column, channel or variable with the times.")
-    value_column: Name = Field(
-        default="value",
-        description="the column, channel or variable with the values. A recorder file of one channel needs "
-        "no name.",
-    )
-    scale: Annotated[Finite, AfterValidator(_not_zero)] = Field(
-        default=1.0, description="raw values are multiplied by it; not 0."
-    )
-    offset: Finite = Field(default=0.0, description="is added to them after that.")
-    gravity: Gravity = Field(
-        default="none",
-        description="the part of gravity along the motion: none (a pendulum at its lowest point, a "
-        "horizontal impact), drop (straight down), or a number of m/s², positive into the tissue.",
-    )
-    zero: Zero = Field(
-        default="free_fall",
-        description="where an accelerometer read 0: free_fall (it reads force over mass; so it does where a "
-        "quiet part before contact was taken off), or rest.",
-    )
-    contact: Contact | None = Field(
-        default=None,
-        description="where contact falls: between samples (a free-running recorder) or on_sample (a "
-        "triggered recorder, a simulation from contact on). Left out, all recordings together tell; the "
-        "velocity must be right for it. Behind a low-pass, and of displacements, it is not asked.",
-    )
-    crop: Annotated[list[Finite], AfterValidator(_stretch)] | None = Field(
-        default=None,
-        description="[start, stop]: the stretch of every recording that is read, in time_unit on the "
-        "recorder's clock.",
-    )
+    Attributes:
+        quantity: what was recorded. deceleration: positive while the impactor slows. acceleration: the
+            negative of that. displacement: into the tissue, positive.
+        unit: the unit of the recorded values after scale and offset: m/s^2, g, mm, µm ...
+        limit: the sensor's range in that unit, on either side of its zero: samples there are taken as that or
+            beyond. Left out, the greatest value that several recordings share is the limit, and a plateau in
+            one of them.
+        time_unit: the unit of the times: s, ms, µs ...
+        time_column: the column, channel or variable with the times.
+        value_column: the column, channel or variable with the values. A recorder file of one channel needs no
+            name.
+        scale: raw values are multiplied by it; not 0.
+        offset: is added to them after that.
+        gravity: the part of gravity along the motion: none (a pendulum at its lowest point, a horizontal
+            impact), drop (straight down), or a number of m/s², positive into the tissue.
+        zero: where an accelerometer read 0: free_fall (it reads force over mass; so it does where a quiet
+            part before contact was taken off), or rest.
+        contact: where contact falls: between samples (a free-running recorder) or on_sample (a triggered
+            recorder, a simulation from contact on). Left out, all recordings together tell; the velocity must
+            be right for it. Behind a low-pass, and of displacements, it is not asked.
+        crop: [start, stop]: the stretch of every recording that is read, in time_unit on the recorder's
+            clock.
+    """
+
+    quantity: Quantity
+    unit: Name
+    limit: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    time_unit: Name = "s"
+    time_column: Name = "time_s"
+    value_column: Name = "value"
+    scale: Annotated[Finite, AfterValidator(_not_zero)] = 1.0
+    offset: Finite = 0.0
+    gravity: Gravity = "none"
+    zero: Zero = "free_fall"
+    contact: Contact | None = None
+    crop: Annotated[list[Finite], AfterValidator(_stretch)] | None = None
 
     @property
     def dimension(self) -> Dimension:
@@ -197,33 +188,29 @@ class SignalSettings(Stated):
 
 
 class RecorderSettings(_Table):
-    """The table ``[recorder]``: a known low-pass between the sensor and the file."""
+    """The table ``[recorder]``: a known low-pass between the sensor and the file.
 
-    low_pass_hz: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = Field(
-        default=None, description="the -3 dB corner of the filter run once, a number of Hz above 0"
-    )
+    Attributes:
+        low_pass_hz: the -3 dB corner of the filter run once, a number of Hz above 0
+        kind: "butterworth" or "bessel"
+        zero_phase: true where the filter is run forwards and backwards, else false
+        sae_class: a channel frequency class of SAE J211-1, 60, 180, 600 or 1000, instead of the others
+        noise: "before" where the noise went through the filter, "after" where it did not; left out, the quiet
+            parts before contact tell
+        applied: "digital" where software ran the filter over the samples of the file, "analog" where it acted
+            before sampling (or on far more samples than the file has); left out, digital with zero_phase or
+            sae_class, else analog
+    """
+
+    low_pass_hz: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
     order: Annotated[int, Field(ge=1, le=MOST_POLES)] = Field(
         default=2, description=f"the number of the filter's poles, 1 to {MOST_POLES}"
     )
-    kind: FilterKind = Field(default="butterworth", description='"butterworth" or "bessel"')
-    zero_phase: bool = Field(
-        default=False, description="true where the filter is run forwards and backwards, else false"
-    )
-    sae_class: SaeClass | None = Field(
-        default=None,
-        description="a channel frequency class of SAE J211-1, 60, 180, 600 or 1000, instead of the others",
-    )
-    noise: NoiseEntry | None = Field(
-        default=None,
-        description='"before" where the noise went through the filter, "after" where it did not; left out, '
-        "the quiet parts before contact tell",
-    )
-    applied: Applied | None = Field(
-        default=None,
-        description='"digital" where software ran the filter over the samples of the file, "analog" where it '
-        "acted before sampling (or on far more samples than the file has); left out, digital with zero_phase "
-        "or sae_class, else analog",
-    )
+    kind: FilterKind = "butterworth"
+    zero_phase: bool = False
+    sae_class: SaeClass | None = None
+    noise: NoiseEntry | None = None
+    applied: Applied | None = None
 
     @model_validator(mode="after")
     def _either(self) -> Self:
@@ -244,64 +231,52 @@ class RecorderSettings(_Table):
 
 
 class MotionSettings(_Table):
-    """The table ``[motion]``: what moves the impactor."""
+    """The table ``[motion]``: what moves the impactor.
 
-    free: bool = Field(
-        default=True,
-        description="true where a free mass meets the tissue, and the tissue alone slows it. false where "
-        "something pushes on: a leg, a hand, a test machine. The motion and the force are both measured, "
-        "as quantity = displacement and a [[channel]] force, and no mass is asked for.",
-    )
+    Attributes:
+        free: true where a free mass meets the tissue, and the tissue alone slows it. false where something
+            pushes on: a leg, a hand, a test machine. The motion and the force are both measured, as quantity
+            = displacement and a [[channel]] force, and no mass is asked for.
+    """
+
+    free: bool = True
 
 
 class ChannelSettings(_Table):
-    """A table ``[[channel]]``: a further channel of the same impacts; ``[signal]`` is the first."""
+    """A table ``[[channel]]``: a further channel of the same impacts; ``[signal]`` is the first.
 
-    name: Annotated[Name, Field(max_length=40), AfterValidator(_plain)] = Field(
-        description="what pages and messages call it."
-    )
-    quantity: ChannelQuantity = Field(
-        description="what it recorded. force: positive while the impactor slows."
-    )
-    place: Place = Field(
-        description="where the sensor is: impactor (between the impactor and its tip), or base (below the "
-        "tissue)."
-    )
-    unit: Name = Field(description="the unit of its values after scale and offset: N, kN ...")
-    file: Annotated[Name, AfterValidator(_table_name)] | None = Field(
-        default=None,
-        description="a long table of its own in the dataset's folder, such as force.csv; left out, its "
-        "values stand beside those of the first channel, in the same table or files.",
-    )
-    value_column: Name | None = Field(
-        default=None,
-        description="the column, channel or variable with its values; value in a file of its own.",
-    )
-    scale: Annotated[Finite, AfterValidator(_not_zero)] = Field(
-        default=1.0, description="raw values are multiplied by it; not 0."
-    )
-    offset: Finite = Field(default=0.0, description="is added to them after that.")
-    limit: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = Field(
-        default=None,
-        description="the sensor's range in that unit, as signal.limit; samples there are left out.",
-    )
-    time_offset_s: Finite = Field(
-        default=0.0,
-        description="is added to its times, in s: they are then those of the first channel's clock.",
-    )
-    relative_gain_sd: Fraction = Field(
-        default=0.0, description="of its sensitivity, as a fraction of it, below 0.5; one for all impacts."
-    )
-    tip_mass_kg: Spread = Field(
-        default=0.0,
-        description="what of the mass in impacts.csv lies between an impactor's sensor and the tissue: the "
-        "sensor reads the force on the rest.",
-    )
-    recorder: RecorderSettings | None = Field(
-        default=None,
-        description="a table [channel.recorder] with the keys of [recorder]: the low-pass that this channel "
-        "went through. That of the first channel does not hold for it.",
-    )
+    Attributes:
+        name: what pages and messages call it.
+        quantity: what it recorded. force: positive while the impactor slows.
+        place: where the sensor is: impactor (between the impactor and its tip), or base (below the tissue).
+        unit: the unit of its values after scale and offset: N, kN ...
+        file: a long table of its own in the dataset's folder, such as force.csv; left out, its values stand
+            beside those of the first channel, in the same table or files.
+        value_column: the column, channel or variable with its values; value in a file of its own.
+        scale: raw values are multiplied by it; not 0.
+        offset: is added to them after that.
+        limit: the sensor's range in that unit, as signal.limit; samples there are left out.
+        time_offset_s: is added to its times, in s: they are then those of the first channel's clock.
+        relative_gain_sd: of its sensitivity, as a fraction of it, below 0.5; one for all impacts.
+        tip_mass_kg: what of the mass in impacts.csv lies between an impactor's sensor and the tissue: the
+            sensor reads the force on the rest.
+        recorder: a table [channel.recorder] with the keys of [recorder]: the low-pass that this channel went
+            through. That of the first channel does not hold for it.
+    """
+
+    name: Annotated[Name, Field(max_length=40), AfterValidator(_plain)]
+    quantity: ChannelQuantity
+    place: Place
+    unit: Name
+    file: Annotated[Name, AfterValidator(_table_name)] | None = None
+    value_column: Name | None = None
+    scale: Annotated[Finite, AfterValidator(_not_zero)] = 1.0
+    offset: Finite = 0.0
+    limit: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    time_offset_s: Finite = 0.0
+    relative_gain_sd: Fraction = 0.0
+    tip_mass_kg: Spread = 0.0
+    recorder: RecorderSettings | None = None
 
     @model_validator(mode="after")
     def _somewhere(self) -> Self:
@@ -326,21 +301,19 @@ class ChannelSettings(_Table):
 
 
 class UncertaintySettings(_Table):
-    """The table ``[uncertainty]``: standard deviations of the measuring chain, in SI units."""
+    """The table ``[uncertainty]``: standard deviations of the measuring chain, in SI units.
 
-    relative_mass_sd: Fraction = Field(
-        default=0.0, description="of the mass, as a fraction of it, below 0.5: 0.05 is 5 %."
-    )
-    velocity_sd_m_s: Spread = Field(
-        default=0.0, description="of the velocity at contact; below half the median velocity."
-    )
-    relative_gain_sd: Fraction = Field(
-        default=0.0, description="of the recorder's sensitivity, as a fraction of it, below 0.5."
-    )
-    offset_sd: Spread = Field(
-        default=0.0,
-        description="of the recorder's zero, in m/s² or, of displacements, in m; below half the median peak.",
-    )
+    Attributes:
+        relative_mass_sd: of the mass, as a fraction of it, below 0.5: 0.05 is 5 %.
+        velocity_sd_m_s: of the velocity at contact; below half the median velocity.
+        relative_gain_sd: of the recorder's sensitivity, as a fraction of it, below 0.5.
+        offset_sd: of the recorder's zero, in m/s² or, of displacements, in m; below half the median peak.
+    """
+
+    relative_mass_sd: Fraction = 0.0
+    velocity_sd_m_s: Spread = 0.0
+    relative_gain_sd: Fraction = 0.0
+    offset_sd: Spread = 0.0
 
     def values(self) -> Uncertainty:
         """The same as the plain object a `Dataset` carries."""
@@ -348,24 +321,34 @@ class UncertaintySettings(_Table):
 
 
 class ImpactorSettings(_Table):
-    """The table ``[impactor]``: what hits."""
+    """The table ``[impactor]``: what hits.
 
-    headform: bool = Field(
-        default=False,
-        description="true where the impactor stands for a head, as in EN 1177 and ASTM F1292: its impacts "
-        "then have the head injury criterion too.",
-    )
+    Attributes:
+        headform: true where the impactor stands for a head, as in EN 1177 and ASTM F1292: its impacts then
+            have the head injury criterion too.
+    """
+
+    headform: bool = False
 
 
 class WordSettings(_Table):
-    """The table ``[words]``: what pages, papers and messages call the units of the study."""
+    """The table ``[words]``: what pages, papers and messages call the units of the study.
 
-    subject: Noun | None = Field(default=None, description='who or what is hit, such as "pad"; else person.')
-    subjects: Noun | None = Field(default=None, description="of several; the other with an s, else.")
-    trial: Noun | None = Field(default=None, description='a condition, such as "height"; else condition.')
-    trials: Noun | None = Field(default=None, description="of several.")
-    impact: Noun | None = Field(default=None, description='one impact, such as "drop"; else impact.')
-    impacts: Noun | None = Field(default=None, description="of several.")
+    Attributes:
+        subject: who or what is hit, such as "pad"; else person.
+        subjects: of several; the other with an s, else.
+        trial: a condition, such as "height"; else condition.
+        trials: of several.
+        impact: one impact, such as "drop"; else impact.
+        impacts: of several.
+    """
+
+    subject: Noun | None = None
+    subjects: Noun | None = None
+    trial: Noun | None = None
+    trials: Noun | None = None
+    impact: Noun | None = None
+    impacts: Noun | None = None
 
     @model_validator(mode="after")
     def _one_first(self) -> Self:
@@ -380,37 +363,39 @@ class WordSettings(_Table):
 
 
 class Settings(_Table):
-    """The whole of ``dataset.toml``."""
+    """The whole of ``dataset.toml``.
 
-    name: Annotated[Name, AfterValidator(_plain)] = Field(description="of the dataset, on one line.")
-    description: str = Field(default="", description="free text, shown on pages.")
-    licence: str = Field(default="", description="on what terms others may use it.")
-    source: str = Field(default="", description="where it comes from.")
+    Attributes:
+        name: of the dataset, on one line.
+        description: free text, shown on pages.
+        licence: on what terms others may use it.
+        source: where it comes from.
+        signal: what was recorded and in which units.
+        channel: a table [[channel]]: one further channel of the same impacts.
+        uncertainty: standard deviations of the measuring chain; a fit carries each into its intervals.
+        recorder: a table [recorder] with low_pass_hz, or with sae_class
+        motion: what moves the impactor.
+        impactor: what hits.
+        words: what pages, papers and messages call the units of the study.
+    """
+
+    name: Annotated[Name, AfterValidator(_plain)]
+    description: str = ""
+    licence: str = ""
+    source: str = ""
     site: Annotated[str, AfterValidator(_known_site)] = Field(
         default="",
         description="what was hit, so that the report holds this study against published values of the same: "
         f"{'; '.join(f'{name}, {words}' for name, words in SITES.items())}. Left out, values of any site are "
         "shown whose mass and velocity compare.",
     )
-    signal: SignalSettings = Field(description="what was recorded and in which units.")
-    channel: Annotated[tuple[ChannelSettings, ...], BeforeValidator(_listed), AfterValidator(_one)] = Field(
-        default=(), description="a table [[channel]]: one further channel of the same impacts."
-    )
-    uncertainty: UncertaintySettings = Field(
-        default_factory=lambda: UncertaintySettings(),
-        description="standard deviations of the measuring chain; a fit carries each into its intervals.",
-    )
-    recorder: RecorderSettings | None = Field(
-        default=None, description="a table [recorder] with low_pass_hz, or with sae_class"
-    )
-    motion: MotionSettings = Field(
-        default_factory=lambda: MotionSettings(), description="what moves the impactor."
-    )
-    impactor: ImpactorSettings = Field(default_factory=lambda: ImpactorSettings(), description="what hits.")
-    words: WordSettings = Field(
-        default_factory=lambda: WordSettings(),
-        description="what pages, papers and messages call the units of the study.",
-    )
+    signal: SignalSettings
+    channel: Annotated[tuple[ChannelSettings, ...], BeforeValidator(_listed), AfterValidator(_one)] = ()
+    uncertainty: UncertaintySettings = UncertaintySettings()
+    recorder: RecorderSettings | None = None
+    motion: MotionSettings = MotionSettings()
+    impactor: ImpactorSettings = ImpactorSettings()
+    words: WordSettings = WordSettings()
 
     @model_validator(mode="after")
     def _of_decelerations(self) -> Self:

@@ -23,6 +23,7 @@ from bayestissue.dataset.recordings import CROP, MIN_SAMPLES, ends_of
 from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.dataset.settings import SignalSettings, parse_settings
 from bayestissue.dataset.traces import read_one
+from bayestissue.declarations import sentences
 from bayestissue.errors import InputError, Problem, collected, refuse
 from bayestissue.intake.choices import Choices, require_steady
 from bayestissue.intake.facts import Facts
@@ -33,27 +34,8 @@ from bayestissue.signal.traces import noise_sd, stack
 
 RECORDINGS = "recordings"
 FIRST = ("impact", "subject", "trial", "mass_kg", "velocity_m_s")
-_CHAIN = (
-    "Before a fit, state how well mass, velocity, gain and zero are known, by --uncertainty velocity=0.01 or "
-    "in dataset.toml, where a table for it waits: else they count as exact, and intervals of K and C come "
-    "out too narrow."
-)
-_TEMPLATE = """
-# Standard deviations of the measuring chain. What is left out counts as exact. Give yours without the #.
-# [uncertainty]
-# relative_mass_sd = 0.002     # the balance: 0.2 % of the mass
-# velocity_sd_m_s = 0.01       # m/s
-# relative_gain_sd = 0.005     # the sensor's calibration: 0.5 %
-# offset_sd = 0.1              # the sensor's zero, in m/s^2, or in m of a displacement
-"""
+said = sentences(__package__)
 _ALIKE = ("quantity", "unit", "time_unit", "scale", "offset", "crop", "gravity", "zero")
-_FORCE = (
-    "Channel {channel} is taken as the force at the {place}, with an exact gain. --force place=base, --force "
-    "tip_mass_kg=0.05 (between sensor and tissue) and --force relative_gain_sd=0.01 say more of it; --force "
-    "none leaves it out."
-)
-_FORCE_TURNED = " It counted the other way: its scale is -1."
-_FORCE_UNFIT = "The force of channel {channel} is left out: {why} To keep it, say more of it by --force."
 _OPTIONS = {
     **{f"signal.{key}": f"--{key.replace('_', '-')}" for key in _ALIKE},
     **{f"signal.{key}": f"--text {key}" for key in Stated.model_fields},
@@ -122,7 +104,6 @@ def build(
             that they make.
     """
     problems = [*recordings.problems, *facts.problems]
-    options: Any = {"name": name, "cutting": cutting, "skip_bad": skip_bad}
     settings = _settings(choices, name, len(recordings.files))
     plan = _Plan(recordings, facts, choices, _signal(settings, problems), cutting)
     rows = list(plan.rows(problems))
@@ -136,30 +117,33 @@ def build(
         if unfit and not choices.force:
             # Nobody asked for the force: it must not cost an impact.
             turned = {p.code for p in unfit} == {"channel-unfit"} and "scale" not in choices.force_channel
-            revised = replace(
-                choices, force_channel=choices.force_channel | {"scale": -1.0} if turned else {}
-            )
+            force = choices.force_channel | {"scale": -1.0} if turned else {}
+            revised = replace(choices, force_channel=force)
             shutil.rmtree(folder / RECORDINGS)
-            again = build(folder, recordings, facts, revised, **options)
-            words = _FORCE_UNFIT.format(channel=unfit[0].column, why=_in_terms_of_init(unfit[0]))
+            again = build(folder, recordings, facts, revised, name=name, cutting=cutting, skip_bad=skip_bad)
+            words = said("notes.unfit", channel=unfit[0].column, why=_in_terms_of_init(unfit[0]))
             return again if turned else replace(again, notes=(*again.notes, words))
-        by_trace = {f"{RECORDINGS}/{file.name}": file for file in recordings.files}
-        by_impact = {row["impact"]: by_trace[row["trace"]] for row in rows}
-        for problem in map(_in_terms_of_init, error.problems):
-            problems.append(problem if cutting else plan.with_hint(problem, by_impact))
-    if not problems:
-        return Built(dataset, (), _notes(dataset, cutting, choices))
+        problems += plan.in_terms_of_init(error.problems, rows)
+    if problems:
+        rows = _fit_to_use(rows, problems, recordings, choices) if skip_bad else []
+        if not rows:
+            raise InputError(problems)
+        shutil.rmtree(folder / RECORDINGS)
+        _write(folder, settings, rows, recordings)
+        write_left_out(folder, _reasons(problems, recordings, {row["impact"] for row in rows}))
+        dataset = read_dataset(folder)
+    return Built(dataset, tuple(problems), _notes(dataset, cutting, choices))
+
+
+def _fit_to_use(
+    rows: list[dict[str, Any]], problems: list[Problem], recordings: RecorderFolder, choices: Choices
+) -> list[dict[str, Any]]:
+    """The rows with nothing wrong; none where a problem is not of one impact or one of the files alone."""
     bad = {problem.impact for problem in problems}
-    rows = [row for row in rows if row["impact"] not in bad]
     files = {file.name for file in recordings.files} | {problem.file for problem in recordings.problems}
     files |= {choices.table.name} if choices.table else set()
-    if not skip_bad or not rows or any(p.impact is None and p.file not in files for p in problems):
-        raise InputError(problems)
-    shutil.rmtree(folder / RECORDINGS)
-    _write(folder, settings, rows, recordings)
-    write_left_out(folder, _reasons(problems, recordings, {row["impact"] for row in rows}))
-    dataset = read_dataset(folder)
-    return Built(dataset, tuple(problems), _notes(dataset, cutting, choices))
+    of_all = any(problem.impact is None and problem.file not in files for problem in problems)
+    return [] if of_all else [row for row in rows if row["impact"] not in bad]
 
 
 def _reasons(problems: Iterable[Problem], recordings: RecorderFolder, used: set[str]) -> dict[str, str]:
@@ -219,7 +203,7 @@ def _write(
     write_dataset(folder, settings=settings, impacts=table[list(order)])
     if "uncertainty" not in settings:
         with (folder / SETTINGS).open("a", encoding="utf-8") as settings_file:
-            settings_file.write(_TEMPLATE)
+            settings_file.write(said("written.uncertainty"))
     used = set(table["trace"])
     for file in recordings.files:
         if f"{RECORDINGS}/{file.name}" in used:
@@ -244,31 +228,25 @@ def _in_terms_of_init(problem: Problem) -> Problem:
 
 
 def _notes(dataset: Dataset, cutting: Cutting | None, choices: Choices) -> tuple[str, ...]:
-    notes = [] if any(asdict(dataset.uncertainty).values()) else [_CHAIN]
+    notes = [] if any(asdict(dataset.uncertainty).values()) else [said("notes.chain")]
     if choices.force_channel and not choices.force:
-        words = _FORCE.format(
-            channel=choices.force_channel["value_column"], place=choices.force_channel["place"]
-        )
-        notes.append(words + (_FORCE_TURNED if "scale" in choices.force_channel else ""))
+        force = choices.force_channel
+        words = said("notes.force", channel=force["value_column"], place=force["place"])
+        notes.append(words + (said("notes.turned") if "scale" in force else ""))
     sign = -1.0 if dataset.quantity == "acceleration" else 1.0
     oriented = [Trace(trace.time_s, sign * trace.value) for trace in dataset.traces]
-    named = list(zip(map(str, dataset.impacts["impact"]), oriented, strict=True))
-    several = [] if cutting else [impact for impact, trace in named if len(cut(trace)) > 1]
+    traces = dict(zip(map(str, dataset.impacts["impact"]), oriented, strict=True))
+    several = [] if cutting else [impact for impact, trace in traces.items() if len(cut(trace)) > 1]
     threshold = cutting.threshold if cutting else Cutting.threshold
-    alone = {impact: trace for impact, trace in named if impact not in several}
+    alone = {impact: trace for impact, trace in traces.items() if impact not in several}
     later = {impact: blow_again(trace, threshold=threshold) for impact, trace in alone.items()}
     again = {impact: seconds for impact, seconds in later.items() if seconds is not None}
     if again:
         soonest = min(again.values())
-        notes.insert(
-            0,
-            f"{first_of(list(again), 5)}: a blow of half the height or more follows or precedes the highest, "
-            f"by {soonest:.2g} s at the least. It counts as a rebound, and the highest is used; if it is "
-            f"another impact, add --several --separation-s {soonest / 2:.1g}.",
-        )
+        named = first_of(list(again), 5)
+        notes.insert(0, said("notes.again", impacts=named, seconds=soonest, apart=soonest / 2))
     if several:
-        advice = "the impact with the highest peak is used; --several cuts them apart"
-        notes.insert(0, f"{first_of(several, 5)}: the recording seems to hold several impacts; {advice}.")
+        notes.insert(0, said("notes.several", impacts=first_of(several, 5)))
     return tuple(notes)
 
 
@@ -342,16 +320,25 @@ class _Plan:
         """The stated sampling rate, Hz; not a number where none was."""
         return float(self.facts.of_file[file.name].get("sampling_rate_hz", self.choices.rate_hz or np.nan))
 
-    def with_hint(self, problem: Problem, files: dict[str, File]) -> Problem:
-        """The problem with a further remedy where the recording seems to hold several impacts."""
-        file = files.get(problem.impact or "")
-        if file is None or problem.file != file.name:
-            return problem
+    def in_terms_of_init(
+        self, problems: Iterable[Problem], rows: Iterable[dict[str, Any]]
+    ) -> Iterator[Problem]:
+        """What is wrong with the dataset, in the words of who has not seen it yet."""
+        by_trace = {f"{RECORDINGS}/{file.name}": file for file in self.recordings.files}
+        by_impact = {row["impact"]: by_trace[row["trace"]] for row in rows}
+        for problem in map(_in_terms_of_init, problems):
+            file = by_impact.get(problem.impact or "")
+            if file is not None and problem.file == file.name and not self.cutting:
+                problem = replace(problem, remedy=problem.remedy + self._several(file))
+            yield problem
+
+    def _several(self, file: File) -> str:
+        """A further remedy where a recording seems to hold several impacts; else empty."""
         with suppress(InputError):
             count = len(cut(self.oriented(file)))
-            hint = f" The recording seems to hold {count} impacts: --several cuts them apart."
-            return replace(problem, remedy=problem.remedy + hint) if count > 1 else problem
-        return problem
+            if count > 1:
+                return f" The recording seems to hold {count} impacts: --several cuts them apart."
+        return ""
 
 
 def cut(

@@ -162,70 +162,56 @@ def settle(
         facts: the columns of ``impacts.csv`` that names, a table and options fill.
     """
     questions: list[Question] = []
-    candidates = recordings.candidates()
+
+    def take(name: str, answer: str | Question) -> None:
+        nonlocal choices
+        if isinstance(answer, Question):
+            questions.append(answer)
+        else:
+            settled: dict[str, Any] = {name: answer}
+            choices = replace(choices, **settled)
+
+    channels = recordings.candidates()
     choices = replace(
-        choices, channel=_in_full(choices.channel, candidates), time=_in_full(choices.time, candidates)
+        choices, channel=_in_full(choices.channel, channels), time=_in_full(choices.time, channels)
     )
-    rising = [name for name, channels in candidates.items() if all(channel.rising for channel in channels)]
-    times = times_among(candidates)
-    # What rises evenly is hardly an impact, whatever it is called.
-    no_impacts = [*times, *rising] if times or len(rising) == 1 else []
-    values = [
-        name
-        for name, channels in candidates.items()
-        if name not in no_impacts and name != choices.time and max(a.samples for a in channels) >= MIN_SAMPLES
-    ]
+    values = _values_among(channels, choices.time)
     if not values:
         raise InputError(_no_values(file, len(recordings.files)) for file in recordings.files)
     for option, name in (("--channel", choices.channel), ("--time", choices.time)):
-        if name is not None and name not in candidates:
-            raise InputError.stated("no-channel.option", option, value=name, names=", ".join(candidates))
-    kinds = {name: _kind_of({channel.unit for channel in candidates[name]}) for name in values}
-    # Volts may be any quantity; where a unit is right, a force or a temperature is none.
-    if set(kinds.values()) & {"acceleration", "length"}:
-        values = [name for name in values if kinds[name] != "other"]
-    if choices.channel is None and len(values) == 1:
-        choices = replace(choices, channel=values[0])
-    elif choices.channel is None:
-        questions.append(Question("--channel", "the channel with the impact", tuple(values), values[0]))
-    names = [choices.channel] if choices.channel is not None else values
-    chosen = [channel for name in names for channel in candidates[name]]
+        if name is not None and name not in channels:
+            raise InputError.stated("no-channel.option", option, value=name, names=", ".join(channels))
+    if choices.channel is None:
+        take("channel", _one_of(values, "--channel", "the channel with the impact"))
+    chosen = [channel for name in values for channel in channels[name]]
+    if choices.channel is not None:
+        chosen = channels[choices.channel]
+
     rated = choices.rate_hz is not None or "sampling_rate_hz" in facts
     if choices.time is None and not rated and not all(channel.clock for channel in chosen):
-        if len(times) == 1:
-            choices = replace(choices, time=times[0])
-        elif likely := times or rising:
-            questions.append(Question("--time", "the channel with the times", tuple(likely), likely[0]))
-        else:
-            questions.append(Question("--rate-hz", "the sampling rate in Hz", (), "10000"))
+        take("time", _time(channels))
     if choices.time is not None and choices.time_unit is None:
-        choices = replace(choices, time_unit=_unit(candidates[choices.time], ["time"]))
+        choices = replace(choices, time_unit=_unit(channels[choices.time], ["time"]))
+
     units = {choices.unit} if choices.unit else {channel.unit for channel in chosen}
-    # A scale makes another unit of the one that the files state, and of several channels one is to be chosen.
-    kind = _kind_of(units) if choices.unit or abs(choices.scale) == 1 else ""
-    kind = "" if kind == "other" and choices.channel is None else kind
+    kind = _stated_kind(choices, units)
     possible = [name for name in DIMENSIONS if kind not in DIMENSIONS.values() or DIMENSIONS[name] == kind]
-    if choices.quantity is None and len(possible) == 1:
-        choices = replace(choices, quantity=possible[0])
-    elif choices.quantity is None:
+    if choices.quantity is None:
         what = "what it recorded (a deceleration is positive while the impactor slows)"
-        questions.append(Question("--quantity", what, tuple(possible), possible[0]))
+        take("quantity", _one_of(possible, "--quantity", what))
     elif choices.unit is None and choices.quantity in DIMENSIONS and choices.quantity not in possible:
         can_be = {"unit": ", ".join(sorted(units)), "possible": " or ".join(possible)}
         raise InputError.stated("option-value.quantity", "--quantity", value=choices.quantity, **can_be)
+
     dimensions = list(dict.fromkeys(DIMENSIONS[name] for name in possible))
     if choices.quantity is not None:
         dimensions = [DIMENSIONS.get(choices.quantity, "acceleration")]
-    if choices.unit is None and (unit := _unit(chosen, dimensions)) is None:
-        stated = ", ".join(sorted(unit for unit in units if unit))
-        scaled = kind in ("other", "voltage")
-        example = "mm" if dimensions == ["length"] else "m/s^2" if scaled else "g"
-        remark = f" (the files state {stated}: give --scale too, by what {stated} is turned into it)"
-        words = f"its unit after scale and offset{remark if scaled else ''}, "
-        words += " or ".join(EXAMPLES[kind] for kind in dimensions)
-        questions.append(Question("--unit", words, (), example))
+    unit = _unit(chosen, dimensions)
+    if choices.unit is None and unit is None:
+        questions.append(_which_unit(units, kind, dimensions))
     elif choices.unit is None and choices.channel is not None and choices.quantity is not None:
         choices = replace(choices, unit=unit)
+
     questions += [
         Question(f"--set {name}=", f"{what}, {_ALIKE}", (), example)
         for name, (what, example) in _NEEDED.items()
@@ -234,6 +220,60 @@ def settle(
     if choices.gravity is None and any(map(is_height, facts)):
         questions.append(Question("--gravity", _FALLS, ("drop", "none"), "drop"))
     return replace(choices, force_channel=_force_channel(choices, recordings)), questions
+
+
+def _one_of(answers: Sequence[str], option: str, what: str) -> str | Question:
+    """The only answer that is possible, or the question which of them it is."""
+    return answers[0] if len(answers) == 1 else Question(option, what, tuple(answers), answers[0])
+
+
+def _values_among(channels: Mapping[str, Sequence[ChannelSummary]], time: str | None) -> list[str]:
+    """The names of those that may hold the impact: no times, long enough, and of a unit that can be right."""
+    times, rising = times_among(channels), _rising_among(channels)
+    # What rises evenly is hardly an impact, whatever it is called.
+    no_impacts = {*times, *rising, time} if times or len(rising) == 1 else {time}
+    kinds = {
+        name: _kind_of(channel.unit for channel in summaries)
+        for name, summaries in channels.items()
+        if name not in no_impacts and max(channel.samples for channel in summaries) >= MIN_SAMPLES
+    }
+    # Volts may be any quantity; where a unit is right, a force or a temperature is none.
+    known = {"acceleration", "length"} & set(kinds.values())
+    return [name for name, kind in kinds.items() if not (known and kind == "other")]
+
+
+def _rising_among(channels: Mapping[str, Sequence[ChannelSummary]]) -> list[str]:
+    """The names of those whose values never fall."""
+    return [name for name, summaries in channels.items() if all(channel.rising for channel in summaries)]
+
+
+def _time(channels: Mapping[str, Sequence[ChannelSummary]]) -> str | Question:
+    """The channel with the times; else the question which it is, or for a rate where none can be."""
+    if times := times_among(channels):
+        return _one_of(times, "--time", "the channel with the times")
+    if rising := _rising_among(channels):
+        return Question("--time", "the channel with the times", tuple(rising), rising[0])
+    return Question("--rate-hz", "the sampling rate in Hz", (), "10000")
+
+
+def _stated_kind(choices: Choices, units: set[str]) -> str:
+    """What the units say of the quantity, as `_kind_of`; empty where they say nothing of it."""
+    # A scale makes another unit of the one that the files state, and of several channels one is to be chosen.
+    if not choices.unit and abs(choices.scale) != 1:
+        return ""
+    kind = _kind_of(units)
+    return "" if kind == "other" and choices.channel is None else kind
+
+
+def _which_unit(units: set[str], kind: str, dimensions: Sequence[Dimension]) -> Question:
+    """The question for the unit of the values, and for a scale where the files state volts or the like."""
+    remark, example = "", "mm" if dimensions == ["length"] else "g"
+    if kind in ("other", "voltage"):
+        stated = ", ".join(sorted(unit for unit in units if unit))
+        remark = f" (the files state {stated}: give --scale too, by what {stated} is turned into it)"
+        example = "mm" if dimensions == ["length"] else "m/s^2"
+    examples = " or ".join(EXAMPLES[dimension] for dimension in dimensions)
+    return Question("--unit", f"its unit after scale and offset{remark}, {examples}", (), example)
 
 
 def forces_among(recordings: RecorderFolder) -> list[str]:

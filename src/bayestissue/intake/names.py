@@ -14,6 +14,7 @@ import pyarrow.compute as pc
 
 from bayestissue.dataset.chain import STANDARD_GRAVITY
 from bayestissue.dataset.files import BEFORE_PART
+from bayestissue.declarations import declared
 from bayestissue.errors import InputError, Problem, refuse
 from bayestissue.intake.folder import File
 
@@ -188,32 +189,17 @@ def _unfit(text: str, slip: str) -> InputError:
 _BLOCK = re.compile(r"(?P<file>.*(?P<suffix>\.(?!xlsx)\w+))#\d+", re.IGNORECASE | re.DOTALL)
 _CUTS = re.compile(rf"({BEFORE_PART.pattern}|[_\-\s/]+)", re.IGNORECASE)
 _NUMBERED = re.compile(r"(?P<before>[^\W\d]*)(?P<number>\d+(?:[.,]\d+)?)(?P<after>[^\W\d]*)")
-_UNITS = {
-    "kg": "mass_kg",
-    "g": "mass_g",
-    "cm": "drop_height_cm",
-    "mm": "drop_height_mm",
-    "mps": "velocity_m_s",
-}
-_PAIRS = (
-    ({"left", "l", "li", "lt", "links"}, {"right", "r", "re", "rt", "rechts"}),
-    ({"dominant"}, {"nondominant"}),
-    ({"operated"}, {"sound"}),
-    ({"affected"}, {"unaffected"}),
-)
+_WORDS = declared(__package__, "words.toml")
+_UNITS: dict[str, str] = _WORDS["units"]
+_PAIRS = [(set(one), set(other)) for one, other in _WORDS["pairs"]]
 _SIDES = frozenset(word for pair in _PAIRS for side in pair for word in side)
-_SESSIONS = frozenset(["session", "ses", "day", "visit", "week", "sitzung", "tag", "termin"])
-# Words for sessions, as others are for sides.
-_TIMES = frozenset(
-    ["before", "after", "pre", "post", "baseline", "followup", "vorher", "nachher", "vor", "nach"]
-)
+_SESSIONS, _TIMES, _REPEATS = (frozenset(_WORDS[name]) for name in ("sessions", "times", "repeats"))
 # A person's name among parts that are all alike.
 _PERSON = re.compile(
     r"(?!(rec|run|rep|nr|n|r|day|ses|exp|hit)\d)([^\W\d]{1,3}|subj(ect)?|person|patient)\d{1,3}"
 )
 # Facts that tell recordings apart and say nothing of them.
 _COUNTED = re.compile(r"n|group(_\d+)?")
-_REPEATS = frozenset(["", "r", "n", "nr", "rep", "run", "trial", "drop", "hit", "impact", "wdh", "versuch"])
 
 
 def bare_name(file: File) -> str:

@@ -32,6 +32,7 @@ from bayestissue.report.wording import (
     listed,
     nouns_of,
     probability,
+    said,
     significant,
     with_error,
 )
@@ -49,8 +50,7 @@ def comparison_figure(table: pd.DataFrame, scheme: str) -> Figure:
     return intervals(
         with_error_of(rows["model"], rows["elpd_difference"], rows["se_difference"]),
         f"elpd off the best, {scheme} (nats)",
-        f"Difference in expected log predictive density from the best model, {scheme}, "
-        "one point with its standard error per model; further left predicts worse.",
+        said("figures.elpd", scheme=scheme),
         lines=(0,),
     )
 
@@ -97,7 +97,7 @@ def _drawn(
     return intervals(
         shown[["label", "series", "median", "eti90_low", "eti90_high"]],
         title,
-        f"{words}; posterior median and 90 % interval, a colour and a mark for each run.",
+        said("figures.by_run", words=words),
         lines=(0, 1) if exponent else (),
         straight=exponent,
     )
@@ -130,9 +130,7 @@ def answers_figure(answers: pd.DataFrame) -> Figure | None:
         return None
     rows = ratios.loc[ratios["question"].isin(questions), ["question", "run", "value", "low", "high"]]
     rows = rows.set_axis(["label", "series", "median", "eti90_low", "eti90_high"], axis=1)
-    words = (
-        "Ratios between levels by run: posterior median and 90 % interval, a colour and a mark for each run."
-    )
+    words = said("figures.ratios_by_run")
     return intervals(rows.reset_index(drop=True), "ratio", words, lines=(1,))
 
 
@@ -172,10 +170,8 @@ def weighted_words(implied: pd.DataFrame) -> list[str]:
         several = f", densities of {data}" if many else ""
         kind = what_is_left_out(str(scheme))
         if parts:
-            sentences.append(
-                f"Of {meaning(OF_IMPACTS['K']).level}, weighted by how well each {kind} is predicted"
-                f"{several}: {listed(parts)}."
-            )
+            words = {"kind": kind, "data": several, "parts": listed(parts)}
+            sentences.append(said("comparison.weighted", level=meaning(OF_IMPACTS["K"]).level, **words))
     return sentences
 
 
@@ -262,7 +258,7 @@ def unsure_words(comparison: pd.DataFrame) -> str:
     """In which schemes importance sampling can't be relied on; empty if in none."""
     high = comparison["warning"].str.contains("Pareto k")
     schemes = list(comparison.loc[high, "scheme"].drop_duplicates())
-    return f"Pareto k is above 0.7 for some, so do not rely on: {listed(schemes)}." if schemes else ""
+    return said("comparison.unsure", schemes=listed(schemes)) if schemes else ""
 
 
 def apart_words(comparison: pd.DataFrame) -> str:
@@ -271,11 +267,7 @@ def apart_words(comparison: pd.DataFrame) -> str:
     if len(groups) < 2:
         return ""
     kinds = [f"{listed([f'“{name}”' for name in names])} of {data}" for data, names in groups.items()]
-    return (
-        f"These likelihoods are densities of different numbers: {'; '.join(kinds)}. A density of one has no "
-        "common scale with a density of another, so no difference and no weight is given between them; their "
-        "estimates can be compared all the same."
-    )
+    return said("comparison.apart", kinds="; ".join(kinds))
 
 
 def accuracy_figures(comparison: pd.DataFrame) -> list[Figure]:
@@ -324,9 +316,9 @@ def reference_masses(runs: list[dict[str, Any]]) -> str:
     masses = {str(run["name"]): run["model"].get("reference_mass_kg") for run in runs}
     known = {name: f"{float(mass):.3g} kg" for name, mass in masses.items() if mass is not None}
     if len(set(known.values())) == 1 and len(known) == len(masses):
-        return f"New impacts and people are at a mass of {next(iter(known.values()))}."
+        return said("comparison.one_mass", mass=next(iter(known.values())))
     masses_words = listed([f"“{name}” at {known.get(name, 'its own mean mass')}" for name in masses])
-    return f"Mind that new impacts and people are reported at different masses: {masses_words}."
+    return said("comparison.masses", masses=masses_words)
 
 
 def comparison_table(comparison: pd.DataFrame) -> Table:

@@ -19,7 +19,7 @@ from bayestissue.remedies import codes_in
 from bayestissue.report.page import render_page
 from bayestissue.report.settings import LIMITS
 from bayestissue.report.tables import Field, Table, number_field, settings_table, table_of
-from bayestissue.report.wording import digits, interval, listed, nouns_of, significant
+from bayestissue.report.wording import SENTENCES, digits, interval, listed, nouns_of, significant
 from bayestissue.report.wording import number as in_words
 from bayestissue.results import read_tables
 from bayestissue.results.tables import declared_files, typed
@@ -44,18 +44,7 @@ _FURTHER_HEADINGS = {
     )
 }
 # Tables that a run may hold beside its estimates, with their heading and what to look for.
-_FURTHER = {
-    "centring": (
-        "What centring does",
-        "Noise-free traces of one made-up tissue, hit by several masses and fitted in each way. A K or C "
-        "that differs from the truth, or changes with mass, is made by the method.",
-    ),
-    "vary": (
-        "How much the choices matter",
-        "The same impacts under other choices of how the displacement is made from the recording.",
-    ),
-    "left_out": ("Left out", "Impacts that were not estimated, and why."),
-}
+_FURTHER: dict[str, list[str]] = SENTENCES["beside_estimates"]
 _SETTINGS = ("options", "method", "signal", "model")
 
 

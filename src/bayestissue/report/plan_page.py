@@ -25,6 +25,7 @@ from bayestissue.report.wording import (
     decimals,
     digits,
     nouns_of_plan,
+    said,
     significant,
     with_error,
 )
@@ -137,8 +138,7 @@ def curves(designs: pd.DataFrame, goal: str, wanted: float) -> Figure:
         shown,
         channel(over, over, scale={"zero": False}, axis={"values": values}),
         channel("answered", f"assurance: {goal_name(goal)}", scale={"domain": [0, 1]}),
-        f"Assurance of {goal_name(goal)} over {over}, with standard errors; the dashed line is what is "
-        "wanted.",
+        said("figures.assurance", goal=goal_name(goal), over=over),
         lines=ends,
         joined=True,
     )
@@ -175,8 +175,7 @@ def people_and_repeats(
         rows[["people", "repeats", "answered"]].rename(columns={"answered": "share"}).reset_index(drop=True),
         "people",
         "repeats",
-        f"Assurance of {goal_name(goal)} over people and repeats; in bold what reaches the wanted "
-        f"{wanted:g}, framed the design above.",
+        said("figures.people_and_repeats", goal=goal_name(goal), wanted=wanted),
         wanted=wanted,
         chosen=(chosen["people"], chosen["repeats"]),
     )

@@ -25,6 +25,7 @@ from bayestissue.report.wording import (
     number,
     probability,
     relative,
+    said,
     significant,
 )
 
@@ -300,8 +301,7 @@ def exponent_figure(run: PosteriorRun, quantity: str) -> Figure:
     return histogram(
         run.draws(f"mass_exponent_{quantity}"),
         f"mass exponent of {name} (no unit)",
-        f"Histogram of the posterior draws of the mass exponent of {name}; dashed lines at 0, which is a "
-        "fixed value, and at 1, which is proportion to mass; grey bands mark what counts as equal to them.",
+        said("figures.exponent", name=name),
         lines=(0, 1),
         regions=[(float(low), float(high)) for low, high in rows.to_numpy()],
     )
@@ -313,8 +313,7 @@ def effects_figure(run: PosteriorRun, quantity: str, level: str) -> Figure:
     return intervals(
         quantiles(100 * np.expm1(run.draws(f"{level}_effect_{quantity}")), run.labels(level)),
         f"{quantity} off the typical {kind} (%)",
-        f"Effect of each {kind} on {NAMES[quantity]} in percent of the typical {kind}: "
-        "posterior median, 50 % and 90 % interval.",
+        said("figures.effects", kind=kind, name=NAMES[quantity]),
         lines=(0,),
         straight=True,
     )

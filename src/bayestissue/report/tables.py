@@ -95,11 +95,6 @@ def columns(*titles: str, number: Sequence[str] = (), words: Sequence[str] = ())
     )
 
 
-def lines(frame: pd.DataFrame) -> list[Any]:
-    """The rows of ``frame`` as named tuples, whose fields are the columns and ``Index``."""
-    return list(frame.itertuples())
-
-
 def cell_words(value: Any) -> str:
     """A cell of a table: a number that is not whole with four digits, empty where there is none."""
     if isinstance(value, float):

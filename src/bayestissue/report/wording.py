@@ -9,6 +9,7 @@ from typing import Any
 
 import pandas as pd
 
+from bayestissue.declarations import declared, sentences
 from bayestissue.inference.results.meanings import COLUMNS, UNITS
 from bayestissue.words import NOUNS, Words
 
@@ -34,6 +35,10 @@ PREDICTED = {
     "HIC15": ("HIC15", "1", 1.0),
     "HIC36": ("HIC36", "1", 1.0),
 }
+
+
+SENTENCES = declared(__package__, "sentences.toml")
+said = sentences(__package__)
 
 
 def nouns_of(record: Mapping[str, Any], unchanged: Iterable[str] = ()) -> Words:

@@ -8,7 +8,6 @@ them.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import re
 from collections.abc import Callable, Iterator, Sequence
@@ -19,6 +18,7 @@ from typing import Any
 from bayestissue import runtime
 from bayestissue.errors import InputError
 from bayestissue.outline import first_of
+from bayestissue.results.files import file_sha256
 
 MARK = ".bayestissue.json"
 # Pages are drawn, and drawn anew, after the mark was written.
@@ -43,7 +43,7 @@ def write_mark(folder: Path, command: str) -> None:
     if _DATASET in files:
         content["content_hash"] = _content_hash(folder, files)
     else:
-        content["sha256"] = {name: _sha256(folder / name) for name in files if name not in _PAGES}
+        content["sha256"] = {name: file_sha256(folder / name) for name in files if name not in _PAGES}
     (folder / MARK).write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
 
 
@@ -88,12 +88,7 @@ def damaged(folder: Path) -> dict[str, tuple[str, str]]:
 
 @cache
 def _known(path: Path, changed_ns: int, size: int) -> str:
-    return _sha256(path)
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    return file_sha256(path)
 
 
 def _written(folder: Path) -> frozenset[str] | None:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from bayestissue.declarations import declared
-from bayestissue.errors import InputError, Problem, all_of
+from bayestissue.errors import InputError, Problem, all_of, refuse
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -129,8 +129,7 @@ def typed(name: str, table: pd.DataFrame, path: Path | str = "") -> pd.DataFrame
                 wrong_in(path, "a number or nothing", row=int(index) + 2, column=column, value=cell)
                 for index, cell in zip(wrong.index, wrong, strict=True)
             ]
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     return pd.DataFrame(columns, index=table.index)
 
 

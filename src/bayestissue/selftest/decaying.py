@@ -19,15 +19,11 @@ from jaxtyping import Float
 from bayestissue.elements import element
 from bayestissue.elements.element import complete
 from bayestissue.elements.linear import transition
+from bayestissue.selftest.mixed_models import data
 
 # NIST, Statistical Reference Datasets, nonlinear regression, Lanczos3 (generated to five digits).
 TIME = np.arange(24) * 0.05
-# fmt: off
-LANCZOS3 = np.array([
-    2.5134, 2.0443, 1.6684, 1.3664, 1.1232, 0.9269, 0.7679, 0.6389, 0.5338, 0.4479, 0.3776, 0.3197,
-    0.2720, 0.2325, 0.1997, 0.1723, 0.1493, 0.1301, 0.1138, 0.1000, 0.0883, 0.0783, 0.0698, 0.0624,
-])
-# fmt: on
+LANCZOS3 = np.ravel(data("lanczos3"))
 # The second of the two starts that come with it.
 _RATES = (0.7, 4.2, 6.3)
 

@@ -9,8 +9,8 @@ taken off. Where one of the two went through a low-pass of its own, the other is
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -112,52 +112,88 @@ def force_beside(dataset: Dataset, signal: Displacements) -> Force | None:
     if not dataset.channels or dataset.quantity == "displacement":
         return None
     (channel,) = dataset.channels
+    force, slowing = _as_comparable(dataset, channel, signal)
+    curve = _Expected(slowing, signal, channel.tip_mass_kg)
+    since_contact = (force.start - signal.contact_time_s)[:, None] + force.time_s
+    inside = force.inside & curve.covers(since_contact)
+    if force.clipped is not None:
+        inside &= force.clipped == 0
+    count = inside.sum(axis=1)
+    # At the sensor's limit d is not what it was.
+    whole = (signal.clipped == 0).all(axis=1) & (count >= FEWEST_SAMPLES)
+    noise = count * (curve.mass[:, 0] * signal.noise_sd) ** 2
+    values = np.where(inside, force.value, 0.0)
+
+    # Newton's iteration: r (F(t - l) - e F'(t - l)) + b is linear in r, r e and b; e is what l lacks.
+    lag = np.zeros(len(values))
+    for _ in range(_ROUNDS):
+        delayed = since_contact - lag[:, None]
+        columns = np.stack([curve.at(delayed), -curve.slope(delayed), np.ones_like(delayed)], axis=-1)
+        columns = np.where(inside[..., None], columns, 0.0)
+        coefficients, errors = _least_squares(columns, values, count, noise, whole)
+        ratio, moved, zero = coefficients
+        ratio_sd, moved_sd, _ = errors
+        lag = np.clip(lag + np.nan_to_num(moved / ratio), -curve.reach[:, 0], curve.reach[:, 0])
+
+    chain = dataset.uncertainty
+    declared = [chain.relative_mass_sd, chain.relative_gain_sd, channel.relative_gain_sd]
+    return Force(
+        channel=channel,
+        since_contact=since_contact,
+        value=force.value - np.where(whole, zero, 0.0)[:, None],
+        expected=np.where(inside, curve.at(since_contact), 0.0),
+        inside=inside,
+        ratio=ratio,
+        ratio_sd=ratio_sd,
+        lag=np.where(whole, lag, np.nan),
+        lag_sd=moved_sd / np.abs(ratio),
+        dt=force.dt,
+        declared_sd=math.hypot(*declared),
+    )
+
+
+def _as_comparable(
+    dataset: Dataset, channel: Channel, signal: Displacements
+) -> tuple[Recordings, Recordings]:
+    """The force, and the deceleration without its zero; each through both low-passes if these differ."""
     sign = -1.0 if dataset.quantity == "acceleration" else 1.0
     force, slowing = stack(channel.traces), stack(dataset.traces).signed(sign)
     slowing = replace(slowing, value=np.where(slowing.inside, slowing.value - signal.offset[:, None], 0.0))
     if channel.recorder != dataset.recorder:
-        # Each as if it had gone through both low-passes.
         slowing = _passed(slowing, channel.recorder, 0.0)
         force = _passed(force, dataset.recorder, _first_mean(force, signal.contact_time_s))
-    since, times = ((part.start - signal.contact_time_s)[:, None] + part.time_s for part in (force, slowing))
-    mass, to_peak = (signal.mass - channel.tip_mass_kg)[:, None], signal.time_to_peak[:, None]
-    owner = np.broadcast_to(np.arange(len(since))[:, None], since.shape)
-    d = slowing.value[slowing.inside]
-    others = times[slowing.inside], d, np.nonzero(slowing.inside)[0]
+    return force, slowing
 
-    def at(times: Float[np.ndarray, "impact sample"]) -> Float[np.ndarray, "impact sample"]:
-        return mass * interpolated(times.ravel(), owner.ravel(), *others).reshape(times.shape)
 
-    reach = _REACH * to_peak
-    first, last = times[:, :1], np.take_along_axis(times, slowing.n[:, None] - 1, axis=1)
-    inside = force.inside & (since > np.maximum(-to_peak, first + 2 * reach))
-    if force.clipped is not None:
-        inside &= force.clipped == 0
-    inside &= since < np.minimum(_AFTER * to_peak, last - 2 * reach)
-    count = inside.sum(axis=1)
-    # At the sensor's limit d is not what it was.
-    whole = (signal.clipped == 0).all(axis=1) & (count >= FEWEST_SAMPLES)
-    noise = count * (mass[:, 0] * signal.noise_sd) ** 2
-    values = np.where(inside, force.value, 0.0)
+class _Expected:
+    """The force (M - m) d of every impact [N], as a function of the time since contact.
 
-    def compared(lag: Float[np.ndarray, " impact"]) -> tuple[Any, Any]:
-        """The coefficients and their errors, the lag's being what is left of it."""
-        then = since - lag[:, None]
-        slope = (at(then + reach) - at(then - reach)) / (2 * reach)
-        columns = np.stack([at(then), -slope, np.ones_like(then)], axis=-1)
-        return _least_squares(np.where(inside[..., None], columns, 0.0), values, count, noise, whole)
+    Attributes:
+        mass: M - m [kg].
+        reach: on either side of a time, over how much the slope is taken [s].
+    """
 
-    lag = np.zeros(len(mass))
-    for _ in range(_ROUNDS):
-        (ratio, moved, zero), (ratio_sd, moved_sd, _) = compared(lag)
-        left = np.nan_to_num(moved / ratio)
-        lag = np.clip(lag + left, -reach[:, 0], reach[:, 0])
-    expected = np.where(inside, at(since), 0.0)
-    chain = dataset.uncertainty
-    declared = np.hypot(np.hypot(chain.relative_mass_sd, chain.relative_gain_sd), channel.relative_gain_sd)
-    of_lag = (np.where(whole, lag, np.nan), moved_sd / np.abs(ratio))
-    value = force.value - np.where(whole, zero, 0.0)[:, None]
-    return Force(channel, since, value, expected, inside, ratio, ratio_sd, *of_lag, force.dt, float(declared))
+    def __init__(self, slowing: Recordings, signal: Displacements, tip_mass_kg: float):
+        self.mass = (signal.mass - tip_mass_kg)[:, None]
+        self.reach = _REACH * signal.time_to_peak[:, None]
+        times = (slowing.start - signal.contact_time_s)[:, None] + slowing.time_s
+        self._samples = times[slowing.inside], slowing.value[slowing.inside], np.nonzero(slowing.inside)[0]
+        first, last = times[:, :1], np.take_along_axis(times, slowing.n[:, None] - 1, axis=1)
+        self._begin = np.maximum(-signal.time_to_peak[:, None], first + 2 * self.reach)
+        self._end = np.minimum(_AFTER * signal.time_to_peak[:, None], last - 2 * self.reach)
+
+    def covers(self, times: Float[np.ndarray, "impact sample"]) -> Bool[np.ndarray, "impact sample"]:
+        """Which times are near the impact, and far enough from the ends of the recording for a slope."""
+        return (times > self._begin) & (times < self._end)
+
+    def at(self, times: Float[np.ndarray, "impact sample"]) -> Float[np.ndarray, "impact sample"]:
+        """The force at these times, linear between samples."""
+        impact = np.broadcast_to(np.arange(len(times))[:, None], times.shape)
+        return self.mass * interpolated(times.ravel(), impact.ravel(), *self._samples).reshape(times.shape)
+
+    def slope(self, times: Float[np.ndarray, "impact sample"]) -> Float[np.ndarray, "impact sample"]:
+        """Its derivative [N/s], by a central difference."""
+        return (self.at(times + self.reach) - self.at(times - self.reach)) / (2 * self.reach)
 
 
 def _passed(

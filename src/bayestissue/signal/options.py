@@ -16,42 +16,33 @@ type Window = Literal["peak", "rebound"] | Annotated[float, Field(gt=0, le=1)]
 
 
 class SignalOptions(Table):
-    """How x(t) is made from the recorded d(t); the defaults are those of ``models/exact.toml``."""
+    """How x(t) is made from the recorded d(t); the defaults are those of ``models/exact.toml``.
 
-    contact: Literal["automatic", "time-zero", "threshold"] = Field(
-        default="automatic",
-        description="automatic: between the last quiet sample and the first that is not, and within that "
-        "gap where the trace is most nearly that of a spring and damper met at the recorded velocity; "
-        "time-zero: time 0 of the recording; threshold: where d first exceeds threshold times its peak.",
-    )
-    threshold: Annotated[float, Field(gt=0, lt=1)] = Field(
-        default=0.05, description="fraction of the peak of d, for contact = 'threshold'."
-    )
-    remove_offset: bool = Field(
-        default=True, description="subtract the mean of the quiet part before contact, where there is one."
-    )
-    filter: FilterClass = Field(
-        default="none",
-        description="channel frequency class of SAE J211-1: a four-pole phaseless Butterworth low-pass with "
-        "its -3 dB corner at 5/3 of the class, in Hz. It is applied from contact on, so that the jump of d "
-        "at contact, which is physical, is not smeared.",
-    )
-    integration: Literal["quintic", "trapezoidal"] = Field(
-        default="quintic",
-        description="rule of both integrations. trapezoidal is the thesis's, with an error of order "
-        "(interval x pole)^2; quintic integrates the quintic through six neighbouring samples.",
-    )
-    window: Window = Field(
-        default="peak",
-        description="peak: from contact to zero velocity, as in the thesis; a number between 0 and 1: that "
-        "fraction of the time to zero velocity; rebound: until the tissue no longer pushes.",
-    )
-    equilibrium: Literal["rest", "sample-mean", "estimated"] = Field(
-        default="rest",
-        description="what x is measured from: the position at contact, where the tissue is at rest, or, as "
-        "in section 2.3 of the thesis, its own mean over the window. estimated: from contact, and a fit lets "
-        "the rest position lie anywhere within the trace's reach of it; a point estimate takes it as rest.",
-    )
+    Attributes:
+        contact: automatic: between the last quiet sample and the first that is not, and within that gap where
+            the trace is most nearly that of a spring and damper met at the recorded velocity; time-zero: time
+            0 of the recording; threshold: where d first exceeds threshold times its peak.
+        threshold: fraction of the peak of d, for contact = 'threshold'.
+        remove_offset: subtract the mean of the quiet part before contact, where there is one.
+        filter: channel frequency class of SAE J211-1: a four-pole phaseless Butterworth low-pass with its -3
+            dB corner at 5/3 of the class, in Hz. It is applied from contact on, so that the jump of d at
+            contact, which is physical, is not smeared.
+        integration: rule of both integrations. trapezoidal is the thesis's, with an error of order (interval
+            x pole)^2; quintic integrates the quintic through six neighbouring samples.
+        window: peak: from contact to zero velocity, as in the thesis; a number between 0 and 1: that fraction
+            of the time to zero velocity; rebound: until the tissue no longer pushes.
+        equilibrium: what x is measured from: the position at contact, where the tissue is at rest, or, as in
+            section 2.3 of the thesis, its own mean over the window. estimated: from contact, and a fit lets
+            the rest position lie anywhere within the trace's reach of it; a point estimate takes it as rest.
+    """
+
+    contact: Literal["automatic", "time-zero", "threshold"] = "automatic"
+    threshold: Annotated[float, Field(gt=0, lt=1)] = 0.05
+    remove_offset: bool = True
+    filter: FilterClass = "none"
+    integration: Literal["quintic", "trapezoidal"] = "quintic"
+    window: Window = "peak"
+    equilibrium: Literal["rest", "sample-mean", "estimated"] = "rest"
 
 
 def read_signal_options(path: Path) -> SignalOptions:

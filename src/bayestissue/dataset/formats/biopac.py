@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from bayestissue.dataset.files import require_small, unpacked_size
-from bayestissue.dataset.formats.channel import Channel, Contents, Format, UnfitError, even_clock, unique
+from bayestissue.dataset.formats.channel import Channel, Contents, Format, UnfitError, clock_of, unique
 
 
 def read(data: bytes, label: str, most_channels: int = 500) -> Contents:
@@ -45,11 +45,7 @@ def read(data: bytes, label: str, most_channels: int = 500) -> Contents:
             begin = header.compressed_data_offset
             size = unpacked_size(data[begin : begin + header.compressed_data_len], label, before=size)
     elif headers.data_start_offset + headers.data_length > len(data):
-        raise UnfitError(
-            "all samples that its header states",
-            "Copy or export the recording anew.",
-            "an end that is missing",
-        )
+        raise UnfitError.cut_off("all samples that its header states")
     require_small(sum(8.0 * channel.point_count for channel in headers.datafile.channels), label)
     recorded = Reader.read(io.BytesIO(data)).datafile.channels
     names = unique((channel.name.strip() for channel in recorded), "channel")
@@ -58,7 +54,7 @@ def read(data: bytes, label: str, most_channels: int = 500) -> Contents:
 
 def _channel(channel: Any) -> Channel:
     values, rate = np.asarray(channel.data, dtype=np.float64), float(channel.samples_per_second)
-    return Channel(values, even_clock(1 / rate if rate else 0.0, 0.0, values.size), channel.units.strip())
+    return Channel(values, clock_of(rate, values.size), channel.units.strip())
 
 
 FORMAT = Format("Biopac AcqKnowledge", ".acq", read)

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bayestissue.dataset.files import require_small
-from bayestissue.dataset.formats.channel import Channel, Contents, Format, UnfitError, even_clock, unique
+from bayestissue.dataset.formats.channel import Channel, Contents, Format, UnfitError, clock_of, unique
 
 # Bytes of a block, the second byte of every file, and the numbers of a point: x, y, z and its residual.
 BLOCK, KEY, COORDINATES = 512, 0x50, 4
@@ -69,11 +69,7 @@ def read(data: bytes, label: str) -> Contents:
     require_small(8.0 * frames * (header.analog or 3 * header.points), label)
     begin = BLOCK * (header.data_block - 1)
     if begin < BLOCK or begin + frames * words * stored.itemsize > len(data):
-        raise UnfitError(
-            f"{frames} frames, as its header states",
-            "Copy or export the recording anew.",
-            "an end that is missing",
-        )
+        raise UnfitError.cut_off(f"{frames} frames, as its header states")
     table = np.frombuffer(data, stored, frames * words, begin).reshape(frames, words)
     if not count:
         return Contents(_markers(table, parameters, header))
@@ -84,7 +80,8 @@ def read(data: bytes, label: str) -> Contents:
 def _markers(table: np.ndarray, parameters: Parameters, header: _Header) -> dict[str, Channel]:
     """Each coordinate of each marker; no number where the cameras did not see it."""
     count = header.points
-    clock = _clock(_numbers(parameters, "RATE", 1, header.rate, "POINT"), len(table))
+    (rate,) = _numbers(parameters, "RATE", 1, header.rate, "POINT").tolist()
+    clock = clock_of(rate, len(table))
     labels, (unit,) = _texts(parameters, "LABELS", count, "POINT"), _texts(parameters, "UNITS", 1, "POINT")
     points = table.reshape(len(table), count, COORDINATES).astype(np.float64)
     visible = points[..., -1:] >= 0
@@ -102,17 +99,14 @@ def _channels(raw: np.ndarray, parameters: Parameters, header: _Header) -> dict[
     offsets = _numbers(parameters, "OFFSET", count, 0.0)
     if _integer(parameters) == "u2":
         offsets = np.where(offsets < 0, offsets + 2.0**16, offsets)
-    clock = _clock(_numbers(parameters, "RATE", 1, header.rate * header.samples), len(raw))
+    (rate,) = _numbers(parameters, "RATE", 1, header.rate * header.samples).tolist()
+    clock = clock_of(rate, len(raw))
     labels, units = (_texts(parameters, name, count) for name in ("LABELS", "UNITS"))
     values = (raw.astype(np.float64) - offsets) * scales
     return {
         name: Channel(column, clock, unit)
         for name, column, unit in zip(unique(labels, "analog"), values.T, units, strict=True)
     }
-
-
-def _clock(rate: np.ndarray, samples: int) -> np.ndarray | None:
-    return even_clock(1 / float(rate[0]) if rate[0] else 0.0, 0.0, samples)
 
 
 def _header(data: bytes, order: str) -> _Header:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from jaxtyping import Float64, Int
@@ -74,6 +75,11 @@ class UnfitError(Exception):
         super().__init__(expected)
         self.expected, self.remedy, self.value = expected, remedy, value
 
+    @classmethod
+    def cut_off(cls, expected: str) -> Self:
+        """Of a file that ends too early."""
+        return cls(expected, "Copy or export the recording anew.", "an end that is missing")
+
 
 def unique(names: Iterable[str], otherwise: str) -> list[str]:
     """The names, each once: an empty one is ``otherwise`` with its number, one that repeats has it behind."""
@@ -96,6 +102,11 @@ def even_clock(step: object, start: object, samples: int) -> Float64[np.ndarray,
         return None
     with np.errstate(over="ignore", invalid="ignore"):
         return np.asarray(start + step * np.arange(samples), dtype=np.float64)
+
+
+def clock_of(rate: float, samples: int) -> Float64[np.ndarray, " sample"] | None:
+    """The times in s of samples taken at a ``rate`` in Hz, the first at 0 s; None where that is none."""
+    return even_clock(1 / rate if rate else 0.0, 0.0, samples)
 
 
 def columns(name: str, values: np.ndarray, most: int = 64) -> dict[str, Float64[np.ndarray, " sample"]]:

@@ -240,7 +240,7 @@ def read_tdms(data: bytes, label: str) -> Contents:
     logging.getLogger("nptdms").setLevel(logging.ERROR)
     file = TdmsFile.open(io.BytesIO(data))
     if file.file_status.incomplete_final_segment:
-        raise UnfitError("a whole .tdms file", "Copy or export the recording anew.", "an end that is missing")
+        raise UnfitError.cut_off("a whole .tdms file")
     recorded = [channel for group in file.groups() for channel in group.channels()]
     require_small(sum(8 * len(channel) for channel in recorded), label)
     names = [channel.name for channel in recorded]

@@ -139,8 +139,8 @@ def impact_sureness(run: FitRun, quantity: str) -> str:
 
 def held_sentence(run: FitRun) -> str:
     """For simulated data, how many 90 % intervals hold the truth; empty otherwise."""
-    intervals = [one for quantity in QUANTITIES for one in held_by_intervals(run, quantity)]
-    parts = [f"{one.held} of {one.impacts} for {one.quantity}" for one in intervals if one.level == 90]
+    counted = held_by_intervals(run).query("level == 90").to_dict("records")
+    parts = ["{held} of {impacts} for {quantity}".format_map(row) for row in counted]
     return f"Simulated data: the 90 % intervals hold the true value in {listed(parts)}." if parts else ""
 
 

@@ -29,39 +29,28 @@ def evenly_spaced(count: int, most: int) -> np.ndarray:
     return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
 
 
-@dataclass(frozen=True)
-class Held:
-    """How many of ``impacts`` with a known truth have it inside their ``level`` interval of a quantity."""
-
-    quantity: str
-    level: int
-    held: int
-    impacts: int
-
-
-def held_by_intervals(run: FitRun, quantity: str) -> list[Held]:
-    """For the 50 % and the 90 % intervals; empty for data whose truth isn't known."""
-    table = run.estimates_by_method[quantity].dropna(subset="truth")
-    if table.empty:
-        return []
-    ends = {level: (table[f"eti{level}_low"], table[f"eti{level}_high"]) for level in (50, 90)}
-    held = {level: int(table["truth"].between(low, high).sum()) for level, (low, high) in ends.items()}
-    return [Held(run.symbols[quantity], level, count, len(table)) for level, count in held.items()]
+def held_by_intervals(run: FitRun) -> pd.DataFrame:
+    """By quantity and ``level`` of interval, in how many of the ``impacts`` of known truth it ``held``."""
+    rows = []
+    for q, known in ((q, table.dropna(subset="truth")) for q, table in run.estimates_by_method.items()):
+        for level in (50, 90) if len(known) else ():
+            held = known["truth"].between(known[f"eti{level}_low"], known[f"eti{level}_high"]).sum()
+            rows.append((run.symbols[q], level, int(held), len(known)))
+    return pd.DataFrame(rows, columns=["quantity", "level", "held", "impacts"])
 
 
 # Of how many intervals hold the truth: rows with quantity, level, held and impacts.
 COVERAGE = (
-    Field("quantity", lambda row: str(row.quantity)),
-    Field("interval", lambda row: f"{row.level:g} %", "number"),
-    Field("hold the truth", lambda row: f"{row.held} of {row.impacts}", "number"),
-    Field("share", lambda row: percent(row.held / row.impacts), "number"),
+    Field("quantity"),
+    number_field("interval", "level", "{:g} %".format),
+    Field("hold the truth", lambda row: f"{row['held']} of {row['impacts']}", "number"),
+    Field("share", lambda row: percent(row["held"] / row["impacts"]), "number"),
 )
 
 
 def held_table(run: FitRun) -> Table:
     """How many intervals hold the truth, of K and of C."""
-    held = [row for quantity in QUANTITIES for row in held_by_intervals(run, quantity)]
-    return table_of(held, *COVERAGE)
+    return table_of(held_by_intervals(run), *COVERAGE)
 
 
 def dds_ratio(run: FitRun, quantity: str) -> float:

@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-from bayestissue.declarations import declared
+from bayestissue.declarations import declared, sentences
 
 SENTENCES = declared(__package__, "sentences.toml")
-
-
-def said(name: str, /, **values: object) -> str:
-    """A sentence such as ``said("sources.window")``, with ``values`` in its braces."""
-    group, _, which = name.partition(".")
-    return str(SENTENCES[group][which]).format(**values)
+said = sentences(__package__)

@@ -13,7 +13,7 @@ from bayestissue.report.fit.answers import depth_words, has_common_depth
 from bayestissue.report.fit.estimates import COVERAGE
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.fit.sentences import SENTENCES, said
-from bayestissue.report.tables import Field, Table, lines, table_of
+from bayestissue.report.tables import Field, Table, table_of
 from bayestissue.report.wording import percent
 
 _MEASURED = files("bayestissue.report.fit").joinpath("coverage.csv")
@@ -114,8 +114,8 @@ def coverage_table(run: FitRun) -> Table | None:
         return None
     with _MEASURED.open(encoding="utf-8") as stream:
         coverage = pd.read_csv(stream)
-    measured = lines(coverage[coverage["likelihood"] == run.likelihood])
-    return table_of(measured, *COVERAGE) if measured else None
+    measured = coverage[coverage["likelihood"] == run.likelihood]
+    return None if measured.empty else table_of(measured, *COVERAGE)
 
 
 def excluded_table(run: FitRun) -> Table:

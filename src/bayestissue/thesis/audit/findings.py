@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from bayestissue.dataset.published import PublishedTables
 from bayestissue.declarations import declared
-from bayestissue.errors import InputError, Problem
+from bayestissue.errors import InputError, Problem, refuse
 from bayestissue.thesis.reproduction import reproduce_published
 from bayestissue.thesis.reproduction.conditions import Quantity, conditions
 
@@ -167,8 +167,7 @@ def read_impacts(
     for column in (column for column in _NEEDED if column not in frame):
         key = "published-table.named" if column in _SAME else "published-table.column"
         problems.append(Problem.stated(key, where, column=column, other=_SAME.get(column), needed=needed))
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     rows = frame[[column for column in (*_NEEDED, *_OPTIONAL) if column in frame]].copy()
     numbers = list(_NEEDED[2:])
     rows[numbers] = rows[numbers].apply(pd.to_numeric, errors="coerce")

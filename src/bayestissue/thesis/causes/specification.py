@@ -18,11 +18,17 @@ Name = Annotated[str, Field(pattern="^[A-Za-z0-9_]+$")]
 
 
 class Range(Table):
-    """A uniform distribution from ``low`` to ``high``, of the logarithm where ``log`` is true."""
+    """A uniform distribution from ``low`` to ``high``, of the logarithm where ``log`` is true.
 
-    low: Finite = Field(description="the smallest value.")
-    high: Finite = Field(description="the greatest value.")
-    log: bool = Field(default=False, description="whether the logarithm is uniform.")
+    Attributes:
+        low: the smallest value.
+        high: the greatest value.
+        log: whether the logarithm is uniform.
+    """
+
+    low: Finite
+    high: Finite
+    log: bool = False
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:
@@ -41,46 +47,55 @@ class Range(Table):
 
 
 class Sizes(Table):
-    """How many campaigns."""
+    """How many campaigns.
 
-    each: Annotated[int, Field(ge=SETTINGS.fewest_campaigns)] = Field(
-        default=1000, description="campaigns of every cause."
-    )
-    batch: Annotated[int, Field(ge=1, le=500)] = Field(
-        default=50, description="campaigns that are simulated together; another number gives other draws."
-    )
+    Attributes:
+        each: campaigns of every cause.
+        batch: campaigns that are simulated together; another number gives other draws.
+    """
+
+    each: Annotated[int, Field(ge=SETTINGS.fewest_campaigns)] = 1000
+    batch: Annotated[int, Field(ge=1, le=500)] = 50
 
 
 class TissuePrior(Table):
     """The typical person's tissue at the reference mass, and how it differs between people and impacts.
 
     The damping ratio stands for C = 2 zeta sqrt(K M_ref); standard deviations are of log K and log C.
+
+    Attributes:
+        K_N_per_m: stiffness of the typical person.
+        zeta: damping ratio, which stands for C = 2 zeta sqrt(K M) at the reference mass.
+        sd_subject_K: standard deviation of log K between people.
+        sd_subject_C: standard deviation of log C between people.
+        sd_impact_K: standard deviation of log K between impacts.
+        sd_impact_C: standard deviation of log C between impacts.
     """
 
-    K_N_per_m: Range = Field(description="stiffness of the typical person.")
-    zeta: Range = Field(
-        description="damping ratio, which stands for C = 2 zeta sqrt(K M) at the reference mass."
-    )
-    sd_subject_K: Range = Field(description="standard deviation of log K between people.")
-    sd_subject_C: Range = Field(description="standard deviation of log C between people.")
-    sd_impact_K: Range = Field(description="standard deviation of log K between impacts.")
-    sd_impact_C: Range = Field(description="standard deviation of log C between impacts.")
+    K_N_per_m: Range
+    zeta: Range
+    sd_subject_K: Range
+    sd_subject_C: Range
+    sd_impact_K: Range
+    sd_impact_C: Range
 
 
 class RecordingPrior(Table):
-    """The measuring chain; the peak is each impact's greatest deceleration."""
+    """The measuring chain; the peak is each impact's greatest deceleration.
 
-    samples_to_peak: Range = Field(description="samples from contact to the greatest deceleration.")
-    noise_relative_to_peak: Range = Field(
-        description="standard deviation of the noise as a fraction of the peak."
-    )
-    offset_relative_to_peak_sd: Range = Field(
-        description="standard deviation of the recorder's zero as a fraction of the peak."
-    )
-    gain: Range = Field(description="recorded over true deceleration, one number for a campaign.")
-    relative_velocity_sd: Range = Field(
-        description="standard deviation of the velocity at contact as a fraction of it."
-    )
+    Attributes:
+        samples_to_peak: samples from contact to the greatest deceleration.
+        noise_relative_to_peak: standard deviation of the noise as a fraction of the peak.
+        offset_relative_to_peak_sd: standard deviation of the recorder's zero as a fraction of the peak.
+        gain: recorded over true deceleration, one number for a campaign.
+        relative_velocity_sd: standard deviation of the velocity at contact as a fraction of it.
+    """
+
+    samples_to_peak: Range
+    noise_relative_to_peak: Range
+    offset_relative_to_peak_sd: Range
+    gain: Range
+    relative_velocity_sd: Range
 
 
 Mechanism = Literal[
@@ -103,19 +118,21 @@ Driver = Literal["mass", "energy", "momentum"]
 
 
 class Cause(Table):
-    """One proposed cause: what acts, how strongly, and what it is called on the page."""
+    """One proposed cause: what acts, how strongly, and what it is called on the page.
 
-    mechanism: Mechanism = Field(description="what acts.")
-    words: Annotated[str, Field(min_length=1)] = Field(description="what the page calls the cause.")
-    driver: Driver | None = Field(
-        default=None, description="what people react to. Of the mechanism active alone."
-    )
-    after_the_fact: bool = Field(
-        default=False, description="whether it was proposed by people who had seen what it is to explain."
-    )
-    strength: dict[str, Range] = Field(
-        default={}, description="how strongly the mechanism acts: a range for each of its strengths, by name."
-    )
+    Attributes:
+        mechanism: what acts.
+        words: what the page calls the cause.
+        driver: what people react to. Of the mechanism active alone.
+        after_the_fact: whether it was proposed by people who had seen what it is to explain.
+        strength: how strongly the mechanism acts: a range for each of its strengths, by name.
+    """
+
+    mechanism: Mechanism
+    words: Annotated[str, Field(min_length=1)]
+    driver: Driver | None = None
+    after_the_fact: bool = False
+    strength: dict[str, Range] = Field(default={})
 
     @model_validator(mode="after")
     def _strengths(self) -> Self:
@@ -129,16 +146,19 @@ class Cause(Table):
 
 
 class CausesSpecification(Table):
-    """A whole specification of `bayestissue causes`."""
+    """A whole specification of `bayestissue causes`.
 
-    campaigns: Sizes = Field(default=Sizes(), description="how many campaigns are simulated.")
-    tissue: TissuePrior = Field(
-        description="the typical person's tissue, and how it differs between people and impacts."
-    )
-    recording: RecordingPrior = Field(description="the measuring chain.")
-    causes: Annotated[dict[Name, Cause], Field(min_length=2)] = Field(
-        description="the proposed causes, by name."
-    )
+    Attributes:
+        campaigns: how many campaigns are simulated.
+        tissue: the typical person's tissue, and how it differs between people and impacts.
+        recording: the measuring chain.
+        causes: the proposed causes, by name.
+    """
+
+    campaigns: Sizes = Sizes()
+    tissue: TissuePrior
+    recording: RecordingPrior
+    causes: Annotated[dict[Name, Cause], Field(min_length=2)]
 
 
 def read_causes(path: Path) -> CausesSpecification:

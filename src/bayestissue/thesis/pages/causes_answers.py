@@ -10,6 +10,7 @@ from typing import Any
 import pandas as pd
 
 from bayestissue.dataset.chain import STANDARD_GRAVITY
+from bayestissue.declarations import sentences
 from bayestissue.errors import InputError
 from bayestissue.report.wording import likelihood_words, listed, number, probability, significant
 from bayestissue.results import read_tables
@@ -17,6 +18,7 @@ from bayestissue.results.tables import wrong_in
 from bayestissue.thesis.causes.design import LEVEL, WORDS
 from bayestissue.thesis.causes.specification import MECHANISMS
 
+said = sentences(__package__)
 _AGAIN = "Make the run anew with `bayestissue causes`."
 _TABLES = ("causes", "predictive", "observed", "confusion", "causes/reliability")
 # What lies in how K was found, and not in what was hit.
@@ -106,11 +108,14 @@ def answer(run: CausesRun) -> list[str]:
     if not _fixed_tissue(run, rows[0]) and len(tissue) and (tissue["verdict"] == "refuted").all():
         best = max(tissue.to_dict("records"), key=lambda row: row["probability"])
         missed = f": it misses the {failing(best)}" if best["fails"] else ""
-        sentences.append(
-            f"No change of the tissue does it, not even the best of them, “{best['title']}” "
-            f"(p {_relation(best)}){missed}."
-        )
+        sentences.append(_said("not_of_tissue", best, missed=missed))
     return sentences
+
+
+def _said(name: str, row: Row, **values: object) -> str:
+    """A sentence on a cause, with its title, p-value and probability."""
+    of_cause = {"title": row["title"], "p": _relation(row), "probability": _probability(row)}
+    return said(f"causes.{name}", **of_cause, **values)
 
 
 def _question(run: CausesRun) -> str:
@@ -120,25 +125,21 @@ def _question(run: CausesRun) -> str:
         if f"mass_exponent_{quantity}" in run.statistics
     ]
     exponents_words = listed(exponents).replace("K to", "K goes with the mass to", 1)
-    return f"In {run.record['subject']['title']} {exponents_words}."
+    return said("causes.exponents", subject=run.record["subject"]["title"], exponents=exponents_words)
 
 
 def _method_or_tissue(run: CausesRun, best: Row) -> list[str]:
     """Method or tissue, and the likeliest cause."""
     if fixed := _fixed_tissue(run, best):
-        return [
-            f"That needs no cause: “{fixed['title']}” makes such numbers (p {_relation(fixed)}, posterior "
-            f"probability {_probability(fixed)})."
-        ]
-    how = f"“{best['title']}” ({_probability(best)}): {MECHANISMS[run.mechanism(best['cause'])]['how']}."
+        return [_said("no_cause", fixed)]
     share = float(run.causes.loc[run.in_method, "probability"].sum())
     places = ["how K was found", "the tissue"]
     if share < 0.5:
         share, places = 1 - share, places[::-1]
+    where = {"likely": likelihood_words(share), "places": " and not in ".join(places)}
     return [
-        f"If one of the {len(run.causes)} proposed causes made that, it {likelihood_words(share)} lies in "
-        f"{' and not in '.join(places)} (posterior probability {probability(share)}).",
-        f"The likeliest is {how}",
+        said("causes.lies_in", count=len(run.causes), probability=probability(share), **where),
+        _said("likeliest", best, how=MECHANISMS[run.mechanism(best["cause"])]["how"]),
     ]
 
 
@@ -154,16 +155,12 @@ def _fixed_tissue(run: CausesRun, best: Row) -> Row | None:
 def _single_causes(run: CausesRun) -> str:
     left, count = standing(run), len(run.compared)
     if not left:
-        return f"But none of them, acting alone, makes all {count} numbers compared (every p below 0.01)."
+        return said("causes.no_single", count=count)
     named = listed([f"“{row['title']}” (p {_relation(row)})" for row in left])
-    ending = "; every other misses" if len(left) < len(run.causes) else ""
-    if any(row["verdict"] == "possible" for row in left):
-        misses = f"{ending} some" if ending else ""
-        return f"Acting alone {named} can have made all {count} numbers compared{misses}."
-    return (
-        f"Acting alone even {named} would rarely make all {count} numbers compared at once"
-        f"{', and every other more rarely than once in a hundred times' if ending else ''}."
-    )
+    possible = any(row["verdict"] == "possible" for row in left)
+    can, others = ("single", "others_miss") if possible else ("single_rarely", "others_more_rarely")
+    of_others = said(f"causes.{others}") if len(left) < len(run.causes) else ""
+    return said(f"causes.{can}", named=named, count=count, others=of_others)
 
 
 def _relation(row: Row) -> str:
@@ -179,9 +176,7 @@ def ruled_out(run: CausesRun) -> list[str]:
     """What the numbers exclude, cause by cause."""
     refuted = run.causes[run.causes["verdict"] == "refuted"].to_dict("records")
     return [
-        f"{row['title']}: misses the {failing(row)}"
-        if row["fails"]
-        else f"{row['title']}: can make each number by itself, not all together"
+        _said("misses" if row["fails"] else "not_together", row, statistics=failing(row))
         for row in sorted(refuted, key=lambda row: -row["probability"])
     ]
 
@@ -199,9 +194,8 @@ def confused_pairs(run: CausesRun) -> list[tuple[str, str]]:
 
 def confusion_words(run: CausesRun) -> str:
     """Which causes can't be told from each other; empty if all can."""
-    named = "; ".join(f"“{a}” and “{b}”" for a, b in confused_pairs(run))
-    words = "These look alike, and no such table of estimates can tell one from the other"
-    return f"{words}: {named}." if named else ""
+    pairs = "; ".join(f"“{a}” and “{b}”" for a, b in confused_pairs(run))
+    return said("causes.alike", pairs=pairs) if pairs else ""
 
 
 def _hindsight(run: CausesRun) -> str:
@@ -211,32 +205,16 @@ def _hindsight(run: CausesRun) -> str:
         return ""
     left = sum(float(row["probability"]) for row in others)
     share = f", with {probability(others[0]['probability'] / left)} of what is left" if left > 0 else ""
-    return (
-        f"How probable “{best['title']}” was beforehand: it was proposed, and its ranges set, with these "
-        f"numbers in view. Without it the likeliest is “{others[0]['title']}” "
-        f"(p {_relation(others[0])}){share}."
-    )
+    return _said("hindsight", others[0], best=best["title"], share=share)
 
 
 def cannot_tell(run: CausesRun) -> list[str]:
     """What the numbers leave open."""
     words = [hindsight] if (hindsight := _hindsight(run)) else []
-    words += [
-        "Whether several causes acted together, or one that is not in the list: probabilities compare the "
-        "listed ones, p-values judge each by itself."
-    ]
+    words.append(said("causes.together"))
     if all(row["verdict"] != "possible" for row in standing(run)):
-        words.append(
-            "How far to trust the probabilities: what was observed lies at the edge of every cause’s "
-            "campaigns, where few decide."
-        )
+        words.append(said("causes.edge"))
     if LEVEL not in run.compared:
         length = STANDARD_GRAVITY / run.value(LEVEL)
-        words.append(
-            "What the size of K means: no unit was printed. Were it N/m, K/M would also be that of a pendulum"
-            f" of {number(100 * length, 0)} cm swinging freely; the pendulum’s length was not printed either."
-        )
-        words.append(
-            "Recordings would settle it: they show where each window ended and how its time was counted."
-        )
+        words += [said("causes.size", length_cm=number(100 * length, 0)), said("causes.recordings")]
     return words

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -12,21 +12,13 @@ from markupsafe import Markup
 
 from bayestissue.figures.intervals import ENDS, intervals, with_error_of
 from bayestissue.figures.theme import Figure
+from bayestissue.report import tables
 from bayestissue.report.page import render_page
-from bayestissue.report.tables import Field, Row, Table, columns, settings_table, table_of
-from bayestissue.report.wording import number, significant, with_error
+from bayestissue.report.tables import Field, Row, Table, columns, number_field, table_of
+from bayestissue.report.wording import decimals, number, significant, with_error
 from bayestissue.thesis.causes.design import LEVEL, MEANING, WORDS
-from bayestissue.thesis.pages.causes_answers import (
-    CausesRun,
-    answer,
-    cannot_tell,
-    confusion_words,
-    failing,
-    p_words,
-    read_causes_run,
-    ruled_out,
-    standing,
-)
+from bayestissue.thesis.pages import causes_answers
+from bayestissue.thesis.pages.causes_answers import CausesRun, failing, p_words, read_causes_run
 
 
 def short(name: str) -> str:
@@ -34,7 +26,12 @@ def short(name: str) -> str:
     return name.replace("_", " ")
 
 
-def predictive_figure(run: CausesRun, statistic: str) -> Figure:
+def predictive_figures(run: CausesRun) -> list[Figure]:
+    """One for each statistic that is drawn."""
+    return [_predictive_figure(run, name) for name in run.statistics]
+
+
+def _predictive_figure(run: CausesRun, statistic: str) -> Figure:
     """One statistic: 90 % and 50 % of each cause's campaigns, their median, and the observed value."""
     names = list(run.causes["cause"])
     rows = run.predictive[run.predictive["statistic"] == statistic].set_index("cause").loc[names]
@@ -78,8 +75,8 @@ _VERDICTS = {"refuted": "ruled out", "doubtful": "hardly", "possible": "possible
 def causes_table(run: CausesRun) -> Table:
     """One row a cause."""
     return table_of(
-        run.causes.to_dict("records"),
-        Field("cause", lambda row: row["title"], "words"),
+        run.causes,
+        Field("cause", "title", "words"),
         Field("alone", lambda row: _VERDICTS.get(row["verdict"], row["verdict"])),
         Field("joint p", p_words, "number"),
         Field(
@@ -132,47 +129,28 @@ def confusion_table(run: CausesRun) -> Table:
 
 def calibration_table(run: CausesRun) -> Table:
     """How often p-values of a cause's own campaigns were at most 0.1 and 0.5."""
+    # Of so many independent campaigns, the standard error of a share of a tenth, twice.
+    error = np.sqrt(2 * 0.1 * 0.9 / run.causes["calibration_campaigns"].clip(lower=1))
     return table_of(
-        run.causes.to_dict("records"),
-        Field("cause", lambda row: row["title"], "words"),
-        Field("campaigns", lambda row: number(row["campaigns"], 0), "number"),
-        Field("with all statistics", lambda row: number(row["complete"], 3), "number"),
-        Field("p ≤ 0.1", lambda row: number(row["calibration_below_10"], 3), "number"),
-        Field("p ≤ 0.5", lambda row: number(row["calibration_below_50"], 3), "number"),
-        Field(
-            "± at 0.1",
-            lambda row: number(np.sqrt(2 * 0.1 * 0.9 / max(row["calibration_campaigns"], 1)), 3),
-            "number",
-        ),
-        Field("uniform: p", lambda row: number(row["calibration_p"], 2), "number"),
+        run.causes.assign(error=error),
+        Field("cause", "title", "words"),
+        number_field("campaigns", words=decimals(0)),
+        number_field("with all statistics", "complete", decimals(3)),
+        number_field("p ≤ 0.1", "calibration_below_10", decimals(3), "not known"),
+        number_field("p ≤ 0.5", "calibration_below_50", decimals(3), "not known"),
+        number_field("± at 0.1", "error", decimals(3)),
+        number_field("uniform: p", "calibration_p", decimals(2), "not known"),
     )
 
 
 def reliability_table(run: CausesRun) -> Table:
     """Probabilities given, and how often they were right."""
     return table_of(
-        run.reliability.to_dict("records"),
-        Field("probability given", lambda row: number(row["probability"], 3), "number"),
-        Field("share that was right", lambda row: number(row["right"], 3), "number"),
-        Field("cases", lambda row: number(row["cases"], 0), "number"),
+        run.reliability,
+        number_field("probability given", "probability", decimals(3)),
+        number_field("share that was right", "right", decimals(3)),
+        number_field("cases", words=decimals(0)),
     )
-
-
-_CONTENTS = (
-    ("causes", "Causes"),
-    ("predictive", "Predicted and observed"),
-    ("confusion", "What can be told apart"),
-    ("calibration", "Calibration"),
-    ("assumptions", "Assumptions"),
-    ("provenance", "Provenance"),
-)
-
-
-# What the template calls by the functions' names.
-_PARTS: tuple[Callable[[CausesRun], Any], ...] = (
-    *(answer, ruled_out, cannot_tell, confusion_words),
-    *(causes_table, statistics_table, p_table, confusion_table, calibration_table, reliability_table),
-)
 
 
 def causes_page(folder: Path, record: dict[str, Any]) -> str:
@@ -182,26 +160,11 @@ def causes_page(folder: Path, record: dict[str, Any]) -> str:
         InputError: a file lacks or isn't what `bayestissue causes` writes.
     """
     run = read_causes_run(folder, record)
-    subject = record["subject"]
-    score, guess = record.get("log_score", (float("nan"), float("nan")))
     return render_page(
         "causes.html",
-        title="Why does K grow with mass?",
-        subtitle=f"{len(run.causes)} proposed causes against {subject['title']}: "
-        f"{record['campaigns']} simulated campaigns",
-        contents=_CONTENTS,
+        page=sys.modules[__name__],
+        answers=causes_answers,
+        tables=tables,
         record=record,
-        versions=record.get("versions", {}),
-        subject=subject,
-        standing=[
-            {"title": row["title"], "p": p_words(row), "probability": number(row["probability"], 2)}
-            for row in standing(run)
-        ],
-        **{part.__name__: part(run) for part in _PARTS},
-        score=number(score, 2),
-        guess=number(guess, 2),
-        published=subject["name"] == "published",
-        settings_table=settings_table(record["model"]),
-        probability_plots=probability_figures(run),
-        predictive_plots=[predictive_figure(run, name) for name in run.statistics],
+        run=run,
     )

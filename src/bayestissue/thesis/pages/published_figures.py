@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 
 from bayestissue.dataset.published import PublishedTables
+from bayestissue.declarations import sentences
 from bayestissue.figures import study
 from bayestissue.figures.impacts import MASS, axis_title, over_mass
 from bayestissue.figures.intervals import intervals, quantiles
@@ -16,6 +17,7 @@ from bayestissue.thesis.pages.published_run import PublishedRun
 from bayestissue.thesis.reproduction.conditions import Quantity, conditions
 from bayestissue.thesis.reproduction.relations import correlation_figure, printed_line, straight_line
 
+said = sentences(__package__)
 _THESIS = "line of the thesis"
 
 
@@ -61,8 +63,7 @@ def predictive_figure(run: PublishedRun, quantity: str) -> Figure:
     return intervals(
         pd.concat(bars, ignore_index=True),
         f"{quantity} off the predicted median (%)",
-        f"For each condition, the model's 50 % and 90 % predictive intervals of {NAMES[quantity]} "
-        "as bars and the published impacts as diamonds.",
+        said("figures.predictive", name=NAMES[quantity]),
         points=rows.assign(label=rows["condition"], value=off, offset=subject / max(subject.max(), 1) - 0.5),
         lines=(0,),
         straight=True,
@@ -90,8 +91,7 @@ def posterior_mass_figure(run: PublishedRun, quantity: str, line: tuple[float, f
         quantiles(run.draws(f"{quantity}_trial"), trials).assign(mass_kg=mass),
         curve,
         quantity,
-        f"Published {NAMES[quantity]} of every impact over the mass of the impactor, with the posterior "
-        "of a typical person as a curve with its 90 % band, and the line the thesis fitted.",
+        said("figures.over_mass", name=NAMES[quantity]),
         others=averages,
     )
 
@@ -126,9 +126,7 @@ def shrinkage_figure(run: PublishedRun, quantity: str) -> Figure:
         rows,
         number("published", f"published {quantity}, off a typical person's in the condition (%)"),
         number("posterior", f"posterior {quantity}, off the same (%)"),
-        f"Posterior deviation of {NAMES[quantity]} from a typical person's in its condition, with 90 % "
-        "intervals, over the published deviation of the same impact. Points on the dashed line keep the "
-        "published value; points on the level line give it up.",
+        said("figures.shrinkage", name=NAMES[quantity]),
         lines=lines.assign(line=np.repeat(["taken at its word", "given up"], 2)),
     )
 
@@ -141,8 +139,7 @@ def correlations_plot(published: PublishedTables, quantity: Quantity, *, average
     return intervals(
         pd.DataFrame({"label": rows["variable"], "value": recomputed, "printed": printed}),
         f"absolute correlation with {quantity}, {over} (no unit)",
-        f"Absolute correlations of {NAMES[quantity]} with each variable over {over}, largest first: circles "
-        "recomputed, diamonds as printed.",
+        said("figures.correlations", name=NAMES[quantity], over=over),
         points=pd.DataFrame({"label": rows["variable"], "value": printed}).dropna(),
         domain=(0, 1),
         straight=True,
@@ -162,8 +159,7 @@ def mass_plot(published: PublishedTables, quantity: Quantity) -> Figure:
         pd.concat([impacts.assign(kind="impact"), averages.assign(kind=kinds)], ignore_index=True),
         number("mass_kg", MASS),
         number(column, axis_title(quantity)),
-        f"{NAMES[quantity]} of every remaining impact and its averages over the mass of the impactor, "
-        "with the straight line through the averages and the thesis's own.",
+        said("figures.mass", name=NAMES[quantity]),
         lines=pd.concat(
             pd.DataFrame({"mass_kg": ends, column: pair[0] + pair[1] * ends, "line": name})
             for name, pair in lines.items()

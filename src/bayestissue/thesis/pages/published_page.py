@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from bayestissue.dataset.published import read_published
+from bayestissue.declarations import sentences
 from bayestissue.figures.theme import Figure
 from bayestissue.inference.samplers.diagnostics import warned_codes
 from bayestissue.remedies import Code, codes_in
@@ -20,7 +22,10 @@ from bayestissue.report.posterior import CONSTANT, FIXED, QUANTITIES, SURE, expo
 from bayestissue.report.wording import listed, percent, relative, significant
 from bayestissue.thesis.pages import published_figures, published_run
 from bayestissue.thesis.pages.published_run import PublishedRun, read_published_run
+from bayestissue.thesis.reproduction.conditions import Quantity
 from bayestissue.thesis.reproduction.relations import printed_line
+
+said = sentences(__package__)
 
 
 def natural_frequencies(run: PublishedRun) -> np.ndarray:
@@ -32,33 +37,20 @@ def mass_conclusion(run: PublishedRun) -> str:
     """What the exponent of K says about where its dependence on mass comes from."""
     beta = exponent(run, "K")
     if beta is None:
-        return "This model has no mass exponent, so it can't tell where a dependence on mass comes from."
+        return said("mass.no_exponent")
     constant = hypothesis_probability(run, "K", CONSTANT)
     fixed = hypothesis_probability(run, "K", FIXED)
     if constant > SURE and constant_frequency_finding(run) is not None:
         omega = natural_frequencies(run)
         same = relative(np.sqrt(omega.max() / omega.min()) - 1)
-        return (
-            f"Made by the method: ωₙ is the same to {same} at every mass, so K = Mωₙ² is only the mass "
-            "rescaled. A constant ωₙ means that the fit carried no information on the tissue."
-        )
+        return said("mass.rescaled", same=same)
     if constant > SURE:
-        return (
-            "K grows in proportion to mass: that is what a method gives whose ωₙ carries no information on "
-            "the tissue, since K = Mωₙ²."
-        )
+        return said("mass.proportional")
     if fixed > SURE:
-        return "K does not depend on mass in practice: the estimates behave as a tissue of fixed stiffness."
+        return said("mass.fixed")
     if beta.holds(0) or beta.holds(1):
-        return "The data do not decide between a fixed stiffness and a constant natural frequency."
-    if beta.high < 0:
-        return "K falls as mass grows, which neither a fixed stiffness nor a constant ωₙ explains."
-    if beta.low > 1:
-        return "K grows faster than the mass, which neither a fixed stiffness nor a constant ωₙ explains."
-    return (
-        "K grows with mass, but more slowly than K = Mωₙ² with a constant ωₙ would: "
-        "neither explanation suffices alone."
-    )
+        return said("mass.undecided")
+    return said("mass.falls" if beta.high < 0 else "mass.faster" if beta.low > 1 else "mass.slower")
 
 
 def constant_frequency_finding(run: PublishedRun) -> int | None:
@@ -81,30 +73,17 @@ def doubt_words(run: PublishedRun) -> str:
 def frequency_sentence(run: PublishedRun) -> str:
     """How much ωₙ varies over the conditions, beside how much the mass does."""
     omega, mass = natural_frequencies(run), run.constant("mass_kg")
-    return (
-        f"Over the {len(mass)} conditions the mass varies by a factor of "
-        f"{significant(mass.max() / mass.min(), 2)}, ωₙ = √(K/M) of a typical person by one of "
-        f"{significant(omega.max() / omega.min(), 3)}, from {significant(omega.min())} to "
-        f"{significant(omega.max())} rad/s."
+    return said(
+        "mass.frequency",
+        count=len(mass),
+        masses=significant(mass.max() / mass.min(), 2),
+        frequencies=significant(omega.max() / omega.min(), 3),
+        low=significant(omega.min()),
+        high=significant(omega.max()),
     )
 
 
-_CONTENTS = (
-    ("estimates", "Estimates and posteriors"),
-    ("mass", "Mass"),
-    ("hypotheses", "Hypotheses"),
-    ("effects", "People and conditions"),
-    ("explanations", "Competing explanations"),
-    ("priors", "Priors"),
-    ("predictions", "Predictions"),
-    ("figures", "The thesis's figures"),
-    ("reproduction", "Reproduction"),
-    ("audit", "Audit"),
-    ("diagnostics", "Diagnostics"),
-    ("model", "Model"),
-    ("provenance", "Provenance"),
-)
-_POPULATION = (
+POPULATION = (
     *(f"{stem}_{q}" for stem in ("intercept", "mass_exponent") for q in QUANTITIES),
     *(f"sd_{level}_{q}" for level in ("subject", "trial", "impact") for q in QUANTITIES),
     "residual_correlation",
@@ -122,51 +101,50 @@ def published_page(folder: Path, record: dict[str, Any]) -> str:
     own_tables = folder / "published"
     published = read_published(own_tables if own_tables.is_dir() else None)
     lines = {quantity: printed_line(published, quantity) for quantity in QUANTITIES}
-
-    def of_quantities(figure: Callable[..., Figure], *arguments: Any, **options: Any) -> list[Figure]:
-        """A figure of K, and the same of C."""
-        return [figure(*arguments, quantity, **options) for quantity in QUANTITIES]
-
-    finding = constant_frequency_finding(run)
     return render_page(
         "published.html",
-        title="Published K and C, re-analysed",
-        subtitle=_subtitle(run),
-        contents=_CONTENTS,
-        first_codes=warned_codes(run.diagnostics),
-        codes=[*warned_codes(run.diagnostics), *_further_codes(run)],
-        record=record,
-        model=record.get("model", {}),
-        versions=record.get("versions", {}),
-        run=run,
-        published=published,
-        lines=lines,
-        population=_POPULATION,
-        of_quantities=of_quantities,
+        page=sys.modules[__name__],
         figures=published_figures,
         run_tables=published_run,
         posterior=posterior,
         tables=tables,
-        exponent_plots=[
-            posterior.exponent_figure(run, q) for q in QUANTITIES if exponent(run, q) is not None
-        ],
-        effects_plots={
-            level: [
-                posterior.effects_figure(run, q, level) for q in QUANTITIES if run.has(f"{level}_effect_{q}")
-            ]
-            for level in ("subject", "trial")
-        },
-        comparison_plots=[
-            comparison_figure(run.comparison, name) for name in run.comparison["scheme"].unique()
-        ],
-        mass_plots=[published_figures.posterior_mass_figure(run, q, lines[q]) for q in QUANTITIES],
-        conclusion=mass_conclusion(run),
-        frequency=frequency_sentence(run),
-        constant_frequency="" if finding is None else f"finding-{finding + 1}",
-        doubt=doubt_words(run),
-        kept=listed([f"{percent(published_figures.kept_share(run, q))} for {q}" for q in QUANTITIES]),
-        prior_remark=posterior.prior_remark(run.sensitivity),
+        first_codes=warned_codes(run.diagnostics),
+        codes=[*warned_codes(run.diagnostics), *_further_codes(run)],
+        record=record,
+        run=run,
+        published=published,
+        lines=lines,
     )
+
+
+def of_quantities(figure: Callable[..., Figure], *arguments: Any, **options: Any) -> list[Figure]:
+    """A figure of K, and the same of C."""
+    return [figure(*arguments, quantity, **options) for quantity in QUANTITIES]
+
+
+def exponent_figures(run: PublishedRun) -> list[Figure]:
+    """The mass exponents that the model has."""
+    return [posterior.exponent_figure(run, q) for q in QUANTITIES if exponent(run, q) is not None]
+
+
+def effects_figures(run: PublishedRun, level: str) -> list[Figure]:
+    """The effects of people ("subject") or conditions ("trial") that the model has."""
+    return [posterior.effects_figure(run, q, level) for q in QUANTITIES if run.has(f"{level}_effect_{q}")]
+
+
+def mass_figures(run: PublishedRun, lines: Mapping[Quantity, tuple[float, float] | None]) -> list[Figure]:
+    """K and C over the mass, each with the thesis's line."""
+    return [published_figures.posterior_mass_figure(run, q, lines[q]) for q in QUANTITIES]
+
+
+def comparison_figures(run: PublishedRun) -> list[Figure]:
+    """How well each explanation predicts, a figure for each scheme of leaving out."""
+    return [comparison_figure(run.comparison, name) for name in run.comparison["scheme"].unique()]
+
+
+def kept(run: PublishedRun) -> str:
+    """How much of a published deviation the model keeps on average, of K and of C."""
+    return listed([f"{percent(published_figures.kept_share(run, q))} for {q}" for q in QUANTITIES])
 
 
 def _further_codes(run: PublishedRun) -> list[Code]:
@@ -174,8 +152,3 @@ def _further_codes(run: PublishedRun) -> list[Code]:
     failed = any(row.mark for row in published_run.checks_table(run).rows)
     said = "; ".join([posterior.prior_remark(run.sensitivity), *run.comparison["warning"]])
     return [*(("predictive-check",) if failed else ()), *codes_in(said)]
-
-
-def _subtitle(run: PublishedRun) -> str:
-    impacts, people, conditions = (len(run.labels(name)) for name in ("impact", "subject", "trial"))
-    return f"Stiffness K, damping C: {impacts} impacts, {people} people, {conditions} conditions"

@@ -19,8 +19,8 @@ from bayestissue.report.run_folder import (
     read_json,
     require_files,
 )
-from bayestissue.report.tables import Field, Row, Table, columns, lines, table_of, tag
-from bayestissue.report.wording import interval, listed, number, probability, significant
+from bayestissue.report.tables import Field, Row, Table, columns, number_field, table_of, tag
+from bayestissue.report.wording import decimals, digits, interval, listed, probability, significant
 from bayestissue.results import read_tables
 from bayestissue.thesis.reproduction.conditions import Quantity
 
@@ -69,31 +69,29 @@ def read_published_run(folder: Path, record: dict[str, Any]) -> PublishedRun:
 
 def comparison_table(run: PublishedRun) -> Table:
     """`comparison.csv`: every competing explanation under both schemes of leaving out."""
+    titles = {"elpd": "elpd", "se": "se", "elpd_difference": "difference"}
+    titles |= {"se_difference": "se of difference", "p_effective": "effective parameters"}
     return table_of(
-        lines(run.comparison),
-        Field("scheme", lambda line: line.scheme),
-        Field("model", lambda line: line.model),
-        Field("elpd", lambda line: number(line.elpd, 1), "number"),
-        Field("se", lambda line: number(line.se, 1), "number"),
-        Field("difference", lambda line: number(line.elpd_difference, 1), "number"),
-        Field("se of difference", lambda line: number(line.se_difference, 1), "number"),
-        Field("effective parameters", lambda line: number(line.p_effective, 1), "number"),
-        Field("weight", lambda line: number(line.weight, 2), "number"),
-        Field("warning", lambda line: line.warning, "words"),
+        run.comparison,
+        *map(Field, ("scheme", "model")),
+        *(number_field(title, name, decimals(1), "not known") for name, title in titles.items()),
+        number_field("weight", words=decimals(2), missing="not known"),
+        Field("warning", kind="words"),
     )
 
 
 def checks_table(run: PublishedRun) -> Table:
     """`predictive_checks.csv`: statistics of the published numbers beside what the model predicts."""
     return table_of(
-        lines(run.predictive_checks),
-        Field("statistic", lambda line: line.statistic),
-        Field("quantity", lambda line: line.quantity),
-        Field("observed", lambda line: significant(line.observed, 4), "number"),
-        Field("predicted", lambda line: significant(line.predicted_median, 4), "number"),
-        Field("90 %", lambda line: interval(line.predicted_low, line.predicted_high), "number"),
-        Field("p", lambda line: probability(line.p_value), "number"),
-        mark=lambda line: "" if line.predicted_low <= line.observed <= line.predicted_high else "disagrees",
+        run.predictive_checks,
+        *map(Field, ("statistic", "quantity")),
+        number_field("observed", words=digits(4), missing="not known"),
+        number_field("predicted", "predicted_median", digits(4), "not known"),
+        Field("90 %", lambda row: interval(row["predicted_low"], row["predicted_high"]), "number"),
+        number_field("p", "p_value", probability, "not known"),
+        mark=lambda row: (
+            "" if row["predicted_low"] <= row["observed"] <= row["predicted_high"] else "disagrees"
+        ),
     )
 
 
@@ -156,22 +154,21 @@ def agreement(run: PublishedRun) -> dict[str, int]:
 def reproduction_table(run: PublishedRun) -> Table:
     """Every published number beside the recomputed one."""
     return table_of(
-        lines(run.reproduction),
-        Field("table", lambda line: line.table),
-        Field("row", lambda line: line.row),
-        Field("quantity", lambda line: line.quantity, "words"),
-        Field("published", lambda line: line.published, "number"),
-        Field("reproduced", lambda line: _shortened(str(line.reproduced)), "number"),
+        run.reproduction,
+        *map(Field, ("table", "row")),
+        Field("quantity", kind="words"),
+        Field("published", kind="number"),
+        Field("reproduced", lambda row: _shortened(str(row["reproduced"])), "number"),
         Field("agrees", _agreement_tag),
-        Field("note", lambda line: line.note, "words"),
-        mark=lambda line: "disagrees" if str(line.agrees).lower() == "false" else "",
+        Field("note", kind="words"),
+        mark=lambda row: "disagrees" if str(row["agrees"]).lower() == "false" else "",
     )
 
 
-def _agreement_tag(line: Any) -> str:
-    answer = str(line.agrees).lower()
+def _agreement_tag(row: Mapping[str, Any]) -> str:
+    answer = str(row["agrees"]).lower()
     kind, words = _AGREES.get(answer, _AGREES[""])
-    return tag(kind, "not printed" if answer == "" and line.reproduced else words)
+    return tag(kind, "not printed" if answer == "" and row["reproduced"] else words)
 
 
 def _shortened(text: str) -> str:
