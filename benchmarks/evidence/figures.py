@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cache
 
 # Each puts its families into FAMILIES.
-from evidence.families import answers, elements, faults, intervals, speed  # noqa: F401
+from evidence.families import answers, elements, faults, intervals, outcomes, speed  # noqa: F401
 from evidence.registry import of_family
 from evidence.status import state_of
 from evidence.texts import FAMILIES, Figure
