@@ -209,7 +209,7 @@ def _check_panel(index: int, *, dataset: Dataset, signal: Displacements, force: 
 
 
 def _control_chart(phantoms: pd.DataFrame) -> Figure:
-    """K of springs and phantoms over the known one, from the top in the order of the table."""
+    """K of springs and phantoms over the known one, from the top in their order."""
     limit = float(phantoms["limit"].max())
     return intervals(
         phantoms.drop(columns="limit").dropna().rename(columns={"low": "eti90_low", "high": "eti90_high"}),
