@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -236,6 +237,18 @@ def test_beside_a_displacement_impulses_are_compared(push_N: float, gravity: flo
         assert "`free = false`" in told[0]
         assert f"{1 - 1 / ratio:.0%} of the impulse is of something else" in found.force.words
     assert "Impulse against M V" in found.page()
+
+
+def test_the_command_says_it_of_a_displacement_too(tmp_path: Path, command: Callable[..., Outcome]) -> None:
+    data, ratio = pressed(150.0, relative_mass_sd=0.02)
+    data.write(tmp_path / "pressed")
+    outcome = command("check", tmp_path / "pressed", "--json")
+    assert outcome.status == 0
+    # Valid JSON has no word for a lag that there is none of.
+    said = json.loads(outcome.out, parse_constant=pytest.fail)["force"]
+    assert said["ratio"] == pytest.approx(ratio, rel=0.005)
+    assert said["contradicts"]
+    assert "lag_s" not in said
 
 
 def test_a_heel_is_no_free_mass(heel_strikes: Path, tmp_path: Path) -> None:
