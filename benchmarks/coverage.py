@@ -108,15 +108,15 @@ def model_of(name: str) -> ModelSpecification:
 
 
 class Fits:
-    """The fits of one model file to data sets of one design."""
+    """The fits of one model file to data sets of one design, their traces filled up to ``least`` samples."""
 
-    def __init__(self, specification: ModelSpecification, dataset: Dataset) -> None:
-        self._specification = specification
+    def __init__(self, specification: ModelSpecification, dataset: Dataset, least: int = 0) -> None:
+        self._specification, self._least = specification, least
         self._design = prepare(dataset, specification, source="the model file").design
 
     def prepared(self, dataset: Dataset) -> Prepared:
         """Its data, be its traces as short as they may."""
-        signal = filled_up(displacements(dataset, self._specification.signal))
+        signal = filled_up(displacements(dataset, self._specification.signal), self._least)
         return assemble(dataset, self._specification, self._design, signal)
 
     def fit(self, prepared: Prepared, seed: int) -> tuple[Draws, bool]:
@@ -128,11 +128,12 @@ class Fits:
         return draws_of_chain(prepared, chains.thinned(sampler.draws), seed), chains.verdict.passed
 
 
-def filled_up(signal: Displacements) -> Displacements:
+def filled_up(signal: Displacements, least: int = 0) -> Displacements:
     """The same with zeros past the ends, up to one of a few lengths: what is compiled serves most of them."""
     samples = signal.x.shape[1]
-    more = next((length for length in LENGTHS if length >= samples), samples) - samples
-    rows = {name: np.pad(getattr(signal, name), ((0, 0), (0, more))) for name in ("x", "v", "deceleration")}
+    more = next((length for length in LENGTHS if length >= max(samples, least)), samples) - samples
+    by_sample = ("x", "v", "deceleration", "sample_number", "clipped")
+    rows = {name: np.pad(getattr(signal, name), ((0, 0), (0, more))) for name in by_sample}
     return replace(signal, **rows)
 
 

@@ -19,7 +19,7 @@ from scipy.stats import norm
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.append(str(ROOT / "benchmarks"))
 from evidence import fingerprint, pages, provenance, references, registry, running, status, texts  # noqa: E402
-from evidence.families import intervals  # noqa: E402
+from evidence.families import intervals, outcomes  # noqa: E402
 from evidence.registry import Piece  # noqa: E402
 from evidence.summary import figure  # noqa: E402
 from evidence.texts import Figure  # noqa: E402
@@ -520,3 +520,31 @@ def test_ranks_of_too_narrow_posteriors_spread_too_far():
     (right, error), (wide, _) = intervals.spread(uniform), intervals.spread(narrow)
     assert abs(right - 1) < 3 * error
     assert wide - 1 > 3 * error
+
+
+def test_shares_of_outcomes_are_of_studies_and_of_all_outcomes():
+    # Two studies: of the first a quarter of the intervals of one outcome lies below the truth.
+    rows = pd.DataFrame({"new|force|below": [0.25, 0.0], "new|force|above": [0.0, 0.0]})
+    rows = rows.assign(**{"new|depth|below": [0.0, 0.0], "new|depth|above": [0.5, 0.0]})
+    lines = outcomes.shares(rows).set_index("outcome")
+    assert lines.loc["force", ["share", "below", "above"]].tolist() == [0.875, 0.125, 0.0]
+    # Two shares of 1 and of 1 - d have the standard error d / 2 of their mean.
+    assert lines.loc["force", "se"] == pytest.approx(0.125)
+    assert lines.loc["all", ["share", "se"]].tolist() == pytest.approx([1 - 0.375 / 2, 0.375 / 2])
+
+
+def test_probabilities_of_being_best_are_drawn_over_the_share_that_is():
+    random = np.random.default_rng(0)
+    p = random.uniform(size=2000)
+    true = (random.uniform(size=2000) < p).astype(float)
+    names = ("best side|left", "best side|right")
+    made = {f"{name}|p": one for name, one in zip(names, (p, 1 - p), strict=True)}
+    made |= {f"{name}|true": one for name, one in zip(names, (true, 1 - true), strict=True)}
+    lines = outcomes.reliability(pd.DataFrame(made))
+    assert lines["levels"].sum() == 4000
+    # Of a pair that is in one bin the two differences cancel.
+    assert (abs(lines["share"] - lines["probability"]) <= 3.5 * lines["se"]).all()
+    # Off by a tenth either way, which is some ten standard errors.
+    wrong = outcomes.reliability(pd.DataFrame(made | {f"{names[0]}|true": true - 0.1}))
+    assert (abs(wrong["share"] - wrong["probability"]) > 3.5 * wrong["se"]).any()
+    assert outcomes.diagram(lines).count("<circle") == len(lines)

@@ -5,7 +5,15 @@ from __future__ import annotations
 from functools import cache
 
 # Each puts its families into FAMILIES.
-from evidence.families import answers, elements, faults, intervals, program, speed  # noqa: F401
+from evidence.families import (  # noqa: F401
+    answers,
+    elements,
+    faults,
+    intervals,
+    outcomes,
+    program,
+    speed,
+)
 from evidence.registry import of_family
 from evidence.status import state_of
 from evidence.texts import FAMILIES, Figure

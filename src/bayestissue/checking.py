@@ -40,7 +40,8 @@ class Check(Outlined):
         quality: one row per impact: see `bayestissue.report.recordings_pages.quality_table`.
         warnings: what looks odd: of reading, of the signal chain, and of the detectors of spoilt recordings.
         findings: what those detectors found: see `bayestissue.signal.quality.inspect`.
-        force: a force that was recorded beside the decelerations, against mass times deceleration.
+        force: a force that was recorded beside it, against mass times deceleration, or of displacements its
+            impulse against what the mass lost.
         phantoms: K of each impact of known stiffness as recorded: see
             `bayestissue.inference.single.phantoms.control_chart`.
     """
@@ -143,10 +144,19 @@ def _raised(data: Dataset, signal: Displacements, findings: Sequence[Finding]) -
 
 
 def _disagreement(force: Force | None) -> Iterator[Problem]:
-    """A force that mass times deceleration contradicts, with the size of what must be wrong."""
+    """A force that the motion of the declared mass contradicts, with the size of what must be wrong."""
     if force is None or not force.contradicts:
         return
     ratio = force.common[0]
+    if force.impulse:
+        yield Problem.stated(
+            "impulse-disagrees",
+            "recording",
+            column=force.channel.name,
+            value=f"{ratio:.3g} M V",
+            declared=f"{force.declared_sd:.2g}",
+        )
+        return
     yield Problem.stated(
         "channels-disagree",
         "recording",

@@ -243,6 +243,19 @@ def test_what_was_left_out_before_the_fit_is_accepted_again(folders: tuple[Path,
         view.act("decide", {"impact": "t0-s0", "reason": "all of them"})
 
 
+@pytest.mark.usefixtures("nothing_left_out")
+def test_a_phantom_that_is_left_out_asks_for_a_new_fit(folders: tuple[Path, Path]) -> None:
+    fit = read_run(folders[0])
+    view = RunView(fit, decisions_on(fit, None))
+    # As in a fit with phantoms, whose impacts are none of the posterior's.
+    view._impacts = [name for name in view._impacts if name != "t0-s0"]
+    view.act("decide", {"impact": "t0-s0", "reason": "slipped"})
+    assert view.state()["anew"] == ""
+    view.fit = replace(fit, diagnostics=fit.diagnostics | {"reference": {"phantoms": ["t0-s0"]}})
+    assert view.state()["left_out"] == [{"impact": "t0-s0", "reason": "slipped", "fitted": True}]
+    assert view.state()["anew"].startswith("bayestissue fit ")
+
+
 def test_a_dataset_that_moved_or_changed_leaves_questions_alone(tmp_path: Path) -> None:
     run, dataset = run_and_dataset(tmp_path)
     write_left_out(dataset, {"t0-s0": "late"})

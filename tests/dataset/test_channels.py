@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -188,6 +189,83 @@ def test_the_command_and_its_page_show_both(tmp_path: Path, command: Callable[..
     page = (tmp_path / "checked" / "check.html").read_text()
     assert "Force against M a" in page
     assert "recorded force" in page
+
+
+def pressed(push_N: float, gravity: float = 0.0, **uncertainty: float) -> tuple[bt.Dataset, float]:
+    """A mass on a spring, its displacement and the spring's force; ``push_N`` acts on the mass besides.
+
+    M x'' = P + M g - K x has x = s (1 - cos w t) + V / w sin w t, s = P / K + g / w^2. The greatest depth is
+    at tan w t_p = -V / (w s). Returned with the ratio of the spring's impulse until then to M (V + g t_p).
+    """
+    M, K, V, rate = 4.0, 40_000.0, 0.4, 2000.0
+    w = np.sqrt(K / M)
+    rest = push_N / K + gravity / w**2
+    to_peak = (np.pi - np.arctan(V / (w * rest))) / w if rest else np.pi / 2 / w
+    t = np.arange(-80, 80) / rate
+    moved = rest * (1 - np.cos(w * t)) + V / w * np.sin(w * t)
+    x = np.where(t < 0, V * t + gravity * t**2 / 2, moved)
+    traces = pd.DataFrame({"impact": "a", "time_s": t, "value": x, "force_N": K * np.maximum(x, 0.0)})
+    impacts = pd.DataFrame([{"impact": "a", "subject": "s", "trial": "t", "mass_kg": M, "velocity_m_s": V}])
+    plate = {"quantity": "force", "place": "base", "unit": "N", "value_column": "force_N"}
+    data = bt.dataset(
+        impacts,
+        traces,
+        quantity="displacement",
+        unit="m",
+        gravity=gravity or "none",
+        uncertainty=uncertainty,
+        channels={"plate": plate},
+    )
+    return data, 1 + push_N * to_peak / (M * (V + gravity * to_peak))
+
+
+@pytest.mark.parametrize(("push_N", "gravity"), [(0.0, 0.0), (150.0, 0.0), (0.0, 9.81), (150.0, 9.81)])
+def test_beside_a_displacement_impulses_are_compared(push_N: float, gravity: float) -> None:
+    data, ratio = pressed(push_N, gravity, relative_mass_sd=0.02)
+    found = check(data)
+    assert found.force is not None
+    # The greatest depth is found between samples, to a hundredth of the time to it, where v is 0.
+    assert found.force.common[0] == pytest.approx(ratio, rel=0.005)
+    inside = found.force.inside[0]
+    if not push_N:
+        difference = (found.force.value - found.force.expected)[0, inside]
+        assert np.abs(difference).max() < 0.01 * found.force.expected.max()
+    assert found.force.contradicts == bool(push_N)
+    told = [str(problem) for problem in found.warnings if problem.code == "impulse-disagrees"]
+    assert bool(told) == bool(push_N)
+    if push_N:
+        assert "`free = false`" in told[0]
+        assert f"{1 - 1 / ratio:.0%} of the impulse is of something else" in found.force.words
+    assert "Impulse against M V" in found.page()
+
+
+def test_the_command_says_it_of_a_displacement_too(tmp_path: Path, command: Callable[..., Outcome]) -> None:
+    data, ratio = pressed(150.0, relative_mass_sd=0.02)
+    data.write(tmp_path / "pressed")
+    outcome = command("check", tmp_path / "pressed", "--json")
+    assert outcome.status == 0
+    # Valid JSON has no word for a lag that there is none of.
+    said = json.loads(outcome.out, parse_constant=pytest.fail)["force"]
+    assert said["ratio"] == pytest.approx(ratio, rel=0.005)
+    assert said["contradicts"]
+    assert "lag_s" not in said
+
+
+def test_a_heel_is_no_free_mass(heel_strikes: Path, tmp_path: Path) -> None:
+    impacts, traces = (pd.read_csv(heel_strikes / f"{name}") for name in ("impacts.csv", "traces.csv.gz"))
+    some = impacts.groupby(["subject", "trial"]).head(2)
+    settings = (heel_strikes / "dataset.toml").read_text()
+    plate = '[[channel]]\nname = "plate"\nquantity = "force"\nplace = "base"\nunit = "N"\n'
+    (tmp_path / "dataset.toml").write_text(f'{settings}\n{plate}value_column = "force_N"\n')
+    some.to_csv(tmp_path / "impacts.csv", index=False)
+    traces[traces["impact"].isin(some["impact"])].to_csv(tmp_path / "traces.csv.gz", index=False)
+    found = check(tmp_path)
+    assert found.force is not None
+    # The plate takes up some three times what 6.3 % of the body mass loses; in every single strike more.
+    assert 2 < found.force.common[0] < 4
+    assert (found.force.ratio > 1).all()
+    assert found.force.contradicts
+    assert "of something else that pushes" in found.force.words
 
 
 def test_a_low_pass_of_its_own_comes_with_it_and_is_written_back(tmp_path: Path) -> None:

@@ -130,7 +130,8 @@ class RunView:
         if self.decisions is None:
             return {"version": 1, "dataset": "", "why_not": self.why_not, "left_out": [], "accepted": []}
         version, reasons = self.decisions.version, self.decisions.reasons
-        fitted = set(self._impacts)
+        # Impacts of phantoms are none of the people's, and the fit rests on them.
+        fitted = {*self._impacts, *self.fit.diagnostics.get("reference", {}).get("phantoms", ())}
         accepted = [i for i in self.decisions.changed if i not in fitted | set(reasons) and self._by_hand(i)]
         differs = bool(accepted or fitted & set(reasons))
         return {

@@ -66,13 +66,13 @@ def _plain(checked: Check) -> dict[str, Any]:
 
 def _plain_force(force: Force) -> dict[str, Any]:
     (ratio, scatter), (lag, lag_sd) = force.common, force.common_lag
+    lags = {} if force.impulse else {"lag_s": lag, "lag_sd_s": lag_sd}
     return {
         "channel": force.channel.name,
         "ratio": ratio,
         "ratio_sd": force.total_sd,
         "ratio_scatter": scatter,
-        "lag_s": lag,
-        "lag_sd_s": lag_sd,
+        **lags,
         "contradicts": force.contradicts,
     }
 

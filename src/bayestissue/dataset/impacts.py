@@ -22,6 +22,8 @@ from bayestissue.errors import Problem, has_control_characters
 RESERVED = ("impact", "subject", "trial", "mass_kg", "velocity_m_s", "trace", "sampling_rate_hz", *CROP)
 # Of a spring or phantom whose stiffness is known.
 REFERENCE = ("reference_K_N_per_m", "reference_K_sd_N_per_m")
+# Columns that tell days apart, as labs call them.
+SESSIONS = ("session", "day", "date", "visit", "week", "occasion", "sitzung", "tag", "datum", "termin")
 _GROUPS = ("subject", "trial")
 
 
@@ -70,6 +72,11 @@ def of_phantoms(impacts: pd.DataFrame) -> Bool[np.ndarray, " impact"]:
         return np.zeros(len(impacts), bool)
     known: np.ndarray = np.isfinite(impacts[REFERENCE[0]].to_numpy(float))
     return known
+
+
+def session_column(impacts: pd.DataFrame) -> str | None:
+    """The first column of a checked table that is called one of `SESSIONS`; None where there is none."""
+    return next((str(name) for name in impacts if str(name).lower() in SESSIONS), None)
 
 
 def counts(impacts: pd.DataFrame) -> str:

@@ -69,6 +69,13 @@ def sheets(
 
 
 MOST_CHECK_PANELS = 216
+# Axes and caption of a force against what is expected.
+_OF_FORCES = ("M a (N)", "recorded force (N)", "The recorded force against mass times deceleration.")
+_OF_IMPULSES = (
+    "M (V - v) (N s)",
+    "impulse of the force (N s)",
+    "The impulse of the recorded force since contact against what the mass has lost.",
+)
 _UNITS = {"deceleration": "m_s2", "acceleration": "m_s2", "displacement": "m"}
 
 
@@ -89,7 +96,7 @@ def quality_table(
         dataset: the recordings.
         signal: what the default signal chain made of them, in the same order.
         warnings: what looks odd.
-        force: beside decelerations, if there is one.
+        force: beside it, if there is one.
     """
     sign = -1.0 if dataset.quantity == "acceleration" else 1.0
     highest = [sign * trace.value for trace in dataset.traces]
@@ -158,7 +165,8 @@ def check_page(
             domain=(-0.4, 1.15),
         ),
         force=None if force is None else _force_figure(force, names.to_list(), shown),
-        force_words="" if force is None else f"{force.channel}. It is {force.words}.",
+        impulse=force is not None and force.impulse,
+        force_words="" if force is None else f"{force.channel}. {_sentence(force)}",
         phantoms=None if phantoms is None else _control_chart(phantoms),
         phantom_table=None
         if phantoms is None
@@ -201,7 +209,7 @@ def _check_panel(index: int, *, dataset: Dataset, signal: Displacements, force: 
 
 
 def _control_chart(phantoms: pd.DataFrame) -> Figure:
-    """K of springs and phantoms over the known one, from the top in the order of the table."""
+    """K of springs and phantoms over the known one, from the top in their order."""
     limit = float(phantoms["limit"].max())
     return intervals(
         phantoms.drop(columns="limit").dropna().rename(columns={"low": "eti90_low", "high": "eti90_high"}),
@@ -213,8 +221,12 @@ def _control_chart(phantoms: pd.DataFrame) -> Figure:
     )
 
 
+def _sentence(force: Force) -> str:
+    return f"{force.words[0].upper()}{force.words[1:]}." if force.impulse else f"It is {force.words}."
+
+
 def _force_figure(force: Force, names: Sequence[str], rows: np.ndarray) -> Figure:
-    """F against M a of these impacts."""
+    """F against M a of these impacts, or their impulses."""
     samples_inside = [(row, np.flatnonzero(force.inside[row])) for row in rows]
     most = max(LIMITS.samples // max(len(samples_inside), 1), 20)
     curves = pd.concat(
@@ -229,9 +241,7 @@ def _force_figure(force: Force, names: Sequence[str], rows: np.ndarray) -> Figur
         for row, inside in samples_inside
         if len(samples := inside[:: max(1, len(inside) // most)])
     )
-    return against(
-        curves, "M a (N)", "recorded force (N)", "The recorded force against mass times deceleration."
-    )
+    return against(curves, *(_OF_IMPULSES if force.impulse else _OF_FORCES))
 
 
 def kinds(problems: Sequence[Problem]) -> list[list[Problem]]:

@@ -5,6 +5,14 @@ the impactor takes to zero velocity until three times as long after it, m being 
 tissue: the ratio r, which holds the errors of mass and of both gains, the lag l of the force behind the
 deceleration, and the zero b. What the noise of d adds to its sum of squares, which would make r too small, is
 taken off. Where one of the two went through a low-pass of its own, the other is passed through it as well.
+
+Beside a displacement, whose second derivative is noise, impulses are compared. From contact on a free mass
+has
+
+    int F dt = M (V - v(t) + g t),
+
+which at the greatest depth, where v = 0, is M (V + g t_p). There the ratio of the two sides is 1 of a free
+mass of the declared size, and greater where something else pushes too, such as the leg behind a heel.
 """
 
 from __future__ import annotations
@@ -50,6 +58,9 @@ class Force:
         lag_sd: its standard error [s].
         dt: sampling interval [s].
         declared_sd: of r, by what is declared of the mass and of both gains.
+        impulse: whether impulses are compared, of a displacement. ``value`` is then that of the force since
+            contact, ``expected`` M (V - v + g t) [N s], the ratio that at the greatest depth, with the error
+            that is declared of V, and there is no lag.
     """
 
     channel: Channel
@@ -63,6 +74,7 @@ class Force:
     lag_sd: Float[np.ndarray, " impact"]
     dt: Float[np.ndarray, " impact"]
     declared_sd: float
+    impulse: bool = False
 
     @property
     def common(self) -> tuple[float, float]:
@@ -77,12 +89,17 @@ class Force:
     @property
     def total_sd(self) -> float:
         """Of the common ratio, what is declared of mass and gains counted in."""
-        return float(np.hypot(self.common[1], self.declared_sd))
+        # An impulse may be several times M V, and errors are then of as many.
+        times = self.common[0] if self.impulse else 1.0
+        return float(np.hypot(self.common[1], times * self.declared_sd))
 
     @property
     def contradicts(self) -> bool:
         """Whether the ratio is farther from 1 than what is declared allows."""
-        return bool(abs(self.common[0] - 1) > _LIMIT * self.total_sd)
+        ratio, sd = self.common[0], self.total_sd
+        if self.impulse:
+            return bool(ratio <= 0 or abs(np.log(ratio)) > _LIMIT * sd / ratio)
+        return bool(abs(ratio - 1) > _LIMIT * sd)
 
     @property
     def lags(self) -> bool:
@@ -94,6 +111,13 @@ class Force:
     def words(self) -> str:
         """The ratio with its standard deviation, and the lag where there is one."""
         ratio, scatter = self.common
+        if self.impulse:
+            words = f"until the greatest depth its impulse is {ratio:.3g} ± {self.total_sd:.2g} of M V"
+            if not self.contradicts:
+                return f"{words}, as of a free mass"
+            words += ": what hits is no free mass of this size"
+            beyond = f", and {1 - 1 / ratio:.0%} of the impulse is of something else that pushes"
+            return words + beyond * (ratio > 1)
         mass = "(M - m)" if self.channel.tip_mass_kg else "M"
         words = f"{ratio:.4g} ± {self.total_sd:.2g} of {mass} a ({scatter:.1g} but for what is declared)"
         if self.lags:
@@ -103,15 +127,66 @@ class Force:
 
 
 def force_beside(dataset: Dataset, signal: Displacements) -> Force | None:
-    """The force beside a dataset's decelerations; None where there is none, or displacements were recorded.
+    """The force beside a dataset's recordings of a free mass; None where there is none.
 
     Args:
         dataset: the recordings.
-        signal: what the signal chain made of the decelerations.
+        signal: what the signal chain made of the decelerations or displacements.
     """
-    if not dataset.channels or dataset.quantity == "displacement":
+    if not dataset.channels or not dataset.free:
         return None
     (channel,) = dataset.channels
+    return (
+        _impulses(dataset, channel, signal)
+        if dataset.quantity == "displacement"
+        else _forces(dataset, channel, signal)
+    )
+
+
+def _impulses(dataset: Dataset, channel: Channel, signal: Displacements) -> Force:
+    """Impulse of the force against what the declared mass lost, at the samples of the displacement."""
+    force, mass = stack(channel.traces), (signal.mass - channel.tip_mass_kg)[:, None]
+    since, inside = signal.since_contact_s, np.arange(signal.x.shape[1]) < signal.n_samples[:, None]
+    inside &= since >= 0
+    times = (force.start - signal.contact_time_s)[:, None] + force.time_s
+    above = np.where(force.inside, force.value - _first_mean(force, signal.contact_time_s), 0.0)
+    steps = np.diff(times, axis=1) * force.inside[:, 1:]
+    taken = np.pad(np.cumsum((above[:, 1:] + above[:, :-1]) / 2 * steps, axis=1), ((0, 0), (1, 0)))
+    owner = np.broadcast_to(np.arange(len(times))[:, None], times.shape)
+    samples = times[force.inside], taken[force.inside], owner[force.inside]
+
+    def impulse(at: Float[np.ndarray, "impact sample"]) -> Float[np.ndarray, "impact sample"]:
+        rows = np.broadcast_to(owner[:, :1], at.shape)
+        return interpolated(at.ravel(), rows.ravel(), *samples).reshape(at.shape)
+
+    V = np.where(np.isfinite(signal.velocity), signal.velocity, signal.v[:, 0])[:, None]
+    to_peak, at_contact = signal.time_to_peak[:, None], impulse(np.zeros_like(V))
+    lost = mass * (V + signal.gravity[:, None] * to_peak)
+    last = np.where(force.inside, times, -np.inf).max(axis=1, keepdims=True)
+    whole = (inside.sum(axis=1) >= FEWEST_SAMPLES) & (last >= to_peak)[:, 0]
+    if force.clipped is not None:
+        whole &= ~(force.clipped != 0).any(axis=1)
+    ratio = np.where(whole, ((impulse(to_peak) - at_contact) / lost)[:, 0], np.nan)
+    chain, no_lag = dataset.uncertainty, np.full(len(ratio), np.nan)
+    declared = float(np.hypot(chain.relative_mass_sd, channel.relative_gain_sd))
+    return Force(
+        channel,
+        since,
+        np.where(inside, impulse(since) - at_contact, 0.0),
+        np.where(inside, mass * (V - signal.v + signal.gravity[:, None] * since), 0.0),
+        inside,
+        ratio,
+        np.abs(ratio) * chain.velocity_sd_m_s / V[:, 0],
+        no_lag,
+        no_lag,
+        signal.dt,
+        declared,
+        impulse=True,
+    )
+
+
+def _forces(dataset: Dataset, channel: Channel, signal: Displacements) -> Force:
+    """The force against mass times deceleration."""
     force, slowing = _as_comparable(dataset, channel, signal)
     curve = _Expected(slowing, signal, channel.tip_mass_kg)
     since_contact = (force.start - signal.contact_time_s)[:, None] + force.time_s

@@ -1,9 +1,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 import xarray as xr
 from numpy.testing import assert_allclose
 
+from bayestissue.inference.results.cross_validation import relative_size
 from bayestissue.inference.results.summary import summarise
 from bayestissue.inference.samplers.sampling import quantiles
 
@@ -32,3 +34,14 @@ def test_quantiles_lie_between_draws_where_these_are_numbers() -> None:
     assert low[0] == np.quantile(DURATION, 0.05)
     assert low[1] == np.quantile(draws[1], 0.05, method="inverted_cdf")
     assert np.isfinite(high).tolist() == [True, False]
+
+
+@pytest.mark.filterwarnings("error")
+def test_what_is_never_leaves_the_scores_of_cross_validation_as_they_are() -> None:
+    K = xr.Dataset({"K": (("chain", "draw"), RNG.normal(3000.0, 100.0, DURATION.shape))})
+    duration = (("chain", "draw"), np.where(NEVER, np.inf, DURATION))
+    alone, beside = (
+        xr.DataTree.from_dict({"posterior": one}) for one in (K, K.assign(contact_duration=duration))
+    )
+    # The effective size, by which the tail that is smoothed is chosen, is that of what has a mean.
+    assert relative_size(beside) == relative_size(alone)

@@ -12,8 +12,9 @@ import bayestissue as bt
 from bayestissue.dataset.chain import Uncertainty
 from bayestissue.dataset.impacts import REFERENCE, counts, of_phantoms
 from bayestissue.errors import InputError
+from bayestissue.fitting import resolve
 from bayestissue.inference.points.notes import PHANTOM, people_alone
-from bayestissue.inference.single.phantoms import apart
+from bayestissue.inference.single.phantoms import apart, control_chart, prepare_without_phantoms
 from bayestissue.report.estimates_page import estimate_figure, level, page_of
 from bayestissue.simulation import Simulation, simulate
 
@@ -104,6 +105,33 @@ def test_a_known_stiffness_needs_its_error() -> None:
     )
     with pytest.raises(InputError, match=REFERENCE[1]):
         bt.dataset(impacts, traces, quantity="deceleration", unit="m/s^2")
+
+
+def test_beside_phantoms_a_mass_is_no_person_s_own() -> None:
+    dataset, _ = with_phantom(25.0)
+    model = resolve("impact", "deceleration", formulas={}, questions=[], sampler={})[0]
+    of_people = model.model_copy(update={"mass_error": "subject"})
+    with pytest.raises(InputError, match='mass_error = "impact"') as error:
+        prepare_without_phantoms(dataset, of_people, source="mine.toml")
+    (problem,) = error.value.problems
+    assert (problem.file, problem.column, problem.code) == ("mine.toml", "mass_error", "reference-unfit")
+    with pytest.raises(InputError) as several:
+        prepare_without_phantoms(replace(dataset, uncertainty=Uncertainty()), of_people, source="mine.toml")
+    assert len(several.value.problems) == 3
+
+
+def test_the_control_chart_goes_session_by_session() -> None:
+    dataset, _ = with_phantom(25.0)
+    assert control_chart(dataset)["label"].str.startswith("spring-").all()
+    sessions = [f"day {row % 2 + 1}" for row in range(len(dataset.impacts))]
+    chart = control_chart(replace(dataset, impacts=dataset.impacts.assign(Session=sessions)))
+    named = chart["label"].str.extract(r"^Session day (\d), (spring-.*)$")
+    assert named[0].tolist() == ["1"] * 3 + ["2"] * 3
+    phantoms = dataset.of(of_phantoms(dataset.impacts))
+    in_table = phantoms.impacts["impact"].tolist()
+    assert named[1].tolist() == in_table[::2] + in_table[1::2]
+    plain = control_chart(dataset).set_index("label")["median"]
+    assert chart["median"].tolist() == plain[named[1]].tolist()
 
 
 @pytest.mark.slow

@@ -19,7 +19,8 @@ def judge_reference(reference: Reference) -> dict[str, Any]:
     Returns:
         ``passed``: whether what phantoms say of log f is within three standard deviations of 0, that of
         the declared mass counted in; ``mass_factor``, its 90 % interval about the median; ``impacts``, how
-        many were of phantoms; ``first``, what the first line of the run says; ``words``.
+        many were of phantoms, and ``phantoms`` their names; ``first``, what the first line of the run says;
+        ``words``.
     """
     mean, sd = reference.apart
     passed = abs(mean) <= _LIMIT * np.hypot(sd, reference.mass_sd)
@@ -35,6 +36,7 @@ def judge_reference(reference: Reference) -> dict[str, Any]:
     return {
         "passed": bool(passed),
         "impacts": len(reference.table),
+        "phantoms": reference.table["impact"].astype(str).tolist(),
         "mass_factor": [float(low), float(middle), float(high)],
         "first": sentence("reference.first", **numbers),
         "words": sentence("reference.corrected" if passed else "reference.contradicted", **numbers),

@@ -113,15 +113,13 @@ def unused_channels(channels: Sequence[Channel], why: str, *, displaced: bool = 
     Args:
         channels: the further ones.
         why: they are not used.
-        displaced: whether the first channel is a displacement, which nothing compares with a force.
+        displaced: whether the first channel is a displacement.
     """
     named = first_of([f"{channel.name} ({channel.quantity})" for channel in channels], _NAMED)
-    compared = (
-        "Nothing compares a force with a displacement: write `free = false` in `[motion]` for a fit of both, "
-        "if no free mass hits."
-        if displaced
-        else "`bayestissue check` compares the two."
+    driven = (
+        " If no free mass hits, write `free = false` in `[motion]` for a fit of both." if displaced else ""
     )
+    compared = f"`bayestissue check` compares the two.{driven}"
     return (
         f"The further channel {named} is not used here: {why}. K and C are those of the first one, at the "
         f"declared mass. {compared}"

@@ -54,14 +54,14 @@ def high(score: Any) -> np.ndarray:
 
 
 def relative_size(tree: xr.DataTree) -> float:
-    """Effective sample size over number of draws, the mean over all quantities of the posterior.
+    """Effective sample size over number of draws, the mean over all quantities of the posterior with one.
 
     It sets the length of the tail that is smoothed, 3 (S / r_eff)^1/2 of S draws.
     """
     posterior = tree["posterior"].dataset.drop_dims("kept_draw", errors="ignore")
     draws = np.concatenate([elements_of(array) for array in posterior.data_vars.values()])
     chains, length = draws.shape[1:]
-    return float(effective_size(draws).mean() / (chains * length)) if chains > 1 else 1.0
+    return float(np.nanmean(effective_size(draws)) / (chains * length)) if chains > 1 else 1.0
 
 
 def _unsmoothed(tree: xr.DataTree, variable: str) -> dict[str, xr.DataArray]:

@@ -67,7 +67,12 @@ def effective_size(draws: Draws) -> Sizes:
     """Effective sample size of each quantity's mean: `Convergence.ess_mean` alone."""
     if draws.shape[2] < _FEWEST:
         return np.full(len(draws), np.nan)
-    return np.concatenate([np.where(_known(part), _size(_split(part)), np.nan) for part in _parts(draws)])
+    sizes = []
+    for part in _parts(draws):
+        # A quantity that is infinite in a draw, as a contact that never ends, has no mean.
+        finite = np.isfinite(part).all(axis=(1, 2))
+        sizes.append(np.where(finite, _size(_split(np.where(finite[:, None, None], part, 0.0))), np.nan))
+    return np.concatenate(sizes)
 
 
 def elements_of(array: xr.DataArray) -> Draws:

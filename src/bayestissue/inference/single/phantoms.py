@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from bayestissue.dataset.impacts import REFERENCE, of_phantoms
-from bayestissue.errors import InputError, Problem
+from bayestissue.dataset.impacts import REFERENCE, of_phantoms, session_column
+from bayestissue.errors import InputError, Problem, along_with
 from bayestissue.hierarchy.reference import HALF_WIDTH, Reference, mass_factor, with_declared
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.inference.single.estimates import estimate
@@ -51,9 +51,16 @@ def prepare_without_phantoms(
         source: the model file's name.
 
     Raises:
-        InputError: as of `apart` and `prepare`.
+        InputError: as of `apart` and `prepare`; the model takes the mass for each person's own, of which the
+            mass that hit a phantom says nothing.
     """
-    people, reference = apart(dataset)
+    persons = []
+    if specification.mass_error == "subject" and of_phantoms(dataset.impacts).any():
+        persons = [Problem.stated("reference-unfit.person", source, None, "mass_error", "subject")]
+    with along_with(persons):
+        people, reference = apart(dataset)
+    if persons:
+        raise InputError(persons)
     return people, replace(prepare(people, specification, source=source), reference=reference)
 
 
@@ -65,10 +72,11 @@ def phantom_table(phantoms: Dataset) -> pd.DataFrame:
 
 
 def control_chart(dataset: Dataset) -> pd.DataFrame | None:
-    """K of each impact of known stiffness over that stiffness, in the order of the table; None without any.
+    """K of each impact of known stiffness over that stiffness; None without any.
 
     Returns:
-        A row an impact: ``label``, its name; ``median``, ``low`` and ``high``, K at the recorded mass over
+        A row an impact, session by session where the dataset has a column of them, else in the order of the
+        table: ``label``, its session and name; ``median``, ``low`` and ``high``, K at the recorded mass over
         the known K with its 90 % interval; ``limit``, the half width within which 90 % of it lie, by what
         is declared of the mass and of the known stiffness.
     """
@@ -81,7 +89,14 @@ def control_chart(dataset: Dataset) -> pd.DataFrame | None:
     ends = {"median": "K_N_per_m", "low": "K_low_N_per_m", "high": "K_high_N_per_m"}
     ratios = {name: table[column].to_numpy(float) / stiffness for name, column in ends.items()}
     limit = HALF_WIDTH * np.hypot(chain.relative_mass_sd, sd / stiffness)
-    return pd.DataFrame({"label": table["impact"].astype(str), **ratios, "limit": limit})
+    names = table["impact"].astype(str)
+    chart = pd.DataFrame({"label": names, **ratios, "limit": limit})
+    if (column := session_column(phantoms.impacts)) is None:
+        return chart
+    sessions = phantoms.impacts[column].astype(str).reset_index(drop=True)
+    # As the sessions follow one another in the table.
+    order = np.argsort(sessions.factorize()[0], kind="stable")
+    return chart.assign(label=f"{column} " + sessions + ", " + names).iloc[order].reset_index(drop=True)
 
 
 def _reference(dataset: Dataset, phantoms: Dataset) -> Reference:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from bayestissue.dataset.impacts import SESSIONS
 from bayestissue.errors import Coded
 from bayestissue.inference.answers.contrasts import ALSO, COMBINATIONS, INTERACTION, LEVELS
 from bayestissue.inference.results.meanings import (
@@ -251,8 +252,6 @@ def repeatability(run: FitRun) -> list[dict[str, Any]]:
 
 
 _PERCENT = "%"
-# Of columns that tell days apart, in what labs call them.
-_SESSIONS = ("session", "day", "date", "visit", "week", "occasion", "sitzung", "tag", "datum", "termin")
 
 
 def reliability_table(run: FitRun) -> Table:
@@ -370,7 +369,7 @@ def _changes(cells: dict[tuple[str, str, str, str], dict[Any, Any]], q: str) -> 
 def another_day(run: FitRun) -> str:
     """The warning that repeats of one session say nothing of another day; empty where it does not apply."""
     if run.reliability.empty or any(
-        word in grouping.lower() for grouping in groupings(run) for word in _SESSIONS
+        word in grouping.lower() for grouping in groupings(run) for word in SESSIONS
     ):
         return ""
     return Coded(
