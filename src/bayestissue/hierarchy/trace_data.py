@@ -116,20 +116,32 @@ def _without_mass(design: Design) -> Design:
 
 def _force(dataset: Dataset, specification: ModelSpecification, signal: Displacements) -> PreparedForce | str:
     """The force beside the decelerations, or why the fit can't be of it."""
+    filtered, blurred = dataset.recorder is not None, bool(signal.blurred.any())
+    return no_force(specification, filtered=filtered, blurred=blurred) or prepared_force(dataset, signal)
+
+
+def no_force(specification: ModelSpecification, *, filtered: bool, blurred: bool = False) -> str:
+    """Why a fit by a model can't be of a force too, whatever was recorded of it; empty where it can.
+
+    Args:
+        specification: the model.
+        filtered: whether the deceleration went through a declared low-pass.
+        blurred: whether noise hides when contact was.
+    """
     if specification.likelihood != "impact":
         return f"the likelihood {specification.likelihood} has no place for it"
     for wrong, words in (
-        (dataset.recorder is not None, "the deceleration went through a declared low-pass"),
+        (filtered, "the deceleration went through a declared low-pass"),
         (specification.noise != "white", "the model's noise is autoregressive"),
         (specification.discrepancy == "always", "the model has a discrepancy"),
         (
-            not element(specification.element).jumps or signal.blurred.any(),
+            not element(specification.element).jumps or blurred,
             "the recordings have to tell when contact was",
         ),
     ):
         if wrong:
             return words
-    return prepared_force(dataset, signal)
+    return ""
 
 
 def too_short(dataset: Dataset, signal: Displacements, source: str) -> list[Problem]:

@@ -30,10 +30,11 @@ def answer(content: Content) -> str:
     """
     wanted = number(content["plan"]["goal"]["assurance"], 2)
     design, count = content["designs"][content["chosen"] - 1], len(content["designs"])
+    sensors = sensor_words(content)
     if content["reaches"]:
         head = design_words(design, content)
         which = "" if count == 1 else f": the cheapest of {count} designs that reaches {wanted}"
-        return f"{head}, {_answers(design)}{which}."
+        return " ".join([f"{head}, {_answers(design)}{which}.", *sensors])
     which = (
         f"This design does not answer with a probability of {wanted}: "
         if count == 1
@@ -47,7 +48,58 @@ def answer(content: Content) -> str:
         if enough
         else f"{people} would not either, {_shares(many)}: {_what_holds_it_open(content)}."
     )
-    return f"{which}{design_words(design, content)}, {_answers(design)}. {plateau}"
+    return " ".join([f"{which}{design_words(design, content)}, {_answers(design)}. {plateau}", *sensors])
+
+
+def sensor_words(content: Content) -> list[str]:
+    """What it takes with one sensor and with two, a sentence each, and what the second is worth in impacts.
+
+    Where no number of impacts is enough, since what is declared of mass and gains limits the answer, the
+    sentence says so.
+
+    Args:
+        content: of ``plan.json``.
+    """
+    sensors, designs, sentences = content.get("sensors", []), content["designs"], []
+    needed = {}
+    for one in sensors:
+        by = f"With {one['recorder']}" if one["recorder"] else "With deceleration and force"
+        limiting = _limited(one, content)
+        most = max(design["impacts"] for design in designs if design["recorder"] == one["recorder"])
+        if one["reaches"]:
+            needed[one["recorder"]] = designs[one["design"] - 1]["impacts"]
+            sentences.append(f"{by} {counted(needed[one['recorder']], 'impact')} are enough.")
+        elif limiting:
+            what = "mass and gains" if one["force"] else "the mass"
+            left = f"what is declared of {what} alone leaves {listed(limiting)}"
+            sentences.append(f"{by} no number of impacts is enough: {left}.")
+        else:
+            sentences.append(f"{by} {counted(most, 'impact')}, the most of these designs, are not enough.")
+    for channel in content["plan"].get("channel", []):
+        for name, impacts in needed.items():
+            beside = f"{name} and {channel['name']}"
+            if beside in needed:
+                worth = impacts - needed[beside]
+                saved = f"{counted(worth, 'impact')} of {impacts}" if worth > 0 else "no impacts"
+                sentences.append(f"Beside {name} {channel['name']} saves {saved}.")
+    return sentences
+
+
+def _limited(sensors: Content, content: Content) -> list[str]:
+    """Of each goal that no number of impacts and people reaches, what is left."""
+    aim, precision = content["plan"]["goal"], content["plan"].get("precision", {})
+    texts = content["plan"]["questions"]
+    left = []
+    for name, goal in sensors["unlimited"].items():
+        if goal["answered"] >= aim["assurance"]:
+            continue
+        if name in texts:
+            left.append(f"{texts[name]} undecided in {percent(goal['undecided'])} of the studies")
+        elif goal["width"] is not None:
+            wanted = precision[name]
+            width = percent(goal["width"]) if wanted.get("relative") else f"{goal['width']:.2g}"
+            left.append(f"± {width} of {wanted['of']} (wanted: ± {half_width(wanted)})")
+    return left
 
 
 def _what_holds_it_open(content: Content) -> str:

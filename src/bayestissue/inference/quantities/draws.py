@@ -19,7 +19,7 @@ from bayestissue.elements.outcomes import OUTCOMES
 from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expected
 from bayestissue.hierarchy.gaussian.covariances import Covariances
-from bayestissue.hierarchy.population import Population, of_impacts
+from bayestissue.hierarchy.population import Population, force_ratio, heavier, of_impacts
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, impacts_model
 from bayestissue.inference.execution.chunks import in_blocks
@@ -78,7 +78,7 @@ def posterior_draws(
     keys = np.asarray(jax.random.split(jax.random.fold_in(key, 11), shape))
     of_kept, keys_of_kept = jax.tree.map(lambda values: values[:, kept_numbers], (population, keys))
 
-    force, a = prepared.force, population.b[..., _ratio_mean(model)]
+    force, a = prepared.force, population.b[..., force_ratio(model.locations)]
     log_factor = np.zeros(shape)
     if prepared.gain_sd:
         log_factor = prepared.gain_sd * np.asarray(jax.random.normal(jax.random.fold_in(key, 14), shape))
@@ -106,7 +106,7 @@ def posterior_draws(
         return _mass_errors(model, of_rows, of_kept, u, of_people), of_errors
 
     impacts = _of_impacts(prepared, u, errors_and_keys, recorded=True, single=not whole)
-    b = _heavier(model, _at_true_masses(model, population, keys), log_factor)
+    b = heavier(model.locations, _at_true_masses(model, population, keys), log_factor)
     factor = {} if force is None and prepared.reference is None else {MASS_FACTOR: np.exp(log_factor)}
     return Draws(
         population.hyperparameters | derived.effects_by_name(model.locations, prepared.design, b) | factor,
@@ -129,7 +129,7 @@ def prior_draws(prepared: Prepared, seed: int, rng: np.random.Generator) -> Draw
         ]
     elif (common := prepared.force or prepared.reference) is not None:
         error = np.broadcast_to(common.mass_sd * rng.standard_normal(u.shape[:2])[..., None], u.shape[:-1])
-        drawn["locations"] = _heavier(model, drawn["locations"], error[..., 0])
+        drawn["locations"] = heavier(model.locations, drawn["locations"], error[..., 0])
         factor = {MASS_FACTOR: np.exp(error[..., 0])}
     else:
         error = model.log_mass_sd * rng.standard_normal(u.shape[:-1])
@@ -263,25 +263,6 @@ def _at_true_masses(model: TraceModel, population: Population, key: Array) -> Fl
     error = error_of_people(covariances, b, key)
     effects = jnp.concatenate([covariances.shared.effect_on_K, covariances.shared.effect_on_C])
     return b + jax.ops.segment_sum(jnp.tile(error, 2), effects, len(b))
-
-
-def _ratio_mean(model: TraceModel) -> int:
-    """Which element of b is the common log of force over mass times deceleration; of no force any."""
-    return model.locations.parts["log_force_ratio_mean"].start if model.force else 0
-
-
-def _heavier(
-    model: TraceModel,
-    b: Float[np.ndarray, "chain draw location"],
-    log_factor: Float[np.ndarray, "chain draw"],
-) -> Float[np.ndarray, "chain draw location"]:
-    """Effects with K and C of so much heavier impactors."""
-    if not log_factor.any():
-        return b
-    moved = np.array(b)
-    for name in ("intercept_K", "intercept_C"):
-        moved[..., model.locations.parts[name].start] += log_factor
-    return moved
 
 
 def error_of_people(covariances: Covariances, b: Array, key: Array) -> Float[Array, " person"]:
