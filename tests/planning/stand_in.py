@@ -26,8 +26,8 @@ def share(rows: pd.DataFrame, most: float = 1.0) -> float:
 class Kernel:
     """What was asked of it: the number of designs and the blocks of each call.
 
-    Designs without a force answer no more than ``one_sensor`` says, where it says so; of any number of
-    impacts a design answers as often as it may.
+    Designs without a force and with inexact masses answer no more than ``one_sensor`` says, where it says so;
+    of any number of impacts a design answers as often as it may.
     """
 
     most: float = 1.0
@@ -47,8 +47,10 @@ class Kernel:
         one_factor: bool = False,
         unlimited: bool = False,
     ) -> Ready:
-        limited = self.one_sensor is not None and simulation.recording.force is None
-        return Ready(self, designs, self.one_sensor if limited else self.most, unlimited)
+        recording, most = simulation.recording, self.most
+        if self.one_sensor is not None and recording.force is None and recording.relative_mass_sd:
+            most = self.one_sensor
+        return Ready(self, designs, most, unlimited)
 
 
 @dataclass

@@ -23,7 +23,7 @@ from bayestissue.report.plan_page import page_of
 from bayestissue.simulation import Simulation, simulate
 
 MASS_SD, GAIN_SD = 0.1, 0.02
-ALONE, BOTH = "accelerometer", "accelerometer and load cell"
+ALONE, BOTH = "accelerometer alone", "accelerometer and load cell"
 CHANNEL = {
     "name": "load cell",
     "quantity": "force",
@@ -86,8 +86,8 @@ def test_every_design_is_there_without_the_channel_and_with_it() -> None:
         "candidates": {**PLAN["candidates"], "recorders": recorders}
     }
     assert list(plan_of(several, "plan.toml").recordings) == [
-        *("phone", "phone and load cell"),
-        *("lab", "lab and load cell"),
+        *("phone alone", "phone and load cell"),
+        *("lab alone", "lab and load cell"),
     ]
 
 
@@ -186,7 +186,7 @@ def carried_out(limited: float | None, **candidates: Any) -> Plan:
 
 
 def test_what_a_second_sensor_saves_is_said() -> None:
-    reached = {"reaches": True, "unlimited": {}}
+    reached: dict[str, Any] = {"reaches": True, "unlimited": {}}
     sensors = [
         {"recorder": recorder, "force": recorder == BOTH, "design": number, **reached}
         for number, recorder in enumerate((ALONE, BOTH), start=1)
@@ -196,19 +196,41 @@ def test_what_a_second_sensor_saves_is_said() -> None:
         designs = [{"impacts": n, "recorder": name} for n, name in zip(impacts, (ALONE, BOTH), strict=True)]
         words = sensor_words({"plan": plan, "designs": designs, "sensors": sensors})
         assert words == [
-            f"With accelerometer {impacts[0]} impacts are enough.",
-            f"With accelerometer and load cell {impacts[1]} impacts are enough.",
-            f"Beside accelerometer load cell saves {worth}.",
+            f"With accelerometer alone it takes {impacts[0]} impacts.",
+            f"With accelerometer and load cell it takes {impacts[1]} impacts.",
+            f"The second sensor saves {worth}.",
         ]
+
+
+def test_the_mass_is_not_blamed_for_what_exact_masses_leave() -> None:
+    goal = {"answered": 0.1, "undecided": 0.9, "width": 0.3}
+    sensors = [
+        {
+            "recorder": "",
+            "force": True,
+            "design": 1,
+            "reaches": False,
+            "unlimited": {"new": goal},
+            "exact": {},
+        }
+    ]
+    precision = {"new": {"of": "K[subject=new]", "relative": 0.1}}
+    plan = {"questions": {}, "precision": precision, "goal": {"assurance": 0.8}}
+    content = {"plan": plan, "designs": [{"impacts": 40, "recorder": ""}], "sensors": sensors}
+    for answered, words in ((0.1, "more than the 40 impacts"), (1.0, "mass and gains alone leaves ± 30")):
+        sensors[0]["exact"] = {"new": goal | {"answered": answered}}
+        (sentence,) = sensor_words(content)
+        assert words in sentence
 
 
 def test_what_no_number_of_impacts_reaches_is_said() -> None:
     plan = carried_out(0.5)
     assert (
-        "With accelerometer no number of impacts is enough: what is declared of the mass alone" in plan.answer
+        "With accelerometer alone no number of impacts is enough: what is declared of the mass alone"
+        in plan.answer
     )
     assert "of K (wanted: ± 10\N{NO-BREAK SPACE}%)." in plan.answer
-    assert "With accelerometer and load cell 160 impacts are enough." in plan.answer
+    assert "With accelerometer and load cell it takes 160 impacts." in plan.answer
     assert "saves" not in plan.answer
     page = page_of(plan.content, plan.designs, plan.about)
     assert "One sensor or two?" in page
@@ -216,4 +238,4 @@ def test_what_no_number_of_impacts_reaches_is_said() -> None:
 
 def test_more_impacts_than_the_designs_have_may_be_needed() -> None:
     answer = carried_out(None, repeats=[20, 40]).answer
-    assert "With accelerometer 80 impacts, the most of these designs, are not enough." in answer
+    assert "With accelerometer alone it takes more than the 80 impacts of these designs." in answer

@@ -90,7 +90,11 @@ class Ledger:
         for (first, *_), group in groups.items():
             one = group[0]
             rows = [case.design.rows() for case in group]
-            kinds = {"running": one.running, "one_factor": one.one_factor, "unlimited": one.unlimited}
+            kinds: dict[str, Any] = {
+                "running": one.running,
+                "one_factor": one.one_factor,
+                "unlimited": one.unlimited,
+            }
             ready = planner(rows, one.model, one.prior, one.simulation, seed=self._seed, **kinds)
             for begin in range(first, blocks, SETTINGS.kept_blocks):
                 now, say = range(begin, min(begin + SETTINGS.kept_blocks, blocks)), self._after(before, total)

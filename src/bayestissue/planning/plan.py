@@ -28,6 +28,7 @@ from bayestissue.planning.words import answer, in_own_words, limit_words, paragr
 from bayestissue.report.run_folder import draw_page
 from bayestissue.results.tables import table_of_rows, typed
 from bayestissue.settings import Table
+from bayestissue.simulation.specification import Simulation
 
 PLAN, DESIGNS, STUDIES = "plan.json", "designs", "studies.parquet"
 
@@ -248,14 +249,16 @@ def carry_out(
     for name in study.simulations if study.plan.one_factor else ():
         of_recorder = [number for number, case in enumerate(cases) if case.design.recorder == name]
         best = _best(of_recorder, reached, minutes)
-        (limit,) = ledger.assess([replace(cases[best], unlimited=True)], study.goals, fewer)
+        limit = replace(cases[best], unlimited=True)
+        kinds = {"unlimited": limit, "exact": replace(limit, simulation=_at_exact_masses(limit.simulation))}
+        known_all = dict(zip(kinds, ledger.assess([*kinds.values()], study.goals, fewer), strict=True))
         sensors.append(
             {
                 "recorder": name,
                 "force": study.simulations[name].recording.force is not None,
                 "design": best + 1,
                 "reaches": reached[best] >= 1,
-                "unlimited": {one.goal.name: _of_goal(one) for one in limit},
+                **{kind: {one.goal.name: _of_goal(one) for one in of} for kind, of in known_all.items()},
             }
         )
 
@@ -352,6 +355,12 @@ def _limits(case: Case) -> dict[str, Case]:
         if better != chain:
             limits[name] = replace(case, simulation=simulation.model_copy(update={"recording": better}))
     return limits
+
+
+def _at_exact_masses(simulation: Simulation) -> Simulation:
+    """The same measuring chain with masses that are known."""
+    exact = simulation.recording.model_copy(update={"relative_mass_sd": 0.0})
+    return simulation.model_copy(update={"recording": exact})
 
 
 def _with_less[Sensor: Table](sensor: Sensor, share: float, *, noise: bool) -> Sensor:

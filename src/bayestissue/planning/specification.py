@@ -328,7 +328,7 @@ class PlanSpecification(Table):
                 name: recording.model_copy(update={"force": force})
                 for recorder, recording in recordings.items()
                 for name, force in (
-                    (recorder or FIRST, None),
+                    (f"{recorder or FIRST} alone", None),
                     (f"{recorder or FIRST} and {channel.name}", channel),
                 )
             }

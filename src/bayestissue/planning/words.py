@@ -61,37 +61,36 @@ def sensor_words(content: Content) -> list[str]:
         content: of ``plan.json``.
     """
     sensors, designs, sentences = content.get("sensors", []), content["designs"], []
-    needed = {}
     for one in sensors:
         by = f"With {one['recorder']}" if one["recorder"] else "With deceleration and force"
         limiting = _limited(one, content)
         most = max(design["impacts"] for design in designs if design["recorder"] == one["recorder"])
         if one["reaches"]:
-            needed[one["recorder"]] = designs[one["design"] - 1]["impacts"]
-            sentences.append(f"{by} {counted(needed[one['recorder']], 'impact')} are enough.")
+            sentences.append(f"{by} it takes {counted(designs[one['design'] - 1]['impacts'], 'impact')}.")
         elif limiting:
             what = "mass and gains" if one["force"] else "the mass"
             left = f"what is declared of {what} alone leaves {listed(limiting)}"
             sentences.append(f"{by} no number of impacts is enough: {left}.")
         else:
-            sentences.append(f"{by} {counted(most, 'impact')}, the most of these designs, are not enough.")
-    for channel in content["plan"].get("channel", []):
-        for name, impacts in needed.items():
-            beside = f"{name} and {channel['name']}"
-            if beside in needed:
-                worth = impacts - needed[beside]
-                saved = f"{counted(worth, 'impact')} of {impacts}" if worth > 0 else "no impacts"
-                sentences.append(f"Beside {name} {channel['name']} saves {saved}.")
+            sentences.append(f"{by} it takes more than the {counted(most, 'impact')} of these designs.")
+    # Without a further channel and with it they take turns.
+    pairs = list(zip(sensors[::2], sensors[1::2], strict=True)) if content["plan"].get("channel") else []
+    for alone, both in pairs:
+        if alone["reaches"] and both["reaches"]:
+            impacts, fewer = (designs[one["design"] - 1]["impacts"] for one in (alone, both))
+            saved = f"{counted(impacts - fewer, 'impact')} of {impacts}" if fewer < impacts else "no impacts"
+            which = f" ({both['recorder']})" if len(pairs) > 1 else ""
+            sentences.append(f"The second sensor saves {saved}{which}.")
     return sentences
 
 
 def _limited(sensors: Content, content: Content) -> list[str]:
-    """Of each goal that no number of impacts and people reaches, what is left."""
+    """Of each goal that nothing but exact masses would reach, what any number of impacts leaves."""
     aim, precision = content["plan"]["goal"], content["plan"].get("precision", {})
     texts = content["plan"]["questions"]
     left = []
     for name, goal in sensors["unlimited"].items():
-        if goal["answered"] >= aim["assurance"]:
+        if goal["answered"] >= aim["assurance"] or sensors["exact"][name]["answered"] < aim["assurance"]:
             continue
         if name in texts:
             left.append(f"{texts[name]} undecided in {percent(goal['undecided'])} of the studies")
