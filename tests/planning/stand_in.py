@@ -14,6 +14,7 @@ import pytest
 from bayestissue.planning import ledger as module
 from bayestissue.planning.assurance import Assessment, Goal, Progress
 from bayestissue.planning.population import BLOCK
+from bayestissue.simulation import Simulation
 
 
 def share(rows: pd.DataFrame, most: float = 1.0) -> float:
@@ -23,14 +24,33 @@ def share(rows: pd.DataFrame, most: float = 1.0) -> float:
 
 @dataclass
 class Kernel:
-    """What was asked of it: the number of designs and the blocks of each call."""
+    """What was asked of it: the number of designs and the blocks of each call.
+
+    Designs without a force and with inexact masses answer no more than ``one_sensor`` says, where it says so;
+    of any number of impacts a design answers as often as it may.
+    """
 
     most: float = 1.0
     normal: bool = True
+    one_sensor: float | None = None
     calls: list[tuple[int, range]] = field(default_factory=list)
 
-    def __call__(self, designs: Sequence[pd.DataFrame], *_: Any, seed: int, running: Any = None) -> Ready:
-        return Ready(self, designs)
+    def __call__(
+        self,
+        designs: Sequence[pd.DataFrame],
+        _model: Any,
+        _prior: Any,
+        simulation: Simulation,
+        *,
+        seed: int,
+        running: Any = None,
+        one_factor: bool = False,
+        unlimited: bool = False,
+    ) -> Ready:
+        recording, most = simulation.recording, self.most
+        if self.one_sensor is not None and recording.force is None and recording.relative_mass_sd:
+            most = self.one_sensor
+        return Ready(self, designs, most, unlimited)
 
 
 @dataclass
@@ -42,6 +62,8 @@ class Traces:
 class Ready:
     kernel: Kernel
     designs: Sequence[pd.DataFrame]
+    most: float
+    unlimited: bool
 
     @property
     def information(self) -> Traces:
@@ -57,7 +79,7 @@ class Ready:
         return [[self._of(rows, goal, study) for goal in goals] for rows in self.designs]
 
     def _of(self, rows: pd.DataFrame, goal: Goal, study: np.ndarray) -> Assessment:
-        answered = study < share(rows, self.kernel.most)
+        answered = study < (self.most if self.unlimited else share(rows, self.most))
         if goal.width is not None:
             width, p, truth = goal.width * np.where(answered, 0.9, 1.2), study * np.nan, study > 0
         else:
@@ -68,9 +90,9 @@ class Ready:
 
 
 @contextmanager
-def kernel(most: float = 1.0, *, normal: bool = True) -> Iterator[Kernel]:
+def kernel(most: float = 1.0, *, normal: bool = True, one_sensor: float | None = None) -> Iterator[Kernel]:
     """Plans within the block are assessed by the stand-in."""
-    stand_in = Kernel(most, normal)
+    stand_in = Kernel(most, normal, one_sensor)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "planner", stand_in)
         yield stand_in

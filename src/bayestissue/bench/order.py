@@ -122,7 +122,8 @@ def order_of(campaign: Campaign, plan: Path | None) -> Order:
     try:
         content = json.loads((plan / PLAN).read_text(encoding="utf-8"))
         planned = plan_of(content["plan"], str(plan))
-        design = dict(enumerate(grid(planned.candidates), 1))[content["chosen"]]
+        designs = grid(planned.candidates, tuple(planned.recordings))
+        design = dict(enumerate(designs, 1))[content["chosen"]]
     except (OSError, ValueError, LookupError, TypeError, RecursionError):
         raise InputError.stated("no-campaign.plan", str(plan), value="no finished plan") from None
     table = replace(design, lost=0.0, lost_people=0.0).rows().drop(columns="trial")

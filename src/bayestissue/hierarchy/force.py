@@ -30,31 +30,19 @@ _SETTLED = 0.01
 _CLOCK = 0.25
 
 
-@dataclass(frozen=True)
-class PreparedForce:
-    """The rows of a force, and what is declared of it.
+@dataclass(frozen=True, kw_only=True)
+class CommonFactor:
+    """What is declared of the one factor of all masses, and of the gains of a force that shows it.
 
     What is recorded of F over mass times deceleration is exp(a), a = log f + g: f is what all recorded masses
     are to be multiplied by, and g the error of the force's gain less that of the accelerometer's, one of each
     sensor.
 
     Attributes:
-        comparison: the force against mass times deceleration.
-        rows: of the likelihood.
-        offset_sd: of its zero over the recorded mass [m/s^2].
-        clock_sd: of what its clock is late [s].
-        log_noise: log of the standard deviation of its noise, over the recorded mass [m/s^2].
-        log_ratio: a first guess of each impact's a.
         mass_sd: standard deviation of log f, as declared.
         gain_sd: of g.
     """
 
-    comparison: Force
-    rows: ForceRows
-    offset_sd: Float[np.ndarray, " impact"]
-    clock_sd: Float[np.ndarray, " impact"]
-    log_noise: Float[np.ndarray, " impact"]
-    log_ratio: Float[np.ndarray, " impact"]
     mass_sd: float
     gain_sd: float
 
@@ -70,6 +58,27 @@ class PreparedForce:
         """Draws of log f given a, from standard normals: N(share a, share (1 - share) of the variance)."""
         sd = np.sqrt(self.share * (1 - self.share) * (self.mass_sd**2 + self.gain_sd**2))
         return self.share * a + sd * standard
+
+
+@dataclass(frozen=True, kw_only=True)
+class PreparedForce(CommonFactor):
+    """The rows of a force, and what is declared of it.
+
+    Attributes:
+        comparison: the force against mass times deceleration.
+        rows: of the likelihood.
+        offset_sd: of its zero over the recorded mass [m/s^2].
+        clock_sd: of what its clock is late [s].
+        log_noise: log of the standard deviation of its noise, over the recorded mass [m/s^2].
+        log_ratio: a first guess of each impact's a.
+    """
+
+    comparison: Force
+    rows: ForceRows
+    offset_sd: Float[np.ndarray, " impact"]
+    clock_sd: Float[np.ndarray, " impact"]
+    log_noise: Float[np.ndarray, " impact"]
+    log_ratio: Float[np.ndarray, " impact"]
 
     @property
     def time(self) -> Float[np.ndarray, "impact row"]:
@@ -222,14 +231,14 @@ def prepared_force(
     )
     chain, noise = dataset.uncertainty, np.maximum(rows.noise / mass, 1e-12)
     return PreparedForce(
-        comparison,
-        ForceRows(*parts, *(of_filter.get(name) for name in ("low_pass", "colour", "rate"))),
-        of_filter.get("longer", 1.0) * standard_error(noise, rows.n_quiet),
-        _CLOCK * dt,
-        np.log(noise),
-        np.log(np.maximum(comparison.ratio * (1 - tip) + tip, 1e-3)),
-        float(chain.relative_mass_sd),
-        float(np.hypot(chain.relative_gain_sd, channel.relative_gain_sd)),
+        comparison=comparison,
+        rows=ForceRows(*parts, *(of_filter.get(name) for name in ("low_pass", "colour", "rate"))),
+        offset_sd=of_filter.get("longer", 1.0) * standard_error(noise, rows.n_quiet),
+        clock_sd=_CLOCK * dt,
+        log_noise=np.log(noise),
+        log_ratio=np.log(np.maximum(comparison.ratio * (1 - tip) + tip, 1e-3)),
+        mass_sd=float(chain.relative_mass_sd),
+        gain_sd=float(np.hypot(chain.relative_gain_sd, channel.relative_gain_sd)),
     )
 
 

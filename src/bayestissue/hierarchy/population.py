@@ -188,6 +188,24 @@ def of_impacts(
     return expected(design, alone)[0]
 
 
+def force_ratio(locations: EffectParts) -> int:
+    """Which element of b is the common log of force over mass times deceleration; of no force any."""
+    part = locations.parts.get(intercept("log_force_ratio"))
+    return 0 if part is None else part.start
+
+
+def heavier(
+    locations: EffectParts, b: Float[np.ndarray, "*draw location"], log_factor: Float[np.ndarray, "*draw"]
+) -> Float[np.ndarray, "*draw location"]:
+    """Effects with K and C of so much heavier impactors."""
+    if not log_factor.any():
+        return b
+    moved = np.array(b)
+    for q in RESPONSES:
+        moved[..., locations.parts[intercept(q)].start] += log_factor
+    return moved
+
+
 def covariances_of(
     locations: EffectParts,
     hyperparameters: Hyperparameters,

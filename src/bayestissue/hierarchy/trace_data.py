@@ -116,6 +116,14 @@ def _without_mass(design: Design) -> Design:
 
 def _force(dataset: Dataset, specification: ModelSpecification, signal: Displacements) -> PreparedForce | str:
     """The force beside the decelerations, or why the fit can't be of it."""
+    if words := no_force(specification):
+        return words
+    low_pass, reach = _low_pass_and_reach(dataset, specification, signal)
+    return prepared_force(dataset, signal, low_pass, reach, jumps=element(specification.element).jumps)
+
+
+def no_force(specification: ModelSpecification) -> str:
+    """Why a fit by a model can't be of a force too, whatever was recorded; empty where it can."""
     if specification.likelihood != "impact":
         return f"the likelihood {specification.likelihood} has no place for it"
     for wrong, words in (
@@ -124,8 +132,7 @@ def _force(dataset: Dataset, specification: ModelSpecification, signal: Displace
     ):
         if wrong:
             return words
-    low_pass, reach = _low_pass_and_reach(dataset, specification, signal)
-    return prepared_force(dataset, signal, low_pass, reach, jumps=element(specification.element).jumps)
+    return ""
 
 
 def too_short(dataset: Dataset, signal: Displacements, source: str) -> list[Problem]:

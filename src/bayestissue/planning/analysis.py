@@ -19,6 +19,7 @@ from bayestissue.hierarchy.formulas.formula import DEFAULT_FORMULA, judge
 from bayestissue.hierarchy.formulas.group_terms import quoted
 from bayestissue.hierarchy.priors import term_of_group, term_of_slope
 from bayestissue.hierarchy.specification import ModelSpecification
+from bayestissue.hierarchy.trace_data import no_force
 from bayestissue.inference.answers.grammar import Choice, Quantity, QuestionError, claims, parse
 from bayestissue.inference.answers.law import MOTION, Law
 from bayestissue.inference.answers.meaning import quantities, searched
@@ -96,7 +97,7 @@ def study_of(plan: PlanSpecification, source: str) -> Study:
             model or the pilot does not suit: all that is wrong at once.
     """
     earlier = None if plan.after is None else begun_study(plan.after, Beliefs(plan.population), source)
-    designs = tuple(grid(plan.candidates))
+    designs = tuple(grid(plan.candidates, tuple(plan.recordings)))
     if earlier is None:
         model, model_source = resolve(plan.model, formulas=plan.formula)
         reference = plan.reference_mass_kg or model.reference_mass_kg or REFERENCE_MASS_KG
@@ -108,6 +109,9 @@ def study_of(plan: PlanSpecification, source: str) -> Study:
     if model.likelihood != "impact":
         where = source, None, "model", model.likelihood
         problems.append(Problem.stated("impossible-plan.likelihood", *where))
+    if plan.one_factor and (why := no_force(model)):
+        key = "channel" if plan.channel else "recording.force"
+        problems.append(Problem.stated("impossible-plan.force", source, None, key, "force", why=why))
     questions = []
     for question in _questions(plan, source):
         if problem := _unreadable(plan, question, source):

@@ -21,6 +21,7 @@ from jaxtyping import Bool, Float
 
 from bayestissue.elements.outcomes import OUTCOMES
 from bayestissue.hierarchy.effects import RESPONSES
+from bayestissue.hierarchy.force import CommonFactor
 from bayestissue.hierarchy.recorded import Recorded
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.inference.answers.grammar import Node, Operation, claims, parse
@@ -30,7 +31,7 @@ from bayestissue.inference.answers.reliability import coefficients, variances
 from bayestissue.planning.information import Information, TypicalTissue, information
 from bayestissue.planning.law import planned_law
 from bayestissue.planning.population import DesignPrior, Streams, Truths
-from bayestissue.planning.posterior import PlannedSites, Posteriors, posteriors
+from bayestissue.planning.posterior import PlannedSites, Posteriors, posteriors, with_all_known
 from bayestissue.planning.running import Running
 from bayestissue.planning.studies import Arrangement, Studies, arrangements, draw_studies
 from bayestissue.runtime import cores
@@ -145,6 +146,8 @@ class Planner:
         prior: where each study's truth comes from.
         seed: of all studies.
         law: what outcomes follow; None where there is no law of force.
+        unlimited: whether all is known but for a factor that all masses have in common, as of any number of
+            impacts and people.
     """
 
     arranged: Sequence[Arrangement]
@@ -152,6 +155,7 @@ class Planner:
     prior: DesignPrior
     seed: int
     law: Law | None = None
+    unlimited: bool = False
 
     def assess(
         self,
@@ -218,9 +222,24 @@ class Planner:
         probability: float,
     ) -> tuple[list[Assessment], Float[np.ndarray, "study coordinate"]]:
         model = arrangement.model
+        if self.unlimited:
+            drawn = with_all_known(model, studies.truths.hyperparameters, studies.b, studies.log_factor)
+            return self._answered(arrangement, position, studies, drawn, goals, probability), start
         present = np.broadcast_to(arrangement.present[position], studies.centre.shape[:2])
         sites = PlannedSites(model, arrangement.columns, arrangement.precision, studies.centre, present)
         drawn = posteriors(sites, start)
+        return self._answered(arrangement, position, studies, drawn, goals, probability), drawn.mode
+
+    def _answered(
+        self,
+        arrangement: Arrangement,
+        position: int,
+        studies: Studies,
+        drawn: Posteriors,
+        goals: Sequence[Goal],
+        probability: float,
+    ) -> list[Assessment]:
+        """What the posteriors of one design's studies say of each goal."""
         answers = _Answers(arrangement, position, self.information, goals, self.law)
         posterior = answers.dataset(drawn.hyperparameters, drawn.b)
         true = {name: values[:, None] for name, values in studies.truths.hyperparameters.items()}
@@ -229,7 +248,7 @@ class Planner:
         for goal in goals:
             values, true_values = (answers.values(goal.node, draws) for draws in (posterior, truth))
             assessed.append(_assessment(goal, probability, drawn, values, true_values))
-        return assessed, drawn.mode
+        return assessed
 
 
 def _assessment(
@@ -329,6 +348,8 @@ def planner(
     *,
     seed: int = 0,
     running: Running | None = None,
+    one_factor: bool = False,
+    unlimited: bool = False,
 ) -> Planner:
     """Make designs ready to be assessed.
 
@@ -340,6 +361,9 @@ def planner(
         seed: of all studies.
         running: a study that has begun: each design is then what is still to come, and ``prior`` a
             `RunningPrior`.
+        one_factor: whether an error of the mass is the same in all impacts, as a fit takes it where a force
+            can show it; without a force then too.
+        unlimited: see `Planner`.
 
     Raises:
         InputError: a formula asks for what a design can't identify, or the recorder's traces are no data
@@ -349,18 +373,25 @@ def planner(
         designs = [pd.concat([running.rows, design], ignore_index=True)[list(design)] for design in designs]
     rows = pd.concat([*designs], ignore_index=True)
     reference = specification.reference_mass_kg or float(np.exp(np.log(rows["mass_kg"]).mean()))
+    recording = simulation.recording
+    force, common = recording.force, None
+    if one_factor or force is not None:
+        gains = [recording.relative_gain_sd, force.relative_gain_sd] if force else [0.0]
+        common = CommonFactor(mass_sd=recording.relative_mass_sd, gain_sd=float(np.hypot.reduce(gains)))
     arranged = arrangements(
         designs,
         specification,
         reference_mass_kg=reference,
-        relative_mass_sd=simulation.recording.relative_mass_sd,
+        relative_mass_sd=0.0 if common else recording.relative_mass_sd,
+        common=common,
+        force=force is not None,
     )
     truths = prior.truths(arranged[0].model, arranged[0].design, Streams(seed, 0))
     tissue = typical_tissue(truths, arranged[0], reference)
     known = information(rows, specification, tissue, simulation, seed)
     with_traces = [arrangement.with_traces(known, running) for arrangement in arranged]
     law = planned_law(specification, simulation.gravity)
-    return Planner(with_traces, known, prior, seed, law)
+    return Planner(with_traces, known, prior, seed, law, unlimited)
 
 
 def typical_tissue(truths: Truths, arrangement: Arrangement, reference_mass_kg: float) -> TypicalTissue:

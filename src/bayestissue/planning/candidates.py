@@ -115,16 +115,19 @@ class Candidate:
         }
 
 
-def grid(candidates: Candidates) -> list[Candidate]:
+def grid(candidates: Candidates, recorders: Sequence[str] = ("",)) -> list[Candidate]:
     """Every combination of what the plan lists, people varying fastest.
 
     Its conditions are each set of masses at each set of velocities, and the set that is listed condition by
     condition.
+
+    Args:
+        candidates: the lists.
+        recorders: names of the recorders that are compared.
     """
     sets = [tuple(product(*pair)) for pair in product(candidates.masses_kg, candidates.velocities_m_s)]
     if candidates.conditions:
         sets.append(tuple(condition.mass_and_velocity() for condition in candidates.conditions))
-    recorders = [recorder.name for recorder in candidates.recorders] or [""]
     common = Candidate(0, (), 1, candidates.factors, candidates.lost, candidates.lost_people)
     return [
         replace(common, people=people, conditions=conditions, repeats=repeats, recorder=recorder)

@@ -1,4 +1,4 @@
-"""What one trace will tell of log K and log C, by condition: the precision of its Gaussian site.
+"""What one impact will tell of log K and log C, by condition: the precision of its Gaussian site.
 
 Of each condition a few impacts are simulated on people of the population, through the recorder as it is
 declared, and summarised by the same expansion that a fit of them would use. What else a trace tells, such
@@ -6,8 +6,10 @@ as the noise or an element's further parameters, is integrated out under its own
 
     P = P_uu - P_un (P_nn + D_n)^-1 P_nu,
 
-and planned impacts take these precisions in turn. Whether a Gaussian can stand for the traces at all shows in
-how far the sites' centres are from the truth: the mean of (m - u)' P (m - u) / 2 is 1 if it can.
+and planned impacts take these precisions in turn. Of a force beside the deceleration the log of it over mass
+times deceleration stays in u, since what makes it up is common to all impacts. Whether a Gaussian can stand
+for the traces at all shows in how far the sites' centres are from the truth: the mean of (m - u)' P (m - u)
+over the length of u is 1 if it can.
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ from jaxtyping import Float
 
 from bayestissue.dataset.settings import Gravity, RecorderSettings
 from bayestissue.elements import element
+from bayestissue.errors import InputError
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
 from bayestissue.hierarchy.trace_data import prepare
@@ -57,16 +60,16 @@ class TypicalTissue:
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """Precisions of log K and log C from one trace.
+    """Precisions of log K and log C from one impact's recordings, of a force's ratio too where there is one.
 
     Attributes:
         conditions: ``mass_kg``, ``velocity_m_s`` and, where it counts, ``diameter_m``.
         precision: of some people in each condition.
-        calibration: mean of (m - u)' P (m - u) / 2 over all of them.
+        calibration: mean of (m - u)' P (m - u) over the length of u, over all of them.
     """
 
     conditions: pd.DataFrame
-    precision: Float[np.ndarray, "condition person 2 2"]
+    precision: Float[np.ndarray, "condition person parameter parameter"]
     calibration: float
 
     @property
@@ -78,10 +81,10 @@ class Information:
     @property
     def measurement_sd(self) -> dict[str, float]:
         """The standard deviation that one trace leaves log K and log C: the median over people."""
-        covariance = np.linalg.inv(self.precision)
+        covariance = np.linalg.inv(self.precision)[..., :2, :2]
         return {q: float(np.sqrt(np.median(covariance[..., k, k]))) for k, q in enumerate("KC")}
 
-    def of_rows(self, rows: pd.DataFrame) -> Float[np.ndarray, "impact 2 2"]:
+    def of_rows(self, rows: pd.DataFrame) -> Float[np.ndarray, "impact parameter parameter"]:
         """The precision of each planned impact."""
         columns = list(self.conditions)
         numbered = self.conditions.assign(_condition=np.arange(len(self.conditions)))
@@ -108,7 +111,7 @@ def information(
 
     Raises:
         InputError: the recorder's traces are no data for this analysis, as where the window has too few
-            samples.
+            samples, or the analysis can't be of its force.
     """
     columns = [name for name in _CONDITION if name in rows]
     conditions = rows[columns].drop_duplicates(ignore_index=True)
@@ -133,8 +136,7 @@ def information(
                 element=specification.element,
                 parameters={parameter.name: parameter.typical for parameter in further},
             ),
-            # An error of the mass is part of how impacts scatter, not of what a trace tells.
-            "recording": simulation.recording.model_copy(update={"relative_mass_sd": 0.0}),
+            "recording": _of_one_impact(simulation.recording),
         }
     )
     campaign = simulate(planned, seed)
@@ -146,6 +148,12 @@ def information(
     start = first_guess(prepared)
     start[:, :2] = truth
     nuisance = start[:, 2:]
+    if planned.recording.force is not None:
+        if prepared.force is None:
+            where = specification.name, None, "recording.force", planned.recording.force.place
+            raise InputError.stated("impossible-plan.force", *where, why=prepared.force_unused)
+        # Masses and gains are the stated ones.
+        truth = np.column_stack([truth, np.zeros(len(truth))])
     spread = spreads_of_nuisance(specification, prepared.model.nuisance)
     sd = np.concatenate([np.maximum(tissue.sd, 1e-3), spread])
     log_mass = np.log(prepared.signal.mass / tissue.reference_mass_kg)
@@ -153,27 +161,44 @@ def information(
     prior = ConditionalPrior(mean, np.diag(sd**-2.0)).of_each()
     smooth = with_normal_errors(prepared.data)
     sites = map_impacts(partial(laplace_sites, prepared.model), smooth, start, prior)
-    centre, precision = without_nuisance(sites, spread)
+    size = truth.shape[1]
+    centre, precision = without_nuisance(sites, spread, ratio=size > len(tissue.mean))
     deviation = centre - truth
-    calibration = float(np.einsum("ia,iab,ib->i", deviation, precision, deviation).mean() / 2)
-    return Information(conditions, precision.reshape(len(conditions), SETTINGS.people, 2, 2), calibration)
+    calibration = float(np.einsum("ia,iab,ib->i", deviation, precision, deviation).mean() / size)
+    return Information(
+        conditions, precision.reshape(len(conditions), SETTINGS.people, size, size), calibration
+    )
+
+
+def _of_one_impact(recording: Recording) -> Recording:
+    """The chain without errors of the mass and a force's gain.
+
+    They are part of how impacts scatter, or common to all of them, and not of what one impact tells.
+    """
+    force = recording.force and recording.force.model_copy(update={"relative_gain_sd": 0.0})
+    return recording.model_copy(update={"relative_mass_sd": 0.0, "force": force})
 
 
 def without_nuisance(
-    sites: GaussianFactor, spread: Float[np.ndarray, " nuisance"]
-) -> tuple[Float[np.ndarray, "impact 2"], Float[np.ndarray, "impact 2 2"]]:
+    sites: GaussianFactor, spread: Float[np.ndarray, " nuisance"], *, ratio: bool = False
+) -> tuple[Float[np.ndarray, "impact kept"], Float[np.ndarray, "impact kept kept"]]:
     """Centre and precision of log K and log C, the other parameters integrated out.
 
     Args:
         sites: of all parameters of each impact.
         spread: prior standard deviation of each of the others, about the site's centre.
+        ratio: whether the last parameter, of a force beside the deceleration, is kept too.
     """
+    # A force's ratio, the last one, stands behind log K and log C.
+    order = np.r_[0, 1, -1, 2 : sites.centre.shape[1] - 1] if ratio else np.arange(sites.centre.shape[1])
     P, shift, centre = (np.asarray(part) for part in (sites.precision, sites.shift, sites.centre))
-    across = np.linalg.solve(P[:, 2:, 2:] + np.diag(spread**-2.0), P[:, 2:, :2])
-    precision = P[:, :2, :2] - P[:, :2, 2:] @ across
+    P, shift, centre = P[:, order[:, None], order], shift[:, order], centre[:, order]
+    kept, spread = 2 + ratio, spread[order[2 + ratio :] - 2]
+    across = np.linalg.solve(P[:, kept:, kept:] + np.diag(spread**-2.0), P[:, kept:, :kept])
+    precision = P[:, :kept, :kept] - P[:, :kept, kept:] @ across
     # A site may be written about another point than its maximum.
-    gained = shift[:, :2] - np.einsum("ina,in->ia", across, shift[:, 2:])
-    return centre[:, :2] + np.linalg.solve(precision, gained[..., None])[..., 0], precision
+    gained = shift[:, :kept] - np.einsum("ina,in->ia", across, shift[:, kept:])
+    return centre[:, :kept] + np.linalg.solve(precision, gained[..., None])[..., 0], precision
 
 
 def spreads_of_nuisance(specification: ModelSpecification, nuisance: Sequence[str]) -> np.ndarray:

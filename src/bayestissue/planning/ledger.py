@@ -29,13 +29,18 @@ _COLUMNS = ["key", "study", "normal", *PER_STUDY]
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """One design with its analysis, what is believed of the tissue, and the measuring chain."""
+    """One design with its analysis, what is believed of the tissue, and the measuring chain.
+
+    ``one_factor`` and ``unlimited`` are those of `planner`.
+    """
 
     design: Candidate
     model: ModelSpecification
     prior: DesignPrior
     simulation: Simulation
     running: Running | None = None
+    one_factor: bool = False
+    unlimited: bool = False
 
     @cached_property
     def key(self) -> str:
@@ -43,8 +48,9 @@ class Case:
         rows = self.design.rows().to_csv(index=False)
         chain = self.simulation.model_dump_json()
         recorded = "" if self.running is None else _content(self.running.centre)
-        model = self.model.model_dump_json()
-        return sha256_of([rows, model, _content(self.prior), chain, recorded, runtime.versions()])
+        model, kinds = self.model.model_dump_json(), (self.one_factor, self.unlimited)
+        further = [kinds] * any(kinds)
+        return sha256_of([rows, model, _content(self.prior), chain, recorded, runtime.versions(), *further])
 
 
 class Ledger:
@@ -77,14 +83,19 @@ class Ledger:
         for case in cases:
             done = min(len(self._studies.get(self._key(case, goal), ())) for goal in goals) // BLOCK
             if done < blocks:
-                shared = id(case.model), id(case.prior), id(case.simulation)
+                shared = id(case.model), id(case.prior), id(case.simulation), case.one_factor, case.unlimited
                 groups.setdefault((done, *shared), []).append(case)
         total = sum((blocks - first) * len(group) for (first, *_), group in groups.items())
         before = 0
         for (first, *_), group in groups.items():
             one = group[0]
             rows = [case.design.rows() for case in group]
-            ready = planner(rows, one.model, one.prior, one.simulation, seed=self._seed, running=one.running)
+            kinds: dict[str, Any] = {
+                "running": one.running,
+                "one_factor": one.one_factor,
+                "unlimited": one.unlimited,
+            }
+            ready = planner(rows, one.model, one.prior, one.simulation, seed=self._seed, **kinds)
             for begin in range(first, blocks, SETTINGS.kept_blocks):
                 now, say = range(begin, min(begin + SETTINGS.kept_blocks, blocks)), self._after(before, total)
                 answers = ready.assess(goals, now, probability=self._probability, progress=say)

@@ -1,8 +1,9 @@
 """The hierarchy of a planned study: log K and log C of each impact, measured with a known precision.
 
-Of an impact there are log K and log C alone. What else a trace tells, such as its noise, is integrated out
-of its precision beforehand (`bayestissue.planning.information`), and everything that follows is the
-hierarchy of a fit: u ~ N(X b, D^-1), with a Gaussian factor of u in the place of each trace.
+Of an impact there are log K and log C, and beside a force the log of it over mass times deceleration. What
+else a trace tells, such as its noise, is integrated out of its precision beforehand
+(`bayestissue.planning.information`), and everything that follows is the hierarchy of a fit: u ~ N(X b, D^-1),
+with a Gaussian factor of u in the place of each trace.
 """
 
 from __future__ import annotations
@@ -22,12 +23,19 @@ from numpyro.distributions import biject_to
 from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.effects import RESPONSES
+from bayestissue.hierarchy.force import CommonFactor
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign
 from bayestissue.hierarchy.levels import log_at_levels
-from bayestissue.hierarchy.population import EffectParts, MassError, population_design
+from bayestissue.hierarchy.population import (
+    EffectParts,
+    MassError,
+    force_ratio,
+    heavier,
+    population_design,
+)
 from bayestissue.hierarchy.priors import Priors
 from bayestissue.hierarchy.specification import ModelSpecification
-from bayestissue.hierarchy.traces import Hierarchy, hyperparameters_at
+from bayestissue.hierarchy.traces import FORCE, Hierarchy, hyperparameters_at
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +49,9 @@ class PlannedModel(Hierarchy):
         log_mass_sd: standard deviation of the error of the recorded log mass.
         mass_error: whether each impact has an error of its own or all of a person's the same.
         known: the hyperparameters that the analysis knows, by name; empty of a real one.
+        common: what is declared of a factor that all masses have in common, in the place of errors of their
+            own; None where they have those.
+        force: whether a force is recorded too, which shows that factor.
     """
 
     locations: EffectParts
@@ -49,6 +60,13 @@ class PlannedModel(Hierarchy):
     log_mass_sd: float = 0.0
     mass_error: MassError = "impact"
     known: Mapping[str, float] | None = None
+    common: CommonFactor | None = None
+    force: bool = False
+
+    @property
+    def nuisance(self) -> tuple[str, ...]:
+        """Of a force, what it is over mass times deceleration."""
+        return FORCE[-1:] if self.force else ()
 
     @cached_property
     def unknown(self) -> tuple[str, ...]:
@@ -59,7 +77,8 @@ class PlannedModel(Hierarchy):
     def key(self) -> tuple[Any, ...]:
         """All that what is compiled for this model depends on."""
         known = tuple(sorted((self.known or {}).items()))
-        return self.locations, self.priors, self.correlated, self.log_mass_sd, self.mass_error, known
+        shape = self.locations, self.priors, self.correlated, self.log_mass_sd, self.mass_error, known
+        return *shape, self.common, self.force
 
     def __hash__(self) -> int:
         return hash(self.key)
@@ -80,6 +99,17 @@ class PlannedModel(Hierarchy):
         if not coordinates:
             return np.zeros((len(next(iter(values.values()))), 0))
         return np.stack([np.asarray(coordinate) for coordinate in coordinates], axis=-1)
+
+    def at_true_masses(
+        self, b: Float[np.ndarray, "study draw location"], standard: Float[np.ndarray, "study draw"]
+    ) -> Float[np.ndarray, "study draw location"]:
+        """Effects at the true masses, whose common factor is drawn from standard normals given b."""
+        if self.common is None:
+            return b
+        log_factor = self.common.mass_sd * standard
+        if self.force:
+            log_factor = self.common.log_mass_factor(b[..., force_ratio(self.locations)], standard)
+        return heavier(self.locations, b, log_factor)
 
     def draws(
         self, design: Design, values: Mapping[str, np.ndarray], b: Float[np.ndarray, "chain draw location"]
@@ -103,19 +133,28 @@ class PlannedModel(Hierarchy):
 
 
 def planned_model(
-    specification: ModelSpecification, design: Design, relative_mass_sd: float = 0.0
+    specification: ModelSpecification,
+    design: Design,
+    relative_mass_sd: float = 0.0,
+    common: CommonFactor | None = None,
+    *,
+    force: bool = False,
 ) -> tuple[PlannedModel, PopulationDesign]:
     """The analysis of a study with this design, and its X arranged.
 
     Args:
         specification: the model file.
         design: its formulas over the rows of the study.
-        relative_mass_sd: of the recorded mass.
+        relative_mass_sd: of the recorded mass, as far as impacts or people have errors of their own.
+        common: what is declared of a factor that all masses have in common.
+        force: whether a force is recorded too.
     """
     priors = specification.complete_priors()
     # The parameters of an element besides K and C are part of a trace's precision.
     responses = {q: design.responses[q] for q in RESPONSES}
-    effects, columns = population_design(replace(design, responses=responses), priors, ())
+    nuisance = FORCE[-1:] if force else ()
+    effects, columns = population_design(replace(design, responses=responses), priors, nuisance)
     mass_error = specification.mass_error if relative_mass_sd > 0 else "impact"
-    model = PlannedModel(effects, priors, specification.residual_correlation, relative_mass_sd, mass_error)
-    return model, columns
+    correlated = specification.residual_correlation
+    errors: dict[str, Any] = {"log_mass_sd": relative_mass_sd, "mass_error": mass_error}
+    return PlannedModel(effects, priors, correlated, **errors, common=common, force=force), columns

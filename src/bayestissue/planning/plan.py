@@ -27,11 +27,10 @@ from bayestissue.planning.specification import MOST_PEOPLE, PlanSpecification, p
 from bayestissue.planning.words import answer, in_own_words, limit_words, paragraph, warning, what_limits
 from bayestissue.report.run_folder import draw_page
 from bayestissue.results.tables import table_of_rows, typed
-from bayestissue.simulation.specification import Recording
+from bayestissue.settings import Table
+from bayestissue.simulation.specification import Simulation
 
 PLAN, DESIGNS, STUDIES = "plan.json", "designs", "studies.parquet"
-_NOISE = ("noise_sd_m_s2", "noise_relative_to_peak")
-_CHAIN = tuple(name for name in Recording.model_fields if "_sd" in name and name not in _NOISE)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -221,25 +220,47 @@ def carry_out(
     aim = study.plan.goal
     ledger = Ledger(aim.seed, aim.probability, say or silent, known, parts)
     cases = [
-        Case(design, study.model_of(number), study.prior, study.simulations[design.recorder], study.running)
+        Case(
+            design,
+            study.model_of(number),
+            study.prior,
+            study.simulations[design.recorder],
+            study.running,
+            one_factor=study.plan.one_factor,
+        )
         for number, design in enumerate(study.designs)
     ]
     assessments = ledger.assess(cases, study.goals, aim.studies)
     minutes = [design.minutes(study.plan.cost) for design in study.designs]
     # The least assurance of all goals as a fraction of what is wanted.
     reached = [min(one.answered for one in of_goals) / aim.assurance for of_goals in assessments]
-    reaching = [number for number, fraction in enumerate(reached) if fraction >= 1]
-    if reaching:
-        chosen = min(reaching, key=lambda number: minutes[number])
-    else:
-        chosen = max(range(len(cases)), key=lambda number: (reached[number], -minutes[number]))
-    variants, limits = _variants(cases[chosen], reaches=bool(reaching)), _limits(cases[chosen])
+    chosen = _best(range(len(cases)), reached, minutes)
+    reaching = reached[chosen] >= 1
+    variants, limits = _variants(cases[chosen], reaches=reaching), _limits(cases[chosen])
     fewer = min(aim.studies, SETTINGS.fewer_studies)
     normal = bool(ledger.table()["normal"].all())
     # Not many people too: designs that are assessed together cost as much as the largest of them.
     together = [case for name, case in variants.items() if name != "many people"]
     ledger.assess([*together, *limits.values()], study.goals, fewer)
     (base,) = ledger.assess([cases[chosen]], study.goals, fewer)
+
+    # Of each recorder the cheapest design that answers, or the best, and what no number of impacts adds to.
+    sensors: list[dict[str, Any]] = []
+    for name in study.simulations if study.plan.one_factor else ():
+        of_recorder = [number for number, case in enumerate(cases) if case.design.recorder == name]
+        best = _best(of_recorder, reached, minutes)
+        limit = replace(cases[best], unlimited=True)
+        kinds = {"unlimited": limit, "exact": replace(limit, simulation=_at_exact_masses(limit.simulation))}
+        known_all = dict(zip(kinds, ledger.assess([*kinds.values()], study.goals, fewer), strict=True))
+        sensors.append(
+            {
+                "recorder": name,
+                "force": study.simulations[name].recording.force is not None,
+                "design": best + 1,
+                "reaches": reached[best] >= 1,
+                **{kind: {one.goal.name: _of_goal(one) for one in of} for kind, of in known_all.items()},
+            }
+        )
 
     def numbers(case: Case) -> dict[str, Any]:
         (assessed,) = ledger.assess([case], study.goals, fewer)
@@ -259,7 +280,8 @@ def carry_out(
         ],
         "normal_traces": normal,
         "chosen": chosen + 1,
-        "reaches": bool(reaching),
+        "reaches": reaching,
+        **({"sensors": sensors} if sensors else {}),
         "looks": {} if study.running else _looks(cases, assessments, chosen),
         "held_open": {} if reaching else _held_open(cases[chosen], study.goals),
         "variants": {name: numbers(case) for name, case in variants.items()},
@@ -274,6 +296,14 @@ def carry_out(
     stated = {"plan": study.plan.name, "seed": aim.seed, "studies": aim.studies, "sha256": content["sha256"]}
     record = start.record("plan", "plan", **stated)
     return Plan(record, content, _designs(content), ledger.table())
+
+
+def _best(numbers: Sequence[int], reached: Sequence[float], minutes: Sequence[float]) -> int:
+    """Of some designs the cheapest that answers; where none does, the one that answers most."""
+    reaching = [number for number in numbers if reached[number] >= 1]
+    if reaching:
+        return min(reaching, key=lambda number: minutes[number])
+    return max(numbers, key=lambda number: (reached[number], -minutes[number]))
 
 
 def write_plan(plan: Plan, folder: Path, *, excel: results.Excel | None = None) -> None:
@@ -317,12 +347,30 @@ def _limits(case: Case) -> dict[str, Case]:
     terms = dict.fromkeys(term for q in RESPONSES for term in terms_of(getattr(formula, q)).groups)
     for stem in (term.stem for term in terms if term != SUBJECT):
         limits[stem] = replace(case, prior=WithoutSpread(case.prior, f"sd_{stem}"))
-    noise = {name: SETTINGS.better_noise * getattr(chain, name) for name in _NOISE}
-    for name, changed in (("noise", noise), ("chain", dict.fromkeys(_CHAIN, 0.0))):
-        if any(getattr(chain, error) for error in changed):
-            better = simulation.model_copy(update={"recording": chain.model_copy(update=changed)})
-            limits[name] = replace(case, simulation=better)
+    for name, share in (("noise", SETTINGS.better_noise), ("chain", 0.0)):
+        noise = name == "noise"
+        better = _with_less(chain, share, noise=noise)
+        if chain.force is not None:
+            better = better.model_copy(update={"force": _with_less(chain.force, share, noise=noise)})
+        if better != chain:
+            limits[name] = replace(case, simulation=simulation.model_copy(update={"recording": better}))
     return limits
+
+
+def _at_exact_masses(simulation: Simulation) -> Simulation:
+    """The same measuring chain with masses that are known."""
+    exact = simulation.recording.model_copy(update={"relative_mass_sd": 0.0})
+    return simulation.model_copy(update={"recording": exact})
+
+
+def _with_less[Sensor: Table](sensor: Sensor, share: float, *, noise: bool) -> Sensor:
+    """A share of the standard deviations of a sensor: of its noise, or of all its other errors."""
+    names = [
+        name
+        for name in type(sensor).model_fields
+        if ("_sd" in name or name.startswith("noise_")) and name.startswith("noise_") == noise
+    ]
+    return sensor.model_copy(update={name: share * getattr(sensor, name) for name in names})
 
 
 def _held_open(case: Case, goals: Sequence[Goal]) -> dict[str, list[dict[str, Any]]]:

@@ -224,6 +224,8 @@ class Beliefs:
         def drawn(name: str, belief: Any) -> np.ndarray:
             return np.asarray(quantile(belief, streams.uniform(name)), float)
 
+        # A factor that all masses have in common stands in the place of errors of their own.
+        known |= {f"sd_{name}": Known(value=0.0) for name in model.nuisance}
         values = {name: drawn(name, known.get(name, default)) for name in model.hyperparameters}
         for part in design.responses.values():
             q = part.response

@@ -7,7 +7,7 @@ closed form. Points are Sobol's, the same of all studies.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import Any, NamedTuple
@@ -24,6 +24,7 @@ from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign
 from bayestissue.hierarchy.gaussian.conditional import Data, log_marginal
 from bayestissue.hierarchy.gaussian.effects import effects_from_standard, integrate_effects
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
+from bayestissue.hierarchy.population import heavier
 from bayestissue.planning.model import PlannedModel
 from bayestissue.planning.settings import INTEGRATION as SETTINGS
 
@@ -34,7 +35,7 @@ class Posteriors:
 
     Attributes:
         hyperparameters: by name.
-        b: all fixed and group effects.
+        b: all fixed and group effects, a factor of all masses put right.
         weight: of each draw; a study's add up to 1.
         effective: how many draws that are equally weighted these are worth, of the points.
         mode: of the hyperparameters' unconstrained coordinates.
@@ -61,8 +62,8 @@ class PlannedSites:
 
     model: PlannedModel
     columns: PopulationDesign
-    precision: Float[np.ndarray, "impact 2 2"]
-    centre: Float[np.ndarray, "study impact 2"]
+    precision: Float[np.ndarray, "impact parameter parameter"]
+    centre: Float[np.ndarray, "study impact parameter"]
     present: Bool[np.ndarray, "study impact"]
 
 
@@ -76,10 +77,12 @@ def posteriors(sites: PlannedSites, start: Float[np.ndarray, "study coordinate"]
     studies, size = start.shape
     points, repeats = (SETTINGS.points, SETTINGS.effects) if size else (1, SETTINGS.points * SETTINGS.effects)
     columns, effects = sites.columns._replace(cell=np.zeros(0, int)), sites.model.locations.size
+    # One more number is of the factor that all masses have in common.
+    width = effects + (sites.model.common is not None)
     # Of each study points of its own, that what they are wrong by averages out.
     random = np.random.default_rng(11)
-    shift, sign = random.uniform(size=(studies, size + 1)), random.choice([-1.0, 1.0], (studies, effects))
-    standard = ndtri(_sobol(effects, points * repeats))
+    shift, sign = random.uniform(size=(studies, size + 1)), random.choice([-1.0, 1.0], (studies, width))
+    standard = ndtri(_sobol(width, points * repeats))
     outcome = _integrated(
         sites.model,
         (columns, sites.model.locations.mean, sites.precision),
@@ -89,18 +92,46 @@ def posteriors(sites: PlannedSites, start: Float[np.ndarray, "study coordinate"]
             # Without coordinates there is a number that nothing asks for: no batch is of nothing.
             np.clip(start, -SETTINGS.farthest, SETTINGS.farthest) if size else np.zeros(studies),
             _proposal_points(size, points, shift),
-            sign,
+            sign[:, :effects],
         ),
-        standard.reshape(points, repeats, -1),
+        standard[:, :effects].reshape(points, repeats, -1),
     )
     log_weight, values, b, mode = jax.tree.map(np.asarray, outcome)
     weight = softmax(np.where(np.isfinite(log_weight), log_weight, -np.inf), axis=1)
+    of_mass = sign[:, -1:] * standard[:, -1]
     return Posteriors(
         {name: np.repeat(array, repeats, axis=1) for name, array in values.items()},
-        b.reshape(len(start), points * repeats, -1),
+        sites.model.at_true_masses(b.reshape(len(start), points * repeats, -1), of_mass),
         np.repeat(weight / repeats, repeats, axis=1),
         1 / (weight**2).sum(axis=1),
         mode if size else start,
+    )
+
+
+def with_all_known(
+    model: PlannedModel,
+    hyperparameters: Mapping[str, Float[np.ndarray, " study"]],
+    b: Float[np.ndarray, "study location"],
+    log_factor: Float[np.ndarray, " study"],
+) -> Posteriors:
+    """Posteriors of studies that know everything but a factor which all masses have in common.
+
+    Args:
+        model: of the analysis.
+        hyperparameters: of each study's truth, by name.
+        b: its effects.
+        log_factor: log of that factor.
+    """
+    points = SETTINGS.points
+    recorded = heavier(model.locations, b, -log_factor)
+    shape = (len(b), points, b.shape[1])
+    standard = np.broadcast_to(ndtri((np.arange(points) + 0.5) / points), shape[:2])
+    return Posteriors(
+        {name: np.repeat(values[:, None], points, axis=1) for name, values in hyperparameters.items()},
+        model.at_true_masses(np.broadcast_to(recorded[:, None], shape), standard),
+        np.full(shape[:2], 1 / points),
+        np.full(len(b), float(points)),
+        np.zeros((len(b), 0)),
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
@@ -17,6 +17,7 @@ from bayestissue.simulation.specification import (
     Condition,
     Factor,
     Positive,
+    RecordedForce,
     Recording,
     require_samples_to_filter,
 )
@@ -31,6 +32,8 @@ USUAL = Recording(
     velocity_sd_m_s=0.01,
     relative_mass_sd=0.002,
 )
+# What a recorder without a name is called beside one with a further channel.
+FIRST = "accelerometer"
 # More designs than a reader compares; a slip of the grid rather than a wish.
 MOST_DESIGNS = 500
 # More need more memory than a machine has: studies are drawn and analysed a hundred at a time.
@@ -80,6 +83,19 @@ class PlannedRecorder(Recording):
     name: Annotated[str, Field(min_length=1)] = Field(description="what tables call it.")
 
     _noise = model_validator(mode="after")(_with_noise)
+
+
+class PlannedChannel(RecordedForce):
+    """A further channel, with the words of a [[channel]] of dataset.toml, its noise and its zero's error."""
+
+    name: Annotated[str, Field(min_length=1)] = Field(description="what tables call it, such as load cell.")
+    quantity: Literal["force"] = Field(description="what it records: force, alone.")
+
+    @model_validator(mode="after")
+    def _noise(self) -> Self:
+        if not (self.noise_sd_N or self.noise_relative_to_peak):
+            raise ValueError("noise_sd_N or noise_relative_to_peak above 0, as every sensor has noise")
+        return self
 
 
 class Candidates(Table):
@@ -228,6 +244,11 @@ class PlanSpecification(Table):
         "zero to 0.2 m/s², velocity to 0.01 m/s, mass to 0.2 %, at 10 kHz. Where the table is written, what "
         "it leaves out is 0.",
     )
+    channel: Annotated[tuple[PlannedChannel, ...], Field(max_length=1)] = Field(
+        default=(),
+        description="one table [[channel]], as in dataset.toml: a force beside the deceleration. Every "
+        "design is then planned without it and with it, and an error of the mass is one of all impacts.",
+    )
     recorder: RecorderSettings | None = Field(
         default=None, description="a table [recorder] as in dataset.toml: a low-pass."
     )
@@ -280,10 +301,43 @@ class PlanSpecification(Table):
             require_samples_to_filter(self.recorder, recording)
         return self
 
+    @model_validator(mode="after")
+    def _one_force(self) -> Self:
+        own = self._recorders()
+        recorded = [name for name, recording in own.items() if recording.force]
+        if self.channel and recorded:
+            raise ValueError("either [[channel]] or a force of the recording")
+        if self.after and (self.channel or recorded):
+            raise ValueError("[[channel]] and a force of the recording only without [after]")
+        if self.channel and not all(recording.relative_mass_sd for recording in own.values()):
+            raise ValueError("relative_mass_sd above 0 beside [[channel]]: it is the mass that a force shows")
+        return self
+
+    def _recorders(self) -> dict[str, Recording]:
+        return {recorder.name: recorder for recorder in self.candidates.recorders} or {"": self.recording}
+
     @property
     def recordings(self) -> dict[str, Recording]:
-        """The measuring chain of each recorder, by its name; "" where there is one alone."""
-        return {recorder.name: recorder for recorder in self.candidates.recorders} or {"": self.recording}
+        """The measuring chain of each recorder, by its name; "" where there is one alone.
+
+        Each is there without a further channel and with it.
+        """
+        recordings = self._recorders()
+        for channel in self.channel:
+            recordings = {
+                name: recording.model_copy(update={"force": force})
+                for recorder, recording in recordings.items()
+                for name, force in (
+                    (f"{recorder or FIRST} alone", None),
+                    (f"{recorder or FIRST} and {channel.name}", channel),
+                )
+            }
+        return recordings
+
+    @property
+    def one_factor(self) -> bool:
+        """Whether an error of the mass is one of all impacts, in every design, as some record a force."""
+        return any(recording.force is not None for recording in self.recordings.values())
 
 
 def read_plan(path: Path) -> PlanSpecification:

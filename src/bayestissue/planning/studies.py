@@ -3,7 +3,7 @@
 Designs that share their conditions are rows of one arrangement, the largest: a smaller one lacks some of its
 impacts. Study number s has then the same people, the same truth and the same errors in all of them, and what
 is compiled for one serves all. An impact's site has its centre at u plus an error N(0, P^-1): no trace is
-simulated.
+simulated. Where all masses have a factor in common, u is at the recorded ones: log K and log C less its log.
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ import pandas as pd
 from jaxtyping import Bool, Float
 
 from bayestissue.hierarchy.design import Design, build_design
+from bayestissue.hierarchy.effects import RESPONSES, intercept
+from bayestissue.hierarchy.force import CommonFactor
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expected
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.planning.information import Information
@@ -38,7 +40,8 @@ class Arrangement:
         design: the formulas over all rows.
         model: the analysis.
         columns: X, arranged.
-        precision: of log K and log C of each impact, from its trace.
+        precision: of log K and log C of each impact, from its trace; beside a force of its ratio to mass
+            times deceleration too.
         recorded: of the impacts that a running study has, the first ones, the centres of their sites.
     """
 
@@ -48,8 +51,8 @@ class Arrangement:
     design: Design
     model: PlannedModel
     columns: PopulationDesign
-    precision: Float[np.ndarray, "impact 2 2"]
-    recorded: Float[np.ndarray, "recorded 2"]
+    precision: Float[np.ndarray, "impact parameter parameter"]
+    recorded: Float[np.ndarray, "recorded parameter"]
 
     def with_traces(self, information: Information, running: Running | None = None) -> Arrangement:
         """The same with what traces tell.
@@ -70,7 +73,9 @@ def arrangements(
     specification: ModelSpecification,
     *,
     reference_mass_kg: float,
-    relative_mass_sd: float,
+    relative_mass_sd: float = 0.0,
+    common: CommonFactor | None = None,
+    force: bool = False,
 ) -> list[Arrangement]:
     """The designs, those over the same conditions together, before it is known what traces tell.
 
@@ -78,7 +83,9 @@ def arrangements(
         designs: each one's impacts: ``subject``, ``trial``, ``mass_kg``, ``velocity_m_s`` and factors.
         specification: the analysis.
         reference_mass_kg: the mass that K and C are stated at, of all designs.
-        relative_mass_sd: of the recorded mass.
+        relative_mass_sd: of the recorded mass, as far as impacts or people have errors of their own.
+        common: what is declared of a factor that all masses have in common.
+        force: whether a force is recorded too.
 
     Raises:
         InputError: a formula asks for what a design can't identify.
@@ -98,8 +105,9 @@ def arrangements(
         design = build_design(
             specification.formula, rows, reference_mass_kg=reference_mass_kg, source=specification.name
         )
-        model, columns = planned_model(specification, design, relative_mass_sd)
-        nothing = np.zeros((len(rows), 2, 2)), np.zeros((0, 2))
+        model, columns = planned_model(specification, design, relative_mass_sd, common, force=force)
+        size = len(RESPONSES) + len(model.nuisance)
+        nothing = np.zeros((len(rows), size, size)), np.zeros((0, size))
         arranged.append(Arrangement(tuple(numbers), rows, present, design, model, columns, *nothing))
     return arranged
 
@@ -116,11 +124,13 @@ class Studies:
         truths: hyperparameters and fixed effects of each.
         b: all fixed and group effects.
         centre: of each impact's site.
+        log_factor: log of the factor that all masses have in common, 0 where they have none.
     """
 
     truths: Truths
     b: Float[np.ndarray, "study location"]
-    centre: Float[np.ndarray, "study impact 2"]
+    centre: Float[np.ndarray, "study impact parameter"]
+    log_factor: Float[np.ndarray, " study"]
 
 
 def draw_studies(arrangement: Arrangement, truths: Truths, streams: Streams) -> Studies:
@@ -132,7 +142,11 @@ def draw_studies(arrangement: Arrangement, truths: Truths, streams: Streams) -> 
         streams: the block's random numbers.
     """
     model, impacts = arrangement.model, len(arrangement.rows)
-    b = np.zeros((BLOCK, model.locations.size))
+    b, log_factor, fixed = np.zeros((BLOCK, model.locations.size)), np.zeros(BLOCK), dict(truths.fixed)
+    if model.common is not None:
+        log_factor = model.common.mass_sd * streams.normal("mass", 1)[:, 0]
+        ratio = log_factor[:, None] + model.common.gain_sd * streams.normal("gain", 1)
+        fixed |= {intercept(name): ratio for name in model.nuisance}
     for part in model.locations.blocks:
         where = model.locations.parts[part.name]
         if part.spread:
@@ -143,7 +157,7 @@ def draw_studies(arrangement: Arrangement, truths: Truths, streams: Streams) -> 
             effects[:, :levels] = np.where(np.isnan(known), effects[:, :levels], known)
             b[:, where] = effects
         else:
-            b[:, where] = truths.fixed[part.name]
+            b[:, where] = fixed[part.name]
     means = np.moveaxis(np.asarray(expected(arrangement.columns, jnp.asarray(b))), 0, -1)
     sd_K, sd_C = truths.hyperparameters["sd_impact_K"], truths.hyperparameters["sd_impact_C"]
     correlation = truths.hyperparameters.get("residual_correlation", np.zeros(BLOCK))
@@ -152,13 +166,21 @@ def draw_studies(arrangement: Arrangement, truths: Truths, streams: Streams) -> 
     scatter[..., 0] = sd_K[:, None] * standard[..., 0]
     across = np.sqrt(1 - correlation**2)[:, None]
     scatter[..., 1] = sd_C[:, None] * (correlation[:, None] * standard[..., 0] + across * standard[..., 1])
-    # A mass that is recorded too high makes K and C look smaller alike: of each impact, or of a person.
+    # A mass recorded too high makes K and C look smaller alike: of each impact, of a person, or of all.
     code = np.arange(impacts) if model.mass_error == "impact" else arrangement.design.subject
     of_mass = model.log_mass_sd * streams.normal("mass", impacts)[:, code]
+    if model.common is not None:
+        of_mass = np.broadcast_to(log_factor[:, None], (BLOCK, impacts))
+    by_mass = np.stack([of_mass, of_mass, *(np.zeros_like(of_mass) for _ in model.nuisance)], axis=-1)
     # Of P = L L' an error L'^-1 z has the covariance P^-1.
     root = np.linalg.cholesky(arrangement.precision)
     errors = streams.normal("errors", 2 * impacts).reshape(BLOCK, impacts, 2)
+    for name in model.nuisance:
+        own = truths.hyperparameters[f"sd_{name}"][:, None] * streams.normal(name, impacts)
+        scatter = np.concatenate([scatter, own[..., None]], axis=-1)
+        further = streams.normal(f"errors of {name}", impacts)
+        errors = np.concatenate([errors, further[..., None]], axis=-1)
     measured = np.linalg.solve(np.swapaxes(root, -1, -2), errors[..., None])[..., 0]
-    centre = means + scatter - of_mass[..., None] + measured
+    centre = means + scatter - by_mass + measured
     centre[:, : len(arrangement.recorded)] = arrangement.recorded
-    return Studies(truths, b, centre)
+    return Studies(truths, b, centre, log_factor)

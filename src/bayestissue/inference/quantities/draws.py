@@ -17,7 +17,7 @@ from numpyro.infer import Predictive
 
 from bayestissue.elements.outcomes import OUTCOMES
 from bayestissue.hierarchy import derived
-from bayestissue.hierarchy.population import Population
+from bayestissue.hierarchy.population import Population, heavier
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, impacts_model
 from bayestissue.inference.execution.chunks import in_blocks
@@ -29,7 +29,6 @@ from bayestissue.inference.quantities.masses import (
     MASS_FACTOR,
     at_true_masses,
     common_log_factor,
-    heavier,
     mass_errors,
     own_log_factor,
 )
@@ -97,7 +96,7 @@ def posterior_draws(
     impacts = _of_impacts(prepared, u, errors_and_keys, recorded=True, single=not whole)
     b, factor = at_true_masses(model, population, keys), {}
     if log_factor is not None:
-        b = heavier(model, b, log_factor)
+        b = heavier(model.locations, b, log_factor)
         # Of a driven tissue it is a gain.
         factor = {} if prepared.gain_sd else {MASS_FACTOR: np.exp(log_factor)}
     effects = derived.effects_by_name(model.locations, prepared.design, b)
@@ -118,7 +117,7 @@ def prior_draws(prepared: Prepared, seed: int, rng: np.random.Generator) -> Draw
         ]
     elif (common := prepared.force or prepared.reference) is not None:
         error = np.broadcast_to(common.mass_sd * rng.standard_normal(u.shape[:2])[..., None], u.shape[:-1])
-        drawn["locations"] = heavier(model, drawn["locations"], error[..., 0])
+        drawn["locations"] = heavier(model.locations, drawn["locations"], error[..., 0])
         factor = {MASS_FACTOR: np.exp(error[..., 0])}
     else:
         error = model.log_mass_sd * rng.standard_normal(u.shape[:-1])

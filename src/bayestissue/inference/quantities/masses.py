@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expected
 from bayestissue.hierarchy.gaussian.covariances import Covariances
-from bayestissue.hierarchy.population import Population, of_impacts
+from bayestissue.hierarchy.population import Population, force_ratio, of_impacts
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceModel
 from bayestissue.inference.execution.compiling import by_row
@@ -40,7 +40,7 @@ def common_log_factor(
     if gain_sd:
         return gain_sd * standard(14)
     if force is not None:
-        return force.log_mass_factor(_mean_ratio(prepared, population), standard(12))
+        return force.log_mass_factor(population.b[..., force_ratio(prepared.model.locations)], standard(12))
     return None if reference is None else reference.log_mean + reference.log_sd * standard(12)
 
 
@@ -50,24 +50,7 @@ def own_log_factor(
     """What an impact's own mass errs by beside `common_log_factor`, by a force's ratio to its mean."""
     if prepared.force is None or not prepared.force.share:
         return np.zeros(u.shape[:-1])
-    return u[..., -1] - _mean_ratio(prepared, population)[..., None]
-
-
-def _mean_ratio(prepared: Prepared, population: Population) -> Float[np.ndarray, "chain draw"]:
-    """The mean over impacts of log force over mass times deceleration."""
-    return population.b[..., prepared.model.locations.parts["log_force_ratio_mean"].start]
-
-
-def heavier(
-    model: TraceModel,
-    b: Float[np.ndarray, "chain draw location"],
-    log_factor: Float[np.ndarray, "chain draw"],
-) -> Float[np.ndarray, "chain draw location"]:
-    """Effects with K and C of so much heavier impactors."""
-    moved = np.array(b)
-    for name in ("intercept_K", "intercept_C"):
-        moved[..., model.locations.parts[name].start] += log_factor
-    return moved
+    return u[..., -1] - population.b[..., force_ratio(prepared.model.locations)][..., None]
 
 
 @by_row(DRAWS, constant=2, axes=2)
