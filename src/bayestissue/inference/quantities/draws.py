@@ -80,8 +80,11 @@ def posterior_draws(
 
     force, a = prepared.force, population.b[..., _ratio_mean(model)]
     log_factor = np.zeros(shape)
-    if prepared.gain_sd:
-        log_factor = prepared.gain_sd * np.asarray(jax.random.normal(jax.random.fold_in(key, 14), shape))
+    gains = np.zeros((*shape, 2))
+    if any(prepared.gain_sd):
+        standard = np.asarray(jax.random.normal(jax.random.fold_in(key, 14), (*shape, 2)))
+        gains = np.asarray(prepared.gain_sd) * standard
+        log_factor = gains[..., 1] - gains[..., 0]
     if force is not None:
         standard = np.asarray(jax.random.normal(jax.random.fold_in(key, 12), shape))
         log_factor = force.log_mass_factor(a, standard)
@@ -92,8 +95,8 @@ def posterior_draws(
     def errors_and_keys(rows: np.ndarray, u: np.ndarray) -> tuple[Any, Any]:
         of_block = _each(partial(jax.random.fold_in, data=rows[0]), keys_of_kept)
         of_errors, of_mass = np.moveaxis(_each(jax.random.split, of_block), 2, 0)
-        if prepared.gain_sd:
-            return np.broadcast_to(log_factor[:, kept_numbers, None], u.shape[:-1]), of_errors
+        if model.kind == "driven":
+            return np.broadcast_to(gains[:, kept_numbers, None], (*u.shape[:-1], 2)), of_errors
         # Of the design X b of these impacts is asked alone.
         if force is not None:
             # What an impact's ratio has beside the common one is its own mass's.
@@ -131,6 +134,9 @@ def prior_draws(prepared: Prepared, seed: int, rng: np.random.Generator) -> Draw
         error = np.broadcast_to(common.mass_sd * rng.standard_normal(u.shape[:2])[..., None], u.shape[:-1])
         drawn["locations"] = _heavier(model, drawn["locations"], error[..., 0])
         factor = {MASS_FACTOR: np.exp(error[..., 0])}
+    elif model.kind == "driven":
+        gains = np.asarray(prepared.gain_sd) * rng.standard_normal((*u.shape[:2], 1, 2))
+        error = np.broadcast_to(gains, (*u.shape[:-1], 2))
     else:
         error = model.log_mass_sd * rng.standard_normal(u.shape[:-1])
     keys = np.asarray(jax.random.split(jax.random.fold_in(key, 1), u.shape[:2]))
@@ -193,10 +199,13 @@ def drawn_impacts(
     data: TraceData,
     recorded: bool,
     u: Float[Array, "impact parameter"],
-    mass_error: Float[Array, " impact"],
+    mass_error: Float[Array, " impact *gain"],
     key: Array,
 ) -> dict[str, Float[Array, "impact ..."]]:
-    """Every impact's quantities, as what was recorded has them or the priors alone; compiled for both."""
+    """Every impact's quantities, as what was recorded has them or the priors alone; compiled for both.
+
+    ``mass_error`` is as of `Impacts.drawn`.
+    """
     return impact_quantities(Impacts.drawn(model, data, list(u.T), mass_error, key, jnp.asarray(recorded)))
 
 
