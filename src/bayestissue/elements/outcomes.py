@@ -124,7 +124,7 @@ def _of_path(path: Path) -> Outcomes:
     return Outcomes(
         mass=M,
         velocity=V,
-        K_tangent=_tangent(element, p),
+        K_tangent=tangent_stiffness(element, p),
         K_secant=element.force(x, jnp.zeros_like(v), s, p) / x,
         C_equivalent=spent / squares,
         energy_lost=1 - (last / V) ** 2,
@@ -132,15 +132,15 @@ def _of_path(path: Path) -> Outcomes:
         energy_share_with_gravity=1 - last**2 / (V**2 + 2 * fall * end),
         peak_depth=x,
         time_to_peak=path.time_to_peak,
-        peak_force=M * _greatest(decelerates(hardest)),
+        peak_force=M * greatest(decelerates(hardest)),
         contact_duration=path.leaves,
         rebound_velocity=-last,
         impulse=M * (V - last + fallen),
-        peak_jerk=_greatest(jerks(fastest)),
+        peak_jerk=greatest(jerks(fastest)),
     )
 
 
-def _greatest(values: Float[Array, "impact place"]) -> Float[Array, " impact"]:
+def greatest(values: Float[Array, "impact place"]) -> Float[Array, " impact"]:
     """The greatest of values at even places: of the parabola through the greatest and its neighbours."""
     best = jnp.clip(jnp.argmax(values, axis=1), 1, values.shape[1] - 2)[:, None]
     before, here, after = (jnp.take_along_axis(values, best + step, axis=1)[:, 0] for step in (-1, 0, 1))
@@ -151,7 +151,7 @@ def _greatest(values: Float[Array, "impact place"]) -> Float[Array, " impact"]:
     )
 
 
-def _tangent(element: Element, p: dict[str, Array]) -> Array:
+def tangent_stiffness(element: Element, p: dict[str, Array]) -> Array:
     """The force's slope in x with the internal lengths held, at the surface and at rest.
 
     What remembers is slow: at contact its dampers have not yet yielded. At rest no damper pushes, not even

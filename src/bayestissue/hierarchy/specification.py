@@ -30,8 +30,8 @@ from bayestissue.signal import SignalOptions
 Likelihood = Literal["published-estimates", "arma", "a2", "impact", "driven"]
 Discrepancy = Literal["automatic", "none", "always"]
 Noise = Literal["white", "autoregressive"]
-# What a smooth force of unknown shape can stand beside.
-WITH_DISCREPANCY = ("impact", "driven")
+# Of an element, beside which a smooth force of unknown shape can stand.
+OF_ELEMENTS = ("impact", "driven")
 REACH_PEAK = ("peak", "rebound")
 
 
@@ -140,7 +140,8 @@ class ModelSpecification(Table):
     )
     element: str = Field(
         default=SIDE_BY_SIDE,
-        description=f"what the impactor meets: {', '.join(element_names())}. Of the impact likelihood alone.",
+        description=f"what the impactor meets: {', '.join(element_names())}. Of the likelihoods impact "
+        "and driven alone.",
     )
     signal: SignalOptions = Field(
         default=SignalOptions(),
@@ -191,14 +192,14 @@ class ModelSpecification(Table):
     @model_validator(mode="before")
     @classmethod
     def _none_of_displacements(cls, content: Any) -> Any:
-        if isinstance(content, dict) and content.get("likelihood") not in WITH_DISCREPANCY:
+        if isinstance(content, dict) and content.get("likelihood") not in OF_ELEMENTS:
             return {"discrepancy": "none", **content}
         return content
 
     @field_validator("discrepancy")
     @classmethod
     def _possible(cls, choice: str, info: ValidationInfo) -> str:
-        if choice != "none" and info.data.get("likelihood") not in WITH_DISCREPANCY:
+        if choice != "none" and info.data.get("likelihood") not in OF_ELEMENTS:
             raise ValueError(
                 '"none", or the key left out: only likelihood = "impact" or "driven" can have a discrepancy'
             )
@@ -258,8 +259,16 @@ class ModelSpecification(Table):
                 f"priors.element of {', '.join(extra) or 'nothing'}, all that {self.element} has besides K "
                 f"and C, without {', '.join(strange)}"
             )
-        if self.likelihood != "impact" and self.element != SIDE_BY_SIDE:
-            raise ValueError('likelihood = "impact" beside element: the others are of spring and damper')
+        if self.likelihood not in OF_ELEMENTS and self.element != SIDE_BY_SIDE:
+            raise ValueError(
+                'likelihood = "impact" or "driven" beside element: the others are of spring and damper'
+            )
+        which = element(self.element)
+        if self.likelihood == "driven" and which.states and not which.linear:
+            raise ValueError(
+                "an element that is linear, or that remembers nothing, beside this likelihood, which takes "
+                f"the force along a motion; {self.element} is neither"
+            )
         return self
 
     def group_terms(self) -> tuple[GroupTerm, ...]:

@@ -55,8 +55,8 @@ class Prepared:
         impacts: their table.
         force: recorded beside the decelerations, if the fit is of it too.
         force_unused: else why not.
-        gain_sd: standard deviation of the log of the gain that all driven impacts have in common, the
-            force's over the displacement's.
+        gain_sd: of driven impacts the standard deviations of the logs of the displacement's and of the
+            force's gain, errors that all impacts have in common.
     """
 
     model: TraceModel
@@ -66,7 +66,7 @@ class Prepared:
     impacts: pd.DataFrame
     force: PreparedForce | None = None
     force_unused: str = ""
-    gain_sd: float = 0.0
+    gain_sd: tuple[float, float] = (0.0, 0.0)
     reference: Reference | None = None
 
 
@@ -201,9 +201,11 @@ def assemble(
         jax.device_put(np.log(signal.mass) if dataset.free else np.zeros(len(signal.mass))),
         jax.device_put(np.log(peak)),
     )
-    gains = [dataset.uncertainty.relative_gain_sd, *(one.relative_gain_sd for one in dataset.channels)]
-    gain_sd = 0.0 if dataset.free else float(np.hypot.reduce(gains))
-    return Prepared(model, data, design, signal, dataset.impacts, force, gain_sd=gain_sd)
+    prepared = Prepared(model, data, design, signal, dataset.impacts, force)
+    if dataset.free:
+        return prepared
+    (channel,) = dataset.channels
+    return replace(prepared, gain_sd=(dataset.uncertainty.relative_gain_sd, channel.relative_gain_sd))
 
 
 def with_discrepancy(dataset: Dataset, specification: ModelSpecification, prepared: Prepared) -> Prepared:
@@ -344,7 +346,14 @@ def _record(
     """The traces with the standard deviations of their linear errors, and each trace's peak."""
     if specification.likelihood == "driven":
         discrepancy = specification.discrepancy == "always"
-        rows = driven_rows(dataset, signal, discrepancy=discrepancy, source=f"model {specification.name}")
+        rows = driven_rows(
+            dataset,
+            signal,
+            discrepancy=discrepancy,
+            surroundings=_diameters(dataset),
+            common_depth=common_depth(signal),
+            source=f"model {specification.name}",
+        )
         return rows, np.asarray(rows.unit)[:, 0]
     chain = dataset.uncertainty
     velocity_sd = np.hypot(chain.velocity_sd_m_s, chain.relative_gain_sd * signal.velocity)
@@ -374,6 +383,12 @@ def _record(
         known = (jnp.asarray(signal.velocity), jnp.asarray(share))
         of_traces = of_traces._replace(velocity=known[0], velocity_share=known[1])
     return of_traces, peak
+
+
+def _diameters(dataset: Dataset) -> dict[str, np.ndarray]:
+    """The impactors' diameters, as an element's functions take them."""
+    diameter = dataset.impacts.get("diameter_m", pd.Series(REFERENCE_DIAMETER_M, dataset.impacts.index))
+    return {"diameter_m": diameter.astype(float).fillna(REFERENCE_DIAMETER_M).to_numpy()}
 
 
 def _share(velocity_sd: float, together: np.ndarray) -> np.ndarray:
@@ -439,8 +454,7 @@ def _deceleration_record(
         velocity_share = np.ones(number)
     if force is not None:
         chain_sd[2:2] = [force.offset_sd, force.clock_sd]
-    diameter = dataset.impacts.get("diameter_m", pd.Series(REFERENCE_DIAMETER_M, dataset.impacts.index))
-    surroundings = {"diameter_m": diameter.astype(float).fillna(REFERENCE_DIAMETER_M).to_numpy()}
+    gravity = {GRAVITY: signal.gravity} if dataset.gravity else {}
     record = DecelerationRecord.from_arrays(
         signal.deceleration,
         signal.n_samples,
@@ -449,7 +463,7 @@ def _deceleration_record(
         signal.velocity,
         np.stack(chain_sd, axis=1),
         signal.mass,
-        surroundings | ({GRAVITY: signal.gravity} if dataset.gravity else {}),
+        _diameters(dataset) | gravity,
         contact,
     )
     if discrepancy:

@@ -196,8 +196,13 @@ def physical(model: TraceModel, data: TraceData, u: list[Array]) -> Physical:
 
 def element_parameters(model: TraceModel, u: list[Array]) -> Float[Array, "parameter impact"]:
     """K, C and the element's further parameters."""
-    further = len(element_named(model.element).extra)
-    return jnp.exp(jnp.stack([u[0], u[1], *u[3 : 3 + further]]))
+    return jnp.exp(jnp.stack([u[index] for index in of_the_element(model)]))
+
+
+def of_the_element(model: TraceModel) -> list[int]:
+    """Which of an impact's parameters are the element's: the noise's come between C and the further."""
+    first = 2 + len(NUISANCE[model.kind])
+    return [0, 1, *range(first, first + len(element_named(model.element).extra))]
 
 
 def nuisance_of(
@@ -242,7 +247,8 @@ def driven_likelihood(model: TraceModel, data: TraceData, u: list[Array]) -> Mea
     log_force = jnp.log(record.unit[:, 1])
     discrepancy = u[-1] if model.discrepancy else None
     noises = u[2] + data.log_peak, u[3] + log_force
-    return MeasuredDriven(jnp.exp(u[0]), jnp.exp(u[1]), *noises, u[4], discrepancy, record)
+    which = element_named(model.element)
+    return MeasuredDriven(which, element_parameters(model, u), *noises, u[4], discrepancy, record)
 
 
 def log_likelihood(model: TraceModel, data: TraceData, u: list[Array]) -> Float[Array, " impact"]:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
+from bayestissue.elements import REFERENCE_DIAMETER_M, element
 from bayestissue.likelihood.driven import motion
 from bayestissue.likelihood.driven.measured import DrivenRecord, MeasuredDriven, driven_record
 from bayestissue.likelihood.element.noise import LENGTH
@@ -32,7 +33,14 @@ def recorded(rng: np.random.Generator, *, discrepancy: bool) -> DrivenRecord:
         x[row, : N_X[row]] = 6e-3 * np.sin(60 * at) + 2e-3 + SIGMA[row] * rng.standard_normal(len(at))
         y[row, : N_F[row]] = 6e-3 * (K[row] * np.sin(60 * then) + C[row] * 60 * np.cos(60 * then))
         y[row, : N_F[row]] += SIGMA_F[row] * rng.standard_normal(len(then))
-    return driven_record((y, N_F, FIRST, DT_F), (x, N_X, FIRST, DT_X), ERRORS, discrepancy=discrepancy)
+    return driven_record(
+        (y, N_F, FIRST, DT_F),
+        (x, N_X, FIRST, DT_X),
+        ERRORS,
+        discrepancy=discrepancy,
+        surroundings={"diameter_m": np.full(2, REFERENCE_DIAMETER_M)},
+        common_depth=np.zeros(2),
+    )
 
 
 def measured(
@@ -40,7 +48,7 @@ def measured(
 ) -> MeasuredDriven:
     beside = None if log_discrepancy is None else jnp.full(2, log_discrepancy)
     logs = [jnp.log(jnp.asarray(values)) for values in (SIGMA, SIGMA_F, ROUGH)]
-    return MeasuredDriven(jnp.asarray(K), jnp.asarray(C), *logs, beside, record)
+    return MeasuredDriven(element("kelvin_voigt"), jnp.asarray([K, C]), *logs, beside, record)
 
 
 def dense(record: DrivenRecord, row: int, rms: float = 0.0, K: np.ndarray = K, C: np.ndarray = C) -> float:

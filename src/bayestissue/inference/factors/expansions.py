@@ -59,7 +59,7 @@ def first_guess(prepared: Prepared) -> Float[np.ndarray, "impact parameter"]:
 
 def _driven(prepared: Prepared) -> Float[np.ndarray, "impact parameter"]:
     """Of displacement and force, by least squares of the one on the other."""
-    guess = driven_guess(cast(DrivenRecord, prepared.data.record))
+    guess = driven_guess(cast(DrivenRecord, prepared.data.record), element(prepared.model.element))
     names = ("K", "C", *prepared.model.nuisance)
     middle = np.full(len(guess["K"]), prepared.model.priors.discrepancy.mean)
     return np.stack([guess.get(name, middle) for name in names], axis=1)

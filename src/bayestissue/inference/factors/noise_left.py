@@ -19,8 +19,13 @@ import numpy as np
 from jax import Array
 from jaxtyping import Bool, Float, Int
 
-from bayestissue.elements import element as element_named
-from bayestissue.hierarchy.traces import TraceData, TraceModel, driven_likelihood, impact_likelihood
+from bayestissue.hierarchy.traces import (
+    TraceData,
+    TraceModel,
+    driven_likelihood,
+    impact_likelihood,
+    of_the_element,
+)
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.points.whiteness import projected_portmanteau
 from bayestissue.likelihood.element.impact import MeasuredImpact
@@ -77,7 +82,8 @@ def _left_of_both(
         pairs = zip(shocks(u, errors), sigmas, strict=True)
         return jnp.concatenate([part / sigma[:, None] for part, sigma in pairs], axis=1)
 
-    fitted, shared = _directions(over_noise, u, none, error_sd, [*_shape(model), u.shape[1] - 1])
+    directions = [*of_the_element(model), u.shape[1] - 1]
+    fitted, shared = _directions(over_noise, u, none, error_sd, directions)
     white = _whitened(jnp.stack(shared, axis=-1), [over_noise(u, none), *fitted])
     of_force = event.force_innovations(event.force_residuals(none))[1]
     observed = event.record.observed()[:, :: event.record.colour.stride]
@@ -93,15 +99,10 @@ def _with_contact(
     return data, impact_likelihood(model, data, list(u.T))
 
 
-def _shape(model: TraceModel) -> list[int]:
-    """The parameters that a trace depends on: the noise's own are no direction of it."""
-    return [0, 1, *range(3, 3 + len(element_named(model.element).extra))]
-
-
 def _directions(
     shocks: Callable[[Array, Array], Array], u: Array, none: Array, error_sd: Array, shape: list[int]
 ) -> tuple[list[Array], list[Array]]:
-    """What a unit of each parameter adds to the shocks, and what a standard deviation of each error does."""
+    """What a unit of each parameter of ``shape`` adds to the shocks, and one sd of each error."""
     fitted = [jax.jvp(lambda u: shocks(u, none), (u,), (_only(u, a),))[1] for a in shape]
     shared = [
         jax.jvp(lambda errors: shocks(u, errors), (none,), (_only(none, a) * error_sd,))[1]
@@ -127,7 +128,7 @@ def _left(
         event = impact_likelihood(model, data, list(u.T))
         return event.innovations(event.residuals(errors))[0]
 
-    fitted, shared = _directions(shocks, u, none, error_sd, _shape(model))
+    fitted, shared = _directions(shocks, u, none, error_sd, of_the_element(model))
     basis, share = event.record.discrepancy
     sd = (event.sigma * event.noise_parameters.ratio())[:, None] * jnp.sqrt(share)
     shared += [event.innovations(basis[:, j] * sd[:, j, None])[0] for j in range(basis.shape[1])]

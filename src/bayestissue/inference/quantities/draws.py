@@ -29,6 +29,7 @@ from bayestissue.inference.quantities.masses import (
     MASS_FACTOR,
     at_true_masses,
     common_log_factor,
+    driven_gains,
     mass_errors,
     own_log_factor,
 )
@@ -81,11 +82,16 @@ def posterior_draws(
     # In numpy: jax compiles each step of choosing some of them anew for every number of draws.
     keys = np.asarray(jax.random.split(jax.random.fold_in(key, 11), shape))
     of_kept, keys_of_kept = jax.tree.map(lambda values: values[:, kept_numbers], (population, keys))
-    log_factor = common_log_factor(prepared, population, key)
+    gains, log_factor = None, common_log_factor(prepared, population, key)
+    if model.kind == "driven":
+        gains = driven_gains(prepared, shape, key)
+        log_factor = gains[..., 1] - gains[..., 0]
 
     def errors_and_keys(rows: np.ndarray, u: np.ndarray) -> tuple[Any, Any]:
         of_block = _each(partial(jax.random.fold_in, data=rows[0]), keys_of_kept)
         of_errors, of_mass = np.moveaxis(_each(jax.random.split, of_block), 2, 0)
+        if gains is not None:
+            return np.broadcast_to(gains[:, kept_numbers, None], (*u.shape[:-1], 2)), of_errors
         if log_factor is not None:
             return log_factor[:, kept_numbers, None] + own_log_factor(prepared, of_kept, u), of_errors
         # Of the design X b of these impacts is asked alone.
@@ -97,8 +103,7 @@ def posterior_draws(
     b, factor = at_true_masses(model, population, keys), {}
     if log_factor is not None:
         b = heavier(model.locations, b, log_factor)
-        # Of a driven tissue it is a gain.
-        factor = {} if prepared.gain_sd else {MASS_FACTOR: np.exp(log_factor)}
+        factor = {MASS_FACTOR: np.exp(log_factor)} if gains is None else {}
     effects = derived.effects_by_name(model.locations, prepared.design, b)
     kept = None if whole else kept_numbers
     return Draws(population.hyperparameters | effects | factor, impacts, log_likelihood, kept)
@@ -119,6 +124,9 @@ def prior_draws(prepared: Prepared, seed: int, rng: np.random.Generator) -> Draw
         error = np.broadcast_to(common.mass_sd * rng.standard_normal(u.shape[:2])[..., None], u.shape[:-1])
         drawn["locations"] = heavier(model.locations, drawn["locations"], error[..., 0])
         factor = {MASS_FACTOR: np.exp(error[..., 0])}
+    elif model.kind == "driven":
+        gains = np.asarray(prepared.gain_sd) * rng.standard_normal((*u.shape[:2], 1, 2))
+        error = np.broadcast_to(gains, (*u.shape[:-1], 2))
     else:
         error = model.log_mass_sd * rng.standard_normal(u.shape[:-1])
     keys = np.asarray(jax.random.split(jax.random.fold_in(key, 1), u.shape[:2]))
@@ -181,10 +189,13 @@ def drawn_impacts(
     data: TraceData,
     recorded: bool,
     u: Float[Array, "impact parameter"],
-    mass_error: Float[Array, " impact"],
+    mass_error: Float[Array, " impact *gain"],
     key: Array,
 ) -> dict[str, Float[Array, "impact ..."]]:
-    """Every impact's quantities, as what was recorded has them or the priors alone; compiled for both."""
+    """Every impact's quantities, as what was recorded has them or the priors alone; compiled for both.
+
+    ``mass_error`` is as of `Impacts.drawn`.
+    """
     return impact_quantities(Impacts.drawn(model, data, list(u.T), mass_error, key, jnp.asarray(recorded)))
 
 

@@ -18,10 +18,12 @@ from jaxtyping import Bool, Float
 from bayestissue.elements import Element, Outcomes, element, element_names
 from bayestissue.elements.element import GRAVITY
 from bayestissue.elements.outcomes import HEADFORM_OUTCOMES, MEASURED, outcomes_of
+from bayestissue.hierarchy import SIDE_BY_SIDE
 from bayestissue.hierarchy.traces import (
     Physical,
     TraceData,
     TraceModel,
+    driven_likelihood,
     element_parameters,
     impact_likelihood,
     physical,
@@ -29,7 +31,7 @@ from bayestissue.hierarchy.traces import (
 )
 from bayestissue.inference.quantities.common_depth import at_common_depth, whole_at_common_depth
 from bayestissue.inference.quantities.whole import Whole, whole_impact
-from bayestissue.likelihood.driven.measured import MeasuredDriven
+from bayestissue.likelihood.driven.measured import DrivenOutcomes, DrivenRecord
 from bayestissue.likelihood.element.impact import MeasuredImpact
 from bayestissue.likelihood.element.record import CONTACT, DecelerationRecord
 
@@ -53,7 +55,8 @@ class Impacts:
         velocity_error: that of the recorded velocity [m/s]; None where none is recorded.
         measured: beside a discrepancy, the traces' likelihood with contact where the errors put it.
         discrepancy: the force beside the element's, over mass [m/s^2].
-        secant: beside a discrepancy, of a driven motion force over depth where that is greatest [N/m].
+        gain_error: of driven impacts, of the logs of the displacement's and of the force's gain.
+        driven: what driven impacts come to, as the sensors read it.
     """
 
     model: TraceModel
@@ -64,7 +67,8 @@ class Impacts:
     velocity_error: Float[Array, " impact"] | None
     measured: MeasuredImpact | None = None
     discrepancy: Float[Array, "impact sample"] | None = None
-    secant: Float[Array, " impact"] | None = None
+    gain_error: Float[Array, "impact 2"] | None = None
+    driven: DrivenOutcomes | None = None
 
     @classmethod
     def drawn(
@@ -72,7 +76,7 @@ class Impacts:
         model: TraceModel,
         data: TraceData,
         u: list[Array],
-        mass_error: Float[Array, " impact"],
+        mass_error: Float[Array, " impact *gain"],
         key: Array,
         recorded: Bool[Array, ""],
     ) -> Self:
@@ -82,21 +86,25 @@ class Impacts:
             model: what is assumed.
             data: the recordings.
             u: each impact's parameters.
-            mass_error: of the log mass.
+            mass_error: of the log mass; of driven impacts ``gain_error``, whose difference moves K and C
+                likewise.
             key: of the draw.
             recorded: whether it is given what was recorded, else as nothing but the priors has it.
         """
         velocity_key = jax.random.fold_in(key, 5)
-        if not model.discrepancy or model.kind == "driven":
+        if model.kind == "driven":
+            pushed = driven_likelihood(model, data, u)
+            # What the priors alone say is along the motion that the displacement shows.
+            weights = jax.lax.cond(recorded, pushed.weights, lambda _: pushed.shown, key)
+            errors = jnp.where(recorded, pushed.errors_of(weights), pushed.prior_errors(key))
+            heavier = mass_error[:, 1] - mass_error[:, 0]
+            outcomes = pushed.outcomes(weights)
+            return cls(model, data, u, heavier, errors, None, gain_error=mass_error, driven=outcomes)
+        if not model.discrepancy:
             likelihood = trace_likelihood(model, data, u)
-            if isinstance(likelihood, MeasuredDriven) and model.discrepancy:
-                secant = likelihood.secant(likelihood.weights(jax.random.fold_in(key, 6)))
-                secant *= jnp.exp(mass_error)
-            else:
-                secant = None
             errors = jax.lax.cond(recorded, likelihood.draw_errors, likelihood.prior_errors, key)
             velocity_error = data.record.velocity_error(errors, velocity_key)
-            return cls(model, data, u, mass_error, errors, velocity_error, secant=secant)
+            return cls(model, data, u, mass_error, errors, velocity_error)
         stated = impact_likelihood(model, data, u)
         located = stated.with_contact_found(key)
         response = located.response()
@@ -134,6 +142,10 @@ class Impacts:
     def parameters(self) -> dict[str, Float[Array, " impact"]]:
         """The element's parameters by name."""
         true = {"K": jnp.exp(self.u[0] + self.mass_error), "C": jnp.exp(self.u[1] + self.mass_error)}
+        if self.gain_error is not None:
+            deeper = jnp.exp(self.gain_error[:, 0])
+            lengths = [one.name for one in self.element.extra if one.unit == "m"]
+            true |= {name: self.recorded_parameters[name] * deeper for name in lengths}
         return self.recorded_parameters | true
 
     @cached_property
@@ -144,7 +156,8 @@ class Impacts:
     @property
     def side_by_side(self) -> bool:
         """Whether K and C are those of a spring and damper whose trace is told by these alone."""
-        return self.data.record.side_by_side
+        alone = self.model.element == SIDE_BY_SIDE and not self.model.discrepancy
+        return alone and self.data.record.side_by_side
 
     @cached_property
     def whole(self) -> Whole | None:
@@ -154,13 +167,15 @@ class Impacts:
         return whole_impact(self.measured, self.discrepancy, self.velocity_error)
 
     @cached_property
-    def outcomes(self) -> Outcomes | None:
-        """What each impact comes to; None where no velocity is recorded.
+    def outcomes(self) -> Outcomes | DrivenOutcomes | None:
+        """What each impact comes to; None where no velocity is recorded, unless force and depth both are.
 
         Beside a discrepancy the measured motion tells peaks and secant stiffness, and the rest is the
         element's own.
         """
         record = self.data.record
+        if self.driven is not None and self.gain_error is not None:
+            return self.driven.scaled(*self.gain_error.T)
         if self.velocity_error is None or record.velocity is None:
             return None
         p, velocity = self.parameters | record.surroundings, record.velocity + self.velocity_error
@@ -180,7 +195,9 @@ class Impacts:
         """Static force over depth at the one depth that every impact reaches [N/m]."""
         if self.side_by_side or not self.model.depends_on_depth:
             return None
-        record, heavier = cast(DecelerationRecord, self.data.record), jnp.exp(self.mass_error)
+        if self.driven is not None and self.model.discrepancy:
+            return None
+        record, heavier = cast(DecelerationRecord | DrivenRecord, self.data.record), jnp.exp(self.mass_error)
         if self.measured is not None and self.whole is not None:
             return whole_at_common_depth(self.measured, self.whole, record.common_depth) * heavier
         arguments = self.recorded_parameters | record.surroundings
@@ -213,8 +230,12 @@ def _of_free_mass(impacts: Impacts, quantity: Callable[[Impacts], Array]) -> Arr
 
 
 def _comparable(impacts: Impacts, name: str) -> Array | None:
-    """Of spring and damper side by side alone these are K and C themselves."""
-    return None if impacts.side_by_side else getattr(impacts.outcomes, name)
+    """Of spring and damper side by side alone these are K and C themselves.
+
+    Beside a discrepancy a driven motion tells the secant stiffness, and what is lost in neither of the two.
+    """
+    beside = impacts.driven is not None and impacts.model.discrepancy and name != "K_secant"
+    return None if impacts.side_by_side or beside else getattr(impacts.outcomes, name, None)
 
 
 def _outcome(impacts: Impacts, name: str) -> Array | None:
@@ -223,7 +244,7 @@ def _outcome(impacts: Impacts, name: str) -> Array | None:
         return None
     if name == "energy_share_with_gravity" and GRAVITY not in impacts.data.record.surroundings:
         return None
-    value: Array | None = getattr(impacts.outcomes, name)
+    value: Array | None = getattr(impacts.outcomes, name, None)
     return value
 
 
@@ -240,9 +261,7 @@ QUANTITIES: dict[str, Callable[[Impacts], Array | None]] = {
     "sigma_F": lambda impacts: impacts.noise.get("sigma_F"),
     "mass": partial(_of_free_mass, quantity=lambda impacts: impacts.mass),
     "K_tangent": partial(_comparable, name="K_tangent"),
-    "K_secant": lambda impacts: (
-        impacts.secant if impacts.model.kind == "driven" else _comparable(impacts, "K_secant")
-    ),
+    "K_secant": partial(_comparable, name="K_secant"),
     "C_equivalent": partial(_comparable, name="C_equivalent"),
     "energy_lost": partial(_comparable, name="energy_lost"),
     COMMON_DEPTH: lambda impacts: impacts.common_depth,

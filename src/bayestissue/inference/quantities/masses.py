@@ -29,19 +29,24 @@ def common_log_factor(
 ) -> Float[np.ndarray, "chain draw"] | None:
     """Log of what all masses are to be multiplied by, K and C with them; None where each errs by itself.
 
-    A force beside the deceleration tells it, or phantoms of known stiffness; of a driven tissue, which has no
-    mass, it is the log of the sensors' common gain, as declared.
+    A force beside the deceleration tells it, or phantoms of known stiffness.
     """
-    force, reference, gain_sd = prepared.force, prepared.reference, prepared.gain_sd
-
-    def standard(stream: int) -> Float[np.ndarray, "chain draw"]:
-        return np.asarray(jax.random.normal(jax.random.fold_in(key, stream), population.b.shape[:2]))
-
-    if gain_sd:
-        return gain_sd * standard(14)
+    force, reference = prepared.force, prepared.reference
+    if force is None and reference is None:
+        return None
+    standard = np.asarray(jax.random.normal(jax.random.fold_in(key, 12), population.b.shape[:2]))
     if force is not None:
-        return force.log_mass_factor(population.b[..., force_ratio(prepared.model.locations)], standard(12))
-    return None if reference is None else reference.log_mean + reference.log_sd * standard(12)
+        return force.log_mass_factor(population.b[..., force_ratio(prepared.model.locations)], standard)
+    assert reference is not None  # noqa: S101 - for the type checker
+    return reference.log_mean + reference.log_sd * standard
+
+
+def driven_gains(
+    prepared: Prepared, shape: tuple[int, int], key: Array
+) -> Float[np.ndarray, "chain draw channel"]:
+    """Logs of the gains of displacement and force, one pair of all impacts of a driven tissue."""
+    standard = np.asarray(jax.random.normal(jax.random.fold_in(key, 14), (*shape, 2)))
+    return np.asarray(prepared.gain_sd) * standard
 
 
 def own_log_factor(
