@@ -34,7 +34,12 @@ from bayestissue.inference.checking.recorded_peak import judge_peaks
 from bayestissue.inference.checking.reference import judge_reference
 from bayestissue.inference.factors.expansions import expanded
 from bayestissue.inference.fit import Say, TraceAnalysis, fit_traces
-from bayestissue.inference.points.notes import clipped_recordings, flagged_recordings, unused_channels
+from bayestissue.inference.points.notes import (
+    ANOTHER_VELOCITY,
+    clipped_recordings,
+    flagged_recordings,
+    unused_channels,
+)
 from bayestissue.inference.results.meanings import COLUMNS, symbols
 from bayestissue.inference.samplers.diagnostics import headline, noted, verdict_in_words, warnings
 from bayestissue.inference.single.phantoms import prepare_without_phantoms
@@ -345,7 +350,10 @@ def fit_prepared(
     if peaks := judge_peaks(dataset, prepared, analysis.summary):
         diagnostics["recorded_peak"] = peaks
     summary = noted(analysis.summary, diagnostics)
-    if flagged := flagged_recordings(*(points["exact"][name].tolist() for name in ("impact", "flags"))):
+    # Tissue that is taken along at contact leaves the impactor another velocity than the stated one.
+    explained = (ANOTHER_VELOCITY,) if "added_mass" in diagnostics else ()
+    impacts, flags = (points["exact"][name].tolist() for name in ("impact", "flags"))
+    if flagged := flagged_recordings(impacts, flags, explained):
         diagnostics["recordings"] = flagged
     names, limited = prepared.impacts["impact"].astype(str).tolist(), prepared.signal.clipped.any(axis=1)
     if clipped := clipped_recordings(names, limited.tolist()):

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from bayestissue.dataset.model import Dataset
+from bayestissue.elements import element
 from bayestissue.hierarchy.recorder import filtered_noise, low_pass_of
 from bayestissue.likelihood.element.record import ForceRows
 from bayestissue.signal import Displacements
@@ -154,6 +155,15 @@ def rows_within(recorded: Recordings, signal: Displacements, earlier_s: Any = 0.
     return RowsWithin(recorded, used, used.argmax(axis=1), used.sum(axis=1), *moments, n_quiet)
 
 
+def tells_added_mass(force: PreparedForce, name: str) -> bool:
+    """Whether the element of this name has tissue that moves along, and the force was recorded below it.
+
+    Of one mass M the force then is (1 + m / M) e^a times M d, and what is declared of e^a has to be its
+    prior: a wide one, that declared errors only divide, would take up what is m's.
+    """
+    return force.rows.below and element(name).added_mass is not None
+
+
 def prepared_force(dataset: Dataset, signal: Displacements) -> PreparedForce | str:
     """The force of a dataset that has one; or why these recordings keep a fit from using it.
 
@@ -196,7 +206,8 @@ def prepared_force(dataset: Dataset, signal: Displacements) -> PreparedForce | s
             return words
     mass = signal.mass
     counts = rows.within(usable) & (np.arange(rows.number.max()) < rows.number[:, None])
-    tip = channel.tip_mass_kg / mass
+    # A force below the tissue has no tip.
+    tip = channel.tip_mass_kg / mass if channel.place == "impactor" else None
     # Contact as it was before the samples in contact were asked: these are to tell themselves.
     contact = first - signal.bracket_s
     parts: Any = (
@@ -207,6 +218,7 @@ def prepared_force(dataset: Dataset, signal: Displacements) -> PreparedForce | s
         tip,
         counts if (usable != rows.used).any() else None,
     )
+    in_front = channel.tip_mass_kg / mass
     chain, noise = dataset.uncertainty, np.maximum(rows.noise / mass, 1e-12)
     return PreparedForce(
         comparison,
@@ -214,7 +226,7 @@ def prepared_force(dataset: Dataset, signal: Displacements) -> PreparedForce | s
         of_filter.get("longer", 1.0) * standard_error(noise, rows.n_quiet),
         _CLOCK * dt,
         np.log(noise),
-        np.log(np.maximum(comparison.ratio * (1 - tip) + tip, 1e-3)),
+        np.log(np.maximum(comparison.ratio * (1 - in_front) + in_front, 1e-3)),
         float(chain.relative_mass_sd),
         float(np.hypot(chain.relative_gain_sd, channel.relative_gain_sd)),
     )

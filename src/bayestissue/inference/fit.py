@@ -33,6 +33,7 @@ from bayestissue.inference.chain.draws import chain_draws
 from bayestissue.inference.chain.ending import r_hat_limit
 from bayestissue.inference.chain.explanations import explanations
 from bayestissue.inference.chain.results import ChainDraws, ChainEnd
+from bayestissue.inference.checking.added_mass import judge_added_mass
 from bayestissue.inference.checking.model_form import described, model_form, of_driven, shown_by, with_impacts
 from bayestissue.inference.checking.pooled_parameters import pooled_parameters
 from bayestissue.inference.checking.straight_lines import straight_lines
@@ -178,13 +179,15 @@ def label(
     checked = summary[~summary["variable"].isin(list(as_variables(repeatable["posterior"])))]
     of_impacts = [str(name) for name, values in posterior.data_vars.items() if "impact" in values.dims]
     diagnostics = diagnose(checked, r_hat_limit(len(checked), *chains.shape), of_impacts)
-    further = {
+    further: dict[str, Any] = {
         "straight_lines": straight_lines(prepared.design, posterior, prepared.model.log_mass_sd),
         "pooled_parameters": [
             one.record() for one in pooled_parameters(posterior, recorded, element(specification.element))
         ],
         "route": chains.record(),
     }
+    if added := judge_added_mass(prepared, posterior, tree["prior"].dataset):
+        further["added_mass"] = added
     responses, near = tuple(prepared.design.responses), specification.practical_equivalence
     gravity = tree["constant_data"].dataset.get(GRAVITY, 0.0)
     finished = Finished(

@@ -18,7 +18,7 @@ from bayestissue.dataset.model import Channel, Dataset, Trace, channel_settings
 from bayestissue.dataset.settings import gravity_m_s2
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, grouping_of
 from bayestissue.signal.filters import decay, on_even_grid
-from bayestissue.simulation.contact import deceleration, leaves, what_is_met
+from bayestissue.simulation.contact import deceleration, leaves, tissue_force, what_is_met
 from bayestissue.simulation.specification import Phantom, RecordedForce, Recording, Simulation, Tissue
 
 # Of the trace table, beside ``value``.
@@ -352,22 +352,27 @@ def _recorded(
             noise = random.standard_normal(recorded.sum())
         force = np.empty(0)
         if recording.force is not None:
-            force = _recorded_force(recording.force, truth.iloc[part], at_samples, recorded, of_force)
+            here = truth.iloc[part]
+            if recording.force.place == "base":
+                exact = tissue_force(simulation.tissue.element, here, at_samples, gravity)
+            else:
+                exact = (here["mass_kg"].to_numpy()[:, None] - recording.force.tip_mass_kg) * at_samples
+            force = _recorded_force(recording.force, here, exact, recorded, of_force)
         yield _through_chain(recording, truth.iloc[part], d, recorded, noise), force
 
 
 def _recorded_force(
     force: RecordedForce,
     truth: pd.DataFrame,
-    deceleration: Float[np.ndarray, "impact sample"],
+    exact: Float[np.ndarray, "impact sample"],
     recorded: Bool[np.ndarray, "impact sample"],
     random: np.random.Generator,
 ) -> Float[np.ndarray, " recorded"]:
-    """(1 + gain) (M - m) d + zero + noise at the samples that are recorded, one impact's after another's."""
-    mass, gain, offset = (
-        truth[name].to_numpy()[:, None] for name in ("mass_kg", "force_gain", "force_offset_N")
-    )
-    exact = (mass - force.tip_mass_kg) * deceleration
+    """(1 + gain) F + zero + noise at the samples that are recorded, one impact's after another's.
+
+    F is ``exact``: that of the tissue, or at the impactor (M - m) d.
+    """
+    gain, offset = (truth[name].to_numpy()[:, None] for name in ("force_gain", "force_offset_N"))
     sd = np.hypot(force.noise_sd_N, force.noise_relative_to_peak * exact.max(axis=1, keepdims=True))
     noise = np.repeat(sd[:, 0], recorded.sum(axis=1)) * random.standard_normal(recorded.sum())
     return (gain * exact + offset)[recorded] + noise

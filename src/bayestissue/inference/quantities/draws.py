@@ -15,8 +15,10 @@ from jax import Array
 from jaxtyping import Float, Int
 from numpyro.infer import Predictive
 
+from bayestissue.elements import element
 from bayestissue.elements.outcomes import OUTCOMES
 from bayestissue.hierarchy import derived
+from bayestissue.hierarchy.effects import RESPONSES, intercept, parameter_of
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expected
 from bayestissue.hierarchy.gaussian.covariances import Covariances
 from bayestissue.hierarchy.population import Population, of_impacts
@@ -275,12 +277,13 @@ def _heavier(
     b: Float[np.ndarray, "chain draw location"],
     log_factor: Float[np.ndarray, "chain draw"],
 ) -> Float[np.ndarray, "chain draw location"]:
-    """Effects with K and C of so much heavier impactors."""
+    """Effects with K, C and what else goes with the mass, of so much heavier impactors."""
     if not log_factor.any():
         return b
     moved = np.array(b)
-    for name in ("intercept_K", "intercept_C"):
-        moved[..., model.locations.parts[name].start] += log_factor
+    further = (parameter_of(one.name) for one in element(model.element).extra if one.of_mass)
+    for parameter in (*RESPONSES, *further):
+        moved[..., model.locations.parts[intercept(parameter)].start] += log_factor
     return moved
 
 

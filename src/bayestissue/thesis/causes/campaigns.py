@@ -259,7 +259,9 @@ def _stepped(which: Element, p: dict[str, Array], mass: Array, velocity: Array, 
         k4 = rates(y + step * k3)
         return y + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4), (y, k1)
 
-    _, (y, slope) = jax.lax.scan(advance, at_contact(which, velocity), None, length=_CONTACT_STEPS + 1)
+    _, (y, slope) = jax.lax.scan(
+        advance, at_contact(which, p, mass, velocity), None, length=_CONTACT_STEPS + 1
+    )
     index = jnp.clip(jnp.floor(time / step[:, None]), 0, _CONTACT_STEPS - 1).astype(int)
     impact = jnp.arange(len(mass))[:, None]
     (y0, y1), (k0, k1) = (
