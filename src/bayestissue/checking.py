@@ -148,7 +148,7 @@ def _disagreement(force: Force | None) -> Iterator[Problem]:
         return
     ratio = force.common[0]
     yield Problem.stated(
-        "channels-disagree",
+        f"channels-disagree.{force.channel.place}",
         "recording",
         column=force.channel.name,
         value=f"{ratio:.4g} M a",

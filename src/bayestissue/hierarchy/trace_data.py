@@ -430,9 +430,9 @@ def _deceleration_record(
             contact = Contact.anywhere(before, n_before, np.maximum(signal.noise_sd, 1e-12), sample, n_quiet)
         else:
             contact = Contact.anywhere(before, np.zeros_like(n_before), sample=sample)
-    # The height of recordings tells a mass that moves along in all of them: what impacts share of the errors of
-    # velocity and gain, which nothing says, must not average out. So much wider, they tell together what one
-    # impact does.
+    # The height of recordings tells a mass that moves along in all of them: what impacts share of the errors
+    # of velocity and gain, which nothing says, must not average out. So much wider, they tell together what
+    # one impact does.
     shared = np.sqrt(number) if element(specification.element).added_mass else 1.0
     gain_sd, chain_sd = np.full(number, shared * chain.relative_gain_sd), [offset_sd, contact_sd]
     velocity_share = _share(chain.velocity_sd_m_s, velocity_sd)

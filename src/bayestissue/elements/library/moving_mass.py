@@ -1,8 +1,8 @@
 """A mass of tissue between impactor and Kelvin-Voigt: (M + m) x'' = -(K x + C x'), x'(0) = V M / (M + m).
 
 The impactor takes the tissue at its surface along at once, without restitution: its velocity jumps, and from
-then on both move as one. An accelerometer on the impactor reads F / (M + m): the recording of one mass M shows m
-in its height over V alone, and K that is read from it as that of M is too small, by the factor M / (M + m).
+then on both move as one. An accelerometer on the impactor reads F / (M + m). The recording of one mass M
+shows m in its height over V alone, and K that is read from it as that of M is too small: K M / (M + m).
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ from bayestissue.inference.results.summary import prior_overlap
 
 
 def judge_added_mass(prepared: Prepared, posterior: xr.Dataset, prior: xr.Dataset) -> dict[str, Any]:
-    """The entry ``added_mass`` of ``diagnostics.json``; empty where the element has no tissue that moves along.
+    """The entry ``added_mass`` of ``diagnostics.json``; empty where no tissue moves along by the element.
 
     A deceleration is that of K / (M + m) and C / (M + m), met at V M / (M + m): only its height over V tells
     m, and K and C with it. A force below the tissue is (1 + m / M) M d and tells m by itself.
@@ -28,9 +28,9 @@ def judge_added_mass(prepared: Prepared, posterior: xr.Dataset, prior: xr.Datase
         prior: of it.
 
     Returns:
-        ``parameter``, m's name; ``by``, what tells it: "force" or "velocity"; ``overlap``, of the posterior of
-        its mean over impacts with the prior; ``passed``, whether that is less than half; ``first``, what the
-        first line of the run is to say, if anything; ``words``.
+        ``parameter``, m's name; ``by``, what tells it: "force" or "velocity"; ``overlap``, of the posterior
+        of its mean over impacts with the prior; ``passed``, whether that is less than half; ``first``, what
+        the first line of the run is to say, if anything; ``words``.
     """
     which = element(prepared.model.element)
     if which.added_mass is None:

@@ -1,11 +1,11 @@
 """A force that was recorded beside the deceleration: further rows of the same motion.
 
-F / M = (e^a - m / M) d(t) + zero + noise with M the recorded mass, m that of the tip in front of the sensor and a
-the log of what the recorded mass is to be multiplied by, the force's gain counted in (that of the
-accelerometer is an error of the deceleration's rows alone). Below the tissue there is no tip, and in d's place
-stands the tissue's own force over M, which is more where tissue moves along. d is behind the force's own
-low-pass, where it went through one. Given motion and errors the rows are independent of the deceleration's, so
-that products and determinants of the two add up. Errors of velocity and contact move both.
+F / M = (e^a - m / M) d(t) + zero + noise with M the recorded mass, m that of the tip in front of the sensor
+and a the log of what the recorded mass is to be multiplied by, the force's gain counted in (that of the
+accelerometer is an error of the deceleration's rows alone). Below the tissue there is no tip, and in d's
+place stands the tissue's own force over M, which is more where tissue moves along. d is behind the force's
+own low-pass, where it went through one. Given motion and errors the rows are independent of the
+deceleration's, so that products and determinants of the two add up. Errors of velocity and contact move both.
 """
 
 from __future__ import annotations
