@@ -238,7 +238,7 @@ def tissue_force_over_mass(element: Element, p: Parameters, mass: Array, y: Arra
 
 
 def deceleration_of(element: Element, p: Parameters, mass: Array, y: Array) -> Array:
-    """G - x'' [m/s^2]: force on the impactor over its mass, which a sensor reads that is 0 in free fall.
+    """The force on the impactor over its mass, g - x'' [m/s^2]: what a sensor reads that is 0 in free fall.
 
     F / M where no tissue moves along, else (F / M) M / (M + m) + g m / (M + m).
     """
