@@ -158,7 +158,7 @@ def _disagreement(force: Force | None) -> Iterator[Problem]:
         )
         return
     yield Problem.stated(
-        "channels-disagree",
+        f"channels-disagree.{force.channel.place}",
         "recording",
         column=force.channel.name,
         value=f"{ratio:.4g} M a",

@@ -34,7 +34,12 @@ from bayestissue.inference.checking.recorded_peak import judge_peaks
 from bayestissue.inference.checking.reference import judge_reference
 from bayestissue.inference.factors.expansions import expanded
 from bayestissue.inference.fit import Say, TraceAnalysis, fit_traces
-from bayestissue.inference.points.notes import clipped_recordings, flagged_recordings, unused_channels
+from bayestissue.inference.points.notes import (
+    ANOTHER_VELOCITY,
+    clipped_recordings,
+    flagged_recordings,
+    unused_channels,
+)
 from bayestissue.inference.results.meanings import COLUMNS, symbols
 from bayestissue.inference.samplers.diagnostics import headline, noted, verdict_in_words, warnings
 from bayestissue.inference.single.phantoms import prepare_without_phantoms
@@ -383,12 +388,14 @@ def _of_recordings(
     """
     form = analysis.diagnostics.get("model_form")
     names, limited = prepared.impacts["impact"].astype(str).tolist(), prepared.signal.clipped.any(axis=1)
-    flags = (estimates[column].tolist() for column in ("impact", "flags"))
+    impacts, flags = (estimates[column].tolist() for column in ("impact", "flags"))
+    # Tissue that is taken along at contact leaves the impactor another velocity than the stated one.
+    explained = (ANOTHER_VELOCITY,) if "added_mass" in analysis.diagnostics else ()
     entries = {
         "measuring_chain": chain,
         "model_form": model_form.with_chain(form, chain) if form and chain else form,
         "recorded_peak": judge_peaks(dataset, prepared, analysis.summary),
-        "recordings": flagged_recordings(*flags),
+        "recordings": flagged_recordings(impacts, flags, explained),
         "clipped": clipped_recordings(names, limited.tolist()),
         "channels": _of_channels(dataset, prepared, analysis),
         "reference": prepared.reference and judge_reference(prepared.reference),

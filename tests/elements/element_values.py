@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,7 @@ VALUES: dict[str, dict[str, float]] = {
     "stiffening": {"K": 2000.0, "C": 20.0, "stiffening_depth_m": 0.015},
     "hunt_crossley": {"K": 3000.0, "C": 60.0},
     "wall": {"K": 1500.0, "C": 20.0, "thickness_m": 0.03},
+    "moving_mass": {"K": 3000.0, "C": 25.0, "moving_mass_kg": 0.2},
 }
 
 # Two of them by default, one solved in closed form and one on a grid; all in the long suite.
@@ -39,7 +41,10 @@ FORCE = {
     "stiffening": lambda x, v, f: 2000.0 * x + 2000.0 / 0.015**2 * x**3 + 20.0 * v,
     "hunt_crossley": lambda x, v, f: hertz(x, v),
     "wall": lambda x, v, f: 1500.0 * x * 0.03 / (0.03 - x) + 20.0 * v,
+    "moving_mass": lambda x, v, f: 3000.0 * x + 25.0 * v,
 }
+# Of tissue that moves along [kg].
+ADDED = {"moving_mass": 0.2}
 # A Maxwell arm by its force f, where the program has lengths: f' = k v - f k / c.
 ARM = {"maxwell": (3000.0, 150.0), "standard_linear": (3750.0, 30.0)}
 
@@ -58,8 +63,13 @@ def tangent(name: str) -> float:
     return FORCE[name](step, 0.0, ARM.get(name, NO_ARM)[0] * step) / step
 
 
+def after_contact(name: str) -> np.ndarray:
+    """The velocity once tissue moves along: all momentum is still there."""
+    return VELOCITY * MASS / (MASS + ADDED.get(name, 0.0))
+
+
 class Motion(NamedTuple):
-    """Penetration, its velocity, F / M, and what the dampers take [W], each [time]."""
+    """Penetration, its velocity, force on the impactor over M, and what the dampers take [W], each [time]."""
 
     x: np.ndarray
     v: np.ndarray
@@ -68,16 +78,16 @@ class Motion(NamedTuple):
 
 
 def solved(name: str, row: int, time: np.ndarray, gravity: float = 0.0) -> Motion:
-    """M x'' = M g - F by scipy's eighth-order method."""
-    force = FORCE[name]
+    """(M + m) x'' = M g - F by scipy's eighth-order method; the impactor feels M (g - x'')."""
+    force, moves = FORCE[name], MASS[row] + ADDED.get(name, 0.0)
     k, c = ARM.get(name, NO_ARM)
 
-    def field(t: float, y: np.ndarray) -> list[float]:
+    def field(t: float, y: Sequence[float]) -> list[float]:
         x, v, f = y
-        return [v, gravity - force(x, v, f) / MASS[row], k * v - f * k / c]
+        return [v, (MASS[row] * gravity - force(x, v, f)) / moves, k * v - f * k / c]
 
-    start = [0.0, VELOCITY[row], 0.0]
+    start = [0.0, after_contact(name)[row], 0.0]
     x, v, f = solve_ivp(field, (0, time[-1]), start, "DOP853", time, rtol=1e-12, atol=1e-14).y
     states = list(zip(x, v, f, strict=True))
-    d = np.array([force(*state) for state in states]) / MASS[row]
+    d = np.array([gravity - field(0.0, list(state))[1] for state in states])
     return Motion(x, v, d, np.array([power_lost(name, *state) for state in states]))

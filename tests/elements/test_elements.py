@@ -8,12 +8,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from element_values import (
+    ADDED,
     ARM,
     MASS,
     NAMES,
     NO_ARM,
     VALUES,
     VELOCITY,
+    after_contact,
     hertz,
     power_lost,
     solved,
@@ -86,15 +88,18 @@ def test_flight_along_gravity_is_a_fall(name: str) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_drops_energy_is_stored_lost_or_still_there(name: str) -> None:
-    """What C_equivalent takes over the independent path is M V^2 / 2 + M g x less what is stored."""
-    found = outcomes(name, VALUES[name], MASS, VELOCITY, gravity=9.80665)
+    """What C_equivalent takes over the independent path is what came in less what is stored.
+
+    M V^2 / 2 + M g x, or where tissue moves along what is left of that after contact.
+    """
+    found, begins = outcomes(name, VALUES[name], MASS, VELOCITY, gravity=9.80665), after_contact(name)
     for row in range(len(MASS)):
         peak = float(found.time_to_peak[row])
         time = np.linspace(0, peak, 2001)
         x, v, force, lost = solved(name, row, time, 9.80665)
         assert abs(v[-1]) < 1e-6 * VELOCITY[row]
         np.testing.assert_allclose(found.peak_depth[row], x[-1], rtol=1e-6)
-        taken = MASS[row] * (VELOCITY[row] ** 2 / 2 + 9.80665 * x[-1])
+        taken = MASS[row] * (begins[row] ** 2 / 2 + 9.80665 * x[-1])
         np.testing.assert_allclose(np.trapezoid(MASS[row] * force, x), taken, rtol=1e-5)
         damping = np.trapezoid(lost, time) / np.trapezoid(v**2, time)
         np.testing.assert_allclose(found.C_equivalent[row], damping, rtol=1e-5)
@@ -104,7 +109,9 @@ def test_a_drops_energy_is_stored_lost_or_still_there(name: str) -> None:
     for row in np.flatnonzero(np.isfinite(leaves)):
         x, v, force, _ = solved(name, row, np.linspace(0, leaves[row], 4001), 9.80665)
         np.testing.assert_allclose(found.energy_lost[row], 1 - (v[-1] / VELOCITY[row]) ** 2, rtol=1e-5)
-        work = np.trapezoid(MASS[row] * force, x) / (MASS[row] * VELOCITY[row] ** 2 / 2)
+        # What the blow took away is work on the tissue too.
+        blow = MASS[row] * (VELOCITY[row] ** 2 - begins[row] ** 2) / 2
+        work = (blow + np.trapezoid(MASS[row] * force, x)) / (MASS[row] * VELOCITY[row] ** 2 / 2)
         np.testing.assert_allclose(found.energy_share[row], work, rtol=1e-4)
     assert (found.energy_share >= found.energy_lost).all()
 
@@ -287,7 +294,9 @@ def test_outcomes_are_what_they_say(name: str) -> None:
     tolerance = 1e-6
     np.testing.assert_allclose(v[-1], 0, atol=tolerance * VELOCITY[row])
     np.testing.assert_allclose(found.peak_depth[row], x[-1], rtol=tolerance)
-    np.testing.assert_allclose(found.K_secant[row], MASS[row] * d[-1] / x[-1], rtol=1e-5)
+    np.testing.assert_allclose(
+        found.K_secant[row], (MASS[row] + ADDED.get(name, 0.0)) * d[-1] / x[-1], rtol=1e-5
+    )
     np.testing.assert_allclose(found.K_tangent[row], tangent(name), rtol=1e-12, atol=1e-12)
     damping = np.trapezoid(lost, time) / np.trapezoid(v**2, time)
     np.testing.assert_allclose(found.C_equivalent[row], damping, rtol=1e-5)

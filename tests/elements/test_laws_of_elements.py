@@ -25,7 +25,7 @@ pytestmark = pytest.mark.slow
 CASES = 8
 VARIANTS = ("drop", "other units", "lossless", "level", "fast", "heavy", "spring and damper")
 # Exponents of mass, length and time.
-UNITS = {"N/m": (1, 0, -2), "N s/m": (1, 0, -1), "m": (0, 1, 0), "1": (0, 0, 0)}
+UNITS = {"N/m": (1, 0, -2), "N s/m": (1, 0, -1), "m": (0, 1, 0), "kg": (1, 0, 0), "1": (0, 0, 0)}
 OF_OUTCOMES = {
     "K_tangent": UNITS["N/m"],
     "K_secant": UNITS["N/m"],
@@ -43,13 +43,14 @@ OF_OUTCOMES = {
 }
 # Its K is that of a ball of one size at one depth.
 WITH_A_LENGTH_OF_ITS_OWN = ("hunt_crossley",)
-# The factor of C at which nothing is lost: a damper in series must not yield.
-LOSSLESS = {"maxwell": 1e9}
+# The factors at which nothing is lost: a damper in series must not yield, and no mass be taken along.
+LOSSLESS = {"maxwell": {"C": 1e9}, "moving_mass": {"C": 1e-9, "moving_mass_kg": 1e-9}}
 # What makes an element a spring and damper.
 RIGID = {
     "standard_linear": {"arm_ratio": 1e7},
     "stiffening": {"stiffening_depth_m": 1e5},
     "wall": {"thickness_m": 1e7},
+    "moving_mass": {"moving_mass_kg": 1e-9},
 }
 HEAVY, FAST = 100.0, 3.0
 # The cubic between nodes of a path that is solved, as in test_elements.
@@ -88,7 +89,7 @@ def variants(name: str, numbers: np.ndarray, units: np.ndarray) -> Impacts:
     )
     level = np.zeros(CASES)
     case = Impacts(values, mass, velocity, np.full(CASES, 0.0318), gravity)
-    scale = of_units(name, units)
+    scale, lossless = of_units(name, units), LOSSLESS.get(name, {"C": 1e-9})
     parameter_units = {each.name: each.unit for each in element(name).parameters}
     made = {
         "drop": case,
@@ -99,7 +100,9 @@ def variants(name: str, numbers: np.ndarray, units: np.ndarray) -> Impacts:
             case.diameter * scale((0, 1, 0)),
             gravity * scale((0, 1, -2)),
         ),
-        "lossless": case._replace(parameters=values | {"C": values["C"] * LOSSLESS.get(name, 1e-9)}),
+        "lossless": case._replace(
+            parameters=values | {key: values[key] * factor for key, factor in lossless.items()}
+        ),
         "level": case._replace(gravity=level),
         "fast": case._replace(gravity=level, velocity=FAST * velocity),
         "heavy": case._replace(gravity=level, mass=HEAVY * mass),

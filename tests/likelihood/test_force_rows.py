@@ -106,6 +106,27 @@ def test_the_log_density_is_that_of_the_dense_normal() -> None:
     assert float(likelihood(record).log_density()[0]) == pytest.approx(expected, rel=1e-7)
 
 
+def test_below_the_tissue_it_is_the_tissues_own_force() -> None:
+    """Where 0.3 kg moves along, (M + m) / M times M d: it moves as M / (M + m) of K, C and V does."""
+    record, d, y = recorded()
+    assert record.force is not None
+    moves, given = 0.3, likelihood(record)
+    heavier = (MASS + moves) / MASS
+    below = record._replace(
+        velocity=record.velocity * heavier,
+        error_sd=record.error_sd.at[:, 0].multiply(heavier),
+        force=record.force._replace(tip=None),
+    )
+    parameters = jnp.array([[K * heavier], [C * heavier], [moves]])
+    # The force's ratio less what the mass accounts for, so that all rows are those of the test above.
+    ratio = jnp.log(jnp.array([(np.exp(RATIO) - TIP) / heavier]))
+    noise = given.noise_parameters._replace(log_force_ratio=ratio)
+    found = MeasuredImpact(element("moving_mass"), parameters, noise, below).log_density()
+    mean, covariance, _ = dense()
+    expected = multivariate_normal(mean, covariance).logpdf(np.concatenate([d, y]))
+    assert float(found[0]) == pytest.approx(expected, rel=1e-7)
+
+
 FINER = 400
 LATER = 3
 NO_GAP = range(0)

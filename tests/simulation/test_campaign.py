@@ -326,6 +326,19 @@ def test_a_force_is_clipped_at_its_limit_and_read_so(tmp_path):
         np.testing.assert_array_equal(np.concatenate(marked), campaign.force >= limit)
 
 
+@pytest.mark.parametrize("gravity", [0.0, 9.80665])
+def test_a_force_below_the_tissue_moves_the_tissue_too(gravity):
+    plate, tissue = {"place": "base"}, {"element": "moving_mass", "parameters": {"moving_mass_kg": 0.2}}
+    made = specification(subjects=1, recording={"force": plate}, tissue=tissue)
+    campaign = simulate(made.model_copy(update={"gravity": gravity}))
+    ends = np.cumsum(campaign.n_samples)
+    for row, truth in campaign.truth.iterrows():
+        force = campaign.force[ends[row] - campaign.n_samples[row] : ends[row]]
+        d = rows(campaign, row)[1]
+        expected = np.where(d > 0, (truth.mass_kg + 0.2) * d - 0.2 * gravity, 0.0)
+        np.testing.assert_allclose(force, expected, rtol=1e-9, atol=1e-9)
+
+
 def test_a_campaign_with_a_force_is_read_with_it(tmp_path):
     made = specification(subjects=2, recording={"force": FORCE})
     campaign = simulate(made)

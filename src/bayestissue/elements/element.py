@@ -37,6 +37,11 @@ class Parameter:
     typical: float = 1.0
     log_sd: float = 2.5
 
+    @property
+    def of_mass(self) -> bool:
+        """Whether its unit holds one of mass: no motion changes if it and the impactor's mass grow alike."""
+        return self.unit.split("/")[0].split()[0] in ("N", "kg")
+
 
 STIFFNESS = "K"
 # Beside an element's parameters, where it is not 0: the part of gravity along the motion [m/s^2].
@@ -67,7 +72,8 @@ class Outcomes(NamedTuple):
             [N/m].
         K_secant: force over penetration where penetration is greatest and the velocity 0 [N/m].
         C_equivalent: of the damper beside the spring that would have lost the same energy from contact to
-            peak: (M V^2 / 2 + M g x - energy stored at the peak) / integral of x'^2 [N s/m].
+            peak: (M V^2 / 2 + M g x - energy stored at the peak) / integral of x'^2 [N s/m]. Where tissue
+            moves along, of the energy just after it was taken along, M V^2 / 2 times M / (M + m).
         energy_lost: 1 - (v_end / V)^2, v_end being the velocity at which the impactor leaves: the share of
             its kinetic energy at contact that it has not got back.
         energy_share: work done on the tissue over that kinetic energy, 1 - (v_end^2 - 2 g x_end) / V^2, x_end
@@ -77,14 +83,16 @@ class Outcomes(NamedTuple):
             to x_end: 1 - v_end^2 / (V^2 + 2 g x_end).
         peak_depth: greatest penetration [m].
         time_to_peak: from contact to it [s]; infinite where there is none.
-        peak_force: greatest force on the impactor [N]. Of a damper beside a spring it may be at contact.
+        peak_force: greatest force on the impactor [N]. Of a damper beside a spring it may be at contact. The
+            blow in which tissue is taken along comes before it.
         contact_duration: from contact to where the force is 0 [s]; infinite where it never is.
         rebound_velocity: -v_end, at which the impactor leaves [m/s].
         impulse: integral of the force over contact, M (V - v_end) + M g contact_duration [N s]; along gravity
             infinite where the tissue is never left.
-        peak_jerk: greatest |d/dt F / M| within contact [m/s^3]. The jump of a damper's force at contact,
-            whose rate is infinite, comes before it.
-        HIC15: head injury criterion over 15 ms at most, of a headform [g^2.5 s]; None of other impactors.
+        peak_jerk: greatest |d/dt F / M| within contact, F on the impactor [m/s^3]. The jump of a damper's
+            force at contact, whose rate is infinite, comes before it.
+        HIC15: head injury criterion over 15 ms at most, of a headform [g^2.5 s]; None of other impactors. Of
+            the velocity lost after contact: of a jump there the criterion would be infinite.
         HIC36: over 36 ms at most, likewise.
     """
 
@@ -136,11 +144,14 @@ class Element:
         title: in words.
         law: the force F, and the rates of the internal lengths s, in LaTeX, as the manual shows them.
         parameters: in the order of an impact's own parameters.
-        force: on the impactor, positive where the tissue pushes [N].
+        force: of the tissue, positive where it pushes [N].
         stored: energy in the springs [J].
         rates: of the internal lengths [m/s], one each.
         states: number of internal lengths.
         linear: whether force and rates are linear in x, v and s.
+        added_mass: of tissue that moves along with the impactor from contact on [kg], from the parameters;
+            None where all tissue is without mass. ``force`` is the tissue's own, on both together: the
+            impactor feels less of it, see `deceleration_of`.
         jumps: whether the force jumps at contact, as a damper between impactor and ground makes it. Where it
             does not, a recording does not show when contact was.
         level_outcomes: of an impact without gravity along its motion, from the parameters, M and V, where
@@ -158,6 +169,7 @@ class Element:
     rates: Callable[[Array, Array, States, Parameters], States] = no_rates
     states: int = 0
     linear: bool = False
+    added_mass: Callable[[Parameters], Array] | None = None
     jumps: bool = True
     level_outcomes: Callable[[Parameters, Array, Array], Outcomes] | None = None
     guess: Callable[[Array, Array, Array], tuple[Array, Array]] = unchanged
@@ -189,19 +201,46 @@ def falling(p: Parameters) -> Array | float:
     return p.get(GRAVITY, 0.0)
 
 
+def inertia(element: Element, p: Parameters, mass: Array) -> Array:
+    """M + m [kg]: the impactor and the tissue that moves along with it."""
+    return mass if element.added_mass is None else mass + element.added_mass(p)
+
+
+def impactor_share(element: Element, p: Parameters, mass: Array) -> Array | float:
+    """M / (M + m), 1 where no tissue moves along: the velocity just after contact over that before it."""
+    return 1.0 if element.added_mass is None else mass / inertia(element, p, mass)
+
+
 def rates_of_motion(element: Element, p: Parameters, mass: Array, y: Array) -> Array:
-    """dy/dt with M x'' = M g - F for y = (x, v, internal lengths) on the first axis."""
+    """dy/dt with (M + m) x'' = M g - F for y = (x, v, internal lengths) on the first axis.
+
+    Tissue carries its own weight before contact, so that gravity pulls on the impactor alone.
+    """
     x, v, s = y[0], y[1], tuple(y[2:])
-    acceleration = falling(p) - element.force(x, v, s, p) / mass
+    share = impactor_share(element, p, mass)
+    acceleration = share * (falling(p) - element.force(x, v, s, p) / mass)
     return jnp.stack([v, acceleration, *element.rates(x, v, s, p)])
 
 
-def at_contact(element: Element, velocity: Array) -> Array:
-    """Y at contact: the impactor's velocity, everything else at rest."""
+def at_contact(element: Element, p: Parameters, mass: Array, velocity: Array) -> Array:
+    """Y just after contact at V: everything at rest but what moves, at V M / (M + m).
+
+    The impactor takes the added mass along at once, as in a collision without restitution.
+    """
     still = jnp.zeros_like(velocity)
-    return jnp.stack([still, velocity, *(still for _ in range(element.states))])
+    begins = impactor_share(element, p, mass) * velocity
+    return jnp.stack([still, begins, *(still for _ in range(element.states))])
+
+
+def tissue_force_over_mass(element: Element, p: Parameters, mass: Array, y: Array) -> Array:
+    """F / M [m/s^2]: what a sensor below the tissue reads, over the impactor's mass."""
+    return element.force(y[0], y[1], tuple(y[2:]), p) / mass
 
 
 def deceleration_of(element: Element, p: Parameters, mass: Array, y: Array) -> Array:
-    """F / M [m/s^2]: what a sensor reads that is 0 in free fall, and without gravity -x''."""
-    return element.force(y[0], y[1], tuple(y[2:]), p) / mass
+    """The force on the impactor over its mass, g - x'' [m/s^2]: what a sensor reads that is 0 in free fall.
+
+    F / M where no tissue moves along, else (F / M) M / (M + m) + g m / (M + m).
+    """
+    share = impactor_share(element, p, mass)
+    return share * tissue_force_over_mass(element, p, mass, y) + (1 - share) * falling(p)

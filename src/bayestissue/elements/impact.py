@@ -1,4 +1,7 @@
-"""A whole impact on an element: M x'' = M g - F(x, x', internal lengths), x(0) = 0, x'(0) = V."""
+"""A whole impact on an element: M x'' = M g - F(x, x', internal lengths), x(0) = 0, x'(0) = V.
+
+Where tissue of mass m moves along, (M + m) x'' = M g - F from x'(0) = V M / (M + m) on.
+"""
 
 from __future__ import annotations
 
@@ -20,6 +23,7 @@ from bayestissue.elements.element import (
     complete,
     deceleration_of,
     falling,
+    inertia,
     rates_of_motion,
 )
 from bayestissue.elements.registry import element as named
@@ -40,8 +44,8 @@ class Impact(NamedTuple):
     Attributes:
         x: into the tissue [m].
         v: its velocity [m/s].
-        deceleration: F / M while the tissue pushes, else 0 [m/s^2]: what a sensor reads that is 0 in free
-            fall.
+        deceleration: force on the impactor over M while the tissue pushes, else 0 [m/s^2]: what a sensor
+            reads that is 0 in free fall. The blow with which a moving mass is taken along is not in it.
         time_to_peak: from contact to the greatest x [s]; infinite where there is none.
         leaves: from contact to where the force is 0 [s]; infinite where it never is. What falls back on the
             tissue after that is not followed.
@@ -94,7 +98,9 @@ def _impact(element: Element, p: dict[str, Array], mass: Array, velocity: Array,
     inside = (time >= 0) & (time <= path.leaves[:, None])
     d = deceleration_of(element, path.columns(), mass[:, None], y)
     flight, fall = time - since, falling(path.columns())
-    x, v = y[0] + y[1] * flight + fall * flight**2 / 2, y[1] + fall * flight
+    # At contact, where tissue is taken along, the velocity is another before than after.
+    flies = jnp.where(time < 0, velocity[:, None], y[1])
+    x, v = y[0] + flies * flight + fall * flight**2 / 2, flies + fall * flight
     return Impact(x, v, jnp.where(inside, d, 0.0), path.time_to_peak, path.leaves)
 
 
@@ -138,7 +144,8 @@ class Path(NamedTuple):
         cls, element: Element, p: dict[str, Array], mass: Array, velocity: Array, until: ArrayLike = 0.0
     ) -> Path:
         """The path from contact to ``until`` [s], or to four times an undamped contact if that is later."""
-        duration = jax.lax.stop_gradient(jnp.maximum(until, LONG * jnp.sqrt(mass / p["K"])))
+        undamped = LONG * jnp.sqrt(inertia(element, p, mass) / p["K"])
+        duration = jax.lax.stop_gradient(jnp.maximum(until, undamped))
         if element.linear:
             nodes = _linear_nodes(element, p, mass, velocity, duration)
         else:

@@ -10,7 +10,14 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.elements.element import GRAVITY, Element, Parameters, at_contact, rates_of_motion
+from bayestissue.elements.element import (
+    GRAVITY,
+    Element,
+    Parameters,
+    at_contact,
+    impactor_share,
+    rates_of_motion,
+)
 
 # (1/2)^14 / 14! is below rounding, and 2^40 times rounding is all that could be asked for.
 _ORDER = 14
@@ -35,7 +42,8 @@ def transition(
     matrix = jnp.moveaxis(jnp.stack(columns, axis=1), (0, 1), (-2, -1))
     if GRAVITY in p:
         size += 1
-        matrix = jnp.pad(matrix, [(0, 0)] * mass.ndim + [(0, 1), (0, 1)]).at[..., 1, -1].set(p[GRAVITY])
+        falls = impactor_share(element, p, mass) * p[GRAVITY]
+        matrix = jnp.pad(matrix, [(0, 0)] * mass.ndim + [(0, 1), (0, 1)]).at[..., 1, -1].set(falls)
     time = time.reshape(*time.shape, 1, 1)
     matrix = matrix.reshape(*mass.shape, *[1] * (time.ndim - matrix.ndim), size, size)
     is_velocity = jnp.arange(size) == 1
@@ -86,7 +94,7 @@ def even_grid(
     steps = jnp.stack([jnp.maximum(first_time, 0.0), jnp.broadcast_to(dt, first_time.shape)], axis=-1)
     transitions = transition(element, p, mass, steps)
     step, states = transitions[:, 1], range(transitions.shape[-1])
-    few = jnp.einsum("iab,bi->ia", transitions[:, 0], _start(element, p, velocity))[..., None]
+    few = jnp.einsum("iab,bi->ia", transitions[:, 0], _start(element, p, mass, velocity))[..., None]
     # Each round doubles what is known.
     while few.shape[-1] < min(count, _FEW):
         few = jnp.concatenate([few, step @ few], axis=-1)
@@ -111,10 +119,11 @@ def at_times(
     time: Float[Array, "impact time"],
 ) -> Float[Array, "state impact time"]:
     """The state at any times, not negative."""
-    states = jnp.einsum("itab,bi->ait", transition(element, p, mass, time), _start(element, p, velocity))
+    start = _start(element, p, mass, velocity)
+    states = jnp.einsum("itab,bi->ait", transition(element, p, mass, time), start)
     return states[: 2 + element.states]
 
 
-def _start(element: Element, p: Parameters, velocity: Array) -> Array:
-    y = at_contact(element, velocity)
+def _start(element: Element, p: Parameters, mass: Array, velocity: Array) -> Array:
+    y = at_contact(element, p, mass, velocity)
     return jnp.concatenate([y, jnp.ones_like(y[:1])]) if GRAVITY in p else y

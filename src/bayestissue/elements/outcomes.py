@@ -16,9 +16,10 @@ from bayestissue.elements.element import (
     Element,
     Outcomes,
     Parameters,
-    at_contact,
     deceleration_of,
     falling,
+    impactor_share,
+    inertia,
     rates_of_motion,
 )
 from bayestissue.elements.head_injury import LONGEST, SEARCH, head_injury, pulse_of
@@ -76,7 +77,9 @@ def outcomes_of(
         comes, nodes = _of_path(path), path.nodes
     if not headform:
         return comes
-    window = jnp.minimum(SEARCH.times_to_peak * comes.time_to_peak, LONG * jnp.sqrt(mass / p["K"]))
+    window = jnp.minimum(
+        SEARCH.times_to_peak * comes.time_to_peak, LONG * jnp.sqrt(inertia(element, p, mass) / p["K"])
+    )
     end = jnp.minimum(comes.contact_duration, window)
     return comes._replace(**head_injury(pulse_of(element, p, mass, velocity, end, nodes)))
 
@@ -120,7 +123,8 @@ def _of_path(path: Path) -> Outcomes:
     squares = (within[1] ** 2 @ jnp.asarray(_WEIGHTS)) * peak / 2
     # Of 0 m/s^2 nothing, however long.
     fallen = jnp.where(fall == 0, 0.0, fall * path.leaves)
-    spent = M * (V**2 - v**2) / 2 + M * fall * x - element.stored(x, v, s, p)
+    begins, moves = impactor_share(element, p, M) * V, inertia(element, p, M)
+    spent = moves * (begins**2 - v**2) / 2 + M * fall * x - element.stored(x, v, s, p)
     return Outcomes(
         mass=M,
         velocity=V,
@@ -157,5 +161,6 @@ def tangent_stiffness(element: Element, p: dict[str, Array]) -> Array:
     What remembers is slow: at contact its dampers have not yet yielded. At rest no damper pushes, not even
     one that acts with depth.
     """
-    x, v, *inner = at_contact(element, jnp.zeros_like(p["K"]))
-    return jax.jvp(lambda x: element.force(x, v, tuple(inner), p), (x,), (jnp.ones_like(x),))[1]
+    still = jnp.zeros_like(p["K"])
+    inner = (still,) * element.states
+    return jax.jvp(lambda x: element.force(x, still, inner, p), (still,), (jnp.ones_like(still),))[1]

@@ -76,7 +76,7 @@ def nodes(
         t0=0.0,
         t1=1.0,
         dt0=None,
-        y0=at_contact(element, velocity) if start is None else start,
+        y0=at_contact(element, p, mass, velocity) if start is None else start,
         args=(p, mass, duration),
         stepsize_controller=diffrax.StepTo(ts=jnp.asarray(fractions)),
         saveat=diffrax.SaveAt(t0=True, steps=True),

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Int
 
 from bayestissue.dataset.chain import Recorder
 from bayestissue.dataset.model import Dataset
+from bayestissue.elements import element
 from bayestissue.hierarchy.recorder import CONTACT_CELLS, filtered_noise, low_pass_of
 from bayestissue.likelihood.element.record import ForceRows
 from bayestissue.likelihood.element.recorder import LowPass
@@ -168,6 +169,15 @@ def rows_within(
     return RowsWithin(recorded, used, used.argmax(axis=1), used.sum(axis=1), *moments, n_quiet)
 
 
+def tells_added_mass(force: PreparedForce, name: str) -> bool:
+    """Whether the element of this name has tissue that moves along, and the force was recorded below it.
+
+    Of one mass M the force then is (1 + m / M) e^a times M d, and what is declared of e^a has to be its
+    prior: a wide one, that declared errors only divide, would take up what is m's.
+    """
+    return force.rows.below and element(name).added_mass is not None
+
+
 def prepared_force(
     dataset: Dataset, signal: Displacements, low_pass: LowPass | None, reach: int, *, jumps: bool
 ) -> PreparedForce | str:
@@ -218,7 +228,8 @@ def prepared_force(
     mass = signal.mass
     counts = rows.within(usable) & (np.arange(rows.number.max()) < rows.number[:, None])
     longer = ((0, 0), (0, length - counts.shape[1]))
-    tip = channel.tip_mass_kg / mass
+    # A force below the tissue has no tip.
+    tip = channel.tip_mass_kg / mass if channel.place == "impactor" else None
     # Contact as it was before the samples in contact were asked: these are to tell themselves.
     contact = first - signal.bracket_s
     parts: Any = (
@@ -229,6 +240,7 @@ def prepared_force(
         tip,
         np.pad(counts, longer) if (usable != rows.used).any() else None,
     )
+    in_front = channel.tip_mass_kg / mass
     chain, noise = dataset.uncertainty, np.maximum(rows.noise / mass, 1e-12)
     return PreparedForce(
         comparison=comparison,
@@ -236,7 +248,7 @@ def prepared_force(
         offset_sd=of_filter.get("longer", 1.0) * standard_error(noise, rows.n_quiet),
         clock_sd=_CLOCK * dt,
         log_noise=np.log(noise),
-        log_ratio=np.log(np.maximum(comparison.ratio * (1 - tip) + tip, 1e-3)),
+        log_ratio=np.log(np.maximum(comparison.ratio * (1 - in_front) + in_front, 1e-3)),
         mass_sd=float(chain.relative_mass_sd),
         gain_sd=float(np.hypot(chain.relative_gain_sd, channel.relative_gain_sd)),
     )

@@ -8,7 +8,7 @@ intercepts, mass exponents and covariates are all parts of b, so everything line
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal, NamedTuple
@@ -195,14 +195,24 @@ def force_ratio(locations: EffectParts) -> int:
 
 
 def heavier(
-    locations: EffectParts, b: Float[np.ndarray, "*draw location"], log_factor: Float[np.ndarray, "*draw"]
+    locations: EffectParts,
+    b: Float[np.ndarray, "*draw location"],
+    log_factor: Float[np.ndarray, "*draw"],
+    parameters: Sequence[str] = RESPONSES,
 ) -> Float[np.ndarray, "*draw location"]:
-    """Effects with K and C of so much heavier impactors."""
+    """Effects with K, C and what else goes with the mass, of so much heavier impactors.
+
+    Args:
+        locations: what b is made of.
+        b: effects at the declared masses.
+        log_factor: of the masses.
+        parameters: those in proportion to the mass, as `parameter_of` names them.
+    """
     if not log_factor.any():
         return b
     moved = np.array(b)
-    for q in RESPONSES:
-        moved[..., locations.parts[intercept(q)].start] += log_factor
+    for parameter in parameters:
+        moved[..., locations.parts[intercept(parameter)].start] += log_factor
     return moved
 
 

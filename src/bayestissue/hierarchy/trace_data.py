@@ -21,11 +21,12 @@ from bayestissue.hierarchy import SIDE_BY_SIDE
 from bayestissue.hierarchy.design import Design, build_design
 from bayestissue.hierarchy.driven import driven_rows
 from bayestissue.hierarchy.effects import RESPONSES
-from bayestissue.hierarchy.force import PreparedForce, prepared_force
+from bayestissue.hierarchy.force import PreparedForce, prepared_force, tells_added_mass
 from bayestissue.hierarchy.formulas.formula import terms_of
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM
 from bayestissue.hierarchy.formulas.identifiability import missing
 from bayestissue.hierarchy.population import population_design
+from bayestissue.hierarchy.priors import normal
 from bayestissue.hierarchy.recorder import filtered_noise, low_pass_of
 from bayestissue.hierarchy.reference import Reference
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
@@ -40,6 +41,8 @@ from bayestissue.signal.displacement import BEFORE, BELOW_ZERO, FEWEST_SAMPLES
 from bayestissue.signal.filters import delay
 from bayestissue.signal.recorder_noise import white_share
 
+# Of the log of force over mass times deceleration, where nothing is declared of masses and gains.
+_LEAST_RATIO_SD = 1e-3
 KINDS: tuple[Kind, ...] = ("arma", "a2", "impact", "driven")
 
 
@@ -168,6 +171,9 @@ def assemble(
     """Model and data of a fit whose design and displacements are made, of a force too if there is one."""
     kind: Kind = specification.likelihood  # type: ignore[assignment]
     priors, discrepancy = specification.complete_priors(), specification.discrepancy == "always"
+    if force is not None and tells_added_mass(force, specification.element):
+        declared = max(float(np.hypot(force.mass_sd, force.gain_sd)), _LEAST_RATIO_SD)
+        priors = priors.model_copy(update={"log_force_ratio": normal(0.0, declared)})
     autoregressive = specification.noise == "autoregressive"
     nuisance = nuisance_of(
         kind,
@@ -441,7 +447,11 @@ def _deceleration_record(
             contact = Contact.anywhere(before, n_before, np.maximum(signal.noise_sd, 1e-12), sample, n_quiet)
         else:
             contact = Contact.anywhere(before, np.zeros_like(n_before), sample=sample)
-    gain_sd, chain_sd = np.full(number, chain.relative_gain_sd), [offset_sd, contact_sd]
+    # The height of recordings tells a mass that moves along in all of them: what impacts share of the errors
+    # of velocity and gain, which nothing says, must not average out. So much wider, they tell together what
+    # one impact does.
+    shared = np.sqrt(number) if element(specification.element).added_mass else 1.0
+    gain_sd, chain_sd = np.full(number, shared * chain.relative_gain_sd), [offset_sd, contact_sd]
     velocity_share = _share(chain.velocity_sd_m_s, velocity_sd)
     # Of an impact along gravity an error of the gain is not one of the velocity.
     separate = recorder or discrepancy or reach or force or (dataset.gravity and chain.relative_gain_sd)
@@ -450,7 +460,7 @@ def _deceleration_record(
     elif side_by_side and recorder is not None and not dataset.gravity and force is None:
         chain_sd = [velocity_sd, np.zeros(number), *chain_sd]
     else:
-        chain_sd = [np.full(number, chain.velocity_sd_m_s), gain_sd, *chain_sd]
+        chain_sd = [np.full(number, shared * chain.velocity_sd_m_s), gain_sd, *chain_sd]
         velocity_share = np.ones(number)
     if force is not None:
         chain_sd[2:2] = [force.offset_sd, force.clock_sd]

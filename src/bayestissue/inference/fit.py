@@ -33,6 +33,7 @@ from bayestissue.inference.chain.draws import chain_draws
 from bayestissue.inference.chain.ending import r_hat_limit
 from bayestissue.inference.chain.explanations import explanations
 from bayestissue.inference.chain.results import ChainDraws, ChainEnd
+from bayestissue.inference.checking.added_mass import judge_added_mass
 from bayestissue.inference.checking.model_form import described, model_form, of_driven, shown_by, with_impacts
 from bayestissue.inference.checking.pooled_parameters import pooled_parameters
 from bayestissue.inference.checking.straight_lines import straight_lines
@@ -172,7 +173,7 @@ def label(
     return TraceAnalysis(
         tree=tree,
         summary=summary,
-        diagnostics=_diagnostics(prepared, posterior, checked, chains, form),
+        diagnostics=_diagnostics(prepared, posterior, tree["prior"].dataset, checked, chains, form),
         hypotheses=_hypotheses(posterior, of_tissue, near.mass_exponent),
         cross_validation=scores,
         sensitivity=sensitivity,
@@ -197,6 +198,7 @@ def _hypotheses(posterior: xr.Dataset, of_tissue: Sequence[str], near: float) ->
 def _diagnostics(
     prepared: Prepared,
     posterior: xr.Dataset,
+    prior: xr.Dataset,
     checked: pd.DataFrame,
     chains: ChainDraws,
     form: dict[str, Any],
@@ -205,12 +207,14 @@ def _diagnostics(
     of_impacts = [str(name) for name, values in posterior.data_vars.items() if "impact" in values.dims]
     model, design = prepared.model, prepared.design
     pooled = pooled_parameters(posterior, design.recorded, element(model.element))
+    added = judge_added_mass(prepared, posterior, prior)
     return {
         **diagnose(checked, r_hat_limit(len(checked), *chains.shape), of_impacts),
         **form,
         "straight_lines": straight_lines(design, posterior, model.log_mass_sd),
         "pooled_parameters": [one.record() for one in pooled],
         "route": chains.record(),
+        **({"added_mass": added} if added else {}),
     }
 
 

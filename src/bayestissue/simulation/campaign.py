@@ -18,7 +18,7 @@ from bayestissue.dataset.model import Channel, Dataset, Trace, channel_settings
 from bayestissue.dataset.settings import gravity_m_s2
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, grouping_of
 from bayestissue.signal.filters import decay, on_even_grid
-from bayestissue.simulation.contact import deceleration, leaves, what_is_met
+from bayestissue.simulation.contact import deceleration, leaves, tissue_force, what_is_met
 from bayestissue.simulation.specification import Phantom, RecordedForce, Recording, Simulation, Tissue
 
 # Of the trace table, beside ``value``.
@@ -359,11 +359,13 @@ def _recorded(
         motion = deceleration(simulation.tissue.element, truth.iloc[index], time, gravity)
         part = slice(begin, min(begin + rows, len(n)))
         moved = np.asarray(motion)[: part.stop - begin]
-        d, behind = (_passed(moved, one, rate, finer, ring) for one in (recorder, force_recorder))
+        d = _passed(moved, recorder, rate, finer, ring)
         recorded = np.arange(d.shape[1]) < n[part, None]
         noise = _noise(recorder, rate, ring, recorded, random)
         force = np.empty(0)
         if recording.force is not None:
+            pushes = _force(simulation, recording.force, truth.iloc[part], moved, gravity)
+            behind = _passed(pushes, force_recorder, rate, finer, ring)
             noise_of_force = _noise(force_recorder, rate, ring, recorded, of_force)
             force = _recorded_force(recording.force, truth.iloc[part], behind, recorded, noise_of_force)
         yield _through_chain(recording, truth.iloc[part], d, recorded, noise), force
@@ -392,21 +394,31 @@ def _noise(
     return random.standard_normal(recorded.sum())
 
 
-def _recorded_force(
+def _force(
+    simulation: Simulation,
     force: RecordedForce,
     truth: pd.DataFrame,
     deceleration: Float[np.ndarray, "impact sample"],
+    gravity: float,
+) -> Float[np.ndarray, "impact sample"]:
+    """What the sensor feels [N]: the tissue's force below it, or at the impactor (M - m) d."""
+    if force.place == "base":
+        return tissue_force(simulation.tissue.element, truth, deceleration, gravity)
+    return (truth["mass_kg"].to_numpy()[:, None] - force.tip_mass_kg) * deceleration
+
+
+def _recorded_force(
+    force: RecordedForce,
+    truth: pd.DataFrame,
+    exact: Float[np.ndarray, "impact sample"],
     recorded: Bool[np.ndarray, "impact sample"],
     noise: Float[np.ndarray, " recorded"],
 ) -> Float[np.ndarray, " recorded"]:
-    """(1 + gain) (M - m) d + zero + noise at the samples that are recorded, one impact's after another's.
+    """(1 + gain) F + zero + noise of variance 1, in its unit, at the samples that are recorded.
 
-    ``noise`` has variance 1.
+    F is ``exact``: that of `_force` behind the sensor's low-pass. One impact's samples after another's.
     """
-    mass, gain, offset = (
-        truth[name].to_numpy()[:, None] for name in ("mass_kg", "force_gain", "force_offset_N")
-    )
-    exact = (mass - force.tip_mass_kg) * deceleration
+    gain, offset = (truth[name].to_numpy()[:, None] for name in ("force_gain", "force_offset_N"))
     sd = np.hypot(force.noise_sd_N, force.noise_relative_to_peak * exact.max(axis=1, keepdims=True))
     noise = np.repeat(sd[:, 0], recorded.sum(axis=1)) * noise
     value = (gain * exact + offset)[recorded] + noise

@@ -12,6 +12,7 @@ from jax import Array
 from jaxtyping import Float
 
 from bayestissue.elements import element, impact, outcomes
+from bayestissue.elements.element import impactor_share, inertia
 from bayestissue.hierarchy import SIDE_BY_SIDE
 from bayestissue.inference.results.meanings import HEADFORM_COLUMNS
 from bayestissue.oscillator import impact_motion, spring_damper_inverse
@@ -40,8 +41,8 @@ def what_is_met(
     Of those the ``effects`` of groups are added to the log.
 
     omega_n and zeta are those of stiffness and damping as they compare across elements: K_secant and
-    C_equivalent of `bayestissue.elements.Outcomes`. Along gravity, m/s², a spring and damper also has a
-    moment of its own at which it leaves, or none.
+    C_equivalent of `bayestissue.elements.Outcomes`, and of all mass that moves. Along gravity, m/s², a spring
+    and damper also has a moment of its own at which it leaves, or none.
     """
     names = [parameter.name for parameter in element(tissue.element).extra]
     scatter = tissue.sd_impact_parameters * random.standard_normal((len(tissue.parameters), len(K)))
@@ -58,7 +59,8 @@ def what_is_met(
         )
     )
     known = {column: getattr(comes, name) for name, column in HEADFORM_COLUMNS.items()}
-    omega_n, zeta = map(np.asarray, spring_damper_inverse(comes.K_secant, comes.C_equivalent, mass))
+    moves = inertia(element(tissue.element), p, jnp.asarray(mass))
+    omega_n, zeta = map(np.asarray, spring_damper_inverse(comes.K_secant, comes.C_equivalent, moves))
     columns = {
         "omega_n_rad_s": omega_n,
         "zeta": zeta,
@@ -107,14 +109,39 @@ def deceleration(
         names = ["omega_n_rad_s", "zeta", "velocity_m_s"]
         others = (truth[column].to_numpy()[:, None] for column in names)
         return _side_by_side(time, contact, leaves(truth)[:, None], *others)
-    columns = {"K": "K_N_per_m", "C": "C_N_s_per_m"}
-    columns |= {parameter.name: parameter.name for parameter in element(name).extra}
-    p = {parameter: jnp.asarray(truth[column].to_numpy()) for parameter, column in columns.items()}
+    p = _parameters(name, truth)
     diameter = truth["diameter_m"].to_numpy() if "diameter_m" in truth else None
     since = jnp.asarray(time - contact)
     mass, velocity = truth["mass_kg"].to_numpy(), truth["velocity_m_s"].to_numpy()
     surroundings = {"diameter": diameter, "gravity": gravity or None}
     return impact(name, p, mass, velocity, since, **surroundings).deceleration
+
+
+def tissue_force(
+    name: str, truth: pd.DataFrame, deceleration: Float[np.ndarray, "impact sample"], gravity: float = 0.0
+) -> Float[np.ndarray, "impact sample"]:
+    """The tissue's own force F [N], of this deceleration d of the impactor: (M + m) d - m g while it pushes.
+
+    What tissue that moved along does once the impactor has left is not followed: F is 0 then.
+
+    Args:
+        name: of the element.
+        truth: the impacts.
+        deceleration: of `deceleration`.
+        gravity: along the motion [m/s^2].
+    """
+    mass = truth["mass_kg"].to_numpy()
+    share = np.asarray(impactor_share(element(name), _parameters(name, truth), jnp.asarray(mass)))
+    share = np.broadcast_to(share, mass.shape)[:, None]
+    pushes = deceleration > 0
+    return mass[:, None] / share * np.where(pushes, deceleration - (1 - share) * gravity, 0.0)
+
+
+def _parameters(name: str, truth: pd.DataFrame) -> dict[str, Array]:
+    """Of the element, by name, each [impact]."""
+    columns = {"K": "K_N_per_m", "C": "C_N_s_per_m"}
+    columns |= {parameter.name: parameter.name for parameter in element(name).extra}
+    return {parameter: jnp.asarray(truth[column].to_numpy()) for parameter, column in columns.items()}
 
 
 @jax.jit

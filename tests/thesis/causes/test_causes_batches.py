@@ -30,7 +30,7 @@ def test_the_last_batch_is_cut_to_the_number_asked_for() -> None:
 def test_each_mechanism_leaves_its_mark() -> None:
     found = {
         name: pd.concat([run_batch(b) for b in work(name, each=40, batch=20)]).median(numeric_only=True)
-        for name in ("none", "centring", "own_time", "anticipation", "reflex_energy")
+        for name in ("none", "centring", "own_time", "anticipation", "reflex_energy", "moving_mass")
     }
     # Forty campaigns with exponents scattered by some 0.15 have a median good to 0.03.
     assert abs(found["none"]["mass_exponent_K"]) < 0.1
@@ -41,6 +41,9 @@ def test_each_mechanism_leaves_its_mark() -> None:
     assert found["anticipation"]["mass_exponent_K"] > 0.4
     assert abs(found["anticipation"]["velocity_exponent_K"]) < 0.1
     assert found["reflex_energy"]["velocity_exponent_K"] > 0.8
+    # Of tissue of the impactor's mass the velocity, integrated from the stated one, never comes to 0.
+    assert found["moving_mass"]["without_estimate"] > 0.2
+    assert found["moving_mass"]["mass_exponent_K"] > 0.3
 
 
 def test_tissue_is_drawn_from_its_prior() -> None:
@@ -56,7 +59,7 @@ def test_tissue_is_drawn_from_its_prior() -> None:
 
 @pytest.mark.parametrize(
     ("element", "extra"),
-    [("wall", {"thickness_m": 0.03}), ("maxwell", {})],
+    [("wall", {"thickness_m": 0.03}), ("maxwell", {}), ("moving_mass", {"moving_mass_kg": 0.2})],
 )
 def test_recordings_are_impacts_on_the_element(element: str, extra: dict[str, float]) -> None:
     mass, velocity = np.array([0.5, 1.2]), np.array([1.2, 1.7])

@@ -15,7 +15,7 @@ def test_the_causes_that_the_thesis_and_the_audit_propose_come_with_the_program(
     mechanisms = {cause.mechanism for cause in specification().causes.values()}
     assert mechanisms == {
         "none", "centring", "conversion", "fixed window", "own time", "velocity", "active", "stiffening",
-        "wall", "maxwell", "standard linear",
+        "wall", "maxwell", "standard linear", "moving mass",
     }  # fmt: skip
     drivers = {cause.driver for cause in specification().causes.values()}
     assert drivers == {None, "mass", "energy", "momentum"}

@@ -69,8 +69,10 @@ def judge_force(
         "declared_sd": declared,
         "mass_factor": [float(low), float(middle), float(high)],
     }
-    sentences = _sentences(account, of_mass=force.mass_sd > 0)
-    return account | dict(zip(("first", "words"), sentences, strict=True))
+    first, words = _sentences(account, of_mass=force.mass_sd > 0)
+    if not agrees and force.rows.below:
+        words = f"{words} {sentence('force.below')}"
+    return account | {"first": first, "words": words}
 
 
 def _sentences(account: dict[str, Any], *, of_mass: bool) -> tuple[str, str]:

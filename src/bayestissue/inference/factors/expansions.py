@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from bayestissue.elements import element
 from bayestissue.hierarchy.driven import first_guess as driven_guess
+from bayestissue.hierarchy.force import tells_added_mass
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, with_normal_errors
@@ -50,7 +51,9 @@ def first_guess(prepared: Prepared) -> Float[np.ndarray, "impact parameter"]:
     correlation = prepared.model.priors.atanh_noise_correlation.mean
     columns += [np.full(len(stiffness), correlation)] * prepared.model.autoregressive
     if prepared.force is not None:
-        columns += [prepared.force.log_noise - np.asarray(prepared.data.log_peak), prepared.force.log_ratio]
+        # Tissue that moves along accounts for what the force is more.
+        ratio = prepared.force.log_ratio * (not tells_added_mass(prepared.force, which.name))
+        columns += [prepared.force.log_noise - np.asarray(prepared.data.log_peak), ratio]
     if fit is not None and prepared.model.kind == "arma":
         # artanh has no value at -1 and 1, where point estimates like to lie.
         columns.append(np.arctanh(np.clip(fit.theta1, -_NEAREST, _NEAREST)))

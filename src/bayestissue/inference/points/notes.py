@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from bayestissue.dataset.model import Channel
@@ -54,7 +54,9 @@ _NOTES = (
 )
 
 
-def flagged_recordings(impacts: Sequence[str], flags: Sequence[str]) -> dict[str, Any]:
+def flagged_recordings(
+    impacts: Sequence[str], flags: Sequence[str], explained: Collection[str] = ()
+) -> dict[str, Any]:
     """Recordings that the checks of single impacts name, for a fit's diagnostics; empty where none is.
 
     What the point fit alone came to no answer at is left out: a fit has other ways.
@@ -62,13 +64,14 @@ def flagged_recordings(impacts: Sequence[str], flags: Sequence[str]) -> dict[str
     Args:
         impacts: their names.
         flags: of each, joined by "; ", as in the column ``flags`` of `estimates.csv`.
+        explained: flags that the fit's own law accounts for.
 
     Returns:
         ``flagged``, the flags of each impact that has some; ``of`` how many; ``words``; and, where recordings
         imply another velocity at contact than was stated, ``velocity``, the words of a warning.
     """
     flags_of = {
-        impact: [flag for flag in text.split("; ") if flag and flag not in FAILED]
+        impact: [flag for flag in text.split("; ") if flag and flag not in (*FAILED, *explained)]
         for impact, text in zip(impacts, flags, strict=True)
     }
     named = {impact: warnings for impact, warnings in flags_of.items() if warnings}

@@ -17,7 +17,7 @@ from numpyro.infer import Predictive
 
 from bayestissue.elements.outcomes import OUTCOMES
 from bayestissue.hierarchy import derived
-from bayestissue.hierarchy.population import Population, heavier
+from bayestissue.hierarchy.population import Population
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, impacts_model
 from bayestissue.inference.execution.chunks import in_blocks
@@ -31,6 +31,7 @@ from bayestissue.inference.quantities.masses import (
     common_log_factor,
     driven_gains,
     mass_errors,
+    of_heavier_impactors,
     own_log_factor,
 )
 from bayestissue.padding import padded_impacts, padded_rows
@@ -102,7 +103,7 @@ def posterior_draws(
     impacts = _of_impacts(prepared, u, errors_and_keys, recorded=True, single=not whole)
     b, factor = at_true_masses(model, population, keys), {}
     if log_factor is not None:
-        b = heavier(model.locations, b, log_factor)
+        b = of_heavier_impactors(model, b, log_factor)
         factor = {MASS_FACTOR: np.exp(log_factor)} if gains is None else {}
     effects = derived.effects_by_name(model.locations, prepared.design, b)
     kept = None if whole else kept_numbers
@@ -122,7 +123,7 @@ def prior_draws(prepared: Prepared, seed: int, rng: np.random.Generator) -> Draw
         ]
     elif (common := prepared.force or prepared.reference) is not None:
         error = np.broadcast_to(common.mass_sd * rng.standard_normal(u.shape[:2])[..., None], u.shape[:-1])
-        drawn["locations"] = heavier(model.locations, drawn["locations"], error[..., 0])
+        drawn["locations"] = of_heavier_impactors(model, drawn["locations"], error[..., 0])
         factor = {MASS_FACTOR: np.exp(error[..., 0])}
     elif model.kind == "driven":
         gains = np.asarray(prepared.gain_sd) * rng.standard_normal((*u.shape[:2], 1, 2))

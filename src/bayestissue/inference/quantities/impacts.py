@@ -16,7 +16,7 @@ from jax import Array
 from jaxtyping import Bool, Float
 
 from bayestissue.elements import Element, Outcomes, element, element_names
-from bayestissue.elements.element import GRAVITY
+from bayestissue.elements.element import GRAVITY, inertia
 from bayestissue.elements.outcomes import HEADFORM_OUTCOMES, MEASURED, outcomes_of
 from bayestissue.hierarchy import SIDE_BY_SIDE
 from bayestissue.hierarchy.traces import (
@@ -146,6 +146,8 @@ class Impacts:
             deeper = jnp.exp(self.gain_error[:, 0])
             lengths = [one.name for one in self.element.extra if one.unit == "m"]
             true |= {name: self.recorded_parameters[name] * deeper for name in lengths}
+        masses = (one.name for one in self.element.extra if one.of_mass)
+        true |= {name: self.recorded_parameters[name] * jnp.exp(self.mass_error) for name in masses}
         return self.recorded_parameters | true
 
     @cached_property
@@ -211,17 +213,22 @@ class Impacts:
         sigma = jnp.exp(self.physical.log_sigma) * jnp.cosh(self.u[-1])
         return {"sigma_d": sigma, "noise_correlation": jnp.tanh(self.u[-1])}
 
+    @cached_property
+    def inertia(self) -> Float[Array, " impact"]:
+        """M, and with it what tissue moves along [kg]."""
+        return inertia(self.element, self.parameters, self.mass)
+
     def omega_n(self) -> Float[Array, " impact"]:
-        """(K / M)^1/2 [rad/s], K being K_secant."""
+        """(K / M)^1/2 [rad/s], K being K_secant and M all that moves."""
         if self.side_by_side or self.outcomes is None:
             return self.physical.omega_n
-        return jnp.sqrt(self.outcomes.K_secant / self.mass)
+        return jnp.sqrt(self.outcomes.K_secant / self.inertia)
 
     def zeta(self) -> Float[Array, " impact"]:
-        """C / (2 (K M)^1/2), K being K_secant and C C_equivalent."""
+        """C / (2 (K M)^1/2), K being K_secant, C C_equivalent and M all that moves."""
         if self.side_by_side or self.outcomes is None:
             return self.physical.zeta
-        return self.outcomes.C_equivalent / (2 * jnp.sqrt(self.outcomes.K_secant * self.mass))
+        return self.outcomes.C_equivalent / (2 * jnp.sqrt(self.outcomes.K_secant * self.inertia))
 
 
 def _of_free_mass(impacts: Impacts, quantity: Callable[[Impacts], Array]) -> Array | None:

@@ -11,9 +11,11 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
+from bayestissue.elements import element
+from bayestissue.hierarchy.effects import RESPONSES, parameter_of
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expected
 from bayestissue.hierarchy.gaussian.covariances import Covariances
-from bayestissue.hierarchy.population import Population, force_ratio, of_impacts
+from bayestissue.hierarchy.population import Population, force_ratio, heavier, of_impacts
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceModel
 from bayestissue.inference.execution.compiling import by_row
@@ -47,6 +49,16 @@ def driven_gains(
     """Logs of the gains of displacement and force, one pair of all impacts of a driven tissue."""
     standard = np.asarray(jax.random.normal(jax.random.fold_in(key, 14), (*shape, 2)))
     return np.asarray(prepared.gain_sd) * standard
+
+
+def of_heavier_impactors(
+    model: TraceModel,
+    b: Float[np.ndarray, "chain draw location"],
+    log_factor: Float[np.ndarray, "chain draw"],
+) -> Float[np.ndarray, "chain draw location"]:
+    """Effects at masses that are greater by a factor: K, C and any mass of the element go with it."""
+    masses = (parameter_of(one.name) for one in element(model.element).extra if one.of_mass)
+    return heavier(model.locations, b, log_factor, (*RESPONSES, *masses))
 
 
 def own_log_factor(

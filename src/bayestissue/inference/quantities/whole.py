@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
+from bayestissue.elements.element import inertia
 from bayestissue.likelihood.element.impact import MeasuredImpact
 from bayestissue.likelihood.element.response import motion
 
@@ -18,11 +19,12 @@ class Whole(NamedTuple):
     Attributes:
         x: depth at the samples, and from the first one past the greatest depth on that depth [m].
         v: velocity there, 0 from then on [m/s].
-        force: M a there, a being the whole deceleration [N].
+        force: of the tissue there [N]: M a, a being the whole deceleration, or (M + m) a - m g where m moves
+            along.
         peak: greatest depth [m].
         time: from contact to it [s].
-        greatest: force [N], within what was recorded.
-        damping: -M a' / (a - g) at the greatest depth [N s/m]. Of F = f(x) + C v that is C whatever the
+        greatest: force on the impactor [N], within what was recorded.
+        damping: -(M + m) a' / (a - g) at the greatest depth [N s/m]. Of F = f(x) + C v that is C whatever the
             spring's law f, since there v = 0 and v' = g - a.
     """
 
@@ -43,7 +45,7 @@ class Whole(NamedTuple):
 def whole_impact(
     measured: MeasuredImpact, delta: Float[Array, "impact sample"], velocity_error: Float[Array, " impact"]
 ) -> Whole:
-    """The motion under F / M = a = d + delta, the element's own less delta's integrals.
+    """The motion under a = d + delta, the element's own less delta's integrals.
 
     The greatest depth is soon after, or before, the sample whose velocity is nearest to 0, in the window or a
     little past its end; a and its slope there are those of the parabola through three samples about it.
@@ -88,8 +90,11 @@ def whole_impact(
         for values, end in ((x, peak), (v, jnp.zeros_like(peak)), (a, most))
     )
     x, v, a = until
-    damping = -mass * (steeper / (most - fall))[:, 0]
-    return Whole(x, v, mass[:, None] * a, peak[:, 0], time[:, 0], mass * greatest, damping)
+    names = (parameter.name for parameter in measured.element.parameters)
+    moves = inertia(measured.element, dict(zip(names, measured.parameters, strict=True)), mass)
+    damping = -moves * (steeper / (most - fall))[:, 0]
+    force = moves[:, None] * a - (moves - mass)[:, None] * fall
+    return Whole(x, v, force, peak[:, 0], time[:, 0], mass * greatest, damping)
 
 
 def integrals(

@@ -19,7 +19,7 @@ R_HAT_LIMIT = 1.01
 ESS_LIMIT = 400
 _DECLARED = declared(__package__, "checks.toml")
 # What is said of single recordings, by the keys of a fit's diagnostics.
-OF_RECORDINGS = ("recordings", "clipped", "channels", "reference")
+OF_RECORDINGS = ("recordings", "clipped", "channels", "reference", "added_mass")
 # Notes of a summary's rows.
 NO_INTERVAL = Coded("not an interval: no element describes these traces", "undescribed")
 CONTRADICTED = Coded("the traces contradict the measuring chain", "measuring-chain")
@@ -115,7 +115,7 @@ def warnings(diagnostics: dict[str, Any]) -> list[Coded]:
     chain, form = diagnostics.get("measuring_chain", {}), diagnostics.get("model_form", {})
     lines, velocity = diagnostics.get("straight_lines", {}), _velocity(diagnostics)
     force, reference = diagnostics.get("channels", {}), diagnostics.get("reference", {})
-    peaks = diagnostics.get("recorded_peak", {})
+    peaks, added = diagnostics.get("recorded_peak", {}), diagnostics.get("added_mass", {})
     law: Code = "undescribed" if form.get("undescribed") else "model-form"
     if not _against_all(form):
         law = "structured-residuals"
@@ -127,6 +127,7 @@ def warnings(diagnostics: dict[str, Any]) -> list[Coded]:
         (form, _against_all(form) or _against_some(form), law),
         (peaks, bool(peaks), "peak-missed"),
         (lines, bool(lines.get("words")), "no-straight-line"),
+        (added, added.get("passed") is False, "prior-sensitive"),
     ]
     pooled = [
         Coded(parameter["words"], "pooled-parameter")
@@ -212,7 +213,10 @@ def headline(diagnostics: dict[str, Any]) -> str:
         return "Diagnostics passed, but a column of few whole numbers counts as a straight line."
     if diagnostics.get("pooled_parameters"):
         return "Diagnostics passed, but a parameter that differs between levels is taken as alike."
-    for told in (force, reference):
+    added = diagnostics.get("added_mass", {})
+    if added.get("passed") is False:
+        return f"Diagnostics passed, but {added['first']}."
+    for told in (force, reference, added):
         if told.get("first"):
             return f"Diagnostics passed; {told['first']}."
     return "Diagnostics passed."

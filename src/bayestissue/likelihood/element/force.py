@@ -2,10 +2,10 @@
 
 F / M = (e^a - m / M) d(t) + zero + noise with M the recorded mass, m that of the tip in front of the sensor
 and a the log of what the recorded mass is to be multiplied by, the force's gain counted in (that of the
-accelerometer is an error of the deceleration's rows alone). d is behind the force's own low-pass, where it
-went through one. Given motion and errors the rows are
-independent of the deceleration's, so that products and determinants of the two add up. Errors of velocity
-and contact move both.
+accelerometer is an error of the deceleration's rows alone). Below the tissue there is no tip, and in d's
+place stands the tissue's own force over M, which is more where tissue moves along. d is behind the force's
+own low-pass, where it went through one. Given motion and errors the rows are independent of the
+deceleration's, so that products and determinants of the two add up. Errors of velocity and contact move both.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def force_of(
     """(e^a - m / M) d at the force's samples [m/s^2]; None of a record without a force."""
     if record.force is None or predicted.force is None or log_ratio is None:
         return None
-    return (jnp.exp(log_ratio) - record.force.tip)[:, None] * predicted.force.d
+    return record.force.share(log_ratio)[:, None] * predicted.force.d
 
 
 def force_rows(
@@ -41,7 +41,7 @@ def force_rows(
     force, here = record.force, predicted.force
     assert force is not None  # noqa: S101 - for the type checker
     assert here is not None  # noqa: S101 - for the type checker
-    inside, ratio = force.inside(), (jnp.exp(log_ratio) - force.tip)[:, None]
+    inside, ratio = force.inside(), force.share(log_ratio)[:, None]
     if here.d.ndim > inside.ndim:
         inside, ratio = inside[:, None], ratio[:, None]
     share = jnp.where(inside, ratio, 0.0)

@@ -162,7 +162,8 @@ class ForceRows(NamedTuple):
         n_samples: length of each.
         first_time: from contact to its first sample [s].
         dt: its sampling interval [s].
-        tip: m / M, of what lies in front of the sensor.
+        tip: m / M, of what lies in front of the sensor; None of one below the tissue, which reads the
+            tissue's own force and not the one on the impactor.
         usable: where a sample counts, as those at the sensor's limit do not; None where all do.
         low_pass: a filter that it went through; None where there is none.
         colour, rate: as of `DecelerationRecord`; None where its noise is white.
@@ -172,7 +173,7 @@ class ForceRows(NamedTuple):
     n_samples: Int[Array, " impact"]
     first_time: Float[Array, " impact"]
     dt: Float[Array, " impact"]
-    tip: Float[Array, " impact"]
+    tip: Float[Array, " impact"] | None
     usable: Bool[Array, "impact row"] | None = None
     low_pass: LowPass | None = None
     colour: Colour | None = None
@@ -183,6 +184,15 @@ class ForceRows(NamedTuple):
         shared: Any = {"colour": None, "low_pass": None}
         chosen = jax.tree.map(lambda leaf: np.asarray(leaf)[rows], self._replace(**shared))
         return chosen._replace(colour=self.colour, low_pass=self.low_pass)
+
+    @property
+    def below(self) -> bool:
+        """Whether it was recorded below the tissue."""
+        return self.tip is None
+
+    def share(self, log_ratio: Float[Array, " impact"]) -> Float[Array, " impact"]:
+        """What it reads over what moves M: e^a - m / M, a being ``log_ratio``, and below the tissue e^a."""
+        return jnp.exp(log_ratio) if self.tip is None else jnp.exp(log_ratio) - self.tip
 
     def inside(self) -> Bool[Array, "impact row"]:
         """True where there is a sample that counts."""

@@ -12,9 +12,19 @@ from jax import Array
 from jaxtyping import Float
 
 from bayestissue.elements import Element, linear, solver
-from bayestissue.elements.element import GRAVITY, at_contact, deceleration_of, rates_of_motion
+from bayestissue.elements.element import (
+    GRAVITY,
+    Parameters,
+    at_contact,
+    deceleration_of,
+    rates_of_motion,
+    tissue_force_over_mass,
+)
 from bayestissue.likelihood.element.record import Contact, DecelerationRecord, ForceRows
 from bayestissue.likelihood.element.recorder import EARLIER, PIECES, Flow, LowPass, low_passed, samples_passed
+
+# What a sensor reads of parameters, mass and state, over the mass [m/s^2].
+Reading = Callable[[Element, Parameters, Array, Array], Array]
 
 
 class Response(NamedTuple):
@@ -28,7 +38,7 @@ class Response(NamedTuple):
     ahead.
 
     Attributes:
-        d: deceleration [m/s^2].
+        d: deceleration, or another sensor's reading over the mass [m/s^2].
         by_velocity: its derivative by the velocity at contact [1/s].
         jerk: its derivative in time [m/s^3].
         force: the same at the samples of a force, where one was recorded: where contact may be in any of
@@ -80,7 +90,10 @@ def motion(
 
 
 def response(
-    element: Element, parameters: Float[Array, "parameter impact"], record: DecelerationRecord
+    element: Element,
+    parameters: Float[Array, "parameter impact"],
+    record: DecelerationRecord,
+    reading: Reading = deceleration_of,
 ) -> Response:
     """The element's answer at the samples.
 
@@ -88,32 +101,35 @@ def response(
         element: what is hit.
         parameters: its parameters in their order.
         record: masses, velocities and times.
+        reading: what is recorded.
     """
     inside = True if record.contact.reach else record.inside()
     force = None if record.force is None else _of_force(element, parameters, record, record.force)
-    answered = _by_velocity(element, record, partial(_answer, element, parameters, record=record))
+    answered = _by_velocity(
+        element, record, partial(_answer, element, parameters, record=record, reading=reading)
+    )
     d, by_velocity, jerk = (jnp.where(inside, part, 0.0) for part in answered)
     return Response(d, by_velocity, jerk, force)
 
 
 def _answer(
-    element: Element, parameters: Array, velocity: Array, record: DecelerationRecord
+    element: Element, parameters: Array, velocity: Array, record: DecelerationRecord, reading: Reading
 ) -> tuple[Array, Array]:
-    """Deceleration and jerk at the samples."""
+    """A reading and its slope at the samples."""
     if record.low_pass is not None:
-        return _recorded(element, parameters, velocity, record, record.low_pass)
+        return _recorded(element, parameters, velocity, record, record.low_pass, reading)
     if record.uneven is not None:
         time = record.uneven.since_contact() if record.contact.reach else record.time()
-        return _at_times(element, parameters, velocity, record, time)[2:]
+        return _at_times(element, parameters, velocity, record, time, reading)[2:]
     first = record.phase[0] * record.dt if record.contact.reach else record.first_time
     count = record.d.shape[1] + record.contact.reach
-    return _on_grid(element, parameters, velocity, record, first, record.dt, count)[2:]
+    return _on_grid(element, parameters, velocity, record, first, record.dt, count, reading)[2:]
 
 
 def _by_velocity(
     element: Element, record: DecelerationRecord, answer: Callable[[Array], tuple[Array, Array]]
 ) -> tuple[Array, Array, Array]:
-    """Deceleration, its derivative by the velocity at contact, and the jerk, of what gives first and last."""
+    """A reading, its derivative by the velocity at contact, and its slope, of what gives first and last."""
     if element.linear and GRAVITY not in record.surroundings:
         # In proportion to the velocity at contact.
         d, jerk = answer(record.velocity)
@@ -130,9 +146,9 @@ def _of_force(element: Element, parameters: Array, record: DecelerationRecord, f
     cell to cell the samples lie later on it by a time that all of them share: the cubic through deceleration
     and jerk of the grid's points is there, with an error of (omega_n h)^4 / 384 of the motion.
     """
-    low_pass = force.low_pass
+    low_pass, reading = force.low_pass, tissue_force_over_mass if force.below else deceleration_of
     if not record.contact.reach:
-        return response(element, parameters, at_force(record, force))
+        return response(element, parameters, at_force(record, force), reading)
     since = (force.first_time - record.first_time + record.cells).T
     finer = 1 if low_pass is None else low_pass.phase.shape[0]
     step = force.dt / finer
@@ -149,7 +165,7 @@ def _of_force(element: Element, parameters: Array, record: DecelerationRecord, f
         grid = grid._replace(low_pass=grid.low_pass._replace(ahead=ahead))
 
     def shifted(velocity: Array) -> tuple[Array, Array]:
-        d, jerk = _answer(element, parameters, velocity, grid)
+        d, jerk = _answer(element, parameters, velocity, grid, reading)
         into, interval = (later - whole)[..., None], step[:, None, None]
 
         def at(values: Array, index: Array) -> Array:
@@ -187,10 +203,11 @@ def _on_grid(
     first: Array,
     dt: Array,
     count: int,
+    reading: Reading = deceleration_of,
 ) -> tuple[Array, Array, Array, Array]:
-    """Penetration, velocity, deceleration and jerk at first + k dt after contact, k = 0 ... count - 1."""
+    """Penetration, velocity, reading and its slope at first + k dt after contact, k = 0 ... count - 1."""
     y = _states(element, parameters, velocity, record, first, dt, count)
-    return _of_states(element, parameters, record, y)
+    return _of_states(element, parameters, record, y, reading)
 
 
 def _states(
@@ -220,13 +237,17 @@ def _rates(
 
 
 def _of_states(
-    element: Element, parameters: Array, record: DecelerationRecord, y: Float[Array, "state impact time"]
+    element: Element,
+    parameters: Array,
+    record: DecelerationRecord,
+    y: Float[Array, "state impact time"],
+    reading: Reading,
 ) -> tuple[Array, Array, Array, Array]:
-    """Penetration, velocity, deceleration and jerk in these states."""
+    """Penetration, velocity, reading and its slope in these states; of a deceleration that is the jerk."""
     p, mass = _named(element, parameters, record), record.mass[:, None]
     p = {name: value[:, None] for name, value in p.items()}
     rates = rates_of_motion(element, p, mass, y)
-    d, jerk = jax.jvp(lambda y: deceleration_of(element, p, mass, y), (y,), (rates,))
+    d, jerk = jax.jvp(lambda y: reading(element, p, mass, y), (y,), (rates,))
     return y[0], y[1], d, jerk
 
 
@@ -236,6 +257,7 @@ def _at_times(
     velocity: Array,
     record: DecelerationRecord,
     time: Float[Array, "impact time"],
+    reading: Reading = deceleration_of,
 ) -> tuple[Array, Array, Array, Array]:
     """The same at any times since contact; no force before it.
 
@@ -246,7 +268,7 @@ def _at_times(
     rows = time.reshape(len(time), -1, record.contact.reach + record.d.shape[1])[..., record.contact.reach :]
     last = jnp.where(record.inside()[:, None], rows, 0.0).max((1, 2))
     dt = jnp.maximum(last, record.dt) / (count - 1)
-    begin = at_contact(element, velocity)[..., None]
+    begin = at_contact(element, _named(element, parameters, record), record.mass, velocity)[..., None]
     y = jnp.concatenate([begin, _states(element, parameters, velocity, record, dt, dt, count - 1)], axis=-1)
     slope = _rates(element, parameters, record, y)
     steps = jnp.clip(time / dt[:, None], 0.0, count - 1.0)
@@ -259,7 +281,7 @@ def _at_times(
     y = solver.cubic(
         (taken(here[0]), taken(here[1])), (taken(there[0]), taken(there[1])), steps - index, dt[:, None]
     )
-    x, v, d, jerk = _of_states(element, parameters, record, y)
+    x, v, d, jerk = _of_states(element, parameters, record, y, reading)
     flies = time < 0
     return x, v, jnp.where(flies, 0.0, d), jnp.where(flies, 0.0, jerk)
 
@@ -271,12 +293,17 @@ def _after_contact(record: DecelerationRecord) -> tuple[Array, Array]:
 
 
 def _recorded(
-    element: Element, parameters: Array, velocity: Array, record: DecelerationRecord, low_pass: LowPass
+    element: Element,
+    parameters: Array,
+    velocity: Array,
+    record: DecelerationRecord,
+    low_pass: LowPass,
+    reading: Reading,
 ) -> tuple[Array, Array]:
-    """Deceleration and its slope behind a recorder's low-pass, on the grid of `Response`."""
+    """A reading and its slope behind a recorder's low-pass, on the grid of `Response`."""
 
     def flow(first: Array, dt: Array, count: int) -> Flow:
-        d, jerk = _on_grid(element, parameters, velocity, record, first, dt, count)[2:]
+        d, jerk = _on_grid(element, parameters, velocity, record, first, dt, count, reading)[2:]
         return Flow(d, jerk, dt)
 
     finer, reach = low_pass.phase.shape[0], record.contact.reach

@@ -22,6 +22,7 @@ from bayestissue.elements.element import (
     at_contact,
     complete,
     deceleration_of,
+    inertia,
     rates_of_motion,
 )
 from bayestissue.elements.registry import element as named
@@ -115,13 +116,15 @@ def _typical_peak(
 ) -> PerCampaign:
     """Time to peak of the element's median impact at the reference mass and velocity.
 
-    A damper in series may let the impactor creep on for ever: then four times that of the linear tissue.
+    A damper in series may let the impactor creep on for ever: then four times that of the linear tissue, on
+    which all that moves would be.
     """
     if element == "kelvin_voigt":
         return linear
     typical = {name: np.median(value, axis=1) for name, value in parameters.items()}
     mass, velocity = (np.full_like(linear, v) for v in (design.reference_mass, design.reference_velocity))
-    return linear * np.asarray(peak_over(element, typical, mass, velocity, linear))
+    unit = linear * np.sqrt(np.asarray(inertia(named(element), typical, mass)) / mass)
+    return unit * np.asarray(peak_over(element, typical, mass, velocity, unit))
 
 
 def _effects(
@@ -159,6 +162,9 @@ def _element(
         case "standard linear":
             element, ratio = "standard_linear", s["spring_over_spring"]
             parameters |= {"C": s["relaxation"] * peak * ratio * K, "arm_ratio": ratio}
+        case "moving mass":
+            element = "moving_mass"
+            parameters["moving_mass_kg"] = s["moving_mass_over_mass"] * design.reference_mass
     return element, {name: np.broadcast_to(value, K.shape) for name, value in parameters.items()}
 
 
@@ -259,7 +265,9 @@ def _stepped(which: Element, p: dict[str, Array], mass: Array, velocity: Array, 
         k4 = rates(y + step * k3)
         return y + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4), (y, k1)
 
-    _, (y, slope) = jax.lax.scan(advance, at_contact(which, velocity), None, length=_CONTACT_STEPS + 1)
+    _, (y, slope) = jax.lax.scan(
+        advance, at_contact(which, p, mass, velocity), None, length=_CONTACT_STEPS + 1
+    )
     index = jnp.clip(jnp.floor(time / step[:, None]), 0, _CONTACT_STEPS - 1).astype(int)
     impact = jnp.arange(len(mass))[:, None]
     (y0, y1), (k0, k1) = (

@@ -110,6 +110,7 @@ Mechanism = Literal[
     "wall",
     "maxwell",
     "standard linear",
+    "moving mass",
 ]
 MECHANISMS = declared(__package__, "mechanisms.toml")
 # The strengths that each mechanism reads from the file.
