@@ -123,7 +123,8 @@ def _typical_peak(
         return linear
     typical = {name: np.median(value, axis=1) for name, value in parameters.items()}
     mass, velocity = (np.full_like(linear, v) for v in (design.reference_mass, design.reference_velocity))
-    unit = linear * np.sqrt(np.asarray(inertia(named(element), typical, mass)) / mass)
+    moves = inertia(named(element), typical, jnp.asarray(mass))
+    unit = linear * np.sqrt(np.asarray(moves) / mass)
     return unit * np.asarray(peak_over(element, typical, mass, velocity, unit))
 
 
