@@ -11,17 +11,29 @@ import pytest
 
 import bayestissue as bt
 from bayestissue.errors import InputError
-from bayestissue.hierarchy.specification import read_specification
+from bayestissue.hierarchy.specification import ModelSpecification, read_specification
 from bayestissue.hierarchy.trace_data import prepare
 from bayestissue.inference.factors.expansions import expanded
 from bayestissue.inference.factors.noise_left import noise_p
+from bayestissue.inference.samplers.diagnostics import NO_INTERVAL_OF_DRIVEN, headline
 from bayestissue.resources import shared
 from bayestissue.simulation.driven import Driven, driven
 
+COLUMNS = {
+    **{"K": "K_N_per_m", "C": "C_N_s_per_m", "peak_force": "peak_force_N"},
+    **{"peak_depth": "peak_depth_m", "energy_absorbed": "energy_absorbed_J"},
+}
 
-def test_expansions_have_the_truth_and_residuals_are_noise() -> None:
-    dataset, truth = driven(Driven(seed=5, subjects=2, repeats=10))
-    prepared = prepare(dataset, read_specification(shared("models", "driven.toml")), source="driven")
+
+def of_element(name: str) -> ModelSpecification:
+    """The model file of driven tissue with that element."""
+    return read_specification(shared("models", "driven.toml")).model_copy(update={"element": name})
+
+
+@pytest.mark.parametrize(("name", "depth_m"), [("kelvin_voigt", np.inf), ("stiffening", 4e-3)])
+def test_expansions_have_the_truth_and_residuals_are_noise(name: str, depth_m: float) -> None:
+    dataset, truth = driven(Driven(seed=5, subjects=2, repeats=10, stiffening_depth_m=depth_m))
+    prepared = prepare(dataset, of_element(name), source="driven")
     sites = expanded(prepared)
     u, covariance = np.asarray(sites.centre), np.linalg.inv(np.asarray(sites.precision))
     for number, column in enumerate(("K_N_per_m", "C_N_s_per_m")):
@@ -37,7 +49,7 @@ def test_expansions_have_the_truth_and_residuals_are_noise() -> None:
 
 def test_a_tissue_that_stiffens_shows_in_the_residuals() -> None:
     dataset, _ = driven(Driven(seed=6, subjects=2, repeats=10, exponent=2.0))
-    prepared = prepare(dataset, read_specification(shared("models", "driven.toml")), source="driven")
+    prepared = prepare(dataset, of_element("kelvin_voigt"), source="driven")
     p = noise_p(prepared.model, prepared.data, np.asarray(expanded(prepared).centre))
     tested = p[np.isfinite(p)]
     assert (tested < 0.01).mean() > 0.5
@@ -57,14 +69,15 @@ def test_a_fit_holds_the_truth_and_has_no_mass(tmp_path: Path) -> None:
     dataset, truth = driven(Driven(seed=8))
     fit = bt.fit(dataset, seed=1)
     posterior = fit.posterior["posterior"].dataset
-    for name, column in (("K", "K_N_per_m"), ("C", "C_N_s_per_m")):
+    for name, column in COLUMNS.items():
         low, high = posterior[name].quantile([0.05, 0.95], ("chain", "draw")).to_numpy()
         held = (low < truth[column]) & (truth[column] < high)
         # 24 intervals of 90 %: fewer than 18 hold once in a hundred times.
         assert held.sum() >= 18, name
     assert not fit.diagnostics["model_form"]["structured"]
-    for absent in ("mass", "omega_n", "zeta", "peak_force", "mass_exponent_K"):
+    for absent in ("mass", "omega_n", "zeta", "restitution", "peak_deceleration", "mass_exponent_K"):
         assert absent not in posterior
+    assert fit.ask("peak_force[impact=s00-t0-0] > 1").iloc[0]["probability"] == 1
     assert fit.table("levels").empty
     with pytest.raises(InputError, match="without a free mass"):
         fit.ask("peak_force[mass_kg=1, velocity_m_s=1] < 300")
@@ -76,15 +89,29 @@ def test_a_fit_holds_the_truth_and_has_no_mass(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_a_tissue_that_stiffens_is_held_by_its_element() -> None:
+    dataset, truth = driven(Driven(seed=9, stiffening_depth_m=4e-3))
+    fit = bt.fit(dataset, {"like": "driven", "element": "stiffening"}, seed=1)
+    posterior = fit.posterior["posterior"].dataset
+    for name, column in COLUMNS.items():
+        low, high = posterior[name].quantile([0.05, 0.95], ("chain", "draw")).to_numpy()
+        assert ((low < truth[column]) & (truth[column] < high)).sum() >= 18, name
+    assert not fit.diagnostics["model_form"]["structured"]
+    assert {"K_secant", "K_common_depth", "C_equivalent", "stiffening_depth_m"} <= set(posterior)
+
+
+@pytest.mark.slow
 def test_where_a_spring_and_damper_does_not_describe_the_tissue_there_is_no_interval(tmp_path: Path) -> None:
     """No second fit with a discrepancy follows, which would widen what the residuals contradict."""
     dataset, _ = driven(Driven(seed=6, subjects=2, repeats=5, exponent=2.0))
     fit = bt.fit(dataset, seed=1)
     assert fit.diagnostics["model_form"]["undescribed"]
+    assert headline(fit.diagnostics).startswith("The element kelvin_voigt does not describe")
     summary = fit.summary
-    assert summary.loc[summary["variable"].isin(["K", "C"]), "note"].str.startswith("not an interval").all()
+    of_tissue = summary["variable"].isin(["K", "C"])
+    assert (summary.loc[of_tissue, "note"] == NO_INTERVAL_OF_DRIVEN).all()
     written = fit.export(tmp_path / "paper")
     assert written is not None
     methods = (tmp_path / "paper" / "methods.md").read_text(encoding="utf-8")
-    assert "No K or C is stated" in methods
+    assert "No K or C is stated: the element kelvin_voigt does not describe these recordings." in methods
     assert "mass of" not in methods

@@ -240,7 +240,8 @@ def unsuited(dataset: Dataset, specification: ModelSpecification, source: str) -
             '"arma" or another of a free mass, since dataset.toml does not say motion.free = false'
             if dataset.free
             else '"driven", since dataset.toml says motion.free = false: no mass meets the tissue freely',
-            "Use models/driven.toml of displacement and force without a free mass, and no other of them.",
+            "Use models/driven.toml of displacement and force without a free mass, and no other of them. "
+            'A model file of like = "driven" and element = "stiffening", say, has another element.',
         ),
         (
             dataset.free and of_decelerations and dataset.quantity == "displacement",

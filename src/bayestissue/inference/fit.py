@@ -263,7 +263,8 @@ def _form(prepared: Prepared, draws: Draws, tree: xr.DataTree) -> dict[str, Any]
         of_force = with_impacts(model_form(tree, "force"), names, p, together=True)
         return {"model_form": form, "channels": {"form": of_force}}
     if not prepared.model.discrepancy:
-        return {"model_form": form if prepared.model.kind == "impact" else of_driven(form)}
+        kind, name = prepared.model.kind, prepared.model.element
+        return {"model_form": form if kind == "impact" else of_driven(form, name)}
     undescribed = described(tree)
     return {
         "model_form": form

@@ -79,7 +79,7 @@ def text_of(run: FitRun, finished: Finished | None = None) -> Text:
     sound = verdict.get("passed", True) and not verdict.get("warned") and not run.undescribed
     doubt = "" if sound else f"These results are in doubt: {_verdict(run)}"
     if run.undescribed:
-        text.add("Results", doubt, "No K or C is stated: no element of the program describes the recordings.")
+        text.add("Results", doubt, f"No K or C is stated: {run.undescribed_words}.")
         return text
     text.add(
         "Results",

@@ -1,8 +1,9 @@
 """Impacts that something pushes on, such as heels under a leg: displacement and force, and what made them.
 
 A mass m arrives at V and is pushed by P (1 - exp(-t / r)) while the tissue resists with K x (x / x_0)^(p - 1)
-+ C x' once x > 0: p = 1 is a spring and damper, another p a tissue that they do not describe. Mass and
-push differ from impact to impact, and no estimate knows them. What is recorded is the displacement, from a
+(1 + (x / x_s)^2) + C x' once x > 0: p = 1 is a spring and damper, with a finite x_s the element `stiffening`,
+and another p a tissue that neither describes. Mass and push differ from impact to impact, and no estimate
+knows them. What is recorded is the displacement, from a
 zero of its own, and the force, each with its noise, at times that do not meet contact.
 """
 
@@ -33,6 +34,7 @@ class Driven:
         of_trials: differences of log K and log C in each condition.
         sd_subject, sd_impact: standard deviations of log K and of log C.
         exponent: p.
+        stiffening_depth_m: x_s [m].
         velocity: V, lowest and highest [m/s].
         mass: m [kg].
         push: P [N].
@@ -52,6 +54,7 @@ class Driven:
     sd_subject: float = 0.25
     sd_impact: float = 0.08
     exponent: float = 1.0
+    stiffening_depth_m: float = np.inf
     velocity: tuple[float, float] = (0.35, 0.55)
     mass: tuple[float, float] = (2.4, 3.6)
     push: tuple[float, float] = (100.0, 250.0)
@@ -65,7 +68,11 @@ class Driven:
 
 
 def driven(study: Driven) -> tuple[Dataset, pd.DataFrame]:
-    """The recordings of a study, and its truth: ``impact``, ``K_N_per_m`` and ``C_N_s_per_m``."""
+    """The recordings of a study, and its truth.
+
+    That is ``impact``, ``K_N_per_m``, ``C_N_s_per_m``, and by its samples up to the greatest depth
+    ``peak_force_N``, ``peak_depth_m`` and ``energy_absorbed_J``.
+    """
     random = np.random.default_rng(study.seed)
     trials = len(study.of_trials)
     subject, trial, repeat = (part.ravel() for part in np.indices((study.subjects, trials, study.repeats)))
@@ -78,8 +85,9 @@ def driven(study: Driven) -> tuple[Dataset, pd.DataFrame]:
     )
     steps = np.arange(-round(study.before_s * study.rate), round(study.after_s * study.rate))
     time = (steps + random.uniform(0, 1, (count, 1))) / study.rate
-    x, force = _pushed(study, K, C, V, mass, push, rise, np.maximum(time, 0.0))
+    x, v, force = _pushed(study, K, C, V, mass, push, rise, np.maximum(time, 0.0))
     x, force = np.where(time < 0, V[:, None] * time, x), np.where(time < 0, 0.0, force)
+    comes = _outcomes(time, x, v, force, C)
     x = x + random.normal(0, 1e-3, (count, 1)) + study.noise_m * random.standard_normal(x.shape)
     force = force + study.zero_N * random.standard_normal((count, 1))
     force = force + study.noise_N * random.standard_normal(x.shape)
@@ -102,7 +110,27 @@ def driven(study: Driven) -> tuple[Dataset, pd.DataFrame]:
         uncertainty=Uncertainty(), warnings=(), left_out=(), folder=None, input_hash=f"driven-{study}",
         free=False, channels=(Channel("plate", "force", "base", forces),),
     )  # fmt: skip
-    return dataset, pd.DataFrame({"impact": names, "K_N_per_m": K, "C_N_s_per_m": C})
+    return dataset, pd.DataFrame({"impact": names, "K_N_per_m": K, "C_N_s_per_m": C, **comes})
+
+
+def _outcomes(
+    time: Float[np.ndarray, "impact sample"],
+    x: Float[np.ndarray, "impact sample"],
+    v: Float[np.ndarray, "impact sample"],
+    force: Float[np.ndarray, "impact sample"],
+    C: Float[np.ndarray, " impact"],
+) -> dict[str, Float[np.ndarray, " impact"]]:
+    """What the impacts come to from contact until they first stand still."""
+    pressed = (time >= 0) & (np.cumsum((time >= 0) & (v <= 0), axis=1) == 0)
+    power, dt = np.where(pressed, C[:, None] * v**2, 0.0), time[0, 1] - time[0, 0]
+    # Trapezia, the first from contact on and the last to where all stands still.
+    first = np.where(pressed, time, np.inf).min(axis=1)
+    at_contact, at_first = C * v[:, 0] ** 2, np.take_along_axis(power, pressed.argmax(1)[:, None], 1)[:, 0]
+    return {
+        "peak_force_N": np.where(pressed, force, 0.0).max(axis=1),
+        "peak_depth_m": np.where(pressed, x, 0.0).max(axis=1),
+        "energy_absorbed_J": power.sum(axis=1) * dt - at_first * dt / 2 + first * (at_contact + at_first) / 2,
+    }
 
 
 def _pushed(
@@ -114,13 +142,15 @@ def _pushed(
     push: Float[np.ndarray, " impact"],
     rise: Float[np.ndarray, " impact"],
     time: Float[np.ndarray, "impact sample"],
-) -> tuple[Float[np.ndarray, "impact sample"], Float[np.ndarray, "impact sample"]]:
-    """Displacement and force of every impact at these times since contact [s]."""
+) -> tuple[Float[np.ndarray, "impact sample"], ...]:
+    """Displacement, its rate and the force of every impact at these times since contact [s]."""
     from scipy.integrate import solve_ivp
 
     def force(x: np.ndarray, v: np.ndarray, K: np.ndarray, C: np.ndarray) -> np.ndarray:
         depth = np.maximum(x, 0.0)
-        return np.where(x >= 0, K * depth * (depth / DEPTH_M) ** (study.exponent - 1) + C * v, 0.0)
+        stiffness = K * (depth / DEPTH_M) ** (study.exponent - 1)
+        stiffness = stiffness * (1 + (depth / study.stiffening_depth_m) ** 2)
+        return np.where(x >= 0, stiffness * depth + C * v, 0.0)
 
     def rates(t: float, y: np.ndarray) -> np.ndarray:
         x, v = y.reshape(2, -1)
@@ -133,7 +163,7 @@ def _pushed(
     y = solved.sol(time.ravel()).reshape(2, len(V), *time.shape)
     rows = np.arange(len(V))
     x, v = y[:, rows, rows]
-    return x, force(x, v, K[:, None], C[:, None])
+    return x, v, force(x, v, K[:, None], C[:, None])
 
 
 def write_driven(folder: Path, study: Driven) -> None:

@@ -18,6 +18,7 @@ from jax import Array
 from jaxtyping import Float
 from scipy.stats import binom, combine_pvalues
 
+from bayestissue.elements import element_names
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import Kind, TraceData
@@ -168,15 +169,18 @@ def shown_by(kind: Kind) -> str:
     return "force" if kind == "driven" else "deceleration"
 
 
-def of_driven(form: dict[str, Any]) -> dict[str, Any]:
+def of_driven(form: dict[str, Any], element: str) -> dict[str, Any]:
     """The form of a driven tissue, which has no second fit with a discrepancy that would widen intervals.
 
-    Where residuals are structured there is no interval of K and C: see `described`.
+    Where residuals are structured there is no interval of K and C: see `described`. That is said of
+    the fitted ``element`` and of no other.
     """
     if not form["structured"]:
         return form
-    words = f"{sentence('form.score', score=form['score'])}. {sentence('form.driven')}"
-    return form | {"undescribed": True, "words": words}
+    others = ", ".join(name for name in element_names() if name != element)
+    of_law = sentence("form.driven", element=element, others=others)
+    words = f"{sentence('form.score', score=form['score'])}. {of_law}"
+    return form | {"undescribed": True, "element": element, "words": words}
 
 
 def described(tree: xr.DataTree) -> dict[str, Any]:

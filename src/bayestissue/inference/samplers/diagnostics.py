@@ -22,6 +22,9 @@ _DECLARED = declared(__package__, "checks.toml")
 OF_RECORDINGS = ("recordings", "clipped", "channels", "reference", "added_mass")
 # Notes of a summary's rows.
 NO_INTERVAL = Coded("not an interval: no element describes these traces", "undescribed")
+NO_INTERVAL_OF_DRIVEN = Coded(
+    "not an interval: the element does not describe these recordings", "undescribed-driven"
+)
 CONTRADICTED = Coded("the traces contradict the measuring chain", "measuring-chain")
 FORCE_CONTRADICTS = Coded("the force contradicts mass times deceleration", "channels-disagree")
 FORCE_OTHER_LAW = Coded("the force follows another law than the deceleration", "force-form")
@@ -116,7 +119,8 @@ def warnings(diagnostics: dict[str, Any]) -> list[Coded]:
     lines, velocity = diagnostics.get("straight_lines", {}), _velocity(diagnostics)
     force, reference = diagnostics.get("channels", {}), diagnostics.get("reference", {})
     peaks, added = diagnostics.get("recorded_peak", {}), diagnostics.get("added_mass", {})
-    law: Code = "undescribed" if form.get("undescribed") else "model-form"
+    of_all: Code = "undescribed-driven" if "element" in form else "undescribed"
+    law: Code = of_all if form.get("undescribed") else "model-form"
     if not _against_all(form):
         law = "structured-residuals"
     doubts: list[tuple[dict[str, Any], bool, Code]] = [
@@ -181,10 +185,16 @@ def noted(summary: pd.DataFrame, diagnostics: dict[str, Any]) -> pd.DataFrame:
     if chain.get("passed") is False:
         whole = len(chain["impacts"]) == chain["of"]
         note[all_rows if whole else label.isin(chain["impacts"])] = CONTRADICTED
-    note[all_rows if form.get("undescribed") else label.isin(form.get("undescribed_impacts", []))] = (
-        NO_INTERVAL
-    )
+    undescribed = all_rows if form.get("undescribed") else label.isin(form.get("undescribed_impacts", []))
+    note[undescribed] = NO_INTERVAL_OF_DRIVEN if "element" in form else NO_INTERVAL
     return summary.assign(note=note)
+
+
+def undescribed_words(form: dict[str, Any]) -> str:
+    """What does not describe the traces: of driven tissue the element that was fitted, and else none does."""
+    if "element" in form:
+        return f"the element {form['element']} does not describe these recordings"
+    return "no element of this program describes these traces"
 
 
 def headline(diagnostics: dict[str, Any]) -> str:
@@ -193,7 +203,8 @@ def headline(diagnostics: dict[str, Any]) -> str:
     if not diagnostics["passed"]:
         return "DIAGNOSTICS FAILED: do not use these numbers."
     if form.get("undescribed"):
-        return "No element of this program describes these traces: there are no intervals of K and C."
+        nothing = undescribed_words(form)
+        return f"{nothing[0].upper()}{nothing[1:]}: there are no intervals of K and C."
     if chain.get("passed") is False:
         return "The sampler passed, but the traces contradict the measuring chain."
     force, reference = diagnostics.get("channels", {}), diagnostics.get("reference", {})

@@ -18,6 +18,7 @@ from bayestissue.figures.impacts import end
 from bayestissue.hierarchy import SIDE_BY_SIDE
 from bayestissue.hierarchy.formulas.group_terms import stem_of
 from bayestissue.inference.results.meanings import COLUMNS, NAMES, element_alone, symbols
+from bayestissue.inference.samplers.diagnostics import undescribed_words
 from bayestissue.report.run_folder import (
     POSTERIOR_TABLES,
     PosteriorRun,
@@ -202,8 +203,13 @@ class FitRun(PosteriorRun):
 
     @property
     def undescribed(self) -> bool:
-        """Whether no element describes the traces, so that no interval of K or C is one."""
+        """Whether the traces are not described, so that no interval of K or C is one."""
         return bool(self.diagnostics.get("model_form", {}).get("undescribed", False))
+
+    @property
+    def undescribed_words(self) -> str:
+        """What does not describe them, such as "no element of this program describes these traces"."""
+        return undescribed_words(self.diagnostics["model_form"])
 
     @property
     def tested(self) -> dict[str, float]:

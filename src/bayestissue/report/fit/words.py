@@ -27,12 +27,18 @@ def likelihood_words(run: FitRun) -> str:
         additions += [said("model.discrepancy"), said(f"model.{'own_K' if run.element_alone else 'of_both'}")]
     if has_common_depth(run):
         additions.append(said("model.at_common_depth", depth=depth_words(run)))
+    other: dict[str, str] = {}
     if name != SIDE_BY_SIDE:
         from bayestissue.elements import element
 
         met = element(name)
         meanings = "; ".join(f"{one.name} ({one.unit}): {one.meaning}" for one in met.parameters)
-        law = said("model.element", title=met.title, noise=noise, meanings=meanings)
+        other = {"title": met.title, "meanings": meanings}
+    if not run.free:
+        along = said("model.along", **other) if other else said("model.side_by_side")
+        law = said("likelihoods.driven", law=along)
+    elif other:
+        law = said("model.element", noise=noise, **other)
     else:
         law = said(f"likelihoods.{run.likelihood}", noise=noise)
     return " ".join([law, *additions])
