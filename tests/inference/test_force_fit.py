@@ -63,7 +63,7 @@ def test_masses_that_are_declared_too_small_are_put_right(tip: float) -> None:
     ("model", "tissue", "recorder"),
     [
         ("hunt_crossley", {"element": "hunt_crossley", "C_N_s_per_m": 60.0}, {}),
-        ("impact", {}, {"low_pass_hz": 300.0}),
+        ("impact", {}, {"recorder": {"low_pass_hz": 300.0}}),
     ],
     ids=["a force that rises from 0", "behind a low-pass"],
 )
@@ -73,8 +73,7 @@ def test_it_is_so_where_a_deceleration_does_not_show_when_contact_was(
     content = tomllib.loads(FOUR_BY_FOUR)
     content["tissue"] |= tissue
     force = {"noise_relative_to_peak": 0.005, "relative_gain_sd": 0.01, "tip_mass_kg": 0.1}
-    if recorder:
-        content["recorder"] = force["recorder"] = recorder
+    content |= recorder
     content["recording"] |= {"mass_factor": FACTOR, "relative_gain_sd": 0.002, "force": force}
     made = simulate(Simulation.model_validate(content))
     dataset = replace(made.dataset("made"), uncertainty=Uncertainty(0.1, 0.005, 0.002, 0.0))
