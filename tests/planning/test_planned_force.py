@@ -234,6 +234,7 @@ def test_what_no_number_of_impacts_reaches_is_said() -> None:
     assert "saves" not in plan.answer
     page = page_of(plan.content, plan.designs, plan.about)
     assert "One sensor or two?" in page
+    assert "What any number of impacts comes to" in page
 
 
 def test_more_impacts_than_the_designs_have_may_be_needed() -> None:

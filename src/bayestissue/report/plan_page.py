@@ -244,6 +244,27 @@ def gains_table(content: Mapping[str, Any]) -> Table:
     )
 
 
+def sensors_table(content: Mapping[str, Any]) -> Table:
+    """Of each recorder's best design what it reaches of each goal, and what any number of impacts would."""
+    rows = []
+    for one in content["sensors"]:
+        best = content["designs"][one["design"] - 1]
+        for name, least in one["unlimited"].items():
+            goal = best["goals"][name]
+            ends = {"least": _share(least) if least["width"] is None else digits(2)(least["width"])}
+            rows.append({**best, **goal, **ends, "goal": name})
+    return table_of(
+        rows,
+        Field("recorder", lambda row: row["recorder"] or "deceleration and force"),
+        *_goal_fields(next(iter(content["sensors"]))["unlimited"]),
+        number_field("impacts", words=decimals(0)),
+        Field("assurance", _share, "number"),
+        *_WIDTHS,
+        Field("any number", lambda row: row["least"], "number"),
+        empty=False,
+    )
+
+
 def gain(goal: Mapping[str, Any]) -> str:
     """What is added to the assurance of a goal."""
     return with_error(goal["gain"], goal["gain_se"])
