@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ast
-import importlib
+import importlib.util
 import json
 import os
 import sys
@@ -23,6 +23,9 @@ from evidence.families import intervals, outcomes  # noqa: E402
 from evidence.registry import Piece  # noqa: E402
 from evidence.summary import figure  # noqa: E402
 from evidence.texts import Figure  # noqa: E402
+
+from bayestissue.signal import displacements  # noqa: E402
+from bayestissue.simulation import simulate  # noqa: E402
 
 PIECES = list(registry.pieces().values())
 # What every script may use without speaking of it: where things lie, and how numbers are held.
@@ -548,3 +551,19 @@ def test_probabilities_of_being_best_are_drawn_over_the_share_that_is():
     wrong = outcomes.reliability(pd.DataFrame(made | {f"{names[0]}|true": true - 0.1}))
     assert (abs(wrong["share"] - wrong["probability"]) > 3.5 * wrong["se"]).any()
     assert outcomes.diagram(lines).count("<circle") == len(lines)
+
+
+def test_traces_are_filled_up_in_all_that_they_have_by_sample():
+    # Not imported by its name, which a package has too.
+    spec = importlib.util.spec_from_file_location("coverage_of_fits", ROOT / "benchmarks" / "coverage.py")
+    script = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(script)
+    simulation = script.campaign(0)
+    design = simulation.design.model_copy(update={"subjects": 1})
+    signal = displacements(simulate(simulation.model_copy(update={"design": design})).dataset("one"))
+    shape, filled = signal.x.shape, script.filled_up(signal, 256)
+    by_sample = [name for name, value in vars(signal).items() if getattr(value, "shape", ()) == shape]
+    assert {"x", "v", "deceleration", "sample_number", "clipped"} <= set(by_sample)
+    for name in by_sample:
+        assert getattr(filled, name).shape == (shape[0], 256), name
+        assert (getattr(filled, name)[:, : shape[1]] == getattr(signal, name)).all()

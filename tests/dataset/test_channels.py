@@ -280,6 +280,14 @@ def test_a_low_pass_of_its_own_comes_with_it_and_is_written_back(tmp_path: Path)
         assert made.channels[0].recorder == Recorder(400.0, 4)
 
 
+def test_a_list_of_named_channels_is_taken_as_the_dictionary() -> None:
+    given, said = from_arrays(value_column="force_N")
+    by_name = bt.dataset(**given, channels={"cell": said})
+    listed = bt.dataset(**given, channels=[{"name": "cell"} | said])
+    assert listed.input_hash == by_name.input_hash
+    assert listed.channels[0].name == "cell"
+
+
 @pytest.mark.parametrize("limit", [None, 40.0])
 def test_samples_at_the_sensor_s_limit_are_known(tmp_path: Path, limit: float | None) -> None:
     given, said = from_arrays()

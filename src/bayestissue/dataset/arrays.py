@@ -67,7 +67,7 @@ def dataset(
     contact: Contact | None = None,
     uncertainty: Mapping[str, float] | Uncertainty | None = None,
     recorder: Mapping[str, Any] | Recorder | None = None,
-    channels: Mapping[str, Mapping[str, Any]] | None = None,
+    channels: Mapping[str, Mapping[str, Any]] | Sequence[Mapping[str, Any]] | None = None,
     headform: bool = False,
     words: Mapping[str, str] | None = None,
     name: str = "from arrays",
@@ -106,6 +106,7 @@ def dataset(
         channels: a further channel of the same impacts, by its name: a dictionary with the keys of a table
             ``[[channel]]`` (``quantity``, ``place``, ``unit`` ...) and ``traces``, its recordings in any form
             that ``traces`` may have; without it ``value_column`` is its column in the long table ``traces``.
+            A list of such dictionaries with a ``name`` each is taken too.
         headform: whether the impactor stands for a head, whose impacts have the head injury criterion too.
         words: what pages call people, conditions and impacts, by the keys of ``[words]``.
         name: of the dataset.
@@ -138,6 +139,7 @@ def dataset(
         **{key: table for key, table in tables.items() if table is not None},
     }
     with _in_the_callers_words():
+        channels = _by_name(channels)
         if channels:
             content["channel"] = _stated_channels(channels, value_column)
         settings = parse_settings(content)
@@ -185,6 +187,14 @@ def _mapped(function: Callable[[Any], Any], table: Any) -> Any:
     return (
         {str(key): function(value) for key, value in table.items()} if isinstance(table, Mapping) else table
     )
+
+
+def _by_name(channels: Any) -> Any:
+    """Tables with a ``name`` each, as ``dataset.toml`` has them, as a dictionary; anything else as it is."""
+    listed = channels if isinstance(channels, list | tuple) else ()
+    if not listed or not all(isinstance(said, Mapping) and "name" in said for said in listed):
+        return channels
+    return {said["name"]: {key: said[key] for key in said if key != "name"} for said in listed}
 
 
 def _stated_channels(channels: Any, value_column: str) -> Any:
