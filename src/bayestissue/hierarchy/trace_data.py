@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -419,52 +419,12 @@ def _deceleration_record(
     offset_sd: np.ndarray,
     force: PreparedForce | None,
 ) -> DecelerationRecord:
-    """The record of decelerations, ``velocity_sd`` being that of velocity and gain together.
-
-    The likelihood asks the samples itself when contact was; what they said of it must not count twice.
-    """
-    chain, recorder, number = dataset.uncertainty, dataset.recorder, len(signal.dt)
-    side_by_side = specification.element == SIDE_BY_SIDE
-    white, discrepancy = specification.noise == "white", specification.discrepancy == "always"
+    """The record of decelerations, ``velocity_sd`` being that of velocity and gain together."""
     low_pass, reach = _low_pass_and_reach(dataset, specification, signal)
-    contact, contact_sd = Contact.known(signal.bracket_uniform), signal.bracket_sd
-    colour, rate = Colour.white_noise(), np.zeros(number, int)
+    begin = _Beginning(Contact.known(signal.bracket_uniform), signal.bracket_sd, offset_sd)
     if reach:
-        # Cells of one sampling interval: over three a trace is not linear, and of traces of sixty samples
-        # 90 % intervals of Hunt and Crossley's C then held 85 %.
-        contact_sd = reach * signal.dt / np.sqrt(12)
-        before = np.pad(signal.before, ((0, 0), (max(0, reach - BEFORE), 0)))
-        before = before[:, before.shape[1] - reach :]
-        n_before = np.minimum(signal.n_before, reach)
-        n_quiet = np.maximum(n_before - signal.n_since_quiet, 0)
-        sample = signal.phase.before if signal.phase.known else None
-        share = white_share(dataset, signal) if recorder is not None and white else 1.0
-        if recorder is not None and share < 1:
-            rows = reach + signal.deceleration.shape[1]
-            colour, rate, longer = filtered_noise(recorder, share, rows, signal.dt)
-            offset_sd = np.where(np.isfinite(signal.offset_sd), longer * offset_sd, offset_sd)
-            contact = Contact.anywhere(before, n_before, n_quiet=n_quiet)
-        elif white and not discrepancy:
-            contact = Contact.anywhere(before, n_before, np.maximum(signal.noise_sd, 1e-12), sample, n_quiet)
-        else:
-            contact = Contact.anywhere(before, np.zeros_like(n_before), sample=sample)
-    # The height of recordings tells a mass that moves along in all of them: what impacts share of the errors
-    # of velocity and gain, which nothing says, must not average out. So much wider, they tell together what
-    # one impact does.
-    shared = np.sqrt(number) if element(specification.element).added_mass else 1.0
-    gain_sd, chain_sd = np.full(number, shared * chain.relative_gain_sd), [offset_sd, contact_sd]
-    velocity_share = _share(chain.velocity_sd_m_s, velocity_sd)
-    # Of an impact along gravity an error of the gain is not one of the velocity.
-    separate = recorder or discrepancy or reach or force or (dataset.gravity and chain.relative_gain_sd)
-    if side_by_side and white and not separate:
-        chain_sd = [velocity_sd, *chain_sd]
-    elif side_by_side and recorder is not None and not dataset.gravity and force is None:
-        chain_sd = [velocity_sd, np.zeros(number), *chain_sd]
-    else:
-        chain_sd = [np.full(number, shared * chain.velocity_sd_m_s), gain_sd, *chain_sd]
-        velocity_share = np.ones(number)
-    if force is not None:
-        chain_sd[2:2] = [force.offset_sd, force.clock_sd]
+        begin = _in_cells(dataset, specification, signal, offset_sd, reach)
+    errors, velocity_share = _errors(dataset, specification, signal, velocity_sd, begin, force, reach)
     gravity = {GRAVITY: signal.gravity} if dataset.gravity else {}
     record = DecelerationRecord.from_arrays(
         signal.deceleration,
@@ -472,26 +432,111 @@ def _deceleration_record(
         signal.bracket_s,
         signal.dt,
         signal.velocity,
-        np.stack(chain_sd, axis=1),
+        np.stack(errors, axis=1),
         signal.mass,
         _diameters(dataset) | gravity,
-        contact,
+        begin.contact,
     )
-    if discrepancy:
+    if specification.discrepancy == "always":
         # It takes up what a wrong moment of contact does to a trace.
         modes = discrepancy_modes(signal.n_samples, signal.sample_number)
         record = record._replace(discrepancy=modes)
+    if begin.colour is not None:
+        colour, rate = begin.colour
+        record = record._replace(colour=colour, rate=jnp.asarray(rate))
     return record._replace(
         velocity_share=jnp.asarray(velocity_share),
-        colour=colour,
-        rate=jnp.asarray(rate),
         quiet=jnp.asarray(np.isfinite(signal.offset_sd)),
-        common_depth=jnp.asarray(np.full(number, common_depth(signal))),
+        common_depth=jnp.asarray(np.full(len(signal.dt), common_depth(signal))),
         low_pass=low_pass,
         uneven=_uneven_times(signal, reach),
         clipped=jnp.asarray(signal.clipped) if signal.clipped.any() else None,
         force=None if force is None else jax.tree.map(jnp.asarray, force.rows),
     )
+
+
+class _Beginning(NamedTuple):
+    """When contact was, and what the samples before it say of zero and noise.
+
+    Attributes:
+        contact: known, or in one of several cells.
+        contact_sd: of its moment [s].
+        offset_sd: of the zero [m/s^2].
+        colour: of noise behind a low-pass, and which of its rows each impact has; of white noise none.
+    """
+
+    contact: Contact
+    contact_sd: np.ndarray
+    offset_sd: np.ndarray
+    colour: tuple[Colour, np.ndarray] | None = None
+
+
+def _in_cells(
+    dataset: Dataset,
+    specification: ModelSpecification,
+    signal: Displacements,
+    offset_sd: np.ndarray,
+    reach: int,
+) -> _Beginning:
+    """Contact in any of so many sampling intervals before the first sample.
+
+    The likelihood asks the samples itself when contact was; what they said of it must not count twice. Cells
+    are of one sampling interval: over three a trace is not linear in the moment, and of traces of sixty
+    samples 90 % intervals of Hunt and Crossley's C then held 85 %.
+    """
+    recorder, white = dataset.recorder, specification.noise == "white"
+    contact_sd = reach * signal.dt / np.sqrt(12)
+    before = np.pad(signal.before, ((0, 0), (max(0, reach - BEFORE), 0)))
+    before = before[:, before.shape[1] - reach :]
+    n_before = np.minimum(signal.n_before, reach)
+    n_quiet = np.maximum(n_before - signal.n_since_quiet, 0)
+    sample = signal.phase.before if signal.phase.known else None
+    share = white_share(dataset, signal) if recorder is not None and white else 1.0
+    if recorder is not None and share < 1:
+        rows = reach + signal.deceleration.shape[1]
+        colour, rate, longer = filtered_noise(recorder, share, rows, signal.dt)
+        offset_sd = np.where(np.isfinite(signal.offset_sd), longer * offset_sd, offset_sd)
+        contact = Contact.anywhere(before, n_before, n_quiet=n_quiet)
+        return _Beginning(contact, contact_sd, offset_sd, (colour, rate))
+    if white and specification.discrepancy != "always":
+        contact = Contact.anywhere(before, n_before, np.maximum(signal.noise_sd, 1e-12), sample, n_quiet)
+    else:
+        contact = Contact.anywhere(before, np.zeros_like(n_before), sample=sample)
+    return _Beginning(contact, contact_sd, offset_sd)
+
+
+def _errors(
+    dataset: Dataset,
+    specification: ModelSpecification,
+    signal: Displacements,
+    velocity_sd: np.ndarray,
+    begin: _Beginning,
+    force: PreparedForce | None,
+    reach: int,
+) -> tuple[list[np.ndarray], np.ndarray]:
+    """Standard deviations of each impact's errors of the chain, and the velocity's share of the first.
+
+    A spring and damper's motion is in proportion to the velocity: errors of velocity and gain are then one
+    error of both, unless something else tells them apart. Gravity does, and a force.
+    """
+    chain, number = dataset.uncertainty, len(signal.dt)
+    of_contact = [begin.offset_sd, begin.contact_sd]
+    side_by_side, white = specification.element == SIDE_BY_SIDE, specification.noise == "white"
+    discrepancy, recorder = specification.discrepancy == "always", dataset.recorder
+    share = _share(chain.velocity_sd_m_s, velocity_sd)
+    # Of an impact along gravity an error of the gain is not one of the velocity.
+    separate = recorder or discrepancy or reach or force or (dataset.gravity and chain.relative_gain_sd)
+    if side_by_side and white and not separate:
+        return [velocity_sd, *of_contact], share
+    if side_by_side and recorder is not None and not dataset.gravity and force is None:
+        return [velocity_sd, np.zeros(number), *of_contact], share
+    # The height of recordings tells a mass that moves along in all of them: what impacts share of the errors
+    # of velocity and gain, which nothing says, must not average out. So much wider, they tell together what
+    # one impact does.
+    shared = np.sqrt(number) if element(specification.element).added_mass else 1.0
+    of_both = [np.full(number, shared * sd) for sd in (chain.velocity_sd_m_s, chain.relative_gain_sd)]
+    of_force = [] if force is None else [force.offset_sd, force.clock_sd]
+    return [*of_both, *of_force, *of_contact], np.ones(number)
 
 
 def _uneven_times(signal: Displacements, reach: int) -> UnevenTimes | None:
