@@ -85,8 +85,8 @@ def settings(plan: Mapping[str, Any], *keys: str) -> Table:
     compared = ["recording"] if plan["candidates"].get("recorders") else []
     tables = {key: plan[key] for key in keys if key in plan and key not in compared}
     # There is one further channel at the most.
-    for channel in tables.pop("channel", []):
-        tables["channel"] = channel
+    for further in tables.pop("channel", []):
+        tables["channel"] = further
     return settings_table(tables)
 
 
