@@ -84,7 +84,11 @@ def _share(goal: Mapping[str, Any]) -> str:
 def settings(plan: Mapping[str, Any], *keys: str) -> Table:
     """Tables of the plan, those that it has; recorders that are compared stand among the candidates."""
     compared = ["recording"] if plan["candidates"].get("recorders") else []
-    return settings_table({key: plan[key] for key in keys if key in plan and key not in compared})
+    tables = {key: plan[key] for key in keys if key in plan and key not in compared}
+    # There is one further channel at the most.
+    for further in tables.pop("channel", []):
+        tables["channel"] = further
+    return settings_table(tables)
 
 
 def along(content: Mapping[str, Any], axis: str) -> Table:
