@@ -51,11 +51,7 @@ def laws() -> Named:
 def plain_against_fast() -> Named:
     rows = raw("plain_against_fast")
     drawn = rows["drawn"].astype(bool)
-    cells = (
-        rows["difference"]
-        .map(_or_none)
-        .where(~drawn, rows["difference"].map("{:.1f} Monte Carlo errors".format))
-    )
+    cells = rows["difference"].map(_or_none) + drawn.map({True: " Monte Carlo errors", False: ""})
     shown = pd.DataFrame({"answer": rows["answer"], "largest difference": cells})
     yield "table", block(table(shown), "plain_against_fast")
     exact, of_draws = rows.loc[~drawn, "difference"].max(), rows.loc[drawn, "difference"].max()
