@@ -8,6 +8,8 @@ from evidence.texts import Figure, Named, block, family, names, percent, power_o
 
 # Of itself a number that is printed to ten digits or more may be off by less than this.
 _EXACT = 1e-9
+# No power of ten from here on.
+_LARGE = 0.05
 
 
 @family
@@ -49,21 +51,19 @@ def laws() -> Named:
 def plain_against_fast() -> Named:
     rows = raw("plain_against_fast")
     drawn = rows["drawn"].astype(bool)
-    cells = (
-        rows["difference"]
-        .map(_or_none)
-        .where(~drawn, rows["difference"].map("{:.1f} Monte Carlo errors".format))
-    )
+    cells = rows["difference"].map(_or_none) + drawn.map({True: " Monte Carlo errors", False: ""})
     shown = pd.DataFrame({"answer": rows["answer"], "largest difference": cells})
     yield "table", block(table(shown), "plain_against_fast")
     exact, of_draws = rows.loc[~drawn, "difference"].max(), rows.loc[drawn, "difference"].max()
     text = (
         f"with every fast path off {(~drawn).sum()} answers differ by at most {power_of_ten(exact)} of the "
-        f"largest number of their kind, and means of a fit by at most {of_draws:.1f} Monte "
+        f"largest number of their kind, and means of a fit by at most {_or_none(of_draws)} Monte "
         "Carlo errors"
     )
     yield "sentence", Figure(text, names("plain_against_fast"))
-    text = f"{len(rows)} answers, at most {power_of_ten(exact)} or {of_draws:.1f} Monte Carlo errors apart"
+    text = (
+        f"{len(rows)} answers, at most {power_of_ten(exact)} or {_or_none(of_draws)} Monte Carlo errors apart"
+    )
     yield "short", Figure(text, names("plain_against_fast"))
 
 
@@ -93,5 +93,5 @@ def certificate() -> Named:
 
 
 def _or_none(value: float) -> str:
-    """A power of ten, or 0."""
-    return power_of_ten(value) if value else "0"
+    """A power of ten, 0, or a number of its own size."""
+    return f"{value:.1f}" if value >= _LARGE else power_of_ten(value) if value else "0"
