@@ -105,8 +105,9 @@ def specification_of(name: str) -> ModelSpecification:
     return ModelSpecification.model_validate(model)
 
 
-def study(name: str, seed: int) -> Simulation:
-    """The specification of one study."""
+def study(name: str, number: int) -> Simulation:
+    """The specification of one study; no two of any elements share random numbers."""
+    seed = len(TISSUES) * number + list(TISSUES).index(name)
     random = np.random.default_rng([seed, 9])
     drawn = {
         q: value * np.exp((TYPICAL_SD if q in "KC" else PARAMETER_SD) * random.standard_normal())
