@@ -16,6 +16,7 @@ from bayestissue.hierarchy.trace_data import prepare
 from bayestissue.inference.factors.expansions import expanded
 from bayestissue.inference.factors.noise_left import noise_p
 from bayestissue.inference.samplers.diagnostics import NO_INTERVAL_OF_DRIVEN, headline
+from bayestissue.report import write_report
 from bayestissue.resources import shared
 from bayestissue.simulation.driven import Driven, driven, outcomes_within
 
@@ -92,6 +93,8 @@ def test_a_fit_holds_the_truth_and_has_no_mass(tmp_path: Path) -> None:
     page = fit.report(tmp_path / "run")
     text = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
     assert page is not None
+    # From the folder alone, as after a restart.
+    assert write_report(tmp_path / "run").is_file()
     assert "Nothing moves freely here" in text
     assert " kg" not in re.sub(r"<script.*?</script>", "", text, flags=re.DOTALL)
 
