@@ -24,7 +24,7 @@ import pandas as pd
 from studies import shares_held, studied
 
 import bayestissue as bt
-from bayestissue.simulation.driven import Driven, driven
+from bayestissue.simulation.driven import Driven, driven, outcomes_within
 
 RESPONSES = {"K": "K_N_per_m", "C": "C_N_s_per_m"}
 OUTCOMES = {
@@ -54,6 +54,9 @@ def intervals(number: int) -> pd.DataFrame:
     fit = bt.fit(dataset, {"like": "driven", "element": element(number)}, seed=number)
     posterior, parts = fit.posterior["posterior"].dataset, []
     levels = [(1 - LEVEL) / 2, (1 + LEVEL) / 2]
+    constants = fit.posterior["constant_data"].dataset
+    last = constants["first_sample_s"] + (constants["n_samples"] - 1) * constants["sampling_interval_s"]
+    truth = truth.join(outcomes_within(made, last.sel(impact=truth["impact"].tolist()).to_numpy()))
     for name, column in (RESPONSES | OUTCOMES).items():
         ends = posterior[name].quantile(levels, ("chain", "draw"))
         low, high = ends.sel(impact=truth["impact"].tolist()).transpose("quantile", "impact").to_numpy()

@@ -11,10 +11,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from bayestissue.dataset.chain import Uncertainty
 from bayestissue.dataset.model import Channel, Dataset, Trace
@@ -67,36 +68,42 @@ class Driven:
     after_s: float = 0.1
 
 
-def driven(study: Driven) -> tuple[Dataset, pd.DataFrame]:
-    """The recordings of a study, and its truth.
+class Pressed(NamedTuple):
+    """The impacts of a study without noise.
 
-    That is ``impact``, ``K_N_per_m``, ``C_N_s_per_m``, and by its samples up to the greatest depth
-    ``peak_force_N``, ``peak_depth_m`` and ``energy_absorbed_J``.
+    Attributes:
+        subject, trial, repeat: whose each is.
+        K, C: of each.
+        time: of the samples since contact [s].
+        x, v, force: displacement, its rate and force there.
     """
+
+    subject: Int[np.ndarray, " impact"]
+    trial: Int[np.ndarray, " impact"]
+    repeat: Int[np.ndarray, " impact"]
+    K: Float[np.ndarray, " impact"]
+    C: Float[np.ndarray, " impact"]
+    time: Float[np.ndarray, "impact sample"]
+    x: Float[np.ndarray, "impact sample"]
+    v: Float[np.ndarray, "impact sample"]
+    force: Float[np.ndarray, "impact sample"]
+
+
+def driven(study: Driven) -> tuple[Dataset, pd.DataFrame]:
+    """The recordings of a study, and its truth: ``impact``, ``K_N_per_m`` and ``C_N_s_per_m``."""
     random = np.random.default_rng(study.seed)
-    trials = len(study.of_trials)
-    subject, trial, repeat = (part.ravel() for part in np.indices((study.subjects, trials, study.repeats)))
-    count = len(subject)
-    of_subjects = study.sd_subject * random.standard_normal((study.subjects, 2))
-    logs = np.log([study.K, study.C]) + of_subjects[subject] + np.array(study.of_trials)[trial]
-    K, C = np.exp(logs + study.sd_impact * random.standard_normal((count, 2))).T
-    V, mass, push, rise = (
-        random.uniform(*ends, count) for ends in (study.velocity, study.mass, study.push, study.rise)
-    )
-    steps = np.arange(-round(study.before_s * study.rate), round(study.after_s * study.rate))
-    time = (steps + random.uniform(0, 1, (count, 1))) / study.rate
-    x, v, force = _pushed(study, K, C, V, mass, push, rise, np.maximum(time, 0.0))
-    x, force = np.where(time < 0, V[:, None] * time, x), np.where(time < 0, 0.0, force)
-    comes = _outcomes(time, x, v, force, C)
-    x = x + random.normal(0, 1e-3, (count, 1)) + study.noise_m * random.standard_normal(x.shape)
-    force = force + study.zero_N * random.standard_normal((count, 1))
+    made = _made(study, random)
+    count, time = len(made.K), made.time
+    x = made.x + random.normal(0, 1e-3, (count, 1)) + study.noise_m * random.standard_normal(made.x.shape)
+    force = made.force + study.zero_N * random.standard_normal((count, 1))
     force = force + study.noise_N * random.standard_normal(x.shape)
-    names = [f"s{s:02d}-t{t}-{r}" for s, t, r in zip(subject, trial, repeat, strict=True)]
+    labels = zip(made.subject, made.trial, made.repeat, strict=True)
+    names = [f"s{s:02d}-t{t}-{r}" for s, t, r in labels]
     impacts = pd.DataFrame(
         {
             "impact": names,
-            "subject": [f"s{s:02d}" for s in subject],
-            "trial": [f"t{t}" for t in trial],
+            "subject": [f"s{s:02d}" for s in made.subject],
+            "trial": [f"t{t}" for t in made.trial],
             "mass_kg": np.nan,
             "velocity_m_s": np.nan,
         }
@@ -110,27 +117,47 @@ def driven(study: Driven) -> tuple[Dataset, pd.DataFrame]:
         uncertainty=Uncertainty(), warnings=(), left_out=(), folder=None, input_hash=f"driven-{study}",
         free=False, channels=(Channel("plate", "force", "base", forces),),
     )  # fmt: skip
-    return dataset, pd.DataFrame({"impact": names, "K_N_per_m": K, "C_N_s_per_m": C, **comes})
+    return dataset, pd.DataFrame({"impact": names, "K_N_per_m": made.K, "C_N_s_per_m": made.C})
 
 
-def _outcomes(
-    time: Float[np.ndarray, "impact sample"],
-    x: Float[np.ndarray, "impact sample"],
-    v: Float[np.ndarray, "impact sample"],
-    force: Float[np.ndarray, "impact sample"],
-    C: Float[np.ndarray, " impact"],
-) -> dict[str, Float[np.ndarray, " impact"]]:
-    """What the impacts come to from contact until they first stand still."""
-    pressed = (time >= 0) & (np.cumsum((time >= 0) & (v <= 0), axis=1) == 0)
-    power, dt = np.where(pressed, C[:, None] * v**2, 0.0), time[0, 1] - time[0, 0]
-    # Trapezia, the first from contact on and the last to where all stands still.
-    first = np.where(pressed, time, np.inf).min(axis=1)
-    at_contact, at_first = C * v[:, 0] ** 2, np.take_along_axis(power, pressed.argmax(1)[:, None], 1)[:, 0]
-    return {
-        "peak_force_N": np.where(pressed, force, 0.0).max(axis=1),
-        "peak_depth_m": np.where(pressed, x, 0.0).max(axis=1),
-        "energy_absorbed_J": power.sum(axis=1) * dt - at_first * dt / 2 + first * (at_contact + at_first) / 2,
-    }
+def outcomes_within(study: Driven, end: Float[np.ndarray, " impact"]) -> pd.DataFrame:
+    """What the impacts of a study truly come to from contact until ``end`` [s], as a window ends there.
+
+    ``peak_force_N`` and ``peak_depth_m`` by samples, and ``energy_absorbed_J``, C v^2 by trapezia.
+    """
+    made = _made(study, np.random.default_rng(study.seed))
+    within = (made.time >= 0) & (made.time <= end[:, None])
+    time = np.where(within, made.time, end[:, None])
+    power = np.where(within, made.C[:, None] * made.v**2, 0.0)
+    first = within.argmax(axis=1)[:, None]
+    to_first, of_first = (np.take_along_axis(part, first, axis=1)[:, 0] for part in (time, power))
+    steps = np.where(within[:, :-1] & within[:, 1:], np.diff(made.time), 0.0)
+    lost = (steps * (power[:, :-1] + power[:, 1:]) / 2).sum(axis=1)
+    return pd.DataFrame(
+        {
+            "peak_force_N": np.where(within, made.force, 0.0).max(axis=1),
+            "peak_depth_m": np.where(within, made.x, 0.0).max(axis=1),
+            "energy_absorbed_J": lost + to_first * (made.C * made.v[:, 0] ** 2 + of_first) / 2,
+        }
+    )
+
+
+def _made(study: Driven, random: np.random.Generator) -> Pressed:
+    """The impacts before anything is recorded of them."""
+    trials = len(study.of_trials)
+    subject, trial, repeat = (part.ravel() for part in np.indices((study.subjects, trials, study.repeats)))
+    count = len(subject)
+    of_subjects = study.sd_subject * random.standard_normal((study.subjects, 2))
+    logs = np.log([study.K, study.C]) + of_subjects[subject] + np.array(study.of_trials)[trial]
+    K, C = np.exp(logs + study.sd_impact * random.standard_normal((count, 2))).T
+    V, mass, push, rise = (
+        random.uniform(*ends, count) for ends in (study.velocity, study.mass, study.push, study.rise)
+    )
+    steps = np.arange(-round(study.before_s * study.rate), round(study.after_s * study.rate))
+    time = (steps + random.uniform(0, 1, (count, 1))) / study.rate
+    x, v, force = _pushed(study, K, C, V, mass, push, rise, np.maximum(time, 0.0))
+    x, force = np.where(time < 0, V[:, None] * time, x), np.where(time < 0, 0.0, force)
+    return Pressed(subject, trial, repeat, K, C, time, x, v, force)
 
 
 def _pushed(

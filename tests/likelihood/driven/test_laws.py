@@ -108,7 +108,7 @@ def test_density_is_the_integral_over_motions(name: str) -> None:
 @pytest.mark.usefixtures("few_functions")
 @pytest.mark.parametrize("name", ["stiffening", "hunt_crossley"])
 def test_density_of_another_K_is_the_integral_too(name: str) -> None:
-    """Three standard errors and more from the truth, where the displacement's motion fits the force badly."""
+    """Two standard errors from the truth, where the displacement alone misses the force."""
     parameters, law = LAWS[name]
     rng = np.random.default_rng(5)
     record = recorded(X, law(X, V), rng)

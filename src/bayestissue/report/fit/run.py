@@ -46,7 +46,11 @@ _NEEDED = {
     "observed_data": ("displacement", "deceleration"),
     "constant_data": ("time", "mass_kg", "velocity_m_s", "impact_subject", "impact_trial"),
 }
-_DRIVEN = {"posterior_predictive": ("force",), "observed_data": ("force",)}
+_DRIVEN = {
+    "posterior_predictive": ("force",),
+    "observed_data": ("force",),
+    "constant_data": ("force_time", *_NEEDED["constant_data"][1:]),
+}
 _AGAIN = "Make the run anew with `bayestissue fit`."
 
 
