@@ -123,6 +123,8 @@ def test_what_keeps_a_fit_from_using_it_is_said(heavier: Dataset) -> None:
 def test_its_rows_begin_once_contact_must_have_been(recorder: dict[str, Any], model: str) -> None:
     content = tomllib.loads(FOUR_BY_FOUR) | ({"recorder": recorder} if recorder else {})
     content["recording"] |= {"force": FORCE}
+    if model != "impact":
+        content["tissue"] |= {"element": model, "C_N_s_per_m": 60.0}
     ready = prepared(simulate(Simulation.model_validate(content)).dataset("made"), model)
     assert ready.force is not None
     rows, record = ready.force.rows, ready.data.record

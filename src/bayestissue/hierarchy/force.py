@@ -16,7 +16,7 @@ from bayestissue.likelihood.element.record import ForceRows
 from bayestissue.likelihood.element.recorder import LowPass
 from bayestissue.signal import Displacements
 from bayestissue.signal.displacement import FEWEST_SAMPLES
-from bayestissue.signal.filters import ahead_s, decay
+from bayestissue.signal.filters import ahead_s, decay, delay
 from bayestissue.signal.force import Force, force_beside
 from bayestissue.signal.recorder_noise import white_share
 from bayestissue.signal.traces import Recordings, segment_moments, stack, standard_error
@@ -199,17 +199,23 @@ def prepared_force(
     # Contact is so long after the first sample of the decelerations at the latest, or so long before it.
     latest = (low_pass.lead if low_pass else 0) * signal.dt
     earliest = reach * signal.dt - latest
-    rows = rows_within(recorded, signal, ahead_s(recorder, dt) + earliest, latest)
-    settled = 0.0 if recorder is None else -np.log(_SETTLED) / decay(recorder, dt)
-    limited = _about_limit(recorded, rows.used, settled)
-    usable = rows.used & ~limited
-    if recorder is not None and not _resolved(recorder, rows, signal, low_pass, reach, jumps=jumps):
-        # What a filter makes of the jump at contact is not linear in when that was.
-        usable &= recorded.start[:, None] + recorded.time_s >= (first + latest + settled)[:, None]
+    hidden = np.zeros_like(dt)
+    if reach:
+        # A low-pass that looks ahead ends the decelerations' quiet part so long before contact, and one that
+        # delays them so long after.
+        quiet = signal.n_since_quiet * signal.dt - ahead_s(dataset.recorder, signal.dt)
+        hidden = np.where(np.isfinite(signal.offset_sd), quiet, earliest)
+        hidden += delay(dataset.recorder) if dataset.recorder else 0.0
+    rows = rows_within(recorded, signal, ahead_s(recorder, dt) + hidden, latest)
     length = int(rows.number.max())
     if reach:
         length += 2 + int(np.ceil(((rows.first - first + earliest) / dt).max()))
     of_filter = _filtered(dataset, signal, recorded, length) if recorder else {}
+    settled = 0.0 if recorder is None else -np.log(_SETTLED) / decay(recorder, dt)
+    usable = rows.used & ~_about_limit(recorded, rows.used, settled if "colour" in of_filter else 0.0)
+    if recorder is not None and not _resolved(recorder, rows, signal, low_pass, reach, jumps=jumps):
+        # What a filter makes of the jump at contact is not linear in when that was.
+        usable &= recorded.start[:, None] + recorded.time_s >= (first + latest + settled)[:, None]
     for wrong, words in (
         (recorded.uneven.any() or signal.uneven.any(), "times are uneven"),
         (signal.clipped.any(), "the deceleration is clipped"),
@@ -284,9 +290,8 @@ def _resolved(
     """Whether what the force's low-pass makes of an impact is linear in the moment of contact in each cell.
 
     Behind an analog filter it is where cells are as narrow as `ContactCells` has them. A digital one knows
-    nothing of what happens between two samples, and none of the decelerations' cells has a sample of the
-    force inside where both have the same
-    times. Arguments as of `prepared_force`.
+    nothing of what happens between two samples, and where both channels have the same times, no cell has one
+    of the force's inside. Arguments as of `prepared_force`.
     """
     if not reach:
         return False

@@ -220,7 +220,7 @@ class RecordedForce(Table):
     recorder: RecorderSettings | None = Field(
         default=None,
         description="a table [recording.force.recorder] with the keys of [recorder]: the force's own "
-        "low-pass, whose noise is that of [recorder].",
+        "low-pass. Noise enters as it says there.",
     )
 
 
