@@ -92,8 +92,8 @@ def test_without_it_the_velocity_tells_it_as_well_as_it_is_known() -> None:
 def test_with_a_velocity_that_is_hardly_known_it_is_what_its_prior_says_and_that_is_said() -> None:
     made = campaign(masses=(0.5,), moves=0.05, plate=False)
     unsure = replace(made.dataset("moving"), uncertainty=Uncertainty(0.002, 0.45, 0.03, 0.0))
-    # Along the bent ridge of m and K the chains need more transitions than any: what is said does not wait.
-    hardly = bt.fit(unsure, {"like": "moving_mass", "sampler": {"chains": 2, "transitions": 4000}}, seed=1)
+    # Along the bent ridge of m and K the chains may not pass.
+    hardly = bt.fit(unsure, SHORT, seed=1)
     added = hardly.diagnostics["added_mass"]
     assert not added["passed"]
     assert added["overlap"] > 0.5

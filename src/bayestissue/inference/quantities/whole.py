@@ -19,8 +19,8 @@ class Whole(NamedTuple):
     Attributes:
         x: depth at the samples, and from the first one past the greatest depth on that depth [m].
         v: velocity there, 0 from then on [m/s].
-        force: of the tissue there [N]: M a, a being the whole deceleration, or (M + m) a - m g where m moves
-            along.
+        force: of the tissue there [N]: M a, a being the whole deceleration; where m moves along
+            (M + m) a - m g.
         peak: greatest depth [m].
         time: from contact to it [s].
         greatest: force on the impactor [N], within what was recorded.
