@@ -110,12 +110,14 @@ class ElementPrior(Table):
     """Of one parameter of a mechanical element besides K and C, on the log scale.
 
     ``log`` is the mean over impacts of its log, ``spread`` the standard deviation between impacts.
+
+    Attributes:
+        log: mean over impacts of the log of the parameter.
+        spread: standard deviation of that log between impacts.
     """
 
-    log: Normal = Field(description="mean over impacts of the log of the parameter.")
-    spread: Scale = Field(
-        default=half_normal(0.2), description="standard deviation of that log between impacts."
-    )
+    log: Normal
+    spread: Scale = half_normal(0.2)
 
 
 # Of a group term for which a model file says nothing.
@@ -144,114 +146,74 @@ class Priors(Table):
     """Every prior of the hierarchy; each has a default that a model file may replace.
 
     All are on the log scale of K (N/m) and C (N s/m).
+
+    Attributes:
+        intercept: log K (K in N/m) and log C (C in N s/m) at the reference mass.
+        mass_exponent: slopes of log K and log C on log mass.
+        covariate: change of log K and log C for one standard deviation of any other covariate.
+        sd_subject: standard deviation between people.
+        sd_trial: standard deviation between conditions beyond what the covariates explain.
+        sd_group: standard deviation between the levels of another group term, by its name, such as
+            "subject:side".
+        sd_slope: standard deviation of a slope between levels, by its name, such as "log(mass_kg)|subject":
+            of the mass exponent, or of the change for one standard deviation of another covariate.
+        sd_impact: standard deviation between the impacts of one person in one condition.
+        residual_correlation: correlation of the deviations of log K and log C of one impact.
+        noise: mean over impacts of the log of the noise's standard deviation as a fraction of the trace's
+            peak.
+        sd_noise: standard deviation between impacts of the log noise.
+        atanh_theta1: mean over impacts of artanh theta1, the moving-average coefficient. Of the likelihood
+            arma.
+        sd_atanh_theta1: standard deviation between impacts of artanh theta1.
+        atanh_noise_correlation: mean over impacts of artanh of the noise's correlation from sample to sample.
+            Of noise = "autoregressive".
+        sd_atanh_noise_correlation: standard deviation between impacts of that.
+        discrepancy: mean over impacts of the log of the rms of the force beside the element's, as a fraction
+            of the trace's peak.
+        sd_discrepancy: standard deviation between impacts of that.
+        noise_force: mean over impacts of the log of the standard deviation of a force's noise, over mass, as
+            a fraction of the deceleration's peak. Of a dataset with a force beside the deceleration, as the
+            next three.
+        sd_noise_force: standard deviation between impacts of that.
+        roughness: mean over impacts of the log of how rough a driven motion is: of the intensity of its jerk,
+            over the greatest displacement and with the window as unit of time. Of the likelihood driven.
+        sd_roughness: standard deviation between impacts of that.
+        log_force_ratio: mean over impacts of the log of force over mass times deceleration, the errors of all
+            masses and of both gains together; what the dataset declares of these divides it.
+        sd_log_force_ratio: standard deviation between impacts of that.
+        element: the further parameters of a mechanical element, by name: log, the mean over impacts of a
+            parameter's log, and spread, the standard deviation between impacts. A parameter with a formula of
+            its own is in mass_exponent, covariate and sd_* too, but for sd_impact.
     """
 
     def __hash__(self) -> int:
         # That of pydantic would ask the mapping of elements for one.
         return hash(self.model_dump_json())
 
-    intercept: PairOfLocations = Field(
-        default=PairOfLocations(K=normal(5.0, 3.0), C=normal(2.0, 3.0)),
-        description="log K (K in N/m) and log C (C in N s/m) at the reference mass.",
-    )
-    mass_exponent: Locations = Field(
-        default=Locations(K=normal(0.5, 1.0), C=normal(0.5, 1.0)),
-        description="slopes of log K and log C on log mass.",
-    )
-    covariate: Locations = Field(
-        default=Locations(K=normal(0.0, 0.5), C=normal(0.0, 0.5)),
-        description="change of log K and log C for one standard deviation of any other covariate.",
-    )
-    sd_subject: Scales = Field(
-        default=Scales(K=half_normal(0.5), C=half_normal(0.5)),
-        description="standard deviation between people.",
-    )
-    sd_trial: Scales = Field(
-        default=Scales(K=half_normal(0.5), C=half_normal(0.5)),
-        description="standard deviation between conditions beyond what the covariates explain.",
-    )
-    sd_group: dict[str, Scales] = Field(
-        default={},
-        description="standard deviation between the levels of another group term, by its name, such as "
-        '"subject:side".',
-    )
-    sd_slope: dict[str, Scales] = Field(
-        default={},
-        description="standard deviation of a slope between levels, by its name, such as "
-        '"log(mass_kg)|subject": of the mass exponent, or of the change for one standard deviation of '
-        "another covariate.",
-    )
-    sd_impact: PairOfScales = Field(
-        default=PairOfScales(K=half_normal(0.5), C=half_normal(1.0)),
-        description="standard deviation between the impacts of one person in one condition.",
-    )
-    residual_correlation: Correlation = Field(
-        default=Correlation(distribution="lkj", concentration=2.0),
-        description="correlation of the deviations of log K and log C of one impact.",
-    )
-    noise: Normal = Field(
-        default=normal(-10.0, 5.0),
-        description="mean over impacts of the log of the noise's standard deviation as a fraction of the "
-        "trace's peak.",
-    )
-    sd_noise: Scale = Field(
-        default=half_normal(1.0), description="standard deviation between impacts of the log noise."
-    )
-    atanh_theta1: Normal = Field(
-        default=normal(0.0, 1.5),
-        description="mean over impacts of artanh theta1, the moving-average coefficient. Of the likelihood "
-        "arma.",
-    )
-    sd_atanh_theta1: Scale = Field(
-        default=half_normal(0.5), description="standard deviation between impacts of artanh theta1."
-    )
-    atanh_noise_correlation: Normal = Field(
-        default=normal(0.0, 1.0),
-        description="mean over impacts of artanh of the noise's correlation from sample to sample. Of "
-        'noise = "autoregressive".',
-    )
-    sd_atanh_noise_correlation: Scale = Field(
-        default=half_normal(0.3), description="standard deviation between impacts of that."
-    )
-    discrepancy: Normal = Field(
-        default=normal(-4.0, 2.0),
-        description="mean over impacts of the log of the rms of the force beside the element's, as a "
-        "fraction of the trace's peak.",
-    )
-    sd_discrepancy: Scale = Field(
-        default=half_normal(1.0), description="standard deviation between impacts of that."
-    )
-    noise_force: Normal = Field(
-        default=normal(-10.0, 5.0),
-        description="mean over impacts of the log of the standard deviation of a force's noise, over mass, "
-        "as a fraction of the deceleration's peak. Of a dataset with a force beside the deceleration, as the "
-        "next three.",
-    )
-    sd_noise_force: Scale = Field(
-        default=half_normal(1.0), description="standard deviation between impacts of that."
-    )
-    roughness: Normal = Field(
-        default=normal(2.0, 2.0),
-        description="mean over impacts of the log of how rough a driven motion is: of the intensity of its "
-        "jerk, over the greatest displacement and with the window as unit of time. Of the likelihood driven.",
-    )
-    sd_roughness: Scale = Field(
-        default=half_normal(1.0), description="standard deviation between impacts of that."
-    )
-    log_force_ratio: Normal = Field(
-        default=normal(0.0, 0.3),
-        description="mean over impacts of the log of force over mass times deceleration, the errors of all "
-        "masses and of both gains together; what the dataset declares of these divides it.",
-    )
-    sd_log_force_ratio: Scale = Field(
-        default=half_normal(0.03), description="standard deviation between impacts of that."
-    )
-    element: dict[str, ElementPrior] = Field(
-        default={},
-        description="the further parameters of a mechanical element, by name: log, the mean over impacts "
-        "of a parameter's log, and spread, the standard deviation between impacts. A parameter with a "
-        "formula of its own is in mass_exponent, covariate and sd_* too, but for sd_impact.",
-    )
+    intercept: PairOfLocations = PairOfLocations(K=normal(5.0, 3.0), C=normal(2.0, 3.0))
+    mass_exponent: Locations = Locations(K=normal(0.5, 1.0), C=normal(0.5, 1.0))
+    covariate: Locations = Locations(K=normal(0.0, 0.5), C=normal(0.0, 0.5))
+    sd_subject: Scales = Scales(K=half_normal(0.5), C=half_normal(0.5))
+    sd_trial: Scales = Scales(K=half_normal(0.5), C=half_normal(0.5))
+    sd_group: dict[str, Scales] = Field(default_factory=dict)
+    sd_slope: dict[str, Scales] = Field(default_factory=dict)
+    sd_impact: PairOfScales = PairOfScales(K=half_normal(0.5), C=half_normal(1.0))
+    residual_correlation: Correlation = Correlation(distribution="lkj", concentration=2.0)
+    noise: Normal = normal(-10.0, 5.0)
+    sd_noise: Scale = half_normal(1.0)
+    atanh_theta1: Normal = normal(0.0, 1.5)
+    sd_atanh_theta1: Scale = half_normal(0.5)
+    atanh_noise_correlation: Normal = normal(0.0, 1.0)
+    sd_atanh_noise_correlation: Scale = half_normal(0.3)
+    discrepancy: Normal = normal(-4.0, 2.0)
+    sd_discrepancy: Scale = half_normal(1.0)
+    noise_force: Normal = normal(-10.0, 5.0)
+    sd_noise_force: Scale = half_normal(1.0)
+    roughness: Normal = normal(2.0, 2.0)
+    sd_roughness: Scale = half_normal(1.0)
+    log_force_ratio: Normal = normal(0.0, 0.3)
+    sd_log_force_ratio: Scale = half_normal(0.03)
+    element: dict[str, ElementPrior] = Field(default_factory=dict)
 
     def further(self) -> tuple[str, ...]:
         """The keys of priors of further parameters' effects: ``priors.sd_subject.thickness_m``."""

@@ -41,17 +41,18 @@ class Formulas(BaseModel):
     In the notation of R and formulae. Of K and C one left out is
     `bayestissue.hierarchy.formulas.formula.DEFAULT_FORMULA` less what the data can't tell; any other is "1".
     Iterates over pairs of name and formula.
+
+    Attributes:
+        K: of log K. Left out: log(mass_kg) + (1|subject) + (1|trial), without the terms that the data can't
+            determine.
+        C: of log C, as of log K.
     """
 
     model_config = ConfigDict(extra="allow", frozen=True)
     __pydantic_extra__: dict[str, str] = Field(init=False)
 
-    K: str | None = Field(
-        default=None,
-        description="of log K. Left out: log(mass_kg) + (1|subject) + (1|trial), without the terms that the "
-        "data can't determine.",
-    )
-    C: str | None = Field(default=None, description="of log C, as of log K.")
+    K: str | None = None
+    C: str | None = None
 
     @property
     def further(self) -> tuple[str, ...]:
@@ -65,15 +66,15 @@ class Formulas(BaseModel):
 
 
 class PracticalEquivalence(Table):
-    """How near a mass exponent, or a ratio, must be to a hypothesis to count as equal to it in practice."""
+    """How near a mass exponent, or a ratio, must be to a hypothesis to count as equal to it in practice.
 
-    mass_exponent: Annotated[float, Field(gt=0, lt=0.5)] = Field(
-        default=0.1, description="a mass exponent so near to 0, or to 1, counts as equal to it."
-    )
-    ratio: Annotated[float, Field(gt=0, lt=1)] = Field(
-        default=0.1,
-        description="of a comparison, as of left over right: from 1 / (1 + ratio) to 1 + ratio counts as 1.",
-    )
+    Attributes:
+        mass_exponent: a mass exponent so near to 0, or to 1, counts as equal to it.
+        ratio: of a comparison, as of left over right: from 1 / (1 + ratio) to 1 + ratio counts as 1.
+    """
+
+    mass_exponent: Annotated[float, Field(gt=0, lt=0.5)] = 0.1
+    ratio: Annotated[float, Field(gt=0, lt=1)] = 0.1
 
 
 # Of a sampler that there was: read, without effect.
@@ -81,24 +82,20 @@ _OF_AN_EARLIER_SAMPLER = ("warmup", "thinning", "target_accept", "max_tree_depth
 
 
 class Sampler(Table):
-    """Of the Markov chains that draw from the posterior."""
+    """Of the Markov chains that draw from the posterior.
 
-    chains: Annotated[int, Field(ge=2, le=64)] = Field(
-        default=4, description="independent chains, which convergence is judged by."
-    )
-    draws: Annotated[int, Field(ge=100, le=100_000)] = Field(
-        default=1000, description="draws of a chain that are kept, at most."
-    )
-    effective: Annotated[int, Field(ge=50, le=100_000)] = Field(
-        default=400,
-        description="effective draws of every quantity, in its middle and its tails, with which the chains "
-        "end.",
-    )
-    transitions: Annotated[int, Field(ge=100, le=10_000_000)] = Field(
-        default=40_000,
-        description="transitions of a chain after its warm-up, at most: where they do not suffice, the run "
-        "says so.",
-    )
+    Attributes:
+        chains: independent chains, which convergence is judged by.
+        draws: draws of a chain that are kept, at most.
+        effective: effective draws of every quantity, in its middle and its tails, with which the chains end.
+        transitions: transitions of a chain after its warm-up, at most: where they do not suffice, the run
+            says so.
+    """
+
+    chains: Annotated[int, Field(ge=2, le=64)] = 4
+    draws: Annotated[int, Field(ge=100, le=100_000)] = 1000
+    effective: Annotated[int, Field(ge=50, le=100_000)] = 400
+    transitions: Annotated[int, Field(ge=100, le=10_000_000)] = 40_000
     _ignored: tuple[str, ...] = PrivateAttr(())
 
     @model_validator(mode="wrap")
@@ -117,77 +114,66 @@ class Sampler(Table):
 
 
 class Comparison(Table):
-    """Other explanations of the same data: a name and the formula that takes both responses' place."""
+    """Other explanations of the same data: a name and the formula that takes both responses' place.
 
-    formulas: dict[str, str] = Field(
-        default={}, description="a name and the formula of it each. Of published estimates alone."
-    )
+    Attributes:
+        formulas: a name and the formula of it each. Of published estimates alone.
+    """
+
+    formulas: dict[str, str] = Field(default_factory=dict)
 
 
 class ModelSpecification(Table):
-    """A whole model file; ``bayestissue model NAME`` prints commented ones."""
+    """A whole model file; ``bayestissue model NAME`` prints commented ones.
 
-    name: Annotated[str, Field(min_length=1)] = Field(
-        description="what pages and tables call the model; of a file that leaves it out, the file's own."
-    )
-    description: str = Field(default="", description="free text, shown on the page.")
-    likelihood: Likelihood = Field(
-        description="what of a recording is modelled. impact: the deceleration of a mass on an element, "
-        "seen through the measuring chain. arma: the displacement as an ARMA(2,1). a2: the displacement as "
-        "a sampled second-order process. driven: displacement and force together, of tissue that no free "
-        "mass meets (motion.free = false). published-estimates: printed K and C, of `bayestissue reproduce` "
-        "alone.",
-    )
+    Attributes:
+        name: what pages and tables call the model; of a file that leaves it out, the file's own.
+        description: free text, shown on the page.
+        likelihood: what of a recording is modelled. impact: the deceleration of a mass on an element, seen
+            through the measuring chain. arma: the displacement as an ARMA(2,1). a2: the displacement as a
+            sampled second-order process. driven: displacement and force together, of tissue that no free mass
+            meets (motion.free = false). published-estimates: printed K and C, of `bayestissue reproduce`
+            alone.
+        signal: how a displacement is made from the recording, and which part of it is used.
+        discrepancy: a smooth force of unknown shape beside the element's. automatic: where the residuals of a
+            fit without it are plainly structured. Of the likelihoods impact and driven alone.
+        noise: of the recorder. autoregressive: of first order, with no discrepancy beside it. Of the impact
+            likelihood alone.
+        reference_mass_kg: the mass that K and C of people are given at. Left out: the geometric mean of the
+            impacts' masses.
+        formula: what log K and log C depend on, in the notation of R; also the log of an element's further
+            parameter, by its name.
+        residual_correlation: whether the deviations of log K and log C of one impact are correlated.
+        mass_error: impact: every impact's mass has an error of its own. subject: the mass is a person's, such
+            as an effective mass, and its error the same in all of the person's impacts.
+        priors: what is believed before the data are seen, on the log scale.
+        practical_equivalence: which differences count as none in practice.
+        comparison: other explanations of the same data.
+        questions: asked of the finished fit, by a name each, as `bayestissue ask` asks them. Of fits of
+            traces alone.
+        sampler: how draws of the posterior are made.
+    """
+
+    name: Annotated[str, Field(min_length=1)]
+    description: str = ""
+    likelihood: Likelihood
     element: str = Field(
         default=SIDE_BY_SIDE,
         description=f"what the impactor meets: {', '.join(element_names())}. Of the likelihoods impact "
         "and driven alone.",
     )
-    signal: SignalOptions = Field(
-        default=SignalOptions(),
-        description="how a displacement is made from the recording, and which part of it is used.",
-    )
-    discrepancy: Discrepancy = Field(
-        default="automatic",
-        description="a smooth force of unknown shape beside the element's. automatic: where the residuals of "
-        "a fit without it are plainly structured. Of the likelihoods impact and driven alone.",
-    )
-    noise: Noise = Field(
-        default="white",
-        description="of the recorder. autoregressive: of first order, with no discrepancy beside it. Of the "
-        "impact likelihood alone.",
-    )
-    reference_mass_kg: Annotated[float, Field(gt=0)] | None = Field(
-        default=None,
-        description="the mass that K and C of people are given at. Left out: the geometric mean of the "
-        "impacts' masses.",
-    )
-    formula: Formulas = Field(
-        default=Formulas(),
-        description="what log K and log C depend on, in the notation of R; also the log of an element's "
-        "further parameter, by its name.",
-    )
-    residual_correlation: bool = Field(
-        default=True, description="whether the deviations of log K and log C of one impact are correlated."
-    )
-    mass_error: Literal["impact", "subject"] = Field(
-        default="impact",
-        description="impact: every impact's mass has an error of its own. subject: the mass is a person's, "
-        "such as an effective mass, and its error the same in all of the person's impacts.",
-    )
-    priors: Priors = Field(
-        default=Priors(), description="what is believed before the data are seen, on the log scale."
-    )
-    practical_equivalence: PracticalEquivalence = Field(
-        default=PracticalEquivalence(), description="which differences count as none in practice."
-    )
-    comparison: Comparison = Field(default=Comparison(), description="other explanations of the same data.")
-    questions: dict[str, str] = Field(
-        default={},
-        description="asked of the finished fit, by a name each, as `bayestissue ask` asks them. Of fits of "
-        "traces alone.",
-    )
-    sampler: Sampler = Field(default=Sampler(), description="how draws of the posterior are made.")
+    signal: SignalOptions = SignalOptions()
+    discrepancy: Discrepancy = "automatic"
+    noise: Noise = "white"
+    reference_mass_kg: Annotated[float, Field(gt=0)] | None = None
+    formula: Formulas = Formulas()
+    residual_correlation: bool = True
+    mass_error: Literal["impact", "subject"] = "impact"
+    priors: Priors = Priors()
+    practical_equivalence: PracticalEquivalence = PracticalEquivalence()
+    comparison: Comparison = Comparison()
+    questions: dict[str, str] = Field(default_factory=dict)
+    sampler: Sampler = Sampler()
 
     @model_validator(mode="before")
     @classmethod

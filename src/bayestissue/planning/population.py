@@ -68,45 +68,32 @@ class Population(Table):
     """The table ``[population]``: the keys of a model file's ``[priors]``, each a distribution or a number.
 
     All are on the log scale of K (N/m) and C (N s/m), at the reference mass of the analysis.
+
+    Attributes:
+        intercept: log K and log C of a typical person.
+        mass_exponent: slopes of log K and log C on log mass.
+        covariate: change of log K and log C for one standard deviation of any other covariate, but for those
+            in effects.
+        effects: the same of single covariates, in the covariate's own unit, by response and name:
+            [population.effects.K] with "side[right]" = 0.1.
+        sd_subject: standard deviation between people.
+        sd_trial: standard deviation between conditions beyond what the covariates explain.
+        sd_group: of another group term, by its name, such as "subject:side".
+        sd_slope: of a slope between levels, such as "log(mass_kg)|subject".
+        sd_impact: standard deviation between the impacts of one person in one condition.
+        residual_correlation: correlation of the deviations of one impact.
     """
 
-    intercept: Pair[Belief] = Field(
-        default=Pair[Belief](K=normal(math.log(3000), 0.4), C=normal(math.log(25), 0.4)),
-        description="log K and log C of a typical person.",
-    )
-    mass_exponent: Responses[Belief] = Field(
-        default=_alike(normal(0.5, 0.5)), description="slopes of log K and log C on log mass."
-    )
-    covariate: Responses[Belief] = Field(
-        default=_alike(normal(0.0, 0.15)),
-        description="change of log K and log C for one standard deviation of any other covariate, but for "
-        "those in effects.",
-    )
-    effects: dict[str, dict[str, Belief]] = Field(
-        default={},
-        description="the same of single covariates, in the covariate's own unit, by response and name: "
-        '[population.effects.K] with "side[right]" = 0.1.',
-    )
-    sd_subject: Responses[Belief] = Field(
-        default=_alike(half_normal(0.3)), description="standard deviation between people."
-    )
-    sd_trial: Responses[Belief] = Field(
-        default=_alike(half_normal(0.05)),
-        description="standard deviation between conditions beyond what the covariates explain.",
-    )
-    sd_group: dict[str, Responses[Belief]] = Field(
-        default={}, description='of another group term, by its name, such as "subject:side".'
-    )
-    sd_slope: dict[str, Responses[Belief]] = Field(
-        default={}, description='of a slope between levels, such as "log(mass_kg)|subject".'
-    )
-    sd_impact: Responses[Belief] = Field(
-        default=_alike(half_normal(0.1)),
-        description="standard deviation between the impacts of one person in one condition.",
-    )
-    residual_correlation: Belief = Field(
-        default=Known(value=0.0), description="correlation of the deviations of one impact."
-    )
+    intercept: Pair[Belief] = Pair[Belief](K=normal(math.log(3000), 0.4), C=normal(math.log(25), 0.4))
+    mass_exponent: Responses[Belief] = _alike(normal(0.5, 0.5))
+    covariate: Responses[Belief] = _alike(normal(0.0, 0.15))
+    effects: dict[str, dict[str, Belief]] = Field(default_factory=dict)
+    sd_subject: Responses[Belief] = _alike(half_normal(0.3))
+    sd_trial: Responses[Belief] = _alike(half_normal(0.05))
+    sd_group: dict[str, Responses[Belief]] = Field(default_factory=dict)
+    sd_slope: dict[str, Responses[Belief]] = Field(default_factory=dict)
+    sd_impact: Responses[Belief] = _alike(half_normal(0.1))
+    residual_correlation: Belief = Known(value=0.0)
 
     def by_name(self) -> dict[str, Any]:
         """Of every top-level parameter, by its name: ``intercept_K``, ``sd_subject_side_C``."""

@@ -57,13 +57,14 @@ Share = Annotated[float, Field(ge=0, lt=1)]
 
 
 class PlannedFactor(Factor):
-    """The same, or a group that each person belongs to, such as a sex."""
+    """The same, or a group that each person belongs to, such as a sex.
 
-    of_people: bool = Field(
-        default=False,
-        description="whether each person belongs to one level, as to a sex; the levels then have as many "
-        "people each. Else every person is hit at every level.",
-    )
+    Attributes:
+        of_people: whether each person belongs to one level, as to a sex; the levels then have as many people
+            each. Else every person is hit at every level.
+    """
+
+    of_people: bool = False
 
     @property
     def within(self) -> bool:
@@ -78,18 +79,27 @@ def _with_noise(recording: Recording) -> Recording:
 
 
 class PlannedRecorder(Recording):
-    """A recorder to compare, with the keys of [recording]; what it leaves out is 0."""
+    """A recorder to compare, with the keys of [recording]; what it leaves out is 0.
 
-    name: Annotated[str, Field(min_length=1)] = Field(description="what tables call it.")
+    Attributes:
+        name: what tables call it.
+    """
+
+    name: Annotated[str, Field(min_length=1)]
 
     _noise = model_validator(mode="after")(_with_noise)
 
 
 class PlannedChannel(RecordedForce):
-    """A further channel, with the words of a [[channel]] of dataset.toml, its noise and its zero's error."""
+    """A further channel, with the words of a [[channel]] of dataset.toml, its noise and its zero's error.
 
-    name: Annotated[str, Field(min_length=1)] = Field(description="what tables call it, such as load cell.")
-    quantity: Literal["force"] = Field(description="what it records: force, alone.")
+    Attributes:
+        name: what tables call it, such as load cell.
+        quantity: what it records: force, alone.
+    """
+
+    name: Annotated[str, Field(min_length=1)]
+    quantity: Literal["force"]
 
     @model_validator(mode="after")
     def _noise(self) -> Self:
@@ -99,37 +109,34 @@ class PlannedChannel(RecordedForce):
 
 
 class Candidates(Table):
-    """The designs to compare: every combination of what is listed, every person in every condition."""
+    """The designs to compare: every combination of what is listed, every person in every condition.
 
-    people: Counts = Field(description="how many are recruited; of a list each is a candidate.")
-    masses_kg: Sets = Field(
-        default=(),
-        description="the masses that every person is hit by: a list of numbers is one set, a list of lists "
-        "several candidates. Left out where conditions are listed.",
-    )
-    velocities_m_s: Sets = Field(
-        default=((1.5,),), description="the velocities at contact of every mass, in the same way."
-    )
-    conditions: tuple[Condition, ...] = Field(
-        default=(),
-        description="a list of [[candidates.conditions]]: one more set of conditions, beside those of masses "
-        "and velocities, for pairs that are no full grid.",
-    )
-    repeats: Counts = Field(
-        default=(1,),
-        description="impacts of each person in each condition (and at each level of a factor); of a list "
-        "each is a candidate.",
-    )
-    factors: tuple[PlannedFactor, ...] = Field(
-        default=(), description="a list of [[candidates.factors]]: further columns, such as side or session."
-    )
-    recorders: tuple[PlannedRecorder, ...] = Field(
-        default=(),
-        description="a list of [[candidates.recorders]], each a candidate, in the place of [recording]. Of "
-        "designs that take the same minutes that of the first recorder is chosen: the cheapest stands first.",
-    )
-    lost: Share = Field(default=0.0, description="share of impacts that will give no recording.")
-    lost_people: Share = Field(default=0.0, description="share of the recruited who are never measured.")
+    Attributes:
+        people: how many are recruited; of a list each is a candidate.
+        masses_kg: the masses that every person is hit by: a list of numbers is one set, a list of lists
+            several candidates. Left out where conditions are listed.
+        velocities_m_s: the velocities at contact of every mass, in the same way.
+        conditions: a list of [[candidates.conditions]]: one more set of conditions, beside those of masses
+            and velocities, for pairs that are no full grid.
+        repeats: impacts of each person in each condition (and at each level of a factor); of a list each is a
+            candidate.
+        factors: a list of [[candidates.factors]]: further columns, such as side or session.
+        recorders: a list of [[candidates.recorders]], each a candidate, in the place of [recording]. Of
+            designs that take the same minutes that of the first recorder is chosen: the cheapest stands
+            first.
+        lost: share of impacts that will give no recording.
+        lost_people: share of the recruited who are never measured.
+    """
+
+    people: Counts
+    masses_kg: Sets = ()
+    velocities_m_s: Sets = ((1.5,),)
+    conditions: tuple[Condition, ...] = ()
+    repeats: Counts = (1,)
+    factors: tuple[PlannedFactor, ...] = ()
+    recorders: tuple[PlannedRecorder, ...] = ()
+    lost: Share = 0.0
+    lost_people: Share = 0.0
 
     @model_validator(mode="after")
     def _distinct(self) -> Self:
@@ -156,31 +163,33 @@ class Candidates(Table):
 
 
 class After(Table):
-    """A study that has begun; the candidates are then what is still to come."""
+    """A study that has begun; the candidates are then what is still to come.
 
-    run: str = Field(description="the folder of its fit, whose model is that of the plan.")
-    dataset: str = Field(description="the folder of the recordings that were fitted.")
-    again: bool = Field(
-        default=False,
-        description="whether the people are first those that were recorded, hit again; else they are new.",
-    )
+    Attributes:
+        run: the folder of its fit, whose model is that of the plan.
+        dataset: the folder of the recordings that were fitted.
+        again: whether the people are first those that were recorded, hit again; else they are new.
+    """
+
+    run: str
+    dataset: str
+    again: bool = False
 
 
 class Precision(Table):
-    """A number that is to be known well enough: half the width of its 90 % interval."""
+    """A number that is to be known well enough: half the width of its 90 % interval.
 
-    of: Annotated[str, Field(min_length=1)] = Field(
-        description='what, as a question asks it: "K[subject=new]", "mass_exponent_K", '
-        '"peak_force[mass_kg=5, velocity_m_s=2]".'
-    )
-    half_width: Positive | None = Field(
-        default=None, description="the half width to reach, in the unit of the number."
-    )
-    relative: Positive | None = Field(
-        default=None,
-        description="the half width to reach as a fraction: the square root of high over low, less 1. One of "
-        "the two is given.",
-    )
+    Attributes:
+        of: what, as a question asks it: "K[subject=new]", "mass_exponent_K", "peak_force[mass_kg=5,
+            velocity_m_s=2]".
+        half_width: the half width to reach, in the unit of the number.
+        relative: the half width to reach as a fraction: the square root of high over low, less 1. One of the
+            two is given.
+    """
+
+    of: Annotated[str, Field(min_length=1)]
+    half_width: Positive | None = None
+    relative: Positive | None = None
 
     @model_validator(mode="after")
     def _one(self) -> Self:
@@ -190,98 +199,85 @@ class Precision(Table):
 
 
 class Cost(Table):
-    """Minutes of work, by which the cheapest design is chosen."""
+    """Minutes of work, by which the cheapest design is chosen.
 
-    person_min: Minutes = Field(default=20.0, description="of a person, however often the person is hit.")
-    impact_min: Minutes = Field(default=1.0, description="of an impact.")
-    mass_change_min: Minutes = Field(
-        default=2.0, description="of a change of the mass: a person has one fewer than there are masses."
-    )
+    Attributes:
+        person_min: of a person, however often the person is hit.
+        impact_min: of an impact.
+        mass_change_min: of a change of the mass: a person has one fewer than there are masses.
+    """
+
+    person_min: Minutes = 20.0
+    impact_min: Minutes = 1.0
+    mass_change_min: Minutes = 2.0
 
 
 class Aim(Table):
-    """When a study counts as having answered, and how sure it is to be of that."""
+    """When a study counts as having answered, and how sure it is to be of that.
 
-    assurance: Annotated[float, Field(gt=0, lt=1)] = Field(
-        default=0.8, description="the probability that is wanted of a study that answers."
-    )
-    probability: Annotated[float, Field(gt=0.5, lt=1)] = Field(
-        default=0.95,
-        description="a claim is answered once its posterior probability is above this, or below 1 less this.",
-    )
-    studies: Annotated[int, Field(ge=BLOCK, le=1_000_000, multiple_of=BLOCK)] = Field(
-        default=500, description="studies that are drawn of each design."
-    )
-    seed: Annotated[int, Field(ge=0, le=runtime.MOST_SEED)] = Field(
-        default=0, description="same seed, same machine: same numbers."
-    )
+    Attributes:
+        assurance: the probability that is wanted of a study that answers.
+        probability: a claim is answered once its posterior probability is above this, or below 1 less this.
+        studies: studies that are drawn of each design.
+        seed: same seed, same machine: same numbers.
+    """
+
+    assurance: Annotated[float, Field(gt=0, lt=1)] = 0.8
+    probability: Annotated[float, Field(gt=0.5, lt=1)] = 0.95
+    studies: Annotated[int, Field(ge=BLOCK, le=1_000_000, multiple_of=BLOCK)] = 500
+    seed: Annotated[int, Field(ge=0, le=runtime.MOST_SEED)] = 0
 
 
 class PlanSpecification(Table):
-    """A whole plan file."""
+    """A whole plan file.
 
-    name: Annotated[str, Field(min_length=1)] = Field(description="what the page calls the plan.")
-    description: str = Field(default="", description="free text.")
-    model: str = Field(
-        default="impact",
-        description="the analysis: the name of a model that comes with the program, or a model file.",
-    )
-    formula: dict[str, str] = Field(
-        default={},
-        description="formulas in place of the model's, by K and C. Where neither has one it is log(mass_kg) "
-        "+ (1|subject) + (1|trial), with factor + (1|subject:factor) of each factor that a question names, "
-        "less what a design can't determine.",
-    )
-    reference_mass_kg: Positive | None = Field(
-        default=None,
-        description="the mass that K and C of [population] and of questions are at. Left out: the model's, "
-        "or 0.7.",
-    )
-    candidates: Candidates = Field(description="the designs to compare.")
-    recording: Recording = Field(
-        default=USUAL,
-        description="the measuring chain. Left out, a usual one: noise of 0.5 % of the peak, gain to 0.5 %, "
-        "zero to 0.2 m/s², velocity to 0.01 m/s, mass to 0.2 %, at 10 kHz. Where the table is written, what "
-        "it leaves out is 0.",
-    )
-    channel: Annotated[tuple[PlannedChannel, ...], Field(max_length=1)] = Field(
-        default=(),
-        description="one table [[channel]], as in dataset.toml: a force beside the deceleration. Every "
-        "design is then planned without it and with it, and an error of the mass is one of all impacts.",
-    )
-    recorder: RecorderSettings | None = Field(
-        default=None, description="a table [recorder] as in dataset.toml: a low-pass."
-    )
-    gravity: Gravity = Field(
-        default="none", description="the part of gravity along the motion, as signal.gravity of dataset.toml."
-    )
-    population: Population = Field(
-        default=Population(), description="what is believed of people and tissue before the study."
-    )
-    pilot: str | None = Field(
-        default=None,
-        description="the folder of a finished fit, whose posterior is what is believed; [population] then "
-        "says what the fit has no parameter for.",
-    )
-    after: After | None = Field(
-        default=None,
-        description="a study that has begun; model, formula, pilot and population are then its own.",
-    )
-    words: WordSettings | None = Field(
-        default=None,
-        description="what the answer and the page call people, conditions and impacts, as in dataset.toml. "
-        "Left out, they are the words of the dataset of [after], or of that of the pilot.",
-    )
-    questions: dict[str, str] = Field(
-        default={}, description="claims to be decided, by a name each, as `bayestissue ask` asks them."
-    )
-    precision: dict[str, Precision] = Field(
-        default={}, description="numbers to be known well enough, by a name each."
-    )
-    cost: Cost = Field(default=Cost(), description="minutes of work.")
-    goal: Aim = Field(
-        default=Aim(), description="what counts as answered, and how sure the study is to be of it."
-    )
+    Attributes:
+        name: what the page calls the plan.
+        description: free text.
+        model: the analysis: the name of a model that comes with the program, or a model file.
+        formula: formulas in place of the model's, by K and C. Where neither has one it is log(mass_kg) +
+            (1|subject) + (1|trial), with factor + (1|subject:factor) of each factor that a question names,
+            less what a design can't determine.
+        reference_mass_kg: the mass that K and C of [population] and of questions are at. Left out: the
+            model's, or 0.7.
+        candidates: the designs to compare.
+        recording: the measuring chain. Left out, a usual one: noise of 0.5 % of the peak, gain to 0.5 %, zero
+            to 0.2 m/s², velocity to 0.01 m/s, mass to 0.2 %, at 10 kHz. Where the table is written, what it
+            leaves out is 0.
+        channel: one table [[channel]], as in dataset.toml: a force beside the deceleration. Every design is
+            then planned without it and with it, and an error of the mass is one of all impacts.
+        recorder: a table [recorder] as in dataset.toml: a low-pass.
+        gravity: the part of gravity along the motion, as signal.gravity of dataset.toml.
+        population: what is believed of people and tissue before the study.
+        pilot: the folder of a finished fit, whose posterior is what is believed; [population] then says what
+            the fit has no parameter for.
+        after: a study that has begun; model, formula, pilot and population are then its own.
+        words: what the answer and the page call people, conditions and impacts, as in dataset.toml. Left out,
+            they are the words of the dataset of [after], or of that of the pilot.
+        questions: claims to be decided, by a name each, as `bayestissue ask` asks them.
+        precision: numbers to be known well enough, by a name each.
+        cost: minutes of work.
+        goal: what counts as answered, and how sure the study is to be of it.
+    """
+
+    name: Annotated[str, Field(min_length=1)]
+    description: str = ""
+    model: str = "impact"
+    formula: dict[str, str] = Field(default_factory=dict)
+    reference_mass_kg: Positive | None = None
+    candidates: Candidates
+    recording: Recording = USUAL
+    channel: Annotated[tuple[PlannedChannel, ...], Field(max_length=1)] = ()
+    recorder: RecorderSettings | None = None
+    gravity: Gravity = "none"
+    population: Population = Population()
+    pilot: str | None = None
+    after: After | None = None
+    words: WordSettings | None = None
+    questions: dict[str, str] = Field(default_factory=dict)
+    precision: dict[str, Precision] = Field(default_factory=dict)
+    cost: Cost = Cost()
+    goal: Aim = Aim()
 
     @model_validator(mode="after")
     def _asks(self) -> Self:

@@ -22,17 +22,21 @@ _COLUMNS = ("impact", "subject", "trial", *_NUMBERS, "sampling_rate_hz", "diamet
 
 
 class Condition(Table):
-    """One experimental condition; of energy, velocity and mass two are given, since E = ½MV²."""
+    """One experimental condition; of energy, velocity and mass two are given, since E = ½MV².
 
-    trial: Annotated[str, Field(min_length=1)] = Field(description="the name of the condition.")
-    mass_kg: Positive | None = Field(default=None, description="of the impactor.")
-    velocity_m_s: Positive | None = Field(default=None, description="at contact.")
-    energy_J: Positive | None = Field(
-        default=None, description="at contact, E = ½MV². Two of mass, velocity and energy are given."
-    )
-    diameter_m: Positive | None = Field(
-        default=None, description="of the impactor, for the element hunt_crossley."
-    )
+    Attributes:
+        trial: the name of the condition.
+        mass_kg: of the impactor.
+        velocity_m_s: at contact.
+        energy_J: at contact, E = ½MV². Two of mass, velocity and energy are given.
+        diameter_m: of the impactor, for the element hunt_crossley.
+    """
+
+    trial: Annotated[str, Field(min_length=1)]
+    mass_kg: Positive | None = None
+    velocity_m_s: Positive | None = None
+    energy_J: Positive | None = None
+    diameter_m: Positive | None = None
 
     @model_validator(mode="after")
     def _two_of_three(self) -> Self:
@@ -52,17 +56,18 @@ class Condition(Table):
 
 
 class Factor(Table):
-    """A further column of the impacts, such as the side that is hit or the session."""
+    """A further column of the impacts, such as the side that is hit or the session.
 
-    name: Annotated[str, Field(min_length=1)] = Field(description="the name of the column.")
-    levels: Annotated[tuple[str, ...], Field(min_length=2)] = Field(
-        description="their names, or how many there are."
-    )
-    every: bool = Field(
-        default=True,
-        description="every person in every condition at every level; else each impact at one, drawn at "
-        "random, all levels about equally often.",
-    )
+    Attributes:
+        name: the name of the column.
+        levels: their names, or how many there are.
+        every: every person in every condition at every level; else each impact at one, drawn at random, all
+            levels about equally often.
+    """
+
+    name: Annotated[str, Field(min_length=1)]
+    levels: Annotated[tuple[str, ...], Field(min_length=2)]
+    every: bool = True
 
     @field_validator("levels", mode="before")
     @classmethod
@@ -86,20 +91,20 @@ class Factor(Table):
 
 
 class Design(Table):
-    """Who is hit how: every person in every condition, as often as ``repeats`` says."""
+    """Who is hit how: every person in every condition, as often as ``repeats`` says.
 
-    conditions: Annotated[tuple[Condition, ...], Field(min_length=1)] | None = Field(
-        default=None,
-        description="a list of [[design.conditions]]; without it the nine conditions of the thesis's tables "
-        "5.10 and 5.11, with the masses printed there.",
-    )
-    subjects: Annotated[int, Field(ge=1)] = Field(default=10, description="how many people.")
-    factors: tuple[Factor, ...] = Field(
-        default=(), description="a list of [[design.factors]]: further columns, such as side or session."
-    )
-    repeats: Annotated[int, Field(ge=1)] = Field(
-        default=1, description="impacts of each person in each condition."
-    )
+    Attributes:
+        conditions: a list of [[design.conditions]]; without it the nine conditions of the thesis's tables
+            5.10 and 5.11, with the masses printed there.
+        subjects: how many people.
+        factors: a list of [[design.factors]]: further columns, such as side or session.
+        repeats: impacts of each person in each condition.
+    """
+
+    conditions: Annotated[tuple[Condition, ...], Field(min_length=1)] | None = None
+    subjects: Annotated[int, Field(ge=1)] = 10
+    factors: tuple[Factor, ...] = ()
+    repeats: Annotated[int, Field(ge=1)] = 1
 
     @model_validator(mode="after")
     def _distinct(self) -> Self:
@@ -113,13 +118,18 @@ class Design(Table):
 
 
 class Spreads(BaseModel):
-    """Standard deviations of log K, log C and the logs of the element's further parameters, by name."""
+    """Standard deviations of log K, log C and the logs of the element's further parameters, by name.
+
+    Attributes:
+        K: of log K.
+        C: of log C.
+    """
 
     model_config = ConfigDict(extra="allow", frozen=True)
     __pydantic_extra__: dict[str, Spread] = Field(init=False)
 
-    K: Spread = Field(default=0.0, description="of log K.")
-    C: Spread = Field(default=0.0, description="of log C.")
+    K: Spread = 0.0
+    C: Spread = 0.0
 
 
 class Tissue(Table):
@@ -128,46 +138,47 @@ class Tissue(Table):
     K and C are at the reference mass:
     log K = log K_N_per_m + mass_exponent_K log(M / reference_mass_kg) + subject + trial + impact effect,
     each effect normal with the standard deviation given; the same for C.
+
+    Attributes:
+        K_N_per_m: stiffness of a typical person at the reference mass.
+        C_N_s_per_m: damping of a typical person at the reference mass.
+        reference_mass_kg: the mass that K and C are stated at.
+        mass_exponent_K: slope of log K on log mass.
+        mass_exponent_C: slope of log C on log mass.
+        sd_subject_K: standard deviation of log K between people.
+        sd_subject_C: standard deviation of log C between people.
+        sd_trial_K: standard deviation of log K between conditions.
+        sd_trial_C: standard deviation of log C between conditions.
+        sd_impact_K: standard deviation of log K between the impacts of one person in one condition.
+        sd_impact_C: standard deviation of log C between the impacts of one person in one condition.
+        sd_group: standard deviations of further group terms by their names, as in
+            [tissue.sd_group."subject:side"].
+        sd_slope: standard deviations of slopes between levels, as in
+            [tissue.sd_slope."log(mass_kg)|subject"]: of the mass exponent, or of the slope on another column,
+            taken from its mean.
+        correlation: of the effects on K with those on C.
+        element: what the impactor meets, as in a model file.
+        parameters: the element's parameters besides K and C, by name.
+        sd_impact_parameters: standard deviation of their logs between impacts.
     """
 
-    K_N_per_m: Positive = Field(description="stiffness of a typical person at the reference mass.")
-    C_N_s_per_m: Positive = Field(description="damping of a typical person at the reference mass.")
-    reference_mass_kg: Positive = Field(default=0.7, description="the mass that K and C are stated at.")
-    mass_exponent_K: Finite = Field(default=0.0, description="slope of log K on log mass.")
-    mass_exponent_C: Finite = Field(default=0.0, description="slope of log C on log mass.")
-    sd_subject_K: Spread = Field(default=0.0, description="standard deviation of log K between people.")
-    sd_subject_C: Spread = Field(default=0.0, description="standard deviation of log C between people.")
-    sd_trial_K: Spread = Field(default=0.0, description="standard deviation of log K between conditions.")
-    sd_trial_C: Spread = Field(default=0.0, description="standard deviation of log C between conditions.")
-    sd_impact_K: Spread = Field(
-        default=0.0,
-        description="standard deviation of log K between the impacts of one person in one condition.",
-    )
-    sd_impact_C: Spread = Field(
-        default=0.0,
-        description="standard deviation of log C between the impacts of one person in one condition.",
-    )
-    sd_group: dict[str, Spreads] = Field(
-        default={},
-        description="standard deviations of further group terms by their names, as in "
-        '[tissue.sd_group."subject:side"].',
-    )
-    sd_slope: dict[str, Spreads] = Field(
-        default={},
-        description="standard deviations of slopes between levels, as in "
-        '[tissue.sd_slope."log(mass_kg)|subject"]: of the mass exponent, or of the slope on another '
-        "column, taken from its mean.",
-    )
-    correlation: Annotated[float, Field(ge=-1, le=1)] = Field(
-        default=0.0, description="of the effects on K with those on C."
-    )
-    element: str = Field(default="kelvin_voigt", description="what the impactor meets, as in a model file.")
-    parameters: dict[str, Positive] = Field(
-        default={}, description="the element's parameters besides K and C, by name."
-    )
-    sd_impact_parameters: Spread = Field(
-        default=0.0, description="standard deviation of their logs between impacts."
-    )
+    K_N_per_m: Positive
+    C_N_s_per_m: Positive
+    reference_mass_kg: Positive = 0.7
+    mass_exponent_K: Finite = 0.0
+    mass_exponent_C: Finite = 0.0
+    sd_subject_K: Spread = 0.0
+    sd_subject_C: Spread = 0.0
+    sd_trial_K: Spread = 0.0
+    sd_trial_C: Spread = 0.0
+    sd_impact_K: Spread = 0.0
+    sd_impact_C: Spread = 0.0
+    sd_group: dict[str, Spreads] = Field(default_factory=dict)
+    sd_slope: dict[str, Spreads] = Field(default_factory=dict)
+    correlation: Annotated[float, Field(ge=-1, le=1)] = 0.0
+    element: str = "kelvin_voigt"
+    parameters: dict[str, Positive] = Field(default_factory=dict)
+    sd_impact_parameters: Spread = 0.0
 
     def spreads(self) -> dict[GroupTerm, Spreads]:
         """The further group terms and their spreads."""
@@ -194,34 +205,27 @@ class RecordedForce(Table):
     """A force that is recorded beside the deceleration, at the same samples.
 
     A low-pass of the decelerations is not one of the force, whose own acts before its gain and limit.
+
+    Attributes:
+        place: as of a [[channel]] of dataset.toml: impactor, or base (below the tissue).
+        tip_mass_kg: of the true mass, what lies between an impactor's sensor and the tissue.
+        noise_sd_N: standard deviation of its noise.
+        noise_relative_to_peak: the same as a fraction of the force's peak; variances add up.
+        offset_sd_N: standard deviation of its zero, another in every impact.
+        relative_gain_sd: standard deviation of its sensitivity, as a fraction of it; one for all impacts.
+        limit_N: the sensor clips beyond this, either way; left out, it does not.
+        recorder: a table [recording.force.recorder] with the keys of [recorder]: the force's own low-pass.
+            Noise enters as it says there.
     """
 
-    place: Place = Field(
-        default="impactor",
-        description="as of a [[channel]] of dataset.toml: impactor, or base (below the tissue).",
-    )
-    tip_mass_kg: Spread = Field(
-        default=0.0, description="of the true mass, what lies between an impactor's sensor and the tissue."
-    )
-    noise_sd_N: Spread = Field(default=0.0, description="standard deviation of its noise.")
-    noise_relative_to_peak: Spread = Field(
-        default=0.0, description="the same as a fraction of the force's peak; variances add up."
-    )
-    offset_sd_N: Spread = Field(
-        default=0.0, description="standard deviation of its zero, another in every impact."
-    )
-    relative_gain_sd: Annotated[float, Field(ge=0, lt=0.3)] = Field(
-        default=0.0,
-        description="standard deviation of its sensitivity, as a fraction of it; one for all impacts.",
-    )
-    limit_N: Positive | None = Field(
-        default=None, description="the sensor clips beyond this, either way; left out, it does not."
-    )
-    recorder: RecorderSettings | None = Field(
-        default=None,
-        description="a table [recording.force.recorder] with the keys of [recorder]: the force's own "
-        "low-pass. Noise enters as it says there.",
-    )
+    place: Place = "impactor"
+    tip_mass_kg: Spread = 0.0
+    noise_sd_N: Spread = 0.0
+    noise_relative_to_peak: Spread = 0.0
+    offset_sd_N: Spread = 0.0
+    relative_gain_sd: Annotated[float, Field(ge=0, lt=0.3)] = 0.0
+    limit_N: Positive | None = None
+    recorder: RecorderSettings | None = None
 
 
 class Recording(Table):
@@ -230,45 +234,39 @@ class Recording(Table):
     What is recorded of mass and velocity is the design's; the true values scatter about it. The recorder
     samples at a phase of its own, so that contact falls anywhere within a sampling interval, unless it is
     triggered.
+
+    Attributes:
+        sampling_rate_hz: samples in a second.
+        before_contact_s: how long before contact a recording begins.
+        contact: between samples, anywhere, or on_sample: at a sample in every recording, which then holds the
+            jump of the force.
+        after_contact_s: how long it goes on after the tissue has stopped pushing.
+        noise_sd_m_s2: standard deviation of the noise.
+        noise_relative_to_peak: the same as a fraction of the impact's peak; variances add up.
+        offset_sd_m_s2: standard deviation of the recorder's zero.
+        relative_gain_sd: standard deviation of the sensitivity, as a fraction of it.
+        velocity_sd_m_s: standard deviation of the velocity at contact about the stated one.
+        relative_mass_sd: standard deviation of the mass about the stated one, as a fraction of it.
+        mass_factor: what all stated masses are to be multiplied by: 1.1 makes them 10 % too small.
+        force: a table [recording.force]: a force beside the deceleration.
+        range_m_s2: the recorder clips beyond this, either way; left out, it does not.
+        bits: the range has 2 to this power steps; left out, it has none.
     """
 
-    sampling_rate_hz: Positive = Field(default=10_000.0, description="samples in a second.")
-    before_contact_s: Spread = Field(default=0.01, description="how long before contact a recording begins.")
-    contact: Contact = Field(
-        default="between",
-        description="between samples, anywhere, or on_sample: at a sample in every recording, which then "
-        "holds the jump of the force.",
-    )
-    after_contact_s: Spread = Field(
-        default=0.01, description="how long it goes on after the tissue has stopped pushing."
-    )
-    noise_sd_m_s2: Spread = Field(default=0.0, description="standard deviation of the noise.")
-    noise_relative_to_peak: Spread = Field(
-        default=0.0, description="the same as a fraction of the impact's peak; variances add up."
-    )
-    offset_sd_m_s2: Spread = Field(default=0.0, description="standard deviation of the recorder's zero.")
-    relative_gain_sd: Annotated[float, Field(ge=0, lt=0.3)] = Field(
-        default=0.0, description="standard deviation of the sensitivity, as a fraction of it."
-    )
-    velocity_sd_m_s: Spread = Field(
-        default=0.0, description="standard deviation of the velocity at contact about the stated one."
-    )
-    relative_mass_sd: Annotated[float, Field(ge=0, lt=0.3)] = Field(
-        default=0.0, description="standard deviation of the mass about the stated one, as a fraction of it."
-    )
-    mass_factor: Positive = Field(
-        default=1.0,
-        description="what all stated masses are to be multiplied by: 1.1 makes them 10 % too small.",
-    )
-    force: RecordedForce | None = Field(
-        default=None, description="a table [recording.force]: a force beside the deceleration."
-    )
-    range_m_s2: Positive | None = Field(
-        default=None, description="the recorder clips beyond this, either way; left out, it does not."
-    )
-    bits: Annotated[int, Field(ge=6, le=32)] | None = Field(
-        default=None, description="the range has 2 to this power steps; left out, it has none."
-    )
+    sampling_rate_hz: Positive = 10_000.0
+    before_contact_s: Spread = 0.01
+    contact: Contact = "between"
+    after_contact_s: Spread = 0.01
+    noise_sd_m_s2: Spread = 0.0
+    noise_relative_to_peak: Spread = 0.0
+    offset_sd_m_s2: Spread = 0.0
+    relative_gain_sd: Annotated[float, Field(ge=0, lt=0.3)] = 0.0
+    velocity_sd_m_s: Spread = 0.0
+    relative_mass_sd: Annotated[float, Field(ge=0, lt=0.3)] = 0.0
+    mass_factor: Positive = 1.0
+    force: RecordedForce | None = None
+    range_m_s2: Positive | None = None
+    bits: Annotated[int, Field(ge=6, le=32)] | None = None
 
     @model_validator(mode="after")
     def _range_of_bits(self) -> Self:
@@ -288,15 +286,17 @@ def require_samples_to_filter(recorder: RecorderSettings | None, recording: Reco
 
 
 class Output(Table):
-    """The trace file."""
+    """The trace file.
 
-    traces: Literal["csv", "csv.gz", "parquet"] = Field(
-        default="csv.gz", description="the format of the table of samples."
-    )
-    float32: bool = Field(default=False, description="values in single precision; of parquet alone.")
-    decimals: Annotated[int, Field(ge=0, le=15)] | None = Field(
-        default=None, description="decimals of the recorded m/s²; all digits unless given."
-    )
+    Attributes:
+        traces: the format of the table of samples.
+        float32: values in single precision; of parquet alone.
+        decimals: decimals of the recorded m/s²; all digits unless given.
+    """
+
+    traces: Literal["csv", "csv.gz", "parquet"] = "csv.gz"
+    float32: bool = False
+    decimals: Annotated[int, Field(ge=0, le=15)] | None = None
 
     @model_validator(mode="after")
     def _single_precision(self) -> Self:
@@ -306,45 +306,51 @@ class Output(Table):
 
 
 class Phantom(Table):
-    """A spring of known stiffness, hit in every condition as people are; a linear one with a damper."""
+    """A spring of known stiffness, hit in every condition as people are; a linear one with a damper.
 
-    K_N_per_m: Positive = Field(description="its stiffness.")
-    sd_N_per_m: Positive = Field(
-        description="how well that is known: what `impacts.csv` states is drawn with this standard deviation."
-    )
-    C_N_s_per_m: Positive = Field(description="its damping.")
-    repeats: Annotated[int, Field(ge=1)] = Field(default=1, description="impacts in each condition.")
+    Attributes:
+        K_N_per_m: its stiffness.
+        sd_N_per_m: how well that is known: what `impacts.csv` states is drawn with this standard deviation.
+        C_N_s_per_m: its damping.
+        repeats: impacts in each condition.
+    """
+
+    K_N_per_m: Positive
+    sd_N_per_m: Positive
+    C_N_s_per_m: Positive
+    repeats: Annotated[int, Field(ge=1)] = 1
 
 
 class Simulation(Table):
-    """A whole specification."""
+    """A whole specification.
 
-    name: Annotated[str, Field(min_length=1)] = Field(description="of the dataset.")
-    description: str = Field(default="", description="free text.")
-    seed: Annotated[int, Field(ge=0, le=runtime.MOST_SEED)] = Field(
-        default=0, description="same seed, same machine: same numbers."
-    )
-    design: Design = Field(default=Design(), description="who is hit how.")
-    tissue: Tissue = Field(description="a typical person's K and C, and how they vary.")
-    phantom: Phantom | None = Field(
-        default=None, description="a table [phantom]: a spring of known stiffness beside the people."
-    )
-    recording: Recording = Field(default=Recording(), description="the measuring chain.")
-    gravity: Gravity = Field(
-        default="none",
-        description="the part of gravity along the motion, as signal.gravity of dataset.toml: none, drop, or "
-        "a number of m/s². What is recorded is force over mass, 0 in free fall.",
-    )
-    headform: bool = Field(
-        default=False,
-        description="whether the impactor stands for a head, as impactor.headform of dataset.toml.",
-    )
-    recorder: RecorderSettings | None = Field(
-        default=None,
-        description="a table [recorder] as in dataset.toml: a low-pass between the sensor and the file. "
-        'Noise of the stated size enters behind it, and with noise = "before" goes through it.',
-    )
-    output: Output = Field(default=Output(), description="the trace file.")
+    Attributes:
+        name: of the dataset.
+        description: free text.
+        seed: same seed, same machine: same numbers.
+        design: who is hit how.
+        tissue: a typical person's K and C, and how they vary.
+        phantom: a table [phantom]: a spring of known stiffness beside the people.
+        recording: the measuring chain.
+        gravity: the part of gravity along the motion, as signal.gravity of dataset.toml: none, drop, or a
+            number of m/s². What is recorded is force over mass, 0 in free fall.
+        headform: whether the impactor stands for a head, as impactor.headform of dataset.toml.
+        recorder: a table [recorder] as in dataset.toml: a low-pass between the sensor and the file. Noise of
+            the stated size enters behind it, and with noise = "before" goes through it.
+        output: the trace file.
+    """
+
+    name: Annotated[str, Field(min_length=1)]
+    description: str = ""
+    seed: Annotated[int, Field(ge=0, le=runtime.MOST_SEED)] = 0
+    design: Design = Design()
+    tissue: Tissue
+    phantom: Phantom | None = None
+    recording: Recording = Recording()
+    gravity: Gravity = "none"
+    headform: bool = False
+    recorder: RecorderSettings | None = None
+    output: Output = Output()
 
     @model_validator(mode="after")
     def _has_samples_to_filter(self) -> Self:

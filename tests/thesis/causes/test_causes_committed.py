@@ -19,7 +19,7 @@ def confusion() -> pd.DataFrame:
 def test_campaigns_are_attributed_to_their_cause_or_to_one_like_it(confusion: pd.DataFrame) -> None:
     for truth, row in confusion.iterrows():
         assert row.idxmax() == truth or row[truth] > 0.9 * row.max()
-        # One way is enough: a cause of which a third of the campaigns are complete gets as much less from others.
+        # One way is enough: a cause whose campaigns are complete in a third gets as much less from others.
         alike = [other for other in row.index if row[other] > 0.2]
         assert row[[*{truth, *alike}]].sum() > 0.75
 
