@@ -86,7 +86,7 @@ def test_a_fit_holds_the_truth_and_has_no_mass(tmp_path: Path) -> None:
     assert not fit.diagnostics["model_form"]["structured"]
     for absent in ("mass", "omega_n", "zeta", "restitution", "peak_deceleration", "mass_exponent_K"):
         assert absent not in posterior
-    assert fit.ask("peak_force[impact=s00-t0-0] > 1").iloc[0]["probability"] == 1
+    assert fit.ask("peak_force[impact=s00-t0-0] > 1")["posterior"].iloc[0] == 1
     assert fit.table("levels").empty
     with pytest.raises(InputError, match="without a free mass"):
         fit.ask("peak_force[mass_kg=1, velocity_m_s=1] < 300")
@@ -106,10 +106,10 @@ def test_a_tissue_that_stiffens_is_held_by_its_element() -> None:
     posterior = fit.posterior["posterior"].dataset
     truth = truth.join(outcomes_within(study, ends_of_windows(fit)))
     for name, column in COLUMNS.items():
-        low, high = posterior[name].quantile([0.05, 0.95], ("chain", "draw")).to_numpy()
-        # K and the depth at which it has doubled err together, in all impacts by much the same.
-        least = 16 if name == "K" else 18
-        assert ((low < truth[column]) & (truth[column] < high)).sum() >= least, name
+        # K, C and the depth at which K has doubled err together, in all impacts by much the same, so that of
+        # one study wide intervals are asked for. benchmarks/driven_coverage.py counts how often others hold.
+        low, high = posterior[name].quantile([0.005, 0.995], ("chain", "draw")).to_numpy()
+        assert ((low < truth[column]) & (truth[column] < high)).sum() >= 21, name
     assert not fit.diagnostics["model_form"]["structured"]
     assert {"K_secant", "K_common_depth", "C_equivalent", "stiffening_depth_m"} <= set(posterior)
 
