@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -102,10 +103,21 @@ def test_a_channel_that_says_nothing_is_refused() -> None:
     assert "only without [after]" in begun.expected
 
 
-def test_an_analysis_that_takes_no_force_is_refused_before_any_work() -> None:
-    problem = refused(recorder={"low_pass_hz": 400.0})["channel"]
+def test_an_analysis_that_takes_no_force_is_refused_before_any_work(tmp_path: Path) -> None:
+    (model := tmp_path / "autoregressive.toml").write_text('like = "impact"\nnoise = "autoregressive"\n')
+    problem = refused(model=str(model))["channel"]
     assert problem.code == "impossible-plan"
-    assert "low-pass" in problem.expected
+    assert "autoregressive" in problem.expected
+
+
+def test_a_force_is_planned_behind_a_low_pass_too() -> None:
+    study = study_of(plan_of(PLAN | {"recorder": {"low_pass_hz": 400.0}}, "plan.toml"), "plan.toml")
+    rows, chain = study.designs[0].rows(), study.simulations[BOTH]
+    known = planner([rows], study.model_of(0), study.prior, chain, one_factor=True).information
+    conditions, people, size, _ = known.precision.shape
+    assert size == 3
+    # A mean of squares of that many standard normals.
+    assert abs(known.calibration - 1) < 3 * np.sqrt(2 / (conditions * people * size))
 
 
 def test_the_ratio_of_a_force_is_kept_and_the_rest_integrated_out() -> None:
