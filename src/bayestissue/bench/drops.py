@@ -174,11 +174,11 @@ class Drops:
             return
         ours = _flat(parse_toml(settings_text(self.campaign.content), str(path)))
         theirs = _flat(parse_toml(read_text(path, str(path)), str(path)))
-        both = {key: (ours.get(key, "nothing"), theirs.get(key, "nothing")) for key in {**ours, **theirs}}
+        pairs = {key: (ours.get(key, "nothing"), theirs.get(key, "nothing")) for key in {**ours, **theirs}}
         refuse(
-            Problem.stated("no-campaign.differs", str(path), None, key, found, other=expected)
-            for key, (expected, found) in both.items()
-            if expected != found and key not in _DESCRIPTION
+            Problem.stated("no-campaign.differs", str(path), None, key, actual, other=expected)
+            for key, (expected, actual) in pairs.items()
+            if expected != actual and key not in _DESCRIPTION
         )
 
     def _remember(self) -> None:

@@ -190,10 +190,10 @@ def certificate_of(
     against = reason_against(study.prepared)
     done = [] if against else _refitted(study, refits, seed, say, parts)
     calibration = (
-        calibration_table([each["ranks"] for each in done]) if done else table_of_rows("calibration")
+        calibration_table([refit["ranks"] for refit in done]) if done else table_of_rows("calibration")
     )
     sensitivity = fit.table("sensitivity")
-    failed = sum(not each["passed"] for each in done)
+    failed = sum(not refit["passed"] for refit in done)
     passed, words = _verdict(fit, calibration, failed, against)
     record = start.record(
         "certify",

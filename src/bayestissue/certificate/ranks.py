@@ -109,13 +109,13 @@ def calibration_table(ranks: Sequence[Mapping[str, Sequence[int]]]) -> pd.DataFr
     ``passed`` is 0 where p is small even for the least of so many quantities (Holm 1979).
     """
     judged = [judge(name, np.array([row[name] for row in ranks])) for name in ranks[0]]
-    p = np.array([each.p for each in judged])
+    p = np.array([judgement.p for judgement in judged])
     order = np.argsort(p)
     adjusted = np.empty_like(p)
     adjusted[order] = np.minimum(1, np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1)))
     rows = [
-        (*each[:2], len(ranks), *each[2:], together, int(together >= RARE))
-        for each, together in zip(judged, adjusted, strict=True)
+        (*judgement[:2], len(ranks), *judgement[2:], together, int(together >= RARE))
+        for judgement, together in zip(judged, adjusted, strict=True)
     ]
     return table_of_rows("calibration", rows)
 
@@ -151,13 +151,13 @@ def p_of_held(held: Int[np.ndarray, " refit"], elements: int, variance: float) -
     refits, rng = len(held), np.random.default_rng([len(held), elements])
     drawn = variance * (refits - 1) / rng.chisquare(refits - 1, (_STUDIES, 1))
     rho = np.clip((drawn * elements - 1) / (elements - 1), 0.0, 0.99)
-    common, own = np.sqrt(rho) * rng.standard_normal((_STUDIES, refits)), np.sqrt(1 - rho)
+    common, single = np.sqrt(rho) * rng.standard_normal((_STUDIES, refits)), np.sqrt(1 - rho)
     end = norm.isf((1 - _LEVEL) / 2)
-    share = ndtr((end - common) / own) - ndtr((-end - common) / own)
-    simulated, seen = rng.binomial(elements, share).sum(axis=1), held.sum()
-    tail = min(int((simulated <= seen).sum()), int((simulated >= seen).sum()))
+    share = ndtr((end - common) / single) - ndtr((-end - common) / single)
+    simulated, observed = rng.binomial(elements, share).sum(axis=1), held.sum()
+    tail = min(int((simulated <= observed).sum()), int((simulated >= observed).sum()))
     # Beyond all that was simulated by the normal of the same mean and standard deviation.
-    beyond = norm.sf(abs(seen - simulated.mean()) / max(simulated.std(), 0.5))
+    beyond = norm.sf(abs(observed - simulated.mean()) / max(simulated.std(), 0.5))
     return float(min(1.0, 2 * (tail / _STUDIES if tail else min(beyond, 1 / _STUDIES))))
 
 

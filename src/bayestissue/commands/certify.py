@@ -59,30 +59,30 @@ def certified(
     quiet: bool = False,
 ) -> bool:
     """Write the certificate of a run; whether it passed."""
-    place = run.resolve().with_name(f"{run.resolve().name}-certificate") if out is None else out
+    path = run.resolve().with_name(f"{run.resolve().name}-certificate") if out is None else out
     inputs = (run, dataset)
-    with results.claim(place, overwrite=overwrite, command="certify", inputs=inputs) as target:
+    with results.claim(path, overwrite=overwrite, command="certify", inputs=inputs) as target:
         from bayestissue.certificate.certificate import Study, certificate_of, write_certificate
         from bayestissue.commands.console import Stages
 
         study = Study.of_run(run, dataset)
         with Stages(quiet=quiet) as say, target.unfinished(study.job(refits, seed)) as parts:
-            made = certificate_of(study, refits, seed, say, parts=parts)
+            certificate = certificate_of(study, refits, seed, say, parts=parts)
             with target.folder() as folder:
-                write_certificate(made, folder, excel)
-        _say(made, target.path, quiet=quiet)
-    return made.passed
+                write_certificate(certificate, folder, excel)
+        _say(certificate, target.path, quiet=quiet)
+    return certificate.passed
 
 
-def _say(made: Certificate, folder: Path, *, quiet: bool) -> None:
+def _say(certificate: Certificate, folder: Path, *, quiet: bool) -> None:
     from bayestissue.commands.console import echo
     from bayestissue.words import Words
 
-    nouns = Words(made.about["words"])
-    echo(nouns(made.words))
+    nouns = Words(certificate.about["words"])
+    echo(nouns(certificate.words))
     if not quiet:
-        items = made.checklists
-        echo(nouns(made.about["verdict"]["prior"]))
+        items = certificate.checklists
+        echo(nouns(certificate.about["verdict"]["prior"]))
         answered = int(items["answered"].sum())
         echo(f"checklists: {answered} of {len(items)} items answered; the others are questions")
         echo(f"wrote {folder / 'report.html'} and {folder / 'certificate.md'}")

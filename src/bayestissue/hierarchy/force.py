@@ -300,8 +300,8 @@ def _resolved(
     if recorder.digital:
         first = signal.contact_time_s + signal.first_sample_s
         apart = np.abs((rows.first - first + rows.dt / 2) % rows.dt - rows.dt / 2)
-        alike = np.maximum(apart, np.abs(rows.dt - signal.dt)) < _NEARLY * rows.dt
-        return bool(alike.all())
+        same_clock = np.maximum(apart, np.abs(rows.dt - signal.dt)) < _NEARLY * rows.dt
+        return bool(same_clock.all())
     cells = 1 if low_pass is None else len(low_pass.phase)
     return bool((2 * np.pi * recorder.low_pass_hz * signal.dt / cells <= CONTACT_CELLS.phase).all())
 

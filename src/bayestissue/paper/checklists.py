@@ -66,7 +66,7 @@ def _answers(run: FitRun, certified: Mapping[str, Any]) -> dict[str, str]:
     questions = model.get("questions", {})
     formulas = model.get("formula", {})
     per_person = sorted(set(run.impacts_table["person"].value_counts()))
-    each = f"{per_person[0]}" if len(per_person) == 1 else f"{per_person[0]} to {per_person[-1]}"
+    of_person = f"{per_person[0]}" if len(per_person) == 1 else f"{per_person[0]} to {per_person[-1]}"
     near = model.get("practical_equivalence", {})
     regions = "; ".join(f"{name.replace('_', ' ')} {value}" for name, value in near.items())
     versions = ", ".join(f"{name} {number}" for name, number in record.get("versions", {}).items())
@@ -86,7 +86,7 @@ def _answers(run: FitRun, certified: Mapping[str, Any]) -> dict[str, str]:
         "sensitivity": f"{moved} Power scaling of each quantity is in sensitivity.csv.".strip(),
         "reproducible": f"Seed {record.get('seed')}; SHA-256 of the recordings "
         f"{record.get('input_hash', '')}; versions above. {certified.get('words', '')}".strip(),
-        "numbers": f"{counted(people, 'person', 'people')}, {counted(len(run.impacts), 'impact')}, {each} of "
+        "numbers": f"{counted(people, 'person', 'people')}, {counted(len(run.impacts), 'impact')}, {of_person} of "
         "each person.",
         "detailed": "estimates_exact.csv and summary.csv have every impact and every quantity.",
     }

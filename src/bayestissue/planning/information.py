@@ -193,12 +193,12 @@ def without_nuisance(
     order = np.r_[0, 1, -1, 2 : sites.centre.shape[1] - 1] if ratio else np.arange(sites.centre.shape[1])
     P, shift, centre = (np.asarray(part) for part in (sites.precision, sites.shift, sites.centre))
     P, shift, centre = P[:, order[:, None], order], shift[:, order], centre[:, order]
-    kept, spread = 2 + ratio, spread[order[2 + ratio :] - 2]
-    across = np.linalg.solve(P[:, kept:, kept:] + np.diag(spread**-2.0), P[:, kept:, :kept])
-    precision = P[:, :kept, :kept] - P[:, :kept, kept:] @ across
+    n_kept, spread = 2 + ratio, spread[order[2 + ratio :] - 2]
+    across = np.linalg.solve(P[:, n_kept:, n_kept:] + np.diag(spread**-2.0), P[:, n_kept:, :n_kept])
+    precision = P[:, :n_kept, :n_kept] - P[:, :n_kept, n_kept:] @ across
     # A site may be written about another point than its maximum.
-    gained = shift[:, :kept] - np.einsum("ina,in->ia", across, shift[:, kept:])
-    return centre[:, :kept] + np.linalg.solve(precision, gained[..., None])[..., 0], precision
+    gained = shift[:, :n_kept] - np.einsum("ina,in->ia", across, shift[:, n_kept:])
+    return centre[:, :n_kept] + np.linalg.solve(precision, gained[..., None])[..., 0], precision
 
 
 def spreads_of_nuisance(specification: ModelSpecification, nuisance: Sequence[str]) -> np.ndarray:

@@ -75,11 +75,11 @@ def sensor_words(content: Content) -> list[str]:
             sentences.append(f"{by} it takes more than the {counted(most, 'impact')} of these designs.")
     # Without a further channel and with it they take turns.
     pairs = list(zip(sensors[::2], sensors[1::2], strict=True)) if content["plan"].get("channel") else []
-    for alone, both in pairs:
-        if alone["reaches"] and both["reaches"]:
-            impacts, fewer = (designs[one["design"] - 1]["impacts"] for one in (alone, both))
+    for alone, with_force in pairs:
+        if alone["reaches"] and with_force["reaches"]:
+            impacts, fewer = (designs[one["design"] - 1]["impacts"] for one in (alone, with_force))
             saved = f"{counted(impacts - fewer, 'impact')} of {impacts}" if fewer < impacts else "no impacts"
-            which = f" ({both['recorder']})" if len(pairs) > 1 else ""
+            which = f" ({with_force['recorder']})" if len(pairs) > 1 else ""
             sentences.append(f"The second sensor saves {saved}{which}.")
     return sentences
 

@@ -92,18 +92,22 @@ class Pressed(NamedTuple):
 def driven(study: Driven) -> tuple[Dataset, pd.DataFrame]:
     """The recordings of a study, and its truth: ``impact``, ``K_N_per_m`` and ``C_N_s_per_m``."""
     random = np.random.default_rng(study.seed)
-    made = _made(study, random)
-    count, time = len(made.K), made.time
-    x = made.x + random.normal(0, 1e-3, (count, 1)) + study.noise_m * random.standard_normal(made.x.shape)
-    force = made.force + study.zero_N * random.standard_normal((count, 1))
+    simulated = _made(study, random)
+    count, time = len(simulated.K), simulated.time
+    x = (
+        simulated.x
+        + random.normal(0, 1e-3, (count, 1))
+        + study.noise_m * random.standard_normal(simulated.x.shape)
+    )
+    force = simulated.force + study.zero_N * random.standard_normal((count, 1))
     force = force + study.noise_N * random.standard_normal(x.shape)
-    labels = zip(made.subject, made.trial, made.repeat, strict=True)
+    labels = zip(simulated.subject, simulated.trial, simulated.repeat, strict=True)
     names = [f"s{s:02d}-t{t}-{r}" for s, t, r in labels]
     impacts = pd.DataFrame(
         {
             "impact": names,
-            "subject": [f"s{s:02d}" for s in made.subject],
-            "trial": [f"t{t}" for t in made.trial],
+            "subject": [f"s{s:02d}" for s in simulated.subject],
+            "trial": [f"t{t}" for t in simulated.trial],
             "mass_kg": np.nan,
             "velocity_m_s": np.nan,
         }
@@ -117,7 +121,7 @@ def driven(study: Driven) -> tuple[Dataset, pd.DataFrame]:
         uncertainty=Uncertainty(), warnings=(), left_out=(), folder=None, input_hash=f"driven-{study}",
         free=False, channels=(Channel("plate", "force", "base", forces),),
     )  # fmt: skip
-    return dataset, pd.DataFrame({"impact": names, "K_N_per_m": made.K, "C_N_s_per_m": made.C})
+    return dataset, pd.DataFrame({"impact": names, "K_N_per_m": simulated.K, "C_N_s_per_m": simulated.C})
 
 
 def outcomes_within(study: Driven, end: Float[np.ndarray, " impact"]) -> pd.DataFrame:
@@ -125,19 +129,19 @@ def outcomes_within(study: Driven, end: Float[np.ndarray, " impact"]) -> pd.Data
 
     ``peak_force_N`` and ``peak_depth_m`` by samples, and ``energy_absorbed_J``, C v^2 by trapezia.
     """
-    made = _made(study, np.random.default_rng(study.seed))
-    within = (made.time >= 0) & (made.time <= end[:, None])
-    time = np.where(within, made.time, end[:, None])
-    power = np.where(within, made.C[:, None] * made.v**2, 0.0)
+    simulated = _made(study, np.random.default_rng(study.seed))
+    within = (simulated.time >= 0) & (simulated.time <= end[:, None])
+    time = np.where(within, simulated.time, end[:, None])
+    power = np.where(within, simulated.C[:, None] * simulated.v**2, 0.0)
     first = within.argmax(axis=1)[:, None]
     to_first, of_first = (np.take_along_axis(part, first, axis=1)[:, 0] for part in (time, power))
-    steps = np.where(within[:, :-1] & within[:, 1:], np.diff(made.time), 0.0)
+    steps = np.where(within[:, :-1] & within[:, 1:], np.diff(simulated.time), 0.0)
     lost = (steps * (power[:, :-1] + power[:, 1:]) / 2).sum(axis=1)
     return pd.DataFrame(
         {
-            "peak_force_N": np.where(within, made.force, 0.0).max(axis=1),
-            "peak_depth_m": np.where(within, made.x, 0.0).max(axis=1),
-            "energy_absorbed_J": lost + to_first * (made.C * made.v[:, 0] ** 2 + of_first) / 2,
+            "peak_force_N": np.where(within, simulated.force, 0.0).max(axis=1),
+            "peak_depth_m": np.where(within, simulated.x, 0.0).max(axis=1),
+            "energy_absorbed_J": lost + to_first * (simulated.C * simulated.v[:, 0] ** 2 + of_first) / 2,
         }
     )
 

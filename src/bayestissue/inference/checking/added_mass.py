@@ -39,20 +39,20 @@ def judge_added_mass(prepared: Prepared, posterior: xr.Dataset, prior: xr.Datase
     mean = intercept(parameter_of(name))
     overlap = prior_overlap(posterior[mean].to_numpy(), prior[mean].to_numpy())
     by_force = prepared.force is not None and tells_added_mass(prepared.force, which.name)
-    told = bool(overlap <= MOSTLY)
+    informed = bool(overlap <= MOSTLY)
     low, middle, high = np.quantile(np.exp(posterior[mean].to_numpy()), (0.05, 0.5, 0.95))
     numbers = {
         "name": name,
         "overlap": f"{100 * overlap:.0f} %",
         "mass": f"{middle:.2g} kg (90 % interval {low:.2g} to {high:.2g} kg)",
     }
-    kind = "prior" if not told else "force" if by_force else "velocity"
+    kind = "prior" if not informed else "force" if by_force else "velocity"
     remedy = "" if by_force else sentence("added_mass.remedy")
     return {
         "parameter": name,
         "by": "force" if by_force else "velocity",
         "overlap": overlap,
-        "passed": told,
+        "passed": informed,
         "first": "" if kind == "force" else sentence(f"added_mass.first_{kind}", **numbers),
         "words": f"{sentence(f'added_mass.{kind}', **numbers)} {remedy}".strip(),
     }

@@ -106,8 +106,8 @@ def posterior_draws(
         b = of_heavier_impactors(model, b, log_factor)
         factor = {MASS_FACTOR: np.exp(log_factor)} if gains is None else {}
     effects = derived.effects_by_name(model.locations, prepared.design, b)
-    kept = None if whole else kept_numbers
-    return Draws(population.hyperparameters | effects | factor, impacts, log_likelihood, kept)
+    numbers = None if whole else kept_numbers
+    return Draws(population.hyperparameters | effects | factor, impacts, log_likelihood, numbers)
 
 
 def prior_draws(prepared: Prepared, seed: int, rng: np.random.Generator) -> Draws:

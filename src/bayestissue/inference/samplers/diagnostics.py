@@ -208,9 +208,9 @@ def headline(diagnostics: dict[str, Any]) -> str:
     if chain.get("passed") is False:
         return "The sampler passed, but the traces contradict the measuring chain."
     force, reference = diagnostics.get("channels", {}), diagnostics.get("reference", {})
-    for told in (force, reference):
-        if told.get("passed") is False:
-            return f"The sampler passed, but {told['first']}."
+    for account in (force, reference):
+        if account.get("passed") is False:
+            return f"The sampler passed, but {account['first']}."
     if _velocity(diagnostics):
         return "The sampler passed, but the recordings imply another velocity at contact than was stated."
     if form.get("structured"):
@@ -227,9 +227,9 @@ def headline(diagnostics: dict[str, Any]) -> str:
     added = diagnostics.get("added_mass", {})
     if added.get("passed") is False:
         return f"Diagnostics passed, but {added['first']}."
-    for told in (force, reference, added):
-        if told.get("first"):
-            return f"Diagnostics passed; {told['first']}."
+    for account in (force, reference, added):
+        if account.get("first"):
+            return f"Diagnostics passed; {account['first']}."
     return "Diagnostics passed."
 
 

@@ -388,9 +388,9 @@ class MeasuredDriven:
         over_x, over_F = jnp.exp(-2 * self.log_sigma), jnp.exp(-2 * self.log_force_sigma)
         x = record.x - self.displacement(law.at)
         F = record.y - law.force - self._beside(law.at)
-        rest = columns.shape[-1] - record.squares.shape[-1]
-        of_x = jnp.pad(record.squares, ((0, 0), (0, rest), (0, rest)))
-        right_x = jnp.pad(jnp.einsum("iaw,ia->iw", record.at_x, x), ((0, 0), (0, rest)))
+        n_force_columns = columns.shape[-1] - record.squares.shape[-1]
+        of_x = jnp.pad(record.squares, ((0, 0), (0, n_force_columns), (0, n_force_columns)))
+        right_x = jnp.pad(jnp.einsum("iaw,ia->iw", record.at_x, x), ((0, 0), (0, n_force_columns)))
         of_F = jnp.einsum("iaw,iaz->iwz", columns, columns)
         gram = over_x[:, None, None] * of_x + over_F[:, None, None] * of_F
         right = over_x[:, None] * right_x + over_F[:, None] * jnp.einsum("iaw,ia->iw", columns, F)
@@ -414,8 +414,8 @@ class MeasuredDriven:
         record, scale, law = self.record, self._scales(), self._expansion()
         one_x, one_F = (jnp.exp(-log)[:, None] for log in (self.log_sigma, self.log_force_sigma))
         of_F = self._columns(law) * one_F[..., None]
-        rest = of_F.shape[-1] - record.at_x.shape[-1]
-        of_x = jnp.pad(record.at_x * one_x[..., None], ((0, 0), (0, 0), (0, rest)))
+        n_force_columns = of_F.shape[-1] - record.at_x.shape[-1]
+        of_x = jnp.pad(record.at_x * one_x[..., None], ((0, 0), (0, 0), (0, n_force_columns)))
         bent = law.force - jnp.einsum("iaf,if->ia", law.law, law.at[:, : law.law.shape[-1]])
         values = jnp.concatenate([one_F * (record.y - bent), one_x * record.x], axis=1)
         return values, jnp.concatenate([of_F, of_x], axis=1) * scale[:, None]

@@ -112,8 +112,12 @@ def products(response: Response, record: DecelerationRecord, noise: Noise) -> Pr
         gram = jax.vmap(Noise.gram, out_axes=-1)(noise, parts)[:, :, None]
     if reach and record.force is not None:
         # Errors of the force's zero and clock are nothing to the deceleration.
-        own = np.delete(np.arange(1 + record.error_sd.shape[1]), 1 + np.array(OF_FORCE))
-        gram = jnp.zeros((len(own) + 2, len(own) + 2, *gram.shape[2:])).at[np.ix_(own, own)].set(gram)
+        others = np.delete(np.arange(1 + record.error_sd.shape[1]), 1 + np.array(OF_FORCE))
+        gram = (
+            jnp.zeros((len(others) + 2, len(others) + 2, *gram.shape[2:]))
+            .at[np.ix_(others, others)]
+            .set(gram)
+        )
     return Products(gram, jax.vmap(Noise.log_determinant)(noise), noise.inside.sum(-1) + 0.0)
 
 

@@ -82,8 +82,8 @@ def with_force(
         gram, count = jnp.einsum("icar,icbr->abci", parts, parts), force.inside().sum(1) + 0.0
     in_cells = jax.vmap(Noise.gram, in_axes=(None, 0), out_axes=-1)
     for run in runs:
-        asked = jnp.where(run.inside[:, None, None], parts[..., :: noise_stride(force)], 0.0)
-        gram += jax.vmap(in_cells, out_axes=-1)(run, asked)
+        thinned = jnp.where(run.inside[:, None, None], parts[..., :: noise_stride(force)], 0.0)
+        gram += jax.vmap(in_cells, out_axes=-1)(run, thinned)
         log_determinant += jax.vmap(Noise.log_determinant)(run)
         count += run.inside.sum(1)
     return Products(

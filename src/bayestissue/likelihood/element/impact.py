@@ -313,9 +313,9 @@ class MeasuredImpact:
         assert force is not None  # noqa: S101 - for the type checker
         if not (runs := noise_of_force(force)):
             return left, force.inside()
-        asked, white = left[:, :: noise_stride(force)], jnp.zeros(())
+        thinned, white = left[:, :: noise_stride(force)], jnp.zeros(())
         for run in runs:
-            white += jax.vmap(noise.Noise.whitened)(run, jnp.where(run.inside, asked, 0.0))
+            white += jax.vmap(noise.Noise.whitened)(run, jnp.where(run.inside, thinned, 0.0))
         return white, force.inside()[:, :: noise_stride(force)]
 
     def _replicated_force(self, key: Array) -> Float[Array, "impact row"]:
