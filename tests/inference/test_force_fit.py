@@ -83,7 +83,8 @@ def test_it_is_so_where_a_deceleration_does_not_show_when_contact_was(
     assert low < FACTOR < high
     assert 0.02 < high - low < 0.05
     for name, column in (("K", "K_N_per_m"), ("C", "C_N_s_per_m"), ("mass", "mass_kg")):
-        assert held(posterior, name, made.truth[column]) > 0.8, name
+        # Of 16 intervals of 90 % fewer than 11 hold the truth once in three hundred studies.
+        assert held(posterior, name, made.truth[column]) >= 11 / 16, name
     assert fit.diagnostics["channels"]["passed"]
     assert "force" in fit.posterior["posterior_predictive"].dataset
 
