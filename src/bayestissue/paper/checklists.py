@@ -86,7 +86,7 @@ def _answers(run: FitRun, certified: Mapping[str, Any]) -> dict[str, str]:
         "sensitivity": f"{moved} Power scaling of each quantity is in sensitivity.csv.".strip(),
         "reproducible": f"Seed {record.get('seed')}; SHA-256 of the recordings "
         f"{record.get('input_hash', '')}; versions above. {certified.get('words', '')}".strip(),
-        "numbers": f"{counted(people, 'person', 'people')}, {counted(len(run.impacts), 'impact')}, {of_person} of "
-        "each person.",
+        "numbers": f"{counted(people, 'person', 'people')}, {counted(len(run.impacts), 'impact')}, "
+        f"{of_person} of each person.",
         "detailed": "estimates_exact.csv and summary.csv have every impact and every quantity.",
     }
