@@ -142,7 +142,7 @@ def _element_jvp(element: Element, primals: Any, tangents: Any) -> tuple[Array, 
     value, pull_back = jax.vjp(lambda f, n: _log_density(f, n, record), predicted, noise_parameters)
     by_response, by_noise = pull_back(jnp.ones_like(value))
     pairs = zip(jax.tree.leaves(changes), jax.tree.leaves(by_response), strict=True)
-    slopes = sum((change * by).sum(-1) for change, by in pairs)
+    slopes = sum((change * by).sum(tuple(range(2, change.ndim))) for change, by in pairs)
     along_noise = sum(by * to for by, to in zip(by_noise, tangents[1], strict=True) if by is not None)
     return value, (slopes * tangents[0]).sum(0) + along_noise
 
