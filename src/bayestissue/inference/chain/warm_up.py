@@ -139,13 +139,16 @@ def _refitted(sites: GaussianFactor, u: np.ndarray, value: np.ndarray) -> Gaussi
     distance = np.where(np.isneginf(refitted.log_scale)[:, None], np.inf, distance)
     for number, of_site in enumerate(distance):
         nearest = of_site <= distance.min(0)
-        inside = np.where(nearest, value, value.min(0) - 1)
-        distinct = (np.diff(np.sort(inside, axis=0), axis=0) != 0).sum(0)
+        inside = np.where(nearest, value, -np.inf)
+        counts = inside > inside.max(0) - DEEPEST
+        # Where a chain stays its point comes again.
+        ordered = np.sort(np.where(counts, value, value.min(0) - 1), axis=0)
+        distinct = (np.diff(ordered, axis=0) != 0).sum(0)
         # A parabola has (1 + size) (2 + size) / 2 terms.
         enough = distinct > (1 + size) * (2 + size)
         if not enough.any():
             continue
-        weight = (nearest & (inside > inside.max(0) - DEEPEST)).astype(float)
+        weight = counts.astype(float)
         parabolas = nearest_parabolas(u[:, enough], value[:, enough], weight[:, enough])
         for whole, part in zip(refitted, parabolas, strict=True):
             whole[number, enough] = part

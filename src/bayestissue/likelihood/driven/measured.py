@@ -382,8 +382,8 @@ class MeasuredDriven:
         record = self.record
         return jnp.concatenate([law.law, jnp.zeros_like(record.beside[..., :1]), record.beside], axis=-1)
 
-    def _system(self, law: Expansion) -> tuple[Array, Array, Array, Array]:
-        """M's factor, h with the prior's pull, the squares r'r with the prior's, and the scales."""
+    def _system(self, law: Expansion) -> tuple[Array, Array, Array]:
+        """M's factor, how far the likeliest weights are from the expansion's, over the scales, and these."""
         record, scale, columns = self.record, self._scales(), self._columns(law)
         over_x, over_F = jnp.exp(-2 * self.log_sigma), jnp.exp(-2 * self.log_force_sigma)
         x = record.x - self.displacement(law.at)
@@ -397,8 +397,29 @@ class MeasuredDriven:
         # A scale of 0 fixes its weight at 0, where the expansion has it too.
         at = jnp.where(scale > 0, law.at / jnp.where(scale > 0, scale, 1.0), 0.0)
         matrix = jnp.eye(columns.shape[-1]) + scale[:, :, None] * gram * scale[:, None]
-        squares = over_x * (x**2).sum(1) + over_F * (F**2).sum(1) + (at**2).sum(1)
-        return jnp.linalg.cholesky(matrix), scale * right - at, squares, scale
+        factor = jnp.linalg.cholesky(matrix)
+        moved = cho_solve((factor, True), (scale * right - at)[..., None])[..., 0]
+        return factor, moved, scale
+
+    def _squares(
+        self, law: Expansion, moved: Float[Array, "impact weight"], scale: Float[Array, "impact weight"]
+    ) -> Float[Array, " impact"]:
+        """What the likeliest weights leave over, squared, and these weights squared: r'r - h'M^-1 h.
+
+        Where K is far too great that difference is lost among the digits, and a density made of it may be
+        anything; weights that are rounded only leave over more.
+        """
+        record, weights = self.record, scale * moved
+        x = record.x - self.displacement(law.at + weights)
+        F = (
+            record.y
+            - law.force
+            - self._beside(law.at)
+            - jnp.einsum("iaw,iw->ia", self._columns(law), weights)
+        )
+        standard = jnp.where(scale > 0, law.at / jnp.where(scale > 0, scale, 1.0), 0.0) + moved
+        of_x, of_F = jnp.exp(-2 * self.log_sigma), jnp.exp(-2 * self.log_force_sigma)
+        return of_x * (x**2).sum(1) + of_F * (F**2).sum(1) + (standard**2).sum(1)
 
     def _beside(self, weights: Float[Array, "impact weight"]) -> Float[Array, "impact row"]:
         """The force's zero and the force beside the element's [N]."""
@@ -431,12 +452,12 @@ class MeasuredDriven:
 
     def log_density(self) -> Float[Array, " impact"]:
         """Log density of each pair of recordings, the motion and all errors integrated out."""
-        factor, right, squares, _ = self._system(self._expansion())
-        solved = solve_triangular(factor, right[..., None], lower=True)[..., 0]
+        law = self._expansion()
+        factor, moved, scale = self._system(law)
         n_x, n_F = self.record.n_displacements, self.record.n_samples
-        scale = n_x * (LOG_2PI + 2 * self.log_sigma) + n_F * (LOG_2PI + 2 * self.log_force_sigma)
+        constant = n_x * (LOG_2PI + 2 * self.log_sigma) + n_F * (LOG_2PI + 2 * self.log_force_sigma)
         log_determinant = 2 * jnp.log(jnp.diagonal(factor, axis1=1, axis2=2)).sum(1)
-        density = -(scale + squares - (solved**2).sum(1) + log_determinant) / 2
+        density = -(constant + self._squares(law, moved, scale) + log_determinant) / 2
         return jnp.where(jnp.isfinite(density), density, -jnp.inf)
 
     def weights(self, key: Array | None = None) -> Float[Array, "impact weight"]:
@@ -444,8 +465,7 @@ class MeasuredDriven:
         return self._weights(self._expansion(), key)
 
     def _weights(self, law: Expansion, key: Array | None = None) -> Float[Array, "impact weight"]:
-        factor, right, _, scale = self._system(law)
-        moved = cho_solve((factor, True), right[..., None])[..., 0]
+        factor, moved, scale = self._system(law)
         if key is not None:
             standard = jax.random.normal(key, moved.shape)
             moved += solve_triangular(factor, standard[..., None], lower=True, trans=1)[..., 0]
