@@ -104,6 +104,15 @@ def test_density_is_that_of_a_dense_normal(rms: float) -> None:
     np.testing.assert_allclose(density, [dense(record, row, rms) for row in range(2)], atol=0.03)
 
 
+def test_no_K_and_C_far_from_the_recordings_is_likelier_than_theirs() -> None:
+    """A density whose squares cancel is what is left of their digits there, of thousands of either sign."""
+    record = recorded(np.random.default_rng(1), discrepancy=False)
+    at = measured(record).log_density()
+    for further in np.exp(np.linspace(3, 30, 10)):
+        for far in (measured(record, K=K * further), measured(record, K=K * further, C=C * further)):
+            assert (far.log_density() < at).all()
+
+
 def test_sixteen_functions_tell_K_and_C_as_all_do() -> None:
     """Their difference in log density does not depend on K and C."""
     record = recorded(np.random.default_rng(1), discrepancy=False)
