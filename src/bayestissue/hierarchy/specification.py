@@ -145,7 +145,8 @@ class ModelSpecification(Table):
             parameter, by its name.
         residual_correlation: whether the deviations of log K and log C of one impact are correlated.
         mass_error: impact: every impact's mass has an error of its own. subject: the mass is a person's, such
-            as an effective mass, and its error the same in all of the person's impacts.
+            as an effective mass, and its error the same in all of the person's impacts. all: one impactor, or
+            one balance, and the same error in all impacts.
         priors: what is believed before the data are seen, on the log scale.
         practical_equivalence: which differences count as none in practice.
         comparison: other explanations of the same data.
@@ -168,7 +169,7 @@ class ModelSpecification(Table):
     reference_mass_kg: Annotated[float, Field(gt=0)] | None = None
     formula: Formulas = Formulas()
     residual_correlation: bool = True
-    mass_error: Literal["impact", "subject"] = "impact"
+    mass_error: Literal["impact", "subject", "all"] = "impact"
     priors: Priors = Priors()
     practical_equivalence: PracticalEquivalence = PracticalEquivalence()
     comparison: Comparison = Comparison()

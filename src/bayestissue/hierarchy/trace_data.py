@@ -60,6 +60,9 @@ class Prepared:
         force_unused: else why not.
         gain_sd: of driven impacts the standard deviations of the logs of the displacement's and of the
             force's gain, errors that all impacts have in common.
+        reference: what phantoms of known stiffness say of all masses, if there were any.
+        common_mass_sd: standard deviation of the log of a factor that all masses have in common, where the
+            model file says so and nothing recorded tells it; 0 where each mass errs by itself.
     """
 
     model: TraceModel
@@ -71,6 +74,7 @@ class Prepared:
     force_unused: str = ""
     gain_sd: tuple[float, float] = (0.0, 0.0)
     reference: Reference | None = None
+    common_mass_sd: float = 0.0
 
 
 def prepare(dataset: Dataset, specification: ModelSpecification, *, source: str) -> Prepared:
@@ -186,13 +190,16 @@ def assemble(
     # With a force the errors of mass are what it is over mass times deceleration.
     of_mass = force is None and dataset.free
     relative_mass_sd = float(dataset.uncertainty.relative_mass_sd) if of_mass else 0.0
+    common_mass_sd = relative_mass_sd if specification.mass_error == "all" else 0.0
+    if specification.mass_error == "all":
+        relative_mass_sd = 0.0
     model = TraceModel(
         kind,
         effects,
         priors,
         specification.residual_correlation,
         relative_mass_sd,
-        specification.mass_error if relative_mass_sd > 0 else "impact",
+        "subject" if specification.mass_error == "subject" and relative_mass_sd > 0 else "impact",
         specification.element,
         discrepancy,
         autoregressive,
@@ -207,7 +214,7 @@ def assemble(
         jax.device_put(np.log(signal.mass) if dataset.free else np.zeros(len(signal.mass))),
         jax.device_put(np.log(peak)),
     )
-    prepared = Prepared(model, data, design, signal, dataset.impacts, force)
+    prepared = Prepared(model, data, design, signal, dataset.impacts, force, common_mass_sd=common_mass_sd)
     if dataset.free:
         return prepared
     (channel,) = dataset.channels

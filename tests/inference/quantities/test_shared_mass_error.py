@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -28,7 +29,7 @@ OTHERS = {"sd_trial_K": 0.01, "sd_trial_C": 0.01, "residual_correlation": 0.3, "
 DRAWS = 1500
 
 
-def prepared(mass_error: Literal["impact", "subject"], formula: str = FORMULA) -> Prepared:
+def prepared(mass_error: Literal["impact", "subject", "all"], formula: str = FORMULA) -> Prepared:
     count = PEOPLE * EACH
     rows = pd.DataFrame(
         {
@@ -140,6 +141,19 @@ def test_all_impacts_of_a_person_have_the_same_error_of_mass() -> None:
     # What a trace tells is log K - e; only K itself moves with the mass.
     seen = (found["log K"] - error).std(axis=0)
     assert (seen < 1e-3).all()
+
+
+def test_one_error_of_all_masses_moves_all_alike_and_is_as_wide_as_declared() -> None:
+    made, told = prepared("all"), summaries(1e8)
+    found = drawn(made, told)
+    error = np.log(found["mass"]) - np.asarray(made.data.log_mass)
+    assert_allclose(error, np.broadcast_to(error[:, :1], error.shape), atol=1e-12)
+    # A standard deviation's relative standard error is 1 / sqrt(2 n).
+    assert error[:, 0].std() == pytest.approx(RELATIVE_SD, rel=4 / np.sqrt(2 * DRAWS))
+    # At the declared masses it is the fit whose masses are exact, draw by draw: people and impacts.
+    exact = drawn(replace(made, common_mass_sd=0.0), told)
+    for name in ("K", "C", "log K"):
+        assert_allclose(found[name] - error[:, :1], exact[name], atol=1e-12)
 
 
 def test_an_error_of_people_needs_people_in_both_formulas() -> None:

@@ -29,6 +29,7 @@ from bayestissue.inference.quantities.masses import (
     MASS_FACTOR,
     at_true_masses,
     common_log_factor,
+    declared_common_sd,
     driven_gains,
     mass_errors,
     of_heavier_impactors,
@@ -121,8 +122,8 @@ def prior_draws(prepared: Prepared, seed: int, rng: np.random.Generator) -> Draw
         error = drawn["log_mass_error"][
             ..., people.get_indexer(pd.Index(prepared.impacts["subject"].astype(str)))
         ]
-    elif (common := prepared.force or prepared.reference) is not None:
-        error = np.broadcast_to(common.mass_sd * rng.standard_normal(u.shape[:2])[..., None], u.shape[:-1])
+    elif (common_sd := declared_common_sd(prepared)) is not None:
+        error = np.broadcast_to(common_sd * rng.standard_normal(u.shape[:2])[..., None], u.shape[:-1])
         drawn["locations"] = of_heavier_impactors(model, drawn["locations"], error[..., 0])
         factor = {MASS_FACTOR: np.exp(error[..., 0])}
     elif model.kind == "driven":

@@ -31,16 +31,23 @@ def common_log_factor(
 ) -> Float[np.ndarray, "chain draw"] | None:
     """Log of what all masses are to be multiplied by, K and C with them; None where each errs by itself.
 
-    A force beside the deceleration tells it, or phantoms of known stiffness.
+    A force beside the deceleration tells it, or phantoms of known stiffness, or it is as declared.
     """
     force, reference = prepared.force, prepared.reference
-    if force is None and reference is None:
+    if declared_common_sd(prepared) is None:
         return None
     standard = np.asarray(jax.random.normal(jax.random.fold_in(key, 12), population.b.shape[:2]))
     if force is not None:
         return force.log_mass_factor(population.b[..., force_ratio(prepared.model.locations)], standard)
-    assert reference is not None  # noqa: S101 - for the type checker
-    return reference.log_mean + reference.log_sd * standard
+    if reference is not None:
+        return reference.log_mean + reference.log_sd * standard
+    return prepared.common_mass_sd * standard
+
+
+def declared_common_sd(prepared: Prepared) -> float | None:
+    """Of the log of a factor that all masses have in common, as declared; None where each errs by itself."""
+    known = prepared.force or prepared.reference
+    return (prepared.common_mass_sd or None) if known is None else known.mass_sd
 
 
 def driven_gains(

@@ -91,8 +91,9 @@ def declared_words(run: FitRun) -> str:
     if not parts:
         return said("chain.undeclared")
     words = said("chain.declared", parts=listed(parts))
-    persons = run.record.get("model", {}).get("mass_error") == "subject"
-    return f"{words} {said('chain.of_persons')}" if persons and declared.get("relative_mass_sd") else words
+    shared = {"subject": "chain.of_persons", "all": "chain.of_all"}
+    key = shared.get(run.record.get("model", {}).get("mass_error", "impact"))
+    return f"{words} {said(key)}" if key and declared.get("relative_mass_sd") else words
 
 
 def left_out_summary(run: FitRun) -> Table:
