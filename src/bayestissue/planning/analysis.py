@@ -104,14 +104,8 @@ def study_of(plan: PlanSpecification, source: str) -> Study:
     else:
         model, model_source, designs = earlier.model, earlier.run, earlier.named(designs)
         reference = model.reference_mass_kg or REFERENCE_MASS_KG
-    problems: list[Problem] = []
+    problems = _unsuited(plan, model, source)
     law = planned_law(model, plan.gravity)
-    if model.likelihood != "impact":
-        where = source, None, "model", model.likelihood
-        problems.append(Problem.stated("impossible-plan.likelihood", *where))
-    if plan.one_factor and (why := no_force(model)):
-        key = "channel" if plan.channel else "recording.force"
-        problems.append(Problem.stated("impossible-plan.force", source, None, key, "force", why=why))
     questions = []
     for question in _questions(plan, source):
         if problem := _unreadable(plan, question, source):
@@ -139,24 +133,62 @@ def study_of(plan: PlanSpecification, source: str) -> Study:
     if earlier is None and plan.pilot is not None:
         with collected(problems):
             prior, words = _pilot(plan.pilot, Beliefs(plan.population), model, source)
-    words = words if plan.words is None else plan.words.values()
     if problems:
         raise InputError({str(problem): problem for problem in problems}.values())
-    together: dict[tuple[tuple[str, str], ...], list[int]] = {}
-    for number, candidate in enumerate(designs):
-        together.setdefault(tuple(adapted[candidate.conditions].items()), []).append(number)
-    analyses = []
-    for further, numbers in together.items():
-        if earlier is None:
-            model, _ = resolve(plan.model, formulas={**plan.formula, **dict(further)})
-            model = model.model_copy(update={"reference_mass_kg": reference})
-        analyses.append(Analysis(model, tuple(numbers)))
+    formulas_of = [adapted[candidate.conditions] for candidate in designs]
     simulations = {
         name: simulation_of(recording, recorder=plan.recorder, gravity=plan.gravity)
         for name, recording in plan.recordings.items()
     }
-    running = None if earlier is None else earlier.running
-    return Study(plan, designs, tuple(analyses), _goals(plan), prior, simulations, running, words)
+    return Study(
+        plan,
+        designs,
+        _analyses(plan, None if earlier is None else earlier.model, formulas_of, reference),
+        _goals(plan),
+        prior,
+        simulations,
+        None if earlier is None else earlier.running,
+        words if plan.words is None else plan.words.values(),
+    )
+
+
+def _unsuited(plan: PlanSpecification, model: ModelSpecification, source: str) -> list[Problem]:
+    """What keeps a model from analysing a plan, whatever its designs are."""
+    problems = []
+    if model.likelihood != "impact":
+        where = source, None, "model", model.likelihood
+        problems.append(Problem.stated("impossible-plan.likelihood", *where))
+    if plan.one_factor and (why := no_force(model)):
+        key = "channel" if plan.channel else "recording.force"
+        problems.append(Problem.stated("impossible-plan.force", source, None, key, "force", why=why))
+    return problems
+
+
+def _analyses(
+    plan: PlanSpecification,
+    begun: ModelSpecification | None,
+    formulas_of: Sequence[Mapping[str, str]],
+    reference: float,
+) -> tuple[Analysis, ...]:
+    """Designs with the same formulas together, under the model of a study that has begun, or the plan's.
+
+    Args:
+        plan: its file.
+        begun: the model of a study that has begun.
+        formulas_of: of each design, those that the plan leaves open.
+        reference: the reference mass [kg].
+    """
+    together: dict[tuple[tuple[str, str], ...], list[int]] = {}
+    for number, formulas in enumerate(formulas_of):
+        together.setdefault(tuple(formulas.items()), []).append(number)
+    analyses = []
+    for further, numbers in together.items():
+        model = begun
+        if model is None:
+            resolved, _ = resolve(plan.model, formulas={**plan.formula, **dict(further)})
+            model = resolved.model_copy(update={"reference_mass_kg": reference})
+        analyses.append(Analysis(model, tuple(numbers)))
+    return tuple(analyses)
 
 
 def factors_named(questions: Iterable[str]) -> list[dict[str, Any]]:

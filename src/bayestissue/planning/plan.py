@@ -244,23 +244,7 @@ def carry_out(
     ledger.assess([*together, *limits.values()], study.goals, fewer)
     (base,) = ledger.assess([cases[chosen]], study.goals, fewer)
 
-    # Of each recorder the cheapest design that answers, or the best, and what no number of impacts adds to.
-    sensors: list[dict[str, Any]] = []
-    for name in study.simulations if study.plan.one_factor else ():
-        of_recorder = [number for number, case in enumerate(cases) if case.design.recorder == name]
-        best = _best(of_recorder, reached, minutes)
-        limit = replace(cases[best], unlimited=True)
-        kinds = {"unlimited": limit, "exact": replace(limit, simulation=_at_exact_masses(limit.simulation))}
-        known_all = dict(zip(kinds, ledger.assess([*kinds.values()], study.goals, fewer), strict=True))
-        sensors.append(
-            {
-                "recorder": name,
-                "force": study.simulations[name].recording.force is not None,
-                "design": best + 1,
-                "reaches": reached[best] >= 1,
-                **{kind: {one.goal.name: _of_goal(one) for one in of} for kind, of in known_all.items()},
-            }
-        )
+    sensors = _sensors(study, ledger, cases, reached, minutes, fewer) if study.plan.one_factor else []
 
     def numbers(case: Case) -> dict[str, Any]:
         (assessed,) = ledger.assess([case], study.goals, fewer)
@@ -288,14 +272,46 @@ def carry_out(
         "limits": {key: {"words": limit_words(key), **numbers(case)} for key, case in limits.items()},
         **({"words": dict(study.words)} if study.words else {}),
     }
-    # Of all that was assumed and found; what follows is the same in words.
-    content["sha256"] = sha256_of(content)
-    content |= {"answer": answer(content), "paragraph": paragraph(content), "warning": warning(content)}
-    content["limiting"] = what_limits(content)
-    content = in_own_words(content)
+    content = _in_words(content)
     stated = {"plan": study.plan.name, "seed": aim.seed, "studies": aim.studies, "sha256": content["sha256"]}
     record = start.record("plan", "plan", **stated)
     return Plan(record, content, _designs(content), ledger.table())
+
+
+def _in_words(content: dict[str, Any]) -> dict[str, Any]:
+    """With a digest of all that was assumed and found, and then the same in words, the study's own."""
+    content["sha256"] = sha256_of(content)
+    content |= {"answer": answer(content), "paragraph": paragraph(content), "warning": warning(content)}
+    content["limiting"] = what_limits(content)
+    return in_own_words(content)
+
+
+def _sensors(
+    study: Study,
+    ledger: Ledger,
+    cases: Sequence[Case],
+    reached: Sequence[float],
+    minutes: Sequence[float],
+    studies: int,
+) -> list[dict[str, Any]]:
+    """Of each recorder the cheapest design that answers, or the best; and what any number of impacts comes to."""
+    sensors = []
+    for name, simulation in study.simulations.items():
+        of_recorder = [number for number, case in enumerate(cases) if case.design.recorder == name]
+        best = _best(of_recorder, reached, minutes)
+        limit = replace(cases[best], unlimited=True)
+        kinds = {"unlimited": limit, "exact": replace(limit, simulation=_at_exact_masses(limit.simulation))}
+        assessed = dict(zip(kinds, ledger.assess([*kinds.values()], study.goals, studies), strict=True))
+        sensors.append(
+            {
+                "recorder": name,
+                "force": simulation.recording.force is not None,
+                "design": best + 1,
+                "reaches": reached[best] >= 1,
+                **{kind: {one.goal.name: _of_goal(one) for one in goals} for kind, goals in assessed.items()},
+            }
+        )
+    return sensors
 
 
 def _best(numbers: Sequence[int], reached: Sequence[float], minutes: Sequence[float]) -> int:
