@@ -294,7 +294,7 @@ def _sensors(
     minutes: Sequence[float],
     studies: int,
 ) -> list[dict[str, Any]]:
-    """Of each recorder the cheapest design that answers, or the best; and what any number of impacts comes to."""
+    """Of each recorder the cheapest design that answers, or the best, and what no number of impacts adds."""
     sensors = []
     for name, simulation in study.simulations.items():
         of_recorder = [number for number, case in enumerate(cases) if case.design.recorder == name]
