@@ -59,6 +59,7 @@ def test_masses_that_are_declared_too_small_are_put_right(tip: float) -> None:
     assert "all masses are 1." in fit.about["verdict"]["headline"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("model", "tissue", "recorder"),
     [

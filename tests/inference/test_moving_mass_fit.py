@@ -88,7 +88,7 @@ def test_without_it_the_velocity_tells_it_as_well_as_it_is_known() -> None:
     assert "rests on the stated velocities" in fit.about["verdict"]["headline"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_with_a_velocity_that_is_hardly_known_it_is_what_its_prior_says_and_that_is_said() -> None:
     made = campaign(masses=(0.5,), moves=0.05, plate=False)
     unsure = replace(made.dataset("moving"), uncertainty=Uncertainty(0.002, 0.45, 0.03, 0.0))
