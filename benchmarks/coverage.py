@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from evidence import recorded
-from evidence.references import TISSUES
+from evidence.references import tissue_of
 
 from bayestissue import runtime
 from bayestissue.dataset import Dataset
@@ -96,7 +96,7 @@ def campaign_of(name: str, seed: int) -> Simulation:
     content = campaign(seed).model_dump(mode="json")
     exponents = np.random.default_rng([seed, 8]).normal(0.5, 0.3, 2)
     content["tissue"] |= {"mass_exponent_K": exponents[0], "mass_exponent_C": exponents[1]}
-    content["tissue"] |= {"sd_trial_K": 0.05, "sd_trial_C": 0.05, "element": name, **TISSUES[name]}
+    content["tissue"] |= {"sd_trial_K": 0.05, "sd_trial_C": 0.05, "element": name, **tissue_of(name)}
     if element(name).extra:
         content["tissue"]["sd_impact_parameters"] = 0.05
     return Simulation.model_validate(content)

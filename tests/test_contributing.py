@@ -44,9 +44,10 @@ print("check", found["a peak below 1 m/s²"].said, found["a peak below 1 m/s²"]
 explain.run(["too-quiet"], as_json=False)
 
 from types import SimpleNamespace
+from bayestissue.elements import Outcomes
 from bayestissue.inference.quantities.impacts import QUANTITIES
 from bayestissue.inference.results.labels import element_attributes
-out = SimpleNamespace(mass=2.0, velocity=1.5)
+out = Outcomes(*(None for _ in Outcomes._fields))._replace(mass=2.0, velocity=1.5)
 momentum = QUANTITIES["momentum"](SimpleNamespace(outcomes=out))
 print("quantity", momentum, element_attributes()["momentum"]["unit"])
 

@@ -54,6 +54,13 @@ TISSUES: dict[str, dict[str, Any]] = {
 }
 
 
+def tissue_of(element: str) -> dict[str, Any]:
+    """What a simulation says of tissue of an element: as above, or typical parameters."""
+    from bayestissue.elements import element as named
+
+    return TISSUES.get(element) or {"parameters": {one.name: one.typical for one in named(element).extra}}
+
+
 def campaign(element: str, seed: int) -> Any:
     """Three people, both sides, three masses: 18 impacts at 5 kHz."""
     from bayestissue.simulation import Simulation, simulate
@@ -73,7 +80,7 @@ def campaign(element: str, seed: int) -> Any:
             "conditions": [{"trial": t, "mass_kg": m, "velocity_m_s": v} for t, (m, v) in masses.items()],
             "factors": [{"name": "side", "levels": ["left", "right"]}],
         },
-        "tissue": tissue | spreads | TISSUES[element],
+        "tissue": tissue | spreads | tissue_of(element),
         "recording": {
             "sampling_rate_hz": 5000.0,
             "before_contact_s": 0.005,

@@ -25,15 +25,24 @@ pytestmark = pytest.mark.slow
 CASES = 8
 VARIANTS = ("drop", "other units", "lossless", "level", "fast", "heavy", "spring and damper")
 # Exponents of mass, length and time.
-UNITS = {"N/m": (1, 0, -2), "N s/m": (1, 0, -1), "m": (0, 1, 0), "kg": (1, 0, 0), "1": (0, 0, 0)}
+BASE = {"N": (1, 1, -2), "kg": (1, 0, 0), "m": (0, 1, 0), "s": (0, 0, 1), "1": (0, 0, 0)}
+
+
+def dimensions(unit: str) -> tuple[int, ...]:
+    """Those of a unit such as N s/m."""
+    above, _, below = unit.partition("/")
+    signed = [(1, one) for one in above.split()] + [(-1, one) for one in below.split()]
+    return tuple(sum(sign * BASE[one][axis] for sign, one in signed) for axis in range(3))
+
+
 OF_OUTCOMES = {
-    "K_tangent": UNITS["N/m"],
-    "K_secant": UNITS["N/m"],
-    "C_equivalent": UNITS["N s/m"],
-    "energy_lost": UNITS["1"],
-    "energy_share": UNITS["1"],
-    "energy_share_with_gravity": UNITS["1"],
-    "peak_depth": UNITS["m"],
+    "K_tangent": dimensions("N/m"),
+    "K_secant": dimensions("N/m"),
+    "C_equivalent": dimensions("N s/m"),
+    "energy_lost": dimensions("1"),
+    "energy_share": dimensions("1"),
+    "energy_share_with_gravity": dimensions("1"),
+    "peak_depth": dimensions("m"),
     "time_to_peak": (0, 0, 1),
     "peak_force": (1, 1, -2),
     "contact_duration": (0, 0, 1),
@@ -94,7 +103,7 @@ def variants(name: str, numbers: np.ndarray, units: np.ndarray) -> Impacts:
     made = {
         "drop": case,
         "other units": Impacts(
-            {key: value * scale(UNITS[parameter_units[key]]) for key, value in values.items()},
+            {key: value * scale(dimensions(parameter_units[key])) for key, value in values.items()},
             mass * scale((1, 0, 0)),
             velocity * scale((0, 1, -1)),
             case.diameter * scale((0, 1, 0)),

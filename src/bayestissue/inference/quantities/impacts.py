@@ -144,7 +144,7 @@ class Impacts:
         true = {"K": jnp.exp(self.u[0] + self.mass_error), "C": jnp.exp(self.u[1] + self.mass_error)}
         if self.gain_error is not None:
             deeper = jnp.exp(self.gain_error[:, 0])
-            lengths = [one.name for one in self.element.extra if one.unit == "m"]
+            lengths = [one.name for one in self.element.extra if one.unit in ("m", "m/s")]
             true |= {name: self.recorded_parameters[name] * deeper for name in lengths}
         masses = (one.name for one in self.element.extra if one.of_mass)
         true |= {name: self.recorded_parameters[name] * jnp.exp(self.mass_error) for name in masses}
