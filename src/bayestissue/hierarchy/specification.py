@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
-    BaseModel,
     ConfigDict,
     Field,
     ModelWrapValidatorHandler,
@@ -35,7 +34,7 @@ OF_ELEMENTS = ("impact", "driven")
 REACH_PEAK = ("peak", "rebound")
 
 
-class Formulas(BaseModel):
+class Formulas(Table):
     """Right-hand sides for log K, log C and the log of an element's further parameters, by their names.
 
     In the notation of R and formulae. Of K and C one left out is

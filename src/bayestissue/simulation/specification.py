@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 import pandas as pd
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from bayestissue import runtime
 from bayestissue.dataset.chain import Contact, Place
@@ -117,7 +117,7 @@ class Design(Table):
         return self
 
 
-class Spreads(BaseModel):
+class Spreads(Table):
     """Standard deviations of log K, log C and the logs of the element's further parameters, by name.
 
     Attributes:
