@@ -51,7 +51,7 @@ def test_ten_answers_are_the_same_to_rounding(quick: tuple[Numbers, Numbers]) ->
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [*SLOW, *FITS])
+@pytest.mark.parametrize("name", [*SLOW, *(pytest.param(one, marks=pytest.mark.long) for one in FITS)])
 def test_longer_answers_are_the_same(name: str, tmp_path: Path) -> None:
     (apart,) = differences(*both_ways(tmp_path, [name])).values()
     assert apart <= (DRAWN if name in FITS else FARTHER.get(name, ROUNDING))
