@@ -188,6 +188,11 @@ def of_impacts(
     return expected(design, alone)[0]
 
 
+def mass_error_of(stated: str, relative_mass_sd: float) -> MassError:
+    """Whose the errors of recorded masses are, of what a model file states and their size."""
+    return "subject" if stated == "subject" and relative_mass_sd > 0 else "impact"
+
+
 def force_ratio(locations: EffectParts) -> int:
     """Which element of b is the common log of force over mass times deceleration; of no force any."""
     part = locations.parts.get(intercept("log_force_ratio"))

@@ -25,7 +25,7 @@ from bayestissue.hierarchy.force import PreparedForce, prepared_force, tells_add
 from bayestissue.hierarchy.formulas.formula import terms_of
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM
 from bayestissue.hierarchy.formulas.identifiability import missing
-from bayestissue.hierarchy.population import population_design
+from bayestissue.hierarchy.population import mass_error_of, population_design
 from bayestissue.hierarchy.priors import normal
 from bayestissue.hierarchy.recorder import filtered_noise, low_pass_of
 from bayestissue.hierarchy.reference import Reference
@@ -190,16 +190,16 @@ def assemble(
     # With a force the errors of mass are what it is over mass times deceleration.
     of_mass = force is None and dataset.free
     relative_mass_sd = float(dataset.uncertainty.relative_mass_sd) if of_mass else 0.0
-    common_mass_sd = relative_mass_sd if specification.mass_error == "all" else 0.0
+    common_mass_sd = 0.0
     if specification.mass_error == "all":
-        relative_mass_sd = 0.0
+        common_mass_sd, relative_mass_sd = relative_mass_sd, 0.0
     model = TraceModel(
         kind,
         effects,
         priors,
         specification.residual_correlation,
         relative_mass_sd,
-        "subject" if specification.mass_error == "subject" and relative_mass_sd > 0 else "impact",
+        mass_error_of(specification.mass_error, relative_mass_sd),
         specification.element,
         discrepancy,
         autoregressive,

@@ -31,6 +31,7 @@ from bayestissue.hierarchy.population import (
     MassError,
     force_ratio,
     heavier,
+    mass_error_of,
     population_design,
 )
 from bayestissue.hierarchy.priors import Priors
@@ -154,9 +155,7 @@ def planned_model(
     responses = {q: design.responses[q] for q in RESPONSES}
     nuisance = FORCE[-1:] if force else ()
     effects, columns = population_design(replace(design, responses=responses), priors, nuisance)
-    mass_error: MassError = (
-        "subject" if specification.mass_error == "subject" and relative_mass_sd > 0 else "impact"
-    )
+    mass_error = mass_error_of(specification.mass_error, relative_mass_sd)
     correlated = specification.residual_correlation
     errors: dict[str, Any] = {"log_mass_sd": relative_mass_sd, "mass_error": mass_error}
     return PlannedModel(effects, priors, correlated, **errors, common=common, force=force), columns
