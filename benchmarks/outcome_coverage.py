@@ -89,7 +89,7 @@ def specification_of(name: str) -> ModelSpecification:
 
     model, about = model_of(name).model_dump(mode="json"), {q: np.log(v) for q, v in typical(name).items()}
     model["formula"] |= dict.fromkeys("KC", FORMULA)
-    model |= {"reference_mass_kg": REFERENCE_KG, "discrepancy": "none"}
+    model |= {"reference_mass_kg": REFERENCE_KG, "discrepancy": "none", "residual_correlation": False}
     model["sampler"] |= SAMPLER
     priors = model["priors"]
     priors["intercept"] = {q: normal(about[q], TYPICAL_SD) for q in "KC"}
@@ -187,17 +187,20 @@ def truths(name: str, p: Values, M: float, V: float) -> dict[str, float]:
     x, v, f = solved.sol(time)
     a = np.array([force(*each) for each in zip(x, v, f, strict=True)]) / M
     jerk = np.abs(np.gradient(a, time, edge_order=2))
-    work = M * (V**2 - v[-1] ** 2) / 2 + M * G * x[-1]
-    peak = float(_greatest(a))
+    # What is never left gives nothing back. A Maxwell tissue then yields for ever: the greatest depth is that
+    # of the first standstill.
+    last = float(v[-1]) if np.isfinite(left) else 0.0
+    work = M * (V**2 - last**2) / 2 + M * G * x[-1]
+    peak, depth = float(_greatest(a)), float(solved.sol(min(deepest, solved.t[-1]))[0])
     return {
         "peak_force": M * peak,
         "peak_deceleration": peak / G,
-        "peak_depth": float(_greatest(x)),
+        "peak_depth": depth,
         "time_to_peak": deepest,
         "contact_duration": left,
-        "rebound_velocity": -v[-1],
-        "restitution": -v[-1] / V,
-        "impulse": M * (V - v[-1] + G * left),
+        "rebound_velocity": -last,
+        "restitution": -last / V,
+        "impulse": M * (V - last + G * left),
         "peak_jerk": float(_greatest(jerk)),
         "energy_absorbed": work,
         "energy_share": work / (M * V**2 / 2),

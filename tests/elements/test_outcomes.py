@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from element_values import MASS, NAMES, VALUES, VELOCITY, after_contact, solved
 from numpy.testing import assert_allclose
+from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from bayestissue.elements import element, impact, outcomes
@@ -160,3 +161,32 @@ def test_outcomes_are_those_of_an_independent_integration(name: str, gravity: fl
             # Of the velocity at contact, beside which that of leaving may be small.
             tolerance = 1e-6 * max(1.0, V / -last)
             assert_allclose(getattr(ours, outcome)[row], value, rtol=tolerance, err_msg=outcome)
+
+
+@pytest.mark.slow
+def test_who_never_leaves_has_no_rebound() -> None:
+    """The first comes to rest on its spring. Under the second the damper yields for ever, by M g / C."""
+    M, V, g = 1.2, 1.0, 9.80665
+    for name, K, C in (("kelvin_voigt", 2000.0, 150.0), ("maxwell", 3000.0, 50.0)):
+        ours = outcomes(name, {"K": K, "C": C}, M, V, gravity=g)
+        assert np.isinf(ours.contact_duration)
+        assert_allclose([ours.rebound_velocity, ours.restitution], 0.0)
+        # All that came in was taken, and nothing else.
+        assert_allclose([ours.energy_lost, ours.energy_share_with_gravity], 1.0)
+
+
+def test_the_depth_on_what_yields_for_ever_is_that_of_the_first_standstill() -> None:
+    M, V, g, K, C = 1.2, 1.0, 9.80665, 3000.0, 80.0
+
+    def field(t: float, y: np.ndarray) -> list[float]:
+        return [y[1], g - y[2] / M, K * (y[1] - y[2] / C)]
+
+    def stands(t: float, y: np.ndarray) -> float:
+        return float(y[1])
+
+    stands.direction = -1  # type: ignore[attr-defined]
+    whole = solve_ivp(field, (0, 1), [0.0, V, 0.0], "DOP853", events=stands, rtol=1e-12, atol=1e-14)
+    ours = outcomes("maxwell", {"K": K, "C": C}, M, V, gravity=g)
+    assert np.isinf(ours.contact_duration)
+    assert whole.y[0].max() > 1.5 * ours.peak_depth
+    assert_allclose(ours.peak_depth, whole.y_events[0][0][0], rtol=1e-9)

@@ -63,7 +63,8 @@ class Outcomes(NamedTuple):
     """What an impact comes to, in terms that all elements share, each [impact].
 
     Where there is no greatest penetration, or the tissue is never left, what is said of that moment is said
-    of the end instead, when the impactor has come to rest.
+    of the end instead, when the impactor has come to rest: 8 pi (M / K)^1/2 after contact, M being all that
+    moves. A Maxwell tissue yields for ever under a weight; there, x_end is that of this time.
 
     Attributes:
         mass: M [kg].
@@ -81,12 +82,12 @@ class Outcomes(NamedTuple):
             lost too.
         energy_share_with_gravity: the same work over all that came in, kinetic energy and the work of gravity
             to x_end: 1 - v_end^2 / (V^2 + 2 g x_end).
-        peak_depth: greatest penetration [m].
+        peak_depth: greatest penetration, where the velocity is first 0 [m].
         time_to_peak: from contact to it [s]; infinite where there is none.
         peak_force: greatest force on the impactor [N]. Of a damper beside a spring it may be at contact. The
             blow in which tissue is taken along comes before it.
         contact_duration: from contact to where the force is 0 [s]; infinite where it never is.
-        rebound_velocity: -v_end, at which the impactor leaves [m/s].
+        rebound_velocity: -v_end, at which the impactor leaves [m/s]; 0 where it never does.
         impulse: integral of the force over contact, M (V - v_end) + M g contact_duration [N s]; along gravity
             infinite where the tissue is never left.
         peak_jerk: greatest |d/dt F / M| within contact, F on the impactor [m/s^3]. The jump of a damper's

@@ -119,7 +119,9 @@ def _of_path(path: Path) -> Outcomes:
         states, np.cumsum([part.shape[1] for part in parts])[:-1], axis=-1
     )
     x, v, *inner_states = at_peak[..., 0]
-    s, end, last, fall = tuple(inner_states), at_leaving[0, :, 0], at_leaving[1, :, 0], falling(p)
+    s, end, fall = tuple(inner_states), at_leaving[0, :, 0], falling(p)
+    # What is never left gives nothing back, also where the impactor has not come to rest when the path ends.
+    last = jnp.where(jnp.isinf(path.leaves), 0.0, at_leaving[1, :, 0])
     squares = (within[1] ** 2 @ jnp.asarray(_WEIGHTS)) * peak / 2
     # Of 0 m/s^2 nothing, however long.
     fallen = jnp.where(fall == 0, 0.0, fall * path.leaves)
