@@ -22,8 +22,8 @@ from bayestissue.hierarchy.traces import impacts_model
 from bayestissue.inference.chain.moves import State, Steps, StudentT, Tuning
 from bayestissue.inference.chain.target import FIELDS, Target
 
-# Standard deviations with which a trace tells log K, log C and the noise.
-TOLD = np.array([0.1, 0.3, 0.2])
+# Standard deviations with which a trace tells log K, log C, the noise and the log of a mass that moves along.
+TOLD = np.array([0.1, 0.3, 0.2, 0.4])
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=[*FIELDS, "traces"], meta_fields=["levels"])

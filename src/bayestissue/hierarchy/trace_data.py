@@ -451,7 +451,9 @@ def _deceleration_record(
     if begin.colour is not None:
         colour, rate = begin.colour
         record = record._replace(colour=colour, rate=jnp.asarray(rate))
+    shared = element(specification.element).added_mass is not None
     return record._replace(
+        shared_by=jnp.full(len(signal.dt), float(len(signal.dt))) if shared else None,
         velocity_share=jnp.asarray(velocity_share),
         quiet=jnp.asarray(np.isfinite(signal.offset_sd)),
         common_depth=jnp.asarray(np.full(len(signal.dt), common_depth(signal))),

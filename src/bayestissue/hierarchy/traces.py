@@ -205,6 +205,15 @@ def of_the_element(model: TraceModel) -> list[int]:
     return [0, 1, *range(first, first + len(element_named(model.element).extra))]
 
 
+def added_mass_of(model: TraceModel) -> int | None:
+    """Which of an impact's parameters is the log of a mass that moves along; None where none does."""
+    which = element_named(model.element)
+    if which.added_mass is None:
+        return None
+    (number,) = (index for index, one in enumerate(which.extra) if one.of_mass)
+    return of_the_element(model)[2 + number]
+
+
 def nuisance_of(
     kind: Kind, element: str, *, discrepancy: bool = False, autoregressive: bool = False, force: bool = False
 ) -> tuple[str, ...]:

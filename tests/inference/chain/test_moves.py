@@ -105,3 +105,14 @@ def test_a_move_of_people_leaves_the_joint_law_as_it_is(name):
     z = z_scores(target_of(prepared(K, table, **model)), name, 1, 1000, 3)
     moved = z[z != 0]
     assert np.abs(moved).max() < norm.isf(FALSE_ALARM / 2 / len(moved))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["by_added_mass", "by_walk"])
+def test_a_move_of_tissue_that_moves_along_leaves_the_joint_law_as_it_is(name):
+    """Both step where K and C are over M + m: no volume may change by that."""
+    K, table, _ = STRUCTURES["people"]
+    z = z_scores(target_of(prepared(K, table, element="moving_mass")), name, 1, 1000, 3)
+    moved = z[z != 0]
+    assert len(moved) > 3
+    assert np.abs(moved).max() < norm.isf(FALSE_ALARM / 2 / len(moved))

@@ -5,7 +5,8 @@ part, or the whole, is accepted by the ratio of the target to the proposal:
 
 `by_impact`: every u at once, each accepted by itself, in one of two ways that chance decides. `by_site`:
 from its site times the population's prior, accepted by L' q / (L q'), q being the site. `by_walk`: u + s L z
-with the impact's own covariance L L' and step s, accepted by its own likelihood and prior.
+with the impact's own covariance L L' and step s, K and C over M + m where tissue of a mass m moves along,
+accepted by its own likelihood and prior.
 
 `by_population`: y by a reversible walk on the sites' own posterior, in which b and every u are integrated
 out, and b's standard normals given y by an autoregressive step of the same length; each u moves along, so
@@ -15,6 +16,9 @@ doi:10.1198/106186005X76983).
 
 `by_level`: the effects of every level of the grouping that is eliminated first, such as every person's, by a
 walk along which the level's impacts shift; accepted level by level by L' / L times the effects' prior.
+
+`by_added_mass`, where tissue moves along: all its masses m by one factor and their spread by another, K and C
+with M + m, which leaves what a deceleration shows but for its height; b from its conditional.
 
 `centred` asks for no trace: y by a walk with every u fixed and b integrated out, then b from its conditional.
 
@@ -44,6 +48,7 @@ from jax import Array
 from jax.scipy.linalg import solve_triangular
 from jax.scipy.special import logsumexp
 from jaxtyping import Bool, Float, Int
+from numpyro.distributions import biject_to
 
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.inference.chain.settings import ChainSettings
@@ -122,7 +127,7 @@ class Tuning(NamedTuple):
     Attributes:
         sites: of the traces; where some have several explanations, of each, along the first axis.
         population: near y's posterior.
-        impact_root: Cholesky factor of the covariance of each impact's parameters.
+        impact_root: of the covariance of each impact's parameters, K and C as `Target.per_inertia` has them.
         level_root: of that of each level's effects.
     """
 
@@ -288,7 +293,8 @@ def by_site(target: Target, tuning: Tuning, steps: Steps, state: State, numbers:
 def by_walk(target: Target, tuning: Tuning, steps: Steps, state: State, numbers: MoveNumbers) -> Proposal:
     """Every impact's parameters a step further, by its own covariance."""
     mean, D = target.prior_mean(state.b), target.covariances(state.y).of_impact()
-    u = state.u + steps.impact * jnp.einsum("iab,bi->ai", tuning.impact_root, numbers.impacts)
+    step = steps.impact * jnp.einsum("iab,bi->ai", tuning.impact_root, numbers.impacts)
+    u = target.per_inertia(target.per_inertia(state.u) + step, -1.0)
 
     def log_prior(u: Array) -> Array:
         return -((u - mean) * jnp.einsum("ab,bi->ai", D, u - mean)).sum(0) / 2
@@ -344,6 +350,43 @@ def by_level(target: Target, tuning: Tuning, steps: Steps, state: State, numbers
     )
 
 
+def by_added_mass(
+    target: Target, tuning: Tuning, steps: Steps, state: State, numbers: MoveNumbers
+) -> Proposal:
+    """What moves along with all impacts by one factor, its spread by another; K and C along; b given them.
+
+    log m goes to mean + d + e^s (log m - mean), and its standard deviation between impacts to e^s times as
+    much: volumes grow by e^s for each impact but one, and by what that is of the deviation's coordinate.
+    """
+    which = target.added_mass
+    assert which is not None  # noqa: S101 - made of such elements alone
+    least, most = _ADDED_MASS_STEPS
+    length = least * (most / least) ** numbers.walk.decision[:2]
+    shift, log_scale = length * numbers.impacts[:2, 0]
+    number = target.present.sum()
+    shown = target.per_inertia(state.u)
+    mean = jnp.where(target.present, shown[which], 0.0).sum() / number
+    moved = shown.at[which].set(mean + shift + jnp.exp(log_scale) * (shown[which] - mean))
+    u = target.per_inertia(moved, -1.0)
+    name = f"sd_{target.model.nuisance[which - 2]}"
+    spread, transform = target.model.unknown.index(name), biject_to(target.model.prior_of(name).support)
+    coordinate, sd = state.y[spread], transform(state.y[spread])
+    scaled = jnp.exp(log_scale) * sd
+    further = transform.inv(scaled)
+    y = state.y.at[spread].set(further)
+    here = target.given_impacts(state.y, target.cell_sums(state.u))
+    there = target.given_impacts(y, target.cell_sums(u))
+    b = target.effects_at(there, numbers.walk.effects)
+    volume = number * log_scale + transform.log_abs_det_jacobian(coordinate, sd)
+    volume -= transform.log_abs_det_jacobian(further, scaled)
+    gained = there.log_density - here.log_density + volume
+    whole, effects = jnp.zeros(len(target.present), int), jnp.zeros(len(b), int)
+    state = state._replace(y=y, b=b, u=u)
+    unchanged = jnp.zeros(len(target.present))
+    of_part = jnp.zeros(target.parts).at[0].set(gained)
+    return Proposal(state, unchanged, whole, effects, of_part, jnp.zeros(()))
+
+
 def by_impact(target: Target, tuning: Tuning, steps: Steps, state: State, numbers: MoveNumbers) -> Proposal:
     """Every impact's parameters in one of the two ways."""
     site, walk = (move(target, tuning, steps, state, numbers) for move in (by_site, by_walk))
@@ -354,7 +397,10 @@ def by_impact(target: Target, tuning: Tuning, steps: Steps, state: State, number
 
 
 MOVES = (by_impact, by_population, by_level)
-_BY_IMPACT, _BY_POPULATION, _BY_LEVEL = range(3)
+_BY_IMPACT, _BY_POPULATION, _BY_LEVEL, _BY_ADDED_MASS = range(4)
+# Of elements with tissue that moves along: the share of the population's moves, and the least and the
+# greatest step of log m and of the log of its spread, between which chance decides.
+_ADDED_MASS_SHARE, _ADDED_MASS_STEPS = 1 / 2, (0.03, 3.0)
 
 
 def centred(
@@ -516,11 +562,16 @@ def transition(
         # One copy of the likelihood serves all moves: each more would be compiled again.
         state, steps, rates = at
         of_move = jax.tree.map(lambda leaf: leaf[index], numbers.moves)
-        of_population = jnp.where(of_move.way[0] < by_levels, _BY_LEVEL, _BY_POPULATION)
+        way = of_move.way[0]
+        if target.added_mass is not None:
+            way = way / (1 - _ADDED_MASS_SHARE)
+        of_population = jnp.where(way < by_levels, _BY_LEVEL, _BY_POPULATION)
+        of_population = jnp.where(way < 1, of_population, _BY_ADDED_MASS)
         kind, walks = jnp.where(index == 0, _BY_IMPACT, of_population), of_move.way < steps.walks
         # The first step of a walk is taken whatever its number is: that is free to say how far the move goes.
         length = steps.population * settings.shortened(of_move.walk.decision[0])
-        moves = [partial(one, target, tuning, steps._replace(population=length)) for one in MOVES]
+        ways = MOVES if target.added_mass is None else (*MOVES, by_added_mass)
+        moves = [partial(one, target, tuning, steps._replace(population=length)) for one in ways]
         proposal = jax.lax.switch(kind, moves, state, of_move)
         state, accepted = decided(target, state, proposal, of_move.decision)
         here = _acceptances(target, kind, walks, accepted, proposal.inner)

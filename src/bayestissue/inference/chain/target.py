@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import jax
 import jax.numpy as jnp
@@ -29,7 +29,13 @@ from bayestissue.hierarchy.gaussian.effects import (
 )
 from bayestissue.hierarchy.gaussian.factor import Conditional, GaussianFactor
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import TraceData, TraceModel, hyperparameters_at, log_likelihood
+from bayestissue.hierarchy.traces import (
+    TraceData,
+    TraceModel,
+    added_mass_of,
+    hyperparameters_at,
+    log_likelihood,
+)
 from bayestissue.inference.chain.settings import FEW
 from bayestissue.inference.execution.kept import some_impacts
 from bayestissue.inference.factors.likelihoods import densities_at
@@ -138,6 +144,30 @@ class Target:
         # Without the barrier the algebra that made u is done again at every sample of a trace.
         value = log_likelihood(self.model, self.data, list(jax.lax.optimization_barrier(u)))
         return jnp.where(self.present, jnp.where(jnp.isfinite(value), value, -jnp.inf), 0.0)
+
+    @property
+    def added_mass(self) -> int | None:
+        """Which of an impact's parameters is the log of a mass that moves along; None where none does."""
+        return added_mass_of(self.model)
+
+    def per_inertia(
+        self, u: Float[Any, "*draw parameter impact"], sign: float = 1.0
+    ) -> Float[Any, "*draw parameter impact"]:
+        """K and C over (M + m) / M, the mass m moving along: what a deceleration shows of them.
+
+        log K - log(1 + m / M) keeps every volume, as log m stays. As they are where no tissue moves along.
+
+        Args:
+            u: every impact's parameters.
+            sign: -1 for the way back.
+        """
+        which = added_mass_of(self.model)
+        if which is None:
+            return u
+        numpy = u.__array_namespace__()
+        heavier = numpy.log1p(numpy.exp(u[..., which, :] - numpy.asarray(self.data.log_mass)))
+        shift = sign * heavier[..., None, :]
+        return numpy.concatenate([u[..., :2, :] - shift, u[..., 2:, :]], axis=-2)
 
     def log_likelihoods(
         self, u: Float[np.ndarray, "point parameter impact"]

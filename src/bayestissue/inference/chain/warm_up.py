@@ -10,8 +10,10 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from jaxtyping import Float
 
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
@@ -100,11 +102,27 @@ def begin(target: Target, sites: GaussianFactor, chains: int, rng: np.random.Gen
         for y_of, u_of, of_traces in zip(y, u, target.log_likelihoods(u), strict=True)
     ]
     of_impact = np.linalg.cholesky(np.linalg.inv(np.asarray(sites.precision[0]) + np.eye(size)))
+    of_impact = _per_inertia(target, np.asarray(sites.centre[0]), of_impact)
     inner, levels = target.level_effects.shape
     walks = np.full(impacts, _WALK), np.full(impacts, _WALKS)
     steps = Steps(*walks, length, length, np.full(levels, _WALK))  # type: ignore[arg-type]
     of_level = np.broadcast_to(_ROOT * np.eye(inner), (levels, inner, inner))
     return Start(states, [steps] * chains, Tuning(sites, near, of_impact, of_level))
+
+
+def _per_inertia(
+    target: Target,
+    centre: Float[np.ndarray, "impact parameter"],
+    root: Float[np.ndarray, "impact parameter parameter"],
+) -> Float[np.ndarray, "impact parameter parameter"]:
+    """The root of a covariance in the coordinates that `by_walk` steps in: see `Target.per_inertia`."""
+    if target.added_mass is None:
+        return root
+
+    def along(column: Array) -> Array:
+        return jax.jvp(target.per_inertia, (jnp.asarray(centre.T),), (column,))[1]
+
+    return np.asarray(jax.vmap(along, in_axes=2, out_axes=2)(jnp.moveaxis(root, 0, 1))).swapaxes(0, 1)
 
 
 def retuned(target: Target, tuning: Tuning, first: Tuning, visited: Any, *, refit: bool) -> Tuning:
@@ -119,8 +137,13 @@ def retuned(target: Target, tuning: Tuning, first: Tuning, visited: Any, *, refi
         refit: whether sites are made anew: each where there are twice as many distinct points as a parabola
             has terms.
     """
-    u, value = np.asarray(visited.u).transpose(0, 2, 1), np.asarray(visited.log_likelihood)
-    of_impact = _covariance(u)
+    u, value = np.asarray(visited.u), np.asarray(visited.log_likelihood)
+    own = np.array(target.per_inertia(u))
+    if target.added_mass is not None:
+        # What all have in common of it moves by itself.
+        own[:, target.added_mass] -= own[:, target.added_mass, np.asarray(target.present)].mean(1)[:, None]
+    of_impact = _covariance(own.transpose(0, 2, 1))
+    u = u.transpose(0, 2, 1)
     first_impact = first.impact_root @ np.swapaxes(first.impact_root, 1, 2)
     size, first_size = (np.trace(matrix, axis1=1, axis2=2) for matrix in (of_impact, first_impact))
     shrunk = np.minimum(1.0, size / first_size)[:, None, None] * first_impact

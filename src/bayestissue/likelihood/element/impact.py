@@ -20,6 +20,7 @@ from jax import Array
 from jaxtyping import Bool, Float, Int
 
 from bayestissue.elements import Element
+from bayestissue.elements.element import impactor_share
 from bayestissue.likelihood.element import clipped, contact, noise, spring_damper
 from bayestissue.likelihood.element.force import force_rows, noise_of_force, noise_stride, with_force
 from bayestissue.likelihood.element.record import CONTACT, OFFSET, DecelerationRecord
@@ -194,7 +195,23 @@ class MeasuredImpact:
         if record.side_by_side and record.clipped is None and not PLAIN:
             omega_n, zeta = spring_damper_inverse(*self.parameters, record.mass)
             return spring_damper.log_likelihood(omega_n, zeta, self.noise_parameters.log_sigma, record)
-        return element_log_likelihood(self.element, self.parameters, self.noise_parameters, record)
+        density = element_log_likelihood(self.element, self.parameters, self.noise_parameters, record)
+        return density + self._of_shared_errors()
+
+    def _of_shared_errors(self) -> Array | float:
+        """What makes the product over n impacts have the density of an error that all share once.
+
+        Where the noise is small, a height h over the expected h_0 has the density of a normal error of the
+        velocity, exp(-(h / h_0 - 1)^2 / 2 s^2) / h_0. Of n impacts with s n^1/2 in place of s the exponents
+        add up to that, but h_0 divides n times: each has h_0^(1 - 1 / n) too many, h_0 being in proportion to
+        M / (M + m).
+        """
+        record = self.record
+        if record.shared_by is None:
+            return 0.0
+        names = (parameter.name for parameter in self.element.parameters)
+        share = impactor_share(self.element, dict(zip(names, self.parameters, strict=True)), record.mass)
+        return (1 - 1 / record.shared_by) * jnp.log(share)
 
     def draw_errors(self, key: Array, predicted: Response | None = None) -> Float[Array, "impact error"]:
         """The chain's errors given the recorded traces, contact time's counted from ``first_time`` (later).

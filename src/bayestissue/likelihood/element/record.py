@@ -244,6 +244,8 @@ class DecelerationRecord(NamedTuple):
             limit, and what was to be measured lies there or beyond. None where no trace has any.
         force: recorded beside it; ``error_sd`` then has those of its zero [m/s^2] and of its clock [s] behind
             the gain's. None where there is none.
+        shared_by: how many impacts have one error of velocity and gain in common, whose standard deviations
+            in ``error_sd`` then are the root of that number too wide; None where each has its own.
     """
 
     d: Float[Array, "impact sample"]
@@ -265,6 +267,7 @@ class DecelerationRecord(NamedTuple):
     uneven: UnevenTimes | None = None
     clipped: Float[Array, "impact sample"] | None = None
     force: ForceRows | None = None
+    shared_by: Float[Array, " impact"] | None = None
 
     @classmethod
     def from_arrays(
