@@ -2,10 +2,10 @@
 
     BAYESTISSUE_PLAIN=1 python tests/plain_answers.py OUT.npz NAME ...
 
-`differences` compares what two such processes write: `tests/test_plain.py` asks how far they may be apart,
-and `benchmarks/plain_against_fast.py` keeps how far they were. Campaigns have sizes that the fast paths fill
-up, but where random numbers are drawn by impact: those of an array depend on its size, so that there the
-number of impacts is one that stays as it is.
+`differences` compares what such a process writes with what one finds that has the fast paths:
+`tests/test_plain.py` asks how far they may be apart, and `benchmarks/plain_against_fast.py` keeps how far
+they were. Campaigns have sizes that the fast paths fill up, but where random numbers are drawn by impact:
+those of an array depend on its size, so that there the number of impacts is one that stays as it is.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -223,18 +223,23 @@ FITS: Mapping[str, Callable[[], Numbers]] = {
 }
 
 
-def both_ways(folder: Path, names: Iterable[str]) -> tuple[Numbers, Numbers]:
-    """What a process with fast paths finds, and one without them, which reads no kept compilation either."""
-    found = []
-    for plain in ("0", "1"):
-        out = folder / f"plain-{plain}.npz"
-        environment = os.environ | {"BAYESTISSUE_PLAIN": plain, "PYTHONPATH": os.pathsep.join(sys.path)}
-        if plain == "1":
-            environment.pop("JAX_COMPILATION_CACHE_DIR", None)
-        subprocess.run([sys.executable, __file__, str(out), *names], env=environment, check=True)  # noqa: S603 - our own
-        with np.load(out) as arrays:
-            found.append(dict(arrays))
-    return found[0], found[1]
+def answered(names: Collection[str]) -> Numbers:
+    """What this process finds, which has the fast paths or none."""
+    found: Numbers = {"paths": np.array(paths())}
+    for name in names:
+        for what, values in (QUICK | SLOW | FITS)[name]().items():
+            found[f"{name}: {what}"] = np.asarray(values, float)
+    return found
+
+
+def both_ways(folder: Path, names: Collection[str]) -> tuple[Numbers, Numbers]:
+    """What this process finds, and one without fast paths, which reads no kept compilation either."""
+    out = folder / "plain.npz"
+    environment = os.environ | {"BAYESTISSUE_PLAIN": "1", "PYTHONPATH": os.pathsep.join(sys.path)}
+    environment.pop("JAX_COMPILATION_CACHE_DIR", None)
+    subprocess.run([sys.executable, __file__, str(out), *names], env=environment, check=True)  # noqa: S603 - our own
+    with np.load(out) as arrays:
+        return answered(names), dict(arrays)
 
 
 def differences(fast: Numbers, plain: Numbers) -> dict[str, float]:
@@ -275,11 +280,7 @@ def paths() -> list[bool]:
 def main() -> None:
     out, *names = sys.argv[1:]
     runtime.configure(one_core=True)
-    found: Numbers = {"paths": np.array(paths())}
-    for name in names:
-        for what, values in (QUICK | SLOW | FITS)[name]().items():
-            found[f"{name}: {what}"] = np.asarray(values, float)
-        np.savez(Path(out), **found)
+    np.savez(Path(out), **answered(names))
 
 
 if __name__ == "__main__":

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import tomllib
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
+import jax
 import numpy as np
 import pytest
 import xarray as xr
@@ -139,8 +141,8 @@ def test_its_rows_begin_once_contact_must_have_been(recorder: dict[str, Any], mo
 
 
 def first_log_density(ready: Prepared) -> np.ndarray:
-    event = impact_likelihood(ready.model, ready.data, list(first_guess(ready).T))
-    return np.asarray(event.log_density())
+    at = partial(impact_likelihood, ready.model, ready.data)
+    return np.asarray(jax.jit(lambda u: at(list(u)).log_density())(first_guess(ready).T))
 
 
 @pytest.mark.parametrize("recorder", [None, {"low_pass_hz": 400.0, "noise": "before"}])
