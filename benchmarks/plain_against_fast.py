@@ -2,7 +2,7 @@
 
     .venv/bin/python benchmarks/plain_against_fast.py
 
-The answers are those of `tests/plain_answers.py`: each is computed in two processes, one with
+The answers are those of `tests/plain_answers.py`: each is computed here and in a process with
 BAYESTISSUE_PLAIN=1. A row has the largest difference over the largest number of its kind, or, of what is
 drawn, in Monte Carlo errors.
 """
@@ -15,6 +15,8 @@ from pathlib import Path
 
 from evidence import recorded
 
+from bayestissue import runtime
+
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.append(str(ROOT / "tests"))
 from plain_answers import FITS, QUICK, SLOW, both_ways, differences  # noqa: E402
@@ -24,6 +26,7 @@ TOGETHER, DRAWN = "quick", next(iter(FITS))
 
 
 def main() -> None:
+    runtime.configure(one_core=True)
     with recorded("plain_against_fast") as record:
         for unit in record.missing([TOGETHER, *SLOW, DRAWN]):
             names = list(QUICK) if unit == TOGETHER else [unit]

@@ -3,6 +3,7 @@ from __future__ import annotations
 import gc
 import os
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -67,6 +68,14 @@ def _empty_if_large(folder: Path) -> None:
     if sum(entry.stat().st_size for entry in entries) > MOST_KEPT:
         for entry in entries:
             entry.unlink()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def few_motions_at_once() -> None:
+    """Questions solve as many motions at once as a made-up run has draws, hundreds: a fit has thousands."""
+    from bayestissue.inference.answers import law
+
+    law.SETTINGS = replace(law.SETTINGS, together=256, loops_together=128)
 
 
 @pytest.fixture(scope="module")

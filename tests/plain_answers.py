@@ -2,10 +2,10 @@
 
     BAYESTISSUE_PLAIN=1 python tests/plain_answers.py OUT.npz NAME ...
 
-`differences` compares what two such processes write: `tests/test_plain.py` asks how far they may be apart,
-and `benchmarks/plain_against_fast.py` keeps how far they were. Campaigns have sizes that the fast paths fill
-up, but where random numbers are drawn by impact: those of an array depend on its size, so that there the
-number of impacts is one that stays as it is.
+`differences` compares what such a process writes with what one finds that has the fast paths:
+`tests/test_plain.py` asks how far they may be apart, and `benchmarks/plain_against_fast.py` keeps how far
+they were. Campaigns have sizes that the fast paths fill up, but where random numbers are drawn by impact:
+those of an array depend on its size, so that there the number of impacts is one that stays as it is.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -42,6 +42,7 @@ from bayestissue.inference.factors.expansions import expanded, first_guess
 from bayestissue.likelihood import sine_transforms
 from bayestissue.likelihood.arma.arma21 import log_likelihood as series_log_likelihood
 from bayestissue.padding import bucket, padded_impacts
+from bayestissue.resources import shared
 from bayestissue.simulation import Simulation, simulate
 from bayestissue.simulation.driven import Driven, driven
 from make_fit_run import write_fit_run
@@ -51,6 +52,7 @@ Numbers = dict[str, Any]
 ERROR = "error"
 # What is far from the guess that chains begin from, in logs.
 AWAY = 0.1
+OF_ONE = {"relative_mass_sd": 0.005, "velocity_sd_m_s": 0.01}
 MODEL = {
     "like": "impact",
     "discrepancy": "none",
@@ -80,9 +82,15 @@ def campaign(people: int, masses: tuple[float, ...]) -> Dataset:
     return simulate(Simulation.model_validate(content)).dataset("plain and fast")
 
 
+@cache
+def example() -> Dataset:
+    """The example that comes with the program."""
+    return bt.read_dataset(shared("data", "example"))
+
+
 def filled_up() -> Dataset:
-    """Nine impacts, which become ten."""
-    return campaign(3, (0.4, 0.8, 1.3))
+    """Eleven of its impacts, which become twelve: as many as `test_fitting` has compiled for."""
+    return example().part(list(range(0, 88, 8)))
 
 
 def as_it_is() -> Dataset:
@@ -111,9 +119,11 @@ def estimates(dataset: Callable[[], Dataset], **options: Any) -> Numbers:
     return columns(bt.estimate(dataset(), **options))
 
 
-def one_impact() -> Dataset:
-    """The first impact alone."""
-    return campaign(1, (0.8,))
+def one_impact() -> Numbers:
+    """`bt.impact` of the example's impact that `test_one_impact` has compiled for."""
+    trace, about = example().traces[5], example().impacts.iloc[5]
+    given = {"mass_kg": about["mass_kg"], "velocity_m_s": about["velocity_m_s"], "uncertainty": OF_ONE}
+    return columns(bt.impact(trace.time_s, trace.value, **given).row.to_frame().T.infer_objects())
 
 
 @partial(jax.jit, static_argnames="tangents")
@@ -199,7 +209,7 @@ def plan() -> Numbers:
 
 # Those of the default tests, those that take long to compile, and fits, whose means have Monte Carlo errors.
 QUICK: Mapping[str, Callable[[], Numbers]] = {
-    "estimates": partial(estimates, filled_up),
+    "estimate of one impact": one_impact,
     "point estimates, exact": partial(estimates, filled_up, method="exact"),
     "point estimates, dds": partial(estimates, filled_up, method="dds"),
     "log density of impact": partial(density, filled_up, MODEL),
@@ -211,7 +221,7 @@ QUICK: Mapping[str, Callable[[], Numbers]] = {
     "prediction": prediction,
 }
 SLOW: Mapping[str, Callable[[], Numbers]] = {
-    "estimate of one impact": partial(estimates, one_impact),
+    "estimates": partial(estimates, filled_up),
     "log density of maxwell": partial(density, filled_up, "maxwell"),
     "short chain": short_chain,
     "plan": plan,
@@ -223,18 +233,23 @@ FITS: Mapping[str, Callable[[], Numbers]] = {
 }
 
 
-def both_ways(folder: Path, names: Iterable[str]) -> tuple[Numbers, Numbers]:
-    """What a process with fast paths finds, and one without them, which reads no kept compilation either."""
-    found = []
-    for plain in ("0", "1"):
-        out = folder / f"plain-{plain}.npz"
-        environment = os.environ | {"BAYESTISSUE_PLAIN": plain, "PYTHONPATH": os.pathsep.join(sys.path)}
-        if plain == "1":
-            environment.pop("JAX_COMPILATION_CACHE_DIR", None)
-        subprocess.run([sys.executable, __file__, str(out), *names], env=environment, check=True)  # noqa: S603 - our own
-        with np.load(out) as arrays:
-            found.append(dict(arrays))
-    return found[0], found[1]
+def answered(names: Collection[str]) -> Numbers:
+    """What this process finds, which has the fast paths or none."""
+    found: Numbers = {"paths": np.array(paths())}
+    for name in names:
+        for what, values in (QUICK | SLOW | FITS)[name]().items():
+            found[f"{name}: {what}"] = np.asarray(values, float)
+    return found
+
+
+def both_ways(folder: Path, names: Collection[str]) -> tuple[Numbers, Numbers]:
+    """What this process finds, and one without fast paths, which reads no kept compilation either."""
+    out = folder / "plain.npz"
+    environment = os.environ | {"BAYESTISSUE_PLAIN": "1", "PYTHONPATH": os.pathsep.join(sys.path)}
+    environment.pop("JAX_COMPILATION_CACHE_DIR", None)
+    subprocess.run([sys.executable, __file__, str(out), *names], env=environment, check=True)  # noqa: S603 - our own
+    with np.load(out) as arrays:
+        return answered(names), dict(arrays)
 
 
 def differences(fast: Numbers, plain: Numbers) -> dict[str, float]:
@@ -275,11 +290,7 @@ def paths() -> list[bool]:
 def main() -> None:
     out, *names = sys.argv[1:]
     runtime.configure(one_core=True)
-    found: Numbers = {"paths": np.array(paths())}
-    for name in names:
-        for what, values in (QUICK | SLOW | FITS)[name]().items():
-            found[f"{name}: {what}"] = np.asarray(values, float)
-        np.savez(Path(out), **found)
+    np.savez(Path(out), **answered(names))
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.results.labels import design_attributes, design_dimensions, labelled
 from designs import design_of, impacts
 
-SHAPE = (2, 400)
+SHAPE = (2, 100)
 
 
 def study_with_sides(

@@ -44,7 +44,8 @@ def fitted(dataset, tmp_path_factory):
     folder = make_fit_run(tmp_path_factory.mktemp("made") / "run", pictures=True)
     with xr.open_datatree(folder / "posterior.nc", engine="h5netcdf") as stored:
         tree = stored.load()
-    tables = {name: bt.read_run(folder).table(name) for name in TABLES}
+    run = bt.read_run(folder)
+    tables = {name: run.table(name) for name in TABLES}
     diagnostics = json.loads((folder / "diagnostics.json").read_text())
     diagnostics["worst"] = {name: {"value": v} for name, v in WORST.items()}
     specification = read_specification(shared("models", "a2.toml"))

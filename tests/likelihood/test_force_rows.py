@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax import Array
 from scipy.linalg import toeplitz
 from scipy.stats import multivariate_normal
 
@@ -79,6 +80,11 @@ def likelihood(record: DecelerationRecord) -> MeasuredImpact:
     return MeasuredImpact(element("kelvin_voigt"), parameters, noise, record)
 
 
+@jax.jit
+def log_density(record: DecelerationRecord) -> Array:
+    return likelihood(record).log_density()[0]
+
+
 def dense() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mean and covariance of all rows, and the columns of the errors."""
     t, s = FIRST + DT * np.arange(SAMPLES), FORCE_FIRST + FORCE_DT * np.arange(ROWS)
@@ -103,7 +109,7 @@ def test_the_log_density_is_that_of_the_dense_normal() -> None:
     record, d, y = recorded()
     mean, covariance, _ = dense()
     expected = multivariate_normal(mean, covariance).logpdf(np.concatenate([d, y]))
-    assert float(likelihood(record).log_density()[0]) == pytest.approx(expected, rel=1e-7)
+    assert float(log_density(record)) == pytest.approx(expected, rel=1e-7)
 
 
 def test_below_the_tissue_it_is_the_tissues_own_force() -> None:
@@ -121,10 +127,11 @@ def test_below_the_tissue_it_is_the_tissues_own_force() -> None:
     # The force's ratio less what the mass accounts for, so that all rows are those of the test above.
     ratio = jnp.log(jnp.array([(np.exp(RATIO) - TIP) / heavier]))
     noise = given.noise_parameters._replace(log_force_ratio=ratio)
-    found = MeasuredImpact(element("moving_mass"), parameters, noise, below).log_density()
+    density = jax.jit(lambda p, r: MeasuredImpact(element("moving_mass"), p, noise, r).log_density()[0])
+    found = density(parameters, below)
     mean, covariance, _ = dense()
     expected = multivariate_normal(mean, covariance).logpdf(np.concatenate([d, y]))
-    assert float(found[0]) == pytest.approx(expected, rel=1e-7)
+    assert float(found) == pytest.approx(expected, rel=1e-7)
 
 
 FINER = 400
@@ -136,9 +143,9 @@ NO_GAP = range(0)
     ("recorder", "share", "first", "gap"),
     [
         (Recorder(300.0), 1.0, FORCE_FIRST, NO_GAP),
-        (Recorder(300.0, 4, "bessel"), 0.3, FORCE_FIRST, NO_GAP),
+        pytest.param(Recorder(300.0, 4, "bessel"), 0.3, FORCE_FIRST, NO_GAP, marks=pytest.mark.slow),
         (Recorder(150.0, 2, zero_phase=True, applied="analog"), 0.3, FORCE_FIRST, NO_GAP),
-        (Recorder(200.0, applied="digital"), 0.3, FORCE_FIRST, NO_GAP),
+        pytest.param(Recorder(200.0, applied="digital"), 0.3, FORCE_FIRST, NO_GAP, marks=pytest.mark.slow),
         # Samples since contact before the first that counts are behind the filter too.
         (Recorder(200.0, applied="digital"), 1.0, FORCE_FIRST + 2 * FORCE_DT, NO_GAP),
         # Clipped for longer than the noise's correlations last.
@@ -189,7 +196,7 @@ def test_behind_a_low_pass_it_is_the_dense_normal_of_what_passes(
     covariance[SAMPLES:, SAMPLES:] += FORCE_SIGMA**2 * toeplitz(correlation)
     asked = np.concatenate([np.ones(SAMPLES, bool), kept])
     expected = multivariate_normal(mean[asked], covariance[np.ix_(asked, asked)])
-    found = float(likelihood(record._replace(force=rows)).log_density()[0])
+    found = float(log_density(record._replace(force=rows)))
     # The filtered grid is off by its step.
     assert found == pytest.approx(expected.logpdf(np.concatenate([d, y])[asked]), abs=0.02)
 
@@ -209,7 +216,7 @@ def test_samples_at_the_limit_are_left_out() -> None:
     clipped = record.force._replace(y=jnp.where(rows, record.force.y, 0.0), usable=jnp.asarray(rows))
     values = np.concatenate([d, y])[kept]
     expected = multivariate_normal(mean[kept], covariance[np.ix_(kept, kept)]).logpdf(values)
-    found = likelihood(record._replace(force=clipped)).log_density()[0]
+    found = log_density(record._replace(force=clipped))
     assert float(found) == pytest.approx(expected, rel=1e-7)
 
 
@@ -218,7 +225,7 @@ def test_a_replicate_of_the_force_has_the_moments_of_the_dense_normal() -> None:
     mean, covariance, _ = dense()
     mean, sd = MASS * mean[SAMPLES:], MASS * np.sqrt(np.diag(covariance)[SAMPLES:])
     keys = jax.random.split(jax.random.PRNGKey(0), number := 2000)
-    drawn = np.asarray(jax.vmap(likelihood(record).replicate)(keys)["force"])[:, 0]
+    drawn = np.asarray(jax.jit(jax.vmap(likelihood(record).replicate))(keys)["force"])[:, 0]
     assert np.isnan(drawn[:, ROWS:]).all()
     assert (np.abs(drawn[:, :ROWS].mean(0) - mean) < 5 * sd / np.sqrt(number)).all()
     assert drawn[:, :ROWS].std(0) == pytest.approx(sd, rel=5 / np.sqrt(2 * number))
@@ -232,7 +239,7 @@ def test_errors_given_both_channels_are_those_of_the_dense_normal() -> None:
     spread = np.sqrt(np.diag(np.diag(np.square(SD)) - gain @ columns.T @ np.diag(np.square(SD))))
     event, number = likelihood(record), 2000
     keys = jax.random.split(jax.random.PRNGKey(0), number)
-    drawn = np.asarray(jax.vmap(event.draw_errors)(keys))[:, 0]
+    drawn = np.asarray(jax.jit(jax.vmap(event.draw_errors))(keys))[:, 0]
     # Five standard errors of a mean of so many draws, and of a standard deviation.
     assert (np.abs(drawn.mean(0) - expected) < 5 * spread / np.sqrt(number)).all()
     assert drawn.std(0) == pytest.approx(spread, rel=5 / np.sqrt(2 * number))
@@ -241,16 +248,18 @@ def test_errors_given_both_channels_are_those_of_the_dense_normal() -> None:
 def test_its_slopes_are_those_of_differences() -> None:
     record, *_ = recorded()
 
-    def value(p: jax.Array) -> jax.Array:
+    @jax.jit
+    @jax.value_and_grad
+    def both(p: Array) -> Array:
         noise = NoiseParameters(p[2:3], None, None, p[3:4], p[4:5])
         return MeasuredImpact(element("kelvin_voigt"), jnp.exp(p[:2, None]), noise, record).log_density()[0]
 
     at = jnp.array([np.log(K), np.log(C), np.log(SIGMA), np.log(FORCE_SIGMA), RATIO])
-    slope, step = np.asarray(jax.jit(jax.grad(value))(at)), 1e-5
+    step = 1e-5
     differences = [
-        (value(at.at[i].add(step)) - value(at.at[i].add(-step))) / (2 * step) for i in range(len(at))
+        (both(at.at[i].add(step))[0] - both(at.at[i].add(-step))[0]) / (2 * step) for i in range(len(at))
     ]
-    np.testing.assert_allclose(slope, differences, rtol=1e-5, atol=1e-4)
+    np.testing.assert_allclose(both(at)[1], differences, rtol=1e-5, atol=1e-4)
 
 
 def test_a_shorter_window_is_shorter_in_both_channels() -> None:

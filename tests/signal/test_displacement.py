@@ -70,7 +70,7 @@ def test_the_offset_of_the_quiet_part_is_removed():
 
 @pytest.mark.parametrize("samples", [8, 21])
 def test_the_offset_errs_by_what_is_said_of_it(samples):
-    number = 10_000
+    number = 2_000
     made = displacements(record([TYPICAL] * number, 1e4, before=samples / 1e4, noise=0.005))
     told = np.isfinite(made.offset_sd)
     assert told.mean() > 0.95

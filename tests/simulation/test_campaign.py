@@ -326,7 +326,7 @@ def test_a_force_is_clipped_at_its_limit_and_read_so(tmp_path):
         np.testing.assert_array_equal(np.concatenate(marked), campaign.force >= limit)
 
 
-@pytest.mark.parametrize("gravity", [0.0, 9.80665])
+@pytest.mark.parametrize("gravity", [pytest.param(0.0, marks=pytest.mark.slow), 9.80665])
 def test_a_force_below_the_tissue_moves_the_tissue_too(gravity):
     plate, tissue = {"place": "base"}, {"element": "moving_mass", "parameters": {"moving_mass_kg": 0.2}}
     made = specification(subjects=1, recording={"force": plate}, tissue=tissue)

@@ -23,6 +23,7 @@ from designs import design_of, impacts
 from study_with_sides import SHAPE, study_with_sides
 
 FORMULA = "side + (1|subject/side)"
+NUMBER = SHAPE[0] * SHAPE[1]
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +44,7 @@ def test_what_the_response_does_not_depend_on_chooses_among_the_recorded(study: 
     ("question", "why"),
     [
         ("K / 0", "a division by 0"),
-        ("exp(K)", "too large a number in 800 of 800"),
+        ("exp(K)", f"too large a number in {NUMBER} of {NUMBER}"),
         ("log(0 * K)", "the log of 0"),
     ],
 )
@@ -87,7 +88,8 @@ def test_a_person_on_a_side_that_was_not_recorded_has_a_new_effect_of_that_side(
     assert left["new"] == ""
     widths = [np.log(row["K_N_per_m_high"] / row["K_N_per_m_low"]) / 2 / 1.645 for row in (left, right)]
     # What side effects, known or new, the impact's own scatter and the rest make: 0.2 each beside 0.1.
-    assert widths[1] == pytest.approx(np.sqrt(0.05**2 + 0.2**2 + 0.2**2 + 0.1**2), rel=0.15)
+    # With so many draws each end of an interval errs by 0.15 standard deviations: 3 * 0.064 of its width.
+    assert widths[1] == pytest.approx(np.sqrt(0.05**2 + 0.2**2 + 0.2**2 + 0.1**2), rel=0.2)
     with pytest.raises(InputError, match="one of left, right"):
         read_conditions(at.assign(side="rechts"), study.recorded)
 

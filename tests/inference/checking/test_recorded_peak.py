@@ -50,7 +50,10 @@ def of_true_peaks(
     return dataset, ready, made.truth["peak_deceleration_g"].to_numpy(float)
 
 
-@pytest.mark.parametrize(("noise", "gravity"), [(0.2, "none"), (0.005, "none"), (0.2, "drop")])
+@pytest.mark.parametrize(
+    ("noise", "gravity"),
+    [(0.2, "none"), (0.005, "none"), pytest.param(0.2, "drop", marks=pytest.mark.slow)],
+)
 def test_noise_takes_no_sample_out_of_an_interval_that_is_the_true_peak_alone(
     noise: float, gravity: str
 ) -> None:

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax import Array
 from scipy.stats import multivariate_normal
 
 from bayestissue.elements import REFERENCE_DIAMETER_M, element
@@ -49,6 +50,13 @@ def measured(
     beside = None if log_discrepancy is None else jnp.full(2, log_discrepancy)
     logs = [jnp.log(jnp.asarray(values)) for values in (SIGMA, SIGMA_F, ROUGH)]
     return MeasuredDriven(element("kelvin_voigt"), jnp.asarray([K, C]), *logs, beside, record)
+
+
+@jax.jit
+def density(
+    record: DrivenRecord, log_discrepancy: float | None = None, K: np.ndarray = K, C: np.ndarray = C
+) -> Array:
+    return measured(record, log_discrepancy, K, C).log_density()
 
 
 def dense(record: DrivenRecord, row: int, rms: float = 0.0, K: np.ndarray = K, C: np.ndarray = C) -> float:
@@ -100,23 +108,23 @@ def many_modes(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 @pytest.mark.usefixtures("many_modes")
 def test_density_is_that_of_a_dense_normal(rms: float) -> None:
     record = recorded(np.random.default_rng(1), discrepancy=rms > 0)
-    density = measured(record, np.log(rms) if rms else None).log_density()
-    np.testing.assert_allclose(density, [dense(record, row, rms) for row in range(2)], atol=0.03)
+    found = density(record, np.log(rms) if rms else None)
+    np.testing.assert_allclose(found, [dense(record, row, rms) for row in range(2)], atol=0.03)
 
 
 def test_no_K_and_C_far_from_the_recordings_is_likelier_than_theirs() -> None:
     """A density whose squares cancel is what is left of their digits there, of thousands of either sign."""
     record = recorded(np.random.default_rng(1), discrepancy=False)
-    at = measured(record).log_density()
+    at = density(record)
     for further in np.exp(np.linspace(3, 30, 10)):
-        for far in (measured(record, K=K * further), measured(record, K=K * further, C=C * further)):
-            assert (far.log_density() < at).all()
+        for far in (density(record, K=K * further), density(record, K=K * further, C=C * further)):
+            assert (far < at).all()
 
 
 def test_sixteen_functions_tell_K_and_C_as_all_do() -> None:
     """Their difference in log density does not depend on K and C."""
     record = recorded(np.random.default_rng(1), discrepancy=False)
-    few = [measured(record, K=K * f, C=C * g).log_density() for f, g in ((1, 1), (1.03, 1), (1, 1.1))]
+    few = [density(record, K=K * f, C=C * g) for f, g in ((1, 1), (1.03, 1), (1, 1.1))]
     whole = [dense(record, 0, K=K * f, C=C * g) for f, g in ((1, 1), (1.03, 1), (1, 1.1))]
     np.testing.assert_allclose(np.diff([f[0] for f in few]), np.diff(whole), atol=0.05)
 
@@ -136,16 +144,21 @@ def test_functions_have_the_covariance_of_the_integral() -> None:
 
 def test_padding_changes_nothing() -> None:
     record = recorded(np.random.default_rng(2), discrepancy=True)
-    density, padded = (measured(one, -3.0).log_density() for one in (record, record.padded()))
-    np.testing.assert_allclose(density, padded, rtol=1e-12)
+    found, padded = (density(one, -3.0) for one in (record, record.padded()))
+    np.testing.assert_allclose(found, padded, rtol=1e-12)
 
 
 def test_draws_have_the_moments_of_the_weights() -> None:
     record = recorded(np.random.default_rng(3), discrepancy=True)
-    event = measured(record, -3.0)
-    draws = jax.vmap(event.weights)(jax.random.split(jax.random.PRNGKey(0), 4000))
-    mean, sd = np.asarray(event.weights()), np.asarray(draws.std(0))
-    moved = np.abs(np.asarray(draws.mean(0)) - mean) / np.where(sd > 0, sd, 1.0)
+
+    @jax.jit
+    def drawn(record: DrivenRecord) -> tuple[Array, Array, Array]:
+        event = measured(record, -3.0)
+        draws = jax.vmap(event.weights)(jax.random.split(jax.random.PRNGKey(0), 4000))
+        return draws, event.weights(), record.y - event.force(event.weights())
+
+    draws, mean, residual = map(np.asarray, drawn(record))
+    sd = draws.std(0)
+    moved = np.abs(draws.mean(0) - mean) / np.where(sd > 0, sd, 1.0)
     assert moved.max() < 5 / np.sqrt(4000)
-    residual = np.asarray(record.y - event.force(event.weights()))
     assert np.abs(residual).max() < 5 * SIGMA_F.max()
