@@ -17,7 +17,7 @@ import numpyro
 import numpyro.distributions as dist
 from jax import Array
 
-from bayestissue.hierarchy.population import expected
+from bayestissue.hierarchy.population import expected, shared_mass_errors
 from bayestissue.hierarchy.traces import TraceData, TraceModel, physical, sample_hyperparameters
 from bayestissue.oscillator import to_differences
 
@@ -41,7 +41,10 @@ def plain(model: TraceModel, data: TraceData) -> None:
         *(hyperparameters[name] for name in ("sd_impact_K", "sd_impact_C", "residual_correlation"))
     )
     pair = _standard("standard_pair", number, 2) @ factor.T
-    mass_error = model.log_mass_sd * _standard("standard_mass_error", number)
+    mass_error = model.own_mass_sd * _standard("standard_mass_error", number)
+    if model.locations.of_shared_masses:
+        shared = shared_mass_errors(model.locations, data.design, b)
+        mass_error, about = mass_error + shared, about.at[:2].add(shared)
     log_K = numpyro.deterministic("log_K", about[0] + pair[:, 0])
     log_C = numpyro.deterministic("log_C", about[1] + pair[:, 1])
     numpyro.deterministic("locations", b)

@@ -95,11 +95,6 @@ def from_prior(target: GaussianTarget, key: Array) -> tuple[GaussianTarget, Stat
         ]
     )
     b = value["locations"]
-    shared = target.covariances(y).shared
-    if shared is not None:
-        # The chain has people's effects at the recorded mass.
-        for effects in shared[:2]:
-            b = b.at[effects].add(-value["log_mass_error"])  # noqa: PD008 - an array's
     logs = value["log_K_and_C"]
     u = jnp.stack([logs[:, 0], logs[:, 1], *(value[name] for name in target.model.nuisance)])
     told = u + TOLD[: len(u), None] * jax.random.normal(keys[1], u.shape)

@@ -9,7 +9,7 @@ import numpy as np
 from jax import Array
 
 from bayestissue.hierarchy.gaussian.arrangement import arrange, expected_by_cell
-from bayestissue.hierarchy.gaussian.covariances import Covariances, SharedMassError
+from bayestissue.hierarchy.gaussian.covariances import Covariances
 from bayestissue.hierarchy.gaussian.effects import EffectsConditional, integrate_effects, log_density_of_cells
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor, cell_factors
 
@@ -29,6 +29,9 @@ DESIGNS = {
     "sessions across operators": ("session operator", "session operator"),
     "trials of which one has no impact": ("subject trials_and_none", "subject"),
     "the last parameter by people and trials": ("subject", "", None, "subject slope trial"),
+    "people and trials, each subject with a mass": ("subject trial", "subject trial"),
+    "people and trials, each trial with a mass": ("subject trial", "subject trial"),
+    "people and sessions, each trial with a mass": ("subject session", "subject"),
     "the third parameter across the first's": ("subject", "subject", "trial side", None),
 }
 
@@ -64,7 +67,7 @@ def columns_of(term: str, rows: np.ndarray) -> np.ndarray:
 class Dense:
     """Everything as one normal over (b, all u), and sites as observations m + P^-1 g of u."""
 
-    def __init__(self, name: str, repeats: int = 1, *, shared: float = 0.0, scale: float = 1.0) -> None:
+    def __init__(self, name: str, repeats: int = 1, *, scale: float = 1.0) -> None:
         self.scale = scale
         self.rng = np.random.default_rng(repeats)
         rows = rows_of_campaign(repeats)
@@ -85,25 +88,30 @@ class Dense:
                 sd += [0.7 - 0.2 * k] * matrix.shape[1]
                 own.append(matrix)
             matrices.append(np.concatenate(own, axis=1))
+        moved = None
+        if name.endswith("with a mass"):
+            # Of log K, log C and the last parameter.
+            moved, of_mass = np.array([-1.0, -1.0, 0.0, -1.0]), columns_of(name.split()[-4], rows)
+            self.groups.append(slice(len(sd), len(sd) + of_mass.shape[1]))
+            sd += [0.3] * of_mass.shape[1]
+            matrices.append(of_mass)
         self.sd = np.array(sd)
         self.mean = self.rng.normal(size=len(self.sd))
         whole = np.concatenate(matrices, axis=1)
         _, first, cell = np.unique(whole, axis=0, return_index=True, return_inverse=True)
-        self.design = arrange([matrix[first] for matrix in matrices], cell.reshape(-1), self.groups)
+        self.design = arrange([matrix[first] for matrix in matrices], cell.reshape(-1), self.groups, moved)
         begin = np.cumsum([0, *(matrix.shape[1] for matrix in matrices)])
         # Rows in the order (impact, parameter).
         self.X = np.zeros((self.number, SIZE, len(self.sd)))
-        for a, matrix in enumerate(matrices):
+        for a, matrix in enumerate(matrices[:SIZE]):
             self.X[:, a, begin[a] : begin[a + 1]] = matrix
+        if moved is not None:
+            self.X[..., begin[SIZE] :] = moved[:, None] * of_mass[:, None]
         self.X = self.X.reshape(-1, len(self.sd))
-        people = [np.r_[self.groups[0]], np.r_[self.groups[len(DESIGNS[name][0].split())]]] if shared else []
-        self.people = people
-        self.shared = shared
         self.covariances = Covariances(
             tuple(jnp.asarray(scale**2 * entry) for entry in (OWN[0, 0], OWN[0, 1], OWN[1, 1])),
             tuple(jnp.asarray(scale * sd) for sd in NUISANCE_SD),
             jnp.asarray(self.sd),
-            SharedMassError(*people, shared**2) if shared else None,
         )
         self.sites = self._sites()
 
@@ -124,7 +132,7 @@ class Dense:
 
     def log_density(self, own: Any, nuisance: Any, locations: Any) -> Array:
         """As a function of all standard deviations."""
-        covariances = Covariances(own, nuisance, locations, self.covariances.shared)
+        covariances = Covariances(own, nuisance, locations)
         return log_density_of_cells(self.design, covariances, self.sums(covariances))
 
     def conditional(self) -> EffectsConditional:
@@ -138,13 +146,7 @@ class Dense:
     @property
     def of_b(self) -> np.ndarray:
         """Prior covariance of b."""
-        found = np.diag(self.sd**2)
-        if self.shared:
-            on_K, on_C = self.people
-            ones = np.zeros((len(self.sd), len(on_K)))
-            ones[on_K, np.arange(len(on_K))] = ones[on_C, np.arange(len(on_C))] = 1
-            found += self.shared**2 * ones @ ones.T
-        return found
+        return np.diag(self.sd**2)
 
     @property
     def of_u(self) -> np.ndarray:

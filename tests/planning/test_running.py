@@ -72,7 +72,7 @@ def begun() -> Begun:
     ready = planner(
         further,
         specification,
-        RunningPrior.of_posterior(posterior, pilot),
+        RunningPrior.of_posterior(posterior, pilot, running.rows["mass_kg"].to_numpy()),
         simulation_of(Recording.model_validate(RECORDING)),
         running=running,
     )

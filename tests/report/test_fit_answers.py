@@ -178,6 +178,8 @@ def test_an_error_of_mass_that_is_a_persons_is_said(run):
     shared = replace(run, record=run.record | {"model": model, "uncertainty": given})
     assert "mass 20 %" in checks.declared_words(shared).replace("\N{NO-BREAK SPACE}", " ")
     assert "no surer than that mass" in checks.declared_words(shared)
+    of_masses = replace(run, record=shared.record | {"model": model | {"mass_error": "mass"}})
+    assert "no surer than the masses" in checks.declared_words(of_masses)
 
 
 def test_theta1_at_its_edge_is_counted_and_impact_toml_named(run, arma):

@@ -13,6 +13,7 @@ from scipy.stats import norm, t
 
 from bayestissue.certificate.augmented import Truth
 from bayestissue.certificate.uniform import DRAWS, p_of_uniform
+from bayestissue.hierarchy.population import MASS_ERROR
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.chain.results import ChainDraws
 from bayestissue.inference.execution.kept import evenly_spaced
@@ -83,8 +84,9 @@ class Thinned:
 
 
 def _levels(prepared: Prepared) -> dict[str, int]:
-    """How many levels there are of each group term; its part of b may be wider."""
-    return {
+    """How many levels there are of each group term, and errors of masses; the part of b may be wider."""
+    masses = {} if prepared.mass_group is None else {MASS_ERROR: int(prepared.mass_group.max()) + 1}
+    return masses | {
         term.effect(part.response): len(prepared.design.groupings[term.grouping].levels)
         for part in prepared.design.responses.values()
         for term in part.terms

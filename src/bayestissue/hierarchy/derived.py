@@ -13,7 +13,7 @@ from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.effects import RESPONSES, intercept, sd_impact
 from bayestissue.hierarchy.formulas.group_terms import SUBJECT, TRIAL, common_coefficient, stem_of
 from bayestissue.hierarchy.levels import design_at, log_at_levels
-from bayestissue.hierarchy.population import EffectParts
+from bayestissue.hierarchy.population import MASS_ERROR, EffectParts
 from bayestissue.hierarchy.recorded import Condition
 
 # Hyperparameters and effects, or quantities, by name, each [chain, draw, ...].
@@ -32,7 +32,7 @@ def effects_by_name(
     effects = {}
     for block in parts.blocks:
         part = parts.parts[block.name]
-        several = block.spread or block.name.startswith("covariate_effect")
+        several = block.spread or block.name == MASS_ERROR or block.name.startswith("covariate_effect")
         effects[block.name] = b[..., part][..., : levels.get(block.name)] if several else b[..., part.start]
     return effects
 

@@ -16,7 +16,7 @@ from bayestissue.hierarchy.traces import plain_model
 def named_model(prepared: Prepared) -> Callable[[], None]:
     """`plain_model` of a fit's data, with effects, K and C by their names beside what is sampled.
 
-    Beside an error of the recorded mass that is each impact's own, K and C are at the recorded mass. A
+    K and C are at the recorded mass, whose error, where impacts share it, is ``log_mass_error``. A
     discrepancy is there as the log of its rms.
     """
     model = prepared.model

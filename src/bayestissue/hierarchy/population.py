@@ -21,11 +21,13 @@ from jaxtyping import Float, Int
 from bayestissue.hierarchy.design import Design, ResponseDesign
 from bayestissue.hierarchy.effects import RESPONSES, intercept
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, arrange, expected
-from bayestissue.hierarchy.gaussian.covariances import Covariances, SharedMassError
+from bayestissue.hierarchy.gaussian.covariances import Covariances
 from bayestissue.hierarchy.priors import Priors
 from bayestissue.padding import bucket
 
-MassError = Literal["impact", "subject"]
+MassError = Literal["impact", "mass", "subject", "all"]
+# The part of b that has the errors of log mass which several impacts share.
+MASS_ERROR = "log_mass_error"
 # Standard deviations of effects and impacts and the residual correlation by name: of one draw, or of many.
 type Hyperparameters = dict[str, Float[Any, "*draw"]]
 
@@ -49,7 +51,7 @@ class EffectPart(NamedTuple):
         name: such as ``intercept_K`` or ``subject_effect_C``.
         width: how many, of a group term's effects the `bucket` of its levels.
         mean: the prior's.
-        sd: the prior's; None where it is itself unknown.
+        sd: the prior's; None where it is itself unknown, or the dataset states it: of `MASS_ERROR`.
         spread: name of that unknown standard deviation, or "".
     """
 
@@ -79,7 +81,7 @@ class EffectParts:
 
     @cached_property
     def sd(self) -> Float[np.ndarray, " location"]:
-        """Of the prior, NaN where it is unknown."""
+        """Of the prior, NaN where it is None."""
         return self._of_all([np.nan if part.sd is None else part.sd for part in self.blocks])
 
     @cached_property
@@ -89,8 +91,13 @@ class EffectParts:
 
     @property
     def groups(self) -> list[slice]:
-        """Where the effects of each group term are."""
-        return [self.parts[part.name] for part in self.blocks if part.spread]
+        """Where the effects of each group term are, and shared errors of mass."""
+        return [self.parts[part.name] for part in self.blocks if part.spread or part.name == MASS_ERROR]
+
+    @property
+    def of_shared_masses(self) -> bool:
+        """Whether impacts share errors of their masses."""
+        return MASS_ERROR in self.parts
 
     @property
     def size(self) -> int:
@@ -101,10 +108,53 @@ class EffectParts:
         return np.repeat(np.array(values, float), [part.width for part in self.blocks])
 
 
+class SharedMasses(NamedTuple):
+    """Impacts whose masses share an error.
+
+    With M_true = M_declared exp(e) a recording tells the logs of K and C, and of what else is in proportion
+    to the mass, less e. In the mean of an impact's parameters e so stands as the effect of a group, crossed
+    with people and conditions, whose standard deviation the dataset states. The population is that of the
+    true K and C, its mass exponents those on the declared mass.
+
+    Attributes:
+        code: which error each impact has.
+        parameters: names of an impact's parameters in proportion to the mass.
+    """
+
+    code: Int[np.ndarray, " impact"]
+    parameters: tuple[str, ...] = RESPONSES
+
+    @classmethod
+    def stated(
+        cls,
+        whose: MassError,
+        relative_mass_sd: float,
+        subject: Int[np.ndarray, " impact"],
+        mass_kg: Float[np.ndarray, " impact"],
+        parameters: tuple[str, ...] = RESPONSES,
+    ) -> SharedMasses | None:
+        """Of what `whose_errors` has; None where errors are each impact's own, or one of all, or 0."""
+        if whose not in ("subject", "mass") or not relative_mass_sd:
+            return None
+        return cls(np.asarray(subject) if whose == "subject" else _codes(mass_kg), parameters)
+
+
+def whose_errors(stated: MassError, mass_kg: Float[np.ndarray, " impact"]) -> MassError:
+    """Whose the errors of recorded masses are, of what a model file states and the declared masses.
+
+    Errors of "mass" are each impact's own where no two masses are the same, and one of all where there is but
+    one.
+    """
+    if stated != "mass":
+        return stated
+    different = len(np.unique(mass_kg))
+    return "impact" if different == len(mass_kg) else "all" if different == 1 else "mass"
+
+
 def population_design(
-    design: Design, priors: Priors, nuisance: tuple[str, ...]
+    design: Design, priors: Priors, nuisance: tuple[str, ...], masses: SharedMasses | None = None
 ) -> tuple[EffectParts, PopulationDesign]:
-    """Arrange a design: b is (all of log K's, all of log C's, then each nuisance parameter's).
+    """Arrange a design: b is (all of log K's, all of log C's, each nuisance parameter's, errors of masses).
 
     Of a nuisance parameter without a formula of its own that is the mean over impacts alone.
 
@@ -112,13 +162,20 @@ def population_design(
         design: the formulas evaluated over the impacts.
         priors: of which those of the parts of b are read.
         nuisance: names of an impact's parameters besides log K and log C.
+        masses: of impacts that share an error of the mass.
 
     Returns:
         What the elements of b are, and X with rows that repeat kept once, arranged for elimination.
     """
-    first, row = _distinct_rows(design)
+    first, row = _distinct_rows(design, masses)
     effects, columns = effects_of(design, priors, nuisance, first)
-    return effects, arrange(columns, row, effects.groups)
+    if masses is None:
+        return effects, arrange(columns, row, effects.groups)
+    levels = bucket(int(masses.code.max()) + 1)
+    effects = EffectParts((*effects.blocks, EffectPart(MASS_ERROR, levels, 0.0, None, "")))
+    of_masses = np.where(masses.code[first, None] == np.arange(levels), 1.0, 0.0)
+    moved = np.where(np.isin([*RESPONSES, *nuisance], masses.parameters), -1.0, 0.0)
+    return effects, arrange([*columns, of_masses], row, effects.groups, moved)
 
 
 def effects_of(
@@ -138,7 +195,13 @@ def effects_of(
     return EffectParts(tuple(itertools.chain(*parts))), list(columns)
 
 
-def _distinct_rows(design: Design) -> tuple[Int[np.ndarray, " row"], Int[np.ndarray, " impact"]]:
+def _codes(values: Float[np.ndarray, " impact"]) -> Int[np.ndarray, " impact"]:
+    return np.unique(values, return_inverse=True)[1].reshape(-1)
+
+
+def _distinct_rows(
+    design: Design, masses: SharedMasses | None
+) -> tuple[Int[np.ndarray, " row"], Int[np.ndarray, " impact"]]:
     """Rows of the design of which no two are alike, and of each impact the number of that which is its own.
 
     Rows of X are alike where all that its terms are made of is: one column of levels, where X has a hundred.
@@ -148,6 +211,7 @@ def _distinct_rows(design: Design) -> tuple[Int[np.ndarray, " row"], Int[np.ndar
     for part in design.responses.values():
         keys += [*part.covariates.T, *([] if part.log_mass is None else [part.log_mass])]
         keys += [column.covariate for column in part.terms.values()]
+    keys += [] if masses is None else [masses.code]
     _, first, row = np.unique(np.stack(keys, axis=1), axis=0, return_index=True, return_inverse=True)
     return first, row.reshape(-1)
 
@@ -179,18 +243,13 @@ def _columns(
     return np.concatenate(matrices, axis=1), pieces
 
 
-def of_impacts(
-    design: PopulationDesign, covariances: Covariances, values: Float[Array, " person"]
-) -> Float[Array, " impact"]:
-    """Each impact's person's value, where people share an error of mass."""
-    assert covariances.shared is not None  # noqa: S101 - the callers ask
-    alone = jnp.zeros(len(covariances.locations)).at[covariances.shared.effect_on_K].set(values)
-    return expected(design, alone)[0]
-
-
-def mass_error_of(stated: str, relative_mass_sd: float) -> MassError:
-    """Whose the errors of recorded masses are, of what a model file states and their size."""
-    return "subject" if stated == "subject" and relative_mass_sd > 0 else "impact"
+def shared_mass_errors(
+    locations: EffectParts, design: PopulationDesign, b: Float[Array, "*draw location"]
+) -> Float[Array, "*draw impact"]:
+    """Each impact's error of log mass, where impacts share these: it is part of b."""
+    where = locations.parts[MASS_ERROR]
+    alone = jnp.zeros_like(b).at[..., where].set(b[..., where])
+    return -expected(design, alone)[0]
 
 
 def force_ratio(locations: EffectParts) -> int:
@@ -226,32 +285,28 @@ def covariances_of(
     hyperparameters: Hyperparameters,
     log_mass_sd: float,
     nuisance: tuple[str, ...],
-    mass_error: MassError = "impact",
 ) -> Covariances:
     """The covariances that the hyperparameters imply.
 
-    An error of the log mass, with standard deviation ``log_mass_sd``, moves log K and log C alike. Being
-    part of how u scatters about X b, or of how people's effects scatter about 0, it needs no parameter of
-    its own.
+    An error of the log mass, with standard deviation ``log_mass_sd``, moves log K and log C alike. Each
+    impact's own is part of how u scatters about X b, and needs no parameter of its own; one that several
+    impacts share is part of b.
 
     Args:
         locations: what the elements of b are.
         hyperparameters: the standard deviations, and ``residual_correlation`` where it is not 0.
         log_mass_sd: standard deviation of the error of log mass.
         nuisance: names of an impact's parameters besides log K and log C.
-        mass_error: whether each impact has an error of its own or all of a person's impacts the same.
     """
     sd_K, sd_C = hyperparameters["sd_impact_K"], hyperparameters["sd_impact_C"]
     correlation = hyperparameters.get("residual_correlation", jnp.zeros_like(sd_K))
-    error = log_mass_sd**2 if mass_error == "impact" else 0.0
+    error = 0.0 if locations.of_shared_masses else log_mass_sd**2
     pair = (sd_K**2 + error, correlation * sd_K * sd_C + error, sd_C**2 + error)
-    blocks = [
-        (part.width, hyperparameters[part.spread] if part.sd is None else part.sd)
-        for part in locations.blocks
-    ]
-    sd = jnp.concatenate([jnp.full(width, value) for width, value in blocks])
-    shared = None
-    if mass_error == "subject":
-        on_K, on_C = (np.r_[locations.parts[f"subject_effect_{q}"]] for q in RESPONSES)
-        shared = SharedMassError(on_K, on_C, log_mass_sd**2)
-    return Covariances(pair, tuple(hyperparameters[f"sd_{name}"] for name in nuisance), sd, shared)
+
+    def sd_of(part: EffectPart) -> Any:
+        if part.name == MASS_ERROR:
+            return log_mass_sd
+        return hyperparameters[part.spread] if part.sd is None else part.sd
+
+    sd = jnp.concatenate([jnp.full(part.width, sd_of(part)) for part in locations.blocks])
+    return Covariances(pair, tuple(hyperparameters[f"sd_{name}"] for name in nuisance), sd)

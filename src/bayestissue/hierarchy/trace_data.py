@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
+from jaxtyping import Int
 
 from bayestissue.dataset.chain import Recorder
 from bayestissue.dataset.model import Dataset
@@ -20,12 +21,12 @@ from bayestissue.errors import InputError, Problem, along_with
 from bayestissue.hierarchy import SIDE_BY_SIDE
 from bayestissue.hierarchy.design import Design, build_design
 from bayestissue.hierarchy.driven import driven_rows
-from bayestissue.hierarchy.effects import RESPONSES
+from bayestissue.hierarchy.effects import RESPONSES, parameter_of
 from bayestissue.hierarchy.force import PreparedForce, prepared_force, tells_added_mass
 from bayestissue.hierarchy.formulas.formula import terms_of
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM
 from bayestissue.hierarchy.formulas.identifiability import missing
-from bayestissue.hierarchy.population import mass_error_of, population_design
+from bayestissue.hierarchy.population import SharedMasses, population_design, whose_errors
 from bayestissue.hierarchy.priors import normal
 from bayestissue.hierarchy.recorder import filtered_noise, low_pass_of
 from bayestissue.hierarchy.reference import Reference
@@ -63,6 +64,7 @@ class Prepared:
         reference: what phantoms of known stiffness say of all masses, if there were any.
         common_mass_sd: standard deviation of the log of a factor that all masses have in common, where the
             model file says so and nothing recorded tells it; 0 where each mass errs by itself.
+        mass_group: of each impact, which error of its mass it has, where impacts share these.
     """
 
     model: TraceModel
@@ -75,6 +77,7 @@ class Prepared:
     gain_sd: tuple[float, float] = (0.0, 0.0)
     reference: Reference | None = None
     common_mass_sd: float = 0.0
+    mass_group: Int[np.ndarray, " impact"] | None = None
 
 
 def prepare(dataset: Dataset, specification: ModelSpecification, *, source: str) -> Prepared:
@@ -82,7 +85,7 @@ def prepare(dataset: Dataset, specification: ModelSpecification, *, source: str)
 
     Raises:
         InputError: the model's likelihood is not one of traces, its formulas ask for what this design can't
-            identify or lack the people whose mass is in error, or a trace has too few samples in its window;
+            identify, or a trace has too few samples in its window;
             ``source`` is the model file's name.
     """
     problems = unsuited(dataset, specification, source)
@@ -98,10 +101,6 @@ def prepare(dataset: Dataset, specification: ModelSpecification, *, source: str)
         )
     if not dataset.free:
         design = _without_mass(design)
-    if specification.mass_error == "subject" and dataset.free:
-        problems = _without_people(design, source)
-        if problems:
-            raise InputError(problems)
     signal = displacements(dataset, specification.signal)
     problems = too_short(dataset, signal, source)
     if problems:
@@ -186,20 +185,22 @@ def assemble(
         autoregressive=autoregressive,
         force=force is not None,
     )
-    effects, columns = population_design(design, priors, nuisance)
     # With a force the errors of mass are what it is over mass times deceleration.
     of_mass = force is None and dataset.free
     relative_mass_sd = float(dataset.uncertainty.relative_mass_sd) if of_mass else 0.0
-    common_mass_sd = 0.0
-    if specification.mass_error == "all":
+    whose, common_mass_sd = whose_errors(specification.mass_error, signal.mass), 0.0
+    if whose == "all":
         common_mass_sd, relative_mass_sd = relative_mass_sd, 0.0
+    masses = SharedMasses.stated(
+        whose, relative_mass_sd, design.subject, signal.mass, in_proportion_to_mass(specification.element)
+    )
+    effects, columns = population_design(design, priors, nuisance, masses)
     model = TraceModel(
         kind,
         effects,
         priors,
         specification.residual_correlation,
         relative_mass_sd,
-        mass_error_of(specification.mass_error, relative_mass_sd),
         specification.element,
         discrepancy,
         autoregressive,
@@ -214,11 +215,26 @@ def assemble(
         jax.device_put(np.log(signal.mass) if dataset.free else np.zeros(len(signal.mass))),
         jax.device_put(np.log(peak)),
     )
-    prepared = Prepared(model, data, design, signal, dataset.impacts, force, common_mass_sd=common_mass_sd)
+    prepared = Prepared(
+        model,
+        data,
+        design,
+        signal,
+        dataset.impacts,
+        force,
+        common_mass_sd=common_mass_sd,
+        mass_group=masses and masses.code,
+    )
     if dataset.free:
         return prepared
     (channel,) = dataset.channels
     return replace(prepared, gain_sd=(dataset.uncertainty.relative_gain_sd, channel.relative_gain_sd))
+
+
+def in_proportion_to_mass(of_element: str) -> tuple[str, ...]:
+    """Names of an impact's parameters that a heavier impactor than declared has greater in proportion."""
+    further = (parameter_of(one.name) for one in element(of_element).extra if one.of_mass)
+    return (*RESPONSES, *further)
 
 
 def with_discrepancy(dataset: Dataset, specification: ModelSpecification, prepared: Prepared) -> Prepared:
@@ -325,29 +341,6 @@ def _empty_cells(dataset: Dataset, formulas: Formulas) -> list[Problem]:
             dataset.cell("formula.empty", str(impact), column, "an empty cell", kind=kind)
             for impact in impacts.loc[missing(impacts[column]), "impact"]
         ]
-    return problems
-
-
-def _without_people(design: Design, source: str) -> list[Problem]:
-    """Formulas that leave no room for an error that all impacts of a person share."""
-    problems = []
-    for response in RESPONSES:
-        if "subject" in design.responses[response].groups:
-            continue
-        left_out = [fault for fault in design.left_out.get(response, ()) if fault.term == "(1|subject)"]
-        remedy = 'Add "+ (1|subject)", or set mass_error = "impact".'
-        if left_out:
-            remedy = f'Set mass_error = "impact": {left_out[0].reason}.'
-        problems.append(
-            Problem(
-                source,
-                '"(1|subject)" in it, since mass_error = "subject" gives each person an error of its own',
-                remedy,
-                column=f"formula.{response}",
-                value=getattr(design.formulas, response),
-                code="unsuited-likelihood",
-            )
-        )
     return problems
 
 

@@ -30,9 +30,7 @@ from bayestissue.hierarchy.half_normal import HalfNormalSpread
 from bayestissue.hierarchy.population import (
     EffectParts,
     Hyperparameters,
-    MassError,
     covariances_of,
-    of_impacts,
 )
 from bayestissue.hierarchy.priors import HalfNormal, Priors
 from bayestissue.likelihood.arma.displacement import DisplacementRecord, MeasuredDisplacement
@@ -54,7 +52,7 @@ Record = DisplacementRecord | DecelerationRecord | DrivenRecord
 LOG_2 = 0.6931471805599453
 _SHAPE_OF_MODEL = [
     *("kind", "locations", "priors", "correlated"),
-    *("mass_error", "element", "discrepancy", "autoregressive", "headform", "force"),
+    *("element", "discrepancy", "autoregressive", "headform", "force"),
 ]
 
 
@@ -99,7 +97,6 @@ class Hierarchy:
     priors: Priors
     correlated: bool
     log_mass_sd: float
-    mass_error: MassError
 
     @property
     def nuisance(self) -> tuple[str, ...]:
@@ -125,8 +122,12 @@ class Hierarchy:
 
     def covariances(self, hyperparameters: Hyperparameters) -> Covariances:
         """See `covariances_of`."""
-        error = self.log_mass_sd, self.nuisance, self.mass_error
-        return covariances_of(self.locations, hyperparameters, *error)
+        return covariances_of(self.locations, hyperparameters, self.log_mass_sd, self.nuisance)
+
+    @property
+    def own_mass_sd(self) -> float:
+        """Standard deviation of the error of log mass that each impact has by itself."""
+        return 0.0 if self.locations.of_shared_masses else self.log_mass_sd
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=["log_mass_sd"], meta_fields=_SHAPE_OF_MODEL)
@@ -137,10 +138,10 @@ class TraceModel(Hierarchy):
     A tree of one leaf, ``log_mass_sd``, which the dataset states; all else is compared by value, so that what
     is compiled for one dataset serves every other of the same model file and sizes.
 
-    ``mass_error`` says whether each impact has an error of its own, or all impacts of a person the same,
-    ``element`` what the impactor meets, ``discrepancy`` whether it meets something else besides,
-    ``autoregressive`` whether the recorder's noise is that instead of white, ``headform`` whether what hits
-    stands for a head, ``force`` whether a force was recorded beside the deceleration.
+    Whether impacts share the errors of their masses, ``locations`` says. ``element`` is what the impactor
+    meets, ``discrepancy`` whether it meets something else besides, ``autoregressive`` whether the recorder's
+    noise is that instead of white, ``headform`` whether what hits stands for a head, ``force`` whether a
+    force was recorded beside the deceleration.
     """
 
     kind: Kind
@@ -148,7 +149,6 @@ class TraceModel(Hierarchy):
     priors: Priors
     correlated: bool
     log_mass_sd: float
-    mass_error: MassError = "impact"
     element: str = SIDE_BY_SIDE
     discrepancy: bool = False
     autoregressive: bool = False
@@ -314,11 +314,6 @@ def impacts_model(model: TraceModel, data: TraceData) -> list[Array]:
     covariances = model.covariances(sample_hyperparameters(model))
     b = numpyro.sample("locations", dist.Normal(data.location_mean, covariances.locations).to_event(1))
     mean_u = expected(data.design, b)
-    if covariances.shared is not None:
-        # K of a heavier person than recorded looks smaller, by as much in every impact.
-        person = dist.Normal(0.0, model.log_mass_sd).expand([len(covariances.shared.effect_on_K)]).to_event(1)
-        error = of_impacts(data.design, covariances, numpyro.sample("log_mass_error", person))
-        mean_u = mean_u.at[:2].add(-error)
     with numpyro.plate("impacts", data.log_mass.shape[0]):
         # Its check would be compiled in twenty pieces, even within a compiled function.
         pair = dist.MultivariateNormal(mean_u[:2].T, covariances.pair_matrix, validate_args=False)

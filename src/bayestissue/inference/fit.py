@@ -211,7 +211,7 @@ def _diagnostics(
     return {
         **diagnose(checked, r_hat_limit(len(checked), *chains.shape), of_impacts),
         **form,
-        "straight_lines": straight_lines(design, posterior, model.log_mass_sd),
+        "straight_lines": straight_lines(design, posterior, model.log_mass_sd, prepared.mass_group),
         "pooled_parameters": [one.record() for one in pooled],
         "route": chains.record(),
         **({"added_mass": added} if added else {}),
@@ -238,11 +238,20 @@ def _variances(
     if len(prepared.impacts) == 1:
         return {}
     model, recorded = prepared.model, prepared.design.recorded
-    shared = model.log_mass_sd if model.mass_error == "subject" else 0.0
+    shared = model.log_mass_sd if of_persons(prepared) else 0.0
     return {
         q: variances(posterior, recorded, q, measurement_sd=measurement_sd(budget, q), shared_sd=shared)
         for q in responses
     }
+
+
+def of_persons(prepared: Prepared) -> bool:
+    """Whether each person has one error of the mass, in all impacts, that nobody else has."""
+    if prepared.mass_group is None:
+        return False
+    people = prepared.design.subject
+    pairs = len(np.unique(np.stack([people, prepared.mass_group]), axis=1).T)
+    return pairs == people.max() + 1 == prepared.mass_group.max() + 1
 
 
 def _form(prepared: Prepared, draws: Draws, tree: xr.DataTree) -> dict[str, Any]:

@@ -375,7 +375,7 @@ def planner(
     reference = specification.reference_mass_kg or float(np.exp(np.log(rows["mass_kg"]).mean()))
     recording = simulation.recording
     force, common = recording.force, None
-    if one_factor or force is not None or specification.mass_error == "all":
+    if one_factor or force is not None:
         gains = [recording.relative_gain_sd, force.relative_gain_sd] if force else [0.0]
         common = CommonFactor(mass_sd=recording.relative_mass_sd, gain_sd=float(np.hypot.reduce(gains)))
     arranged = arrangements(

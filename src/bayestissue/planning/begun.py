@@ -73,9 +73,8 @@ def begun_study(after: After, otherwise: Beliefs, source: str) -> Begun:
     _, prepared = prepare_without_phantoms(dataset, model, source=after.run)
     running = running_study(prepared, model)
     posterior = fit.posterior["posterior"].to_dataset()
-    prior = RunningPrior.of_posterior(
-        posterior, pilot_of(fit, otherwise, (source, None, "after.run", after.run))
-    )
+    pilot = pilot_of(fit, otherwise, (source, None, "after.run", after.run))
+    prior = RunningPrior.of_posterior(posterior, pilot, running.rows["mass_kg"].to_numpy(float))
     return Begun(after.run, model, running, prior, after.again, dataset.words)
 
 

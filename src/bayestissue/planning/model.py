@@ -28,11 +28,11 @@ from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign
 from bayestissue.hierarchy.levels import log_at_levels
 from bayestissue.hierarchy.population import (
     EffectParts,
-    MassError,
+    SharedMasses,
     force_ratio,
     heavier,
-    mass_error_of,
     population_design,
+    whose_errors,
 )
 from bayestissue.hierarchy.priors import Priors
 from bayestissue.hierarchy.specification import ModelSpecification
@@ -48,7 +48,6 @@ class PlannedModel(Hierarchy):
         priors: of the analysis.
         correlated: whether the deviations of log K and log C of one impact are.
         log_mass_sd: standard deviation of the error of the recorded log mass.
-        mass_error: whether each impact has an error of its own or all of a person's the same.
         known: the hyperparameters that the analysis knows, by name; empty of a real one.
         common: what is declared of a factor that all masses have in common, in the place of errors of their
             own; None where they have those.
@@ -59,7 +58,6 @@ class PlannedModel(Hierarchy):
     priors: Priors
     correlated: bool
     log_mass_sd: float = 0.0
-    mass_error: MassError = "impact"
     known: Mapping[str, float] | None = None
     common: CommonFactor | None = None
     force: bool = False
@@ -78,7 +76,7 @@ class PlannedModel(Hierarchy):
     def key(self) -> tuple[Any, ...]:
         """All that what is compiled for this model depends on."""
         known = tuple(sorted((self.known or {}).items()))
-        shape = self.locations, self.priors, self.correlated, self.log_mass_sd, self.mass_error, known
+        shape = self.locations, self.priors, self.correlated, self.log_mass_sd, known
         return *shape, self.common, self.force
 
     def __hash__(self) -> int:
@@ -146,16 +144,19 @@ def planned_model(
     Args:
         specification: the model file.
         design: its formulas over the rows of the study.
-        relative_mass_sd: of the recorded mass, as far as impacts or people have errors of their own.
-        common: what is declared of a factor that all masses have in common.
+        relative_mass_sd: of the recorded mass, as far as not all masses have one error in common.
+        common: what is declared of a factor that all masses have in common, where a force shows it.
         force: whether a force is recorded too.
     """
     priors = specification.complete_priors()
     # The parameters of an element besides K and C are part of a trace's precision.
     responses = {q: design.responses[q] for q in RESPONSES}
     nuisance = FORCE[-1:] if force else ()
-    effects, columns = population_design(replace(design, responses=responses), priors, nuisance)
-    mass_error = mass_error_of(specification.mass_error, relative_mass_sd)
+    mass_kg = design.recorded.rows["mass_kg"].to_numpy(float)
+    whose = whose_errors(specification.mass_error, mass_kg)
+    if whose == "all" and common is None:
+        common, relative_mass_sd = CommonFactor(mass_sd=relative_mass_sd, gain_sd=0.0), 0.0
+    masses = SharedMasses.stated(whose, relative_mass_sd, design.subject, mass_kg)
+    effects, columns = population_design(replace(design, responses=responses), priors, nuisance, masses)
     correlated = specification.residual_correlation
-    errors: dict[str, Any] = {"log_mass_sd": relative_mass_sd, "mass_error": mass_error}
-    return PlannedModel(effects, priors, correlated, **errors, common=common, force=force), columns
+    return PlannedModel(effects, priors, correlated, relative_mass_sd, common=common, force=force), columns

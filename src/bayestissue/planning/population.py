@@ -144,11 +144,13 @@ class Truths:
         hyperparameters: by name.
         fixed: the fixed effects by the names of the parts of b, in the units of the design's columns.
         effects: the group effects that are known of some levels, NaN of others, by the same names.
+        mass_errors: errors of log mass of the impacts that a running study has; None of a new one.
     """
 
     hyperparameters: dict[str, Float[np.ndarray, " study"]]
     fixed: dict[str, Float[np.ndarray, "study width"]]
     effects: Mapping[str, Float[np.ndarray, "study level"]] = field(default_factory=dict)
+    mass_errors: Float[np.ndarray, "study recorded"] | None = None
 
     @classmethod
     def of_named(

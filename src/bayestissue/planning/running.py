@@ -62,14 +62,25 @@ class RunningPrior:
     Attributes:
         pilot: the parameters of the population.
         effects: of the levels that were recorded, [draw, level], by name, with the levels' names.
+        mass_errors: of log mass of the impacts that were recorded, [draw, impact]; None where these are so
+            many that not all draws were kept.
     """
 
     pilot: Pilot
     effects: Mapping[str, xr.DataArray]
+    mass_errors: Float[np.ndarray, "draw impact"] | None = None
 
     @classmethod
-    def of_posterior(cls, posterior: xr.Dataset, pilot: Pilot) -> RunningPrior:
-        """From the group posterior of the running fit; ``pilot`` has the same draws of the population."""
+    def of_posterior(
+        cls, posterior: xr.Dataset, pilot: Pilot, mass_kg: Float[np.ndarray, " impact"]
+    ) -> RunningPrior:
+        """From the group posterior of the running fit.
+
+        Args:
+            posterior: of that fit.
+            pilot: the same draws of the population.
+            mass_kg: as declared of each of its impacts.
+        """
         flat = posterior.stack(sample=("chain", "draw"))  # noqa: PD013 - of xarray
         rows = np.linspace(0, flat.sizes["sample"] - 1, min(SETTINGS.draws, flat.sizes["sample"])).astype(int)
         effects = {
@@ -78,7 +89,11 @@ class RunningPrior:
             if array.ndim == 2 and "sample" in array.dims and "impact" not in array.dims
         }
         drawn = {name: np.asarray(values)[rows] for name, values in pilot.draws.items()}
-        return cls(Pilot(drawn, pilot.reference_mass_kg, pilot.otherwise), effects)
+        errors = None
+        if "mass" in flat and "sample" in flat["mass"].dims:
+            masses = flat["mass"].isel(sample=rows).transpose("sample", "impact").to_numpy()
+            errors = np.log(masses / mass_kg)
+        return cls(Pilot(drawn, pilot.reference_mass_kg, pilot.otherwise), effects, errors)
 
     def truths(self, model: PlannedModel, design: Design, streams: Streams) -> Truths:
         """One draw of the posterior a study, its recorded levels' effects in their places."""
@@ -97,4 +112,5 @@ class RunningPrior:
                 if shared in self.pilot.draws:
                     values = values - np.asarray(self.pilot.draws[shared])[row][:, None]
                 effects[term.effect(part.response)] = values * column.scale
-        return Truths(truths.hyperparameters, truths.fixed, effects)
+        errors = None if self.mass_errors is None else self.mass_errors[row]
+        return Truths(truths.hyperparameters, truths.fixed, effects, errors)

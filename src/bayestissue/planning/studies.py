@@ -20,6 +20,7 @@ from bayestissue.hierarchy.design import Design, build_design
 from bayestissue.hierarchy.effects import RESPONSES, intercept
 from bayestissue.hierarchy.force import CommonFactor
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expected
+from bayestissue.hierarchy.population import MASS_ERROR, shared_mass_errors
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.planning.information import Information
 from bayestissue.planning.model import PlannedModel, planned_model
@@ -83,7 +84,7 @@ def arrangements(
         designs: each one's impacts: ``subject``, ``trial``, ``mass_kg``, ``velocity_m_s`` and factors.
         specification: the analysis.
         reference_mass_kg: the mass that K and C are stated at, of all designs.
-        relative_mass_sd: of the recorded mass, as far as impacts or people have errors of their own.
+        relative_mass_sd: of the recorded mass, as far as not all masses have one error in common.
         common: what is declared of a factor that all masses have in common.
         force: whether a force is recorded too.
 
@@ -141,15 +142,24 @@ def draw_studies(arrangement: Arrangement, truths: Truths, streams: Streams) -> 
         truths: of each study.
         streams: the block's random numbers.
     """
-    model, impacts = arrangement.model, len(arrangement.rows)
+    model, impacts, known_errors = arrangement.model, len(arrangement.rows), truths.mass_errors
     b, log_factor, fixed = np.zeros((BLOCK, model.locations.size)), np.zeros(BLOCK), dict(truths.fixed)
     if model.common is not None:
         log_factor = model.common.mass_sd * streams.normal("mass", 1)[:, 0]
+        if known_errors is not None and not model.force:
+            log_factor = known_errors[:, 0]
         ratio = log_factor[:, None] + model.common.gain_sd * streams.normal("gain", 1)
         fixed |= {intercept(name): ratio for name in model.nuisance}
     for part in model.locations.blocks:
         where = model.locations.parts[part.name]
-        if part.spread:
+        if part.name == MASS_ERROR:
+            b[:, where] = model.log_mass_sd * streams.normal("mass", part.width)
+            if known_errors is not None:
+                # Impactors that have hit already are as wrong as they were.
+                numbered = jnp.arange(model.locations.size) - float(where.start)
+                code = np.asarray(shared_mass_errors(model.locations, arrangement.columns, numbered))
+                b[:, where.start + code[: known_errors.shape[1]].round().astype(int)] = known_errors
+        elif part.spread:
             standard = streams.normal(part.name, part.width)
             effects = truths.hyperparameters[part.spread][:, None] * standard
             known = truths.effects.get(part.name, np.full((BLOCK, 0), np.nan))
@@ -166,9 +176,8 @@ def draw_studies(arrangement: Arrangement, truths: Truths, streams: Streams) -> 
     scatter[..., 0] = sd_K[:, None] * standard[..., 0]
     across = np.sqrt(1 - correlation**2)[:, None]
     scatter[..., 1] = sd_C[:, None] * (correlation[:, None] * standard[..., 0] + across * standard[..., 1])
-    # A mass recorded too high makes K and C look smaller alike: of each impact, of a person, or of all.
-    code = np.arange(impacts) if model.mass_error == "impact" else arrangement.design.subject
-    of_mass = model.log_mass_sd * streams.normal("mass", impacts)[:, code]
+    # A heavier impactor than recorded makes K and C look smaller alike: of each impact, or of all.
+    of_mass = model.own_mass_sd * streams.normal("mass", impacts)
     if model.common is not None:
         of_mass = np.broadcast_to(log_factor[:, None], (BLOCK, impacts))
     by_mass = np.stack([of_mass, of_mass, *(np.zeros_like(of_mass) for _ in model.nuisance)], axis=-1)

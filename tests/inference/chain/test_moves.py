@@ -31,6 +31,7 @@ STRUCTURES: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
     "people": ("log(mass_kg) + (1|subject)", PEOPLE, {}),
     "slopes": ("log(mass_kg) + (log(mass_kg)|subject) + (1|trial)", THRICE, {}),
     "a person's mass": ("(1|subject)", PEOPLE, {"mass_error": "subject"}),
+    "masses across people": ("log(mass_kg) + (1|subject)", PEOPLE, {"mass_error": "mass"}),
     "a person of no impact": ("log(mass_kg) + (log(mass_kg)|subject) + (1|trial)", THRICE, {}),
 }
 # Where these alone are left, and the design is still of all.

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from bayestissue.hierarchy.population import covariances_of, population_design
+from bayestissue.hierarchy.population import MASS_ERROR, SharedMasses, covariances_of, population_design
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.inference.factors.scores import own_effects
 from designs import EVERYTHING, design_of
@@ -22,13 +22,14 @@ NUISANCE = ("noise", "log_thickness_m")
 PRIORS = ModelSpecification(name="m", likelihood="impact", element="wall").complete_priors()
 
 
-@pytest.mark.parametrize("mass_error", ["impact", "subject"])
+@pytest.mark.parametrize("whose", ["impact", "subject", "session"])
 @pytest.mark.parametrize("name", ["subject", "subject:side", "session", "trial"])
-def test_integrating_a_levels_own_effects_is_the_dense_normal(name: str, mass_error: str) -> None:
+def test_integrating_a_levels_own_effects_is_the_dense_normal(name: str, whose: str) -> None:
     design = design_of(EVERYTHING, FORMULA_C, thickness_m="(1|subject) + (1|session)")
-    effects, _ = population_design(design, PRIORS, NUISANCE)
-    model = SimpleNamespace(locations=effects, mass_error=mass_error, log_mass_sd=0.3, nuisance=NUISANCE)
-    own = own_effects(model, design)[name]
+    code = None if whose == "impact" else design.groupings[whose].code
+    masses = None if code is None else SharedMasses(code, ("K", "C", "log_thickness_m"))
+    effects, columns = population_design(design, PRIORS, NUISANCE, masses)
+    own = own_effects(SimpleNamespace(locations=effects, nuisance=NUISANCE), design, code)[name]
     rng = np.random.default_rng(3)
     sd = {spread: rng.uniform(0.2, 1.0) for spread in {*effects.spread} - {""}}
     sites = sd | dict.fromkeys(["sd_impact_K", "sd_impact_C", *(f"sd_{each}" for each in NUISANCE)], 1.0)
@@ -37,8 +38,10 @@ def test_integrating_a_levels_own_effects_is_the_dense_normal(name: str, mass_er
     root = rng.normal(size=(impacts, size, size))
     W, pull = root @ root.swapaxes(1, 2), rng.normal(size=(impacts, size))
     levels = len(design.groupings[name].levels)
-    covariances = covariances_of(effects, jax.tree.map(jnp.asarray, sites), 0.3, NUISANCE, mass_error)
-    found = jax.jit(lambda W, pull: own.gained(covariances, W, pull))(np.moveaxis(W, 0, -1), pull.T)
+    covariances = covariances_of(effects, jax.tree.map(jnp.asarray, sites), 0.3, NUISANCE)
+    found = jax.jit(lambda W, pull: own.gained(covariances, *columns.of_parts(W, pull)))(
+        np.moveaxis(W, 0, -1), pull.T
+    )
     if name == "trial":
         assert not len(own.parameter)
         assert_allclose(found, 0.0)
@@ -51,11 +54,11 @@ def test_integrating_a_levels_own_effects_is_the_dense_normal(name: str, mass_er
             begin = effects.parts[term.effect(q)].start
             X[np.arange(impacts), a, begin + design.groupings[term.grouping].code] = column.covariate
     prior = np.diag([sd[spread] ** 2 if spread else 0.0 for spread in effects.spread])
-    if mass_error == "subject":
-        ends = [effects.parts[f"subject_effect_{q}"].start for q in "KC"]
-        for person in range(len(design.subjects)):
-            both = np.array([end + person for end in ends])
-            prior[np.ix_(both, both)] += model.log_mass_sd**2
+    if code is not None:
+        errors = np.arange(effects.size)[effects.parts[MASS_ERROR]]
+        prior[errors, errors] = 0.3**2
+        for a in (0, 1, 3):
+            X[np.arange(impacts), a, errors[code]] = -1.0
     for level in range(levels):
         inside = part == level
         used = np.flatnonzero((X[inside] != 0).any((0, 1)) & ~(X[~inside] != 0).any((0, 1)))

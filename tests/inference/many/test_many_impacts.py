@@ -182,11 +182,9 @@ def test_impacts_drawn_few_at_a_time_share_their_persons_error_of_mass(
     # In 32 bits, of a log near 0.
     np.testing.assert_allclose(error, own[:, made.design.subject], atol=1e-6)
     assert np.abs(own).min() > 1e-4
-    # And b is moved by the same errors.
-    for q in "KC":
-        effects = seen[:, model.locations.parts[f"subject_effect_{q}"]].reshape(2, 40, -1)[..., :3]
-        moved = (found.population[f"subject_effect_{q}"] - effects)[:, found.kept_numbers].reshape(20, 3)
-        np.testing.assert_allclose(moved, own, atol=1e-6)
+    # They are those of b.
+    of_people = seen[:, model.locations.parts["log_mass_error"]].reshape(2, 40, -1)[:, found.kept_numbers]
+    np.testing.assert_allclose(of_people[..., :3].reshape(20, 3), own, atol=1e-6)
     # GaussianFactor so narrow leave the parameters where they are: in blocks each impact has its own.
     np.testing.assert_allclose(found.impacts["parameters"][0, 0], centre, atol=0.01)
 

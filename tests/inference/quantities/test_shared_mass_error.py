@@ -1,11 +1,11 @@
-"""A person's mass in error moves the person's log K and log C in every impact alike."""
+"""A mass in error moves log K and log C alike in all impacts that share it: a person's, or an impactor's."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
@@ -14,8 +14,8 @@ from numpy.testing import assert_allclose
 from numpyro.distributions import biject_to
 
 from bayestissue.dataset import Dataset, Trace, Uncertainty
-from bayestissue.errors import InputError
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
+from bayestissue.hierarchy.population import MassError
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.inference.fit import draws_of_chain
@@ -23,20 +23,22 @@ from bayestissue.oscillator import impact_motion
 from chain_of_sites import chain_of_sites
 
 PEOPLE, EACH, RELATIVE_SD = 3, 10, 0.2
+MASSES = [0.5, 0.8, 1.2]
 FORMULA = "(1|subject) + (1|trial)"
 SPREADS = {"sd_subject_K": 1.0, "sd_subject_C": 0.8, "sd_impact_K": 0.05, "sd_impact_C": 0.07}
 OTHERS = {"sd_trial_K": 0.01, "sd_trial_C": 0.01, "residual_correlation": 0.3, "sd_noise": 0.2}
 DRAWS = 1500
 
 
-def prepared(mass_error: Literal["impact", "subject", "all"], formula: str = FORMULA) -> Prepared:
+def prepared(mass_error: MassError, *, across: bool = False) -> Prepared:
+    """Of three masses, a person's each, or all of them of each person."""
     count = PEOPLE * EACH
     rows = pd.DataFrame(
         {
             "impact": [f"i{i}" for i in range(count)],
             "subject": np.repeat(list("abc"), EACH),
             "trial": np.tile(["x", "y"], count // 2),
-            "mass_kg": np.repeat([0.5, 0.8, 1.2], EACH),
+            "mass_kg": np.tile(MASSES, EACH) if across else np.repeat(MASSES, EACH),
             "velocity_m_s": 1.5,
         }
     )
@@ -58,7 +60,7 @@ def prepared(mass_error: Literal["impact", "subject", "all"], formula: str = FOR
     specification = ModelSpecification(
         name="m",
         likelihood="a2",
-        formula=Formulas(K=formula, C=formula),
+        formula=Formulas(K=FORMULA, C=FORMULA),
         mass_error=mass_error,
     )
     return prepare(made, specification, source="m.toml")
@@ -132,15 +134,23 @@ def test_k_of_a_person_is_no_surer_than_the_persons_mass() -> None:
 
 
 @pytest.mark.slow
-def test_all_impacts_of_a_person_have_the_same_error_of_mass() -> None:
-    made = prepared("subject")
+@pytest.mark.parametrize("across", [False, True])
+def test_impacts_of_one_mass_have_the_same_error_and_others_another(across: bool) -> None:
+    made = prepared("mass", across=across)
     found = drawn(made, summaries(1e8))
     error = np.log(found["mass"]) - np.asarray(made.data.log_mass)
-    by_person = error.reshape(DRAWS, PEOPLE, EACH)
-    assert_allclose(by_person, np.broadcast_to(by_person[..., :1], by_person.shape), atol=1e-12)
+    _, first, code = np.unique(made.impacts["mass_kg"], return_index=True, return_inverse=True)
+    assert_allclose(error, error[:, first][:, code], atol=1e-12)
+    assert (np.abs(np.diff(error[:, first], axis=1)) > 1e-6).all()
     # What a trace tells is log K - e; only K itself moves with the mass.
     seen = (found["log K"] - error).std(axis=0)
     assert (seen < 1e-3).all()
+
+
+def test_a_mass_of_each_person_is_an_error_of_people() -> None:
+    of_masses, of_people = prepared("mass"), prepared("subject")
+    assert of_masses.model == of_people.model
+    jax.tree.map(np.testing.assert_array_equal, of_masses.data, of_people.data)
 
 
 def test_one_error_of_all_masses_moves_all_alike_and_is_as_wide_as_declared() -> None:
@@ -154,10 +164,3 @@ def test_one_error_of_all_masses_moves_all_alike_and_is_as_wide_as_declared() ->
     exact = drawn(replace(made, common_mass_sd=0.0), told)
     for name in ("K", "C", "log K"):
         assert_allclose(found[name] - error[:, :1], exact[name], atol=1e-12)
-
-
-def test_an_error_of_people_needs_people_in_both_formulas() -> None:
-    with pytest.raises(InputError) as caught:
-        prepared("subject", formula="(1|trial)")
-    assert [problem.column for problem in caught.value.problems] == ["formula.K", "formula.C"]
-    assert all('mass_error = "impact"' in problem.remedy for problem in caught.value.problems)

@@ -36,10 +36,11 @@ COLUMN = {"velocity and gain": 0, "offset": 1, "contact moment": 2}
 SPREADS = {"sd_subject": 0.3, "sd_trial": 0.1, "sd_impact": 0.05}
 
 
-@pytest.fixture(scope="module")
-def given() -> Prepared:
-    """Twelve impacts of equal mass, so that the design is balanced."""
-    conditions = [{"trial": f"t{i}", "mass_kg": 0.7, "velocity_m_s": 1.2} for i in range(CONDITIONS)]
+def planned(masses: np.ndarray, **model: Any) -> Prepared:
+    """Every person hit once in each condition."""
+    conditions = [
+        {"trial": f"t{i}", "mass_kg": mass, "velocity_m_s": 1.2} for i, mass in enumerate(masses.tolist())
+    ]
     made = simulate(
         Simulation.model_validate(
             {
@@ -61,7 +62,14 @@ def given() -> Prepared:
     found = read_specification(resources.shared("models", "impact.toml"))
     both = "(1|subject) + (1|trial)"
     formula = found.formula.model_copy(update={"K": both, "C": both})
-    return prepare(made.dataset("x"), found.model_copy(update={"formula": formula}), source="the model file")
+    found = found.model_copy(update={"formula": formula, **model})
+    return prepare(made.dataset("x"), found, source="the model file")
+
+
+@pytest.fixture(scope="module")
+def given() -> Prepared:
+    """Twelve impacts of equal mass, each with an error of its own, so that the design is balanced."""
+    return planned(np.full(CONDITIONS, 0.7), mass_error="impact")
 
 
 @pytest.fixture(scope="module")
@@ -202,26 +210,47 @@ def test_a_trace_alone_has_its_own_errors_and_the_mass_s(
         assert sources.measurement_sd(table.reset_index(), q) == pytest.approx(np.sqrt(measured), rel=1e-3)
 
 
-def test_a_mass_that_a_person_s_impacts_share_is_a_source_of_the_mean(
-    given: Prepared, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("whose", "errors"), [("subject", PEOPLE), ("mass", CONDITIONS)])
+def test_a_mass_that_impacts_share_is_a_source_of_the_mean(
+    monkeypatch: pytest.MonkeyPatch, whose: str, errors: int
 ) -> None:
+    masses = np.linspace(0.5, 0.9, CONDITIONS)
+    given = planned(masses, mass_error=whose)
+    given = replace(given, model=replace(given.model, log_mass_sd=0.2))
     u = np.zeros((PEOPLE * CONDITIONS, 3))
-    model = replace(given.model, mass_error="subject", log_mass_sd=0.2)
     alone = np.tile(1e-6 * np.eye(3), (len(u), 1, 1))
     known = TraceErrors(alone, {"noise": alone})
     monkeypatch.setattr(sources, "trace_errors", lambda *_: known)
     monkeypatch.setattr(sources, "shorter_window", lambda *_: None)
-    found = uncertainty_budget(replace(given, model=model), drawn(given, u))
+    found = uncertainty_budget(given, drawn(given, u))
     found = found.set_index(["level", "quantity", "source"]).sort_index()
     for q in "KC":
         variance = found.loc[("typical person", q)]["sd"] ** 2
-        # K and C have one design, so that neither lends the other anything: a mean of people's errors. The
+        # K and C have one design, so that neither lends the other anything: a mean of independent errors. The
         # prior of variance 9 draws a mean of variance 0.036 in by 0.4 %, and so its parts by twice that.
-        assert_allclose(variance["mass"], 0.2**2 / PEOPLE, rtol=0.02)
+        assert_allclose(variance["mass"], 0.2**2 / errors, rtol=0.02)
         assert_allclose(variance["people"], 0.3**2 / PEOPLE, rtol=0.02)
-    # Of an impact: what its person's two effects leave unknown of the error that they share.
-    left = 1 / (1 / 0.2**2 + 2 / 0.3**2)
-    assert_allclose(found.loc[("impact", "K", "mass"), "sd"] ** 2, left, rtol=1e-6)
+    # Of an impact, whose trace tells all but the mass: of what is left of its error by how much its prior
+    # variance makes it, and the whole.
+    code = given.mass_group
+    assert code is not None
+
+    def left(variance: float) -> float:
+        own = np.ones((len(u), 1)), given.design.subject[:, None] == range(PEOPLE)
+        block = np.hstack([*own, given.design.trial[:, None] == range(CONDITIONS)]).astype(float)
+        X = np.hstack([np.kron(np.eye(2), block), -np.tile(1.0 * (code[:, None] == range(errors)), (2, 1))])
+        of_response = [priors.sd**2, *[0.3**2] * PEOPLE, *[0.1**2] * CONDITIONS]
+        prior = np.array([*of_response, *of_response, *[variance] * errors])
+        return float(np.linalg.inv(X.T @ X / (0.05**2 + 1e-6) + np.diag(1 / prior))[-errors, -errors])
+
+    priors = given.model.priors.intercept.K
+    assert priors.sd == given.model.priors.intercept.C.sd
+    step = 1e-3
+    made = (left(0.2**2 * np.exp(step)) - left(0.2**2 * np.exp(-step))) / (2 * step)
+    of_impact = found.loc[("impact", "K")]["sd"] ** 2
+    # Differences are off by a share of the step's square; impacts are alike, and so is their median.
+    assert_allclose(of_impact["mass"], made, rtol=1e-5)
+    assert_allclose(of_impact["all"], left(0.2**2) + 1e-6, rtol=1e-3)
 
 
 @pytest.mark.slow

@@ -60,6 +60,9 @@ class PopulationDesign(NamedTuple):
         inner_element: which elements of b these are, one past the last of b where a level has fewer.
         outer: of each parameter, the columns of all other elements of b; one row where all rows' are alike.
         outer_element: which elements these are.
+        mass_error: what an error of log mass of 1, shared by impacts, adds to each of an impact's parameters.
+            Columns and elements of these errors then follow those of the parameters, as if they were one
+            parameter more. None of a design without them.
     """
 
     cell: Int[np.ndarray | Array, " impact"]
@@ -69,6 +72,7 @@ class PopulationDesign(NamedTuple):
     inner_element: tuple[Int[Any, "inner level"], ...]
     outer: tuple[Float[Any, "#row slot outer"], ...]
     outer_element: tuple[Int[Any, " outer"], ...]
+    mass_error: Float[np.ndarray | Array, " parameter"] | None = None
 
     def subset(self, rows: Int[np.ndarray, " row"]) -> PopulationDesign:
         """The same population over some of the impacts."""
@@ -79,6 +83,23 @@ class PopulationDesign(NamedTuple):
         """Sums over each cell's impacts."""
         none = jnp.zeros((*values.shape[:-1], 1))
         return jnp.concatenate([values, none], axis=-1)[..., self.members].sum((-3, -2))
+
+    def of_parameters(self, values: Float[Array, "part *draw cell"]) -> Float[Array, "parameter *draw cell"]:
+        """What the columns come to in each parameter, an error of the mass added to those that it moves."""
+        if self.mass_error is None:
+            return values
+        return values[:-1] + jnp.einsum("a,...->a...", self.mass_error, values[-1])
+
+    def of_parts(
+        self, precision: Float[Array, "parameter parameter cell"], shift: Float[Array, "parameter cell"]
+    ) -> tuple[Float[Array, "part part cell"], Float[Array, "part cell"]]:
+        """Precision and shift of a factor of `of_parameters`, as a factor of what that is made of."""
+        if (moved := self.mass_error) is None:
+            return precision, shift
+        across = jnp.einsum("a,ab...->b...", moved, precision)
+        last = jnp.concatenate([across, jnp.einsum("a,a...->...", moved, across)[None]])
+        precision = jnp.concatenate([jnp.concatenate([precision, across[:, None]], axis=1), last[None]])
+        return precision, jnp.concatenate([shift, jnp.einsum("a,a...->...", moved, shift)[None]])
 
     def blocked(self, factors: GaussianFactor) -> GaussianFactor:
         """Impacts' factors by cell: [block, parameter, ..., member, cell].
@@ -108,18 +129,19 @@ def expected_by_cell(
     """X b of every cell: the expectation of each of an impact's parameters there."""
     padded = jnp.concatenate([jnp.asarray(b), jnp.zeros((*b.shape[:-1], 1))], axis=-1)
     values = []
-    for inner, inner_element, outer, outer_element in zip(*design[3:], strict=True):
+    for inner, inner_element, outer, outer_element in zip(*design[3:7], strict=True):
         value = jnp.einsum("...o,rpo->...rp", padded[..., outer_element], jnp.asarray(outer))
         inner_b = padded[..., inner_element][..., jnp.asarray(design.level), None]
         value = value + (jnp.asarray(inner) * inner_b).sum(-3)
         values.append(value.reshape(*b.shape[:-1], -1))
-    return jnp.stack(values)
+    return design.of_parameters(jnp.stack(values))
 
 
 def arrange(
     columns: Sequence[Float[np.ndarray, "cell column"]],
     cell: Int[np.ndarray, " impact"],
     groups: Sequence[slice],
+    mass_error: Float[np.ndarray, " parameter"] | None = None,
 ) -> PopulationDesign:
     """Arrange the design's columns for elimination.
 
@@ -129,6 +151,7 @@ def arrange(
         columns: X of each parameter of an impact; their elements of b follow one another.
         cell: of every impact, the row of these columns.
         groups: the elements of b that are the effects of one group term each.
+        mass_error: see `PopulationDesign`; the last of ``columns`` are then those of the errors.
     """
     cell, whole = _divided(np.asarray(cell), len(columns[0]))
     columns = [matrix[whole] for matrix in columns]
@@ -147,7 +170,8 @@ def arrange(
         of_parameters.append((table.inner(inner), elements, table.outer(matrix[:, others - begin]), others))
     number = (table.row * table.slots + table.slot)[cell]
     members = _members(number, len(table.level) * table.slots)
-    return PopulationDesign(number, members, table.level, *zip(*of_parameters, strict=True))
+    arranged = PopulationDesign(number, members, table.level, *zip(*of_parameters, strict=True))
+    return arranged._replace(mass_error=mass_error)
 
 
 def _divided(

@@ -83,10 +83,8 @@ def integrate_effects(
         sums: what the data of each cell say of X b, about X times b's prior mean.
     """
     inner, outer = _elements(design)
-    precision = covariances.of_effects()
-    conditional = _eliminated(
-        precision.among(inner), precision.among(outer), sums.precision, sums.shift, design
-    )
+    of_prior = covariances.precision_among(inner), covariances.precision_among(outer)
+    conditional = _eliminated(*of_prior, *design.of_parts(sums.precision, sums.shift), design)
     return conditional, sums.log_scale.sum() + conditional.log_density() - covariances.log_scale()
 
 
@@ -180,7 +178,7 @@ def _stacked(entries: Sequence[Array], like: Array) -> Array:
 
 
 def _flat(columns: Float[Array, "#row slot outer"]) -> Float[Array, "cell outer"]:
-    return columns.reshape(-1, columns.shape[2])
+    return columns.reshape(columns.shape[0] * columns.shape[1], columns.shape[2])
 
 
 def _as_outer(values: Float[Array, "row slot"], columns: Float[Array, "#row slot outer"]) -> Array:

@@ -6,6 +6,11 @@ further parameter of the element likewise. People, conditions and other levels t
 effects; any other level, and one that is not given, is a new one of its population. Each draw's K and C, with
 the mass and velocity, are then simulated on the run's element, along the gravity of the run.
 
+The mass given is the true mass of the impactor that is to hit, whether or not the study declared the same
+number; K and C are those at true masses, which the errors of the study's declared ones make as unsure as
+they are. Of an impactor that is known no better than it was weighed the peaks have the error of that mass
+besides.
+
 Draws are joint: one draw of all rows is of one population, of the same people, conditions and new levels, so
 that a difference of two rows is as unsure as it is. The scatter of single impacts alone is each row's own.
 """

@@ -330,7 +330,7 @@ def by_level(target: Target, tuning: Tuning, steps: Steps, state: State, numbers
     standard = jnp.append(numbers.walk.effects, 0.0)[elements]
     move = jnp.where(there, steps.level * jnp.einsum("lab,bl->al", tuning.level_root, standard), 0.0)
     b = jnp.append(state.b, 0.0).at[elements].add(move)[:-1]
-    precision = target.covariances(state.y).of_effects().among(elements)
+    precision = target.covariances(state.y).precision_among(elements)
 
     def log_prior(b: Array) -> Array:
         deviation = jnp.where(there, jnp.append(b - target.data.location_mean, 0.0)[elements], 0.0)

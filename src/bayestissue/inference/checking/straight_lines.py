@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import xarray as xr
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.linalg import solve_triangular
 from scipy.stats import chi2
 
@@ -22,7 +22,12 @@ _BY_CHANCE = 0.001
 _MOST_LEVELS = 6
 
 
-def straight_lines(design: Design, posterior: xr.Dataset, log_mass_sd: float = 0.0) -> dict[str, Any]:
+def straight_lines(
+    design: Design,
+    posterior: xr.Dataset,
+    log_mass_sd: float = 0.0,
+    mass_group: Int[np.ndarray, " impact"] | None = None,
+) -> dict[str, Any]:
     """The entry ``straight_lines`` of ``diagnostics.json``.
 
     Beside the line X beta of log K (log C alike) each of a covariate's values, or of six classes of them,
@@ -39,6 +44,7 @@ def straight_lines(design: Design, posterior: xr.Dataset, log_mass_sd: float = 0
         design: the formulas evaluated over the impacts.
         posterior: its draws.
         log_mass_sd: of the impacts' recorded masses.
+        mass_group: which error of its mass each impact has, where impacts share these; else each its own.
 
     Returns:
         ``lines``, a row for each covariate and response: ``of``, ``covariate``, ``p`` and ``off_the_line``,
@@ -51,7 +57,9 @@ def straight_lines(design: Design, posterior: xr.Dataset, log_mass_sd: float = 0
         if q not in posterior or "impact" not in posterior[q].dims:
             continue
         drawn = np.log(posterior[q].transpose("impact", ...).to_numpy()).reshape(len(design.subject), -1)
-        y, cov = drawn.mean(axis=1)[rows], _covariance(design, part, posterior, rows, log_mass_sd)
+        # K and C are in proportion to the mass.
+        errors = log_mass_sd if q in RESPONSES else 0.0, _numbered(mass_group, len(design.subject))[rows]
+        y, cov = drawn.mean(axis=1)[rows], _covariance(design, part, posterior, rows, *errors)
         x = [np.ones((len(rows), 1)), part.covariates[rows]]
         x += [] if part.log_mass is None else [part.log_mass[rows, None]]
         root = np.linalg.cholesky(cov)
@@ -66,13 +74,21 @@ def straight_lines(design: Design, posterior: xr.Dataset, log_mass_sd: float = 0
     return {"lines": lines, "words": " ".join(_words(line) for line in lines if line["p"] < limit)}
 
 
+def _numbered(group: np.ndarray | None, count: int) -> np.ndarray:
+    return np.arange(count) if group is None else group
+
+
 def _covariance(
-    design: Design, part: ResponseDesign, posterior: xr.Dataset, rows: np.ndarray, log_mass_sd: float
+    design: Design,
+    part: ResponseDesign,
+    posterior: xr.Dataset,
+    rows: np.ndarray,
+    error_sd: float,
+    error_group: Int[np.ndarray, " row"],
 ) -> Float[np.ndarray, "row row"]:
     q = part.response
-    # K and C are in proportion to the mass.
-    error = log_mass_sd if q in RESPONSES else 0.0
-    cov = (float(posterior[sd_impact(part.parameter)].median()) ** 2 + error**2) * np.eye(len(rows))
+    cov = float(posterior[sd_impact(part.parameter)].median()) ** 2 * np.eye(len(rows))
+    cov += error_sd**2 * (error_group[:, None] == error_group)
     for term, column in part.terms.items():
         code, scaled = design.groupings[term.grouping].code[rows], column.covariate[rows] * column.scale
         sd = float(posterior[term.sd(q)].median())

@@ -67,4 +67,5 @@ def some_of(prepared: Prepared, rows: Int[np.ndarray, " row"]) -> Prepared:
         data=data,
         signal=replace(signal, **{name: chosen(name) for name in signal.__dataclass_fields__}),
         impacts=prepared.impacts.iloc[rows].reset_index(drop=True),
+        mass_group=None if prepared.mass_group is None else prepared.mass_group[rows],
     )

@@ -8,7 +8,7 @@ each side; without the traces only the prior tells them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -27,7 +27,7 @@ from bayestissue.hierarchy.gaussian.arrangement import expected_by_cell
 from bayestissue.hierarchy.gaussian.conditional import Data
 from bayestissue.hierarchy.gaussian.covariances import Covariances
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
-from bayestissue.hierarchy.population import Population
+from bayestissue.hierarchy.population import MASS_ERROR, Population
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceModel, gaussian
 from bayestissue.inference.execution.compiling import by_row, in_parts
@@ -69,7 +69,7 @@ def log_densities(
     evidence = in_parts(partial(log_evidence, shown), (priors,), _AT_ONCE, axes=2)
     traces = gaussian(data, sites)
     cell, places = np.asarray(data.design.cell), traces.design.members.shape[2]
-    of_levels = own_effects(model, prepared.design)
+    of_levels = own_effects(model, prepared.design, prepared.mass_group)
     effects = {name: effect.at_places(cell, places) for name, effect in of_levels.items()}
     of_impacts = log_ratios["impact"]
     # Of more impacts there may be ratios than are shown.
@@ -91,8 +91,9 @@ def _of_groups(
     expected = expected_by_cell(data.design, b)
     scores = {"traces": sums.recentred(expected).log_scale.sum()}
     for name, effect in effects_of.items():
-        without = sums.recentred(expected - effect.expected(b, len(expected)))
-        gained = effect.gained(covariances, sums.precision, without.shift)
+        own = data.design.of_parameters(effect.expected(b, len(data.design.inner)))
+        without = sums.recentred(expected - own)
+        gained = effect.gained(covariances, *data.design.of_parts(sums.precision, without.shift))
         scores[f"traces_of_{stem_of(name)}"] = effect.total(without.log_scale) + gained
     return scores
 
@@ -101,7 +102,8 @@ class OwnEffects(NamedTuple):
     """A level's own effects, as many slots for each; of a level that has fewer some are empty.
 
     Attributes:
-        parameter: of an impact, by its number, that each slot's effect is on: 0 is log K, 1 log C.
+        parameter: of an impact, by its number, that each slot's effect is on: 0 is log K, 1 log C. One past
+            the last is the error of log mass, see `PopulationDesign.of_parameters`.
         element: of b, in each slot of each level; one past the last where it is empty.
         value: what each slot's effect multiplies in each row of the design; 0 where the row lacks it.
         level: of each row.
@@ -155,36 +157,58 @@ class OwnEffects(NamedTuple):
             jnp.asarray(precision)[parameters[:, None], parameters] * (self.value[:, None] * self.value)
         )
         p = self.total(jnp.asarray(shift)[parameters] * self.value)
-        D = covariances.of_effects().among(jnp.asarray(self.element))
+        D = covariances.precision_among(jnp.asarray(self.element))
         prior, posterior = (jnp.linalg.cholesky(jnp.moveaxis(matrix, -1, 0)) for matrix in (D, D + W))
         half = solve_triangular(posterior, p.T[..., None], lower=True)
         scale = jnp.log(jnp.diagonal(prior, 0, 1, 2) / jnp.diagonal(posterior, 0, 1, 2)).sum(1)
         return (half**2).sum((1, 2)) / 2 + scale
 
 
-def own_effects(model: TraceModel, design: Design) -> dict[str, OwnEffects]:
-    """Of every grouping of a design the effects that its levels do not share."""
-    return {name: _of(model, design, grouping) for name, grouping in design.groupings.items()}
+def own_effects(
+    model: TraceModel, design: Design, mass_group: Int[np.ndarray, " impact"] | None = None
+) -> dict[str, OwnEffects]:
+    """Of every grouping of a design the effects that its levels do not share.
+
+    Args:
+        model: whose b the effects are elements of.
+        design: the formulas over the impacts.
+        mass_group: which error of its mass each impact has, where impacts share these.
+    """
+    parameters = (*RESPONSES, *model.nuisance)
+    parts = [
+        (
+            parameters.index(p.parameter),
+            term.effect(q),
+            design.groupings[term.grouping].code,
+            column.covariate,
+        )
+        for q, p in design.responses.items()
+        for term, column in p.terms.items()
+    ]
+    if mass_group is not None:
+        parts.append((len(parameters), MASS_ERROR, mass_group, np.ones(len(mass_group))))
+    return {name: _of(model, parts, grouping) for name, grouping in design.groupings.items()}
 
 
-def _of(model: TraceModel, design: Design, grouping: Grouping) -> OwnEffects:
-    levels, parameters = len(grouping.levels), (*RESPONSES, *model.nuisance)
+def _of(
+    model: TraceModel, parts: Sequence[tuple[int, str, np.ndarray, np.ndarray]], grouping: Grouping
+) -> OwnEffects:
+    """Of one grouping; a part has its parameter's number, its name, and of each impact a code and a value."""
+    levels = len(grouping.levels)
     slots: list[tuple[int, np.ndarray, np.ndarray]] = []
-    for q, part in design.responses.items():
-        for term, column in part.terms.items():
-            inner = design.groupings[term.grouping]
-            pairs = np.unique(np.stack([inner.code, grouping.code]), axis=1)
-            if pairs.shape[1] > len(inner.levels):
-                continue
-            # The how-manieth inner level of its own outer level each inner level is.
-            outer = pairs[1]
-            rank = pd.Series(outer).groupby(outer).cumcount().to_numpy()
-            begin = model.locations.parts[term.effect(q)].start
-            for number in range(rank.max() + 1):
-                element = np.full(levels, model.locations.size)
-                element[outer[rank == number]] = begin + np.flatnonzero(rank == number)
-                value = np.where(rank[inner.code] == number, column.covariate, 0.0)
-                slots.append((parameters.index(part.parameter), element, value))
+    for parameter, name, code, covariate in parts:
+        pairs = np.unique(np.stack([code, grouping.code]), axis=1)
+        if pairs.shape[1] > code.max() + 1:
+            continue
+        # The how-manieth inner level of its own outer level each inner level is.
+        outer = pairs[1]
+        rank = pd.Series(outer).groupby(outer).cumcount().to_numpy()
+        begin = model.locations.parts[name].start
+        for number in range(rank.max() + 1):
+            element = np.full(levels, model.locations.size)
+            element[outer[rank == number]] = begin + np.flatnonzero(rank == number)
+            value = np.where(rank[code] == number, covariate, 0.0)
+            slots.append((parameter, element, value))
     elements = np.array([element for _, element, _ in slots], int).reshape(-1, levels)
     values = np.array([value for _, _, value in slots]).reshape(-1, len(grouping.code))
     return OwnEffects(np.array([a for a, _, _ in slots], int), elements, values, grouping.code)

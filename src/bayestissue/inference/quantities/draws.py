@@ -10,14 +10,13 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pandas as pd
 from jax import Array
 from jaxtyping import Float, Int
 from numpyro.infer import Predictive
 
 from bayestissue.elements.outcomes import OUTCOMES
 from bayestissue.hierarchy import derived
-from bayestissue.hierarchy.population import Population
+from bayestissue.hierarchy.population import Population, shared_mass_errors
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, impacts_model
 from bayestissue.inference.execution.chunks import in_blocks
@@ -27,7 +26,6 @@ from bayestissue.inference.quantities.impacts import NAMES, Impacts, impact_quan
 from bayestissue.inference.quantities.masses import (
     DRAWS,
     MASS_FACTOR,
-    at_true_masses,
     common_log_factor,
     declared_common_sd,
     driven_gains,
@@ -47,7 +45,7 @@ class Draws:
     """Draws of a posterior or a prior by name, each array [chain, draw, ...].
 
     Attributes:
-        population: hyperparameters, and effects as `effects_by_name` has them, people's at their true mass.
+        population: hyperparameters, and effects as `effects_by_name` has them, at the true masses.
         impacts: what `impact_quantities` has of every impact.
         log_likelihood: log density of each impact, subject and trial with its own parameters and effects
             integrated out.
@@ -98,11 +96,10 @@ def posterior_draws(
             return log_factor[:, kept_numbers, None] + own_log_factor(prepared, of_kept, u), of_errors
         # Of the design X b of these impacts is asked alone.
         of_rows = design._replace(cell=cell[rows[padded_rows(len(rows))]])
-        of_people = keys_of_kept if model.mass_error == "subject" else of_mass
-        return mass_errors(model, of_rows, of_kept, u, of_people), of_errors
+        return mass_errors(model, of_rows, of_kept, u, of_mass), of_errors
 
     impacts = _of_impacts(prepared, u, errors_and_keys, recorded=True, single=not whole)
-    b, factor = at_true_masses(model, population, keys), {}
+    b, factor = population.b, {}
     if log_factor is not None:
         b = of_heavier_impactors(model, b, log_factor)
         factor = {MASS_FACTOR: np.exp(log_factor)} if gains is None else {}
@@ -117,11 +114,8 @@ def prior_draws(prepared: Prepared, seed: int, rng: np.random.Generator) -> Draw
     key = jax.random.fold_in(jax.random.PRNGKey(seed), 13)
     drawn, u = drawn_from_prior(model, data, key)
     factor: dict[str, np.ndarray] = {}
-    if "log_mass_error" in drawn:
-        people = pd.Index(prepared.design.subjects)
-        error = drawn["log_mass_error"][
-            ..., people.get_indexer(pd.Index(prepared.impacts["subject"].astype(str)))
-        ]
+    if model.locations.of_shared_masses:
+        error = np.asarray(shared_mass_errors(model.locations, data.design, jnp.asarray(drawn["locations"])))
     elif (common_sd := declared_common_sd(prepared)) is not None:
         error = np.broadcast_to(common_sd * rng.standard_normal(u.shape[:2])[..., None], u.shape[:-1])
         drawn["locations"] = of_heavier_impactors(model, drawn["locations"], error[..., 0])
@@ -217,7 +211,7 @@ def recorded_outcomes(
 def drawn_from_prior(
     model: TraceModel, data: TraceData, key: Array
 ) -> tuple[dict[str, np.ndarray], Float[np.ndarray, "chain draw impact parameter"]]:
-    """One chain's hyperparameters, effects as "locations", people's errors of mass; impacts' parameters."""
+    """One chain's hyperparameters, and effects as "locations"; impacts' parameters."""
     drawn = jax.device_get(_drawn_from_prior(model, data.padded, key))
     population, u = jax.tree.map(lambda values: values[None], drawn)
     return population, u[:, :, : len(data.log_mass)]
@@ -228,11 +222,10 @@ def _drawn_from_prior(
     model: TraceModel, data: TraceData, key: Array
 ) -> tuple[dict[str, Array], Float[Array, "draw impact parameter"]]:
     """What is compiled of `drawn_from_prior`."""
-    shared = ["log_mass_error"] if model.mass_error == "subject" else []
     bare = Predictive(
         lambda: impacts_model(model, data),
         num_samples=PRIOR_DRAWS,
-        return_sites=[*model.hyperparameters, "locations", "log_K_and_C", *model.nuisance, *shared],
+        return_sites=[*model.hyperparameters, "locations", "log_K_and_C", *model.nuisance],
     )
     drawn = bare(key)
     nuisance = [drawn.pop(name)[..., None] for name in model.nuisance]

@@ -1,4 +1,4 @@
-"""By how much declared masses are wrong, in each draw: one by one, by person, or all by one factor."""
+"""By how much declared masses are wrong, in each draw: one by one, several together, or all by one factor."""
 
 from __future__ import annotations
 
@@ -11,12 +11,9 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.elements import element
-from bayestissue.hierarchy.effects import RESPONSES, parameter_of
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expected
-from bayestissue.hierarchy.gaussian.covariances import Covariances
-from bayestissue.hierarchy.population import Population, force_ratio, heavier, of_impacts
-from bayestissue.hierarchy.trace_data import Prepared
+from bayestissue.hierarchy.population import Population, force_ratio, heavier, shared_mass_errors
+from bayestissue.hierarchy.trace_data import Prepared, in_proportion_to_mass
 from bayestissue.hierarchy.traces import TraceModel
 from bayestissue.inference.execution.compiling import by_row
 
@@ -64,8 +61,7 @@ def of_heavier_impactors(
     log_factor: Float[np.ndarray, "chain draw"],
 ) -> Float[np.ndarray, "chain draw location"]:
     """Effects at masses that are greater by a factor: K, C and any mass of the element go with it."""
-    masses = (parameter_of(one.name) for one in element(model.element).extra if one.of_mass)
-    return heavier(model.locations, b, log_factor, (*RESPONSES, *masses))
+    return heavier(model.locations, b, log_factor, in_proportion_to_mass(model.element))
 
 
 def own_log_factor(
@@ -86,30 +82,11 @@ def mass_errors(
     key: Array,
 ) -> Float[Array, " impact"]:
     """The error of every impact's log mass."""
+    if model.locations.of_shared_masses:
+        return shared_mass_errors(model.locations, design, population.b)
     covariances = model.covariances(population.hyperparameters)
-    if covariances.shared is not None:
-        return of_impacts(design, covariances, error_of_people(covariances, population.b, key))
     pair = [entry - model.log_mass_sd**2 for entry in covariances.pair]
     return error_given(model.log_mass_sd**2, pair, u.T - expected(design, population.b), key)
-
-
-@by_row(DRAWS, constant=1, axes=2)
-def at_true_masses(model: TraceModel, population: Population, key: Array) -> Float[Array, " location"]:
-    """People's effects in b put at their true mass."""
-    covariances, b = model.covariances(population.hyperparameters), population.b
-    if covariances.shared is None:
-        return b
-    error = error_of_people(covariances, b, key)
-    effects = jnp.concatenate([covariances.shared.effect_on_K, covariances.shared.effect_on_C])
-    return b + jax.ops.segment_sum(jnp.tile(error, 2), effects, len(b))
-
-
-def error_of_people(covariances: Covariances, b: Array, key: Array) -> Float[Array, " person"]:
-    """The error of the log mass that a person's impacts share, given the effects at the recorded mass."""
-    assert covariances.shared is not None  # noqa: S101 - the callers ask
-    on_K, on_C, variance = covariances.shared
-    K, C = covariances.locations[on_K] ** 2, covariances.locations[on_C] ** 2
-    return error_given(variance, (K, 0.0, C), (b[on_K], b[on_C]), key)
 
 
 def error_given(

@@ -25,7 +25,7 @@ from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.formulas.group_terms import SUBJECT, TRIAL
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expected_by_cell
 from bayestissue.hierarchy.gaussian.covariances import Covariances
-from bayestissue.hierarchy.population import Hyperparameters
+from bayestissue.hierarchy.population import MASS_ERROR, Hyperparameters
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceModel
 from bayestissue.inference.execution.compiling import compiled_quickly
@@ -156,11 +156,10 @@ def _scatter(
     """Covariance of u about X b by source, an error of mass left out."""
     model = prepared.model
     kk, kc, cc = covariances.pair
-    mass = model.log_mass_sd**2 if model.mass_error == "impact" else 0.0
     size = 2 + len(model.nuisance)
     scatter = {IMPACTS: np.zeros((size, size))}
     # The traces' own error of mass is a source by itself.
-    scatter[IMPACTS][:2, :2] = np.array([[kk, kc], [kc, cc]]) - mass
+    scatter[IMPACTS][:2, :2] = np.array([[kk, kc], [kc, cc]]) - model.own_mass_sd**2
     for number, (name, sd) in enumerate(zip(model.nuisance, covariances.nuisance, strict=True), start=2):
         source = _NUISANCE.get(name, SHAPE)
         scatter.setdefault(source, np.zeros((size, size)))[number, number] = float(sd) ** 2
@@ -173,7 +172,7 @@ def _dense(
 ) -> tuple[Covariances, Float[Array, "parameter location entry"], Float[Array, "location location"]]:
     """The hierarchy at these standard deviations: covariances, columns of X, prior precision of b."""
     covariances, unit = model.covariances(hyperparameters), jnp.eye(model.locations.size)
-    precision = covariances.of_effects().among(jnp.arange(len(unit)))
+    precision = covariances.precision_among(jnp.arange(len(unit)))
     return covariances, expected_by_cell(design, unit), precision
 
 
@@ -189,11 +188,16 @@ class _Hierarchy:
         self._scatter = _scatter(prepared, self._covariances)
         self.omega = np.sum(list(self._scatter.values()), axis=0)
         self._both = (np.arange(len(self.omega)) < 2).astype(float)
+        # Prior variances of b's elements, of those alone that are errors of masses.
+        where = prepared.model.locations.parts.get(MASS_ERROR, slice(0, 0))
+        of_masses = np.arange(len(self._covariances.locations))
+        of_masses = (of_masses >= where.start) & (of_masses < where.stop)
+        self._masses_alone = np.where(of_masses, self._covariances.locations**2, 0.0)
+        self._errors_of_masses = -np.where(of_masses, self._columns, 0.0)
 
     def _measured(self, errors: TraceErrors) -> tuple[Matrices, dict[str, Matrices]]:
         """What the traces' errors and the mass's add, all together and by source."""
-        mass_variance = self._prepared.model.log_mass_sd**2 if self._covariances.shared is None else 0.0
-        of_mass = mass_variance * np.multiply.outer(self._both, self._both)
+        of_mass = self._prepared.model.own_mass_sd**2 * np.multiply.outer(self._both, self._both)
         by_source = {**errors.parts, MASS: np.broadcast_to(of_mass, errors.total.shape)}
         return errors.total + of_mass, by_source
 
@@ -230,24 +234,19 @@ class _Hierarchy:
 
     def _of_effects(self, v: Float[np.ndarray, " location"]) -> dict[str, float]:
         """What people, their masses, conditions and priors add, of v' (prior precision) v."""
-        covariances, names = self._covariances, np.array(self._prepared.model.locations.spread)
-        variance = covariances.locations**2
-        pull = self._prior @ v
-        variances = pull**2 * variance
-        sources = _sources(self._prepared)
+        sources, locations = _sources(self._prepared), self._prepared.model.locations
+        variances = (self._prior @ v) ** 2 * self._covariances.locations**2
         groups = dict.fromkeys((MASS, PEOPLE, CONDITIONS, *sources.values(), PRIORS), 0.0)
-        if covariances.shared is not None:
-            # A person's two effects hold the error of the mass too.
-            together = pull[covariances.shared.effect_on_K] + pull[covariances.shared.effect_on_C]
-            groups[MASS] = float(covariances.shared.variance * (together**2).sum())
-        for name, source in {"": PRIORS, **sources}.items():
-            groups[source] += float(variances[names == name].sum())
+        for part in locations.blocks:
+            source = MASS if part.name == MASS_ERROR else sources[part.spread] if part.spread else PRIORS
+            groups[source] += float(variances[locations.parts[part.name]].sum())
         return groups
 
     def of_impacts(self, errors: TraceErrors, whole: bool) -> dict[str, dict[str, np.ndarray]]:
         """By response and source: the variance of each impact's log, [impact].
 
-        Where the data are not ``whole``, the means of person and condition count as known.
+        Where the data are not ``whole``, the means of person and condition count as known, and of errors of
+        masses that impacts share all that the dataset declares is left.
         """
         noise, measured = self._measured(errors)
         precision = np.linalg.inv(noise)
@@ -260,17 +259,15 @@ class _Hierarchy:
         )
         if whole:
             covariance = self._covariance_of_means(np.linalg.inv(self.omega + noise))
-            pulled = left @ self._columns
-            by_source[PERSON_AND_CONDITION] = np.einsum(
-                "ial,lm,iam->ia", pulled, covariance, pulled, optimize=True
-            )
-        if (shared := self._covariances.shared) is not None:
-            K, C = (
-                self._covariances.locations[number] ** 2
-                for number in (shared.effect_on_K[0], shared.effect_on_C[0])
-            )
-            error = shared.variance * K * C / (K * C + shared.variance * (K + C))
-            by_source[MASS] = by_source[MASS] + error * self._both
+            # K and C are those at the true mass: what is recorded, and its error.
+            pulled = left @ self._columns + self._errors_of_masses
+            posterior = np.einsum("ial,lm->iam", pulled, covariance)
+            of_mass = np.einsum("ial,l->ia", (posterior @ self._prior) ** 2, self._masses_alone)
+            by_source[PERSON_AND_CONDITION] = np.einsum("ial,ial->ia", posterior, pulled) - of_mass
+            by_source[MASS] = by_source[MASS] + of_mass
+        else:
+            of_mass = np.einsum("ial,l->ia", self._errors_of_masses**2, self._masses_alone)
+            by_source[MASS] = by_source[MASS] + of_mass
         return {
             q: {name: v[:, number] for name, v in by_source.items()} for number, q in enumerate(RESPONSES)
         }

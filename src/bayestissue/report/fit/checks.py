@@ -91,7 +91,7 @@ def declared_words(run: FitRun) -> str:
     if not parts:
         return said("chain.undeclared")
     words = said("chain.declared", parts=listed(parts))
-    shared = {"subject": "chain.of_persons", "all": "chain.of_all"}
+    shared = {"subject": "chain.of_persons", "mass": "chain.of_masses", "all": "chain.of_all"}
     key = shared.get(run.record.get("model", {}).get("mass_error", "impact"))
     return f"{words} {said(key)}" if key and declared.get("relative_mass_sd") else words
 

@@ -55,7 +55,6 @@ class EstimatesModel(Hierarchy):
     correlated: bool
     # Published masses are taken as exact.
     log_mass_sd = 0.0
-    mass_error = "impact"
 
 
 class EstimatesData(NamedTuple):

@@ -1,0 +1,217 @@
+"""Impactors that were weighed once each: against one dense normal, and how often intervals hold the truth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+import pytest
+from jax import Array
+from numpy.testing import assert_allclose
+from scipy.stats import multivariate_normal, norm
+
+from bayestissue.dataset import Dataset, Trace, Uncertainty
+from bayestissue.hierarchy.gaussian.conditional import log_marginal
+from bayestissue.hierarchy.gaussian.effects import effects_from_standard, integrate_effects
+from bayestissue.hierarchy.gaussian.factor import GaussianFactor
+from bayestissue.hierarchy.population import MassError
+from bayestissue.hierarchy.specification import Formulas, ModelSpecification
+from bayestissue.hierarchy.trace_data import Prepared, prepare
+from bayestissue.hierarchy.traces import gaussian
+from bayestissue.oscillator import impact_motion
+
+PEOPLE, REPEATS, MASSES = 10, 2, (0.4, 0.7, 1.2)
+COUNT = PEOPLE * len(MASSES) * REPEATS
+# The masses are 5 % wrong, up and down.
+MASS_SD, ERRORS = 0.05, np.array([0.05, -0.05, 0.05])
+FORMULA = "log(mass_kg) + (1|subject)"
+# Standard deviations of people and impacts in log K and log C, and the correlation of the latter.
+PERSON, IMPACT, CORRELATION = np.array([0.2, 0.25]), np.array([0.03, 0.05]), 0.4
+EXPONENT = np.array([0.3, 0.6])
+AT_MEAN = np.log([3000.0, 25.0])
+# Of the sites: log K, log C and the noise.
+TOLD = np.array([0.01, 0.03, 0.1])
+KNOWN = {
+    **dict(zip(("sd_subject_K", "sd_subject_C"), PERSON, strict=True)),
+    **dict(zip(("sd_impact_K", "sd_impact_C"), IMPACT, strict=True)),
+    "residual_correlation": CORRELATION,
+    "sd_noise": 0.2,
+}
+
+
+def rows(masses: tuple[float, ...] = MASSES) -> pd.DataFrame:
+    person, mass = (each.ravel() for each in np.indices((PEOPLE, len(MASSES) * REPEATS)))
+    return pd.DataFrame(
+        {
+            "impact": [f"i{i}" for i in range(COUNT)],
+            "subject": [f"s{p}" for p in person],
+            "trial": "all",
+            "mass_kg": np.array(masses)[(mass + person * (len(masses) == COUNT) * 6) % len(masses)],
+            "velocity_m_s": 1.5,
+        }
+    )
+
+
+def prepared(mass_error: MassError, table: pd.DataFrame, formula: str = FORMULA) -> Prepared:
+    time = np.arange(0, 0.05, 1e-3)
+    x = impact_motion(time, np.full((len(table), 1), 60.0), 0.3, 1.5).displacement
+    x = np.asarray(x) + 1e-5 * np.random.default_rng(0).normal(size=x.shape)
+    made = Dataset(
+        name="made",
+        description="",
+        impacts=table,
+        traces=[Trace(time, row) for row in x],
+        quantity="displacement",
+        uncertainty=Uncertainty(relative_mass_sd=MASS_SD),
+        warnings=(),
+        left_out=(),
+        folder=Path(),
+        input_hash="",
+    )
+    formulas = Formulas(K=formula, C=formula)
+    specification = ModelSpecification(name="m", likelihood="a2", formula=formulas, mass_error=mass_error)
+    return prepare(made, specification, source="m.toml")
+
+
+def sites() -> GaussianFactor:
+    """What traces tell of a study in which each declared mass is wrong."""
+    rng, table = np.random.default_rng(7), rows()
+    code = np.unique(table["mass_kg"], return_inverse=True)[1]
+    person = np.unique(table["subject"], return_inverse=True)[1]
+    scatter = np.outer(IMPACT, IMPACT) * np.array([[1, CORRELATION], [CORRELATION, 1]])
+    log_mass = np.log(table["mass_kg"] / np.exp(np.log(table["mass_kg"]).mean())).to_numpy()
+    u = AT_MEAN + EXPONENT * log_mass[:, None] + (PERSON * rng.normal(size=(PEOPLE, 2)))[person]
+    u += rng.multivariate_normal(np.zeros(2), scatter, COUNT) - ERRORS[code, None]
+    centre = np.column_stack([u, rng.normal(-5, 0.2, COUNT)]) + TOLD * rng.normal(size=(COUNT, 3))
+    precision = np.broadcast_to(np.diag(TOLD**-2.0), (COUNT, 3, 3))
+    return GaussianFactor(*map(jnp.asarray, (centre, np.zeros((COUNT, 3)), precision, np.zeros(COUNT))))
+
+
+class Found(NamedTuple):
+    """Log density, mean of b, a root of its covariance, and how its mean follows the sites' centres."""
+
+    log_density: float
+    mean: np.ndarray
+    root: np.ndarray
+    gain: np.ndarray
+
+
+def found(made: Prepared, told: GaussianFactor) -> Found:
+    covariances = made.model.covariances(
+        {name: jnp.asarray(KNOWN[name]) for name in made.model.hyperparameters}
+    )
+    prior_mean = jnp.asarray(made.model.locations.mean)
+
+    @jax.jit
+    def of(centre: Array) -> tuple[Array, Array, Array]:
+        data = gaussian(made.data, told._replace(centre=centre))
+        conditional, _ = integrate_effects(data.design, covariances, data.sums(covariances))
+        b = effects_from_standard(data.design, conditional, prior_mean)
+        unit = jnp.eye(len(b))
+        drawn = jax.vmap(lambda z: effects_from_standard(data.design, conditional, prior_mean, z))(unit)
+        return log_marginal(data, covariances), b, (drawn - b).T
+
+    gain = jax.jit(jax.jacfwd(lambda centre: of(centre)[1]))(told.centre)
+    return Found(*map(np.asarray, (*of(told.centre), gain)))  # type: ignore[arg-type]
+
+
+def dense(told: GaussianFactor, priors: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    """Log density, and mean and covariance of intercepts and exponents, of log K and then of log C.
+
+    ``priors`` [response, (intercept, exponent), (mean, sd)].
+    """
+    table = rows()
+    log_mass = np.log(table["mass_kg"] / np.exp(np.log(table["mass_kg"]).mean())).to_numpy()
+    same = {
+        name: table[name].to_numpy()[:, None] == table[name].to_numpy() for name in ("subject", "mass_kg")
+    }
+    X = np.column_stack([np.ones(COUNT), log_mass])
+    whole = np.kron(np.ones((2, 2)), MASS_SD**2 * same["mass_kg"])
+    whole += np.kron(np.diag(PERSON**2), same["subject"])
+    scatter = np.outer(IMPACT, IMPACT) * np.array([[1, CORRELATION], [CORRELATION, 1]])
+    whole += np.kron(scatter + np.diag(TOLD[:2] ** 2), np.eye(COUNT))
+    X = np.kron(np.eye(2), X)
+    mean, sd = priors.reshape(4, 2).T
+    seen = np.asarray(told.centre)[:, :2].T.ravel()
+    of_seen = whole + X * sd**2 @ X.T
+    gain = np.linalg.solve(of_seen, X * sd**2).T
+    covariance = np.diag(sd**2) - gain @ X * sd**2
+    value = multivariate_normal(X @ mean, of_seen).logpdf(seen)
+    return float(value), mean + gain @ (seen - X @ mean), covariance
+
+
+def fixed(made: Prepared) -> np.ndarray:
+    """Where intercepts and mass exponents are in b."""
+    parts = made.model.locations.parts
+    return np.array([parts[f"{name}_{q}"].start for q in "KC" for name in ("intercept", "mass_exponent")])
+
+
+def priors_of(made: Prepared) -> np.ndarray:
+    at, locations = fixed(made), made.model.locations
+    return np.stack([locations.mean[at], locations.sd[at]], axis=-1).reshape(2, 2, 2)
+
+
+def test_the_posterior_is_that_of_the_dense_normal() -> None:
+    made, told = prepared("mass", rows()), sites()
+    result, (value, mean, covariance) = found(made, told), dense(told, priors_of(made))
+    # The noise is a factor by itself, and a site's constant that of a normal's density.
+    noise_mean, noise_sd = made.model.priors.noise.mean, made.model.priors.noise.sd
+    of_noise = KNOWN["sd_noise"] ** 2 + TOLD[2] ** 2
+    noise = multivariate_normal(
+        np.full(COUNT, noise_mean), of_noise * np.eye(COUNT) + noise_sd**2 * np.ones((COUNT, COUNT))
+    ).logpdf(np.asarray(told.centre)[:, 2])
+    constants = COUNT * (1.5 * np.log(2 * np.pi) + np.log(TOLD).sum())
+    assert_allclose(result.log_density, value + noise + constants, rtol=1e-10)
+    at = fixed(made)
+    assert_allclose(result.mean[at], mean, rtol=1e-9, atol=1e-10)
+    assert_allclose((result.root @ result.root.T)[np.ix_(at, at)], covariance, rtol=1e-8, atol=1e-12)
+
+
+@pytest.mark.slow
+def test_intervals_of_wrong_masses_hold_the_truth_where_each_impacts_own_errors_miss_it() -> None:
+    """The share of intervals of 90 % that hold, over all errors of masses, people and traces."""
+    table, told = rows(), sites()
+    code = np.unique(table["mass_kg"], return_inverse=True)[1]
+    same = code[:, None] == code
+    person = np.unique(table["subject"], return_inverse=True)[1]
+    scatter = np.outer(IMPACT, IMPACT) * np.array([[1, CORRELATION], [CORRELATION, 1]])
+    error = np.einsum("ij,ab->iajb", MASS_SD**2 * same, np.ones((2, 2)))
+    error += np.einsum("ij,ab->iajb", person[:, None] == person, np.diag(PERSON**2))
+    error += np.einsum("ij,ab->iajb", np.eye(COUNT), scatter + np.diag(TOLD[:2] ** 2))
+    held = {}
+    for whose in ("mass", "impact"):
+        made = prepared(whose, table)
+        result, at = found(made, told), fixed(made)
+        gain, sd = result.gain[at][:, :, :2], np.sqrt(np.diag(result.root @ result.root.T)[at])
+        # Priors as wide as these draw the means in by less than a hundredth of the interval.
+        off = np.sqrt(np.einsum("lia,iajb,ljb->l", gain, error, gain))
+        held[whose] = 1 - 2 * norm.sf(norm.isf(0.05) * sd / off)
+    assert_allclose(held["mass"], 0.9, atol=0.01)
+    # A mass exponent of K is no surer than the masses: errors of each impact's own would average out.
+    assert held["impact"][1] < 0.6
+    made = prepared("mass", table)
+    result, at = found(made, told), fixed(made)
+    away = (result.mean[at] - np.ravel(np.stack([AT_MEAN, EXPONENT], axis=1))) / np.sqrt(
+        np.diag(result.root @ result.root.T)[at]
+    )
+    assert (np.abs(away) < norm.isf(0.005)).all()
+
+
+@pytest.mark.parametrize(
+    ("masses", "same_as", "formula"),
+    [((0.7,), "all", "(1|subject)"), (tuple(np.linspace(0.4, 1.2, COUNT)), "impact", FORMULA)],
+)
+def test_one_mass_is_one_error_of_all_and_different_masses_have_their_own(
+    masses: tuple[float, ...], same_as: MassError, formula: str
+) -> None:
+    table = rows(masses)
+    assert table["mass_kg"].nunique() == len(masses)
+    of_masses, other = (prepared(whose, table, formula) for whose in ("mass", same_as))
+    assert of_masses.model == other.model
+    assert of_masses.common_mass_sd == other.common_mass_sd == (MASS_SD if same_as == "all" else 0.0)
+    assert of_masses.mass_group is None
+    jax.tree.map(np.testing.assert_array_equal, of_masses.data, other.data)
