@@ -13,7 +13,7 @@ from bayestissue.errors import Coded
 from bayestissue.signal.beyond_limit import beyond_limit
 from bayestissue.signal.contact import Onset, displacement_contact, find_onset, from_time_zero
 from bayestissue.signal.filters import ahead_s, low_pass
-from bayestissue.signal.integration import cumulative, derivatives
+from bayestissue.signal.integration import clear_velocity, cumulative, derivatives
 from bayestissue.signal.options import SignalOptions
 from bayestissue.signal.phase import BETWEEN, ContactEvidence, Phase, phase_of
 from bayestissue.signal.settings import CONTACT, WINDOW
@@ -295,7 +295,8 @@ def _recorded(
     v, d = (from_sample(replace(recordings, value=rows), first).value for rows in derivatives(recordings))
     velocity = np.where(np.isfinite(velocity), velocity, v[:, 0])
     x = part.value - at_contact[:, None]
-    stop = slowest(replace(part, value=x), v, velocity)
+    clear = from_sample(replace(recordings, value=clear_velocity(recordings, noise)), first).value
+    stop = slowest(replace(part, value=x), clear, velocity)
     slowest_words = "velocity does not reach zero: the window ends where it is least"
     greatest = np.where(recordings.inside, recordings.value, -np.inf).max(axis=1)
     below = (greatest <= 0) & (options.contact != "time-zero") & (contact is None)

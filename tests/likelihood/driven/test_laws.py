@@ -102,7 +102,7 @@ def test_density_is_the_integral_over_motions(name: str) -> None:
     parameters, law = LAWS[name]
     rng = np.random.default_rng(4)
     event = measured(name, parameters, recorded(X, law(X, V), rng))
-    np.testing.assert_allclose(event.log_density()[0], integrated(event, law, rng), atol=LEFT_OUT)
+    np.testing.assert_allclose(event.joint_log_density()[0], integrated(event, law, rng), atol=LEFT_OUT)
 
 
 @pytest.mark.usefixtures("few_functions")
@@ -117,7 +117,7 @@ def test_density_of_another_K_is_the_integral_too(name: str) -> None:
     def stiffer(x: np.ndarray, v: np.ndarray) -> np.ndarray:
         return law(x, v) + 0.03 * law(x, 0 * v)
 
-    np.testing.assert_allclose(event.log_density()[0], integrated(event, stiffer, rng), atol=LEFT_OUT)
+    np.testing.assert_allclose(event.joint_log_density()[0], integrated(event, stiffer, rng), atol=LEFT_OUT)
 
 
 @pytest.mark.parametrize("relaxation", [1e-6, 3e-3, 10.0])

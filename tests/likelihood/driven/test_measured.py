@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
@@ -51,7 +52,15 @@ def measured(
     return MeasuredDriven(element("kelvin_voigt"), jnp.asarray([K, C]), *logs, beside, record)
 
 
-def dense(record: DrivenRecord, row: int, rms: float = 0.0, K: np.ndarray = K, C: np.ndarray = C) -> float:
+def dense(
+    record: DrivenRecord,
+    row: int,
+    rms: float = 0.0,
+    K: np.ndarray = K,
+    C: np.ndarray = C,
+    *,
+    force_alone: bool = False,
+) -> float:
     """Log density by the covariance of all samples of both channels, of K x + C x' by the kernel's slopes."""
     at, then = grid(row)
     depth, force = np.asarray(record.unit)[row]
@@ -82,7 +91,9 @@ def dense(record: DrivenRecord, row: int, rms: float = 0.0, K: np.ndarray = K, C
     values = np.concatenate([np.asarray(record.x)[row, :n], np.asarray(record.y)[row, : len(then)]])
     # In units of the noise: metres and newtons in one matrix would leave it no digits.
     noise = np.concatenate([np.full(n, SIGMA[row]), np.full(len(then), SIGMA_F[row])])
-    normal = multivariate_normal(np.zeros(len(t)), whole / np.outer(noise, noise))
+    if force_alone:
+        whole, values, noise = whole[f, f], values[f], noise[f]
+    normal = multivariate_normal(np.zeros(len(noise)), whole / np.outer(noise, noise))
     return float(normal.logpdf(values / noise) - np.log(noise).sum())
 
 
@@ -100,8 +111,23 @@ def many_modes(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 @pytest.mark.usefixtures("many_modes")
 def test_density_is_that_of_a_dense_normal(rms: float) -> None:
     record = recorded(np.random.default_rng(1), discrepancy=rms > 0)
-    density = measured(record, np.log(rms) if rms else None).log_density()
-    np.testing.assert_allclose(density, [dense(record, row, rms) for row in range(2)], atol=0.03)
+    event = measured(record, np.log(rms) if rms else None)
+    joint = np.array([dense(record, row, rms) for row in range(2)])
+    np.testing.assert_allclose(event.joint_log_density(), joint, atol=0.03)
+    of_law, presumed = (
+        np.array([dense(record, row, rms, K=K, C=C, force_alone=True) for row in range(2)])
+        for K, C in ((K, C), np.asarray(record.presumed).T)
+    )
+    np.testing.assert_allclose(event.log_density(), joint - of_law + presumed, atol=0.05)
+
+
+def test_a_force_alone_says_nothing_of_the_law() -> None:
+    """Nor does it beside a displacement of which hardly anything is known, whatever its prior says."""
+    record = recorded(np.random.default_rng(1), discrepancy=False)
+    laws = [measured(record, K=K * f, C=C * g) for f, g in ((1, 1), (0.3, 1), (3, 1), (1, 0.3), (1, 3))]
+    # A metre of noise, where the displacement may be 0.2 m: what it adds is the square of that.
+    deaf = [replace(law, log_sigma=jnp.zeros(2)) for law in laws]
+    np.testing.assert_allclose(np.ptp([law.log_density() for law in deaf], axis=0), 0, atol=0.05)
 
 
 def test_no_K_and_C_far_from_the_recordings_is_likelier_than_theirs() -> None:
@@ -116,7 +142,7 @@ def test_no_K_and_C_far_from_the_recordings_is_likelier_than_theirs() -> None:
 def test_sixteen_functions_tell_K_and_C_as_all_do() -> None:
     """Their difference in log density does not depend on K and C."""
     record = recorded(np.random.default_rng(1), discrepancy=False)
-    few = [measured(record, K=K * f, C=C * g).log_density() for f, g in ((1, 1), (1.03, 1), (1, 1.1))]
+    few = [measured(record, K=K * f, C=C * g).joint_log_density() for f, g in ((1, 1), (1.03, 1), (1, 1.1))]
     whole = [dense(record, 0, K=K * f, C=C * g) for f, g in ((1, 1), (1.03, 1), (1, 1.1))]
     np.testing.assert_allclose(np.diff([f[0] for f in few]), np.diff(whole), atol=0.05)
 
