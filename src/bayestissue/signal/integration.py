@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bayestissue.signal.settings import WINDOW
-from bayestissue.signal.traces import Column, Recordings, Rows
+from bayestissue.signal.traces import Column, Index, Recordings, Rows
 
 type Rule = Literal["trapezoidal", "quintic"]
 
@@ -80,18 +80,19 @@ def _extended(recordings: Recordings) -> Rows:
     return padded
 
 
-def clear_velocity(recordings: Recordings, noise_sd: Column) -> Rows:
+def clear_velocity(recordings: Recordings, noise_sd: Column) -> tuple[Rows, Index]:
     """Velocity (m/s) of displacements in which the noise is but a few per cent of the greatest.
 
-    Slope of parabolas fitted over 5 ms, or over twice or four times as long where noise asks for it. Where a
-    noisy velocity first reaches 0 is where the noise has made it, and the displacement's last samples too
-    great.
+    Slope of parabolas fitted over 5 ms, or over twice or four times as long where noise asks for it; and how
+    many samples on either side of one these have. Where a noisy velocity first reaches 0 is where the noise
+    has made it: samples of the parabola before its middle are too great, as many after it too small.
 
     Args:
         recordings: displacements, m.
         noise_sd: standard deviation of white noise on each, m.
     """
     velocity = derivatives(recordings)[0]
+    beside = np.full(len(velocity), _parabola(recordings, WINDOW.smoothing_s) // 2)
     greatest = np.where(recordings.inside, velocity, 0.0).max(axis=1)
     for longer in (1, 2):
         n = _parabola(recordings, longer * WINDOW.smoothing_s)
@@ -100,9 +101,10 @@ def clear_velocity(recordings: Recordings, noise_sd: Column) -> Rows:
         noisy = of_noise > WINDOW.clear * greatest
         if not noisy.any():
             break
-        smoother = derivatives(recordings, 2 * longer * WINDOW.smoothing_s)[0]
-        velocity = np.where(noisy[:, None], smoother, velocity)
-    return velocity
+        twice = 2 * longer * WINDOW.smoothing_s
+        velocity = np.where(noisy[:, None], derivatives(recordings, twice)[0], velocity)
+        beside = np.where(noisy, _parabola(recordings, twice) // 2, beside)
+    return velocity, beside
 
 
 def _parabola(recordings: Recordings, over_s: float) -> int:

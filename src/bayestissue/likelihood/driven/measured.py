@@ -21,10 +21,10 @@ M = 1 + A'A and h = A'r, A and r over the noise,
 
     log p(y, F) = -(r'r - h' M^-1 h + log det M) / 2 - n_x log s_x - n_F log s_F + constant .
 
-That is not yet the density. A force alone can say nothing of the law: any force is that of some motion. But of
-a motion whose jerk is white noise it would seem to, p(F) being great where the motion that the law makes of F
-is smooth, and where a displacement is noisy that would count for more than the displacement does. So only
-p(y | F) is the law's, and the force by itself is that of a spring and damper which are fixed beforehand:
+That is not yet the density. A force alone can say nothing of the law: any force is that of some motion. But
+p(F) says that the motion which the law makes of F is smooth, and where a displacement is noisy that would
+count for more than the displacement does: of 24 intervals of K as few as 5 held. So only p(y | F) is the
+law's, and the force by itself is that of a spring and damper which are fixed beforehand:
 
     log p = log p(y, F) - log p(F) + log p_0(F) .
 
@@ -56,6 +56,9 @@ from bayestissue.padding import padded_zeros
 _WIDE = 30.0
 # Of a motion at hand: how rough, and how exact its samples are taken to be, over the greatest displacement.
 _ROUGH, _EXACT = 30.0, 1e-3
+# The softer the presumed law, the larger and the rougher the motion that it makes of the force. A motion is
+# roughest just after contact; of one as rough everywhere greatest forces came out too small.
+_SOFT = 16.0
 # To the likeliest motion under a law that is not linear.
 _STEPS = 1
 
@@ -81,8 +84,8 @@ class DrivenRecord(NamedTuple):
         beside: of the force's samples its zero's 1 and, where there is a force beside the element's, its
             modes, times the greatest force [N].
         reference: weights of a motion that the displacements show, and the level.
-        presumed: K [N/m] and C [N s/m] of the spring and damper that the force by itself is taken to be of: each
-            makes half of the greatest force, of the greatest displacement and of that over the window.
+        presumed: K [N/m] and C [N s/m] of the spring and damper that the force by itself is taken to be of:
+            greatest force over greatest displacement, by `_SOFT`, and that times the window.
         squares: sum of at_x' at_x.
         surroundings: what an element's functions take beside its parameters, by name.
         common_depth: one depth that every impact reaches [m]; no part of the likelihood.
@@ -230,7 +233,7 @@ def driven_record(
     squares = np.einsum("iaf,iag->ifg", at_x, at_x)
     channels = y, n_y, *force[2:], x, n_x, *displacement[2:]
     reference = _reference(at_x, x, unit[:, 0])
-    stiffness = unit[:, 1] / unit[:, 0] / 2
+    stiffness = unit[:, 1] / unit[:, 0] / _SOFT
     presumed = np.stack([stiffness, stiffness * last[:, 0]], axis=1)
     parts: Any = (*channels, error_sd, unit, at_x, at_y, rate, beside, reference, presumed, squares)
     parts += (surroundings, common_depth)
