@@ -6,16 +6,22 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax import Array
+from scipy.special import logsumexp
 
 import bayestissue as bt
+from bayestissue.elements import element
 from bayestissue.errors import InputError
 from bayestissue.hierarchy.specification import ModelSpecification, read_specification
 from bayestissue.hierarchy.trace_data import prepare
 from bayestissue.inference.factors.expansions import expanded
 from bayestissue.inference.factors.noise_left import noise_p
 from bayestissue.inference.samplers.diagnostics import NO_INTERVAL_OF_DRIVEN, headline
+from bayestissue.likelihood.driven.measured import DrivenRecord, MeasuredDriven
 from bayestissue.report import write_report
 from bayestissue.resources import shared
 from bayestissue.simulation.driven import Driven, driven, outcomes_within
@@ -54,6 +60,39 @@ def test_expansions_have_the_truth_and_residuals_are_noise(name: str, depth_m: f
     tested = p[np.isfinite(p)]
     assert len(tested) > 10
     assert (tested < 0.01).sum() <= 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [2, 8])
+def test_a_noisy_marker_leaves_the_truth_among_what_is_likely(seed: int) -> None:
+    """Single impacts whose marker has 0.2 mm of noise on 1 to 5 mm of depth, by sums over a grid."""
+    study = Driven(seed=seed, K=40e3, C=500.0, noise_m=2e-4)
+    dataset, truth = driven(study)
+    prepared = prepare(dataset, of_element("kelvin_voigt"), source="driven")
+    record = prepared.data.record
+    assert isinstance(record, DrivenRecord)
+    around, rough = np.linspace(-2.5, 2.5, 31), np.linspace(-3, 6, 10)
+    logs = np.log(truth[["K_N_per_m", "C_N_s_per_m"]].to_numpy().T)
+    noise = [jnp.full(len(truth), np.log(sd)) for sd in (study.noise_m, study.noise_N)]
+
+    def density(K: Array, C: Array, log_roughness: Array) -> Array:
+        parameters = jnp.exp(logs + jnp.stack([K, C])[:, None])
+        roughness = jnp.full(len(truth), log_roughness)
+        event = MeasuredDriven(element("kelvin_voigt"), parameters, *noise, roughness, None, record)
+        return event.log_density() - (log_roughness - 2.0) ** 2 / 8
+
+    each = jax.vmap(density, (None, None, 0))
+    each = jax.jit(jax.vmap(jax.vmap(each, (None, 0, None)), (0, None, None)))
+    grid = np.asarray(each(around, around, rough))
+    for axis in (1, 0):
+        log_marginal = logsumexp(grid, axis=(axis, 2))
+        share = np.exp(log_marginal - logsumexp(log_marginal, axis=0))
+        below = share.cumsum(0)[15] - share[15] / 2
+        # Of 24 intervals of 90 % fewer than 18 hold once in a hundred times.
+        assert ((below > 0.05) & (below < 0.95)).sum() >= 18
+        # The mean of 24 even numbers, three of its standard errors, and a half of them: flat logs of K and C
+        # are no truth's, and where the recordings tell little they lean to the soft side.
+        assert abs(below.mean() - 0.5) < 4.5 / np.sqrt(12 * 24)
 
 
 def test_a_tissue_that_stiffens_shows_in_the_residuals() -> None:

@@ -13,7 +13,7 @@ from bayestissue.errors import Coded
 from bayestissue.signal.beyond_limit import beyond_limit
 from bayestissue.signal.contact import Onset, displacement_contact, find_onset, from_time_zero
 from bayestissue.signal.filters import ahead_s, low_pass
-from bayestissue.signal.integration import cumulative, derivatives
+from bayestissue.signal.integration import clear_velocity, cumulative, derivatives
 from bayestissue.signal.options import SignalOptions
 from bayestissue.signal.phase import BETWEEN, ContactEvidence, Phase, phase_of
 from bayestissue.signal.settings import CONTACT, WINDOW
@@ -295,7 +295,9 @@ def _recorded(
     v, d = (from_sample(replace(recordings, value=rows), first).value for rows in derivatives(recordings))
     velocity = np.where(np.isfinite(velocity), velocity, v[:, 0])
     x = part.value - at_contact[:, None]
-    stop = slowest(replace(part, value=x), v, velocity)
+    clear, beside = clear_velocity(recordings, noise)
+    clear = from_sample(replace(recordings, value=clear), first).value
+    stop = slowest(replace(part, value=x), clear, velocity)
     slowest_words = "velocity does not reach zero: the window ends where it is least"
     greatest = np.where(recordings.inside, recordings.value, -np.inf).max(axis=1)
     below = (greatest <= 0) & (options.contact != "time-zero") & (contact is None)
@@ -307,6 +309,7 @@ def _recorded(
     start = Start(since_contact, sd, since_contact, sd, known, *free, x[:, 0], v[:, 0])
     return _windowed(
         part, (x, v, d), np.zeros_like(x), stop, start, options, flags, {},
+        beyond=0 if contact is None else beside,
         mass=mass, velocity=velocity, gravity=gravity, offset=at_contact, offset_sd=nothing * np.nan,
         noise_sd=noise, before=np.zeros((len(sd), BEFORE)), before_s=np.zeros((len(sd), BEFORE)),
         n_before=nothing.astype(int), n_since_quiet=nothing.astype(int), reach_s=nothing,
@@ -323,13 +326,19 @@ def _windowed(
     options: SignalOptions,
     flags: dict[Coded, Mask],
     notes: dict[Coded, Mask],
+    beyond: Index | int = 0,
     **columns: Any,
 ) -> Displacements:
-    """The motion (x, v and deceleration) over the window; ``columns`` are attributes as they are."""
+    """The motion (x, v and deceleration) over the window.
+
+    A window to zero velocity goes on for ``beyond`` samples; ``columns`` are attributes as they are.
+    """
     x, _, deceleration = motion
     since_contact, noise = start.since_contact, columns["noise_sd"]
     moved = since_contact, replace(part, value=deceleration), x, noise
     n = samples_in(options.window, stop, *moved)
+    if options.window == "peak":
+        n = np.minimum(n + beyond, part.n)
     at_limit = clipped != 0
     below = (at_limit[:, : int(n.max())] & (np.arange(int(n.max())) < n[:, None])).sum(axis=1)
     longer = at_limit.any(axis=1) & (n - below < WINDOW.few_below)

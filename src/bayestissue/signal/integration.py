@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bayestissue.signal.settings import WINDOW
-from bayestissue.signal.traces import Recordings, Rows
+from bayestissue.signal.traces import Column, Index, Recordings, Rows
 
 type Rule = Literal["trapezoidal", "quintic"]
 
@@ -80,7 +80,40 @@ def _extended(recordings: Recordings) -> Rows:
     return padded
 
 
-def derivatives(recordings: Recordings) -> tuple[Rows, Rows]:
+def clear_velocity(recordings: Recordings, noise_sd: Column) -> tuple[Rows, Index]:
+    """Velocity (m/s) of displacements in which the noise is but a few per cent of the greatest.
+
+    Slope of parabolas fitted over 5 ms, or over twice or four times as long where noise asks for it; and how
+    many samples on either side of one these have. Where a noisy velocity first reaches 0 is where the noise
+    has made it: samples of the parabola before its middle are too great, as many after it too small.
+
+    Args:
+        recordings: displacements, m.
+        noise_sd: standard deviation of white noise on each, m.
+    """
+    velocity = derivatives(recordings)[0]
+    beside = np.full(len(velocity), _parabola(recordings, WINDOW.smoothing_s) // 2)
+    greatest = np.where(recordings.inside, velocity, 0.0).max(axis=1)
+    for longer in (1, 2):
+        n = _parabola(recordings, longer * WINDOW.smoothing_s)
+        # Of the slope of a straight line through n samples.
+        of_noise = noise_sd * np.sqrt(12 / (n * (n**2 - 1))) / recordings.dt
+        noisy = of_noise > WINDOW.clear * greatest
+        if not noisy.any():
+            break
+        twice = 2 * longer * WINDOW.smoothing_s
+        velocity = np.where(noisy[:, None], derivatives(recordings, twice)[0], velocity)
+        beside = np.where(noisy, _parabola(recordings, twice) // 2, beside)
+    return velocity, beside
+
+
+def _parabola(recordings: Recordings, over_s: float) -> int:
+    """How many samples a parabola is fitted to: an odd number, and no more than there are."""
+    width = max(5, 2 * round(over_s / np.median(recordings.dt) / 2) + 1)
+    return int(min(width, recordings.value.shape[1] - 1 + recordings.value.shape[1] % 2))
+
+
+def derivatives(recordings: Recordings, over_s: float = WINDOW.smoothing_s) -> tuple[Rows, Rows]:
     """Velocity (m/s) and deceleration (m/s²) of displacements.
 
     Slope and minus curvature of parabolas fitted over 5 ms (at least five samples) around each sample.
@@ -88,9 +121,7 @@ def derivatives(recordings: Recordings) -> tuple[Rows, Rows]:
     # A third of a second to import, which recordings of the deceleration need not wait for.
     from scipy.signal import savgol_filter
 
-    dt = np.median(recordings.dt)
-    width = max(5, 2 * round(WINDOW.smoothing_s / dt / 2) + 1)
-    width = min(width, recordings.value.shape[1] - 1 + recordings.value.shape[1] % 2)
+    width = _parabola(recordings, over_s)
     if width < 3:
         return np.zeros_like(recordings.value), np.zeros_like(recordings.value)
     index = np.minimum(np.arange(recordings.value.shape[1]), recordings.n[:, None] - 1)

@@ -56,6 +56,7 @@ class WindowSettings:
             used too.
         smoothing_s: derivatives are those of a parabola fitted over about this long: a millimetre's tenth of
             noise at 1 kHz then leaves a few per cent of noise on the velocity of a heel strike.
+        clear: of the greatest velocity, the noise that may be left on it where zero velocity is looked for.
         block: arrays of about this many samples stay in a processor's cache and bound the memory in use.
     """
 
@@ -63,6 +64,7 @@ class WindowSettings:
     slow: float = 0.25
     few_below: int = 16
     smoothing_s: float = 0.005
+    clear: float = 0.04
     block: int = 1_000_000
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
@@ -59,7 +60,22 @@ def density(
     return measured(record, log_discrepancy, K, C).log_density()
 
 
-def dense(record: DrivenRecord, row: int, rms: float = 0.0, K: np.ndarray = K, C: np.ndarray = C) -> float:
+@jax.jit
+def joint_density(
+    record: DrivenRecord, log_discrepancy: float | None = None, K: np.ndarray = K, C: np.ndarray = C
+) -> Array:
+    return measured(record, log_discrepancy, K, C).joint_log_density()
+
+
+def dense(
+    record: DrivenRecord,
+    row: int,
+    rms: float = 0.0,
+    K: np.ndarray = K,
+    C: np.ndarray = C,
+    *,
+    force_alone: bool = False,
+) -> float:
     """Log density by the covariance of all samples of both channels, of K x + C x' by the kernel's slopes."""
     at, then = grid(row)
     depth, force = np.asarray(record.unit)[row]
@@ -90,7 +106,9 @@ def dense(record: DrivenRecord, row: int, rms: float = 0.0, K: np.ndarray = K, C
     values = np.concatenate([np.asarray(record.x)[row, :n], np.asarray(record.y)[row, : len(then)]])
     # In units of the noise: metres and newtons in one matrix would leave it no digits.
     noise = np.concatenate([np.full(n, SIGMA[row]), np.full(len(then), SIGMA_F[row])])
-    normal = multivariate_normal(np.zeros(len(t)), whole / np.outer(noise, noise))
+    if force_alone:
+        whole, values, noise = whole[f, f], values[f], noise[f]
+    normal = multivariate_normal(np.zeros(len(noise)), whole / np.outer(noise, noise))
     return float(normal.logpdf(values / noise) - np.log(noise).sum())
 
 
@@ -108,8 +126,27 @@ def many_modes(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 @pytest.mark.usefixtures("many_modes")
 def test_density_is_that_of_a_dense_normal(rms: float) -> None:
     record = recorded(np.random.default_rng(1), discrepancy=rms > 0)
-    found = density(record, np.log(rms) if rms else None)
-    np.testing.assert_allclose(found, [dense(record, row, rms) for row in range(2)], atol=0.03)
+    log_rms = np.log(rms) if rms else None
+    joint = np.array([dense(record, row, rms) for row in range(2)])
+    np.testing.assert_allclose(joint_density(record, log_rms), joint, atol=0.03)
+    of_law, presumed = (
+        np.array([dense(record, row, rms, K=K, C=C, force_alone=True) for row in range(2)])
+        for K, C in ((K, C), np.asarray(record.presumed).T)
+    )
+    np.testing.assert_allclose(density(record, log_rms), joint - of_law + presumed, atol=0.05)
+
+
+def test_a_force_alone_says_nothing_of_the_law() -> None:
+    """Nor does it beside a displacement of which hardly anything is known, whatever its prior says."""
+    record = recorded(np.random.default_rng(1), discrepancy=False)
+
+    @jax.jit
+    def deaf(K: Array, C: Array) -> Array:
+        # A metre of noise, where the displacement may be 0.2 m: what it adds is the square of that.
+        return replace(measured(record, K=K, C=C), log_sigma=jnp.zeros(2)).log_density()
+
+    laws = [deaf(K * f, C * g) for f, g in ((1, 1), (0.3, 1), (3, 1), (1, 0.3), (1, 3))]
+    np.testing.assert_allclose(np.ptp(laws, axis=0), 0, atol=0.05)
 
 
 def test_no_K_and_C_far_from_the_recordings_is_likelier_than_theirs() -> None:
@@ -124,7 +161,7 @@ def test_no_K_and_C_far_from_the_recordings_is_likelier_than_theirs() -> None:
 def test_sixteen_functions_tell_K_and_C_as_all_do() -> None:
     """Their difference in log density does not depend on K and C."""
     record = recorded(np.random.default_rng(1), discrepancy=False)
-    few = [density(record, K=K * f, C=C * g) for f, g in ((1, 1), (1.03, 1), (1, 1.1))]
+    few = [joint_density(record, K=K * f, C=C * g) for f, g in ((1, 1), (1.03, 1), (1, 1.1))]
     whole = [dense(record, 0, K=K * f, C=C * g) for f, g in ((1, 1), (1.03, 1), (1, 1.1))]
     np.testing.assert_allclose(np.diff([f[0] for f in few]), np.diff(whole), atol=0.05)
 
