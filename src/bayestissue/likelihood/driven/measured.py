@@ -172,7 +172,8 @@ class DrivenRecord(NamedTuple):
     def of_forces_alone(self) -> DrivenRecord:
         """The record without its displacements."""
         names = ("x", "at_x", "squares", "n_displacements")
-        return self._replace(**{name: jnp.zeros_like(getattr(self, name)) for name in names})
+        nothing: Any = {name: jnp.zeros_like(getattr(self, name)) for name in names}
+        return self._replace(**nothing)
 
     def impacts(self, rows: Int[np.ndarray, " row"]) -> DrivenRecord:
         """The record of some impacts."""
