@@ -156,9 +156,10 @@ def test_a_tissue_that_stiffens_is_held_by_its_element() -> None:
     posterior = fit.posterior["posterior"].dataset
     truth = truth.join(outcomes_within(study, ends_of_windows(fit)))
     for name, column in COLUMNS.items():
-        low, high = posterior[name].quantile([0.05, 0.95], ("chain", "draw")).to_numpy()
-        # As above: fewer than 18 of 24 hold once in a hundred times.
-        assert ((low < truth[column]) & (truth[column] < high)).sum() >= 18, name
+        # K, C and the depth at which K has doubled err together, in all impacts by much the same, so that of
+        # one study wide intervals are asked for. benchmarks/driven_coverage.py counts how often others hold.
+        low, high = posterior[name].quantile([0.005, 0.995], ("chain", "draw")).to_numpy()
+        assert ((low < truth[column]) & (truth[column] < high)).sum() >= 21, name
     assert not fit.diagnostics["model_form"]["structured"]
     assert {"K_secant", "K_common_depth", "C_equivalent", "stiffening_depth_m"} <= set(posterior)
 
