@@ -143,8 +143,8 @@ class ModelSpecification(Table):
         formula: what log K and log C depend on, in the notation of R; also the log of an element's further
             parameter, by its name.
         residual_correlation: whether the deviations of log K and log C of one impact are correlated.
-        mass_error: mass: impactors were weighed once each, and impacts of the same mass in the table share
-            one error. impact: every impact's mass has an error of its own. subject: the mass is a person's,
+        mass_error: impact: every impact's mass has an error of its own. mass: impactors were weighed once
+            each, and impacts of the same mass in the table share one error. subject: the mass is a person's,
             such as an effective mass, and its error the same in all of the person's impacts. all: one
             impactor, or one balance, and the same error in all impacts.
         priors: what is believed before the data are seen, on the log scale.
@@ -169,7 +169,7 @@ class ModelSpecification(Table):
     reference_mass_kg: Annotated[float, Field(gt=0)] | None = None
     formula: Formulas = Formulas()
     residual_correlation: bool = True
-    mass_error: Literal["mass", "impact", "subject", "all"] = "mass"
+    mass_error: Literal["impact", "mass", "subject", "all"] = "impact"
     priors: Priors = Priors()
     practical_equivalence: PracticalEquivalence = PracticalEquivalence()
     comparison: Comparison = Comparison()

@@ -120,7 +120,7 @@ def test_beside_phantoms_a_mass_is_no_person_s_own() -> None:
     dataset, _ = with_phantom(25.0)
     model = resolve("impact", "deceleration", formulas={}, questions=[], sampler={})[0]
     of_people = model.model_copy(update={"mass_error": "subject"})
-    with pytest.raises(InputError, match='mass_error = "mass"') as error:
+    with pytest.raises(InputError, match='mass_error = "impact"') as error:
         prepare_without_phantoms(dataset, of_people, source="mine.toml")
     (problem,) = error.value.problems
     assert (problem.file, problem.column, problem.code) == ("mine.toml", "mass_error", "reference-unfit")
