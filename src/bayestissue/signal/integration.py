@@ -95,8 +95,8 @@ def clear_velocity(recordings: Recordings, noise_sd: Column) -> tuple[Rows, Inde
     beside = np.full(len(velocity), _parabola(recordings, WINDOW.smoothing_s) // 2)
     greatest = np.where(recordings.inside, velocity, 0.0).max(axis=1)
     for longer in (1, 2):
-        n = _parabola(recordings, longer * WINDOW.smoothing_s)
-        # Of the slope of a straight line through n samples.
+        n = max(_parabola(recordings, longer * WINDOW.smoothing_s), 3)
+        # Of the slope of a straight line through n samples; fewer have none.
         of_noise = noise_sd * np.sqrt(12 / (n * (n**2 - 1))) / recordings.dt
         noisy = of_noise > WINDOW.clear * greatest
         if not noisy.any():

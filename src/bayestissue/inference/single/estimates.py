@@ -174,9 +174,10 @@ def by_impact(
     Raises:
         InputError: the recordings are displacements, or the options filter them.
     """
-    specification = read_specification(shared("models", "impact.toml")).model_copy(
-        update={"signal": options, "formula": Formulas(K="1", C="1"), "discrepancy": "none"}
-    )
+    alone: dict[str, object] = {"formula": Formulas(K="1", C="1"), "discrepancy": "none"}
+    # Whoever shares an impact's error of mass, an impact alone has it.
+    alone |= {"mass_error": "impact", "signal": options}
+    specification = read_specification(shared("models", "impact.toml")).model_copy(update=alone)
     if problems := unsuited(dataset, specification, "estimate --method impact"):
         raise InputError(problems)
     rows = signal.n_below_limit >= FEWEST_SAMPLES
