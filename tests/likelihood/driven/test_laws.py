@@ -74,7 +74,7 @@ def measured(name: str, parameters: list[float], record: DrivenRecord) -> Measur
 
 @partial(jax.jit, static_argnames="name")
 def density(name: str, parameters: list[float], record: DrivenRecord) -> tuple[Array, Array, Array]:
-    """Log density of both channels, and of all that is integrated out the matrix over the noise and the likeliest values."""
+    """Log density of both, and of all that is integrated out the matrix over the noise and the likeliest."""
     event = measured(name, parameters, record)
     return event.joint_log_density(), event.standardised()[1], event.weights()
 
