@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import NamedTuple
 
 import jax
@@ -14,15 +13,13 @@ from jax import Array
 from numpy.testing import assert_allclose
 from scipy.stats import multivariate_normal, norm
 
-from bayestissue.dataset import Dataset, Trace, Uncertainty
 from bayestissue.hierarchy.gaussian.conditional import log_marginal
 from bayestissue.hierarchy.gaussian.effects import effects_from_standard, integrate_effects
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
-from bayestissue.hierarchy.population import MassError
-from bayestissue.hierarchy.specification import Formulas, ModelSpecification
-from bayestissue.hierarchy.trace_data import Prepared, prepare
+from bayestissue.hierarchy.specification import MassError
+from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import gaussian
-from bayestissue.oscillator import impact_motion
+from studies_by_mass import prepared_study
 
 PEOPLE, REPEATS, MASSES = 10, 2, (0.4, 0.7, 1.2)
 COUNT = PEOPLE * len(MASSES) * REPEATS
@@ -57,24 +54,7 @@ def rows(masses: tuple[float, ...] = MASSES) -> pd.DataFrame:
 
 
 def prepared(mass_error: MassError, table: pd.DataFrame, formula: str = FORMULA) -> Prepared:
-    time = np.arange(0, 0.05, 1e-3)
-    x = impact_motion(time, np.full((len(table), 1), 60.0), 0.3, 1.5).displacement
-    x = np.asarray(x) + 1e-5 * np.random.default_rng(0).normal(size=x.shape)
-    made = Dataset(
-        name="made",
-        description="",
-        impacts=table,
-        traces=[Trace(time, row) for row in x],
-        quantity="displacement",
-        uncertainty=Uncertainty(relative_mass_sd=MASS_SD),
-        warnings=(),
-        left_out=(),
-        folder=Path(),
-        input_hash="",
-    )
-    formulas = Formulas(K=formula, C=formula)
-    specification = ModelSpecification(name="m", likelihood="a2", formula=formulas, mass_error=mass_error)
-    return prepare(made, specification, source="m.toml")
+    return prepared_study(table, formula, mass_error, MASS_SD)
 
 
 def sites() -> GaussianFactor:

@@ -9,8 +9,8 @@ import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
 
-from bayestissue.hierarchy.population import MASS_ERROR, MassError
-from bayestissue.hierarchy.specification import Formulas, ModelSpecification
+from bayestissue.hierarchy.population import MASS_ERROR
+from bayestissue.hierarchy.specification import Formulas, MassError, ModelSpecification
 from bayestissue.planning.population import BLOCK, Beliefs, Population, Streams, Truths
 from bayestissue.planning.studies import Arrangement, Studies, arrangements, draw_studies
 

@@ -11,7 +11,7 @@ import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -23,9 +23,9 @@ from bayestissue.hierarchy.effects import RESPONSES, intercept
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, arrange, expected
 from bayestissue.hierarchy.gaussian.covariances import Covariances
 from bayestissue.hierarchy.priors import Priors
+from bayestissue.hierarchy.specification import MassError
 from bayestissue.padding import bucket
 
-MassError = Literal["impact", "mass", "subject", "all"]
 # The part of b that has the errors of log mass which several impacts share.
 MASS_ERROR = "log_mass_error"
 # Standard deviations of effects and impacts and the residual correlation by name: of one draw, or of many.

@@ -29,6 +29,7 @@ from bayestissue.signal import SignalOptions
 Likelihood = Literal["published-estimates", "arma", "a2", "impact", "driven"]
 Discrepancy = Literal["automatic", "none", "always"]
 Noise = Literal["white", "autoregressive"]
+MassError = Literal["impact", "mass", "subject", "all"]
 # Of an element, beside which a smooth force of unknown shape can stand.
 OF_ELEMENTS = ("impact", "driven")
 REACH_PEAK = ("peak", "rebound")
@@ -169,7 +170,7 @@ class ModelSpecification(Table):
     reference_mass_kg: Annotated[float, Field(gt=0)] | None = None
     formula: Formulas = Formulas()
     residual_correlation: bool = True
-    mass_error: Literal["impact", "mass", "subject", "all"] = "impact"
+    mass_error: MassError = "impact"
     priors: Priors = Priors()
     practical_equivalence: PracticalEquivalence = PracticalEquivalence()
     comparison: Comparison = Comparison()

@@ -292,11 +292,13 @@ def _recorded(
     level = at(recordings.value, first)
     at_contact = np.where(first > 0, level - share * (level - at(recordings.value, first - 1)), level)
     part = from_sample(recordings, first)
-    v, d = (from_sample(replace(recordings, value=rows), first).value for rows in derivatives(recordings))
+    velocities, curvatures = derivatives(recordings)
+    clear, half_width = clear_velocity(recordings, velocities, noise)
+    v, d, clear = (
+        from_sample(replace(recordings, value=rows), first).value for rows in (velocities, curvatures, clear)
+    )
     velocity = np.where(np.isfinite(velocity), velocity, v[:, 0])
     x = part.value - at_contact[:, None]
-    clear, beside = clear_velocity(recordings, noise)
-    clear = from_sample(replace(recordings, value=clear), first).value
     stop = slowest(replace(part, value=x), clear, velocity)
     slowest_words = "velocity does not reach zero: the window ends where it is least"
     greatest = np.where(recordings.inside, recordings.value, -np.inf).max(axis=1)
@@ -309,7 +311,7 @@ def _recorded(
     start = Start(since_contact, sd, since_contact, sd, known, *free, x[:, 0], v[:, 0])
     return _windowed(
         part, (x, v, d), np.zeros_like(x), stop, start, options, flags, {},
-        beyond=0 if contact is None else beside,
+        beyond=0 if contact is None else half_width,
         mass=mass, velocity=velocity, gravity=gravity, offset=at_contact, offset_sd=nothing * np.nan,
         noise_sd=noise, before=np.zeros((len(sd), BEFORE)), before_s=np.zeros((len(sd), BEFORE)),
         n_before=nothing.astype(int), n_since_quiet=nothing.astype(int), reach_s=nothing,

@@ -80,7 +80,7 @@ def _extended(recordings: Recordings) -> Rows:
     return padded
 
 
-def clear_velocity(recordings: Recordings, noise_sd: Column) -> tuple[Rows, Index]:
+def clear_velocity(recordings: Recordings, velocity: Rows, noise_sd: Column) -> tuple[Rows, Index]:
     """Velocity (m/s) of displacements in which the noise is but a few per cent of the greatest.
 
     Slope of parabolas fitted over 5 ms, or over twice or four times as long where noise asks for it; and how
@@ -89,22 +89,23 @@ def clear_velocity(recordings: Recordings, noise_sd: Column) -> tuple[Rows, Inde
 
     Args:
         recordings: displacements, m.
+        velocity: that of `derivatives`, m/s.
         noise_sd: standard deviation of white noise on each, m.
     """
-    velocity = derivatives(recordings)[0]
-    beside = np.full(len(velocity), _parabola(recordings, WINDOW.smoothing_s) // 2)
     greatest = np.where(recordings.inside, velocity, 0.0).max(axis=1)
-    for longer in (1, 2):
-        n = max(_parabola(recordings, longer * WINDOW.smoothing_s), 3)
-        # Of the slope of a straight line through n samples; fewer have none.
-        of_noise = noise_sd * np.sqrt(12 / (n * (n**2 - 1))) / recordings.dt
+    over_s, n = WINDOW.smoothing_s, _parabola(recordings, WINDOW.smoothing_s)
+    half_width = np.full(len(velocity), n // 2)
+    for _ in range(2):
+        # Of the slope of a straight line through n samples; fewer than three have none.
+        of_noise = noise_sd * np.sqrt(12 / max(n * (n**2 - 1), 24)) / recordings.dt
         noisy = of_noise > WINDOW.clear * greatest
         if not noisy.any():
             break
-        twice = 2 * longer * WINDOW.smoothing_s
-        velocity = np.where(noisy[:, None], derivatives(recordings, twice)[0], velocity)
-        beside = np.where(noisy, _parabola(recordings, twice) // 2, beside)
-    return velocity, beside
+        over_s *= 2
+        n = _parabola(recordings, over_s)
+        velocity = np.where(noisy[:, None], derivatives(recordings, over_s)[0], velocity)
+        half_width = np.where(noisy, n // 2, half_width)
+    return velocity, half_width
 
 
 def _parabola(recordings: Recordings, over_s: float) -> int:

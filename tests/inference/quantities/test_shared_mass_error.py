@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -13,14 +12,12 @@ import pytest
 from numpy.testing import assert_allclose
 from numpyro.distributions import biject_to
 
-from bayestissue.dataset import Dataset, Trace, Uncertainty
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
-from bayestissue.hierarchy.population import MassError
-from bayestissue.hierarchy.specification import Formulas, ModelSpecification
-from bayestissue.hierarchy.trace_data import Prepared, prepare
+from bayestissue.hierarchy.specification import MassError
+from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.fit import draws_of_chain
-from bayestissue.oscillator import impact_motion
 from chain_of_sites import chain_of_sites
+from studies_by_mass import prepared_study
 
 PEOPLE, EACH, RELATIVE_SD = 3, 10, 0.2
 MASSES = [0.5, 0.8, 1.2]
@@ -42,28 +39,7 @@ def prepared(mass_error: MassError, *, across: bool = False) -> Prepared:
             "velocity_m_s": 1.5,
         }
     )
-    time = np.arange(0, 0.05, 1e-3)
-    x = impact_motion(time, np.full((count, 1), 60.0), 0.3, 1.5).displacement
-    x = np.asarray(x) + 1e-5 * np.random.default_rng(0).normal(size=x.shape)
-    made = Dataset(
-        name="made",
-        description="",
-        impacts=rows,
-        traces=[Trace(time, row) for row in x],
-        quantity="displacement",
-        uncertainty=Uncertainty(relative_mass_sd=RELATIVE_SD),
-        warnings=(),
-        left_out=(),
-        folder=Path(),
-        input_hash="",
-    )
-    specification = ModelSpecification(
-        name="m",
-        likelihood="a2",
-        formula=Formulas(K=FORMULA, C=FORMULA),
-        mass_error=mass_error,
-    )
-    return prepare(made, specification, source="m.toml")
+    return prepared_study(rows, FORMULA, mass_error, RELATIVE_SD)
 
 
 def summaries(precision: float) -> GaussianFactor:

@@ -161,7 +161,7 @@ class Target:
             u: every impact's parameters.
             sign: -1 for the way back.
         """
-        which = added_mass_of(self.model)
+        which = self.added_mass
         if which is None:
             return u
         numpy = u.__array_namespace__()

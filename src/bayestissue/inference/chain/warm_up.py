@@ -138,11 +138,12 @@ def retuned(target: Target, tuning: Tuning, first: Tuning, visited: Any, *, refi
             has terms.
     """
     u, value = np.asarray(visited.u), np.asarray(visited.log_likelihood)
-    own = np.array(target.per_inertia(u))
+    shown = np.array(target.per_inertia(u))
     if target.added_mass is not None:
         # What all have in common of it moves by itself.
-        own[:, target.added_mass] -= own[:, target.added_mass, np.asarray(target.present)].mean(1)[:, None]
-    of_impact = _covariance(own.transpose(0, 2, 1))
+        of_all = shown[:, target.added_mass, np.asarray(target.present)]
+        shown[:, target.added_mass] -= of_all.mean(1, keepdims=True)
+    of_impact = _covariance(shown.transpose(0, 2, 1))
     u = u.transpose(0, 2, 1)
     first_impact = first.impact_root @ np.swapaxes(first.impact_root, 1, 2)
     size, first_size = (np.trace(matrix, axis1=1, axis2=2) for matrix in (of_impact, first_impact))

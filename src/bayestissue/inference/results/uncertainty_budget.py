@@ -189,9 +189,8 @@ class _Hierarchy:
         self.omega = np.sum(list(self._scatter.values()), axis=0)
         self._both = (np.arange(len(self.omega)) < 2).astype(float)
         # Prior variances of b's elements, of those alone that are errors of masses.
-        where = prepared.model.locations.parts.get(MASS_ERROR, slice(0, 0))
-        of_masses = np.arange(len(self._covariances.locations))
-        of_masses = (of_masses >= where.start) & (of_masses < where.stop)
+        of_masses = np.zeros(len(self._covariances.locations), bool)
+        of_masses[prepared.model.locations.parts.get(MASS_ERROR, slice(0))] = True
         self._masses_alone = np.where(of_masses, self._covariances.locations**2, 0.0)
         self._errors_of_masses = -np.where(of_masses, self._columns, 0.0)
 

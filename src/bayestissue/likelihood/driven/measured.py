@@ -171,9 +171,10 @@ class DrivenRecord(NamedTuple):
 
     def of_forces_alone(self) -> DrivenRecord:
         """The record without its displacements."""
-        names = ("x", "at_x", "squares", "n_displacements")
-        nothing: Any = {name: jnp.zeros_like(getattr(self, name)) for name in names}
-        return self._replace(**nothing)
+        none, n_displacements = jnp.zeros_like(self.squares), jnp.zeros_like(self.n_displacements)
+        return self._replace(
+            x=self.x[:, :0], at_x=self.at_x[:, :0], squares=none, n_displacements=n_displacements
+        )
 
     def impacts(self, rows: Int[np.ndarray, " row"]) -> DrivenRecord:
         """The record of some impacts."""

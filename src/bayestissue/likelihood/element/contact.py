@@ -112,9 +112,9 @@ def products(response: Response, record: DecelerationRecord, noise: Noise) -> Pr
         gram = jax.vmap(Noise.gram, out_axes=-1)(noise, parts)[:, :, None]
     if reach and record.force is not None:
         # Errors of the force's zero and clock are nothing to the deceleration.
-        own_rows = np.delete(np.arange(1 + record.error_sd.shape[1]), 1 + np.array(OF_FORCE))
-        whole = jnp.zeros((len(own_rows) + 2, len(own_rows) + 2, *gram.shape[2:]))
-        gram = whole.at[np.ix_(own_rows, own_rows)].set(gram)
+        of_deceleration = np.delete(np.arange(1 + record.error_sd.shape[1]), 1 + np.array(OF_FORCE))
+        whole = jnp.zeros((len(of_deceleration) + 2, len(of_deceleration) + 2, *gram.shape[2:]))
+        gram = whole.at[np.ix_(of_deceleration, of_deceleration)].set(gram)
     return Products(gram, jax.vmap(Noise.log_determinant)(noise), noise.inside.sum(-1) + 0.0)
 
 
