@@ -468,7 +468,7 @@ TRIALS = {
         asked=lines_of,
     ),
     "clinic": Trial(
-        *("clinic", 200, CLINIC, {"group": ("treated", "control"), "age": AGES}),
+        *("clinic", 100, CLINIC, {"group": ("treated", "control"), "age": AGES}),
         groups=("subject", "subject:side", "subject:session"),
         averaged={
             **{"side": ("left", "right"), "group": ("treated", "control")},

@@ -16,6 +16,7 @@ from bayestissue.elements.element import impactor_share, inertia
 from bayestissue.hierarchy import SIDE_BY_SIDE
 from bayestissue.inference.results.meanings import HEADFORM_COLUMNS
 from bayestissue.oscillator import impact_motion, spring_damper_inverse
+from bayestissue.padding import bucket
 from bayestissue.simulation.specification import Tissue
 
 # A soft damper in series with the spring lets a mass creep for ever: it is recorded for so long.
@@ -105,16 +106,19 @@ def deceleration(
         gravity: along the motion [m/s^2].
     """
     contact = truth["contact_time_s"].to_numpy()[:, None]
+    samples = len(time)
+    # The last time over again: what is compiled for one length of recordings serves others.
+    time = np.pad(time, (0, bucket(samples) - samples), mode="edge")
     if name == SIDE_BY_SIDE and not gravity:
         names = ["omega_n_rad_s", "zeta", "velocity_m_s"]
         others = (truth[column].to_numpy()[:, None] for column in names)
-        return _side_by_side(time, contact, leaves(truth)[:, None], *others)
+        return _side_by_side(time, contact, leaves(truth)[:, None], *others)[:, :samples]
     p = _parameters(name, truth)
     diameter = truth["diameter_m"].to_numpy() if "diameter_m" in truth else None
     since = jnp.asarray(time - contact)
     mass, velocity = truth["mass_kg"].to_numpy(), truth["velocity_m_s"].to_numpy()
     surroundings = {"diameter": diameter, "gravity": gravity or None}
-    return impact(name, p, mass, velocity, since, **surroundings).deceleration
+    return impact(name, p, mass, velocity, since, **surroundings).deceleration[:, :samples]
 
 
 def tissue_force(
