@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.optimize import least_squares
+from scipy.optimize import OptimizeResult, least_squares
 from scipy.signal import lfilter
 
 from bayestissue.inference.points.fit import PointFit, fit_points
@@ -37,6 +37,37 @@ SERIES = {
 
 # Five decimals.
 PRINTED = 0.5e-5
+
+
+class Printed(NamedTuple):
+    """Coefficients with six decimals, and the residual standard deviation with seven digits."""
+
+    coefficients: tuple[float, ...]
+    deviation: float
+
+
+# The DDS routines of NIST's Dataplot (usnistgov/dataplot, src/dpdds3.F, commit 39742913), transcribed for one
+# series and compiled on their own, reals in double precision as its Makefile has them. ARMA(2,1), its
+# default, and AR(2), with the mean subtracted.
+DATAPLOT = {
+    "vibration": (
+        Printed((1.426255, -0.607849, -0.540947), 2.053772),
+        Printed((1.618323, -0.782570), 2.183484),
+    ),
+    "sunspots": (
+        Printed((1.423989, -0.721389, 0.151242), 15.37212),
+        Printed((1.336437, -0.650491), 15.40901),
+    ),
+    "grinding": (
+        Printed((0.885862, -0.286708, 0.110663), 2.442060),
+        Printed((0.785365, -0.223670), 2.437671),
+    ),
+}
+# Seven digits, as a part of the number.
+PRINTED_DIGITS = 0.5e-6
+# Its search ends when a step changes the sum of squares by less than this part, or by what it predicts
+# to this part.
+CONVERGED = 1e-5
 
 
 def path_of(name: str) -> Path:
@@ -133,6 +164,19 @@ def test_the_exact_estimator_is_apart_from_the_maximum_by_the_start_alone(name: 
     assert (np.abs(found[row] - published.parameters) < 0.5 * error).all()
 
 
+def shocks(at: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """From the third value on, those before being 0; an autoregression where ``at`` has no theta1."""
+    phi1, phi2, theta1 = (*at, 0.0)[:3]
+    return lfilter([1.0], [1.0, -theta1], x[2:] - phi1 * x[1:-1] - phi2 * x[:-2])
+
+
+def minimum(x: np.ndarray, start: tuple[float, ...]) -> tuple[OptimizeResult, np.ndarray]:
+    """Conditional least squares from a start, and the standard errors there."""
+    best = least_squares(shocks, start, args=(x,), xtol=1e-12, ftol=1e-12, gtol=1e-12)
+    variance = 2 * best.cost / len(best.fun)
+    return best, np.sqrt(np.diag(np.linalg.inv(best.jac.T @ best.jac)) * variance)
+
+
 @pytest.mark.parametrize("name", list(SERIES))
 def test_dds_is_conditional_least_squares_from_any_start(name: str):
     """Its own guess is a grid over all theta1, and the series' mean is the right centre here.
@@ -141,15 +185,26 @@ def test_dds_is_conditional_least_squares_from_any_start(name: str):
     """
     x = series(name)
     found, exact = (fitted(method)[1][padded()[0].index(name)] for method in ("dds", "exact"))
-
-    def shocks(at: np.ndarray) -> np.ndarray:
-        phi1, phi2, theta1 = at
-        w = x[2:] - phi1 * x[1:-1] - phi2 * x[:-2]
-        return lfilter([1.0], [1.0, -theta1], w)
-
     for start in (SERIES[name].parameters[:3], (1.0, -0.3, 0.0), (0.5, 0.0, 0.5)):
-        theirs = least_squares(shocks, start, xtol=1e-12, ftol=1e-12, gtol=1e-12)
-        error = np.sqrt(np.diag(np.linalg.inv(theirs.jac.T @ theirs.jac))) * np.sqrt(found[3])
+        theirs, error = minimum(x, start)
         assert (np.abs(found[:3] - theirs.x) < SEARCHED * error).all()
         assert found[3] == pytest.approx(2 * theirs.cost / (len(x) - 2), rel=1e-8)
     assert (np.abs(found[:3] - exact[:3]) < 0.1 * error).all()
+
+
+@pytest.mark.parametrize("order", ["ARMA(2,1)", "AR(2)"])
+@pytest.mark.parametrize("name", list(SERIES))
+def test_dataplot_ends_at_the_minimum_that_dds_has(name: str, order: str):
+    """It printed our sum of squares at its coefficients, which is the least one to its criterion.
+
+    z standard errors away the sum is 1 + z^2 / (N - 2) times the least one, so the criterion bounds z too.
+    Its residual variance is divided by N less the number of coefficients.
+    """
+    x, printed = series(name), DATAPLOT[name][order == "AR(2)"]
+    best, error = minimum(x, printed.coefficients)
+    ours = best.x if order == "AR(2)" else fitted("dds")[1][padded()[0].index(name)][:3]
+    least, theirs = (np.square(shocks(at, x)).sum() for at in (ours, np.array(printed.coefficients)))
+    deviation = np.sqrt(theirs / (len(x) - len(ours)))
+    assert float(deviation) == pytest.approx(printed.deviation, rel=PRINTED_DIGITS)
+    assert least < theirs < least * (1 + CONVERGED)
+    assert (np.abs(ours - printed.coefficients) < np.sqrt(CONVERGED * (len(x) - 2)) * error).all()
