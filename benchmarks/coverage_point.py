@@ -35,7 +35,7 @@ from bayestissue.signal import displacements
 from bayestissue.signal.displacement import FEWEST_SAMPLES
 from bayestissue.simulation import Simulation, simulate
 
-IMPACTS, MANY, DAMPED, NOISY, SEED = 1000, 2000, 1002, 402, 2917
+IMPACTS, MANY, DAMPED, NOISY, SEED = 600, 1000, 600, 300, 2917
 DT = 1e-4
 
 

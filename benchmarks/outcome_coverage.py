@@ -1,7 +1,7 @@
 """How often 90 % intervals of what impacts come to hold it, and what probabilities of being best are worth.
 
     .venv/bin/python benchmarks/outcome_coverage.py stiffening
-    .venv/bin/python benchmarks/outcome_coverage.py stiffening 24
+    .venv/bin/python benchmarks/outcome_coverage.py stiffening 20
 
 Simulated studies of one element, fitted: four people hit by a headform on both sides with two masses along
 gravity, 16 impacts. K and C vary by person, by the person's side, with the mass, and by impact. A study's
@@ -50,7 +50,7 @@ from bayestissue.inference.samplers.sampling import quantiles
 from bayestissue.simulation import Simulation, simulate
 from bayestissue.simulation.campaign import Campaign
 
-# A share of 90 % of the levels is known to about 1 % by so many studies of four of them, to 3 % by 24.
+# A share of 90 % of the levels is known to about 1 % by so many studies of four of them, to 3 % by 20.
 STUDIES = 200
 G, REFERENCE_KG, PEOPLE = 9.80665, 0.7, 4
 TYPICAL = {"K": 3000.0, "C": 25.0}

@@ -32,8 +32,8 @@ from bayestissue.planning.population import BLOCK, Beliefs, Population, Streams
 from bayestissue.simulation import Simulation, simulate
 from bayestissue.simulation.specification import Recording
 
-# A share of one design is known to 14 %, the mean difference of all six from the plan to 6 %.
-NUMBER, PLANNED = 12, 2000
+# A share of one design is known to 18 %, the mean difference of all six from the plan to 7 %.
+NUMBER, PLANNED = 8, 2000
 PROBABILITY = 0.95
 GOOD = {"sampling_rate_hz": 5000.0, **MEASURING_CHAIN}
 BAD = GOOD | {"sampling_rate_hz": 2500.0, "noise_relative_to_peak": 0.08, "velocity_sd_m_s": 0.03}

@@ -30,8 +30,8 @@ from bayestissue.signal import displacements
 from bayestissue.signal.quality.low_pass import suspected
 from bayestissue.simulation import Simulation, simulate
 
-IMPACTS = 160
-SOUND_ONES = 2000
+IMPACTS = 96
+SOUND_ONES = 1000
 NOISE = 0.005
 NOISES = (0.001, 0.005, 0.02)
 SOUND, SHORT = "sound recordings", "short impacts on six elements"
