@@ -166,7 +166,7 @@ def next_by_plan(running: Running, draws: xr.Dataset, order: list[str], model: M
     ready = planner(
         designs,
         model,
-        RunningPrior.of_posterior(draws, pilot),
+        RunningPrior.of_posterior(draws, pilot, running.rows["mass_kg"].to_numpy(float)),
         simulation_of(PLAN.recording),
         seed=len(order),
         running=running,
