@@ -1,0 +1,265 @@
+"""The ringing of a mass on spring and damper after a tap whose force was recorded.
+
+A mass m rests on the tissue and is tapped: m x'' + C x' + K x = F(t), x = x' = 0 before. F is 0 but from 0 to
+T, while the hammer touches it. What has come of the tap by then,
+
+    v_T = int_0^T F / m h'(T - s) ds,    x_T = int_0^T F / m h(T - s) ds,
+
+h being the answer to a unit impulse, rings on freely. Its deceleration d = -x'' is recorded as
+
+    y_k = v_T D(t_k - T) + x_T omega_n^2 h'(t_k - T) + zero + n_k,   D = 2 zeta omega_n h' + omega_n^2 h,
+
+n_k ~ N(0, sigma^2). What tells K / m and C / m is how it rings; how high it rings tells m. With the recorded
+mass M in the place of m, and both sensors' gains in error, all of y is e^-a times as high: a is the log of the
+recorded force over the recorded mass times the recorded acceleration, the log of m / M and of the hammer's gain
+less the accelerometer's, and K and C at the mass M are to be multiplied by m / M.
+
+The integrals are sums over the force's own samples, which err where the pulse is short of samples. That, the
+noise of the force and the error of its zero are one error of the impulse, as a velocity at the middle of the
+tap. It, the error of the zero and what one clock is behind the other are normal and are integrated out
+(`bayestissue.likelihood.linear_errors`). A tap is counted from its first sample above noise.
+
+Samples from before T are not used: what a sensor reads under the hammer is the blow as well as the motion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Bool, Float, Int
+
+from bayestissue.likelihood.linear_errors import (
+    Products,
+    draw_errors,
+    marginal_log_likelihood,
+    prior_errors,
+)
+from bayestissue.oscillator import impact_motion
+from bayestissue.padding import padded_zeros
+
+IMPULSE, ZERO, CLOCK = range(3)
+
+
+class TapRecord(NamedTuple):
+    """What the likelihood reads of taps.
+
+    Attributes:
+        y: decelerations once the hammer is off, 0 past a row's end [m/s^2].
+        n_samples: length of each.
+        first_time: from the beginning of the tap to the first of them [s].
+        dt: their sampling interval [s].
+        end: from there until the hammer is off, T [s].
+        node: from there to each sample of the force [s].
+        push: what each of these adds to the velocity of a free mass, of the recorded one [m/s]; 0 where there
+            is none.
+        middle: from the beginning of the tap to where half of all that was added [s].
+        error_sd: standard deviations of the impulse over the recorded mass [m/s], of the zero [m/s^2] and of
+            what the deceleration's clock is behind the force's [s].
+        surroundings: nothing that an element's functions would take.
+        common_depth: one depth that every impact reaches [m]; no part of the likelihood.
+    """
+
+    y: Float[Array, "impact row"]
+    n_samples: Int[Array, " impact"]
+    first_time: Float[Array, " impact"]
+    dt: Float[Array, " impact"]
+    end: Float[Array, " impact"]
+    node: Float[Array, "impact node"]
+    push: Float[Array, "impact node"]
+    middle: Float[Array, " impact"]
+    error_sd: Float[Array, "impact 3"]
+    surroundings: dict[str, Float[Array, " impact"]]
+    common_depth: Float[Array, " impact"]
+
+    @property
+    def traces(self) -> Float[Array, "impact row"]:
+        """The recorded decelerations."""
+        return self.y
+
+    @property
+    def side_by_side(self) -> bool:
+        """Whether nothing in it speaks against a spring and damper side by side alone."""
+        return True
+
+    @property
+    def velocity(self) -> None:
+        """Of no mass that arrives with one."""
+        return
+
+    @property
+    def errors(self) -> dict[str, str]:
+        """What each column of ``error_sd`` is called in the posterior, and which link of the chain errs."""
+        return {
+            "impulse_error": "hammer's noise and samples",
+            "offset_error": "offset",
+            "clock_error": "clocks",
+        }
+
+    def inside(self) -> Bool[Array, "impact row"]:
+        """True where there is a sample."""
+        return jnp.arange(self.y.shape[1]) < self.n_samples[:, None]
+
+    def velocity_error(self, errors: Float[Array, "impact 3"], key: Array) -> None:
+        """No velocity is recorded."""
+        del errors, key
+
+    def with_traces(
+        self, traces: Float[np.ndarray, "impact row"], n_samples: Int[np.ndarray, " impact"]
+    ) -> TapRecord:
+        """The record of other decelerations, or of fewer of their samples."""
+        traces = np.asarray(traces)
+        inside = np.arange(traces.shape[1]) < np.asarray(n_samples)[:, None]
+        return self._replace(y=jnp.where(inside, traces, 0.0), n_samples=jnp.asarray(n_samples))
+
+    def impacts(self, rows: Int[np.ndarray, " row"]) -> TapRecord:
+        """The record of some impacts."""
+        chosen: TapRecord = jax.tree.map(lambda leaf: np.asarray(leaf)[rows], self)
+        return chosen
+
+    def padded(self) -> TapRecord:
+        """With as many samples, 0 past a row's end, as a `bucket` holds."""
+        return self._replace(**{name: padded_zeros(getattr(self, name), 1) for name in ("y", "node", "push")})
+
+    def with_normal_errors(self) -> TapRecord:
+        """The record itself, whose errors are normal."""
+        return self
+
+
+@partial(
+    jax.tree_util.register_dataclass,
+    data_fields=["omega_n", "zeta", "log_sigma", "log_ratio", "record"],
+    meta_fields=[],
+)
+@dataclass(frozen=True)
+class MeasuredTap:
+    """The likelihood of the ringing after taps, the chain's errors integrated out.
+
+    Attributes:
+        omega_n: natural frequency (K / m)^1/2 [rad/s].
+        zeta: damping ratio.
+        log_sigma: log of the standard deviation of the noise [m/s^2].
+        log_ratio: a, log of the recorded force over recorded mass times recorded acceleration.
+        record: the recordings.
+    """
+
+    omega_n: Float[Array, " impact"]
+    zeta: Float[Array, " impact"]
+    log_sigma: Float[Array, " impact"]
+    log_ratio: Float[Array, " impact"]
+    record: TapRecord
+
+    @property
+    def sigma(self) -> Float[Array, " impact"]:
+        """Standard deviation of the noise [m/s^2]."""
+        return jnp.exp(self.log_sigma)
+
+    def _after(self, time: Float[Array, "impact any"]) -> tuple[Array, Array]:
+        """H and h' at times since an impulse, per impact."""
+        motion = impact_motion(time, self.omega_n[:, None], self.zeta[:, None], 1.0)
+        return motion.displacement, motion.velocity
+
+    def _rings(
+        self, time: Float[Array, "impact row"]
+    ) -> tuple[Float[Array, "impact row"], Float[Array, "impact row"]]:
+        """Decelerations after a time that begins with a velocity of 1, or with a depth of 1."""
+        squared = (self.omega_n**2)[:, None]
+        h, slope = self._after(time)
+        return 2 * (self.zeta * self.omega_n)[:, None] * slope + squared * h, squared * slope
+
+    def expected(self, late: Float[Array, " impact"] | float = 0.0) -> Float[Array, "impact row"]:
+        """The decelerations without noise and errors [m/s^2], of a clock that is ``late`` [s]."""
+        return self._of(self.record.push, self.record.node, late)
+
+    def _of(
+        self,
+        push: Float[Array, "impact node"],
+        node: Float[Array, "impact node"],
+        late: Float[Array, " impact"] | float = 0.0,
+    ) -> Float[Array, "impact row"]:
+        """The decelerations that come of velocities added at some times before the hammer is off."""
+        record = self.record
+        depth, velocity = (
+            (part * push).sum(1, keepdims=True)
+            for part in self._after(jnp.maximum(record.end[:, None] - node, 0.0))
+        )
+        index = jnp.arange(record.y.shape[1]) * record.dt[:, None]
+        time = (record.first_time - record.end)[:, None] + index
+        # Past a row's end any time serves.
+        since = jnp.where(record.inside(), time, 0.0) - jnp.asarray(late)[..., None]
+        of_velocity, of_depth = self._rings(jnp.maximum(since, 0.0))
+        rings = velocity * of_velocity + depth * of_depth
+        return jnp.where(record.inside(), jnp.exp(-self.log_ratio)[:, None] * rings, 0.0)
+
+    def columns(self) -> Float[Array, "error impact row"]:
+        """What a unit of each error adds to the decelerations."""
+        record = self.record
+        one = jnp.ones_like(record.middle)[:, None]
+        of_impulse = self._of(one, record.middle[:, None])
+        late = jnp.zeros_like(record.middle)
+        of_clock = jax.jvp(self.expected, (late,), (jnp.ones_like(late),))[1]
+        return jnp.stack([of_impulse, record.inside() * 1.0, jnp.where(record.inside(), of_clock, 0.0)])
+
+    def products(self) -> Products:
+        """Of what the expected decelerations leave over, and of the errors' columns."""
+        rows = [self.record.y - self.expected(), *self.columns()]
+        gram = [[(one * other).sum(1) for other in rows] for one in rows]
+        count = self.record.n_samples.astype(float)
+        return Products(gram, jnp.zeros_like(self.log_sigma), count)
+
+    def log_density(self) -> Float[Array, " impact"]:
+        """Log density of each recording, the chain's errors integrated out."""
+        density = marginal_log_likelihood(self.products(), self.log_sigma, self.record.error_sd)
+        return jnp.where(jnp.isfinite(density), density, -jnp.inf)
+
+    def draw_errors(self, key: Array) -> Float[Array, "impact 3"]:
+        """The chain's errors given the recordings."""
+        return draw_errors(key, self.products(), self.log_sigma, self.record.error_sd)
+
+    def prior_errors(self, key: Array) -> Float[Array, "impact 3"]:
+        """The same before anything is recorded."""
+        return prior_errors(key, (len(self.log_sigma),), self.record.error_sd)
+
+    def residuals(self, errors: Float[Array, "impact 3"]) -> Float[Array, "impact row"]:
+        """What these errors and the ringing leave of the recordings [m/s^2], 0 past a row's end."""
+        return self.record.y - self.expected() - jnp.einsum("ie,eir->ir", errors, self.columns())
+
+    def standardised(self) -> tuple[Float[Array, "impact row"], Float[Array, "impact row error"]]:
+        """What is left of all samples, and what a standard deviation of each error adds, over the noise."""
+        left = (self.record.y - self.expected()) / self.sigma[:, None]
+        scaled = jnp.moveaxis(self.columns(), 0, -1) * self.record.error_sd[:, None]
+        return left, scaled / self.sigma[:, None, None]
+
+    def slopes(self) -> Float[Array, "impact row parameter"]:
+        """What a unit of log K, of log C and of a adds to all samples, over the noise."""
+
+        def at(log_K: Array, log_C: Array, a: Array) -> Array:
+            omega_n = self.omega_n * jnp.exp(log_K / 2)
+            zeta = self.zeta * jnp.exp(log_C - log_K / 2)
+            return MeasuredTap(omega_n, zeta, self.log_sigma, self.log_ratio + a, self.record).expected()
+
+        none = (jnp.zeros_like(self.log_sigma),) * 3
+        units = [tuple(jnp.ones_like(one) * (i == j) for j, one in enumerate(none)) for i in range(3)]
+        parts = [jax.jvp(at, none, unit)[1] for unit in units]
+        return jnp.stack(parts, axis=-1) / self.sigma[:, None, None]
+
+    def sample(self, key: Array) -> Float[Array, "impact row"]:
+        """Draw decelerations: the ringing, the chain's errors and noise."""
+        key_of_noise, key_of_errors = jax.random.split(key)
+        errors, record = self.prior_errors(key_of_errors), self.record
+        drawn = self.expected() + jnp.einsum("ie,eir->ir", errors, self.columns())
+        drawn += self.sigma[:, None] * jax.random.normal(key_of_noise, record.y.shape)
+        return jnp.where(record.inside(), drawn, 0.0)
+
+    def replicate(self, key: Array) -> dict[str, Float[Array, "impact row"]]:
+        """A replicate of every recording [m/s^2]; NaN past its end."""
+        return {"deceleration": jnp.where(self.record.inside(), self.sample(key), jnp.nan)}
+
+    def noise_quantities(self) -> dict[str, Float[Array, " impact"]]:
+        """What the noise of each recording is, by the names that posteriors have."""
+        return {"sigma_d": self.sigma}
