@@ -14,7 +14,7 @@ from bayestissue.likelihood.tapped.measured import MeasuredTap, TapRecord
 from bayestissue.oscillator import spring_damper
 from bayestissue.padding import padded_zeros
 from bayestissue.signal.options import SignalOptions
-from bayestissue.signal.tapped import Taps, taps
+from bayestissue.signal.tapped import frequency_of, taps
 
 # Of a sampling interval, the standard deviation of what one clock is behind the other.
 _CLOCK = 0.25
@@ -22,22 +22,23 @@ _CLOCK = 0.25
 _FREQUENCIES = np.geomspace(0.5, 2.0, 41)
 _RATIOS = np.geomspace(0.003, 2.0, 16)
 _NEARER = np.geomspace(0.95, 1.05, 21), np.geomspace(0.6, 1.6, 9)
-# The spectrum is that of rows so many times as long.
-_FINER = 8
 
 
 def tap_record(dataset: Dataset, options: SignalOptions) -> TapRecord:
     """The record of a dataset whose force is a hammer's."""
     found = taps(dataset, options)
     mass = dataset.impacts["mass_kg"].to_numpy(float)
-    error_sd = np.stack([found.impulse_sd / mass, found.zero_sd, _CLOCK * found.ringing.dt], axis=1)
+    error_sd = np.stack(
+        [found.impulse_sd / mass, found.zero_sd, _CLOCK * found.ringing.dt / found.averaged], axis=1
+    )
     record: TapRecord = jax.tree.map(
         jnp.asarray,
         TapRecord(
-            y=_ringing(found),
+            y=found.ringing.value,
             n_samples=found.n_samples,
             first_time=found.first_time,
             dt=found.ringing.dt,
+            averaged=found.averaged.astype(float),
             end=found.end,
             node=found.node,
             push=found.impulse / mass[:, None],
@@ -48,12 +49,6 @@ def tap_record(dataset: Dataset, options: SignalOptions) -> TapRecord:
         ),
     )
     return record
-
-
-def _ringing(found: Taps) -> Float[np.ndarray, "impact row"]:
-    number = int(found.n_samples.max())
-    inside = np.arange(number) < found.n_samples[:, None]
-    return np.where(inside, found.ringing.value[:, :number], 0.0)
 
 
 def declared_of(dataset: Dataset) -> CommonFactor:
@@ -69,17 +64,15 @@ def first_guess(
 ) -> dict[str, Float[np.ndarray, " impact"]]:
     """Logs of K and C at the recorded masses, of the noise [m/s^2], and a, by least squares on a grid."""
     whole = record._replace(y=padded_zeros(np.asarray(record.y), 1))
-    y, dt = np.asarray(whole.y), np.asarray(record.dt)
-    spectrum = np.abs(np.fft.rfft(y, _FINER * y.shape[1], axis=1))
-    peak = np.maximum(spectrum[:, 1:].argmax(axis=1) + 1, 1)
-    omega = 2 * np.pi * peak / (_FINER * y.shape[1] * dt)
+    omega = frequency_of(np.asarray(whole.y), np.asarray(record.dt))
     tried = _pairs(_FREQUENCIES, _RATIOS)
     omega_n, zeta = _best(whole, omega * tried[0][:, None], tried[1][:, None] + 0.0 * omega)
     nearer = _pairs(*_NEARER)
     omega_n, zeta = _best(whole, omega_n * nearer[0][:, None], zeta * nearer[1][:, None])
     height, left = (np.asarray(part) for part in _fitted(whole, jnp.asarray(omega_n), jnp.asarray(zeta)))
     K, C = (np.asarray(part) for part in spring_damper(omega_n, zeta, mass))
-    noise = np.sqrt(left / np.maximum(np.asarray(record.n_samples), 1))
+    count, averaged = np.asarray(record.n_samples), np.asarray(record.averaged)
+    noise = np.sqrt(averaged * left / np.maximum(count, 1))
     return {
         "K": np.log(K),
         "C": np.log(C),

@@ -34,6 +34,10 @@ NO_TAP = Coded("no tap: the hammer's force stays within its noise", "no-tap")
 FEW_IN_TAP = Coded("few samples of the hammer's force: its impulse is rough", "rough-tap")
 # Of the force's noise, and of its greatest, what a tap is above.
 _ABOVE_NOISE, _ABOVE_GREATEST = 5.0, 0.01
+# Rows of so many a period are as good as all samples.
+_A_PERIOD = 16
+# The spectrum is that of rows so many times as long.
+_FINER = 8
 # So many samples together ring whose root mean square is so many times the noise's; and by how much longer than
 # until the last of these the ringing is looked at.
 _TOGETHER, _RINGS, _LONGER = 32, 1.5, 1.25
@@ -55,15 +59,16 @@ class Taps:
         impulse: what each adds to the hammer's impulse [N s]; 0 where there is none.
         impulse_sd: of the sum, by noise, zero and few samples [N s].
         n_force: how many samples of the force there are.
-        ringing: decelerations since the hammer is off, the zero taken off [m/s^2].
-        first_time: from the beginning of the tap to the first of these [s].
-        n_samples: until only noise is left.
+        averaged: how many samples of the deceleration a row is the mean of.
+        ringing: rows since the hammer is off, the zero taken off [m/s^2].
+        first_time: from the beginning of the tap to the middle of the first of these [s].
+        n_samples: rows until only noise is left.
         zero: what was taken off [m/s^2].
         zero_sd: its standard error [m/s^2].
         noise_sd: of the decelerations [m/s^2].
         peak_depth: greatest displacement, of the acceleration integrated from rest [m].
         peak_time: when, from the beginning of the tap [s].
-        x: displacement at the ringing's samples [m].
+        x: displacement in the middle of the rows [m].
         v: velocity there [m/s].
         flags: what is wrong, and of which taps.
     """
@@ -74,6 +79,7 @@ class Taps:
     impulse: Float[np.ndarray, "impact node"]
     impulse_sd: Column
     n_force: Index
+    averaged: Index
     ringing: Recordings
     first_time: Column
     n_samples: Index
@@ -123,10 +129,18 @@ def taps(dataset: Dataset, options: SignalOptions | None = None) -> Taps:
     touched = from_sample(replace(motion, value=moved), begins)
     v = -cumulative(touched, options.integration)
     x = cumulative(replace(touched, value=v), options.integration)
-    ringing = from_sample(replace(motion, value=moved), off)
-    n = np.minimum(np.ceil(_LONGER * _rings_until(ringing, noise_sd)).astype(int), ringing.n)
-    used = np.arange(int(n.max())) < n[:, None]
-    shown = np.minimum((off - begins)[:, None] + np.arange(used.shape[1]), x.shape[1] - 1)
+    every = from_sample(replace(motion, value=moved), off)
+    lasts = np.minimum(np.ceil(_LONGER * _rings_until(every, noise_sd)).astype(int), every.n)
+    rings = np.arange(every.value.shape[1]) < lasts[:, None]
+    frequency = frequency_of(np.where(rings, every.value, 0.0), every.dt)
+    averaged = np.maximum((2 * np.pi / (_A_PERIOD * frequency * every.dt)).astype(int), 1)
+    averaged = np.minimum(averaged, np.maximum(lasts // _A_PERIOD, 1))
+    n = lasts // averaged
+    ringing = _means(every, averaged, n)
+    first_time = ringing.start - part.start
+    middle = first_time[:, None] + ringing.time_s
+    shown = np.minimum(np.round(middle / motion.dt[:, None]).astype(int), x.shape[1] - 1)
+    used = ringing.inside
     depth = np.where(touched.inside, np.abs(x), 0.0)
     # Integrated noise drifts: the greatest depth is that of the first swing.
     swing = np.argmax((v <= 0) & (touched.time_s > end[:, None]) & touched.inside, axis=1)
@@ -140,8 +154,9 @@ def taps(dataset: Dataset, options: SignalOptions | None = None) -> Taps:
         impulse=impulse,
         impulse_sd=impulse_sd,
         n_force=n_force,
-        ringing=replace(ringing, value=np.where(ringing.inside, ringing.value, 0.0)),
-        first_time=ringing.start - part.start,
+        averaged=averaged,
+        ringing=ringing,
+        first_time=first_time,
         n_samples=n,
         zero=offset,
         zero_sd=standard_error(noise_sd, n_quiet),
@@ -152,6 +167,24 @@ def taps(dataset: Dataset, options: SignalOptions | None = None) -> Taps:
         v=np.where(used, np.take_along_axis(v, shown, axis=1), 0.0),
         flags={NO_TAP: total <= 0, FEW_IN_TAP: n_force < _ENOUGH},
     )
+
+
+def frequency_of(value: Rows, dt: Column) -> Column:
+    """Of the peak of each row's spectrum [rad/s]; rows are 0 past their end."""
+    length = _FINER * value.shape[1]
+    peak = np.abs(np.fft.rfft(value, length, axis=1))[:, 1:].argmax(axis=1) + 1
+    frequency: np.ndarray = 2 * np.pi * peak / (length * dt)
+    return frequency
+
+
+def _means(ringing: Recordings, count: Index, n: Index) -> Recordings:
+    """Rows of the means of so many samples each, the time that of their middle; 0 past a row's end."""
+    sums = np.concatenate([np.zeros((len(n), 1)), np.cumsum(ringing.value, axis=1)], axis=1)
+    edge = np.minimum(np.arange(int(n.max()) + 1) * count[:, None], sums.shape[1] - 1)
+    value = np.diff(np.take_along_axis(sums, edge, axis=1)) / count[:, None]
+    inside = np.arange(value.shape[1]) < n[:, None]
+    start = ringing.start + (count - 1) / 2 * ringing.dt
+    return Recordings(np.where(inside, value, 0.0), n, start, count * ringing.dt)
 
 
 def _rings_until(ringing: Recordings, noise_sd: Column) -> Index:

@@ -5,14 +5,22 @@ T, while the hammer touches it. What has come of the tap by then,
 
     v_T = int_0^T F / m h'(T - s) ds,    x_T = int_0^T F / m h(T - s) ds,
 
-h being the answer to a unit impulse, rings on freely. Its deceleration d = -x'' is recorded as
+h being the answer to a unit impulse, rings on freely, with the deceleration
 
-    y_k = v_T D(t_k - T) + x_T omega_n^2 h'(t_k - T) + zero + n_k,   D = 2 zeta omega_n h' + omega_n^2 h,
+    d(t) = -x'' = v_T D(t - T) + x_T omega_n^2 h'(t - T),   D = 2 zeta omega_n h' + omega_n^2 h.
 
-n_k ~ N(0, sigma^2). What tells K / m and C / m is how it rings; how high it rings tells m. With the recorded
-mass M in the place of m, and both sensors' gains in error, all of y is e^-a times as high: a is the log of the
-recorded force over the recorded mass times the recorded acceleration, the log of m / M and of the hammer's gain
-less the accelerometer's, and K and C at the mass M are to be multiplied by m / M.
+Its samples are d, the error of the zero and noise ~ N(0, sigma^2). A row y_k is the mean of N of them, which
+are enough of a period for what is left to be as good. With an interval of dt between samples the mean of d is,
+but for terms of fourth order in dt,
+
+    (V(t') - V(t) - dt^2 / 24 (d'(t') - d'(t))) / (N dt),   V = -x',
+
+t and t' = t + N dt being half an interval before the first and after the last of them.
+
+What tells K / m and C / m is how the mass rings; how high it rings tells m. With the recorded mass M in the
+place of m, and both sensors' gains in error, all of y is e^-a times as high: a is the log of the recorded force
+over recorded mass times recorded acceleration, which is that of m / M and of the hammer's gain less the
+accelerometer's. K and C at the mass M are to be multiplied by m / M.
 
 The integrals are sums over the force's own samples, which err where the pulse is short of samples. That, the
 noise of the force and the error of its zero are one error of the impulse, as a velocity at the middle of the
@@ -50,10 +58,11 @@ class TapRecord(NamedTuple):
     """What the likelihood reads of taps.
 
     Attributes:
-        y: decelerations once the hammer is off, 0 past a row's end [m/s^2].
+        y: decelerations once the hammer is off, means of samples, 0 past a row's end [m/s^2].
         n_samples: length of each.
-        first_time: from the beginning of the tap to the first of them [s].
-        dt: their sampling interval [s].
+        first_time: from the beginning of the tap to the middle of the first of them [s].
+        dt: their interval [s].
+        averaged: how many samples each is the mean of.
         end: from there until the hammer is off, T [s].
         node: from there to each sample of the force [s].
         push: what each of these adds to the velocity of a free mass, of the recorded one [m/s]; 0 where there
@@ -69,6 +78,7 @@ class TapRecord(NamedTuple):
     n_samples: Int[Array, " impact"]
     first_time: Float[Array, " impact"]
     dt: Float[Array, " impact"]
+    averaged: Float[Array, " impact"]
     end: Float[Array, " impact"]
     node: Float[Array, "impact node"]
     push: Float[Array, "impact node"]
@@ -155,22 +165,34 @@ class MeasuredTap:
     record: TapRecord
 
     @property
-    def sigma(self) -> Float[Array, " impact"]:
-        """Standard deviation of the noise [m/s^2]."""
-        return jnp.exp(self.log_sigma)
+    def log_scatter(self) -> Float[Array, " impact"]:
+        """Log of the standard deviation of a mean of samples [m/s^2]."""
+        return self.log_sigma - jnp.log(self.record.averaged) / 2
+
+    @property
+    def scatter(self) -> Float[Array, " impact"]:
+        """Standard deviation of a mean of samples [m/s^2]."""
+        return jnp.exp(self.log_scatter)
 
     def _after(self, time: Float[Array, "impact any"]) -> tuple[Array, Array]:
         """H and h' at times since an impulse, per impact."""
         motion = impact_motion(time, self.omega_n[:, None], self.zeta[:, None], 1.0)
         return motion.displacement, motion.velocity
 
-    def _rings(
-        self, time: Float[Array, "impact row"]
-    ) -> tuple[Float[Array, "impact row"], Float[Array, "impact row"]]:
-        """Decelerations after a time that begins with a velocity of 1, or with a depth of 1."""
-        squared = (self.omega_n**2)[:, None]
+    def _means(
+        self,
+        time: Float[Array, "impact edge"],
+        velocity: Float[Array, "impact 1"],
+        depth: Float[Array, "impact 1"],
+    ) -> Float[Array, "impact row"]:
+        """Mean decelerations between these times since it had such a velocity and depth."""
+        dt, number = self.record.dt[:, None], self.record.averaged[:, None]
+        squared, damping = (self.omega_n**2)[:, None], 2 * (self.zeta * self.omega_n)[:, None]
         h, slope = self._after(time)
-        return 2 * (self.zeta * self.omega_n)[:, None] * slope + squared * h, squared * slope
+        d = damping * slope + squared * h
+        lost = -velocity * slope + depth * squared * h
+        rate = velocity * (squared * slope - damping * d) - depth * squared * d
+        return jnp.diff(lost - (dt / number) ** 2 / 24 * rate) / dt
 
     def expected(self, late: Float[Array, " impact"] | float = 0.0) -> Float[Array, "impact row"]:
         """The decelerations without noise and errors [m/s^2], of a clock that is ``late`` [s]."""
@@ -184,16 +206,12 @@ class MeasuredTap:
     ) -> Float[Array, "impact row"]:
         """The decelerations that come of velocities added at some times before the hammer is off."""
         record = self.record
-        depth, velocity = (
-            (part * push).sum(1, keepdims=True)
-            for part in self._after(jnp.maximum(record.end[:, None] - node, 0.0))
-        )
-        index = jnp.arange(record.y.shape[1]) * record.dt[:, None]
-        time = (record.first_time - record.end)[:, None] + index
+        before = self._after(jnp.maximum(record.end[:, None] - node, 0.0))
+        depth, velocity = ((part * push).sum(1, keepdims=True) for part in before)
         # Past a row's end any time serves.
-        since = jnp.where(record.inside(), time, 0.0) - jnp.asarray(late)[..., None]
-        of_velocity, of_depth = self._rings(jnp.maximum(since, 0.0))
-        rings = velocity * of_velocity + depth * of_depth
+        edge = jnp.minimum(jnp.arange(record.y.shape[1] + 1), record.n_samples[:, None]) - 0.5
+        since = (record.first_time - record.end - late)[:, None] + edge * record.dt[:, None]
+        rings = self._means(jnp.maximum(since, 0.0), velocity, depth)
         return jnp.where(record.inside(), jnp.exp(-self.log_ratio)[:, None] * rings, 0.0)
 
     def columns(self) -> Float[Array, "error impact row"]:
@@ -214,12 +232,12 @@ class MeasuredTap:
 
     def log_density(self) -> Float[Array, " impact"]:
         """Log density of each recording, the chain's errors integrated out."""
-        density = marginal_log_likelihood(self.products(), self.log_sigma, self.record.error_sd)
+        density = marginal_log_likelihood(self.products(), self.log_scatter, self.record.error_sd)
         return jnp.where(jnp.isfinite(density), density, -jnp.inf)
 
     def draw_errors(self, key: Array) -> Float[Array, "impact 3"]:
         """The chain's errors given the recordings."""
-        return draw_errors(key, self.products(), self.log_sigma, self.record.error_sd)
+        return draw_errors(key, self.products(), self.log_scatter, self.record.error_sd)
 
     def prior_errors(self, key: Array) -> Float[Array, "impact 3"]:
         """The same before anything is recorded."""
@@ -231,9 +249,9 @@ class MeasuredTap:
 
     def standardised(self) -> tuple[Float[Array, "impact row"], Float[Array, "impact row error"]]:
         """What is left of all samples, and what a standard deviation of each error adds, over the noise."""
-        left = (self.record.y - self.expected()) / self.sigma[:, None]
+        left = (self.record.y - self.expected()) / self.scatter[:, None]
         scaled = jnp.moveaxis(self.columns(), 0, -1) * self.record.error_sd[:, None]
-        return left, scaled / self.sigma[:, None, None]
+        return left, scaled / self.scatter[:, None, None]
 
     def slopes(self) -> Float[Array, "impact row parameter"]:
         """What a unit of log K, of log C and of a adds to all samples, over the noise."""
@@ -246,14 +264,14 @@ class MeasuredTap:
         none = (jnp.zeros_like(self.log_sigma),) * 3
         units = [tuple(jnp.ones_like(one) * (i == j) for j, one in enumerate(none)) for i in range(3)]
         parts = [jax.jvp(at, none, unit)[1] for unit in units]
-        return jnp.stack(parts, axis=-1) / self.sigma[:, None, None]
+        return jnp.stack(parts, axis=-1) / self.scatter[:, None, None]
 
     def sample(self, key: Array) -> Float[Array, "impact row"]:
         """Draw decelerations: the ringing, the chain's errors and noise."""
         key_of_noise, key_of_errors = jax.random.split(key)
         errors, record = self.prior_errors(key_of_errors), self.record
         drawn = self.expected() + jnp.einsum("ie,eir->ir", errors, self.columns())
-        drawn += self.sigma[:, None] * jax.random.normal(key_of_noise, record.y.shape)
+        drawn += self.scatter[:, None] * jax.random.normal(key_of_noise, record.y.shape)
         return jnp.where(record.inside(), drawn, 0.0)
 
     def replicate(self, key: Array) -> dict[str, Float[Array, "impact row"]]:
@@ -262,4 +280,4 @@ class MeasuredTap:
 
     def noise_quantities(self) -> dict[str, Float[Array, " impact"]]:
         """What the noise of each recording is, by the names that posteriors have."""
-        return {"sigma_d": self.sigma}
+        return {"sigma_d": jnp.exp(self.log_sigma)}
