@@ -119,7 +119,7 @@ def checked[Schema: BaseModel](
 ) -> Schema:
     """``content`` as a ``schema``; ``within`` names the table of ``file`` that holds it.
 
-    With the ``text`` of the file, problems name their rows. The ``context`` is for validators that ask for it.
+    With the ``text`` of the file, problems name their rows. Validators that ask for a ``context`` have it.
 
     Raises:
         InputError: every key that is unknown, missing or has a wrong value, with what is allowed.

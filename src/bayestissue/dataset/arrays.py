@@ -81,8 +81,9 @@ def dataset(
 
     Args:
         impacts: one row per impact, with the columns of ``impacts.csv``: ``impact``, ``subject``, ``trial``,
-            ``mass_kg``, ``velocity_m_s`` (not needed of a displacement, not read beside a hammer), and covariates. A table, columns by
-            name, or records. A column ``trace`` is left out: recordings are ``traces``.
+            ``mass_kg``, ``velocity_m_s`` (not needed of a displacement, not read beside a hammer), and
+            covariates. A table, columns by name, or records. A column ``trace`` is left out: recordings are
+            ``traces``.
         traces: the recordings: one long table with a column ``impact`` beside the time and the value column;
             or by the impact's name, or in the order of ``impacts``, each a table of these two columns, a
             pair (time, value), an array of two rows or two columns, times first, or a `Trace`. What a masked

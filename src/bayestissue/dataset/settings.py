@@ -324,8 +324,8 @@ class UncertaintySettings(_Table):
     """The table ``[uncertainty]``: standard deviations of the measuring chain, in SI units.
 
     Attributes:
-        relative_mass_sd: of the mass, as a fraction of it, below 0.5: 0.05 is 5 %. Beside a hammer, whose force
-            tells the mass, below 2: a guess.
+        relative_mass_sd: of the mass, as a fraction of it, below 0.5: 0.05 is 5 %. Beside a hammer, whose
+            force tells the mass, below 2: a guess.
         velocity_sd_m_s: of the velocity at contact; below half the median velocity.
         relative_gain_sd: of the recorder's sensitivity, as a fraction of it, below 0.5.
         offset_sd: of the recorder's zero, in m/s² or, of displacements, in m; below half the median peak.

@@ -108,8 +108,9 @@ def simulate(simulation: Simulation, seed: int | None = None) -> Campaign:
     """Draw the truth of every impact and record it; the same seed gives the same numbers.
 
     The motion is that of a mass M that meets the tissue's element at V; the tissue can push but not pull, so
-    the recording is at rest again from when the force is 0. With a hammer it is that of a mass that rests on the
-    tissue, is tapped, and rings: see `bayestissue.simulation.tap`. A recorder's low-pass takes the motion as it is
+    the recording is at rest again from when the force is 0. With a hammer it is that of a mass that rests on
+    the tissue, is tapped, and rings: see `bayestissue.simulation.tap`.
+    A recorder's low-pass takes the motion as it is
     between the samples, a digital one the samples; range and steps are those of what comes after it, and so
     is noise unless it says otherwise.
     Tissue, chain and noise have random streams of their own: more noise leaves the truth as it is. Needs
@@ -385,7 +386,7 @@ def _recorded(
 def _motion(
     simulation: Simulation, truth: pd.DataFrame, time: Float[np.ndarray, " step"]
 ) -> Float[np.ndarray, "impact step"]:
-    """What an exact recorder has at these times [s]: deceleration, or acceleration of a tapped mass [m/s^2]."""
+    """Deceleration at these times [s] or, of a tapped mass, acceleration [m/s^2], before it is recorded."""
     if simulation.tap is not None:
         return acceleration(simulation.tap, truth, time)
     gravity = gravity_m_s2(simulation.gravity)

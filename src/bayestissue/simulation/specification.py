@@ -266,8 +266,8 @@ class Recording(Table):
         offset_sd_m_s2: standard deviation of the recorder's zero.
         relative_gain_sd: standard deviation of the sensitivity, as a fraction of it.
         velocity_sd_m_s: standard deviation of the velocity at contact about the stated one.
-        relative_mass_sd: standard deviation of the mass about the stated one, as a fraction of it, below 0.3. Of
-            a mass that a hammer taps, of its logarithm, below 2.
+        relative_mass_sd: standard deviation of the mass about the stated one, as a fraction of it, below 0.3.
+            Of a mass that a hammer taps, of its logarithm, below 2.
         mass_factor: what all stated masses are to be multiplied by: 1.1 makes them 10 % too small.
         force: a table [recording.force]: a force beside the deceleration.
         range_m_s2: the recorder clips beyond this, either way; left out, it does not.
@@ -320,8 +320,8 @@ def require_samples_to_filter(recorder: RecorderSettings | None, recording: Reco
 class Tap(Table):
     """A tap by an instrumented hammer: half a sine, of each condition's impulse.
 
-    The mass is at rest on a spring and damper before, and rings with it ever after: it is never left. The hammer
-    is [recording.force] with place = "hammer"; beside it the acceleration of the mass is recorded.
+    The mass is at rest on a spring and damper before, and rings with it ever after: it is never left. The
+    hammer is [recording.force] with place = "hammer"; beside it the acceleration of the mass is recorded.
 
     Attributes:
         duration_s: how long the hammer pushes.

@@ -1,7 +1,7 @@
 """A mass at rest on a spring and damper, tapped by a hammer: M x'' + C x' + K x = F, in closed form.
 
 F is half a sine of duration T and impulse J, F = (pi / 2) (J / T) sin(pi t / T). That is one sine switched on
-at the tap's begin and another, shifted by T, at its end, so that x is the response to the one and to the other.
+as the tap begins and another, later by T, as it ends: x is the sum of the responses to both.
 """
 
 from __future__ import annotations
@@ -56,7 +56,9 @@ def hammer_force(
 def acceleration(
     tap: Tap, truth: pd.DataFrame, time: Float[np.ndarray, " sample"]
 ) -> Float[np.ndarray, "impact sample"]:
-    """x'' [m/s^2] = F / M - 2 zeta omega_n x' - omega_n^2 x, at these times of the recorder's clock [s].
+    """Acceleration x'' = F / M - 2 zeta omega_n x' - omega_n^2 x [m/s^2], at these times [s].
+
+    The times are those of the recorder's clock.
 
     Args:
         tap: T.
@@ -82,10 +84,10 @@ def _response(
     decay: Float[np.ndarray, "impact 1"],
     omega: float,
 ) -> tuple[Float[np.ndarray, "impact sample"], Float[np.ndarray, "impact sample"]]:
-    """x and x' of x'' + 2 a x' + omega_n^2 x = sin(omega t), at rest at t = 0.
+    """Displacement x and speed x' of x'' + 2 a x' + omega_n^2 x = sin(omega t), at rest at t = 0.
 
-    What the sine keeps up, p sin(omega t) + q cos(omega t), and a free motion that begins at -q with the speed
-    -omega p; free motions are made of s = exp(-a t) sinh(kappa t) / kappa and c = exp(-a t) cosh(kappa t),
+    What the sine keeps up is p sin(omega t) + q cos(omega t). A free motion that begins at -q with the speed
+    -omega p comes on top, made of s = exp(-a t) sinh(kappa t) / kappa and c = exp(-a t) cosh(kappa t),
     kappa^2 = a^2 - omega_n^2.
     """
     difference = omega_n**2 - omega**2
@@ -104,7 +106,7 @@ def _free(
     decay: Float[np.ndarray, "impact 1"],
     kappa: Complex[np.ndarray, "impact 1"],
 ) -> tuple[Float[np.ndarray, "impact sample"], Float[np.ndarray, "impact sample"]]:
-    """s and c of `_response`; where |kappa t| is small, s by its series."""
+    """The free motions s and c of `_response`; where |kappa t| is small, s by its series."""
     slow, fast = np.exp((kappa - decay) * time), np.exp(-(kappa + decay) * time)
     near = np.abs(kappa * time) < _NEAR
     series = time * np.exp(-decay * time) * (1 + (kappa * time) ** 2 / 6)
