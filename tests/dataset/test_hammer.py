@@ -27,16 +27,14 @@ TAPS = Simulation(
     tissue={"K_N_per_m": 8000.0, "C_N_s_per_m": 20.0},
     tap={"duration_s": 0.005, "ringing_s": 0.1},
     recording=CHAIN,
+    output={"traces": "csv"},
 )
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    write_campaign(tmp_path / "taps", simulate(TAPS), TAPS.model_copy(update={"output": PLAIN}))
+    write_campaign(tmp_path / "taps", simulate(TAPS), TAPS)
     return tmp_path / "taps"
-
-
-PLAIN = Simulation.model_fields["output"].default.model_copy(update={"traces": "csv"})
 
 
 def changed(folder: Path, pattern: str, text: str, file: str = "dataset.toml") -> Path:
@@ -156,6 +154,13 @@ def test_recordings_that_are_of_no_tap_are_refused(
         read_dataset(folder)
     assert {problem.code for problem in error.value.problems} == {code}
     assert words in str(error.value)
+
+
+def test_noise_of_a_tenth_of_the_force_spoils_no_tap(folder: Path) -> None:
+    table = pd.read_csv(folder / "traces.csv")
+    noise = np.random.default_rng(0).normal(0, 0.1 * table["force_N"].max(), len(table))
+    table.assign(force_N=table["force_N"] + noise).to_csv(folder / "traces.csv", index=False)
+    assert read_dataset(folder).tapped
 
 
 def test_both_sensors_the_wrong_way_round_are_told_at_once(folder: Path) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 
 from bayestissue.dataset.chain import HAMMER, Place
 from bayestissue.dataset.checks import check_samples
@@ -16,7 +16,15 @@ from bayestissue.dataset.impacts import ImpactTable
 from bayestissue.dataset.limits import at_limit
 from bayestissue.dataset.model import Channel, Trace
 from bayestissue.dataset.plausible import PLAUSIBLE
-from bayestissue.dataset.recordings import MIN_SAMPLES, Reading, Recordings, Windows, crop, interpolated
+from bayestissue.dataset.recordings import (
+    MIN_SAMPLES,
+    Reading,
+    Recordings,
+    Samples,
+    Windows,
+    crop,
+    interpolated,
+)
 from bayestissue.dataset.settings import ChannelSettings, Settings, SignalSettings
 from bayestissue.dataset.traces import read_files, read_long
 from bayestissue.errors import Problem, all_of
@@ -122,10 +130,8 @@ def _unfit(recordings: Recordings, first: Recordings, place: Place) -> Iterator[
     dead = ~apart & (np.maximum.reduceat(np.abs(force), samples.begin) == 0)
     yield from recordings.where(dead, "constant-signal", "{:g} in every sample", samples.value[samples.begin])
     if tapped:
-        pulse = np.abs(force) > PLAUSIBLE.pulse * np.maximum.reduceat(np.abs(force), samples.begin)[owner]
-        position = np.where(pulse, np.arange(owner.size), owner.size)
-        before = inside & (np.arange(owner.size) < np.minimum.reduceat(position, samples.begin)[owner])
-        quiet = np.add.reduceat(before.astype(int), samples.begin)
+        pulse, before = _pulse(samples, np.abs(force))
+        quiet = np.add.reduceat((inside & before).astype(int), samples.begin)
         late = ~apart & ~dead & (quiet < MIN_SAMPLES)
         words = "{} samples of both channels before the hammer's pulse"
         yield from recordings.where(late, "channel-unfit.quiet", words, quiet, least=MIN_SAMPLES)
@@ -141,3 +147,18 @@ def _unfit(recordings: Recordings, first: Recordings, place: Place) -> Iterator[
     wrong = ~apart & ~dead & (correlation < 0)
     key = "channel-unfit.tap" if tapped else "channel-unfit.sign"
     yield from recordings.where(wrong, key, "a correlation of {:.2f}", correlation)
+
+
+def _pulse(
+    samples: Samples, size: Float64[np.ndarray, " sample"]
+) -> tuple[Bool[np.ndarray, " sample"], Bool[np.ndarray, " sample"]]:
+    """Which samples are the pulse about the greatest ``size``, above a tenth of it, and which come before."""
+    owner, position = samples.owner, np.arange(size.size)
+    greatest = np.maximum.reduceat(size, samples.begin)[owner]
+    peak = np.minimum.reduceat(np.where(size == greatest, position, size.size), samples.begin)[owner]
+    low = size <= PLAUSIBLE.pulse * greatest
+    earlier = np.where(low & (position < peak), position, samples.begin[owner] - 1)
+    later = np.where(low & (position > peak), position, samples.end[owner])
+    first = np.maximum.reduceat(earlier, samples.begin)[owner] + 1
+    last = np.minimum.reduceat(later, samples.begin)[owner] - 1
+    return (first <= position) & (position <= last), position < first

@@ -518,9 +518,8 @@ def _entry(content: Any, key: Sequence[str]) -> Any:
     """What a key holds, the number of a table of a list being part of it; None where there is no such key."""
     for part in key:
         if isinstance(content, list):
-            content = dict(enumerate(content)).get(int(part))
-        else:
-            content = content.get(part) if isinstance(content, dict) else None
+            content = {str(number): entry for number, entry in enumerate(content)}
+        content = content.get(part) if isinstance(content, dict) else None
     return content
 
 
