@@ -122,7 +122,8 @@ def check(dataset: Dataset | str | Path) -> Check:
     dataset = as_dataset(dataset)
     signal = displacements(dataset)
     findings = inspect(dataset)
-    force = force_beside(dataset, signal)
+    # A hammer's force and what the tissue adds to it move the mass: it is no mass times acceleration.
+    force = None if dataset.tapped else force_beside(dataset, signal)
     warnings = (*dataset.warnings, *_raised(dataset, signal, findings), *_disagreement(force))
     quality = quality_table(dataset, signal, warnings, force)
     return Check(dataset, signal, quality, warnings, findings, force, control_chart(dataset))

@@ -118,7 +118,9 @@ def _summary(checked: Check) -> list[tuple[str, str]]:
         ("mass", _range(impacts["mass_kg"], " kg"))
         if data.free
         else ("motion", "driven: no free mass, K and C of force over depth"),
-        ("velocity at contact", _range(impacts["velocity_m_s"], " m/s", digits=4)),
+        ("motion", "tapped by a hammer, from rest")
+        if data.tapped
+        else ("velocity at contact", _range(impacts["velocity_m_s"], " m/s", digits=4)),
         ("time to peak", _range(quality["time_to_peak_s"] * 1e3, " ms", digits=3)),
         ("samples until the peak", _range(quality["samples_in_window"], "")),
         ("noise", f"{noise.median():.2g} of the peak, at worst {noise.max():.2g}"),
