@@ -122,8 +122,7 @@ def check(dataset: Dataset | str | Path) -> Check:
     dataset = as_dataset(dataset)
     signal = displacements(dataset)
     findings = inspect(dataset)
-    # A hammer's force and what the tissue adds to it move the mass: it is no mass times acceleration.
-    force = None if dataset.tapped else force_beside(dataset, signal)
+    force = force_beside(dataset, signal)
     warnings = (*dataset.warnings, *_raised(dataset, signal, findings), *_disagreement(force))
     quality = quality_table(dataset, signal, warnings, force)
     return Check(dataset, signal, quality, warnings, findings, force, control_chart(dataset))
@@ -140,7 +139,7 @@ def _raised(data: Dataset, signal: Displacements, findings: Sequence[Finding]) -
         wrong = partial(Problem, "recording", kind.expected, kind.advice, code=kind.flag.code)
         pairs = zip(names, words, strict=True)
         yield from (wrong(value=value, impact=impact) for impact, value in pairs if value)
-    if data.recorder is None and data.quantity != "displacement":
+    if data.recorder is None and data.quantity != "displacement" and not data.tapped:
         yield from _undeclared(names, signal)
 
 

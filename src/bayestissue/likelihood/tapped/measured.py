@@ -269,14 +269,21 @@ class MeasuredTap:
     def sample(self, key: Array) -> Float[Array, "impact row"]:
         """Draw decelerations: the ringing, the chain's errors and noise."""
         key_of_noise, key_of_errors = jax.random.split(key)
-        errors, record = self.prior_errors(key_of_errors), self.record
-        drawn = self.expected() + jnp.einsum("ie,eir->ir", errors, self.columns())
-        drawn += self.scatter[:, None] * jax.random.normal(key_of_noise, record.y.shape)
-        return jnp.where(record.inside(), drawn, 0.0)
+        return self._with_errors(self.prior_errors(key_of_errors), key_of_noise)
 
     def replicate(self, key: Array) -> dict[str, Float[Array, "impact row"]]:
-        """A replicate of every recording [m/s^2]; NaN past its end."""
-        return {"deceleration": jnp.where(self.record.inside(), self.sample(key), jnp.nan)}
+        """A replicate of every recording, with its own errors and new noise [m/s^2]; NaN past its end.
+
+        Other errors of the impulse would make it ring higher by many times the noise, as a has it already.
+        """
+        key_of_noise, key_of_errors = jax.random.split(key)
+        drawn = self._with_errors(self.draw_errors(key_of_errors), key_of_noise)
+        return {"deceleration": jnp.where(self.record.inside(), drawn, jnp.nan)}
+
+    def _with_errors(self, errors: Float[Array, "impact 3"], key: Array) -> Float[Array, "impact row"]:
+        drawn = self.record.y - self.residuals(errors)
+        drawn += self.scatter[:, None] * jax.random.normal(key, drawn.shape)
+        return jnp.where(self.record.inside(), drawn, 0.0)
 
     def noise_quantities(self) -> dict[str, Float[Array, " impact"]]:
         """What the noise of each recording is, by the names that posteriors have."""
