@@ -92,7 +92,8 @@ def test_check_has_taps_and_no_impacts() -> None:
 @pytest.mark.slow
 def test_a_fit_finds_masses_that_are_a_tenth_wrong(tmp_path: Path) -> None:
     made = study(5, mass_factor=1.1, relative_mass_sd=0.05)
-    fit = bt.fit(made.dataset("taps"), sampler={"effective": 200, "draws": 500})
+    model = {"like": "tapped", "sampler": {"effective": 200, "draws": 500}}
+    fit = bt.fit(made.dataset("taps"), model)
     posterior, truth = fit.posterior["posterior"].dataset, made.truth
     assert fit.diagnostics["passed"]
     held = {}

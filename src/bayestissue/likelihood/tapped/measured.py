@@ -54,6 +54,23 @@ from bayestissue.padding import padded_zeros
 IMPULSE, ZERO, CLOCK = range(3)
 
 
+class Basis(NamedTuple):
+    """Mean decelerations of every row.
+
+    Attributes:
+        of_velocity: of what has a velocity of 1 when the hammer is off [1/s].
+        of_depth: of what has a depth of 1 then [1/s^2].
+        later_of_velocity: their slopes in what the clock is late, but for terms of second order in the
+            samples' interval.
+        later_of_depth: likewise.
+    """
+
+    of_velocity: Float[Array, "impact row"]
+    of_depth: Float[Array, "impact row"]
+    later_of_velocity: Float[Array, "impact row"]
+    later_of_depth: Float[Array, "impact row"]
+
+
 class TapRecord(NamedTuple):
     """What the likelihood reads of taps.
 
@@ -179,53 +196,62 @@ class MeasuredTap:
         motion = impact_motion(time, self.omega_n[:, None], self.zeta[:, None], 1.0)
         return motion.displacement, motion.velocity
 
-    def _means(
-        self,
-        time: Float[Array, "impact edge"],
-        velocity: Float[Array, "impact 1"],
-        depth: Float[Array, "impact 1"],
-    ) -> Float[Array, "impact row"]:
-        """Mean decelerations between these times since it had such a velocity and depth."""
-        dt, number = self.record.dt[:, None], self.record.averaged[:, None]
-        squared, damping = (self.omega_n**2)[:, None], 2 * (self.zeta * self.omega_n)[:, None]
-        h, slope = self._after(time)
-        d = damping * slope + squared * h
-        lost = -velocity * slope + depth * squared * h
-        rate = velocity * (squared * slope - damping * d) - depth * squared * d
-        return jnp.diff(lost - (dt / number) ** 2 / 24 * rate) / dt
-
-    def expected(self, late: Float[Array, " impact"] | float = 0.0) -> Float[Array, "impact row"]:
-        """The decelerations without noise and errors [m/s^2], of a clock that is ``late`` [s]."""
-        return self._of(self.record.push, self.record.node, late)
-
-    def _of(
-        self,
-        push: Float[Array, "impact node"],
-        node: Float[Array, "impact node"],
-        late: Float[Array, " impact"] | float = 0.0,
-    ) -> Float[Array, "impact row"]:
-        """The decelerations that come of velocities added at some times before the hammer is off."""
+    def _basis(self, late: Float[Array, " impact"] | float = 0.0) -> Basis:
+        """What it rings like that has a velocity, or a depth, of 1 when the hammer is off."""
         record = self.record
-        before = self._after(jnp.maximum(record.end[:, None] - node, 0.0))
-        depth, velocity = ((part * push).sum(1, keepdims=True) for part in before)
+        dt, squared = record.dt[:, None], (self.omega_n**2)[:, None]
+        damping = 2 * (self.zeta * self.omega_n)[:, None]
         # Past a row's end any time serves.
         edge = jnp.minimum(jnp.arange(record.y.shape[1] + 1), record.n_samples[:, None]) - 0.5
-        since = (record.first_time - record.end - late)[:, None] + edge * record.dt[:, None]
-        rings = self._means(jnp.maximum(since, 0.0), velocity, depth)
-        return jnp.where(record.inside(), jnp.exp(-self.log_ratio)[:, None] * rings, 0.0)
+        since = (record.first_time - record.end - late)[:, None] + edge * dt
+        h, slope = self._after(jnp.maximum(since, 0.0))
+        of_velocity, of_depth = damping * slope + squared * h, squared * slope
+        bends = (dt / record.averaged[:, None]) ** 2 / 24
+
+        def means(values: Array) -> Array:
+            return jnp.where(record.inside(), jnp.exp(-self.log_ratio)[:, None] * jnp.diff(values) / dt, 0.0)
+
+        return Basis(
+            means(-slope - bends * (squared * slope - damping * of_velocity)),
+            means(squared * h + bends * squared * of_velocity),
+            means(-of_velocity),
+            means(-of_depth),
+        )
+
+    def _begins(
+        self, push: Float[Array, "impact node"], node: Float[Array, "impact node"]
+    ) -> tuple[Float[Array, "impact 1"], Float[Array, "impact 1"]]:
+        """Velocity and depth when the hammer is off, of velocities that were added at some times before."""
+        h, slope = self._after(jnp.maximum(self.record.end[:, None] - node, 0.0))
+        return (slope * push).sum(1, keepdims=True), (h * push).sum(1, keepdims=True)
+
+    def parts(
+        self, late: Float[Array, " impact"] | float = 0.0
+    ) -> tuple[Float[Array, "impact row"], Float[Array, "error impact row"]]:
+        """The decelerations without noise and errors, and what a unit of each error adds to them.
+
+        ``late`` is a clock's delay [s]. Both come of one basis: XLA would make it twice.
+        """
+        record, basis = self.record, self._basis(late)
+        velocity, depth = self._begins(record.push, record.node)
+        one = self._begins(jnp.ones_like(record.middle)[:, None], record.middle[:, None])
+        of_impulse = one[0] * basis.of_velocity + one[1] * basis.of_depth
+        of_clock = velocity * basis.later_of_velocity + depth * basis.later_of_depth
+        columns = jnp.stack([of_impulse, record.inside() * 1.0, of_clock])
+        return velocity * basis.of_velocity + depth * basis.of_depth, columns
+
+    def expected(self, late: Float[Array, " impact"] | float = 0.0) -> Float[Array, "impact row"]:
+        """The first of `parts` [m/s^2]."""
+        return self.parts(late)[0]
 
     def columns(self) -> Float[Array, "error impact row"]:
-        """What a unit of each error adds to the decelerations."""
-        record = self.record
-        one = jnp.ones_like(record.middle)[:, None]
-        of_impulse = self._of(one, record.middle[:, None])
-        late = jnp.zeros_like(record.middle)
-        of_clock = jax.jvp(self.expected, (late,), (jnp.ones_like(late),))[1]
-        return jnp.stack([of_impulse, record.inside() * 1.0, jnp.where(record.inside(), of_clock, 0.0)])
+        """The second of `parts`."""
+        return self.parts()[1]
 
     def products(self) -> Products:
         """Of what the expected decelerations leave over, and of the errors' columns."""
-        rows = [self.record.y - self.expected(), *self.columns()]
+        expected, columns = self.parts()
+        rows = [self.record.y - expected, *columns]
         gram = [[(one * other).sum(1) for other in rows] for one in rows]
         count = self.record.n_samples.astype(float)
         return Products(gram, jnp.zeros_like(self.log_sigma), count)
@@ -245,12 +271,14 @@ class MeasuredTap:
 
     def residuals(self, errors: Float[Array, "impact 3"]) -> Float[Array, "impact row"]:
         """What these errors and the ringing leave of the recordings [m/s^2], 0 past a row's end."""
-        return self.record.y - self.expected() - jnp.einsum("ie,eir->ir", errors, self.columns())
+        expected, columns = self.parts()
+        return self.record.y - expected - jnp.einsum("ie,eir->ir", errors, columns)
 
     def standardised(self) -> tuple[Float[Array, "impact row"], Float[Array, "impact row error"]]:
         """What is left of all samples, and what a standard deviation of each error adds, over the noise."""
-        left = (self.record.y - self.expected()) / self.scatter[:, None]
-        scaled = jnp.moveaxis(self.columns(), 0, -1) * self.record.error_sd[:, None]
+        expected, columns = self.parts()
+        left = (self.record.y - expected) / self.scatter[:, None]
+        scaled = jnp.moveaxis(columns, 0, -1) * self.record.error_sd[:, None]
         return left, scaled / self.scatter[:, None, None]
 
     def slopes(self) -> Float[Array, "impact row parameter"]:
