@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -18,7 +20,7 @@ from bayestissue.signal.tapped import frequency_of, taps
 
 # Of a sampling interval, the standard deviation of what one clock is behind the other.
 _CLOCK = 0.25
-# Frequencies about that of the spectrum's peak and damping ratios that are tried first, and then about the best.
+# Frequencies about that of the spectrum's peak and damping ratios that are tried, and then about the best.
 _FREQUENCIES = np.geomspace(0.5, 2.0, 41)
 _RATIOS = np.geomspace(0.003, 2.0, 16)
 _NEARER = np.geomspace(0.95, 1.05, 21), np.geomspace(0.6, 1.6, 9)
@@ -31,24 +33,20 @@ def tap_record(dataset: Dataset, options: SignalOptions) -> TapRecord:
     error_sd = np.stack(
         [found.impulse_sd / mass, found.zero_sd, _CLOCK * found.ringing.dt / found.averaged], axis=1
     )
-    record: TapRecord = jax.tree.map(
-        jnp.asarray,
-        TapRecord(
-            y=found.ringing.value,
-            n_samples=found.n_samples,
-            first_time=found.first_time,
-            dt=found.ringing.dt,
-            averaged=found.averaged.astype(float),
-            end=found.end,
-            node=found.node,
-            push=found.impulse / mass[:, None],
-            middle=found.middle,
-            error_sd=error_sd,
-            surroundings={},
-            common_depth=np.full(len(mass), found.peak_depth.min()),
-        ),
-    )
-    return record
+    columns: Any = {
+        "y": found.ringing.value,
+        "n_samples": found.n_samples,
+        "first_time": found.first_time,
+        "dt": found.ringing.dt,
+        "averaged": found.averaged.astype(float),
+        "end": found.end,
+        "node": found.node,
+        "push": found.impulse / mass[:, None],
+        "middle": found.middle,
+        "error_sd": error_sd,
+        "common_depth": np.full(len(mass), found.peak_depth.min()),
+    }
+    return TapRecord(**jax.tree.map(jnp.asarray, columns), surroundings={})
 
 
 def declared_of(dataset: Dataset) -> CommonFactor:

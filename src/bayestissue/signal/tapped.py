@@ -38,8 +38,8 @@ _ABOVE_NOISE, _ABOVE_GREATEST = 5.0, 0.01
 _A_PERIOD = 16
 # The spectrum is that of rows so many times as long.
 _FINER = 8
-# So many samples together ring whose root mean square is so many times the noise's; and by how much longer than
-# until the last of these the ringing is looked at.
+# So many samples together ring whose root mean square is so many times the noise's; and for how much longer
+# than until the last of these the ringing is looked at.
 _TOGETHER, _RINGS, _LONGER = 32, 1.5, 1.25
 # The quiet part ends so many samples before the tap.
 _CLEAR = 3

@@ -130,11 +130,9 @@ def as_expected(prepared: Prepared, u: Float[np.ndarray, "impact parameter"]) ->
         return replace(prepared.data, record=prepared.data.record.with_channels(x, y))
     if isinstance(prepared.data.record, TapRecord):
         traces = np.asarray(_of_taps(prepared.model, prepared.data.padded, padded_impacts(u)))
-        known = np.asarray(prepared.data.record.y)
-        record = prepared.data.record.with_traces(
-            traces[: len(u), : known.shape[1]], np.asarray(prepared.data.record.n_samples)
-        )
-        return replace(prepared.data, record=record)
+        taps = prepared.data.record
+        known = traces[: len(u), : taps.y.shape[1]]
+        return replace(prepared.data, record=taps.with_traces(known, np.asarray(taps.n_samples)))
     data = with_normal_errors(prepared.data)
     quiet = np.where(_named(prepared, _OF_NOISE) & ~_named(prepared, _CORRELATIONS), _NOTHING, u)
     bare = data.record._replace(error_sd=jax.device_put(np.zeros(data.record.error_sd.shape)))

@@ -10,17 +10,17 @@ h being the answer to a unit impulse, rings on freely, with the deceleration
     d(t) = -x'' = v_T D(t - T) + x_T omega_n^2 h'(t - T),   D = 2 zeta omega_n h' + omega_n^2 h.
 
 Its samples are d, the error of the zero and noise ~ N(0, sigma^2). A row y_k is the mean of N of them, which
-are enough of a period for what is left to be as good. With an interval of dt between samples the mean of d is,
-but for terms of fourth order in dt,
+are enough of a period for what is left to be as good. With an interval of dt between samples the mean of d
+is, but for terms of fourth order in dt,
 
     (V(t') - V(t) - dt^2 / 24 (d'(t') - d'(t))) / (N dt),   V = -x',
 
 t and t' = t + N dt being half an interval before the first and after the last of them.
 
 What tells K / m and C / m is how the mass rings; how high it rings tells m. With the recorded mass M in the
-place of m, and both sensors' gains in error, all of y is e^-a times as high: a is the log of the recorded force
-over recorded mass times recorded acceleration, which is that of m / M and of the hammer's gain less the
-accelerometer's. K and C at the mass M are to be multiplied by m / M.
+place of m, and both sensors' gains in error, all of y is e^-a times as high: a is the log of the recorded
+force over recorded mass times recorded acceleration, which is that of m / M and of the hammer's gain less
+the accelerometer's. K and C at the mass M are to be multiplied by m / M.
 
 The integrals are sums over the force's own samples, which err where the pulse is short of samples. That, the
 noise of the force and the error of its zero are one error of the impulse, as a velocity at the middle of the

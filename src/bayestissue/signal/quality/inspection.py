@@ -83,15 +83,12 @@ def inspect(dataset: Dataset, options: SignalOptions | None = None) -> list[Find
         options: how displacements are made from them. With contact = "time-zero" a recording may begin in
             contact.
 
-    Where a low-pass is declared, noise that it may have slowed and laws that it changes are not asked, and of
-    taps nothing: all detectors are of impacts.
+    Where a low-pass is declared, noise that it may have slowed and laws that it changes are not asked.
 
     Returns:
         One finding for each kind that some impact has.
     """
     options = options or SignalOptions()
-    if dataset.tapped:
-        return []
     longest = max((len(trace.value) for trace in dataset.traces), default=1)
     size, joined = max(1, min(PULSE.most, PULSE.block // longest)), dict[Kind, list[str]]()
     implied: list[velocity.Implied] = []
