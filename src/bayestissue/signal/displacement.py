@@ -33,6 +33,7 @@ from bayestissue.signal.traces import (
 from bayestissue.signal.window import Stop, samples_in, slowest, still_pushed, zero_velocity
 
 FEWEST_SAMPLES = 8
+TOO_FEW = Coded(f"fewer than {FEWEST_SAMPLES} samples in the window", "too-few-samples")
 UNEVEN = Coded("times are uneven: each sample is taken at its own", "uneven-times")
 LONGER = Coded("few samples below the sensor's limit: the window goes on to the rebound", "clipped")
 NO_OFFSET = Coded("no quiet part before contact: no offset was removed", "no-quiet-part")
@@ -328,7 +329,6 @@ def _rung(tapped: Taps, mass: Column) -> Displacements:
     nothing, known = np.zeros(len(n)), np.zeros(len(n), bool)
     used = np.arange(tapped.x.shape[1]) < n[:, None]
     before = np.zeros((len(n), BEFORE))
-    too_few = Coded(f"fewer than {FEWEST_SAMPLES} samples of ringing", "too-few-samples")
     return Displacements(
         x=tapped.x,
         v=tapped.v,
@@ -359,7 +359,7 @@ def _rung(tapped: Taps, mass: Column) -> Displacements:
         n_since_quiet=nothing.astype(int),
         reach_s=nothing,
         blurred=known,
-        flags=_raised({**tapped.flags, too_few: n < FEWEST_SAMPLES}, len(n)),
+        flags=_raised({**tapped.flags, TOO_FEW: n < FEWEST_SAMPLES}, len(n)),
         notes=_raised({}, len(n)),
     )
 
@@ -398,7 +398,6 @@ def _windowed(
     if options.equilibrium == "sample-mean":
         equilibrium = x.sum(axis=1) / np.maximum(n, 1)
         x = np.where(used, x - equilibrium[:, None], 0)
-    too_few = Coded(f"fewer than {FEWEST_SAMPLES} samples in the window", "too-few-samples")
     return Displacements(
         x=x,
         v=v,
@@ -417,7 +416,7 @@ def _windowed(
         bracket_uniform=start.bracket_uniform,
         time_to_peak=since_contact + stop.time,
         peak_displacement=stop.x,
-        flags=_raised({**flags, too_few: n - (clipped != 0).sum(axis=1) < FEWEST_SAMPLES}, len(n)),
+        flags=_raised({**flags, TOO_FEW: n - (clipped != 0).sum(axis=1) < FEWEST_SAMPLES}, len(n)),
         notes=_raised({**notes, LONGER: longer}, len(n)),
         **columns,
     )
