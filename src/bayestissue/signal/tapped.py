@@ -55,8 +55,9 @@ class Taps:
     Attributes:
         begin: of each tap, on the recordings' clock [s].
         end: until the hammer is off, from there [s].
-        node: when each of the force's samples was, from there [s].
-        impulse: what each adds to the hammer's impulse [N s]; 0 where there is none.
+        impulse: what each of the force's samples adds to the hammer's impulse, the last first [N s]; 0 where
+            there is none.
+        dt_force: their sampling interval [s].
         impulse_sd: of the sum, by noise, zero and few samples [N s].
         n_force: how many samples of the force there are.
         averaged: how many samples of the deceleration a row is the mean of.
@@ -75,8 +76,8 @@ class Taps:
 
     begin: Column
     end: Column
-    node: Float[np.ndarray, "impact node"]
-    impulse: Float[np.ndarray, "impact node"]
+    impulse: Float[np.ndarray, "impact push"]
+    dt_force: Column
     impulse_sd: Column
     n_force: Index
     averaged: Index
@@ -96,7 +97,8 @@ class Taps:
     def middle(self) -> Column:
         """From the beginning of a tap to the mean time of its impulse [s]."""
         total = self.impulse.sum(axis=1)
-        return (self.node * self.impulse).sum(axis=1) / np.where(total > 0, total, 1.0)
+        before_end = np.arange(self.impulse.shape[1]) * self.dt_force[:, None]
+        return self.end - (before_end * self.impulse).sum(axis=1) / np.where(total > 0, total, 1.0)
 
 
 def taps(dataset: Dataset, options: SignalOptions | None = None) -> Taps:
@@ -112,10 +114,9 @@ def taps(dataset: Dataset, options: SignalOptions | None = None) -> Taps:
     first, last, zero, noise = _touched(force)
     n_force = last - first + 1
     part = from_sample(force, first)
-    inside = np.arange(int(n_force.max())) < n_force[:, None]
-    pushes = np.where(inside, part.value[:, : inside.shape[1]] - zero[:, None], 0.0)
-    node = np.where(inside, part.time_s[:, : inside.shape[1]], 0.0)
-    impulse = pushes * force.dt[:, None]
+    backwards = n_force[:, None] - 1 - np.arange(int(n_force.max()))
+    pushes = np.take_along_axis(part.value, np.maximum(backwards, 0), axis=1) - zero[:, None]
+    impulse = np.where(backwards >= 0, pushes, 0.0) * force.dt[:, None]
     end = (n_force - 1) * force.dt
     total = impulse.sum(axis=1)
     scatter = noise * force.dt * np.sqrt(n_force)
@@ -150,8 +151,8 @@ def taps(dataset: Dataset, options: SignalOptions | None = None) -> Taps:
     return Taps(
         begin=part.start,
         end=end,
-        node=node,
         impulse=impulse,
+        dt_force=force.dt,
         impulse_sd=impulse_sd,
         n_force=n_force,
         averaged=averaged,

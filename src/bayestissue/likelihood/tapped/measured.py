@@ -54,23 +54,6 @@ from bayestissue.padding import padded_zeros
 IMPULSE, ZERO, CLOCK = range(3)
 
 
-class Basis(NamedTuple):
-    """Mean decelerations of every row.
-
-    Attributes:
-        of_velocity: of what has a velocity of 1 when the hammer is off [1/s].
-        of_depth: of what has a depth of 1 then [1/s^2].
-        later_of_velocity: their slopes in what the clock is late, but for terms of second order in the
-            samples' interval.
-        later_of_depth: likewise.
-    """
-
-    of_velocity: Float[Array, "impact row"]
-    of_depth: Float[Array, "impact row"]
-    later_of_velocity: Float[Array, "impact row"]
-    later_of_depth: Float[Array, "impact row"]
-
-
 class TapRecord(NamedTuple):
     """What the likelihood reads of taps.
 
@@ -81,9 +64,9 @@ class TapRecord(NamedTuple):
         dt: their interval [s].
         averaged: how many samples each is the mean of.
         end: from there until the hammer is off, T [s].
-        node: from there to each sample of the force [s].
-        push: what each of these adds to the velocity of a free mass, of the recorded one [m/s]; 0 where there
-            is none.
+        push: what each sample of the force adds to the velocity of a free mass, of the recorded one, the last
+            first [m/s]; 0 where there is none.
+        dt_force: their sampling interval [s].
         middle: from the beginning of the tap to where half of all that was added [s].
         error_sd: standard deviations of the impulse over the recorded mass [m/s], of the zero [m/s^2] and of
             what the deceleration's clock is behind the force's [s].
@@ -97,8 +80,8 @@ class TapRecord(NamedTuple):
     dt: Float[Array, " impact"]
     averaged: Float[Array, " impact"]
     end: Float[Array, " impact"]
-    node: Float[Array, "impact node"]
-    push: Float[Array, "impact node"]
+    push: Float[Array, "impact push"]
+    dt_force: Float[Array, " impact"]
     middle: Float[Array, " impact"]
     error_sd: Float[Array, "impact 3"]
     surroundings: dict[str, Float[Array, " impact"]]
@@ -151,7 +134,7 @@ class TapRecord(NamedTuple):
 
     def padded(self) -> TapRecord:
         """With as many samples, 0 past a row's end, as a `bucket` holds."""
-        return self._replace(**{name: padded_zeros(getattr(self, name), 1) for name in ("y", "node", "push")})
+        return self._replace(**{name: padded_zeros(getattr(self, name), 1) for name in ("y", "push")})
 
     def with_normal_errors(self) -> TapRecord:
         """The record itself, whose errors are normal."""
@@ -191,54 +174,56 @@ class MeasuredTap:
         """Standard deviation of a mean of samples [m/s^2]."""
         return jnp.exp(self.log_scatter)
 
-    def _after(self, time: Float[Array, "impact any"]) -> tuple[Array, Array]:
-        """H and h' at times since an impulse, per impact."""
-        motion = impact_motion(time, self.omega_n[:, None], self.zeta[:, None], 1.0)
+    def _after(self, time: Float[Array, " impact"]) -> tuple[Array, Array]:
+        """H and h' at one time since an impulse, of each impact."""
+        motion = impact_motion(time, self.omega_n, self.zeta, 1.0)
         return motion.displacement, motion.velocity
 
-    def _basis(self, late: Float[Array, " impact"] | float = 0.0) -> Basis:
-        """What it rings like that has a velocity, or a depth, of 1 when the hammer is off."""
-        record = self.record
-        dt, squared = record.dt[:, None], (self.omega_n**2)[:, None]
-        damping = 2 * (self.zeta * self.omega_n)[:, None]
-        # Past a row's end any time serves.
-        edge = jnp.minimum(jnp.arange(record.y.shape[1] + 1), record.n_samples[:, None]) - 0.5
-        since = (record.first_time - record.end - late)[:, None] + edge * dt
-        h, slope = self._after(jnp.maximum(since, 0.0))
-        of_velocity, of_depth = damping * slope + squared * h, squared * slope
-        bends = (dt / record.averaged[:, None]) ** 2 / 24
+    def _free(
+        self, depth: Float[Array, "*what impact"], velocity: Array, step: Float[Array, " impact"], count: int
+    ) -> tuple[Float[Array, "*what impact step"], Float[Array, "*what impact step"]]:
+        """Depth and velocity after 0, 1, 2 and so many steps of a free motion.
 
-        def means(values: Array) -> Array:
-            return jnp.where(record.inside(), jnp.exp(-self.log_ratio)[:, None] * jnp.diff(values) / dt, 0.0)
-
-        return Basis(
-            means(-slope - bends * (squared * slope - damping * of_velocity)),
-            means(squared * h + bends * squared * of_velocity),
-            means(-of_velocity),
-            means(-of_depth),
-        )
-
-    def _begins(
-        self, push: Float[Array, "impact node"], node: Float[Array, "impact node"]
-    ) -> tuple[Float[Array, "impact 1"], Float[Array, "impact 1"]]:
-        """Velocity and depth when the hammer is off, of velocities that were added at some times before."""
-        h, slope = self._after(jnp.maximum(self.record.end[:, None] - node, 0.0))
-        return (slope * push).sum(1, keepdims=True), (h * push).sum(1, keepdims=True)
+        With the matrix that goes one step further, its square those that go two, and so on: an exponential
+        and a sine of each time would take several times as long.
+        """
+        h, slope = self._after(step)
+        along = slope + 2 * self.zeta * self.omega_n * h, h, -(self.omega_n**2) * h, slope
+        x, v = depth[..., None], velocity[..., None]
+        while x.shape[-1] < count:
+            a, b, c, d = (entry[:, None] for entry in along)
+            x, v = jnp.concatenate([x, a * x + b * v], -1), jnp.concatenate([v, c * x + d * v], -1)
+            a, b, c, d = along
+            along = a * a + b * c, b * (a + d), c * (a + d), b * c + d * d
+        return x[..., :count], v[..., :count]
 
     def parts(
         self, late: Float[Array, " impact"] | float = 0.0
     ) -> tuple[Float[Array, "impact row"], Float[Array, "error impact row"]]:
         """The decelerations without noise and errors, and what a unit of each error adds to them.
 
-        ``late`` is a clock's delay [s]. Both come of one basis: XLA would make it twice.
+        ``late`` is a clock's delay [s]. Both come of the same motions: XLA would make them twice.
         """
-        record, basis = self.record, self._basis(late)
-        velocity, depth = self._begins(record.push, record.node)
-        one = self._begins(jnp.ones_like(record.middle)[:, None], record.middle[:, None])
-        of_impulse = one[0] * basis.of_velocity + one[1] * basis.of_depth
-        of_clock = velocity * basis.later_of_velocity + depth * basis.later_of_depth
-        columns = jnp.stack([of_impulse, record.inside() * 1.0, of_clock])
-        return velocity * basis.of_velocity + depth * basis.of_depth, columns
+        record, none = self.record, jnp.zeros_like(self.log_ratio)
+        h, slope = self._free(none, none + 1, record.dt_force, record.push.shape[1])
+        of_force = (h * record.push).sum(1), (slope * record.push).sum(1)
+        depth, velocity = map(jnp.stack, zip(of_force, self._after(record.end - record.middle), strict=True))
+        # To half an interval of the samples before the first.
+        h, slope = self._after(record.first_time - record.end - late - record.dt / 2)
+        squared, damping = self.omega_n**2, 2 * self.zeta * self.omega_n
+        begins = (slope + damping * h) * depth + h * velocity, slope * velocity - squared * h * depth
+        x, v = self._free(*begins, record.dt, record.y.shape[1] + 1)
+        squared, damping, dt = squared[:, None], damping[:, None], record.dt[:, None]
+        d = damping * v + squared * x
+        bends = (dt / record.averaged[:, None]) ** 2 / 24 * (squared * v - damping * d)
+
+        def means(values: Array) -> Array:
+            lower = jnp.exp(-self.log_ratio)[:, None]
+            return jnp.where(record.inside(), lower * jnp.diff(values) / dt, 0.0)
+
+        expected, of_impulse = means(-v - bends)
+        columns = jnp.stack([of_impulse, record.inside() * 1.0, means(-d[0])])
+        return expected, columns
 
     def expected(self, late: Float[Array, " impact"] | float = 0.0) -> Float[Array, "impact row"]:
         """The first of `parts` [m/s^2]."""
