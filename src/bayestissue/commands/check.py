@@ -124,10 +124,7 @@ def _summary(checked: Check) -> list[tuple[str, str]]:
         if data.tapped
         else ("velocity at contact", _range(impacts["velocity_m_s"], " m/s", digits=4)),
         ("time to peak", _range(quality["time_to_peak_s"] * 1e3, " ms", digits=3)),
-        (
-            "rows of ringing" if data.tapped else "samples until the peak",
-            _range(quality["samples_in_window"], ""),
-        ),
+        (window, _range(quality["samples_in_window"], "")),
         ("noise", f"{noise.median():.2g} of the peak, at worst {noise.max():.2g}"),
     ]
 
