@@ -121,7 +121,8 @@ def check(dataset: Dataset | str | Path) -> Check:
     """
     dataset = as_dataset(dataset)
     signal = displacements(dataset)
-    findings = inspect(dataset)
+    # All detectors are of impacts.
+    findings = [] if dataset.tapped else inspect(dataset)
     force = force_beside(dataset, signal)
     warnings = (*dataset.warnings, *_raised(dataset, signal, findings), *_disagreement(force))
     quality = quality_table(dataset, signal, warnings, force)
@@ -139,7 +140,7 @@ def _raised(data: Dataset, signal: Displacements, findings: Sequence[Finding]) -
         wrong = partial(Problem, "recording", kind.expected, kind.advice, code=kind.flag.code)
         pairs = zip(names, words, strict=True)
         yield from (wrong(value=value, impact=impact) for impact, value in pairs if value)
-    if data.recorder is None and data.quantity != "displacement":
+    if data.recorder is None and data.quantity != "displacement" and not data.tapped:
         yield from _undeclared(names, signal)
 
 

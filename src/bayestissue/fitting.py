@@ -165,9 +165,9 @@ def formulas_of(K: str | None, C: str | None) -> dict[str, str]:
 def default_model(quantity: str) -> str:
     """The model of what was `Dataset.recorded`: decelerations of either sign, displacements, or both motions.
 
-    Of a driven tissue it is that of displacement and force together.
+    Of a driven tissue it is that of displacement and force together, and of taps that of how a mass rings.
     """
-    return {"displacement": "arma", "driven": "driven"}.get(quantity, "impact")
+    return {"displacement": "arma", "driven": "driven", "tapped": "tapped"}.get(quantity, "impact")
 
 
 def resolve(
@@ -320,7 +320,8 @@ def fit_prepared(
         dataset, specification, prepared, expansions, seed, say, checkpoints=checkpoints, earlier=earlier
     )
     points = point_estimates(dataset, specification.signal, prepared.signal)
-    chain = {} if dataset.quantity == "displacement" else judge(plain, expansions)
+    asked = dataset.quantity != "displacement" and not dataset.tapped
+    chain = judge(plain, expansions) if asked else {}
     diagnostics = analysis.diagnostics | _of_recordings(dataset, prepared, analysis, points["exact"], chain)
     analysis = replace(analysis, diagnostics=diagnostics, summary=noted(analysis.summary, diagnostics))
     return finished_fit(dataset, specification, prepared, analysis, points, seed, start.time, start.seconds)
@@ -405,9 +406,14 @@ def _of_recordings(
 
 def _of_channels(dataset: Dataset, prepared: Prepared, analysis: TraceAnalysis) -> dict[str, Any]:
     """What a force beside the deceleration says, or why it was not used."""
+    posterior = analysis.tree["posterior"].dataset
     if prepared.force:
-        posterior, form = analysis.tree["posterior"].dataset, analysis.diagnostics["channels"]["form"]
-        return judge_force(prepared.force, posterior, prepared.signal.mass, form)
+        form, below = analysis.diagnostics["channels"]["form"], prepared.force.rows.below
+        return judge_force(
+            prepared.force, dataset.channels[0].name, posterior, prepared.signal.mass, form, below=below
+        )
+    if prepared.tap:
+        return judge_force(prepared.tap, dataset.channels[0].name, posterior, prepared.signal.mass)
     if not (dataset.channels and dataset.free):
         return {}
     displaced = dataset.quantity == "displacement"
@@ -468,7 +474,8 @@ def point_estimates(
     from bayestissue.signal import displacements
     from bayestissue.signal.quality import inspect
 
-    findings, tables = inspect(dataset, options) if len(dataset.impacts) < _MANY else [], {}
+    looked_at = len(dataset.impacts) < _MANY and not dataset.tapped
+    findings, tables = inspect(dataset, options) if looked_at else [], {}
     for method in ("exact", "dds"):
         method_options = default_options(method)
         displaced = signal if method_options == options else displacements(dataset, method_options)

@@ -109,11 +109,17 @@ def _parts(name: str) -> tuple[str, ...]:
 
 
 def checked[Schema: BaseModel](
-    content: Mapping[str, Any], schema: type[Schema], *, file: str, within: Sequence[str] = (), text: str = ""
+    content: Mapping[str, Any],
+    schema: type[Schema],
+    *,
+    file: str,
+    within: Sequence[str] = (),
+    text: str = "",
+    context: Mapping[str, Any] | None = None,
 ) -> Schema:
     """``content`` as a ``schema``; ``within`` names the table of ``file`` that holds it.
 
-    With the ``text`` of the file, problems name their rows.
+    With the ``text`` of the file, problems name their rows. Validators that ask for a ``context`` have it.
 
     Raises:
         InputError: every key that is unknown, missing or has a wrong value, with what is allowed.
@@ -121,7 +127,7 @@ def checked[Schema: BaseModel](
     from pydantic import ValidationError
 
     try:
-        return schema.model_validate(dict(content))
+        return schema.model_validate(dict(content), context=context)
     except ValidationError as error:
         details = _causes(error.errors())
         problems = _merged([_problem(detail, schema, file, tuple(within)) for detail in details])

@@ -40,7 +40,7 @@ _LONG, _SINGLE = "traces (rows from 0)", "traces (samples from 0)"
 _CALLED = {IMPACTS: "impacts (rows from 0)", SETTINGS: "arguments", _LONG: _LONG, _SINGLE: _SINGLE}
 _WORDS = (
     (re.compile(r" (in|to|of|than) dataset\.toml"), ""),
-    (re.compile(r"\b(?:signal)\.(\w+)"), r"\1"),
+    (re.compile(r"\b(?:signal|impactor)\.(\w+)"), r"\1"),
     (re.compile(r"\bchannel\.0\b"), "channels"),
     (re.compile(r"\[\[channel\]\]"), "channel in channels"),
     (re.compile(r"impacts\.csv"), "the table impacts"),
@@ -81,8 +81,9 @@ def dataset(
 
     Args:
         impacts: one row per impact, with the columns of ``impacts.csv``: ``impact``, ``subject``, ``trial``,
-            ``mass_kg``, ``velocity_m_s`` (not needed of a displacement), and covariates. A table, columns by
-            name, or records. A column ``trace`` is left out: recordings are ``traces``.
+            ``mass_kg``, ``velocity_m_s`` (not needed of a displacement, not read beside a hammer), and
+            covariates. A table, columns by name, or records. A column ``trace`` is left out: recordings are
+            ``traces``.
         traces: the recordings: one long table with a column ``impact`` beside the time and the value column;
             or by the impact's name, or in the order of ``impacts``, each a table of these two columns, a
             pair (time, value), an array of two rows or two columns, times first, or a `Trace`. What a masked
@@ -143,11 +144,11 @@ def dataset(
         if channels:
             content["channel"] = _stated_channels(channels, value_column)
         settings = parse_settings(content)
-        needs_velocity = quantity != "displacement"
+        known: Any = {"needs_velocity": settings.needs_velocity, "ignored": settings.ignored_columns}
         names, body = _texts(impacts)
         numbers = range(FIRST_ROW, len(body) + FIRST_ROW)
-        cells, rows = cells_of(names, body, numbers, wanted(needs_velocity=needs_velocity))
-        table = impact_table(cells, rows, needs_velocity=needs_velocity)
+        cells, rows = cells_of(names, body, numbers, wanted(**known))
+        table = impact_table(cells, rows, **known)
         listed = cells["impact"].tolist()
         with along_with(table.problems):
             label, recorded, sample_rows = _columns(traces, listed, settings.signal)
@@ -155,8 +156,8 @@ def dataset(
         reading = long_reading(label, recorded, sample_rows, listed, settings.signal)
         reading = replace(reading, problems=[*table.problems, *reading.problems])
         hashed = _hash(settings, cells, [reading, *further])
-        known: Any = {"skip_bad": skip_bad, "folder": None, "input_hash": hashed}
-        checked = checked_dataset(settings, table, reading, further, **known)
+        made: Any = {"skip_bad": skip_bad, "folder": None, "input_hash": hashed}
+        checked = checked_dataset(settings, table, reading, further, **made)
     warnings, left_out = (
         tuple(map(_in_words, problems)) for problems in (checked.warnings, checked.left_out)
     )

@@ -8,13 +8,23 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 
+from bayestissue.dataset.chain import HAMMER, Place
 from bayestissue.dataset.checks import check_samples
 from bayestissue.dataset.impacts import ImpactTable
 from bayestissue.dataset.limits import at_limit
 from bayestissue.dataset.model import Channel, Trace
-from bayestissue.dataset.recordings import MIN_SAMPLES, Reading, Recordings, Windows, crop, interpolated
+from bayestissue.dataset.plausible import PLAUSIBLE
+from bayestissue.dataset.recordings import (
+    MIN_SAMPLES,
+    Reading,
+    Recordings,
+    Samples,
+    Windows,
+    crop,
+    interpolated,
+)
 from bayestissue.dataset.settings import ChannelSettings, Settings, SignalSettings
 from bayestissue.dataset.traces import read_files, read_long
 from bayestissue.errors import Problem, all_of
@@ -59,7 +69,7 @@ def checked_channel(
     """The channel's recordings with all that is wrong with them.
 
     Samples and clocks as of the first channel, times that do not meet the first channel's, a channel that
-    never changes, and a force of the wrong sign.
+    never changes, and a force of the wrong sign. Of a hammer also a recording that begins with its pulse.
 
     Args:
         channel: what ``dataset.toml`` says of it.
@@ -78,7 +88,9 @@ def checked_channel(
         recordings = replace(recordings, rate=np.full_like(recordings.rate, np.nan))
     of_samples, sound = check_samples(recordings)
     return replace(
-        reading, samples=samples, problems=[*reading.problems, *problems, *of_samples, *_unfit(sound, first)]
+        reading,
+        samples=samples,
+        problems=[*reading.problems, *problems, *of_samples, *_unfit(sound, first, channel.place)],
     )
 
 
@@ -89,7 +101,7 @@ def declared(channel: ChannelSettings, traces: list[Trace]) -> Channel:
     return Channel(channel.name, channel.quantity, channel.place, traces, *known)
 
 
-def _unfit(recordings: Recordings, first: Recordings) -> Iterator[Problem]:
+def _unfit(recordings: Recordings, first: Recordings, place: Place) -> Iterator[Problem]:
     """What the first channel says against recordings whose samples and clocks are sound."""
     recordings = recordings.of_impacts(first.name)
     if not recordings.name.size:
@@ -105,18 +117,48 @@ def _unfit(recordings: Recordings, first: Recordings) -> Iterator[Problem]:
     apart = count < MIN_SAMPLES
     words = "{} of its samples while the first channel was recorded"
     yield from recordings.where(apart, "channel-unfit.apart", words, count, least=MIN_SAMPLES)
-    sign = -1.0 if first.quantity == "acceleration" else 1.0
+    tapped = place == HAMMER
+    # A hammer's force speeds the mass up, any other slows it.
+    sign = -1.0 if (first.quantity == "acceleration") != tapped else 1.0
 
     def centred(values: Float64[np.ndarray, " sample"]) -> Float64[np.ndarray, " sample"]:
         values = np.where(inside, values, 0.0)
         mean = np.add.reduceat(values, samples.begin) / np.maximum(count, 1)
         return np.where(inside, values - mean[owner], 0.0)
 
-    force, slowing = centred(samples.value), sign * centred(recorded)
+    force, compared = centred(samples.value), sign * centred(recorded)
     dead = ~apart & (np.maximum.reduceat(np.abs(force), samples.begin) == 0)
     yield from recordings.where(dead, "constant-signal", "{:g} in every sample", samples.value[samples.begin])
-    together = np.add.reduceat(force * slowing, samples.begin)
-    sizes = [np.sqrt(np.add.reduceat(one**2, samples.begin)) for one in (force, slowing)]
+    if tapped:
+        pulse, before = _pulse(samples, np.abs(force))
+        quiet = np.add.reduceat((inside & before).astype(int), samples.begin)
+        late = ~apart & ~dead & (quiet < MIN_SAMPLES)
+        words = "{} samples of both channels before the hammer's pulse"
+        yield from recordings.where(late, "channel-unfit.quiet", words, quiet, least=MIN_SAMPLES)
+        dead |= late
+        pulls = ~apart & ~dead & (np.add.reduceat(np.where(pulse, force, 0.0), samples.begin) < 0)
+        words = "one that is negative in its pulse"
+        yield from recordings.where(pulls, "channel-unfit.pull", words, quiet)
+        # What rings on has either sign.
+        force, compared = np.where(pulse, np.abs(force), 0.0), np.where(pulse, compared, 0.0)
+    together = np.add.reduceat(force * compared, samples.begin)
+    sizes = [np.sqrt(np.add.reduceat(one**2, samples.begin)) for one in (force, compared)]
     correlation = together / np.maximum(sizes[0] * sizes[1], np.finfo(float).tiny)
     wrong = ~apart & ~dead & (correlation < 0)
-    yield from recordings.where(wrong, "channel-unfit.sign", "a correlation of {:.2f}", correlation)
+    key = "channel-unfit.tap" if tapped else "channel-unfit.sign"
+    yield from recordings.where(wrong, key, "a correlation of {:.2f}", correlation)
+
+
+def _pulse(
+    samples: Samples, size: Float64[np.ndarray, " sample"]
+) -> tuple[Bool[np.ndarray, " sample"], Bool[np.ndarray, " sample"]]:
+    """Which samples are the pulse about the greatest ``size``, above a tenth of it, and which come before."""
+    owner, position = samples.owner, np.arange(size.size)
+    greatest = np.maximum.reduceat(size, samples.begin)[owner]
+    peak = np.minimum.reduceat(np.where(size == greatest, position, size.size), samples.begin)[owner]
+    low = size <= PLAUSIBLE.pulse * greatest
+    earlier = np.where(low & (position < peak), position, samples.begin[owner] - 1)
+    later = np.where(low & (position > peak), position, samples.end[owner])
+    first = np.maximum.reduceat(earlier, samples.begin)[owner] + 1
+    last = np.minimum.reduceat(later, samples.begin)[owner] - 1
+    return (first <= position) & (position <= last), position < first

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -51,19 +52,19 @@ class ImpactTable:
     warnings: list[Problem]
 
 
-def read_impacts(path: Path, *, needs_velocity: bool, needs_mass: bool = True) -> ImpactTable:
+def read_impacts(path: Path, *, needs_velocity: bool, ignored: Collection[str] = ()) -> ImpactTable:
     """Read and check ``impacts.csv``.
 
     Args:
         path: the file.
         needs_velocity: whether every impact must state its velocity at contact.
-        needs_mass: whether it must state the mass of the impactor; else none is read.
+        ignored: columns that say nothing of these recordings, and are not read.
 
     Raises:
         InputError: the file as a whole can't be used: missing, not UTF-8, no table, columns missing.
     """
-    cells, rows = read_cells(path, wanted(needs_velocity=needs_velocity, needs_mass=needs_mass))
-    return impact_table(cells, rows, needs_velocity=needs_velocity, needs_mass=needs_mass)
+    cells, rows = read_cells(path, wanted(needs_velocity=needs_velocity, ignored=ignored))
+    return impact_table(cells, rows, needs_velocity=needs_velocity, ignored=ignored)
 
 
 def of_phantoms(impacts: pd.DataFrame) -> Bool[np.ndarray, " impact"]:
@@ -87,19 +88,18 @@ def counts(impacts: pd.DataFrame) -> str:
     return f"{len(impacts)}; subjects: {people}, trials: {trials}{phantoms}"
 
 
-def wanted(*, needs_velocity: bool, needs_mass: bool = True) -> list[str]:
+def wanted(*, needs_velocity: bool, ignored: Collection[str] = ()) -> list[str]:
     """The columns that a table of impacts must have."""
-    needed = {"mass_kg": needs_mass, "velocity_m_s": needs_velocity}
-    return ["impact", "subject", *(name for name, is_needed in needed.items() if is_needed)]
+    needed = {"mass_kg": True, "velocity_m_s": needs_velocity}
+    measured = [name for name, is_needed in needed.items() if is_needed and name not in ignored]
+    return ["impact", "subject", *measured]
 
 
 def impact_table(
-    cells: pd.DataFrame, rows: np.ndarray, *, needs_velocity: bool, needs_mass: bool = True
+    cells: pd.DataFrame, rows: np.ndarray, *, needs_velocity: bool, ignored: Collection[str] = ()
 ) -> ImpactTable:
     """The table of impacts from cells of `read_cells`; without ``trial`` masses and velocities name it."""
-    if not needs_mass:
-        # No free mass: what stands there says nothing of the recordings.
-        cells = cells.drop(columns="mass_kg", errors="ignore")
+    cells = cells.drop(columns=list(ignored), errors="ignore")
     if "trial" not in cells:
         cells = cells.assign(trial=_conditions(cells))
     columns = {
@@ -116,7 +116,7 @@ def impact_table(
     for name, column in columns.items():
         content[name] = column.texts
         if "unit" in _DECLARED.get(name, {}):
-            optional = name not in wanted(needs_velocity=needs_velocity, needs_mass=needs_mass)
+            optional = name not in wanted(needs_velocity=needs_velocity, ignored=ignored)
             content[name], wrong = column.measured(optional=optional)
             problems += wrong
         elif name in CROP:

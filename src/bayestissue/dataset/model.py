@@ -12,7 +12,15 @@ import pandas as pd
 from jaxtyping import Bool, Float64, Int8
 
 from bayestissue.dataset.cells import FILE as IMPACTS
-from bayestissue.dataset.chain import ChannelQuantity, Contact, Place, Quantity, Recorder, Uncertainty
+from bayestissue.dataset.chain import (
+    HAMMER,
+    ChannelQuantity,
+    Contact,
+    Place,
+    Quantity,
+    Recorder,
+    Uncertainty,
+)
 from bayestissue.dataset.impacts import counts, of_phantoms
 from bayestissue.errors import Problem
 from bayestissue.outline import Outlined, Rows, counted, short, span
@@ -45,14 +53,15 @@ class Channel:
 
     A force F is that on what lies behind the sensor: of an impactor of mass M with the sensor behind a tip of
     mass m, F = (M - m) d; below the tissue, F = M d. d is the deceleration that `Dataset.traces` have, which
-    along gravity is force over mass.
+    along gravity is force over mass. The force of a hammer is that on the mass that it taps,
+    M x'' + C x' + K x = F, of which `Dataset.traces` have the acceleration x''.
 
     Attributes:
         name: what pages and messages call it.
         quantity: what was recorded.
-        place: where: "impactor" or "base".
+        place: where: "impactor", "base" or "hammer".
         traces: the recordings, in the order of the dataset's impacts, on the first channel's clock; a force
-            in N, positive while the impactor slows.
+            in N, positive while the impactor slows or the hammer pushes.
         relative_gain_sd: standard deviation of its sensitivity, as a fraction of it; one error for all
             impacts.
         tip_mass_kg: m.
@@ -89,7 +98,7 @@ class Dataset(Outlined):
         name: what ``dataset.toml`` calls it.
         description: free text.
         impacts: one row per impact: ``impact``, ``subject``, ``trial``, ``mass_kg``, ``velocity_m_s``
-            (missing where a displacement was recorded without one) and the covariates.
+            (missing where a displacement was recorded without one, or a hammer taps) and the covariates.
         traces: the recordings, in the order of ``impacts``.
         quantity: what was recorded; the sign of ``traces`` follows from it.
         uncertainty: of the measuring chain.
@@ -143,8 +152,15 @@ class Dataset(Outlined):
 
     @property
     def recorded(self) -> str:
-        """What a model is chosen by: `quantity`, or "driven" where no free mass meets the tissue."""
+        """What a model is chosen by: `quantity`, "driven" without a free mass, "tapped" of a tapped mass."""
+        if self.tapped:
+            return "tapped"
         return self.quantity if self.free else "driven"
+
+    @property
+    def tapped(self) -> bool:
+        """Whether an instrumented hammer taps a mass that rests on the tissue; see `Channel`."""
+        return any(channel.place == HAMMER for channel in self.channels)
 
     def part(self, rows: slice | list[int]) -> Dataset:
         """The dataset of some of its impacts, by their position."""
@@ -226,8 +242,7 @@ class Dataset(Outlined):
                 for channel, file in zip(self.channels, further, strict=True)
             ]
         traces = long_table(names, self.traces)
-        left = ["trace", *([] if self.free else ["mass_kg"])]
-        impacts, folder = self.impacts.drop(columns=left, errors="ignore"), Path(path)
+        impacts, folder = self.impacts.drop(columns="trace", errors="ignore"), Path(path)
         with (
             claim(folder, overwrite=overwrite, command="write", inputs=(self.folder,)) as target,
             target.folder() as staging,
@@ -257,7 +272,11 @@ class Dataset(Outlined):
                 if self.free
                 else ("motion", "driven: displacement and force are both measured, no mass")
             ),
-            ("velocity", span(self.impacts["velocity_m_s"], "m/s")),
+            (
+                ("motion", "tapped by a hammer, from rest")
+                if self.tapped
+                else ("velocity", span(self.impacts["velocity_m_s"], "m/s"))
+            ),
         ]
         return f"Dataset {short(self.name)}", [*rows, *([("look at", ", ".join(said))] if said else [])]
 

@@ -220,10 +220,10 @@ def _tables(folder: Path, impacts: Path) -> tuple[Settings, ImpactTable]:
     settings = table = None
     with collected(problems):
         settings = read_settings(folder / SETTINGS)
-    needs_velocity = settings is not None and settings.signal.quantity != "displacement"
-    needs_mass = settings is None or settings.motion.free
+    needs_velocity = settings is not None and settings.needs_velocity
+    ignored = [] if settings is None else settings.ignored_columns
     with collected(problems):
-        table = read_impacts(impacts, needs_velocity=needs_velocity, needs_mass=needs_mass)
+        table = read_impacts(impacts, needs_velocity=needs_velocity, ignored=ignored)
     if settings is None or table is None:
         raise InputError(problems + (table.problems if table else []))
     return settings, table

@@ -34,7 +34,13 @@ from bayestissue.inference.chain.ending import r_hat_limit
 from bayestissue.inference.chain.explanations import explanations
 from bayestissue.inference.chain.results import ChainDraws, ChainEnd
 from bayestissue.inference.checking.added_mass import judge_added_mass
-from bayestissue.inference.checking.model_form import described, model_form, of_driven, shown_by, with_impacts
+from bayestissue.inference.checking.model_form import (
+    described,
+    model_form,
+    of_one_fit,
+    shown_by,
+    with_impacts,
+)
 from bayestissue.inference.checking.pooled_parameters import pooled_parameters
 from bayestissue.inference.checking.straight_lines import straight_lines
 from bayestissue.inference.execution.kept import kept_draws, some_impacts, some_of
@@ -221,7 +227,7 @@ def _diagnostics(
 def _comparison(prepared: Prepared, specification: ModelSpecification, tree: xr.DataTree) -> Comparison:
     """What is compared between levels, by the law of force where there is one."""
     gravity = float(tree["constant_data"].dataset.get(GRAVITY, 0.0))
-    lawless = prepared.model.discrepancy or prepared.model.kind == "driven"
+    lawless = prepared.model.discrepancy or prepared.model.kind in ("driven", "tapped")
     return Comparison(
         draws=tree["posterior"].dataset,
         recorded=prepared.design.recorded,
@@ -256,7 +262,7 @@ def of_persons(prepared: Prepared) -> bool:
 
 def _form(prepared: Prepared, draws: Draws, tree: xr.DataTree) -> dict[str, Any]:
     """What the residuals say of the model, where it is one of recorded decelerations or forces."""
-    if prepared.model.kind not in ("impact", "driven"):
+    if prepared.model.kind not in ("impact", "driven", "tapped"):
         return {}
     parameters = draws.impacts["parameters"]
     rows = np.arange(parameters.shape[2])
@@ -272,8 +278,7 @@ def _form(prepared: Prepared, draws: Draws, tree: xr.DataTree) -> dict[str, Any]
         of_force = with_impacts(model_form(tree, "force"), names, p, together=True)
         return {"model_form": form, "channels": {"form": of_force}}
     if not prepared.model.discrepancy:
-        kind, name = prepared.model.kind, prepared.model.element
-        return {"model_form": form if kind == "impact" else of_driven(form, name)}
+        return {"model_form": of_one_fit(form, prepared.model.kind, prepared.model.element)}
     undescribed = described(tree)
     return {
         "model_form": form

@@ -22,6 +22,7 @@ from bayestissue.report.settings import LIMITS
 from bayestissue.report.tables import Row, Table, columns, frame_table
 from bayestissue.signal import Displacements, displacements
 from bayestissue.signal.force import Force
+from bayestissue.signal.traces import stack
 from bayestissue.words import Words
 
 # Time [ms] and value of each curve and event, by kind.
@@ -107,7 +108,7 @@ def quality_table(
         {
             **{name: impacts[name] for name in ("impact", "subject", "trial")},
             "n_samples": [values.size for values in highest],
-            "sampling_rate_hz": 1 / signal.dt,
+            "sampling_rate_hz": 1 / stack(dataset.traces).dt,
             f"offset_{unit}": signal.offset,
             f"noise_sd_{unit}": signal.noise_sd,
             f"peak_{unit}": peak,

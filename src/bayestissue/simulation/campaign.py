@@ -12,7 +12,7 @@ import pandas as pd
 from jaxtyping import Bool, Float, Int
 
 from bayestissue.dataset import write_dataset
-from bayestissue.dataset.chain import Recorder, Uncertainty
+from bayestissue.dataset.chain import Quantity, Recorder, Uncertainty
 from bayestissue.dataset.impacts import REFERENCE
 from bayestissue.dataset.model import Channel, Dataset, Trace, channel_settings
 from bayestissue.dataset.settings import gravity_m_s2
@@ -20,6 +20,7 @@ from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, grouping_of
 from bayestissue.signal.filters import decay, on_even_grid
 from bayestissue.simulation.contact import deceleration, leaves, tissue_force, what_is_met
 from bayestissue.simulation.specification import Phantom, RecordedForce, Recording, Simulation, Tissue
+from bayestissue.simulation.tap import acceleration, hammer_force, rings, what_rings
 
 # Of the trace table, beside ``value``.
 FORCE_COLUMN = "force_N"
@@ -37,11 +38,12 @@ class Campaign:
 
     Attributes:
         impacts: the table that a lab would have: ``impact``, ``subject``, ``trial``, ``mass_kg``,
-            ``velocity_m_s``, ``energy_J``, ``sampling_rate_hz``, and the design's further factors.
+            ``velocity_m_s``, ``energy_J``, ``sampling_rate_hz``, and the design's further factors. Of tapped
+            masses the velocity is missing, and there is no ``energy_J``.
         truth: one row per impact, with what the lab would like to know.
         n_samples: [impact], samples of each recording.
         time: [sample], s, all recordings one after another; each recorder's clock starts at 0.
-        value: [sample], recorded deceleration, m/s².
+        value: [sample], recorded deceleration, m/s²; of a tapped mass its acceleration.
         uncertainty: standard deviations of the measuring chain.
         recorder: the low-pass that the recordings went through, if any.
         gravity: along the motion, m/s²; what is recorded is then force over mass.
@@ -49,6 +51,7 @@ class Campaign:
         force: [sample], recorded beside it, N; None where none was.
         force_channel: what is declared of it, without recordings.
         force_limit: its sensor's, N.
+        quantity: what was recorded: "deceleration", or of a tapped mass "acceleration".
     """
 
     impacts: pd.DataFrame
@@ -63,6 +66,7 @@ class Campaign:
     force: Float[np.ndarray, " sample"] | None = None
     force_channel: Channel | None = None
     force_limit: float = np.inf
+    quantity: Quantity = "deceleration"
 
     def traces(self) -> pd.DataFrame:
         """The long trace table: ``impact``, ``time_s``, ``value`` and, where it was recorded, ``force_N``."""
@@ -87,7 +91,7 @@ class Campaign:
             description="",
             impacts=self.impacts,
             traces=[Trace(time, value) for time, value in pairs],
-            quantity="deceleration",
+            quantity=self.quantity,
             uncertainty=self.uncertainty,
             warnings=(),
             left_out=(),
@@ -104,7 +108,9 @@ def simulate(simulation: Simulation, seed: int | None = None) -> Campaign:
     """Draw the truth of every impact and record it; the same seed gives the same numbers.
 
     The motion is that of a mass M that meets the tissue's element at V; the tissue can push but not pull, so
-    the recording is at rest again from when the force is 0. A recorder's low-pass takes the motion as it is
+    the recording is at rest again from when the force is 0. With a hammer it is that of a mass that rests on
+    the tissue, is tapped, and rings: see `bayestissue.simulation.tap`.
+    A recorder's low-pass takes the motion as it is
     between the samples, a digital one the samples; range and steps are those of what comes after it, and so
     is noise unless it says otherwise.
     Tissue, chain and noise have random streams of their own: more noise leaves the truth as it is. Needs
@@ -152,7 +158,8 @@ def _simulated(simulation: Simulation, seed: int | tuple[int, ...]) -> Campaign:
     impacts = _impacts(simulation, factors)
     truth = _truth(simulation, impacts, tissue, chain, further, groups)
     rate = simulation.recording.sampling_rate_hz
-    end = truth["contact_time_s"].to_numpy() + leaves(truth)
+    lasts = leaves(truth) if simulation.tap is None else rings(simulation.tap, truth)
+    end = truth["contact_time_s"].to_numpy() + lasts
     n = np.ceil((end + simulation.recording.after_contact_s) * rate).astype(int) + 1
     sample = np.arange(n.sum()) - np.repeat(np.cumsum(n) - n, n)
     if simulation.recording.force is not None:
@@ -184,6 +191,7 @@ def _simulated(simulation: Simulation, seed: int | tuple[int, ...]) -> Campaign:
         np.concatenate(of_force),
         _channel(recording.force),
         recording.force.limit_N or np.inf,
+        "acceleration" if recording.tapped else "deceleration",
     )
 
 
@@ -228,7 +236,7 @@ def _impacts(simulation: Simulation, random: np.random.Generator) -> pd.DataFram
         *factors,
         "mass_kg",
         "velocity_m_s",
-        "energy_J",
+        *([] if simulation.tap else ["energy_J"]),
         "sampling_rate_hz",
     ]
     return table[columns + ["diameter_m"] * ("diameter_m" in table)]
@@ -244,7 +252,9 @@ def _truth(
 ) -> pd.DataFrame:
     recording, count = simulation.recording, len(impacts)
     stated = impacts["mass_kg"].to_numpy() * recording.mass_factor
-    mass = stated * (1 + recording.relative_mass_sd * chain.standard_normal(count))
+    scatter = recording.relative_mass_sd * chain.standard_normal(count)
+    # That of a tapped mass may be large, and no mass is negative.
+    mass = stated * (np.exp(scatter) if simulation.tap else 1 + scatter)
     velocity = impacts["velocity_m_s"].to_numpy() + recording.velocity_sd_m_s * chain.standard_normal(count)
     gain = 1 + recording.relative_gain_sd * chain.standard_normal(count)
     offset = recording.offset_sd_m_s2 * chain.standard_normal(count)
@@ -263,7 +273,11 @@ def _truth(
     )
     responses = ("K", "C", *simulation.tissue.parameters)
     motion = (mass, velocity, gravity_m_s2(simulation.gravity), simulation.headform)
-    met = what_is_met(simulation.tissue, impacts, stiffness, damping, *motion, further, effects)
+    if simulation.tap is None:
+        met = what_is_met(simulation.tissue, impacts, stiffness, damping, *motion, further, effects)
+    else:
+        impulse = impacts["trial"].map(simulation.conditions().set_index("trial")["impulse_N_s"])
+        met = what_rings(stiffness, damping, mass, impulse.to_numpy())
     return pd.DataFrame(
         {
             "impact": impacts["impact"],
@@ -271,7 +285,7 @@ def _truth(
             "C_N_s_per_m": damping,
             **{name: met.pop(name) for name in ("omega_n_rad_s", "zeta")},
             "mass_kg": mass,
-            "velocity_m_s": velocity,
+            **({} if simulation.tap else {"velocity_m_s": velocity}),
             "gain": gain,
             "offset_m_s2": offset,
             "contact_time_s": contact,
@@ -355,20 +369,28 @@ def _recorded(
     for begin in range(0, len(n), rows):
         # Every block has the same number of rows, so that one compilation serves them all.
         index = np.minimum(np.arange(begin, begin + rows), len(n) - 1)
-        gravity = gravity_m_s2(simulation.gravity)
-        motion = deceleration(simulation.tissue.element, truth.iloc[index], time, gravity)
         part = slice(begin, min(begin + rows, len(n)))
-        moved = np.asarray(motion)[: part.stop - begin]
+        moved = _motion(simulation, truth.iloc[index], time)[: part.stop - begin]
         d = _passed(moved, recorder, rate, finer, ring)
         recorded = np.arange(d.shape[1]) < n[part, None]
         noise = _noise(recorder, rate, ring, recorded, random)
         force = np.empty(0)
         if recording.force is not None:
-            pushes = _force(simulation, recording.force, truth.iloc[part], moved, gravity)
+            pushes = _force(simulation, recording.force, truth.iloc[part], moved, time)
             behind = _passed(pushes, force_recorder, rate, finer, ring)
             noise_of_force = _noise(force_recorder, rate, ring, recorded, of_force)
             force = _recorded_force(recording.force, truth.iloc[part], behind, recorded, noise_of_force)
         yield _through_chain(recording, truth.iloc[part], d, recorded, noise), force
+
+
+def _motion(
+    simulation: Simulation, truth: pd.DataFrame, time: Float[np.ndarray, " step"]
+) -> Float[np.ndarray, "impact step"]:
+    """Deceleration at these times [s] or, of a tapped mass, acceleration [m/s^2], before it is recorded."""
+    if simulation.tap is not None:
+        return acceleration(simulation.tap, truth, time)
+    gravity = gravity_m_s2(simulation.gravity)
+    return np.asarray(deceleration(simulation.tissue.element, truth, time, gravity))
 
 
 def _passed(
@@ -398,13 +420,16 @@ def _force(
     simulation: Simulation,
     force: RecordedForce,
     truth: pd.DataFrame,
-    deceleration: Float[np.ndarray, "impact sample"],
-    gravity: float,
-) -> Float[np.ndarray, "impact sample"]:
-    """What the sensor feels [N]: the tissue's force below it, or at the impactor (M - m) d."""
+    motion: Float[np.ndarray, "impact step"],
+    time: Float[np.ndarray, " step"],
+) -> Float[np.ndarray, "impact step"]:
+    """What the sensor feels [N]: the tissue's force below it, at the impactor (M - m) d, or the hammer's."""
+    if simulation.tap is not None:
+        return hammer_force(simulation.tap, truth, time - force.delay_s)
     if force.place == "base":
-        return tissue_force(simulation.tissue.element, truth, deceleration, gravity)
-    return (truth["mass_kg"].to_numpy()[:, None] - force.tip_mass_kg) * deceleration
+        gravity = gravity_m_s2(simulation.gravity)
+        return tissue_force(simulation.tissue.element, truth, motion, gravity)
+    return (truth["mass_kg"].to_numpy()[:, None] - force.tip_mass_kg) * motion
 
 
 def _recorded_force(
@@ -441,15 +466,15 @@ def _filtered_noise(
 def _through_chain(
     recording: Recording,
     truth: pd.DataFrame,
-    deceleration: Float[np.ndarray, "impact sample"],
+    motion: Float[np.ndarray, "impact sample"],
     recorded: Bool[np.ndarray, "impact sample"],
     noise: Float[np.ndarray, " recorded"],
 ) -> Float[np.ndarray, " recorded"]:
     """The samples that are recorded, one impact's after another's; ``noise`` has variance 1."""
     gain, offset = (truth[name].to_numpy()[:, None] for name in ("gain", "offset_m_s2"))
-    peak = deceleration.max(axis=1, keepdims=True)
+    peak = motion.max(axis=1, keepdims=True)
     sd = np.hypot(recording.noise_sd_m_s2, recording.noise_relative_to_peak * peak)
-    value = (gain * deceleration + offset)[recorded]
+    value = (gain * motion + offset)[recorded]
     value = value + np.repeat(sd[:, 0], recorded.sum(axis=1)) * noise
     if recording.range_m_s2 is not None:
         value = np.clip(value, -recording.range_m_s2, recording.range_m_s2)
@@ -469,7 +494,7 @@ def write_campaign(folder: Path, campaign: Campaign, simulation: Simulation) -> 
         "name": simulation.name,
         "description": simulation.description or "Simulated; truth.csv holds what it was made from.",
         "source": "bayestissue simulate",
-        "signal": {"quantity": "deceleration", "unit": "m/s^2"},
+        "signal": {"quantity": campaign.quantity, "unit": "m/s^2"},
         "uncertainty": asdict(campaign.uncertainty),
     }
     if campaign.gravity:

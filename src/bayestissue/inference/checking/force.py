@@ -9,7 +9,7 @@ import xarray as xr
 from jaxtyping import Float
 from scipy.special import stdtrit
 
-from bayestissue.hierarchy.force import PreparedForce
+from bayestissue.hierarchy.force import CommonFactor
 from bayestissue.inference.checking import sentence
 from bayestissue.inference.checking.model_form import NAMED, SMALL_P
 from bayestissue.outline import first_of
@@ -23,10 +23,13 @@ _INTERVAL = (0.05, 0.5, 0.95)
 
 
 def judge_force(
-    force: PreparedForce,
+    force: CommonFactor,
+    channel: str,
     posterior: xr.Dataset,
     declared_kg: Float[np.ndarray, " impact"],
-    form: dict[str, Any],
+    form: dict[str, Any] | None = None,
+    *,
+    below: bool = False,
 ) -> dict[str, Any]:
     """The entry ``channels`` of ``diagnostics.json``, of a fit with a force.
 
@@ -35,11 +38,13 @@ def judge_force(
     m / (D^2 + v^2)^1/2 is standard normal under the right declaration.
 
     Args:
-        force: what the fit is of.
+        force: what is declared of masses and gains.
+        channel: the force's.
         posterior: of the fit.
         declared_kg: mass of each impact.
         form: what the force's residuals say, as `bayestissue.inference.checking.model_form.with_impacts`
-            has it.
+            has it; of a hammer's, which the ringing does not repeat, none.
+        below: whether the force was recorded below the tissue.
 
     Returns:
         ``passed``: whether it is below 3, the masses are off by one factor, and the force follows the law of
@@ -56,13 +61,13 @@ def judge_force(
     mean, sd = float(a.mean()), float(a.std())
     slope = _slope(posterior, declared_kg) if force.share else 0.0
     agrees = abs(mean) <= _LIMIT * np.hypot(declared, sd) and not slope
-    follows = not (form["structured"] or form["impacts"]["structured"])
+    follows = form is None or not (form["structured"] or form["impacts"]["structured"])
     account = {
-        "channel": force.comparison.channel.name,
+        "channel": channel,
         "passed": bool(agrees and follows),
         "agrees": bool(agrees),
         "follows": follows,
-        "form": form | {"words": _form_words(force, form)},
+        **({} if form is None else {"form": form | {"words": _form_words(channel, form)}}),
         "slope": slope,
         "ratio": float(np.exp(mean)),
         "ratio_sd": sd,
@@ -70,7 +75,7 @@ def judge_force(
         "mass_factor": [float(low), float(middle), float(high)],
     }
     first, words = _sentences(account, of_mass=force.mass_sd > 0)
-    if not agrees and force.rows.below:
+    if not agrees and below:
         words = f"{words} {sentence('force.below')}"
     return account | {"first": first, "words": words}
 
@@ -102,9 +107,9 @@ def _sentences(account: dict[str, Any], *, of_mass: bool) -> tuple[str, str]:
     return sentence(f"force.first_{kind}", **numbers) if says else "", words
 
 
-def _form_words(force: PreparedForce, form: dict[str, Any]) -> str:
+def _form_words(channel: str, form: dict[str, Any]) -> str:
     """What the residuals of the force say of it."""
-    impacts, channel = form["impacts"], force.comparison.channel.name
+    impacts = form["impacts"]
     numbers = {key: impacts[key] for key in ("below", "tested", "combined")}
     counted = sentence("force.counted", small=SMALL_P, **numbers)
     score = sentence("form.score", score=form["score"])

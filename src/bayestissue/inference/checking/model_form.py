@@ -169,16 +169,16 @@ def shown_by(kind: Kind) -> str:
     return "force" if kind == "driven" else "deceleration"
 
 
-def of_driven(form: dict[str, Any], element: str) -> dict[str, Any]:
-    """The form of a driven tissue, which has no second fit with a discrepancy that would widen intervals.
+def of_one_fit(form: dict[str, Any], kind: Kind, element: str) -> dict[str, Any]:
+    """The form of a model that has no second fit with a discrepancy that would widen intervals.
 
     Where residuals are structured there is no interval of K and C: see `described`. That is said of
     the fitted ``element`` and of no other.
     """
-    if not form["structured"]:
+    if kind == "impact" or not form["structured"]:
         return form
     others = ", ".join(name for name in element_names() if name != element)
-    of_law = sentence("form.driven", element=element, others=others)
+    of_law = sentence(f"form.{kind}", element=element, others=others)
     words = f"{sentence('form.score', score=form['score'])}. {of_law}"
     return form | {"undescribed": True, "element": element, "words": words}
 

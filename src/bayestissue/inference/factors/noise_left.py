@@ -25,6 +25,7 @@ from bayestissue.hierarchy.traces import (
     driven_likelihood,
     impact_likelihood,
     of_the_element,
+    tapped_likelihood,
 )
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.points.whiteness import projected_portmanteau
@@ -42,7 +43,7 @@ def noise_p(
         data: the traces.
         u: a point of each impact's posterior.
     """
-    of_likelihood = _left_of_driven if model.kind == "driven" else _left
+    of_likelihood = {"driven": _left_of_driven, "tapped": _left_of_tapped}.get(model.kind, _left)
     parts = of_likelihood(model, data.padded, padded_impacts(u))
     left, fitted, size = (np.asarray(part)[: len(u)] for part in parts)
     return projected_portmanteau(left, fitted, size)
@@ -158,6 +159,18 @@ def _left_of_driven(
     at = jnp.where(index < n_F, index, jnp.minimum(index - n_F + record.y.shape[1], len(index) - 1))
     white = jnp.where(index < size[:, None, None], jnp.take_along_axis(white, at[:, None], axis=-1), 0.0)
     return white[:, 0], white[:, 1:], size
+
+
+@compiled_quickly
+def _left_of_tapped(
+    model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]
+) -> tuple[Float[Array, "impact row"], Float[Array, "impact parameter row"], Int[Array, " impact"]]:
+    """The same of the ringing after a tap."""
+    event = tapped_likelihood(model, data, list(u.T))
+    left, A = event.standardised()
+    fitted = [event.slopes()[..., i] for i in range(3)]
+    white = _whitened(A, [left, *fitted])
+    return white[:, 0], white[:, 1:], event.record.n_samples
 
 
 def _without(A: Float[Array, "shock error"], rows: Float[Array, "row shock"]) -> Float[Array, "row shock"]:

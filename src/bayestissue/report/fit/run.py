@@ -242,7 +242,7 @@ class FitRun(PosteriorRun):
 
     @property
     def likelihood(self) -> str:
-        """``"arma"``, ``"a2"``, ``"impact"`` or ``"driven"``."""
+        """``"arma"``, ``"a2"``, ``"impact"``, ``"driven"`` or ``"tapped"``."""
         return str(self.record.get("model", {}).get("likelihood", ""))
 
     @property
