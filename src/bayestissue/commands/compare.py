@@ -23,7 +23,6 @@ _GROUPS: dict[str, tuple[str, ...]] = {
     "posterior": (),
     "log_likelihood": ("trace",),
     "log_likelihood_of_groups": ("traces_of_subject", "traces_of_trial"),
-    "observed_data": ("displacement", "deceleration"),
     "constant_data": ("impact_subject", "mass_kg", "velocity_m_s"),
 }
 _unfit = partial(Problem, code="runs-to-compare")
@@ -158,13 +157,14 @@ def _finished(runs: list[Path], abouts: list[dict[str, Any]]) -> list[FinishedRu
     import xarray as xr
 
     from bayestissue.inference.answers.finished import Finished
-    from bayestissue.inference.comparing import FinishedRun
+    from bayestissue.inference.comparing import FinishedRun, observed_by
     from bayestissue.report.run_folder import read_groups
 
     def read(run: tuple[str, Path, dict[str, Any]]) -> FinishedRun:
         name, path, record = run
         remedy = "Fit again with this version."
-        groups = read_groups(path / "posterior.nc", _GROUPS, remedy, of_impacts=_OF_IMPACTS)
+        needed = _GROUPS | {"observed_data": (observed_by(record["model"]["likelihood"]),)}
+        groups = read_groups(path / "posterior.nc", needed, remedy, of_impacts=_OF_IMPACTS)
         tree = xr.DataTree.from_dict(groups)
         return FinishedRun(name, record["model"], tree, Finished.from_tree(tree, record["model"]))
 

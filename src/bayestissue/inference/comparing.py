@@ -142,6 +142,12 @@ def _standard_errors(values: Float[np.ndarray, "model element"]) -> Float[np.nda
     return np.sqrt(count * values.var(axis=1, ddof=1)) if count > 1 else np.full(len(values), np.nan)
 
 
+def observed_by(likelihood: str) -> str:
+    """What a likelihood is a density of, as the group observed_data names it; of a driven tissue the force."""
+    of_others = {"arma": "displacement", "a2": "displacement", "driven": "force"}
+    return of_others.get(likelihood, "deceleration")
+
+
 @dataclass(frozen=True)
 class FinishedRun:
     """A finished `fit`.
@@ -161,8 +167,8 @@ class FinishedRun:
 
     @property
     def quantity(self) -> str:
-        """What the likelihood is a density of: "deceleration" or "displacement"."""
-        return "deceleration" if self.model["likelihood"] == "impact" else "displacement"
+        """See `observed_by`."""
+        return observed_by(self.model["likelihood"])
 
     @property
     def observed(self) -> xr.DataArray:

@@ -12,11 +12,23 @@ from bayestissue.inference.comparing import (
     BY_IMPACT,
     BY_TRIAL,
     COLUMNS,
+    FinishedRun,
     by_impact,
     by_importance,
     by_trial,
 )
 from bayestissue.inference.results.cross_validation import prior_sensitivity
+
+
+@pytest.mark.parametrize(
+    ("likelihood", "name"),
+    [("impact", "deceleration"), ("tapped", "deceleration"), ("arma", "displacement"), ("driven", "force")],
+)
+def test_runs_are_held_side_by_side_by_what_their_likelihood_is_of(likelihood: str, name: str) -> None:
+    # A driven tissue's run has no other observed data than the force.
+    observed = xr.Dataset({name: (("impact", "sample"), np.ones((2, 3)))})
+    tree = xr.DataTree.from_dict({"observed_data": observed})
+    assert FinishedRun("run", {"likelihood": likelihood}, tree).observed.sizes == {"impact": 2, "sample": 3}
 
 
 def test_by_trial_figures_worked_by_hand() -> None:
