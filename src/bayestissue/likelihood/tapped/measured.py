@@ -269,15 +269,16 @@ class MeasuredTap:
     def slopes(self) -> Float[Array, "impact row parameter"]:
         """What a unit of log K, of log C and of a adds to all samples, over the noise."""
 
-        def at(log_K: Array, log_C: Array, a: Array) -> Array:
-            omega_n = self.omega_n * jnp.exp(log_K / 2)
-            zeta = self.zeta * jnp.exp(log_C - log_K / 2)
-            return MeasuredTap(omega_n, zeta, self.log_sigma, self.log_ratio + a, self.record).expected()
+        def moved(logs: Float[Array, "parameter impact"]) -> Array:
+            omega_n = self.omega_n * jnp.exp(logs[0] / 2)
+            zeta = self.zeta * jnp.exp(logs[1] - logs[0] / 2)
+            return MeasuredTap(
+                omega_n, zeta, self.log_sigma, self.log_ratio + logs[2], self.record
+            ).expected()
 
-        none = (jnp.zeros_like(self.log_sigma),) * 3
-        units = [tuple(jnp.ones_like(one) * (i == j) for j, one in enumerate(none)) for i in range(3)]
-        parts = [jax.jvp(at, none, unit)[1] for unit in units]
-        return jnp.stack(parts, axis=-1) / self.scatter[:, None, None]
+        _, along = jax.linearize(moved, jnp.zeros((3, len(self.log_sigma))))
+        units = jnp.broadcast_to(jnp.eye(3)[..., None], (3, 3, len(self.log_sigma)))
+        return jax.vmap(along, out_axes=-1)(units) / self.scatter[:, None, None]
 
     def sample(self, key: Array) -> Float[Array, "impact row"]:
         """Draw decelerations: the ringing, the chain's errors and noise."""
