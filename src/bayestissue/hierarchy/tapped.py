@@ -28,23 +28,23 @@ _NEARER = np.geomspace(0.95, 1.05, 21), np.geomspace(0.6, 1.6, 9)
 
 def tap_record(dataset: Dataset, options: SignalOptions) -> TapRecord:
     """The record of a dataset whose force is a hammer's."""
-    found = taps(dataset, options)
+    tapped = taps(dataset, options)
     mass = dataset.impacts["mass_kg"].to_numpy(float)
     error_sd = np.stack(
-        [found.impulse_sd / mass, found.zero_sd, _CLOCK * found.ringing.dt / found.averaged], axis=1
+        [tapped.impulse_sd / mass, tapped.zero_sd, _CLOCK * tapped.ringing.dt / tapped.averaged], axis=1
     )
     columns: Any = {
-        "y": found.ringing.value,
-        "n_samples": found.n_samples,
-        "first_time": found.first_time,
-        "dt": found.ringing.dt,
-        "averaged": found.averaged.astype(float),
-        "end": found.end,
-        "push": found.impulse / mass[:, None],
-        "dt_force": found.dt_force,
-        "middle": found.middle,
+        "y": tapped.ringing.value,
+        "n_samples": tapped.n_samples,
+        "first_time": tapped.first_time,
+        "dt": tapped.ringing.dt,
+        "averaged": tapped.averaged.astype(float),
+        "end": tapped.end,
+        "push": tapped.impulse / mass[:, None],
+        "dt_force": tapped.dt_force,
+        "middle": tapped.middle,
         "error_sd": error_sd,
-        "common_depth": np.full(len(mass), found.peak_depth.min()),
+        "common_depth": np.full(len(mass), tapped.peak_depth.min()),
     }
     return TapRecord(**jax.tree.map(jnp.asarray, columns), surroundings={})
 
@@ -80,8 +80,8 @@ def first_guess(
 
 
 def _pairs(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    one, other = np.meshgrid(first, second, indexing="ij")
-    return one.ravel(), other.ravel()
+    grid, crossed = np.meshgrid(first, second, indexing="ij")
+    return grid.ravel(), crossed.ravel()
 
 
 def _best(

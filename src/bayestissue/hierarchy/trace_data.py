@@ -113,8 +113,8 @@ def prepare(dataset: Dataset, specification: ModelSpecification, *, source: str)
     problems = too_short(dataset, signal, source)
     if problems:
         raise InputError(problems)
-    beside = dataset.channels and dataset.free and not dataset.tapped
-    force = _force(dataset, specification, signal) if beside else None
+    has_force = dataset.channels and dataset.free and not dataset.tapped
+    force = _force(dataset, specification, signal) if has_force else None
     if isinstance(force, str):
         return replace(assemble(dataset, specification, design, signal), force_unused=force)
     return assemble(dataset, specification, design, signal, force)

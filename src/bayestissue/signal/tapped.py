@@ -130,14 +130,14 @@ def taps(dataset: Dataset, options: SignalOptions | None = None) -> Taps:
     touched = from_sample(replace(motion, value=moved), begins)
     v = -cumulative(touched, options.integration)
     x = cumulative(replace(touched, value=v), options.integration)
-    every = from_sample(replace(motion, value=moved), off)
-    lasts = np.minimum(np.ceil(_LONGER * _rings_until(every, noise_sd)).astype(int), every.n)
-    rings = np.arange(every.value.shape[1]) < lasts[:, None]
-    frequency = frequency_of(np.where(rings, every.value, 0.0), every.dt)
-    averaged = np.maximum((2 * np.pi / (_A_PERIOD * frequency * every.dt)).astype(int), 1)
+    samples = from_sample(replace(motion, value=moved), off)
+    lasts = np.minimum(np.ceil(_LONGER * _rings_until(samples, noise_sd)).astype(int), samples.n)
+    rings = np.arange(samples.value.shape[1]) < lasts[:, None]
+    frequency = frequency_of(np.where(rings, samples.value, 0.0), samples.dt)
+    averaged = np.maximum((2 * np.pi / (_A_PERIOD * frequency * samples.dt)).astype(int), 1)
     averaged = np.minimum(averaged, np.maximum(lasts // _A_PERIOD, 1))
     n = lasts // averaged
-    ringing = _means(every, averaged, n)
+    ringing = _means(samples, averaged, n)
     first_time = ringing.start - part.start
     middle = first_time[:, None] + ringing.time_s
     shown = np.minimum(np.round(middle / motion.dt[:, None]).astype(int), x.shape[1] - 1)
