@@ -121,8 +121,7 @@ def check(dataset: Dataset | str | Path) -> Check:
     """
     dataset = as_dataset(dataset)
     signal = displacements(dataset)
-    # All detectors are of impacts.
-    findings = [] if dataset.tapped else inspect(dataset)
+    findings = inspect(dataset)
     force = force_beside(dataset, signal)
     warnings = (*dataset.warnings, *_raised(dataset, signal, findings), *_disagreement(force))
     quality = quality_table(dataset, signal, warnings, force)

@@ -474,8 +474,7 @@ def point_estimates(
     from bayestissue.signal import displacements
     from bayestissue.signal.quality import inspect
 
-    looked_at = len(dataset.impacts) < _MANY and not dataset.tapped
-    findings, tables = inspect(dataset, options) if looked_at else [], {}
+    findings, tables = inspect(dataset, options) if len(dataset.impacts) < _MANY else [], {}
     for method in ("exact", "dds"):
         method_options = default_options(method)
         displaced = signal if method_options == options else displacements(dataset, method_options)

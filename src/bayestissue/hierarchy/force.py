@@ -61,6 +61,14 @@ class CommonFactor:
         return self.share * a + sd * standard
 
 
+def declared_of(dataset: Dataset) -> CommonFactor:
+    """What is declared of the factor of all masses, and of both gains."""
+    (channel,) = dataset.channels
+    chain = dataset.uncertainty
+    gain_sd = float(np.hypot(chain.relative_gain_sd, channel.relative_gain_sd))
+    return CommonFactor(mass_sd=float(chain.relative_mass_sd), gain_sd=gain_sd)
+
+
 @dataclass(frozen=True, kw_only=True)
 class PreparedForce(CommonFactor):
     """The rows of a force, and what is declared of it.
@@ -247,7 +255,7 @@ def prepared_force(
         np.pad(counts, longer) if (usable != rows.used).any() else None,
     )
     in_front = channel.tip_mass_kg / mass
-    chain, noise = dataset.uncertainty, np.maximum(rows.noise / mass, 1e-12)
+    noise = np.maximum(rows.noise / mass, 1e-12)
     return PreparedForce(
         comparison=comparison,
         rows=ForceRows(*parts, *(of_filter.get(name) for name in ("low_pass", "colour", "rate"))),
@@ -255,8 +263,7 @@ def prepared_force(
         clock_sd=_CLOCK * dt,
         log_noise=np.log(noise),
         log_ratio=np.log(np.maximum(comparison.ratio * (1 - in_front) + in_front, 1e-3)),
-        mass_sd=float(chain.relative_mass_sd),
-        gain_sd=float(np.hypot(chain.relative_gain_sd, channel.relative_gain_sd)),
+        **vars(declared_of(dataset)),
     )
 
 

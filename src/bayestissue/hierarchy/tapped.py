@@ -11,10 +11,8 @@ from jax import Array
 from jaxtyping import Float
 
 from bayestissue.dataset.model import Dataset
-from bayestissue.hierarchy.force import CommonFactor
 from bayestissue.likelihood.tapped.measured import MeasuredTap, TapRecord
 from bayestissue.oscillator import spring_damper
-from bayestissue.padding import padded_zeros
 from bayestissue.signal.options import SignalOptions
 from bayestissue.signal.tapped import frequency_of, taps
 
@@ -49,19 +47,11 @@ def tap_record(dataset: Dataset, options: SignalOptions) -> TapRecord:
     return TapRecord(**jax.tree.map(jnp.asarray, columns), surroundings={})
 
 
-def declared_of(dataset: Dataset) -> CommonFactor:
-    """What is declared of the factor of all masses, and of both gains."""
-    (channel,) = dataset.channels
-    chain = dataset.uncertainty
-    gain_sd = float(np.hypot(chain.relative_gain_sd, channel.relative_gain_sd))
-    return CommonFactor(mass_sd=float(chain.relative_mass_sd), gain_sd=gain_sd)
-
-
 def first_guess(
     record: TapRecord, mass: Float[np.ndarray, " impact"]
 ) -> dict[str, Float[np.ndarray, " impact"]]:
     """Logs of K and C at the recorded masses, of the noise [m/s^2], and a, by least squares on a grid."""
-    whole = record._replace(y=padded_zeros(np.asarray(record.y), 1))
+    whole = record.padded()
     omega = frequency_of(np.asarray(whole.y), np.asarray(record.dt))
     tried = _pairs(_FREQUENCIES, _RATIOS)
     omega_n, zeta = _best(whole, omega * tried[0][:, None], tried[1][:, None] + 0.0 * omega)

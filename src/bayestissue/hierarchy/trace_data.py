@@ -22,7 +22,13 @@ from bayestissue.hierarchy import SIDE_BY_SIDE
 from bayestissue.hierarchy.design import Design, build_design
 from bayestissue.hierarchy.driven import driven_rows
 from bayestissue.hierarchy.effects import RESPONSES, parameter_of
-from bayestissue.hierarchy.force import CommonFactor, PreparedForce, prepared_force, tells_added_mass
+from bayestissue.hierarchy.force import (
+    CommonFactor,
+    PreparedForce,
+    declared_of,
+    prepared_force,
+    tells_added_mass,
+)
 from bayestissue.hierarchy.formulas.formula import terms_of
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM
 from bayestissue.hierarchy.formulas.identifiability import missing
@@ -31,7 +37,7 @@ from bayestissue.hierarchy.priors import normal
 from bayestissue.hierarchy.recorder import filtered_noise, low_pass_of
 from bayestissue.hierarchy.reference import Reference
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
-from bayestissue.hierarchy.tapped import declared_of, tap_record
+from bayestissue.hierarchy.tapped import tap_record
 from bayestissue.hierarchy.traces import Kind, Record, TraceData, TraceModel, nuisance_of
 from bayestissue.likelihood.arma.displacement import displacement_record
 from bayestissue.likelihood.element.noise import discrepancy_modes

@@ -22,6 +22,7 @@ from bayestissue.signal.traces import (
     Mask,
     Recordings,
     Rows,
+    at,
     first_where,
     from_sample,
     last_where,
@@ -123,14 +124,14 @@ def taps(dataset: Dataset, options: SignalOptions | None = None) -> Taps:
     of_zero = standard_error(noise, first - _CLEAR) * end
     impulse_sd = np.sqrt(scatter**2 + of_zero**2 + (_OF_SUM / n_force**2 * total) ** 2)
 
-    n_quiet = np.maximum(_before(motion, part.start) - _CLEAR, 0)
-    offset, noise_sd = segment_moments(motion.value, n_quiet)
-    moved = np.where(motion.inside, motion.value - offset[:, None], 0.0)
     begins, off = _before(motion, part.start), _before(motion, part.start + end) + 1
-    touched = from_sample(replace(motion, value=moved), begins)
+    n_quiet = np.maximum(begins - _CLEAR, 0)
+    offset, noise_sd = segment_moments(motion.value, n_quiet)
+    motion = replace(motion, value=np.where(motion.inside, motion.value - offset[:, None], 0.0))
+    touched = from_sample(motion, begins)
     v = -cumulative(touched, options.integration)
     x = cumulative(replace(touched, value=v), options.integration)
-    samples = from_sample(replace(motion, value=moved), off)
+    samples = from_sample(motion, off)
     lasts = np.minimum(np.ceil(_LONGER * _rings_until(samples, noise_sd)).astype(int), samples.n)
     rings = np.arange(samples.value.shape[1]) < lasts[:, None]
     frequency = frequency_of(np.where(rings, samples.value, 0.0), samples.dt)
@@ -166,7 +167,8 @@ def taps(dataset: Dataset, options: SignalOptions | None = None) -> Taps:
         peak_time=deepest * motion.dt,
         x=np.where(used, np.take_along_axis(x, shown, axis=1), 0.0),
         v=np.where(used, np.take_along_axis(v, shown, axis=1), 0.0),
-        flags={NO_TAP: total <= 0, FEW_IN_TAP: n_force < _ENOUGH},
+        # Where even the greatest force is no tap, it is the one sample of it.
+        flags={NO_TAP: n_force == 1, FEW_IN_TAP: (n_force > 1) & (n_force < _ENOUGH)},
     )
 
 
@@ -199,17 +201,17 @@ def _rings_until(ringing: Recordings, noise_sd: Column) -> Index:
 def _touched(force: Recordings) -> tuple[Index, Index, Column, Column]:
     """Of each force the first sample and the last at which the hammer touches, its zero and its noise."""
     greatest = np.where(force.inside, force.value, -np.inf).argmax(axis=1)
-    # Before half of the greatest nothing is known yet of the zero: a quarter of what comes before is quiet.
+
+    def pushes(zero: Column, noise: Column) -> Mask:
+        least = np.maximum(_ABOVE_NOISE * noise, _ABOVE_GREATEST * (at(force.value, greatest) - zero))
+        return force.inside & (force.value - zero[:, None] > least[:, None])
+
+    # The first half of what comes before the greatest force is quiet.
     zero, noise = segment_moments(force.value, np.maximum(greatest // 2, 1))
-    index = np.arange(force.value.shape[1])
-    size = np.take_along_axis(force.value, greatest[:, None], axis=1)[:, 0] - zero
-    above = force.value - zero[:, None] > np.maximum(_ABOVE_NOISE * noise, _ABOVE_GREATEST * size)[:, None]
-    above &= force.inside
-    early = ~above & (index <= greatest[:, None])
-    first = np.maximum(last_where(early), 0)
+    early = np.arange(force.value.shape[1]) <= greatest[:, None]
+    first = np.maximum(last_where(~pushes(zero, noise) & early), 0)
     zero, noise = segment_moments(force.value, np.maximum(first - _CLEAR, 1))
-    above = force.value - zero[:, None] > np.maximum(_ABOVE_NOISE * noise, _ABOVE_GREATEST * size)[:, None]
-    last = np.minimum(last_where(above & force.inside) + 1, force.n - 1)
+    last = np.minimum(last_where(pushes(zero, noise)) + 1, force.n - 1)
     return first, np.maximum(last, first), zero, noise
 
 

@@ -67,7 +67,7 @@ class TapRecord(NamedTuple):
         push: what each sample of the force adds to the velocity of a free mass, of the recorded one, the last
             first [m/s]; 0 where there is none.
         dt_force: their sampling interval [s].
-        middle: from the beginning of the tap to where half of all that was added [s].
+        middle: from the beginning of the tap to the mean time of its impulse [s].
         error_sd: standard deviations of the impulse over the recorded mass [m/s], of the zero [m/s^2] and of
             what the deceleration's clock is behind the force's [s].
         surroundings: nothing that an element's functions would take.
@@ -175,7 +175,7 @@ class MeasuredTap:
         return jnp.exp(self.log_scatter)
 
     def _after(self, time: Float[Array, " impact"]) -> tuple[Array, Array]:
-        """H and h' at one time since an impulse, of each impact."""
+        """The answer h to a unit impulse and its rate h', at one time since it, of each impact."""
         motion = impact_motion(time, self.omega_n, self.zeta, 1.0)
         return motion.displacement, motion.velocity
 
