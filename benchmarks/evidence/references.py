@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from functools import cache
 from html import unescape
 from pathlib import Path
@@ -41,6 +42,7 @@ QUANTITIES = {
         "sd_impact_C",
     ),
     *("ICC_C1_K", "SEM_chain_K", "K_new", "C_new", "K_side", "residual_correlation"),
+    *("mass", "mass_factor", "gain_factor", "moving_mass_kg", "K_trial", "energy_absorbed"),
 }
 # The error of a normal's 5 % or 95 % point over that of its mean, of its median, and of its deviation.
 OF_END, OF_MEDIAN, OF_SD = 2.11, 1.25, 0.71
@@ -61,8 +63,8 @@ def tissue_of(element: str) -> dict[str, Any]:
     return TISSUES.get(element) or {"parameters": {one.name: one.typical for one in named(element).extra}}
 
 
-def campaign(element: str, seed: int) -> Any:
-    """Three people, both sides, three masses: 18 impacts at 5 kHz."""
+def campaign(element: str, seed: int, force: dict[str, Any] | None = None) -> Any:
+    """Three people, both sides, three masses: 18 impacts at 5 kHz, of a ``force`` too if one is given."""
     from bayestissue.simulation import Simulation, simulate
 
     masses = {"a": (0.4, 1.5), "b": (0.7, 1.2), "c": (1.2, 0.9)}
@@ -89,6 +91,7 @@ def campaign(element: str, seed: int) -> Any:
             "relative_gain_sd": 0.005,
             "velocity_sd_m_s": 0.005,
             "relative_mass_sd": 0.002,
+            **({"force": force} if force else {}),
         },
     }
     return simulate(Simulation.model_validate(content)).dataset("reference")
@@ -101,23 +104,26 @@ def fits(model: str, element: str = "kelvin_voigt", campaigns: int = CAMPAIGNS) 
     rows: list[tuple[str, float, float, float]] = []
     for seed in range(1, campaigns + 1):
         fit = bt.fit(campaign(element, seed), model, K="log(mass_kg) + side + (1|subject)")
-        for row in fit.summary[fit.summary["variable"].isin(QUANTITIES)].to_dict("records"):
-            name = f"{seed} {row['variable']} {row['label']}".rstrip()
-            sd, mcse = row["sd"], row["mcse_mean"]
-            rows += [
-                (f"{name} median", row["median"], sd, OF_MEDIAN * mcse),
-                (f"{name} low", row["eti90_low"], sd, OF_END * mcse),
-                (f"{name} high", row["eti90_high"], sd, OF_END * mcse),
-            ]
-        for key, value in fit.diagnostics.get("model_form", {}).get("impacts", {}).get("p", {}).items():
-            rows.append((f"{seed} residuals {key} p", value, 1.0, np.nan))
-        passed = fit.diagnostics.get("measuring_chain", {}).get("passed", True)
-        rows.append((f"{seed} chain passed", float(passed), 1.0, np.nan))
+        rows += _of_fit(fit, seed)
         if (model, seed) == ("impact", 1):
             rows += _shown(fit)
         for row in fit.ask("K[side=left] / K[side=right] > 1", "mass_exponent_K > 0.3").to_dict("records"):
             rows.append((f"{seed} {row['question']}", row["posterior"], 1.0, row["mcse"]))
     return _table(rows)
+
+
+def _of_fit(fit: Any, seed: int) -> Iterator[tuple[str, float, float, float]]:
+    """Posterior intervals, and what the fit says against its model."""
+    for row in fit.summary[fit.summary["variable"].isin(QUANTITIES)].to_dict("records"):
+        name = f"{seed} {row['variable']} {row['label']}".rstrip()
+        sd, mcse = row["sd"], row["mcse_mean"]
+        yield f"{name} median", row["median"], sd, OF_MEDIAN * mcse
+        yield f"{name} low", row["eti90_low"], sd, OF_END * mcse
+        yield f"{name} high", row["eti90_high"], sd, OF_END * mcse
+    for key, value in fit.diagnostics.get("model_form", {}).get("impacts", {}).get("p", {}).items():
+        yield f"{seed} residuals {key} p", value, 1.0, np.nan
+    passed = fit.diagnostics.get("measuring_chain", {}).get("passed", True)
+    yield f"{seed} chain passed", float(passed), 1.0, np.nan
 
 
 def _shown(fit: Any) -> Iterator[tuple[str, float, float, float]]:
@@ -139,6 +145,62 @@ def _shown(fit: Any) -> Iterator[tuple[str, float, float, float]]:
 
 # Of a column of K or C.
 _WITH_UNIT = re.compile(r"[KC] \(.+\)")
+
+
+def _force() -> Any:
+    """A load cell in the impactor, its masses known to 5 %."""
+    force = {"noise_relative_to_peak": 0.01, "relative_gain_sd": 0.01, "offset_sd_N": 0.3}
+    return _rough_masses(campaign("kelvin_voigt", 1, force))
+
+
+def _moving_mass() -> Any:
+    """Tissue that moves along, on a force plate."""
+    return campaign("moving_mass", 1, {"noise_relative_to_peak": 0.005, "place": "base"})
+
+
+def _driven() -> Any:
+    """Heels under a leg."""
+    from bayestissue.simulation.driven import Driven, driven
+
+    return driven(Driven(seed=1))[0]
+
+
+def _tapped() -> Any:
+    """Three people, three masses on the tissue, two taps each."""
+    from bayestissue.simulation import Simulation, simulate
+
+    content = {
+        "name": "tapped",
+        "seed": 1,
+        "design": {
+            "subjects": 3,
+            "repeats": 2,
+            "conditions": [{"trial": f"{m} kg", "mass_kg": m, "impulse_N_s": 0.4} for m in (0.8, 1.4, 2.4)],
+        },
+        "tissue": {
+            "K_N_per_m": 4000.0,
+            "C_N_s_per_m": 15.0,
+            **{f"sd_{of}_{q}": sd for of, sd in (("subject", 0.2), ("impact", 0.05)) for q in "KC"},
+        },
+        "tap": {"duration_s": 0.006},
+        "recording": {
+            "sampling_rate_hz": 5000.0,
+            "noise_sd_m_s2": 0.05,
+            "force": {"place": "hammer", "noise_sd_N": 0.1, "relative_gain_sd": 0.01},
+        },
+    }
+    return _rough_masses(simulate(Simulation.model_validate(content)).dataset("tapped"))
+
+
+def _rough_masses(dataset: Any) -> Any:
+    return replace(dataset, uncertainty=replace(dataset.uncertainty, relative_mass_sd=0.05))
+
+
+def _of_channels(dataset: Callable[[], Any], model: str | None = None) -> pd.DataFrame:
+    """One fit of a dataset with two channels."""
+    import bayestissue as bt
+
+    return _table(_of_fit(bt.fit(dataset(), model), 1))
 
 
 def _points() -> pd.DataFrame:
@@ -179,6 +241,10 @@ SETS: dict[str, Callable[[], pd.DataFrame]] = {
         for name in reversed(TISSUES)
         if name != "kelvin_voigt"
     },
+    "moving_mass": lambda: _of_channels(_moving_mass, "moving_mass"),
+    "force": lambda: _of_channels(_force),
+    "driven": lambda: _of_channels(_driven),
+    "tapped": lambda: _of_channels(_tapped),
     "impact": lambda: fits("impact"),
     "arma": lambda: fits("arma"),
     "plan": _plan,

@@ -40,6 +40,11 @@ def test_masses_that_are_declared_too_small_are_put_right(tip: float) -> None:
     assert low < FACTOR < high
     # One gain of 1 % is all that is left open: 3.3 % from 5 to 95 %.
     assert 0.02 < high - low < 0.05
+    # Only their product with the masses' factor shows: the load cell's gain is known as well as the masses.
+    gain = made.truth["force_gain"].mean() / made.truth["gain"].mean()
+    low, high = np.quantile(posterior["gain_factor"], [0.05, 0.95])
+    assert low < gain < high
+    assert 0.02 < high - low < 0.05
     for name, column in (("K", "K_N_per_m"), ("C", "C_N_s_per_m"), ("mass", "mass_kg")):
         z = np.log(posterior[name] / made.truth[column].to_numpy()[None, None])
         # All impacts share the gain's error; so nearly all intervals hold, or none.

@@ -32,7 +32,7 @@ def shares(found: pd.DataFrame) -> pd.DataFrame:
                 found[[f"{one}|{side}" for one in those]].mean(axis=1) for side in ("below", "above")
             )
             held = 1 - below - above
-            line = {"of": of, "outcome": outcome, "studies": len(held), "share": held.mean()}
+            line = {"of": of, "outcome": outcome, "studies": held.count(), "share": held.mean()}
             lines.append(line | {"se": held.sem(), "below": below.mean(), "above": above.mean()})
     return pd.DataFrame(lines)
 

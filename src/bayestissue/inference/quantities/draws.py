@@ -25,7 +25,9 @@ from bayestissue.inference.execution.kept import in_single
 from bayestissue.inference.quantities.impacts import NAMES, Impacts, impact_quantities, named_quantities
 from bayestissue.inference.quantities.masses import (
     DRAWS,
+    GAIN_FACTOR,
     MASS_FACTOR,
+    common_factors,
     common_log_factor,
     declared_common_sd,
     driven_gains,
@@ -102,7 +104,7 @@ def posterior_draws(
     b, factor = population.b, {}
     if log_factor is not None:
         b = of_heavier_impactors(model, b, log_factor)
-        factor = {MASS_FACTOR: np.exp(log_factor)} if gains is None else {}
+        factor = common_factors(prepared, population, log_factor) if gains is None else {}
     effects = derived.effects_by_name(model.locations, prepared.design, b)
     numbers = None if whole else kept_numbers
     return Draws(population.hyperparameters | effects | factor, impacts, log_likelihood, numbers)
@@ -120,6 +122,11 @@ def prior_draws(prepared: Prepared, seed: int, rng: np.random.Generator) -> Draw
         error = np.broadcast_to(common_sd * rng.standard_normal(u.shape[:2])[..., None], u.shape[:-1])
         drawn["locations"] = of_heavier_impactors(model, drawn["locations"], error[..., 0])
         factor = {MASS_FACTOR: np.exp(error[..., 0])}
+        if prepared.factor is not None:
+            gain = prepared.factor.gain_sd * np.asarray(
+                jax.random.normal(jax.random.fold_in(key, 2), u.shape[:2])
+            )
+            factor[GAIN_FACTOR] = np.exp(gain)
     elif model.kind == "driven":
         gains = np.asarray(prepared.gain_sd) * rng.standard_normal((*u.shape[:2], 1, 2))
         error = np.broadcast_to(gains, (*u.shape[:-1], 2))
@@ -143,7 +150,7 @@ def quantities(prepared: Prepared, draws: Draws, rng: np.random.Generator) -> di
     values = derived.formula_quantities(design, population)
     for name in prepared.model.nuisance:
         values |= {which: population[which] for which in (f"{name}_mean", f"sd_{name}")}
-    values |= {name: population[name] for name in (MASS_FACTOR,) if name in population}
+    values |= {name: population[name] for name in (MASS_FACTOR, GAIN_FACTOR) if name in population}
     levels = derived.level_quantities(design, values)
     values |= levels | {name: impacts[name] for name in NAMES if name in impacts}
     if "chain_error" in impacts:

@@ -21,6 +21,8 @@ from bayestissue.inference.execution.compiling import by_row
 DRAWS = 256
 # What all declared masses are to be multiplied by.
 MASS_FACTOR = "mass_factor"
+# What a force's sensor shows of the true force, over what the accelerometer shows of the true deceleration.
+GAIN_FACTOR = "gain_factor"
 
 
 def common_log_factor(
@@ -39,6 +41,17 @@ def common_log_factor(
     if reference is not None:
         return reference.log_mean + reference.log_sd * standard
     return prepared.common_mass_sd * standard
+
+
+def common_factors(
+    prepared: Prepared, population: Population, log_factor: Float[np.ndarray, "chain draw"]
+) -> dict[str, np.ndarray]:
+    """What all masses are to be multiplied by, and both gains where a force is recorded, by name."""
+    factors = {MASS_FACTOR: np.exp(log_factor)}
+    if prepared.factor is not None:
+        a = population.b[..., force_ratio(prepared.model.locations)]
+        factors[GAIN_FACTOR] = np.exp(a - log_factor)
+    return factors
 
 
 def declared_common_sd(prepared: Prepared) -> float | None:
