@@ -73,5 +73,9 @@ def row_of(number: int) -> dict[str, Any]:
     return sides(intervals(fit, truth, made)) | {"passed": fit.passed}
 
 
-if __name__ == "__main__":
+def main() -> None:
     counted("coverage_channels-driven", row_of, STUDIES)
+
+
+if __name__ == "__main__":
+    main()

@@ -94,5 +94,9 @@ def row_of(number: int) -> dict[str, Any]:
     return row | {"passed": fit.passed, "kind": simulation.name, "told": account["passed"]}
 
 
-if __name__ == "__main__":
+def main() -> None:
     counted("coverage_channels-moving_mass", row_of, STUDIES)
+
+
+if __name__ == "__main__":
+    main()

@@ -115,5 +115,9 @@ def row_of(number: int) -> dict[str, Any]:
     return sides(intervals()) | {"passed": all(fit.passed for fit in fits.values())}
 
 
-if __name__ == "__main__":
+def main() -> None:
     counted("coverage_phantoms", row_of, STUDIES)
+
+
+if __name__ == "__main__":
+    main()

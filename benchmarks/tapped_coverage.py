@@ -84,5 +84,9 @@ def row_of(number: int) -> dict[str, Any]:
     return row | {"passed": fit.passed, "off": off, "named": bool(account["first"])}
 
 
-if __name__ == "__main__":
+def main() -> None:
     counted("coverage_channels-tapped", row_of, STUDIES)
+
+
+if __name__ == "__main__":
+    main()
