@@ -7,6 +7,7 @@ from functools import cache
 # Each puts its families into FAMILIES.
 from evidence.families import (  # noqa: F401
     answers,
+    channels,
     elements,
     faults,
     intervals,
