@@ -233,6 +233,9 @@ def _notes(dataset: Dataset, cutting: Cutting | None, choices: Choices) -> tuple
         force = choices.force_channel
         words = said("notes.force", channel=force["value_column"], place=force["place"])
         notes.append(words + (said("notes.turned") if "scale" in force else ""))
+    if dataset.tapped:
+        # What rings on is no further impact.
+        return tuple(notes)
     sign = -1.0 if dataset.quantity == "acceleration" else 1.0
     oriented = [Trace(trace.time_s, sign * trace.value) for trace in dataset.traces]
     traces = dict(zip(map(str, dataset.impacts["impact"]), oriented, strict=True))

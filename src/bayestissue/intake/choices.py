@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
+from bayestissue.dataset.chain import HAMMER
 from bayestissue.dataset.recordings import MIN_SAMPLES, RATE_WITHIN
 from bayestissue.dataset.settings import DIMENSIONS
 from bayestissue.dataset.units import EXAMPLES, Dimension, dimension_of, to_si
@@ -31,7 +32,11 @@ _FALLS = (
 )
 # What a force can stand beside, and names of sensors below the tissue.
 BESIDE_FORCE = ("deceleration", "acceleration")
-_BELOW = re.compile(r"base|plate|platform|floor|ground|below", re.IGNORECASE)
+# Where a force was recorded, by the name of its channel; at the impactor, by any other.
+_PLACES = {
+    "base": re.compile(r"base|plate|platform|floor|ground|below", re.IGNORECASE),
+    HAMMER: re.compile(HAMMER, re.IGNORECASE),
+}
 _ALIKE = "for all recordings alike, or of each by --pattern or --table"
 
 
@@ -196,6 +201,10 @@ def settle(
     units = {choices.unit} if choices.unit else {channel.unit for channel in chosen}
     kind = _stated_kind(choices, units)
     possible = [name for name in DIMENSIONS if kind not in DIMENSIONS.values() or DIMENSIONS[name] == kind]
+    force = _force_channel(choices, recordings)
+    tapped = force.get("place") == HAMMER
+    if tapped and choices.quantity is None and "acceleration" in possible:
+        possible = ["acceleration"]
     if choices.quantity is None:
         what = "what it recorded (a deceleration is positive while the impactor slows)"
         take("quantity", _one_of(possible, "--quantity", what))
@@ -212,14 +221,15 @@ def settle(
     elif choices.unit is None and choices.channel is not None and choices.quantity is not None:
         choices = replace(choices, unit=unit)
 
+    arrives = choices.quantity != "displacement" and not tapped
     questions += [
         Question(f"--set {name}=", f"{what}, {_ALIKE}", (), example)
         for name, (what, example) in _NEEDED.items()
-        if name not in facts and (name != "velocity_m_s" or choices.quantity != "displacement")
+        if name not in facts and (name != "velocity_m_s" or arrives)
     ]
     if choices.gravity is None and any(map(is_height, facts)):
         questions.append(Question("--gravity", _FALLS, ("drop", "none"), "drop"))
-    return replace(choices, force_channel=_force_channel(choices, recordings)), questions
+    return replace(choices, force_channel=force if choices.quantity in BESIDE_FORCE else {}), questions
 
 
 def _one_of(answers: Sequence[str], option: str, what: str) -> str | Question:
@@ -288,9 +298,9 @@ def forces_among(recordings: RecorderFolder) -> list[str]:
 
 
 def _force_channel(choices: Choices, recordings: RecorderFolder) -> dict[str, Any]:
-    """The table ``[[channel]]`` of a force beside the deceleration, by its unit or as was said."""
+    """The table ``[[channel]]`` of a force beside the motion, by its unit or as was said."""
     said = choices.force
-    if said == "none" or choices.quantity not in BESIDE_FORCE:
+    if said == "none" or choices.quantity not in (None, *BESIDE_FORCE):
         return {}
     candidates = recordings.candidates()
     forces = [name for name in forces_among(recordings) if name != choices.channel]
@@ -302,7 +312,7 @@ def _force_channel(choices: Choices, recordings: RecorderFolder) -> dict[str, An
             return {}
         value = name or "no value_column"
         raise InputError.stated("no-channel.option", "--force", value=value, names=", ".join(candidates))
-    location = "base" if _BELOW.search(name) else "impactor"
+    location = next((place for place, words in _PLACES.items() if words.search(name)), "impactor")
     defaults = {"name": "force", "quantity": "force", "place": location}
     unit = _unit(candidates[name], ["force"])
     return defaults | ({"unit": unit} if unit else {}) | said | {"value_column": name}
