@@ -171,6 +171,7 @@ def _settings(choices: Choices, name: str, files: int) -> dict[str, Any]:
         "name": name,
         "source": f"bayestissue init, from {files} recorder file{'s' if files > 1 else ''}{names}",
         "signal": choices.signal(),
+        **({"motion": {"free": False}} if choices.driven else {}),
         **({"channel": [choices.force_channel]} if choices.force_channel else {}),
         **stated,
     }
@@ -233,8 +234,8 @@ def _notes(dataset: Dataset, cutting: Cutting | None, choices: Choices) -> tuple
         force = choices.force_channel
         words = said("notes.force", channel=force["value_column"], place=force["place"])
         notes.append(words + (said("notes.turned") if "scale" in force else ""))
-    if dataset.tapped:
-        # What rings on is no further impact.
+    if dataset.tapped or not dataset.free:
+        # What rings on, or is pressed on, is no further impact.
         return tuple(notes)
     sign = -1.0 if dataset.quantity == "acceleration" else 1.0
     oriented = [Trace(trace.time_s, sign * trace.value) for trace in dataset.traces]

@@ -37,6 +37,7 @@ _PLACES = {
     "base": re.compile(r"base|plate|platform|floor|ground|below", re.IGNORECASE),
     HAMMER: re.compile(HAMMER, re.IGNORECASE),
 }
+_FORCE_COLUMN = "--force value_column="
 _ALIKE = "for all recordings alike, or of each by --pattern or --table"
 
 
@@ -62,9 +63,10 @@ class Choices:
         text: how texts are written, as far as it is not to be found: keys of `Stated`.
         gravity: the part of gravity along the motion, as ``signal.gravity``.
         zero: where the sensor read 0, as ``signal.zero``.
-        force: entries of the table ``[[channel]]`` of a force beside the deceleration; "none" for none. The
+        force: entries of the table ``[[channel]]`` of a force beside the motion; "none" for none. The
             only channel with a unit of force is taken where nothing is said.
         force_channel: the whole of that table, as `settle` has it; empty without a force.
+        driven: whether something goes on pushing, ``[motion] free = false``.
     """
 
     channel: str | None = None
@@ -86,6 +88,7 @@ class Choices:
     uncertainty: dict[str, Any] = field(default_factory=dict)
     force: dict[str, Any] | Literal["none"] = field(default_factory=dict)
     force_channel: dict[str, Any] = field(default_factory=dict)
+    driven: bool = False
 
     def signal(self) -> dict[str, Any]:
         """The table ``[signal]`` of ``dataset.toml``."""
@@ -142,6 +145,9 @@ class Question:
         if self.option.startswith("--set"):
             name = self.option.removeprefix("--set ").removesuffix("=")
             return replace(choices, shared={**choices.shared, name: text})
+        if self.option == _FORCE_COLUMN:
+            known = {} if choices.force == "none" else choices.force
+            return replace(choices, force={**known, "value_column": text})
         name = self.option.removeprefix("--").replace("-", "_")
         if name != "rate_hz":
             said: dict[str, Any] = {name: text}
@@ -203,8 +209,9 @@ def settle(
     possible = [name for name in DIMENSIONS if kind not in DIMENSIONS.values() or DIMENSIONS[name] == kind]
     force = _force_channel(choices, recordings)
     tapped = force.get("place") == HAMMER
-    if tapped and choices.quantity is None and "acceleration" in possible:
-        possible = ["acceleration"]
+    only = "displacement" if choices.driven else "acceleration" if tapped else None
+    if choices.quantity is None and only in possible:
+        possible = [only]
     if choices.quantity is None:
         what = "what it recorded (a deceleration is positive while the impactor slows)"
         take("quantity", _one_of(possible, "--quantity", what))
@@ -222,14 +229,21 @@ def settle(
         choices = replace(choices, unit=unit)
 
     arrives = choices.quantity != "displacement" and not tapped
+    ignored = {"mass_kg": choices.driven, "velocity_m_s": choices.driven or not arrives}
     questions += [
         Question(f"--set {name}=", f"{what}, {_ALIKE}", (), example)
         for name, (what, example) in _NEEDED.items()
-        if name not in facts and (name != "velocity_m_s" or arrives)
+        if name not in facts and not ignored.get(name, False)
     ]
     if choices.gravity is None and any(map(is_height, facts)):
         questions.append(Question("--gravity", _FALLS, ("drop", "none"), "drop"))
-    return replace(choices, force_channel=force if choices.quantity in BESIDE_FORCE else {}), questions
+    if choices.driven and not force:
+        others = forces_among(recordings) or [name for name in values if name != choices.channel]
+        questions.append(
+            Question(_FORCE_COLUMN, "the channel with the force on the tissue", tuple(others), "Force")
+        )
+    beside = choices.driven or choices.quantity in BESIDE_FORCE
+    return replace(choices, force_channel=force if beside else {}), questions
 
 
 def _one_of(answers: Sequence[str], option: str, what: str) -> str | Question:
@@ -300,7 +314,7 @@ def forces_among(recordings: RecorderFolder) -> list[str]:
 def _force_channel(choices: Choices, recordings: RecorderFolder) -> dict[str, Any]:
     """The table ``[[channel]]`` of a force beside the motion, by its unit or as was said."""
     said = choices.force
-    if said == "none" or choices.quantity not in (None, *BESIDE_FORCE):
+    if said == "none" or not (choices.driven or choices.quantity in (None, *BESIDE_FORCE)):
         return {}
     candidates = recordings.candidates()
     forces = [name for name in forces_among(recordings) if name != choices.channel]
@@ -313,6 +327,9 @@ def _force_channel(choices: Choices, recordings: RecorderFolder) -> dict[str, An
         value = name or "no value_column"
         raise InputError.stated("no-channel.option", "--force", value=value, names=", ".join(candidates))
     location = next((place for place, words in _PLACES.items() if words.search(name)), "impactor")
+    if choices.driven:
+        # Nothing accelerates between the sensor and the tissue.
+        location = "base"
     defaults = {"name": "force", "quantity": "force", "place": location}
     unit = _unit(candidates[name], ["force"])
     return defaults | ({"unit": unit} if unit else {}) | said | {"value_column": name}

@@ -257,6 +257,7 @@ def init_dataset(
     zero: Zero | None = None,
     uncertainty: Mapping[str, float] | Uncertainty | None = None,
     force: Mapping[str, Any] | Literal["none"] | None = None,
+    driven: bool = False,
     name: str = "",
     several: bool = False,
     threshold: float = Cutting.threshold,
@@ -296,9 +297,11 @@ def init_dataset(
             m/s², positive into the tissue; needed where a drop height is given.
         zero: where an accelerometer read 0: ``"free_fall"`` or ``"rest"``.
         uncertainty: of the measuring chain, by the keys of ``[uncertainty]`` in ``dataset.toml``.
-        force: of a force beside the deceleration, entries of ``[[channel]]`` in ``dataset.toml``, such as
+        force: of a force beside the motion, entries of ``[[channel]]`` in ``dataset.toml``, such as
             ``{"place": "base"}``; ``"none"`` for none. The only channel with a unit of force is taken as one
             unless given.
+        driven: something goes on pushing on the tissue, as a leg does on a heel: displacement and force are
+            recorded, and no mass need be known (``[motion] free = false`` in ``dataset.toml``).
         name: of the dataset; that of its folder if empty.
         several: a recording may hold several impacts, which are cut apart.
         threshold: how many standard deviations of the noise an impact rises above.
@@ -318,6 +321,7 @@ def init_dataset(
         text=dict(text or {}),
         uncertainty=dict(stated_table(uncertainty or {})),
         force="none" if force == "none" else dict(force or {}),
+        driven=driven,
     )  # fmt: skip
     out = default_out(folder) if out is None else out
     write(
