@@ -242,8 +242,8 @@ def settle(
         questions.append(
             Question(_FORCE_COLUMN, "the channel with the force on the tissue", tuple(others), "Force")
         )
-    beside = choices.driven or choices.quantity in BESIDE_FORCE
-    return replace(choices, force_channel=force if beside else {}), questions
+    with_force = choices.driven or choices.quantity in BESIDE_FORCE
+    return replace(choices, force_channel=force if with_force else {}), questions
 
 
 def _one_of(answers: Sequence[str], option: str, what: str) -> str | Question:
@@ -326,7 +326,7 @@ def _force_channel(choices: Choices, recordings: RecorderFolder) -> dict[str, An
             return {}
         value = name or "no value_column"
         raise InputError.stated("no-channel.option", "--force", value=value, names=", ".join(candidates))
-    location = next((place for place, words in _PLACES.items() if words.search(name)), "impactor")
+    location = next((known for known, words in _PLACES.items() if words.search(name)), "impactor")
     if choices.driven:
         # Nothing accelerates between the sensor and the tissue.
         location = "base"
