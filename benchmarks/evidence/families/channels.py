@@ -56,6 +56,14 @@ def named(rows: pd.DataFrame) -> str:
     )
 
 
+def of_impacts(lines: pd.DataFrame) -> str:
+    """Of K, C and the greatest force, all recorders together, such as "K in 90 %, C in 88 %, ..."."""
+    held = lines.groupby("outcome")["share"].mean()
+    words = {"K": "K", "C": "C", "peak_force": "the greatest force"}
+    *first, last = [f"{word} in {percent(held[name], 0)}" for name, word in words.items()]
+    return f"{', '.join(first)} and {last}"
+
+
 @family
 def coverage_channels() -> Named:
     rows, together = raw("coverage_channels"), []
@@ -68,6 +76,9 @@ def coverage_channels() -> Named:
         yield f"{kind}_studies", Figure(text, names("coverage_channels"))
         if "named" in own:
             yield f"{kind}_named", Figure(named(own), names("coverage_channels"))
+        if kind == "driven":
+            for element, part in lines.groupby(lines["of"].str.split(",").str[0]):
+                yield f"driven_{element}", Figure(of_impacts(part), names("coverage_channels"))
     lines = pd.concat(together)
     within = ((lines["share"] - LEVEL).abs() <= 2 * lines["se"]).sum()
     text = f"{within} of {len(lines)} shares of 90 % intervals are within two standard errors of 90 %"
