@@ -159,6 +159,13 @@ def test_a_hammers_taps_have_no_velocity(name: str, said: tuple[str, ...], tmp_p
     assert dataset.tapped
     assert dataset.quantity == "acceleration"
     assert "velocity_m_s" not in pd.read_csv(out / "impacts.csv")
+    # On the page the hammer's force over the mass lies upon the acceleration while it pushes, but for what
+    # spring and damper take of it: at half of the impulse (C v + K x) / m, 6 % of the peak.
+    (chart,) = map(json.loads, figures((out / "init.html").read_text()))
+    rows = pd.DataFrame(chart["datasets"]["rows-0"])
+    heights = rows.pivot_table(index="impact", columns="kind", values="value", aggfunc="max")
+    np.testing.assert_allclose(heights["force over mass"], heights["recorded"], rtol=0.06)
+    assert "well mass and gains are known" in " ".join(run.out.split())
     # What rings on is no further impact.
     assert "--several" not in run.out
     assert bayestissue("check", str(out), "--out", str(tmp_path / "checked")).status == 0
@@ -179,6 +186,10 @@ def test_driven_tissue_needs_no_mass(tmp_path: Path) -> None:
     (channel,) = dataset.channels
     assert (dataset.quantity, channel.place) == ("displacement", "base")
     assert {"mass_kg", "velocity_m_s"}.isdisjoint(pd.read_csv(out / "impacts.csv"))
+    (chart,) = map(json.loads, figures((out / "init.html").read_text()))
+    kinds = {row["kind"] for row in chart["datasets"]["rows-0"]}
+    assert "force, as high as the displacement" in kinds
+    assert "well both gains are known" in " ".join(run.out.split())
     assert bayestissue("check", str(out), "--out", str(tmp_path / "checked")).status == 0
 
 

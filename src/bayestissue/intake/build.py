@@ -229,10 +229,12 @@ def _in_terms_of_init(problem: Problem) -> Problem:
 
 
 def _notes(dataset: Dataset, cutting: Cutting | None, choices: Choices) -> tuple[str, ...]:
-    notes = [] if any(asdict(dataset.uncertainty).values()) else [said("notes.chain")]
+    chain = "chain" if dataset.free and not dataset.tapped else "mass_and_gains" if dataset.free else "gains"
+    notes = [] if any(asdict(dataset.uncertainty).values()) else [said(f"notes.{chain}")]
     if choices.force_channel and not choices.force:
         force = choices.force_channel
-        words = said("notes.force", channel=force["value_column"], place=force["place"])
+        which = "force" if dataset.free else "pushes"
+        words = said(f"notes.{which}", channel=force["value_column"], place=force["place"])
         notes.append(words + (said("notes.turned") if "scale" in force else ""))
     if dataset.tapped or not dataset.free:
         # What rings on, or is pressed on, is no further impact.

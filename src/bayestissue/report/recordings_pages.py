@@ -319,22 +319,29 @@ def _nouns(dataset: Dataset) -> Words:
 def _init_axis(dataset: Dataset) -> str:
     if dataset.quantity == "displacement":
         return "displacement (mm)"
-    return f"deceleration{', force over mass' if dataset.channels else ''} (m/s²)"
+    return f"{'acceleration' if dataset.tapped else 'deceleration'} (m/s²)"
 
 
 def _init_panel(index: int, *, dataset: Dataset, signal: Displacements) -> Panel:
     trace = dataset.traces[index]
-    factor = {"acceleration": -1.0, "displacement": 1e3}.get(dataset.quantity, 1.0)
-    time, value = 1e3 * trace.time_s, factor * trace.value
+    # What a hammer pushes speeds up, what meets tissue slows.
+    slows = {"acceleration": 1.0 if dataset.tapped else -1.0, "displacement": 1e3}
+    time, value = 1e3 * trace.time_s, slows.get(dataset.quantity, 1.0) * trace.value
     contact, to_peak = 1e3 * signal.contact_time_s[index], 1e3 * signal.time_to_peak[index]
     near = (time > contact - 2 * to_peak) & (time < contact + 4 * to_peak)
     near = near if near.any() else np.ones_like(near)
-    peak = int(np.argmax(value))
+    # Of what is pressed on and on the greatest depth may come long after the first.
+    peak = int(np.argmax(value if dataset.free else np.where(near, value, -np.inf)))
     shown: Panel = {"recorded": (time[near], value[near])}
-    for channel in dataset.channels if dataset.quantity != "displacement" else ():
+    for channel in dataset.channels if dataset.quantity != "displacement" or not dataset.free else ():
         force_trace = channel.traces[index]
-        behind = float(signal.mass[index]) - channel.tip_mass_kg
         then = 1e3 * force_trace.time_s
         around = (then >= time[near][0]) & (then <= time[near][-1])
-        shown["force over mass"] = (then[around], force_trace.value[around] / behind)
+        force = force_trace.value[around]
+        if dataset.free:
+            behind = float(signal.mass[index]) - channel.tip_mass_kg
+            shown["force over mass"] = (then[around], force / behind)
+        else:
+            scale = np.abs(value[near]).max(initial=0.0) / max(np.abs(force).max(initial=0.0), 1e-300)
+            shown["force, as high as the displacement"] = (then[around], force * scale)
     return shown | {CONTACT: (contact, 0.0), PEAK: (time[peak], value[peak])}
