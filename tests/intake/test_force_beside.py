@@ -168,7 +168,9 @@ def test_a_hammers_taps_have_no_velocity(name: str, said: tuple[str, ...], tmp_p
     assert "well mass and gains are known" in " ".join(run.out.split())
     # What rings on is no further impact.
     assert "--several" not in run.out
-    assert bayestissue("check", str(out), "--out", str(tmp_path / "checked")).status == 0
+    assert checked_kinds(out, tmp_path) >= {"recorded acceleration", "recorded force"}
+    quality = pd.read_csv(tmp_path / "checked" / "quality.csv")
+    np.testing.assert_allclose(quality["peak_m_s2"], heights["recorded"], rtol=0.01)
 
 
 def test_driven_tissue_needs_no_mass(tmp_path: Path) -> None:
@@ -190,7 +192,14 @@ def test_driven_tissue_needs_no_mass(tmp_path: Path) -> None:
     kinds = {row["kind"] for row in chart["datasets"]["rows-0"]}
     assert "force, as high as the displacement" in kinds
     assert "well both gains are known" in " ".join(run.out.split())
-    assert bayestissue("check", str(out), "--out", str(tmp_path / "checked")).status == 0
+    assert checked_kinds(out, tmp_path) >= {"recorded displacement", "recorded force"}
+
+
+def checked_kinds(dataset: Path, tmp_path: Path) -> set[str]:
+    """The curves that the page of `check` draws."""
+    assert bayestissue("check", str(dataset), "--out", str(tmp_path / "checked")).status == 0
+    (chart,) = map(json.loads, figures((tmp_path / "checked" / "check.html").read_text()))
+    return {row["kind"] for row in chart["datasets"]["rows-0"]}
 
 
 def test_driven_tissue_without_a_force_is_refused(tmp_path: Path) -> None:

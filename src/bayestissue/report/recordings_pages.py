@@ -70,6 +70,10 @@ def sheets(
 
 
 MOST_CHECK_PANELS = 216
+# Times to the greatest displacement, a fourth of a period, for which the ringing after a tap is shown.
+_RINGS = 12
+# Motions whose force is compared with them, as `Force`; others are drawn beside it.
+_COMPARED = ("deceleration", "acceleration", "displacement")
 # Axes and caption of a force against what is expected.
 _OF_FORCES = ("M a (N)", "recorded force (N)", "The recorded force against mass times deceleration.")
 _OF_IMPULSES = (
@@ -99,9 +103,8 @@ def quality_table(
         warnings: what looks odd.
         force: beside it, if there is one.
     """
-    sign = -1.0 if dataset.quantity == "acceleration" else 1.0
-    highest = [sign * trace.value for trace in dataset.traces]
-    peak = np.array([values.max() for values in highest]) - signal.offset
+    highest = [_upwards(dataset, row, offset) for row, offset in enumerate(signal.offset)]
+    peak = np.array([values.max() for values in highest])
     unit = _UNITS[dataset.quantity]
     impacts, said = dataset.impacts, Counter(problem.impact for problem in warnings)
     return pd.DataFrame(
@@ -123,6 +126,18 @@ def quality_table(
             "warnings": [said[name] for name in impacts["impact"]],
         }
     )
+
+
+def _upwards(dataset: Dataset, row: int, offset: float = 0.0) -> np.ndarray:
+    """A recording, its peak pointing up: what meets tissue slows down, what is tapped speeds up.
+
+    Args:
+        dataset: of the recordings.
+        row: of its impact.
+        offset: what the recorder shows of no deceleration, to be taken off.
+    """
+    slows = (-1.0 if dataset.quantity == "acceleration" else 1.0) * dataset.traces[row].value - offset
+    return -slows if dataset.tapped else slows
 
 
 def _force_columns(force: Force | None) -> dict[str, np.ndarray]:
@@ -162,8 +177,8 @@ def check_page(
             partial(_check_panel, dataset=dataset, signal=signal, force=force),
             "since contact (ms)",
             "share of greatest",
-            "Recording, velocity and displacement over time",
-            domain=(-0.4, 1.15),
+            "Recordings over time" if dataset.tapped else "Recording, velocity and displacement over time",
+            domain=(-0.6 if dataset.tapped else -0.4, 1.15),
         ),
         force=None if force is None else _force_figure(force, names.to_list(), shown),
         impulse=force is not None and force.impulse,
@@ -185,28 +200,31 @@ def check_page(
 
 def _check_panel(index: int, *, dataset: Dataset, signal: Displacements, force: Force | None = None) -> Panel:
     trace, n = dataset.traces[index], int(signal.n_samples[index])
-    sign = -1.0 if dataset.quantity == "acceleration" else 1.0
-    raw = sign * trace.value - signal.offset[index]
+    raw = _upwards(dataset, index, signal.offset[index])
     time = 1e3 * (trace.time_s - signal.contact_time_s[index])
     inside = 1e3 * signal.since_contact_s[index, :n]
     to_peak = 1e3 * signal.time_to_peak[index]
-    near = (time > -to_peak) & (time < 3 * to_peak)
+    last = _RINGS * to_peak if dataset.tapped else 3 * to_peak
+    near = (time > -to_peak) & (time < last)
     near = near if near.any() else np.ones_like(near)
-    curves = {
-        f"recorded {dataset.quantity}": (time[near], raw[near]),
-        "velocity": (inside, signal.v[index, :n]),
-        "displacement": (inside, signal.x[index, :n]),
-    }
-    if force is not None:
-        recorded = force.channel.traces[index]
+    curves = {f"recorded {dataset.quantity}": (time[near], raw[near])}
+    if not dataset.tapped:
+        curves |= {
+            "velocity": (inside, signal.v[index, :n]),
+            "displacement": (inside, signal.x[index, :n]),
+        }
+    with_force = [force.channel] if force else [] if dataset.recorded in _COMPARED else dataset.channels
+    for channel in with_force:
+        recorded = channel.traces[index]
         since = 1e3 * (recorded.time_s - signal.contact_time_s[index])
-        around = (since > -to_peak) & (since < 3 * to_peak)
+        around = (since > -to_peak) & (since < last)
         curves["recorded force"] = (since[around], recorded.value[around])
     shown: Panel = {
         kind: (times, values / (np.abs(values).max(initial=0) or 1))
         for kind, (times, values) in curves.items()
     }
-    return shown | {CONTACT: (0.0, 0.0), TURN: (to_peak, 0.0)}
+    turns: Panel = {} if dataset.tapped else {TURN: (to_peak, 0.0)}
+    return shown | {CONTACT: (0.0, 0.0)} | turns
 
 
 def _control_chart(phantoms: pd.DataFrame) -> Figure:
@@ -324,9 +342,8 @@ def _init_axis(dataset: Dataset) -> str:
 
 def _init_panel(index: int, *, dataset: Dataset, signal: Displacements) -> Panel:
     trace = dataset.traces[index]
-    # What a hammer pushes speeds up, what meets tissue slows.
-    slows = {"acceleration": 1.0 if dataset.tapped else -1.0, "displacement": 1e3}
-    time, value = 1e3 * trace.time_s, slows.get(dataset.quantity, 1.0) * trace.value
+    unit = 1e3 if dataset.quantity == "displacement" else 1.0
+    time, value = 1e3 * trace.time_s, unit * _upwards(dataset, index)
     contact, to_peak = 1e3 * signal.contact_time_s[index], 1e3 * signal.time_to_peak[index]
     near = (time > contact - 2 * to_peak) & (time < contact + 4 * to_peak)
     near = near if near.any() else np.ones_like(near)
