@@ -40,10 +40,21 @@ def counted(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def shown(lines: pd.DataFrame) -> str:
-    """Shares with their errors, a row a kind of study and a column a quantity."""
+    """Shares with their errors, a row a quantity and a column a kind of study."""
     cells = lines.assign(cell=with_error(lines["share"], lines["se"]))
-    wide = cells.pivot_table("cell", ["of", "studies"], "outcome", "first", sort=False)
-    return table(wide.rename_axis(columns=None).reset_index())
+    wide = cells.pivot_table("cell", "outcome", "of", "first", sort=False)
+    studies = lines.groupby("of", sort=False)["studies"].max().reindex(wide.columns).astype(str)
+    wide = pd.concat([studies.to_frame("studies").T, wide])
+    return table(wide.rename_axis(index="quantity", columns=None).reset_index())
+
+
+def by_part(rows: pd.DataFrame, part: int) -> pd.DataFrame:
+    """Rows whose kinds are named by one part of their names alone, between commas."""
+    names = {column: column for column in rows}
+    for column in rows.columns[rows.columns.str.contains("|", regex=False)]:
+        kind, *rest = column.split("|")
+        names[column] = "|".join([kind.split(", ")[part], *rest])
+    return rows.rename(columns=names).T.groupby(level=0, sort=False).first().T.infer_objects()
 
 
 def named(rows: pd.DataFrame) -> str:
@@ -70,6 +81,9 @@ def coverage_channels() -> Named:
     for kind in KINDS:
         own = rows[rows["each"] == kind].dropna(axis=1, how="all")
         lines = counted(own)
+        if kind == "driven":
+            lines = counted(by_part(own, 0))
+            yield "driven_recorders", block(shown(counted(by_part(own, 1))), "coverage_channels")
         yield f"{kind}_table", block(shown(lines), "coverage_channels")
         together.append(lines)
         text = f"{len(own)} studies, of which {percent(own['passed'].astype(bool).mean(), 0)} passed"
@@ -77,7 +91,7 @@ def coverage_channels() -> Named:
         if "named" in own:
             yield f"{kind}_named", Figure(named(own), names("coverage_channels"))
         if kind == "driven":
-            for element, part in lines.groupby(lines["of"].str.split(",").str[0]):
+            for element, part in lines.groupby("of"):
                 yield f"driven_{element}", Figure(of_impacts(part), names("coverage_channels"))
     lines = pd.concat(together)
     within = ((lines["share"] - LEVEL).abs() <= 2 * lines["se"]).sum()
