@@ -229,7 +229,7 @@ def _in_terms_of_init(problem: Problem) -> Problem:
 
 
 def _notes(dataset: Dataset, cutting: Cutting | None, choices: Choices) -> tuple[str, ...]:
-    chain = "chain" if dataset.free and not dataset.tapped else "mass_and_gains" if dataset.free else "gains"
+    chain = {"tapped": "mass_and_gains", "driven": "gains"}.get(dataset.recorded, "chain")
     notes = [] if any(asdict(dataset.uncertainty).values()) else [said(f"notes.{chain}")]
     if choices.force_channel and not choices.force:
         force = choices.force_channel

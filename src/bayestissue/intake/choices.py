@@ -228,8 +228,10 @@ def settle(
     elif choices.unit is None and choices.channel is not None and choices.quantity is not None:
         choices = replace(choices, unit=unit)
 
-    arrives = choices.quantity != "displacement" and not tapped
-    ignored = {"mass_kg": choices.driven, "velocity_m_s": choices.driven or not arrives}
+    ignored = {
+        "mass_kg": choices.driven,
+        "velocity_m_s": choices.driven or tapped or choices.quantity == "displacement",
+    }
     questions += [
         Question(f"--set {name}=", f"{what}, {_ALIKE}", (), example)
         for name, (what, example) in _NEEDED.items()
@@ -326,13 +328,16 @@ def _force_channel(choices: Choices, recordings: RecorderFolder) -> dict[str, An
             return {}
         value = name or "no value_column"
         raise InputError.stated("no-channel.option", "--force", value=value, names=", ".join(candidates))
-    location = next((known for known, words in _PLACES.items() if words.search(name)), "impactor")
-    if choices.driven:
-        # Nothing accelerates between the sensor and the tissue.
-        location = "base"
+    # Without a free mass nothing accelerates between the sensor and the tissue.
+    location = "base" if choices.driven else _place_named(name)
     defaults = {"name": "force", "quantity": "force", "place": location}
     unit = _unit(candidates[name], ["force"])
     return defaults | ({"unit": unit} if unit else {}) | said | {"value_column": name}
+
+
+def _place_named(name: str) -> str:
+    """Where the force of a channel of this name was recorded."""
+    return next((known for known, words in _PLACES.items() if words.search(name)), "impactor")
 
 
 def _in_full(name: str | None, names: Collection[str]) -> str | None:

@@ -72,8 +72,6 @@ def sheets(
 MOST_CHECK_PANELS = 216
 # Times to the greatest displacement, a fourth of a period, for which the ringing after a tap is shown.
 _RINGS = 12
-# Motions whose force is compared with them, as `Force`; others are drawn beside it.
-_COMPARED = ("deceleration", "acceleration", "displacement")
 # Axes and caption of a force against what is expected.
 _OF_FORCES = ("M a (N)", "recorded force (N)", "The recorded force against mass times deceleration.")
 _OF_IMPULSES = (
@@ -174,7 +172,7 @@ def check_page(
         sheets=sheets(
             dataset,
             shown,
-            partial(_check_panel, dataset=dataset, signal=signal, force=force),
+            partial(_check_panel, dataset=dataset, signal=signal),
             "since contact (ms)",
             "share of greatest",
             "Recordings over time" if dataset.tapped else "Recording, velocity and displacement over time",
@@ -198,7 +196,7 @@ def check_page(
     )
 
 
-def _check_panel(index: int, *, dataset: Dataset, signal: Displacements, force: Force | None = None) -> Panel:
+def _check_panel(index: int, *, dataset: Dataset, signal: Displacements) -> Panel:
     trace, n = dataset.traces[index], int(signal.n_samples[index])
     raw = _upwards(dataset, index, signal.offset[index])
     time = 1e3 * (trace.time_s - signal.contact_time_s[index])
@@ -213,8 +211,7 @@ def _check_panel(index: int, *, dataset: Dataset, signal: Displacements, force: 
             "velocity": (inside, signal.v[index, :n]),
             "displacement": (inside, signal.x[index, :n]),
         }
-    with_force = [force.channel] if force else [] if dataset.recorded in _COMPARED else dataset.channels
-    for channel in with_force:
+    for channel in dataset.channels:
         recorded = channel.traces[index]
         since = 1e3 * (recorded.time_s - signal.contact_time_s[index])
         around = (since > -to_peak) & (since < last)
