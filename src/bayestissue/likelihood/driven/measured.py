@@ -56,8 +56,8 @@ from bayestissue.padding import padded_zeros
 _WIDE = 30.0
 # Of a motion at hand: how rough, and how exact its samples are taken to be, over the greatest displacement.
 _ROUGH, _EXACT = 30.0, 1e-3
-# The softer the presumed law, the larger and the rougher the motion that it makes of the force. A motion is
-# roughest just after contact; of one as rough everywhere greatest forces came out too small.
+# The softer the presumed law, the larger and the rougher the motion that it makes of the force. With 1 motions
+# were taken for smoother than they are, and greatest forces missed by several standard errors.
 _SOFT = 16.0
 # To the likeliest motion under a law that is not linear.
 _STEPS = 1

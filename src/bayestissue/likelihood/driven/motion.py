@@ -2,13 +2,15 @@
 
 Over a window of length T, with t in [0, 1] of it,
 
-    x(t) = a_0 + a_1 t + a_2 t^2 + s int_0^t (t - u)^2 / 2 dW(u):
+    x(t) = a_0 + a_1 t + a_2 t^2 + s int_0^t (t - u)^2 / 2 g(u) dW(u),    g(u) = (1 + u / e)^-2:
 
-a jerk that is white noise of the intensity s^2, from a beginning of which nothing is known. Its mean given
-samples is a quintic smoothing spline (Wahba 1978, doi:10.1111/j.2517-6161.1978.tb01050.x). The integral has
-the covariance s^2 k,
+a jerk that is white noise of the intensity s^2 g(u)^2, from a beginning of which nothing is known. What is hit
+at a speed is stopped in a jerk, and pressed smoothly from then on: the jerk falls within e = `SETTLES`. Were it
+as great everywhere, x would be a quintic smoothing spline (Wahba 1978, doi:10.1111/j.2517-6161.1978.tb01050.x).
+The integral has the covariance s^2 k; with w = 1 + u / e, b = 1 + t / e, b' = 1 + t' / e and a the less of these,
 
-    k(t, t') = (a^5 / 5 + d a^4 / 2 + d^2 a^3 / 3) / 4,    a = min(t, t'), d = |t - t'|,
+    k(t, t') = e^5 / 4 int_1^a w^-4 (b - w)^2 (b' - w)^2 dw
+             = e^5 / 4 [w - 2 S log w - (S^2 + 2 P) / w + S P / w^2 - P^2 / (3 w^3)]_1^a,    S = b + b', P = b b',
 
 and is taken as s sum_j z_j f_j(t), z standard normal, f_j being the root of k's j-th eigenvalue times its
 eigenfunction (Nystroem's method on Gauss and Legendre's nodes). Eigenvalues fall as j^-6.
@@ -25,17 +27,22 @@ from jaxtyping import Float
 POWERS = 3
 MODES = 16
 _NODES = 64
+# Of the window. By then the jerk is a quarter of what it was at contact.
+SETTLES = 0.4
 
 
 def kernel(
     t: Float[np.ndarray, "*time"], t_prime: Float[np.ndarray, "*#time"]
 ) -> tuple[Float[np.ndarray, "*time"], Float[np.ndarray, "*time"]]:
     """k(t, t') and its slope in t."""
-    a, d = np.minimum(t, t_prime), np.abs(t - t_prime)
-    value = (a**5 / 5 + d * a**4 / 2 + d**2 * a**3 / 3) / 4
-    # int_0^a (t - u) (t' - u)^2 / 2 du, the longer of the two reaching d beyond a.
-    slope = np.where(t <= t_prime, a**4 / 4 + 2 * d * a**3 / 3 + d**2 * a**2 / 2, a**4 / 4 + d * a**3 / 3) / 2
-    return value, slope
+    b, b_prime = 1 + t / SETTLES, 1 + t_prime / SETTLES
+    S, P, a = b + b_prime, b * b_prime, np.minimum(b, b_prime)
+    log, inverse = np.log(a), [a**-power - 1 for power in range(4)]
+    value = a - 1 - 2 * S * log - (S**2 + 2 * P) * inverse[1] + S * P * inverse[2] - P**2 * inverse[3] / 3
+    # The derivatives in S and in P: at w = b the integrand is 0.
+    of_S = -2 * log - 2 * S * inverse[1] + P * inverse[2]
+    of_P = -2 * inverse[1] + S * inverse[2] - 2 / 3 * P * inverse[3]
+    return SETTLES**5 / 4 * value, SETTLES**4 / 4 * (of_S + b_prime * of_P)
 
 
 @cache
