@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import cast
 
@@ -19,6 +20,7 @@ from bayestissue.elements import element
 from bayestissue.errors import InputError
 from bayestissue.hierarchy.specification import ModelSpecification, read_specification
 from bayestissue.hierarchy.trace_data import prepare
+from bayestissue.hierarchy.traces import driven_likelihood
 from bayestissue.inference.factors.expansions import expanded
 from bayestissue.inference.factors.noise_left import noise_p
 from bayestissue.inference.samplers.diagnostics import NO_INTERVAL_OF_DRIVEN, headline
@@ -88,7 +90,7 @@ def test_a_noisy_marker_leaves_the_truth_among_what_is_likely(seed: int) -> None
     def density(K: Array, C: Array, log_roughness: Array) -> Array:
         parameters = jnp.exp(logs + jnp.stack([K, C])[:, None])
         roughness = jnp.full(len(truth), log_roughness)
-        event = MeasuredDriven(element("kelvin_voigt"), parameters, *noise, roughness, None, record)
+        event = MeasuredDriven(element("kelvin_voigt"), parameters, *noise, roughness, None, None, record)
         return event.log_density() - (log_roughness - 2.0) ** 2 / 8
 
     each = jax.vmap(density, (None, None, 0))
@@ -103,6 +105,49 @@ def test_a_noisy_marker_leaves_the_truth_among_what_is_likely(seed: int) -> None
         # The mean of 24 even numbers, three of its standard errors, and a half of them: flat logs of K and C
         # are no truth's, and where the recordings tell little they lean to the soft side.
         assert abs(below.mean() - 0.5) < 4.5 / np.sqrt(12 * 24)
+
+
+def test_recordings_tell_what_the_force_is_late() -> None:
+    """By all impacts of a study together, at their own K and C."""
+    study = Driven(seed=12, late_s=8e-4, late_sd_s=1e-3)
+    dataset, truth = driven(study)
+    prepared = prepare(dataset, of_element("kelvin_voigt"), source="driven")
+    data, of_true = prepared.data, np.log(truth[["K_N_per_m", "C_N_s_per_m"]].to_numpy().T)
+    unit = np.log(np.asarray(cast(DrivenRecord, data.record).unit).T)
+    u = [*of_true, *(np.log([[study.noise_m], [study.noise_N]]) - unit)]
+
+    @partial(jax.vmap, in_axes=(None, 0))
+    @partial(jax.vmap, in_axes=(0, None))
+    def density(rough: Array, late: Array) -> Array:
+        rows = [jnp.full(len(truth), value) for value in (rough, late)]
+        return driven_likelihood(prepared.model, data, [*map(jnp.asarray, u), *rows]).log_density()
+
+    late = np.linspace(-0.5, 2, 51)
+    total = logsumexp(jax.jit(density)(np.arange(0, 9.0), late), axis=1).sum(-1)
+    p = np.exp(total - logsumexp(total))
+    mean = (late * p).sum()
+    sd = np.sqrt(((late - mean) ** 2 * p).sum())
+    assert abs(mean - study.late_s / study.late_sd_s) < 3 * sd
+    assert sd < 0.1
+
+
+@pytest.mark.slow
+def test_a_clock_that_is_declared_unsure_costs_no_truth() -> None:
+    """A force a sample late makes most intervals of K and C miss, unless the dataset says that it may be."""
+    dataset, truth = driven(Driven(seed=8, late_s=8e-4, late_sd_s=1e-3))
+    posterior = bt.fit(dataset, seed=1).posterior["posterior"].dataset
+    for name in ("K", "C"):
+        low, high = posterior[name].quantile([0.05, 0.95], ("chain", "draw")).to_numpy()
+        # 24 intervals of 90 %: fewer than 18 hold once in a hundred times.
+        assert ((low < truth[COLUMNS[name]]) & (truth[COLUMNS[name]] < high)).sum() >= 18, name
+    late = posterior["force_clock_error"].mean(("chain", "draw"))
+    np.testing.assert_allclose(late.median(), 8e-4, atol=3e-4)
+
+
+def test_a_clock_that_nobody_knows_is_refused() -> None:
+    dataset, _ = driven(Driven(seed=7, subjects=2, repeats=1, late_sd_s=0.02))
+    with pytest.raises(InputError, match="time_offset_sd_s of at most"):
+        bt.fit(dataset)
 
 
 def test_a_tissue_that_stiffens_shows_in_the_residuals() -> None:

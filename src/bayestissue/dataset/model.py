@@ -66,6 +66,7 @@ class Channel:
             impacts.
         tip_mass_kg: m.
         recorder: a known low-pass that it went through; None where nothing was declared.
+        time_offset_sd_s: standard deviation of what its clock is late [s], one error of all impacts.
     """
 
     name: str
@@ -75,6 +76,7 @@ class Channel:
     relative_gain_sd: float = 0.0
     tip_mass_kg: float = 0.0
     recorder: Recorder | None = None
+    time_offset_sd_s: float = 0.0
 
     def part(self, rows: slice | list[int]) -> Channel:
         """Of some of the impacts."""
@@ -301,7 +303,7 @@ def long_table(impacts: pd.Index, traces: Sequence[Trace]) -> pd.DataFrame:
 
 def channel_settings(channel: Channel) -> dict[str, Any]:
     """The keys of a table ``[[channel]]``, but for where its values stand."""
-    known = {"relative_gain_sd": channel.relative_gain_sd, "tip_mass_kg": channel.tip_mass_kg}
+    known = {name: getattr(channel, name) for name in ("relative_gain_sd", "tip_mass_kg", "time_offset_sd_s")}
     stated = {"name": channel.name, "quantity": channel.quantity, "place": channel.place, "unit": "N"}
     recorder = {} if channel.recorder is None else {"recorder": channel.recorder.settings()}
     return stated | _limit(channel.traces) | {n: value for n, value in known.items() if value} | recorder

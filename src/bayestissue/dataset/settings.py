@@ -277,6 +277,8 @@ class ChannelSettings(_Table):
         offset: is added to them after that.
         limit: the sensor's range in that unit, as signal.limit; samples there are left out.
         time_offset_s: is added to its times, in s: they are then those of the first channel's clock.
+        time_offset_sd_s: the standard deviation of that, one error of all impacts. Beside motion.free =
+            false; a free mass tells it.
         relative_gain_sd: of its sensitivity, as a fraction of it, below 0.5; one for all impacts.
         tip_mass_kg: what of the mass in impacts.csv lies between an impactor's sensor and the tissue: the
             sensor reads the force on the rest.
@@ -294,6 +296,7 @@ class ChannelSettings(_Table):
     offset: Finite = 0.0
     limit: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
     time_offset_s: Finite = 0.0
+    time_offset_sd_s: Spread = 0.0
     relative_gain_sd: Fraction = 0.0
     tip_mass_kg: Spread = 0.0
     recorder: RecorderSettings | None = None
@@ -445,6 +448,11 @@ class Settings(_Table):
     @model_validator(mode="after")
     def _both_measured(self) -> Self:
         if self.motion.free:
+            if any(channel.time_offset_sd_s for channel in self.channel):
+                raise ValueError(
+                    "time_offset_sd_s only beside motion.free = false: of a free mass force and deceleration "
+                    "tell what one is behind the other, and time_offset_s corrects it"
+                )
             return self
         if self.signal.quantity != "displacement" or not self.channel:
             raise ValueError(

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bayestissue.dataset.model import Dataset
+from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.elements.element import DAMPING, STIFFNESS, Element
 from bayestissue.errors import InputError, Problem
 from bayestissue.hierarchy.force import rows_within
@@ -18,6 +19,8 @@ from bayestissue.signal.traces import stack, standard_error
 
 # Of the greatest: a force that no damper adds to, where least squares find none.
 _LIGHT = 0.1
+# Of the window, the greatest standard deviation of a clock: three of them are half of it.
+_LATEST = 1 / 6
 
 
 def driven_rows(
@@ -40,7 +43,7 @@ def driven_rows(
         source: the model file's name.
 
     Raises:
-        InputError: a force has too few samples in an impact's window.
+        InputError: a force has too few samples in an impact's window, or its clock is as good as unknown.
     """
     (channel,) = dataset.channels
     # Half the width of a uniform moment of contact is 3^1/2 of its standard deviations.
@@ -58,6 +61,16 @@ def driven_rows(
             )
             for i in short
         )
+    window = np.median(signal.first_sample_s + (signal.n_samples - 1) * signal.dt)
+    if channel.time_offset_sd_s > _LATEST * window:
+        raise InputError.stated(
+            "clock-unknown",
+            SETTINGS,
+            None,
+            "time_offset_sd_s",
+            channel.time_offset_sd_s,
+            most=_LATEST * window,
+        )
     value = rows.value
     index = np.arange(value.shape[1])
     y = np.where(index < rows.number[:, None], value, 0.0)
@@ -70,6 +83,7 @@ def driven_rows(
         (y, rows.number, rows.first - signal.contact_time_s, rows.dt),
         (signal.x, signal.n_samples, signal.first_sample_s, signal.dt),
         np.stack([depth_sd, zero_sd], axis=1),
+        clock_sd=np.full(len(y), channel.time_offset_sd_s),
         discrepancy=discrepancy,
         surroundings=surroundings,
         common_depth=np.full(len(y), common_depth),
@@ -118,6 +132,7 @@ def first_guess(record: DrivenRecord, element: Element) -> dict[str, Float[np.nd
         "noise": np.log(np.maximum(noise, least)),
         "noise_force": np.log(np.maximum(force, least)),
         "roughness": np.log(np.maximum(rough, 0.1)),
+        "force_clock": np.zeros(len(y)),
         **{f"log_{name}": np.log(value) for name, value in further.items()},
     }
 

@@ -193,12 +193,14 @@ def assemble(
         declared = max(float(np.hypot(force.mass_sd, force.gain_sd)), _LEAST_RATIO_SD)
         priors = priors.model_copy(update={"log_force_ratio": normal(0.0, declared)})
     autoregressive = specification.noise == "autoregressive"
+    clock = not dataset.free and dataset.channels[0].time_offset_sd_s > 0
     nuisance = nuisance_of(
         kind,
         specification.element,
         discrepancy=discrepancy,
         autoregressive=autoregressive,
         force=force is not None,
+        clock=clock,
     )
     # With a force the errors of mass are what it is over mass times deceleration.
     of_mass = force is None and dataset.free and not dataset.tapped
@@ -221,6 +223,7 @@ def assemble(
         autoregressive,
         dataset.headform,
         force is not None,
+        clock,
     )
     record, peak = _record(dataset, specification, signal, force)
     data = TraceData(

@@ -48,13 +48,15 @@ NUISANCE: dict[str, tuple[str, ...]] = {
     "driven": ("noise", "noise_force", "roughness"),
     "tapped": ("noise", "log_force_ratio"),
 }
+# What a driven force is late, over the standard deviation of that.
+CLOCK = "force_clock"
 # Of a force beside the deceleration: its noise, and it over mass times deceleration.
 FORCE = ("noise_force", "log_force_ratio")
 Record = DisplacementRecord | DecelerationRecord | DrivenRecord | TapRecord
 LOG_2 = 0.6931471805599453
 _SHAPE_OF_MODEL = [
     *("kind", "locations", "priors", "correlated"),
-    *("element", "discrepancy", "autoregressive", "headform", "force"),
+    *("element", "discrepancy", "autoregressive", "headform", "force", "clock"),
 ]
 
 
@@ -143,7 +145,7 @@ class TraceModel(Hierarchy):
     Whether impacts share the errors of their masses, ``locations`` says. ``element`` is what the impactor
     meets, ``discrepancy`` whether it meets something else besides, ``autoregressive`` whether the recorder's
     noise is that instead of white, ``headform`` whether what hits stands for a head, ``force`` whether a
-    force was recorded beside the deceleration.
+    force was recorded beside the deceleration, ``clock`` whether that of a driven force may be late.
     """
 
     kind: Kind
@@ -156,12 +158,13 @@ class TraceModel(Hierarchy):
     autoregressive: bool = False
     headform: bool = False
     force: bool = False
+    clock: bool = False
 
     @property
     def nuisance(self) -> tuple[str, ...]:
         """Names of an impact's parameters besides log K and log C."""
         noise_model = {"discrepancy": self.discrepancy, "autoregressive": self.autoregressive}
-        noise_model |= {"force": self.force}
+        noise_model |= {"force": self.force, "clock": self.clock}
         return nuisance_of(self.kind, self.element, **noise_model)
 
     @property
@@ -217,15 +220,21 @@ def added_mass_of(model: TraceModel) -> int | None:
 
 
 def nuisance_of(
-    kind: Kind, element: str, *, discrepancy: bool = False, autoregressive: bool = False, force: bool = False
+    kind: Kind,
+    element: str,
+    *,
+    discrepancy: bool = False,
+    autoregressive: bool = False,
+    force: bool = False,
+    clock: bool = False,
 ) -> tuple[str, ...]:
     """Names of an impact's parameters besides log K and log C.
 
-    A discrepancy's, a correlation's or a force's come last.
+    A discrepancy's, a correlation's or a force's come last, a clock's before them.
     """
     which = element_named(element)
     element_logs = [f"log_{parameter.name}" for parameter in which.extra]
-    last = ["discrepancy"] * discrepancy + ["atanh_noise_correlation"] * autoregressive
+    last = [CLOCK] * clock + ["discrepancy"] * discrepancy + ["atanh_noise_correlation"] * autoregressive
     last += [*FORCE] * force
     return (*NUISANCE[kind], *element_logs, *last)
 
@@ -260,8 +269,9 @@ def driven_likelihood(model: TraceModel, data: TraceData, u: list[Array]) -> Mea
     log_force = jnp.log(record.unit[:, 1])
     discrepancy = u[-1] if model.discrepancy else None
     noises = u[2] + data.log_peak, u[3] + log_force
+    clock = u[2 + model.nuisance.index(CLOCK)] if model.clock else None
     which = element_named(model.element)
-    return MeasuredDriven(which, element_parameters(model, u), *noises, u[4], discrepancy, record)
+    return MeasuredDriven(which, element_parameters(model, u), *noises, u[4], clock, discrepancy, record)
 
 
 def tapped_likelihood(model: TraceModel, data: TraceData, u: list[Array]) -> MeasuredTap:

@@ -43,6 +43,8 @@ class Driven:
         rate: samples a second, of both channels.
         noise_m, noise_N: standard deviations of the noise of both.
         zero_N: standard deviation of the force's zero.
+        late_s: what the force's clock is late.
+        late_sd_s: what is declared of that.
         before_s, after_s: how long is recorded before and after contact.
     """
 
@@ -64,6 +66,8 @@ class Driven:
     noise_m: float = 5e-5
     noise_N: float = 1.0
     zero_N: float = 2.0
+    late_s: float = 0.0
+    late_sd_s: float = 0.0
     before_s: float = 0.05
     after_s: float = 0.1
 
@@ -114,12 +118,14 @@ def driven(study: Driven) -> tuple[Dataset, pd.DataFrame]:
     )
     # The recorder's own time: contact stands nowhere in it.
     traces, forces = (
-        [Trace(row - row[0], values) for row, values in zip(time, part, strict=True)] for part in (x, force)
+        [Trace(row - row[0] + late, values) for row, values in zip(time, part, strict=True)]
+        for part, late in ((x, 0.0), (force, study.late_s))
     )
+    plate = Channel("plate", "force", "base", forces, time_offset_sd_s=study.late_sd_s)
     dataset = Dataset(
         name="driven", description="Simulated.", impacts=impacts, traces=traces, quantity="displacement",
         uncertainty=Uncertainty(), warnings=(), left_out=(), folder=None, input_hash=f"driven-{study}",
-        free=False, channels=(Channel("plate", "force", "base", forces),),
+        free=False, channels=(plate,),
     )  # fmt: skip
     return dataset, pd.DataFrame({"impact": names, "K_N_per_m": simulated.K, "C_N_s_per_m": simulated.C})
 

@@ -50,8 +50,10 @@ def few_functions(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Eight unknowns in all, over which one can draw."""
     monkeypatch.setattr(motion, "MODES", 3)
     motion._eigenvectors.cache_clear()
+    motion._table.cache_clear()
     yield
     motion._eigenvectors.cache_clear()
+    motion._table.cache_clear()
 
 
 def recorded(x: np.ndarray, force: np.ndarray, rng: np.random.Generator) -> DrivenRecord:
@@ -61,6 +63,7 @@ def recorded(x: np.ndarray, force: np.ndarray, rng: np.random.Generator) -> Driv
         ((force + SIGMA_F * rng.standard_normal(N))[None], *start),
         (x[None], *start),
         ERRORS,
+        clock_sd=np.full(1, 1e-4),
         discrepancy=False,
         surroundings={"diameter_m": np.array([REFERENCE_DIAMETER_M])},
         common_depth=np.zeros(1),
@@ -69,7 +72,7 @@ def recorded(x: np.ndarray, force: np.ndarray, rng: np.random.Generator) -> Driv
 
 def measured(name: str, parameters: list[float], record: DrivenRecord) -> MeasuredDriven:
     logs = [jnp.log(jnp.array([value])) for value in (SIGMA, SIGMA_F, ROUGH)]
-    return MeasuredDriven(element(name), jnp.asarray(parameters)[:, None], *logs, None, record)
+    return MeasuredDriven(element(name), jnp.asarray(parameters)[:, None], *logs, jnp.zeros(1), None, record)
 
 
 @partial(jax.jit, static_argnames="name")
@@ -176,7 +179,7 @@ def test_outcomes_are_those_of_the_motion(name: str) -> None:
 
     @jax.jit
     def outcomes(record: DrivenRecord) -> DrivenOutcomes:
-        event = MeasuredDriven(element(name), at, *tight, None, record)
+        event = MeasuredDriven(element(name), at, *tight, jnp.zeros(1), None, record)
         return event.outcomes(event.weights())
 
     comes = outcomes(exact)

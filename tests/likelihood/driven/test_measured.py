@@ -28,7 +28,9 @@ def grid(row: int) -> tuple[np.ndarray, np.ndarray]:
     return FIRST[row] + np.arange(N_X[row]) * DT_X[row], FIRST[row] + np.arange(N_F[row]) * DT_F[row]
 
 
-def recorded(rng: np.random.Generator, *, discrepancy: bool) -> DrivenRecord:
+def recorded(
+    rng: np.random.Generator, *, discrepancy: bool, clock_sd: float = 1e-3, late: float = 0.0
+) -> DrivenRecord:
     x, y = np.zeros((2, N_X.max())), np.zeros((2, N_F.max()))
     for row in range(2):
         at, then = grid(row)
@@ -37,8 +39,9 @@ def recorded(rng: np.random.Generator, *, discrepancy: bool) -> DrivenRecord:
         y[row, : N_F[row]] += SIGMA_F[row] * rng.standard_normal(len(then))
     return driven_record(
         (y, N_F, FIRST, DT_F),
-        (x, N_X, FIRST, DT_X),
+        (x, N_X, FIRST + late, DT_X),
         ERRORS,
+        clock_sd=np.full(2, clock_sd),
         discrepancy=discrepancy,
         surroundings={"diameter_m": np.full(2, REFERENCE_DIAMETER_M)},
         common_depth=np.zeros(2),
@@ -50,7 +53,7 @@ def measured(
 ) -> MeasuredDriven:
     beside = None if log_discrepancy is None else jnp.full(2, log_discrepancy)
     logs = [jnp.log(jnp.asarray(values)) for values in (SIGMA, SIGMA_F, ROUGH)]
-    return MeasuredDriven(element("kelvin_voigt"), jnp.asarray([K, C]), *logs, beside, record)
+    return MeasuredDriven(element("kelvin_voigt"), jnp.asarray([K, C]), *logs, jnp.zeros(2), beside, record)
 
 
 @jax.jit
@@ -132,8 +135,10 @@ def many_modes(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setattr(motion, "MODES", 60)
     monkeypatch.setattr(motion, "_NODES", 240)
     motion._eigenvectors.cache_clear()
+    motion._table.cache_clear()
     yield
     motion._eigenvectors.cache_clear()
+    motion._table.cache_clear()
 
 
 @pytest.mark.parametrize("rms", [0.0, 0.05])
@@ -195,11 +200,43 @@ def test_kernel_is_the_integral_over_what_went_before() -> None:
     np.testing.assert_allclose(of_value, slope, atol=1e-13)
 
 
+def test_interpolated_functions_are_the_functions() -> None:
+    t = np.random.default_rng(0).uniform(-0.5, 1.5, (1, 200))
+    np.testing.assert_allclose(motion.interpolated(jnp.asarray(t)), motion.functions(t)[0], atol=1e-8)
+
+
 def test_functions_have_the_covariance_of_the_integral() -> None:
     t = np.linspace(0, 1, 21)[None]
     f = motion.functions(t)[0][0, :, motion.POWERS :]
     # The sum of what is left out falls as the fifth power of the number of modes.
     np.testing.assert_allclose(f @ f.T, motion.kernel(t[0][:, None], t[0])[0], atol=1e-9)
+
+
+@pytest.mark.parametrize("late", [-2e-3, 0.5e-3, 2e-3])
+def test_a_force_that_is_late_is_one_of_displacements_later(
+    late: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A function of time that is interpolated errs by 1e-8 of the motion, and its noise is a hundredth."""
+    # Displacements end before, so that the window is the force's.
+    monkeypatch.setitem(globals(), "N_X", N_X - 6)
+    of_late = recorded(np.random.default_rng(4), discrepancy=True)
+    shifted = recorded(np.random.default_rng(4), discrepancy=True, late=late)
+    assert all(grid(row)[1][-1] > grid(row)[0][-1] + late for row in range(2))
+
+    @jax.jit
+    def joint(record: DrivenRecord, clock: float) -> Array:
+        return replace(measured(record, -3.0), clock=jnp.full(2, clock)).joint_log_density()
+
+    np.testing.assert_allclose(joint(of_late, late / 1e-3), joint(shifted, 0.0), atol=1e-4)
+
+
+def test_a_clock_is_a_direction_of_the_displacements() -> None:
+    record = recorded(np.random.default_rng(5), discrepancy=False)
+    event, step = replace(measured(record), clock=jnp.array([0.3, -0.8])), 1e-4
+    weights = event.weights()
+    forth, back = (replace(event, clock=event.clock + side * step).displacement(weights) for side in (1, -1))
+    expected = (forth - back) / (2 * step) / SIGMA[:, None]
+    np.testing.assert_allclose(event.slopes()[:, N_F.max() :, -1], expected, atol=1e-5)
 
 
 def test_padding_changes_nothing() -> None:

@@ -266,6 +266,7 @@ QUANTITIES: dict[str, Callable[[Impacts], Array | None]] = {
     "sigma_d": lambda impacts: impacts.noise.get("sigma_d"),
     "sigma_x": lambda impacts: impacts.noise.get("sigma_x"),
     "sigma_F": lambda impacts: impacts.noise.get("sigma_F"),
+    "force_clock_error": lambda impacts: impacts.noise.get("force_clock_error"),
     "mass": partial(_of_free_mass, quantity=lambda impacts: impacts.mass),
     "K_tangent": partial(_comparable, name="K_tangent"),
     "K_secant": partial(_comparable, name="K_secant"),

@@ -64,6 +64,7 @@ _NUISANCE = {
     "discrepancy": ELEMENT,
     "noise_force": NOISE,
     "roughness": NOISE,
+    "force_clock": "force's clock",
     "log_force_ratio": NOISE,
 }
 

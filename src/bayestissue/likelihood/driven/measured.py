@@ -11,6 +11,9 @@ element, where the model has one. All but the law's parameters and the standard 
 integrated out: noise of the displacement is carried into the force by the law itself (regression with errors
 in both variables; Fuller, Measurement Error Models, chapter 1, where what varies is known to be smooth).
 
+Contact is where the force begins. Where the force's clock is late by l, the displacement's samples are of
+x(t_k + l).
+
 A linear law keeps all of it normal, and the integral is exact. Another law is taken as straight about the
 motion that is likeliest given both recordings, found by `_STEPS` of Gauss and Newton from the one that the
 displacements show: Laplace's approximation. The bend of a law over what is not known of the motion is left
@@ -56,9 +59,12 @@ from bayestissue.padding import padded_zeros
 _WIDE = 30.0
 # Of a motion at hand: how rough, and how exact its samples are taken to be, over the greatest displacement.
 _ROUGH, _EXACT = 30.0, 1e-3
-# The softer the presumed law, the larger and the rougher the motion that it makes of the force. With 1 motions
-# were taken for smoother than they are, and greatest forces missed by several standard errors.
+# The softer the presumed law, the larger and the rougher the motion that it makes of the force. With 1 a
+# motion was taken for smoother than it is, and greatest forces missed by several standard errors.
 _SOFT = 16.0
+# Of the greatest over the smallest diagonal entry of a factor, beyond which its matrix has no digits left:
+# where K is a million times too great.
+_RESOLVED = 1e10
 # To the likeliest motion under a law that is not linear.
 _STEPS = 1
 
@@ -78,7 +84,9 @@ class DrivenRecord(NamedTuple):
         error_sd: standard deviations of the depth at contact [m] and of the force's zero [N].
         unit: greatest displacement and greatest force: [m] and [N].
         at_x: of the displacement's samples the motion's functions and the level's 1, times the greatest
-            displacement [m].
+            displacement, where both clocks are one [m].
+        clock_sd: standard deviation of what the force's clock is late [s]; 0 where both clocks are one.
+        window: from contact to the last sample of both [s], the motion's unit of time.
         at_y: of the force's samples the functions likewise.
         rate: of the force's samples their slopes [m/s].
         beside: of the force's samples its zero's 1 and, where there is a force beside the element's, its
@@ -86,7 +94,6 @@ class DrivenRecord(NamedTuple):
         reference: weights of a motion that the displacements show, and the level.
         presumed: K [N/m] and C [N s/m] of the spring and damper that the force by itself is taken to be of:
             greatest force over greatest displacement, by `_SOFT`, and that times the window.
-        squares: sum of at_x' at_x.
         surroundings: what an element's functions take beside its parameters, by name.
         common_depth: one depth that every impact reaches [m]; no part of the likelihood.
     """
@@ -101,13 +108,14 @@ class DrivenRecord(NamedTuple):
     dt_displacement: Float[Array, " impact"]
     error_sd: Float[Array, "impact 2"]
     unit: Float[Array, "impact 2"]
+    clock_sd: Float[Array, " impact"]
+    window: Float[Array, " impact"]
     at_x: Float[Array, "impact sample function_and_level"]
     at_y: Float[Array, "impact row function"]
     rate: Float[Array, "impact row function"]
     beside: Float[Array, "impact row zero_and_mode"]
     reference: Float[Array, "impact weight"]
     presumed: Float[Array, "impact 2"]
-    squares: Float[Array, "impact function_and_level function_and_level"]
     surroundings: dict[str, Float[Array, " impact"]]
     common_depth: Float[Array, " impact"]
 
@@ -163,6 +171,7 @@ class DrivenRecord(NamedTuple):
             (y, n_y, same.first_time, same.dt),
             (x, n_x, same.first_displacement, same.dt_displacement),
             same.error_sd,
+            clock_sd=same.clock_sd,
             discrepancy=self.beside.shape[-1] > 1,
             surroundings=same.surroundings,
             common_depth=same.common_depth,
@@ -171,10 +180,8 @@ class DrivenRecord(NamedTuple):
 
     def of_forces_alone(self) -> DrivenRecord:
         """The record without its displacements."""
-        none, n_displacements = jnp.zeros_like(self.squares), jnp.zeros_like(self.n_displacements)
-        return self._replace(
-            x=self.x[:, :0], at_x=self.at_x[:, :0], squares=none, n_displacements=n_displacements
-        )
+        none = jnp.zeros_like(self.n_displacements)
+        return self._replace(x=self.x[:, :0], at_x=self.at_x[:, :0], n_displacements=none)
 
     def impacts(self, rows: Int[np.ndarray, " row"]) -> DrivenRecord:
         """The record of some impacts."""
@@ -199,6 +206,7 @@ def driven_record(
     displacement: Channel,
     error_sd: Float[np.ndarray, "impact 2"],
     *,
+    clock_sd: Float[np.ndarray, " impact"],
     discrepancy: bool,
     surroundings: dict[str, Float[np.ndarray, " impact"]],
     common_depth: Float[np.ndarray, " impact"],
@@ -209,6 +217,7 @@ def driven_record(
         force: values [impact, row] in N, their number, the time from contact to the first, and the interval.
         displacement: the same of displacements, in m.
         error_sd: see `DrivenRecord`.
+        clock_sd: likewise.
         discrepancy: whether there is a force beside the element's.
         surroundings: see `DrivenRecord`.
         common_depth: likewise.
@@ -232,13 +241,12 @@ def driven_record(
         basis, share = map(np.asarray, smooth)
         modes = unit[:, 1:, None] * np.swapaxes(basis * np.sqrt(share)[..., None], 1, 2)
         beside = np.concatenate([beside, modes], axis=-1)
-    squares = np.einsum("iaf,iag->ifg", at_x, at_x)
     channels = y, n_y, *force[2:], x, n_x, *displacement[2:]
     reference = _reference(at_x, x, unit[:, 0])
     stiffness = unit[:, 1] / unit[:, 0] / _SOFT
     presumed = np.stack([stiffness, stiffness * last[:, 0]], axis=1)
-    parts: Any = (*channels, error_sd, unit, at_x, at_y, rate, beside, reference, presumed, squares)
-    parts += (surroundings, common_depth)
+    parts: Any = (*channels, error_sd, unit, clock_sd, last[:, 0], at_x, at_y, rate, beside)
+    parts += (reference, presumed, surroundings, common_depth)
     on_device: DrivenRecord = jax.tree.map(jnp.asarray, DrivenRecord(*parts))
     return on_device
 
@@ -290,7 +298,8 @@ class DrivenOutcomes(NamedTuple):
         K_tangent: slope of the force with penetration at contact, a damper's own left out [N/m].
         K_secant: force over penetration at the greatest penetration [N/m].
         C_equivalent: of the damper that would have taken as much energy up to there [N s/m].
-        peak_force: greatest force [N].
+        peak_force: force at the moment when that of the likeliest motion is greatest [N]. A drawn motion is
+            rougher than tissue, and its own greatest force too great.
         peak_depth: greatest penetration [m].
         time_to_peak: from contact to it [s].
         energy_absorbed: taken up by the tissue within the window and not stored at its end [J].
@@ -319,7 +328,7 @@ class DrivenOutcomes(NamedTuple):
 @partial(
     jax.tree_util.register_dataclass,
     data_fields=[
-        *("parameters", "log_sigma", "log_force_sigma", "log_roughness", "log_discrepancy", "record")
+        *("parameters", "log_sigma", "log_force_sigma", "log_roughness", "clock", "log_discrepancy", "record")
     ],
     meta_fields=["element"],
 )
@@ -333,6 +342,7 @@ class MeasuredDriven:
         log_sigma: log of the standard deviation of a displacement's noise [m].
         log_force_sigma: of a force's [N].
         log_roughness: log of s over the greatest displacement.
+        clock: what the force is late, over its standard deviation; None where both clocks are one.
         log_discrepancy: of the rms of the force beside the element's, over the greatest force; None without.
         record: see `driven_record`.
     """
@@ -342,6 +352,7 @@ class MeasuredDriven:
     log_sigma: Float[Array, " impact"]
     log_force_sigma: Float[Array, " impact"]
     log_roughness: Float[Array, " impact"]
+    clock: Float[Array, " impact"] | None
     log_discrepancy: Float[Array, " impact"] | None
     record: DrivenRecord
 
@@ -350,6 +361,18 @@ class MeasuredDriven:
         names = (one.name for one in self.element.parameters)
         by_name = dict(zip(names, parameters, strict=True)) | self.record.surroundings
         return {name: value[:, None] for name, value in by_name.items()}
+
+    def _at_x(self) -> Float[Array, "impact sample function_and_level"]:
+        """What a unit of each function's weight and of the level adds to the displacement's samples [m]."""
+        record, index = self.record, jnp.arange(self.record.x.shape[1])
+        if self.clock is None:
+            return record.at_x
+        begin = record.first_displacement + self.clock * record.clock_sd
+        t = (begin[:, None] + index * record.dt_displacement[:, None]) / record.window[:, None]
+        inside = (index < record.n_displacements[:, None])[..., None]
+        level = jnp.ones((*t.shape, 1))
+        columns = jnp.concatenate([motion.interpolated(t), level], axis=-1)
+        return jnp.where(inside, record.unit[:, :1, None] * columns, 0.0)
 
     def _path(self, functions: Float[Array, "impact function"]) -> tuple[Array, Array]:
         """Depth and rate at the force's samples."""
@@ -411,9 +434,11 @@ class MeasuredDriven:
         over_x, over_F = jnp.exp(-2 * self.log_sigma), jnp.exp(-2 * self.log_force_sigma)
         x = record.x - self.displacement(law.at)
         F = record.y - law.force - self._beside(law.at)
-        n_force_columns = columns.shape[-1] - record.squares.shape[-1]
-        of_x = jnp.pad(record.squares, ((0, 0), (0, n_force_columns), (0, n_force_columns)))
-        right_x = jnp.pad(jnp.einsum("iaw,ia->iw", record.at_x, x), ((0, 0), (0, n_force_columns)))
+        n_force_columns = columns.shape[-1] - record.at_x.shape[-1]
+        at_x = self._at_x()
+        squares = jnp.einsum("iaf,iag->ifg", at_x, at_x)
+        of_x = jnp.pad(squares, ((0, 0), (0, n_force_columns), (0, n_force_columns)))
+        right_x = jnp.pad(jnp.einsum("iaw,ia->iw", at_x, x), ((0, 0), (0, n_force_columns)))
         of_F = jnp.einsum("iaw,iaz->iwz", columns, columns)
         gram = over_x[:, None, None] * of_x + over_F[:, None, None] * of_F
         right = over_x[:, None] * right_x + over_F[:, None] * jnp.einsum("iaw,ia->iw", columns, F)
@@ -459,19 +484,30 @@ class MeasuredDriven:
         one_x, one_F = (jnp.exp(-log)[:, None] for log in (self.log_sigma, self.log_force_sigma))
         of_F = self._columns(law) * one_F[..., None]
         n_force_columns = of_F.shape[-1] - record.at_x.shape[-1]
-        of_x = jnp.pad(record.at_x * one_x[..., None], ((0, 0), (0, 0), (0, n_force_columns)))
+        of_x = jnp.pad(self._at_x() * one_x[..., None], ((0, 0), (0, 0), (0, n_force_columns)))
         bent = law.force - jnp.einsum("iaf,if->ia", law.law, law.at[:, : law.law.shape[-1]])
         values = jnp.concatenate([one_F * (record.y - bent), one_x * record.x], axis=1)
         return values, jnp.concatenate([of_F, of_x], axis=1) * scale[:, None]
 
     def slopes(self) -> Float[Array, "impact value parameter"]:
-        """What a unit of each parameter's log adds to all samples over the noise, of the likeliest motion."""
+        """What a unit of each parameter's log adds to all samples over the noise, of the likeliest motion.
+
+        A standard deviation of the clock comes last, if that is not known.
+        """
         record, logs = self.record, jnp.log(self.parameters)
-        path = self._path(self.weights()[:, : record.at_y.shape[-1]])
+        weights = self.weights()
+        path = self._path(weights[:, : record.at_y.shape[-1]])
         _, along = jax.linearize(lambda logs: self._law(*path, jnp.exp(logs)), logs)
         units = jnp.broadcast_to(jnp.eye(len(logs))[..., None], (len(logs), *logs.shape))
         of_F = jax.vmap(along, out_axes=-1)(units) * jnp.exp(-self.log_force_sigma)[:, None, None]
-        return jnp.pad(of_F, ((0, 0), (0, record.x.shape[1]), (0, 0)))
+        slopes = jnp.pad(of_F, ((0, 0), (0, record.x.shape[1]), (0, 0)))
+        if self.clock is None:
+            return slopes
+        later = partial(self._displacement, weights)
+        of_x = (
+            jax.jvp(later, (self.clock,), (jnp.ones_like(self.clock),))[1] * jnp.exp(-self.log_sigma)[:, None]
+        )
+        return jnp.concatenate([slopes, jnp.pad(of_x, ((0, 0), (record.y.shape[1], 0)))[..., None]], axis=-1)
 
     def log_density(self) -> Float[Array, " impact"]:
         """Log density of each pair of recordings, the motion and all errors integrated out.
@@ -494,12 +530,14 @@ class MeasuredDriven:
         return Expansion(self.shown, force, law)
 
     def _density(self, law: Expansion) -> Float[Array, " impact"]:
-        """Log density of all rows of the record under a law."""
+        """Log density of all rows of the record under a law; minus infinity where rounding hides it."""
         factor, moved, scale = self._system(law)
         n_x, n_F = self.record.n_displacements, self.record.n_samples
         constant = n_x * (LOG_2PI + 2 * self.log_sigma) + n_F * (LOG_2PI + 2 * self.log_force_sigma)
-        log_determinant = 2 * jnp.log(jnp.diagonal(factor, axis1=1, axis2=2)).sum(1)
-        return -(constant + self._squares(law, moved, scale) + log_determinant) / 2
+        diagonal = jnp.diagonal(factor, axis1=1, axis2=2)
+        log_determinant = 2 * jnp.log(diagonal).sum(1)
+        density = -(constant + self._squares(law, moved, scale) + log_determinant) / 2
+        return jnp.where(diagonal.max(1) < _RESOLVED * diagonal.min(1), density, -jnp.inf)
 
     def weights(self, key: Array | None = None) -> Float[Array, "impact weight"]:
         """All that is normal given both recordings: a draw, or the mean without a key."""
@@ -541,6 +579,9 @@ class MeasuredDriven:
         def at(values: Array, index: Array = deepest) -> Array:
             return jnp.take_along_axis(values, index, axis=1)
 
+        # Beyond the end as before it: no parabola through the last sample.
+        likeliest = self.tissue_force(self.weights())
+        likeliest = jnp.where(inside, likeliest, at(likeliest, jnp.maximum(last - 1, 0)))
         slows = at(v, jnp.maximum(deepest - 1, 0)) - at(v)
         later = jnp.where(slows > 0, at(v) * dt / jnp.where(slows > 0, slows, 1.0), 0.0)
         later = jnp.clip(later, -dt, dt)
@@ -566,8 +607,7 @@ class MeasuredDriven:
             K_tangent=tangent_stiffness(element, {name: value[:, 0] for name, value in p.items()}),
             K_secant=(of_peak / depth)[:, 0],
             C_equivalent=(at(lost) / at(squares))[:, 0],
-            # Beyond the end as before it: no parabola through the last sample.
-            peak_force=greatest(jnp.where(inside, force, at(force, jnp.maximum(last - 1, 0)))),
+            peak_force=at(force, likeliest.argmax(1)[:, None])[:, 0] + greatest(likeliest) - likeliest.max(1),
             peak_depth=depth[:, 0],
             time_to_peak=(at(time) + later)[:, 0],
             energy_absorbed=at(lost, last)[:, 0],
@@ -575,7 +615,11 @@ class MeasuredDriven:
 
     def displacement(self, weights: Float[Array, "impact weight"]) -> Float[Array, "impact sample"]:
         """What the displacement's samples would be without noise: x and the level [m]."""
-        return jnp.einsum("iaf,if->ia", self.record.at_x, weights[:, : self.record.at_x.shape[-1]])
+        return jnp.einsum("iaf,if->ia", self._at_x(), weights[:, : self.record.at_x.shape[-1]])
+
+    def _displacement(self, weights: Float[Array, "impact weight"], clock: Float[Array, " impact"]) -> Array:
+        """The same where the force is so late."""
+        return replace(self, clock=clock).displacement(weights)
 
     def draw_errors(self, key: Array) -> Float[Array, "impact 2"]:
         """Depth at contact [m] and the force's zero [N] given the recordings."""
@@ -592,7 +636,10 @@ class MeasuredDriven:
 
     def noise_quantities(self) -> dict[str, Float[Array, " impact"]]:
         """What the noise of each channel is, by the names that posteriors have."""
-        return {"sigma_x": jnp.exp(self.log_sigma), "sigma_F": jnp.exp(self.log_force_sigma)}
+        noise = {"sigma_x": jnp.exp(self.log_sigma), "sigma_F": jnp.exp(self.log_force_sigma)}
+        return (
+            noise if self.clock is None else noise | {"force_clock_error": self.clock * self.record.clock_sd}
+        )
 
     def sample(self, key: Array) -> Float[Array, "impact row"]:
         """Draw forces: of a motion that the recordings allow, with noise."""

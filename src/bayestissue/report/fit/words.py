@@ -65,6 +65,8 @@ def unused_priors(run: FitRun) -> tuple[str, ...]:
         unused = (*unused, "roughness", "sd_roughness")
     else:
         unused = (*unused, "log_force_ratio", "sd_log_force_ratio")
+    if "force_clock_mean" not in run.groups["posterior"]:
+        unused = (*unused, "force_clock", "sd_force_clock")
     if not has_discrepancy(run):
         unused = (*unused, "discrepancy", "sd_discrepancy")
     if recorder_noise(run) == "white":
