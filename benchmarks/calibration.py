@@ -44,7 +44,7 @@ from bayestissue.likelihood.element.record import DecelerationRecord
 from bayestissue.simulation import simulate
 
 # A rank's standard deviation is known to 5 % of itself, that of all 40 quantities together to a percent.
-SAMPLES, RANKS, DATA_SETS = 110, 100, 100
+SAMPLES, RANKS, DATA_SETS = 110, 100, 80
 SEEDS = {"arma": 2026, "a2": 2026, "impact": 2026, "designs": 2027, "shared": 2028}
 FACTORS: dict[str, tuple[dict[str, Any], ...]] = {
     "designs": (
