@@ -60,7 +60,10 @@ def finished(name: str, prepared: Prepared, found: Draws) -> FinishedRun:
     scores = {site: ((*draws, site), values) for site, values in found.log_likelihood.items()}
     trace = {"trace": ((*draws, "impact"), scores.pop("trace")[1])}
     groups = {
-        site: ((*draws, site.removeprefix("traces_of_")), values) for site, (_, values) in scores.items()
+        site: ((*draws, site.removeprefix("traces_of_")), values)
+        for site, (_, values) in scores.items()
+        # Beside these is the score of all traces together.
+        if site.startswith("traces_of_")
     }
     inside = np.arange(prepared.signal.x.shape[1]) < prepared.signal.n_samples[:, None]
     seen = np.where(inside, prepared.signal.deceleration, np.nan)
