@@ -44,7 +44,7 @@ from bayestissue.likelihood.element.record import DecelerationRecord
 from bayestissue.simulation import simulate
 
 # A rank's standard deviation is known to 5 % of itself, that of all 40 quantities together to a percent.
-SAMPLES, RANKS, DATA_SETS = 110, 100, 100
+SAMPLES, RANKS, DATA_SETS = 110, 100, 80
 SEEDS = {"arma": 2026, "a2": 2026, "impact": 2026, "designs": 2027, "shared": 2028}
 FACTORS: dict[str, tuple[dict[str, Any], ...]] = {
     "designs": (
@@ -54,7 +54,8 @@ FACTORS: dict[str, tuple[dict[str, Any], ...]] = {
 }
 # In the place of the campaign's own.
 UNCERTAINTY = {"shared": {"relative_mass_sd": 0.1}}
-SAMPLER = Sampler(chains=2, draws=300)
+# Of four chains, which agree sooner than two, twice as many effective draws as there are ranks.
+SAMPLER = Sampler(chains=4, draws=150, effective=200)
 HERE = Path(__file__).parent
 
 

@@ -14,17 +14,22 @@ import sys
 
 import numpy as np
 import pandas as pd
-from coverage import Fits, campaign_of, model_of, residuals_of, rows_of
+from coverage import KEPT, Fits, campaign_of, model_of, residuals_of, rows_of
 from evidence import recorded
 
 from bayestissue import runtime
 from bayestissue.dataset import Dataset
+from bayestissue.hierarchy.specification import Sampler
 from bayestissue.inference.checking.model_form import LIMIT, pooled_score
 from bayestissue.simulation import simulate
 
 # Thirty right ones without an alarm have a rate below 10 %; a warning that is always raised takes fewer.
 CAMPAIGNS = {"stiffening": 10, "kelvin_voigt": 30}
 FIRST_SEED = 40_000
+# Samples that all traces are filled up to, so that the fits of each model are compiled once.
+LONGEST = 192
+# So many draws know an end of an interval to one or two hundredths of probability.
+SAMPLER = Sampler(draws=KEPT, effective=200)
 
 
 def of_fit(
@@ -43,10 +48,10 @@ def main() -> None:
     tissue = sys.argv[1]
     runtime.configure(one_core=True)
     with recorded(f"model_form-{tissue}") as record:
-        specification = model_of("impact")
+        specification = model_of("impact").model_copy(update={"sampler": SAMPLER})
         first = simulate(campaign_of(tissue, FIRST_SEED)).dataset("first")
         always = specification.model_copy(update={"discrepancy": "always"})
-        plain, wide = (Fits(each, first) for each in (specification, always))
+        plain, wide = (Fits(each, first, LONGEST) for each in (specification, always))
         for number in record.missing(range(FIRST_SEED, FIRST_SEED + CAMPAIGNS[tissue])):
             simulation = campaign_of(tissue, number)
             result = simulate(simulation)

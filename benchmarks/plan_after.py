@@ -53,7 +53,7 @@ from bayestissue.simulation import Simulation, simulate
 ROOT = Path(__file__).parents[1]
 TABLE = ROOT / "benchmarks" / "plan_after.csv"
 STUDIES = ROOT / "benchmarks" / "plan_after_studies.csv"
-NUMBER, FITTED = 30, 6
+NUMBER, FITTED = 24, 6
 PEOPLE, BEGUN, TWICE = 5, 2, 2
 FORMULA = "log(mass_kg) + (1|subject) + (1|trial)"
 PLAN = read_plan(ROOT / "models" / "plan-thesis.toml")

@@ -4,27 +4,36 @@
 
 Six designs, a question each. A plan gives the shares of studies that answer yes, that answer no, and that
 mislead. By brute force as many truths are drawn from the same beliefs, each one's campaign is simulated
-through its recorder, fitted by `bt.fit` as a lab would, and asked. Both are Monte Carlo, so that they are
-compared by two standard errors of their difference.
+through its recorder, fitted as a lab would, and asked. Both are Monte Carlo, so that they are compared by two
+standard errors of their difference.
 
-A fit that refuses to answer, as where no draws can be trusted without a long run, is undecided; how many did
-is counted. A row a study has its probability and whether the claim is true; rows of a plan its shares.
+A fit whose chains did not pass is undecided; how many are is counted. Of a fit there are draws alone, without
+the tables and checks of a run, and without a second one that has a discrepancy. A row a study has its
+probability and whether the claim is true; rows of a plan its shares.
 """
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from coverage import MEASURING_CHAIN
+import xarray as xr
+from coverage import MEASURING_CHAIN, Fits
 from evidence import recorded
+from studies import of_draws
 
-import bayestissue as bt
 from bayestissue import runtime
-from bayestissue.errors import InputError
+from bayestissue.fitting import resolve
 from bayestissue.hierarchy.design import build_design
 from bayestissue.hierarchy.specification import ModelSpecification, specification_of
+from bayestissue.hierarchy.trace_data import Prepared
+from bayestissue.inference.answers.finished import Finished
+from bayestissue.inference.answers.questions import ask, numbered
+from bayestissue.inference.answers.reliability import as_variables, coefficients, variances
+from bayestissue.inference.quantities.draws import Draws
+from bayestissue.inference.results.uncertainty_budget import measurement_sd, uncertainty_budget
 from bayestissue.planning.assurance import Goal, planner
 from bayestissue.planning.information import simulation_of
 from bayestissue.planning.model import planned_model
@@ -36,6 +45,8 @@ from bayestissue.simulation.specification import Recording
 NUMBER, PLANNED = 8, 2000
 PROBABILITY = 0.95
 GOOD = {"sampling_rate_hz": 5000.0, **MEASURING_CHAIN}
+# Samples that nearly all traces are filled up to, so that the fits of a case are compiled once.
+LONGEST = 192
 BAD = GOOD | {"sampling_rate_hz": 2500.0, "noise_relative_to_peak": 0.08, "velocity_sd_m_s": 0.03}
 KNOWN = {"distribution": "normal", "sd": 0.3}
 # What is believed of the tissue: narrow enough that the questions are open, neither settled nor hopeless.
@@ -178,15 +189,37 @@ def truth_of(case: dict[str, Any], simulation: Simulation) -> bool:
     return value > float(least)
 
 
-def answer(case: dict[str, Any], study: int) -> dict[str, Any]:
+@cache
+def fits_of(name: str) -> Fits:
+    """The fits of one design's studies, compiled once."""
+    case = CASES[name]
+    formula = case.get("formula", MASS)
+    model, _ = resolve("impact", formulas={"K": formula, "C": formula})
+    least = int(LONGEST * case.get("recorder", GOOD)["sampling_rate_hz"] / GOOD["sampling_rate_hz"])
+    return Fits(model, simulate(campaign(case, 0)).dataset("study"), least)
+
+
+def answer(name: str, study: int) -> dict[str, Any]:
     """One study, simulated, fitted and asked."""
-    formula, simulation = case.get("formula", MASS), campaign(case, study)
+    case, fits = CASES[name], fits_of(name)
+    simulation = campaign(case, study)
     row = {"study": study, "truth": truth_of(case, simulation)}
-    try:
-        fit = bt.fit(simulate(simulation).dataset("study"), "impact", K=formula, C=formula)
-    except InputError as error:
-        return row | {"note": error.problems[0].code}
-    return row | {"posterior": float(fit.ask(case["ask"])["posterior"].iloc[0])}
+    prepared = fits.prepared(simulate(simulation).dataset("study"))
+    draws, passed = fits.fit(prepared, study)
+    if not passed:
+        return row | {"note": "chains"}
+    posterior = of_draws(prepared, draws, study)
+    if "ICC" in case["ask"]:
+        posterior = posterior.merge(reliability(prepared, draws, posterior))
+    finished = Finished(posterior, None, prepared.design.recorded)
+    return row | {"posterior": float(ask(finished, numbered([case["ask"]]))["posterior"].iloc[0])}
+
+
+def reliability(prepared: Prepared, draws: Draws, posterior: xr.Dataset) -> xr.Dataset:
+    """The coefficients of K, as a run has them."""
+    spread = measurement_sd(uncertainty_budget(prepared, draws), "K")
+    of_K = {"K": variances(posterior, prepared.design.recorded, "K", measurement_sd=spread)}
+    return as_variables(coefficients(of_K, posterior))
 
 
 def planned(case: dict[str, Any]) -> list[dict[str, Any]]:
@@ -209,7 +242,7 @@ def main() -> None:
         units = {f"{name} {study}": (name, study) for name in CASES for study in ("plan", *range(NUMBER))}
         for unit in record.missing(units):
             name, study = units[unit]
-            rows = planned(CASES[name]) if study == "plan" else [answer(CASES[name], study)]
+            rows = planned(CASES[name]) if study == "plan" else [answer(name, study)]
             record.add(unit, [row | {"case": name} for row in rows])
 
 

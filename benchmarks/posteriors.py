@@ -9,7 +9,8 @@ quantiles of every quantity with their Monte Carlo errors. Cases are the example
 element (`evidence.references`). A case is to be drawn again where its data or the model's density change,
 which the sampler of the program does not touch.
 
-Without it a fit of each case that was drawn is compared: a row a case, quantity and statistic.
+Without it a fit of each case that was drawn is compared, the draws alone without the tables of a run: a row a
+case, quantity and statistic.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from coverage import model_of
 from evidence import recorded
 from evidence.references import OF_END, OF_MEDIAN, OF_SD, TISSUES, campaign
 from numpyro.infer import MCMC, NUTS, init_to_value
+from studies import of_draws
 
 import bayestissue as bt
 from bayestissue import runtime
@@ -33,6 +35,8 @@ from bayestissue.hierarchy.named_model import named_model
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.inference.factors.expansions import expanded
+from bayestissue.inference.fit import draws_of_chain, sample
+from bayestissue.inference.results.summary import summarise
 from bayestissue.resources import shared
 
 TABLE = Path(__file__).with_suffix(".csv")
@@ -118,7 +122,9 @@ def draw(case: str) -> None:
 def compared(case: str) -> pd.DataFrame:
     """What a fit of a case gives, less the reference, and the Monte Carlo error of the difference."""
     dataset, specification = case_of(case)
-    summary = bt.fit(dataset, specification).summary
+    prepared, sampler = prepare(dataset, specification, source="the model file"), specification.sampler
+    draws = draws_of_chain(prepared, sample(prepared, sampler, SEED).thinned(sampler.draws), SEED)
+    summary = summarise(of_draws(prepared, draws, SEED))
     keys = ["variable", "label"]
     reference = pd.read_csv(TABLE, dtype={"label": str}).fillna({"label": ""}).query("case == @case")
     merged = reference.merge(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import warnings
 from pathlib import Path
 
 import jax
@@ -41,3 +43,38 @@ def test_a_block_leaves_a_folder_that_jax_has_been_given(
     with runtime.compiled_kept():
         jax.jit(lambda x: 7 * x + 2)(1.0)
     assert not (tmp_path / "other").exists()
+
+
+def test_what_was_used_least_lately_is_removed_from_a_folder_that_is_too_large(tmp_path: Path) -> None:
+    for number in range(10):
+        for ending in ("cache", "atime"):
+            entry = tmp_path / f"jit_{number}-{ending}"
+            entry.write_bytes(b"-" * 100)
+            # The first three were written first, and the second of them was read since.
+            os.utime(entry, (100 if number == 1 else number, number))
+    (tmp_path / "other").write_bytes(b"-" * 10_000)
+    runtime._remove_unused(tmp_path, most=1000, kept=800)
+    assert len(list(tmp_path.iterdir())) == 21
+    runtime._remove_unused(tmp_path, most=999, kept=800)
+    left = {*range(10)} - {0, 2}
+    assert {path.name for path in tmp_path.iterdir()} == {"other"} | {
+        f"jit_{number}-{ending}" for number in left for ending in ("cache", "atime")
+    }
+
+
+def test_an_entry_that_is_not_whole_is_compiled_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(tmp_path))
+    before = jax.config.jax_compilation_cache_dir
+    jax.config.update("jax_compilation_cache_dir", None)
+    try:
+        for _ in range(2):
+            with runtime.compiled_kept(), warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                assert jax.jit(lambda x: 11 * x + 2)(1.0) == 13.0
+            entries = list(tmp_path.glob("*-cache"))
+            assert entries
+            for entry in entries:
+                # As another process sees it that reads while it is written.
+                entry.write_bytes(entry.read_bytes()[:20])
+    finally:
+        jax.config.update("jax_compilation_cache_dir", before)

@@ -117,7 +117,9 @@ def _in_lanes(measure: Callable[[Piece], str], pieces: list[Piece]) -> list[str]
 
 def _run(piece: Piece) -> int:
     """Its script in a process of its own, with the program of this checkout; the exit status."""
-    return _python(*piece.command)
+    # Where in the program each operation stands costs a twentieth of a compilation, and nobody reads it here;
+    # a piece that measures times is run as users run the program.
+    return _python(*piece.command, **({} if piece.alone else {"JAX_TRACEBACK_IN_LOCATIONS_LIMIT": "0"}))
 
 
 def fill_pages() -> None:
@@ -125,11 +127,11 @@ def fill_pages() -> None:
     _python("-m", "evidence", "pages")
 
 
-def _python(*arguments: str) -> int:
+def _python(*arguments: str, **variables: str) -> int:
     from bayestissue import runtime
 
     paths = [str(ROOT / "src"), str(BENCHMARKS), os.environ.get("PYTHONPATH", "")]
     # What one piece has compiled is read by the next.
     runtime.keep_compiled()
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))}
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))} | variables
     return subprocess.run([sys.executable, *arguments], cwd=ROOT, env=environment, check=False).returncode  # noqa: S603 - our own
