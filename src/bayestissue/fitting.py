@@ -28,6 +28,7 @@ from bayestissue.hierarchy.untried import untried
 from bayestissue.inference.answers.agreement import agreement
 from bayestissue.inference.chain.results import ChainEnd
 from bayestissue.inference.checking import model_form
+from bayestissue.inference.checking.clock import judge_clock
 from bayestissue.inference.checking.force import judge_force
 from bayestissue.inference.checking.measuring_chain import judge
 from bayestissue.inference.checking.recorded_peak import judge_peaks
@@ -400,8 +401,17 @@ def _of_recordings(
         "clipped": clipped_recordings(names, limited.tolist()),
         "channels": _of_channels(dataset, prepared, analysis),
         "reference": prepared.reference and judge_reference(prepared.reference),
+        "clock": _of_clock(dataset, analysis),
     }
     return {name: entry for name, entry in entries.items() if entry}
+
+
+def _of_clock(dataset: Dataset, analysis: TraceAnalysis) -> dict[str, Any]:
+    """Whether the force of a driven tissue is late, where its law describes it."""
+    clock = analysis.diagnostics.get("clock")
+    if clock is None or analysis.diagnostics["model_form"].get("undescribed"):
+        return {}
+    return judge_clock(dataset.channels[0].name, clock)
 
 
 def _of_channels(dataset: Dataset, prepared: Prepared, analysis: TraceAnalysis) -> dict[str, Any]:

@@ -21,9 +21,10 @@ from bayestissue.errors import InputError
 from bayestissue.hierarchy.specification import ModelSpecification, read_specification
 from bayestissue.hierarchy.trace_data import prepare
 from bayestissue.hierarchy.traces import driven_likelihood
+from bayestissue.inference.checking.clock import judge_clock
 from bayestissue.inference.factors.expansions import expanded
-from bayestissue.inference.factors.noise_left import noise_p
-from bayestissue.inference.samplers.diagnostics import NO_INTERVAL_OF_DRIVEN, headline
+from bayestissue.inference.factors.noise_left import force_lag, noise_p
+from bayestissue.inference.samplers.diagnostics import FORCE_LATE, NO_INTERVAL_OF_DRIVEN, headline
 from bayestissue.likelihood.driven.measured import DrivenRecord, MeasuredDriven
 from bayestissue.report import write_report
 from bayestissue.resources import shared
@@ -129,6 +130,25 @@ def test_recordings_tell_what_the_force_is_late() -> None:
     sd = np.sqrt(((late - mean) ** 2 * p).sum())
     assert abs(mean - study.late_s / study.late_sd_s) < 3 * sd
     assert sd < 0.1
+
+
+@pytest.mark.parametrize("late", [0.0, 8e-4])
+def test_a_force_that_is_late_is_named_with_what_it_is_late(late: float) -> None:
+    dataset, _ = driven(Driven(seed=9, late_s=late))
+    prepared = prepare(dataset, of_element("kelvin_voigt"), source="driven")
+    lag, se = force_lag(prepared.model, prepared.data, np.asarray(expanded(prepared).centre))
+    entry = judge_clock("plate", {"lag_s": lag, "se_s": se, "interval_s": 1 / 1293.5})
+    assert entry["passed"] is (late == 0)
+    # To first order, of a delay of a sample: a fifth of it is left out, and standard errors are too small.
+    assert abs(lag - late) < 0.2 * late + 3 * se
+
+
+@pytest.mark.slow
+def test_a_force_a_sample_late_is_on_the_first_line() -> None:
+    dataset, _ = driven(Driven(seed=9, late_s=8e-4))
+    fit = bt.fit(dataset, seed=1)
+    assert re.match(r"The sampler passed, but the force is some 0\.\d+ ms behind", headline(fit.diagnostics))
+    assert (fit.summary["note"] == FORCE_LATE).all()
 
 
 @pytest.mark.slow

@@ -12,6 +12,7 @@ import jax
 import numpy as np
 import pandas as pd
 import xarray as xr
+from jaxtyping import Float
 
 from bayestissue.elements import element
 from bayestissue.elements.element import GRAVITY
@@ -45,7 +46,7 @@ from bayestissue.inference.checking.pooled_parameters import pooled_parameters
 from bayestissue.inference.checking.straight_lines import straight_lines
 from bayestissue.inference.execution.kept import kept_draws, some_impacts, some_of
 from bayestissue.inference.factors.expansions import expanded
-from bayestissue.inference.factors.noise_left import noise_p, noise_p_of_both
+from bayestissue.inference.factors.noise_left import force_lag, noise_p, noise_p_of_both
 from bayestissue.inference.factors.scores import log_densities
 from bayestissue.inference.quantities.draws import Draws, posterior_draws
 from bayestissue.inference.quantities.impacts import COMMON_DEPTH
@@ -260,6 +261,12 @@ def of_persons(prepared: Prepared) -> bool:
     return pairs == people.max() + 1 == prepared.mass_group.max() + 1
 
 
+def _clock(prepared: Prepared, u: Float[np.ndarray, "impact parameter"]) -> dict[str, float]:
+    """What the force of a driven tissue is late at a point of each impact's posterior."""
+    lag, se = force_lag(prepared.model, prepared.data, u)
+    return {"lag_s": lag, "se_s": se, "interval_s": float(np.median(prepared.signal.dt))}
+
+
 def _form(prepared: Prepared, draws: Draws, tree: xr.DataTree) -> dict[str, Any]:
     """What the residuals say of the model, where it is one of recorded decelerations or forces."""
     if prepared.model.kind not in ("impact", "driven", "tapped"):
@@ -278,7 +285,9 @@ def _form(prepared: Prepared, draws: Draws, tree: xr.DataTree) -> dict[str, Any]
         of_force = with_impacts(model_form(tree, "force"), names, p, together=True)
         return {"model_form": form, "channels": {"form": of_force}}
     if not prepared.model.discrepancy:
-        return {"model_form": of_one_fit(form, prepared.model.kind, prepared.model.element)}
+        form = of_one_fit(form, prepared.model.kind, prepared.model.element)
+        driven = prepared.model.kind == "driven" and not prepared.model.clock
+        return {"model_form": form} | ({"clock": _clock(chosen, middle)} if driven else {})
     undescribed = described(tree)
     return {
         "model_form": form

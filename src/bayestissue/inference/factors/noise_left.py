@@ -161,6 +161,42 @@ def _left_of_driven(
     return white[:, 0], white[:, 1:], size
 
 
+def force_lag(
+    model: TraceModel, data: TraceData, u: Float[np.ndarray, "impact parameter"]
+) -> tuple[float, float]:
+    """What a driven force is behind the displacement in all impacts, and its standard error [s].
+
+    Of a fit that takes both clocks for one: with d what a unit of the delay adds to what is left, r, both
+    white as of `noise_p` and less what the element's parameters make of them, it is sum d'r / sum d'd, and
+    its standard error (sum d'd)^-1/2.
+
+    Args:
+        model: of driven tissue, without a clock of its own.
+        data: the recordings.
+        u: a point of each impact's posterior.
+    """
+    score, information = _lag(model, data.padded, padded_impacts(u))
+    total = float(np.asarray(information)[: len(u)].sum())
+    return float(np.asarray(score)[: len(u)].sum()) / total, total**-0.5
+
+
+@compiled_quickly
+def _lag(
+    model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]
+) -> tuple[Float[Array, " impact"], Float[Array, " impact"]]:
+    """Score and information of each impact, the delay in s."""
+    event, unit = driven_likelihood(model, data, list(u.T)), jnp.ones_like(data.log_peak)
+    event = replace(event, clock=0 * unit, record=event.record._replace(clock_sd=unit))
+    values, A = event.standardised()
+    columns = jnp.concatenate([values[..., None], event.slopes()], axis=-1)
+    white = jax.vmap(_without)(A, jnp.swapaxes(columns, 1, 2))
+    left, fitted, delay = white[:, 0], white[:, 1:-1], white[:, -1]
+    gram = jnp.einsum("ipk,iqk->ipq", fitted, fitted)
+    along = jnp.linalg.solve(gram, jnp.einsum("ipk,ik->ip", fitted, delay)[..., None])
+    delay -= jnp.einsum("ipk,ip->ik", fitted, along[..., 0])
+    return (delay * left).sum(1), (delay**2).sum(1)
+
+
 @compiled_quickly
 def _left_of_tapped(
     model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]

@@ -28,6 +28,7 @@ NO_INTERVAL_OF_DRIVEN = Coded(
 CONTRADICTED = Coded("the traces contradict the measuring chain", "measuring-chain")
 FORCE_CONTRADICTS = Coded("the force contradicts mass times deceleration", "channels-disagree")
 FORCE_OTHER_LAW = Coded("the force follows another law than the deceleration", "force-form")
+FORCE_LATE = Coded("the force is late, or early", "force-late")
 PEAK_MISSED = Coded("the recorded peak is outside the interval of peak_deceleration", "peak-missed")
 ELEMENT_ALONE = Coded(
     "the element's own part of the force; the tissue's stiffness is K_secant", "element-alone"
@@ -119,6 +120,7 @@ def warnings(diagnostics: dict[str, Any]) -> list[Coded]:
     lines, velocity = diagnostics.get("straight_lines", {}), _velocity(diagnostics)
     force, reference = diagnostics.get("channels", {}), diagnostics.get("reference", {})
     peaks, added = diagnostics.get("recorded_peak", {}), diagnostics.get("added_mass", {})
+    clock = diagnostics.get("clock", {})
     of_all: Code = "undescribed-driven" if "element" in form else "undescribed"
     law: Code = of_all if form.get("undescribed") else "model-form"
     if not _against_all(form):
@@ -127,6 +129,7 @@ def warnings(diagnostics: dict[str, Any]) -> list[Coded]:
         (chain, chain.get("passed") is False, "measuring-chain"),
         (force, force.get("passed") is False, _of_force(force)),
         (reference, reference.get("passed") is False, "reference-contradicted"),
+        (clock, clock.get("passed") is False, "force-late"),
         ({"words": velocity}, bool(velocity), "velocity-contradicted"),
         (form, _against_all(form) or _against_some(form), law),
         (peaks, bool(peaks), "peak-missed"),
@@ -182,6 +185,8 @@ def noted(summary: pd.DataFrame, diagnostics: dict[str, Any]) -> pd.DataFrame:
         exponents = summary["variable"].str.startswith("mass_exponent").to_numpy(bool)
         words = FORCE_CONTRADICTS if force["agrees"] is False else FORCE_OTHER_LAW
         note[exponents if force["slope"] and force["follows"] else all_rows] = words
+    if diagnostics.get("clock", {}).get("passed") is False:
+        note[all_rows] = FORCE_LATE
     if chain.get("passed") is False:
         whole = len(chain["impacts"]) == chain["of"]
         note[all_rows if whole else label.isin(chain["impacts"])] = CONTRADICTED
@@ -207,8 +212,8 @@ def headline(diagnostics: dict[str, Any]) -> str:
         return f"{nothing[0].upper()}{nothing[1:]}: there are no intervals of K and C."
     if chain.get("passed") is False:
         return "The sampler passed, but the traces contradict the measuring chain."
-    force, reference = diagnostics.get("channels", {}), diagnostics.get("reference", {})
-    for account in (force, reference):
+    force, reference, clock = (diagnostics.get(name, {}) for name in ("channels", "reference", "clock"))
+    for account in (force, reference, clock):
         if account.get("passed") is False:
             return f"The sampler passed, but {account['first']}."
     if _velocity(diagnostics):
