@@ -31,7 +31,7 @@ POWERS = 3
 MODES = 16
 _NODES = 64
 # Of the window. By then the jerk is a quarter of what it was at contact.
-SETTLES = 0.1
+SETTLES = 0.4
 # Of `interpolated`: from where to where, in windows, and in how many steps.
 _BEGIN, _END, _STEPS = -0.5, 1.5, 256
 
