@@ -58,6 +58,19 @@ def test_both_motion_and_force_are_asked_for(folder: Path, pattern: str, text: s
     assert any("motion.free = false" in problem.expected for problem in error.value.problems)
 
 
+def test_what_the_force_may_be_late_is_read_and_written_back(folder: Path) -> None:
+    data = read_dataset(changed(folder, r'place = "base"', 'place = "base"\ntime_offset_sd_s = 0.001'))
+    assert data.channels[0].time_offset_sd_s == 0.001
+    again = read_dataset(data.write(folder.parent / "again"))
+    assert again.channels[0].time_offset_sd_s == 0.001
+
+
+def test_beside_a_free_mass_the_recordings_tell_what_is_late(folder: Path) -> None:
+    changed(folder, r'place = "base"', 'place = "base"\ntime_offset_sd_s = 0.001')
+    with pytest.raises(InputError, match=r"time_offset_sd_s only beside motion\.free = false"):
+        read_dataset(changed(folder, r"free = false", "free = true"))
+
+
 def test_noise_of_a_marker_hardly_ever_ends_a_window() -> None:
     """0.2 mm, where the motion is 1 to 5 mm deep: 33 of 120 windows ended before three fifths of the way."""
     early = 0

@@ -94,8 +94,8 @@ def run(
             fraction, velocity in m/s, offset in m/s^2, such as velocity=0.01; may be repeated.
         force: An entry of the table [[channel]] of a force beside the motion: value_column, place
             (impactor, base, or hammer: taps, whose impactor has no velocity), unit, scale, tip_mass_kg,
-            relative_gain_sd, time_offset_s; may be repeated. The only channel with a unit of force is taken
-            unless given; none leaves it out.
+            relative_gain_sd, time_offset_s, time_offset_sd_s; may be repeated. The only channel with a unit
+            of force is taken unless given; none leaves it out.
         driven: Something goes on pushing on the tissue, as a leg does on a heel: displacement and force are
             recorded, and no mass need be known.
         gravity: The part of gravity along the motion: none (a pendulum at its lowest point), drop (straight

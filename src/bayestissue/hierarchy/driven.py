@@ -63,14 +63,8 @@ def driven_rows(
         )
     window = np.median(signal.first_sample_s + (signal.n_samples - 1) * signal.dt)
     if channel.time_offset_sd_s > _LATEST * window:
-        raise InputError.stated(
-            "clock-unknown",
-            SETTINGS,
-            None,
-            "time_offset_sd_s",
-            channel.time_offset_sd_s,
-            most=_LATEST * window,
-        )
+        where = SETTINGS, None, "channel.time_offset_sd_s", channel.time_offset_sd_s
+        raise InputError.stated("clock-unknown", *where, most=_LATEST * window)
     value = rows.value
     index = np.arange(value.shape[1])
     y = np.where(index < rows.number[:, None], value, 0.0)

@@ -230,6 +230,17 @@ def test_a_force_that_is_late_is_one_of_displacements_later(
     np.testing.assert_allclose(joint(of_late, late / 1e-3), joint(shifted, 0.0), atol=1e-4)
 
 
+def test_both_clocks_are_one_where_none_is_late() -> None:
+    """Of what depends on a parameter the functions are interpolated: see the test of a force that is late."""
+    record = recorded(np.random.default_rng(6), discrepancy=True)
+
+    @jax.jit
+    def joint(record: DrivenRecord) -> Array:
+        return replace(measured(record, -3.0), clock=None).joint_log_density()
+
+    np.testing.assert_allclose(joint(record), joint_density(record, -3.0), atol=1e-4)
+
+
 def test_a_clock_is_a_direction_of_the_displacements() -> None:
     record = recorded(np.random.default_rng(5), discrepancy=False)
     event, step = replace(measured(record), clock=jnp.array([0.3, -0.8])), 1e-4

@@ -188,8 +188,7 @@ def _lag(
     event, unit = driven_likelihood(model, data, list(u.T)), jnp.ones_like(data.log_peak)
     event = replace(event, clock=0 * unit, record=event.record._replace(clock_sd=unit))
     values, A = event.standardised()
-    columns = jnp.concatenate([values[..., None], event.slopes()], axis=-1)
-    white = jax.vmap(_without)(A, jnp.swapaxes(columns, 1, 2))
+    white = _whitened(A, [values, *jnp.moveaxis(event.slopes(), -1, 0)])
     left, fitted, delay = white[:, 0], white[:, 1:-1], white[:, -1]
     gram = jnp.einsum("ipk,iqk->ipq", fitted, fitted)
     along = jnp.linalg.solve(gram, jnp.einsum("ipk,ik->ip", fitted, delay)[..., None])

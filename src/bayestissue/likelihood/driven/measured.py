@@ -503,11 +503,13 @@ class MeasuredDriven:
         slopes = jnp.pad(of_F, ((0, 0), (0, record.x.shape[1]), (0, 0)))
         if self.clock is None:
             return slopes
-        later = partial(self._displacement, weights)
-        of_x = (
-            jax.jvp(later, (self.clock,), (jnp.ones_like(self.clock),))[1] * jnp.exp(-self.log_sigma)[:, None]
-        )
-        return jnp.concatenate([slopes, jnp.pad(of_x, ((0, 0), (record.y.shape[1], 0)))[..., None]], axis=-1)
+
+        def displacement(clock: Array) -> Array:
+            return replace(self, clock=clock).displacement(weights)
+
+        _, moved = jax.jvp(displacement, (self.clock,), (jnp.ones_like(self.clock),))
+        of_x = jnp.pad(moved * jnp.exp(-self.log_sigma)[:, None], ((0, 0), (record.y.shape[1], 0)))
+        return jnp.concatenate([slopes, of_x[..., None]], axis=-1)
 
     def log_density(self) -> Float[Array, " impact"]:
         """Log density of each pair of recordings, the motion and all errors integrated out.
@@ -617,10 +619,6 @@ class MeasuredDriven:
         """What the displacement's samples would be without noise: x and the level [m]."""
         return jnp.einsum("iaf,if->ia", self._at_x(), weights[:, : self.record.at_x.shape[-1]])
 
-    def _displacement(self, weights: Float[Array, "impact weight"], clock: Float[Array, " impact"]) -> Array:
-        """The same where the force is so late."""
-        return replace(self, clock=clock).displacement(weights)
-
     def draw_errors(self, key: Array) -> Float[Array, "impact 2"]:
         """Depth at contact [m] and the force's zero [N] given the recordings."""
         return self.errors_of(self.weights(key))
@@ -637,9 +635,9 @@ class MeasuredDriven:
     def noise_quantities(self) -> dict[str, Float[Array, " impact"]]:
         """What the noise of each channel is, by the names that posteriors have."""
         noise = {"sigma_x": jnp.exp(self.log_sigma), "sigma_F": jnp.exp(self.log_force_sigma)}
-        return (
-            noise if self.clock is None else noise | {"force_clock_error": self.clock * self.record.clock_sd}
-        )
+        if self.clock is None:
+            return noise
+        return noise | {"force_clock_error": self.clock * self.record.clock_sd}
 
     def sample(self, key: Array) -> Float[Array, "impact row"]:
         """Draw forces: of a motion that the recordings allow, with noise."""
