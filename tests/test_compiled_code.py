@@ -53,9 +53,9 @@ def test_what_was_used_least_lately_is_removed_from_a_folder_that_is_too_large(t
             # The first three were written first, and the second of them was read since.
             os.utime(entry, (100 if number == 1 else number, number))
     (tmp_path / "other").write_bytes(b"-" * 10_000)
-    runtime._remove_unused(tmp_path, most=1000, kept=800)
+    runtime._remove_unused(tmp_path, most=1000, target=800)
     assert len(list(tmp_path.iterdir())) == 21
-    runtime._remove_unused(tmp_path, most=999, kept=800)
+    runtime._remove_unused(tmp_path, most=999, target=800)
     left = {*range(10)} - {0, 2}
     assert {path.name for path in tmp_path.iterdir()} == {"other"} | {
         f"jit_{number}-{ending}" for number in left for ending in ("cache", "atime")

@@ -198,8 +198,8 @@ def _cache_folder() -> Path | None:
     return folder
 
 
-def _remove_unused(folder: Path, most: int = _MOST_KEPT, kept: int = _KEPT) -> None:
-    """Where a folder of compiled functions has more than ``most`` bytes, remove those read least lately.
+def _remove_unused(folder: Path, most: int = _MOST_KEPT, target: int = _KEPT) -> None:
+    """Of more than ``most`` bytes of compiled functions keep ``target``, those that were read latest.
 
     Another process may read or remove them meanwhile: what it misses it compiles anew.
     """
@@ -216,7 +216,7 @@ def _remove_unused(folder: Path, most: int = _MOST_KEPT, kept: int = _KEPT) -> N
     if left <= most:
         return
     for _, size, name in sorted(entries):
-        if left <= kept:
+        if left <= target:
             return
         path = Path(name)
         with suppress(OSError):

@@ -92,9 +92,9 @@ def interpolated(t: Float[Array, "impact sample"]) -> Float[Array, "impact sampl
     They miss each f_j by less than 1e-8.
     """
     step = (_END - _BEGIN) / _STEPS
-    place = (t - _BEGIN) / step
-    node = jnp.clip(jnp.floor(place).astype(int), 0, _STEPS - 1)
-    p = (place - node)[..., None]
+    position = (t - _BEGIN) / step
+    node = jnp.clip(jnp.floor(position).astype(int), 0, _STEPS - 1)
+    p = (position - node)[..., None]
     (lower, upper), (rise, fall) = (
         (jnp.asarray(values)[node], jnp.asarray(values)[node + 1]) for values in _table()
     )
