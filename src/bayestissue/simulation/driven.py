@@ -9,7 +9,9 @@ zero of its own, and the force, each with its noise, at times that do not meet c
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -22,6 +24,8 @@ from bayestissue.dataset.model import Channel, Dataset, Trace
 
 # x_0, where a law of any exponent has the secant stiffness K [m].
 DEPTH_M = 5e-3
+# Times at which a true motion is looked at: trapezia over so many miss a part in a million.
+_FINE = 2001
 
 
 @dataclass(frozen=True)
@@ -79,7 +83,8 @@ class Pressed(NamedTuple):
         subject, trial, repeat: whose each is.
         K, C: of each.
         time: of the samples since contact [s].
-        x, v, force: displacement, its rate and force there.
+        x, force: displacement and force there.
+        path: displacement, its rate and force at any times since contact.
     """
 
     subject: Int[np.ndarray, " impact"]
@@ -89,8 +94,8 @@ class Pressed(NamedTuple):
     C: Float[np.ndarray, " impact"]
     time: Float[np.ndarray, "impact sample"]
     x: Float[np.ndarray, "impact sample"]
-    v: Float[np.ndarray, "impact sample"]
     force: Float[np.ndarray, "impact sample"]
+    path: Callable[[Float[np.ndarray, "impact sample"]], tuple[Float[np.ndarray, "impact sample"], ...]]
 
 
 def driven(study: Driven) -> tuple[Dataset, pd.DataFrame]:
@@ -133,21 +138,16 @@ def driven(study: Driven) -> tuple[Dataset, pd.DataFrame]:
 def outcomes_within(study: Driven, end: Float[np.ndarray, " impact"]) -> pd.DataFrame:
     """What the impacts of a study truly come to from contact until ``end`` [s], as a window ends there.
 
-    ``peak_force_N`` and ``peak_depth_m`` by samples, and ``energy_absorbed_J``, C v^2 by trapezia.
+    ``peak_force_N``, ``peak_depth_m`` and ``energy_absorbed_J``, the integral of C v^2, on a fine grid.
     """
     simulated = _made(study, np.random.default_rng(study.seed))
-    within = (simulated.time >= 0) & (simulated.time <= end[:, None])
-    time = np.where(within, simulated.time, end[:, None])
-    power = np.where(within, simulated.C[:, None] * simulated.v**2, 0.0)
-    first = within.argmax(axis=1)[:, None]
-    to_first, of_first = (np.take_along_axis(part, first, axis=1)[:, 0] for part in (time, power))
-    steps = np.where(within[:, :-1] & within[:, 1:], np.diff(simulated.time), 0.0)
-    lost = (steps * (power[:, :-1] + power[:, 1:]) / 2).sum(axis=1)
+    time = np.linspace(0, end, _FINE, axis=1)
+    x, v, force = simulated.path(time)
     return pd.DataFrame(
         {
-            "peak_force_N": np.where(within, simulated.force, 0.0).max(axis=1),
-            "peak_depth_m": np.where(within, simulated.x, 0.0).max(axis=1),
-            "energy_absorbed_J": lost + to_first * (simulated.C * simulated.v[:, 0] ** 2 + of_first) / 2,
+            "peak_force_N": force.max(axis=1),
+            "peak_depth_m": x.max(axis=1),
+            "energy_absorbed_J": simulated.C * np.trapezoid(v**2, time, axis=1),
         }
     )
 
@@ -165,9 +165,10 @@ def _made(study: Driven, random: np.random.Generator) -> Pressed:
     )
     steps = np.arange(-round(study.before_s * study.rate), round(study.after_s * study.rate))
     time = (steps + random.uniform(0, 1, (count, 1))) / study.rate
-    x, v, force = _pushed(study, K, C, V, mass, push, rise, np.maximum(time, 0.0))
+    path = partial(_pushed, study, K, C, V, mass, push, rise)
+    x, _, force = path(np.maximum(time, 0.0))
     x, force = np.where(time < 0, V[:, None] * time, x), np.where(time < 0, 0.0, force)
-    return Pressed(subject, trial, repeat, K, C, time, x, v, force)
+    return Pressed(subject, trial, repeat, K, C, time, x, force, path)
 
 
 def _pushed(
