@@ -330,8 +330,9 @@ class DrivenOutcomes(NamedTuple):
         K_tangent: slope of the force with penetration at contact, a damper's own left out [N/m].
         K_secant: force over penetration at the greatest penetration [N/m].
         C_equivalent: of the damper that would have taken as much energy up to there [N s/m].
-        peak_force: force at the moment when that of the likeliest motion is greatest [N], which of a strong
-            damper is contact. A drawn motion is rougher than tissue, and its own greatest force too great.
+        peak_force: force at the moment when that of the likeliest motion is greatest, or at contact, where a
+            strong damper's is greater [N]. A drawn motion is rougher than tissue, and its own greatest force
+            too great.
         peak_depth: greatest penetration [m].
         time_to_peak: from contact to it [s].
         energy_absorbed: taken up by the tissue within the window and not stored at its end [J].
@@ -636,12 +637,9 @@ class MeasuredDriven:
             return jnp.take_along_axis(values, index, axis=1)
 
         # Beyond the end as before it: no parabola through the last sample.
-        weights = self.weights()
-        likeliest, likeliest_at_contact = self.tissue_force(weights), self._contact(weights)[2]
+        likeliest = self.tissue_force(self.weights())
         likeliest = jnp.where(inside, likeliest, at(likeliest, jnp.maximum(last - 1, 0)))
-        peak_force = at(force, likeliest.argmax(1)[:, None])[:, 0] + greatest(likeliest) - likeliest.max(1)
-        at_once = likeliest_at_contact[:, 0] > greatest(likeliest)
-        peak_force = jnp.where(at_once, at_contact[:, 0], peak_force)
+        later_force = at(force, likeliest.argmax(1)[:, None])[:, 0] + greatest(likeliest) - likeliest.max(1)
         slows = at(v, jnp.maximum(deepest - 1, 0)) - at(v)
         later = jnp.where(slows > 0, at(v) * dt / jnp.where(slows > 0, slows, 1.0), 0.0)
         later = jnp.clip(later, -dt, dt)
@@ -660,7 +658,7 @@ class MeasuredDriven:
             K_tangent=tangent_stiffness(element, {name: value[:, 0] for name, value in p.items()}),
             K_secant=(of_peak / depth)[:, 0],
             C_equivalent=(at(lost) / at(squares))[:, 0],
-            peak_force=peak_force,
+            peak_force=jnp.maximum(at_contact[:, 0], later_force),
             peak_depth=depth[:, 0],
             time_to_peak=(at(time) + later)[:, 0],
             energy_absorbed=at(lost, last)[:, 0],
