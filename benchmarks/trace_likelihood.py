@@ -2,8 +2,9 @@
 
     python benchmarks/trace_likelihood.py
 
-For each likelihood of a free mass's traces: the log density of all 90 impacts at their point estimates, and it with its
-gradient by each impact's own parameters, errors of the measuring chain integrated out; least of many.
+For each likelihood of a free mass's traces: the log density of all 90 impacts at their point estimates, and
+it with its gradient by each impact's own parameters, errors of the measuring chain integrated out; least of
+many.
 """
 
 from __future__ import annotations
