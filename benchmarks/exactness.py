@@ -35,7 +35,7 @@ from bayestissue.runtime import configure
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.append(str(ROOT / "tests" / "elements"))
-from element_values import ARM, FORCE, MASS, VALUES, VELOCITY  # noqa: E402
+from element_values import ADDED, ARM, FORCE, MASS, VALUES, VELOCITY  # noqa: E402
 
 SAMPLES, SIGMA = 60, 0.3
 # From five samples an oscillation to a hundred, damped little and beyond the critical.
@@ -124,16 +124,17 @@ def displacements() -> Row:
 
 
 def solved(name: str, row: int, time: np.ndarray, velocity: float) -> np.ndarray:
-    """F / M by scipy's eighth-order method."""
+    """Decelerations by scipy's eighth-order method. A mass that moves along is taken along at contact."""
     force, (k, c) = FORCE[name], ARM.get(name, (0.0, 1.0))
+    moves = MASS[row] + ADDED.get(name, 0.0)
 
     def field(t: float, y: np.ndarray) -> list[float]:
         x, v, f = y
-        return [v, -force(x, v, f) / MASS[row], k * v - f * k / c]
+        return [v, -force(x, v, f) / moves, k * v - f * k / c]
 
-    span, start = (0, time[-1]), [0.0, velocity, 0.0]
+    span, start = (0, time[-1]), [0.0, velocity * MASS[row] / moves, 0.0]
     path = solve_ivp(field, span, start, "DOP853", time, rtol=1e-12, atol=1e-14).y
-    return np.array([force(*each) for each in path.T]) / MASS[row]
+    return np.array([force(*each) for each in path.T]) / moves
 
 
 def impacts(name: str) -> Iterator[Row]:
