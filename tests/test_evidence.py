@@ -434,6 +434,12 @@ def test_no_measured_figure_is_typed():
     assert not typed, f"take figures of evidence (benchmarks/README.md) for measured numbers: {typed}"
 
 
+def test_no_likelihood_and_no_motion_is_far_from_its_oracles():
+    """An oracle that integrates to 1e-12 and differentiates by steps of 1e-6 has some 1e-6 of its own."""
+    measured = texts.raw("exactness").set_index(["what", "oracle"])["largest_difference"]
+    assert measured[measured > 1e-5].empty
+
+
 def test_the_page_of_a_fit_shows_the_coverage_that_was_measured():
     assert pages.SHOWN.read_text(encoding="utf-8") == pages.coverage_shown(), OTHERS
 
