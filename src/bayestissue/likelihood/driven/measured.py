@@ -288,7 +288,7 @@ def _integral(
 ) -> Float[Array, "impact row"]:
     """From contact to each sample: a parabola to the first, then trapezia with Euler and Maclaurin's term.
 
-    A damper takes most of its energy just after contact. Of v^2 that falls to a third within seven samples
+    A damper takes most of its energy just after contact. Of v^2 that falls to a third within three samples
     trapezia alone make one part in a hundred too much, these a few in ten thousand.
 
     Args:
