@@ -20,6 +20,7 @@ from bayestissue.inference.answers.level_tables import (
     measured_motions,
 )
 from bayestissue.inference.answers.questions import ask, numbered
+from bayestissue.results.tables import columns_of
 
 SHAPE = (2, 200)
 MASS, G = 5.0, 9.80665
@@ -211,3 +212,13 @@ def test_a_tissue_that_is_never_left_has_a_loop_without_an_end() -> None:
     out = rows[rows["branch"] == "out"]
     assert (out["force_N"] > 0.9 * MASS * G).all()
     assert out["depth_m"].min() >= rest - 1e-3
+
+
+def test_a_band_that_too_few_draws_reach_anywhere_has_no_rows() -> None:
+    # One impact leaves K and C of a typical person open over decades: no depth is passed on the way out
+    # by nearly all draws, since many are overdamped and the deepest of some is beyond that of others.
+    compared = Comparison(draws_of(4.0, pads=False), recorded("1"), RESPONSES, law=Law("kelvin_voigt", 0.0))
+    table = loops_table(compared)
+    assert set(table["branch"]) >= {"in", "deepest"}
+    assert "out" not in set(table["branch"])
+    assert set(columns_of("loops")) == set(table.columns)

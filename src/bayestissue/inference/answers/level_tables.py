@@ -160,6 +160,8 @@ def _loop_rows(loops: Mapping[str, Float[np.ndarray, "draw place"]]) -> Iterator
     for branch in (IN, OUT):
         at_grid = _at(grid, loops[f"depth_{branch}"], loops[f"force_{branch}"], branch)
         reached = np.isfinite(at_grid).mean(axis=0) >= SETTINGS.reached
+        if not reached.any():
+            continue
         ends = np.nanpercentile(at_grid[:, reached], _ENDS, axis=0)
         forces = dict(zip(names, ends, strict=True))
         yield pd.DataFrame({"branch": branch, "depth_m": grid[reached], **forces})
