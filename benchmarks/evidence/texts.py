@@ -68,7 +68,7 @@ def with_error(share: pd.Series, error: pd.Series) -> list[str]:
     return [f"{100 * each:.1f} ± {100 * sd:.1f} %" for each, sd in zip(share, error, strict=True)]
 
 
-def binomial_error(share: pd.Series, count: pd.Series | int) -> pd.Series:
+def binomial_error(share: pd.Series | float, count: pd.Series | int) -> pd.Series:
     """Standard error of a share of so many."""
     return np.sqrt(share * (1 - share) / count)
 
@@ -91,7 +91,8 @@ def block(text: str, family: str) -> Figure:
 def coverage(rows: pd.DataFrame, by: list[str]) -> pd.DataFrame:
     """How often intervals of 50 and of 90 % hold the truth, a line each of ``by`` and level.
 
-    ``se`` is the standard error between units: impacts of one campaign are not independent. ``off`` is the
+    ``se`` is the standard error between units: impacts of one campaign are not independent. Where all
+    campaigns are alike it is that of one interval a campaign, since they tell no error. ``off`` is the
     median error of the posterior median and ``width`` the median width, both relative to the truth unless
     that is an exponent's.
     """
@@ -105,7 +106,9 @@ def coverage(rows: pd.DataFrame, by: list[str]) -> pd.DataFrame:
         groups = part.groupby(by, sort=False)
         campaigns = part.groupby([*by, "unit"], sort=False)["held"].mean().groupby(by, sort=False)
         columns = {"level": level, "held": groups["held"].sum(), "impacts": groups.size()}
-        columns |= {"share": groups["held"].mean(), "se": campaigns.sem(), "campaigns": campaigns.size()}
+        columns |= {"share": groups["held"].mean(), "campaigns": campaigns.size()}
+        of_one = binomial_error(level / 100, columns["campaigns"])
+        columns["se"] = campaigns.sem().where(lambda error: error != 0, of_one)
         lines.append(pd.DataFrame(columns | groups[["off", "width"]].median().to_dict("series")))
     return pd.concat(lines).reset_index()
 

@@ -140,21 +140,47 @@ def test_a_sharp_shock_of_few_samples_is_flagged() -> None:
     assert flags.str.contains(PEAK_MISSED, regex=False).all()
 
 
+def recorded_shocks(folder: Path) -> tuple[Dataset, list[float], list[float]]:
+    """Both recordings about their peak, the peak of each and the noise before it [standard gravity]."""
+    shocks, peaks, noises = [], [], []
+    for name in ("Test_010", "Test_024"):
+        lines = (folder / f"{name}.lvm").read_text().splitlines()
+        start = next(number for number, line in enumerate(lines) if line.startswith("X_Value"))
+        y = np.array([float(line.split(",")[1]) for line in lines[start + 1 :] if line and line[0].isdigit()])
+        top = int(y.argmax())
+        quiet = y[top - 60 : top - 30]
+        shocks.append(one_shock(y[top - 12 : top + 9] - quiet.mean(), name, 3.5))
+        peaks.append((y[top] - quiet.mean()) / standard_gravity)
+        noises.append(quiet.std() / standard_gravity)
+    return dataset_of(shocks, 0.7), peaks, noises
+
+
 # Two impacts leave what a new person comes to so open that squares of single draws overflow.
 @pytest.mark.filterwarnings("ignore:overflow encountered:RuntimeWarning")
 @pytest.mark.slow
 def test_the_recorded_shocks_do_not_pass_silently(shock_table: Path) -> None:
-    shocks = []
-    for name in ("Test_010", "Test_024"):
-        lines = (shock_table / f"{name}.lvm").read_text().splitlines()
-        start = next(number for number, line in enumerate(lines) if line.startswith("X_Value"))
-        y = np.array([float(line.split(",")[1]) for line in lines[start + 1 :] if line and line[0].isdigit()])
-        top = int(y.argmax())
-        shocks.append(one_shock(y[top - 12 : top + 9] - y[top - 60 : top - 30].mean(), name, 3.5))
-    dataset = dataset_of(shocks, 0.7)
-    assert dataset.traces[0].value.max() > 3900 * standard_gravity
+    dataset, peaks, _ = recorded_shocks(shock_table)
+    assert max(peaks) > 3900
     flags = bt.estimate(dataset)["flags"]
     assert flags[0].count(PEAK_MISSED) == 1
     fit = bt.fit(dataset, seed=1)
     assert fit.diagnostics["recorded_peak"]["impacts"] == ["Test_010"]
     assert "the recorded peak of 1 of 2 impacts" in fit.about["verdict"]["headline"]
+
+
+@pytest.mark.filterwarnings("ignore:overflow encountered:RuntimeWarning")
+@pytest.mark.filterwarnings("ignore:invalid value encountered:RuntimeWarning")
+@pytest.mark.slow
+def test_beside_a_discrepancy_the_recorded_peaks_are_in_their_intervals(
+    shock_table: Path, tmp_path: Path
+) -> None:
+    dataset, peaks, noises = recorded_shocks(shock_table)
+    model = tmp_path / "beside.toml"
+    model.write_text('like = "impact"\ndiscrepancy = "always"\n')
+    fit = bt.fit(dataset, model=str(model), seed=1)
+    rows = fit.summary[fit.summary["variable"] == "peak_deceleration"].set_index("label")
+    for name, peak, noise in zip(dataset.impacts["impact"], peaks, noises, strict=True):
+        # The greatest of the samples about a peak is above it by two of the noise's standard deviations.
+        assert rows.loc[name, "eti90_low"] - 2 * noise < peak < rows.loc[name, "eti90_high"] + 2 * noise
+    # They are no spring's and damper's impacts, and K and C are not offered as such.
+    assert "No element" in fit.about["verdict"]["headline"]
