@@ -73,6 +73,11 @@ def binomial_error(share: pd.Series | float, count: pd.Series | int) -> pd.Serie
     return np.sqrt(share * (1 - share) / count)
 
 
+def known_error(error: pd.Series, share: float, count: pd.Series) -> pd.Series:
+    """Standard errors of shares; where units are alike, and tell none, that of one interval a unit."""
+    return error.where(error > 0, binomial_error(share, count))
+
+
 def at_most(count: int, of: int) -> str:
     """Such as "0 of 80 (below 3.7 %)", the upper limit of the rate at 95 % (Clopper and Pearson)."""
     return f"{count} of {of} (below {percent(float(stats.beta.ppf(0.95, count + 1, of - count)))})"
@@ -91,10 +96,9 @@ def block(text: str, family: str) -> Figure:
 def coverage(rows: pd.DataFrame, by: list[str]) -> pd.DataFrame:
     """How often intervals of 50 and of 90 % hold the truth, a line each of ``by`` and level.
 
-    ``se`` is the standard error between units: impacts of one campaign are not independent. Where all
-    campaigns are alike it is that of one interval a campaign, since they tell no error. ``off`` is the
-    median error of the posterior median and ``width`` the median width, both relative to the truth unless
-    that is an exponent's.
+    ``se`` is the standard error between units, as `known_error` has it: impacts of one campaign are not
+    independent. ``off`` is the median error of the posterior median and ``width`` the median width, both
+    relative to the truth unless that is an exponent's.
     """
     rows = rows.dropna(subset="truth")
     relative = rows["truth"].where(~rows["quantity"].str.contains("exponent"), 1.0).abs()
@@ -107,8 +111,7 @@ def coverage(rows: pd.DataFrame, by: list[str]) -> pd.DataFrame:
         campaigns = part.groupby([*by, "unit"], sort=False)["held"].mean().groupby(by, sort=False)
         columns = {"level": level, "held": groups["held"].sum(), "impacts": groups.size()}
         columns |= {"share": groups["held"].mean(), "campaigns": campaigns.size()}
-        of_one = binomial_error(level / 100, columns["campaigns"])
-        columns["se"] = campaigns.sem().where(lambda error: error != 0, of_one)
+        columns["se"] = known_error(campaigns.sem(), level / 100, columns["campaigns"])
         lines.append(pd.DataFrame(columns | groups[["off", "width"]].median().to_dict("series")))
     return pd.concat(lines).reset_index()
 

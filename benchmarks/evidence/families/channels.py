@@ -8,9 +8,9 @@ from evidence.families.outcomes import LEVEL, shares
 from evidence.texts import (
     Figure,
     Named,
-    binomial_error,
     block,
     family,
+    known_error,
     names,
     percent,
     raw,
@@ -23,12 +23,9 @@ FAR, NEAR = 0.05, 0.01
 
 
 def counted(rows: pd.DataFrame) -> pd.DataFrame:
-    """`shares` without those of all quantities together.
-
-    Of no misses the studies tell no error: it is that of one interval a study.
-    """
+    """`shares` without those of all quantities together, with their `known_error`."""
     lines = shares(rows).query("outcome != 'all'")
-    return lines.assign(se=lines["se"].where(lines["se"] > 0, binomial_error(LEVEL, lines["studies"])))
+    return lines.assign(se=known_error(lines["se"], LEVEL, lines["studies"]))
 
 
 def shown(lines: pd.DataFrame) -> str:

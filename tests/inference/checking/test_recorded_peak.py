@@ -13,6 +13,7 @@ from scipy.constants import g as standard_gravity
 import bayestissue as bt
 from bayestissue.dataset import Dataset, Uncertainty
 from bayestissue.dataset.chain import Recorder
+from bayestissue.dataset.recorders import contents_of
 from bayestissue.hierarchy.specification import read_specification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.inference.checking.recorded_peak import judge_peaks, missed_peaks
@@ -144,9 +145,8 @@ def recorded_shocks(folder: Path) -> tuple[Dataset, list[float], list[float]]:
     """Both recordings about their peak, the peak of each and the noise before it [standard gravity]."""
     shocks, peaks, noises = [], [], []
     for name in ("Test_010", "Test_024"):
-        lines = (folder / f"{name}.lvm").read_text().splitlines()
-        start = next(number for number, line in enumerate(lines) if line.startswith("X_Value"))
-        y = np.array([float(line.split(",")[1]) for line in lines[start + 1 :] if line and line[0].isdigit()])
+        channels = contents_of(folder / f"{name}.lvm", name).channels
+        y = np.asarray(channels["Acceleration_0"].values)
         top = int(y.argmax())
         quiet = y[top - 60 : top - 30]
         shocks.append(one_shock(y[top - 12 : top + 9] - quiet.mean(), name, 3.5))
@@ -160,7 +160,7 @@ def recorded_shocks(folder: Path) -> tuple[Dataset, list[float], list[float]]:
 @pytest.mark.slow
 def test_the_recorded_shocks_do_not_pass_silently(shock_table: Path) -> None:
     dataset, peaks, _ = recorded_shocks(shock_table)
-    assert max(peaks) > 3900
+    assert peaks[0] > 3900
     flags = bt.estimate(dataset)["flags"]
     assert flags[0].count(PEAK_MISSED) == 1
     fit = bt.fit(dataset, seed=1)
