@@ -11,9 +11,10 @@ import os
 import sys
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Annotated, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
+import typer.core
 
 from bayestissue import runtime, stopping
 from bayestissue.commands import (
@@ -36,7 +37,7 @@ from bayestissue.commands import (
     simulate,
     watch,
 )
-from bayestissue.errors import InputError, PartialResultError, by_cause, more, printable
+from bayestissue.errors import InputError, PartialResultError, Problem, by_cause, more, printable
 
 # Of the process, and what each means.
 STATUSES = {
@@ -50,8 +51,35 @@ STATUSES = {
     stopping.INTERRUPTED: "interrupted",
 }
 
+
+class _Command(typer.core.TyperCommand):
+    """A command that says of an option of an earlier version what to use instead."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        options = [arg.partition("=")[0] for arg in args if arg.startswith("--")]
+        known = {name for option in self.get_params(ctx) for name in option.opts}
+        for name in dict.fromkeys(name for name in options if name not in known):
+            for gone in (f"{self.name} {name}", name):
+                _refuse_retired("option", gone)
+        return super().parse_args(ctx, args)
+
+
+class _Commands(typer.core.TyperGroup):
+    """The commands; one of an earlier version says what to use instead."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        _refuse_retired("command", args[0])
+        return super().resolve_command(ctx, args)
+
+
+def _refuse_retired(kind: str, name: str) -> None:
+    if problem := Problem.of_retired(kind, name, "bayestissue"):
+        raise InputError(problem)
+
+
 app = typer.Typer(
     name="bayestissue",
+    cls=_Commands,
     help="Stiffness K and damping C of soft tissue from the recorded deceleration of an impact: "
     "what they are, how sure one can be, and whether their dependence on mass is real.",
     epilog=f"Exit status: {'; '.join(f'{status} {words}' for status, words in STATUSES.items())}.",
@@ -73,7 +101,7 @@ _COMMANDS: dict[str, Callable[..., None]] = {
 }
 for name, command in _COMMANDS.items():
     function, words = options.documented(command)
-    app.command(name, help=words)(function)
+    app.command(name, cls=_Command, help=words)(function)
 
 
 @app.callback(invoke_without_command=True)

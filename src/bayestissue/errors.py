@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Self
 
-from bayestissue.remedies import Code, messages
+from bayestissue.remedies import Code, messages, retired
 
 # Control characters, and those that force a direction of writing: a terminal would obey them. And halves of
 # characters, which stand for bytes of a file name that are no UTF-8: no text can be written with them.
@@ -61,6 +61,21 @@ class Problem:
         expected, remedy = text.expected.format(**words), text.remedy.format(**words)
         at = None if row is None else int(row)
         return cls(file, expected, remedy, at, column, value, impact or None, code=text.code)
+
+    @classmethod
+    def of_retired(cls, kind: str, name: str, file: str, *where: Any) -> Self | None:
+        """The problem of a name that is gone, with what to do instead; None of one that never was.
+
+        Args:
+            kind: as in ``retired.toml``, such as "key".
+            name: what stands there.
+            file: and what follows as of `stated`.
+            where: row, column and value.
+        """
+        instead = retired()[kind].get(name)
+        if instead is None:
+            return None
+        return cls.stated("retired.name", file, *where, kind=kind, name=name, instead=instead)
 
     def __str__(self) -> str:
         location = [printable(self.file)]

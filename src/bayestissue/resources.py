@@ -9,7 +9,7 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
-from bayestissue.errors import InputError
+from bayestissue.errors import InputError, Problem
 from bayestissue.settings import parse_toml, read_text, row_of
 
 Serves = Callable[[dict[str, Any]], bool]
@@ -52,6 +52,8 @@ def model_file(model: str | Path, serves: Serves) -> Path:
     path = Path(model)
     if path.is_file():
         return path
+    if gone := Problem.of_retired("model", str(model), str(model)):
+        raise InputError(gone)
     near = difflib.get_close_matches(path.stem.lower(), names, n=len(names), cutoff=0.5)
     listed = ", ".join(dict.fromkeys([*near, *names]))
     kind = "a folder" if path.is_dir() else "no such model or file"
@@ -127,6 +129,8 @@ def _base(like: Any, source: str, text: str, above: tuple[Path, ...]) -> Path:
         if base.is_file() and base not in above:
             return base
     row, listed = row_of(text, (LIKE,)), ", ".join(names)
+    if gone := Problem.of_retired("model", str(like), source, row_of(text, (LIKE,)), LIKE, like):
+        raise InputError(gone)
     raise InputError.stated("no-model.like", source, row, LIKE, like, listed=listed)
 
 

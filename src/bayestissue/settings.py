@@ -163,6 +163,8 @@ def _merged(problems: list[Problem]) -> list[Problem]:
 def _problem(detail: Any, schema: type[BaseModel], file: str, within: tuple[str, ...]) -> Problem:
     location = _existing(detail["loc"], schema)
     key = ".".join([*within, *(str(part) for part in location)])
+    if gone := _retired(detail, [*within, *location], file, key):
+        return gone
     if detail["type"] == "extra_forbidden":
         allowed = ", ".join(allowed_keys(schema, location[:-1]))
         return Problem.stated("unknown-key", file, None, key, detail["input"], allowed=allowed)
@@ -177,6 +179,14 @@ def _problem(detail: Any, schema: type[BaseModel], file: str, within: tuple[str,
     return Problem.stated(
         "key-value.key" if key else "key-value.keys", file, None, key or None, shown, **words
     )
+
+
+def _retired(detail: Any, location: Sequence[str | int], file: str, key: str) -> Problem | None:
+    """The problem of a key or a value of an earlier version, by its name without the numbers of tables."""
+    name, value = ".".join(part for part in location if isinstance(part, str)), detail["input"]
+    if detail["type"] == "extra_forbidden":
+        return Problem.of_retired("key", name, file, None, key)
+    return Problem.of_retired("value", f"{name} = {value}", file, None, key, value)
 
 
 def allowed_keys(schema: type[BaseModel], location: Sequence[str | int] = ()) -> tuple[str, ...]:

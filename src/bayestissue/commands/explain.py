@@ -6,7 +6,7 @@ import difflib
 import json
 import textwrap
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from itertools import groupby
 from typing import Annotated
 
@@ -14,7 +14,7 @@ import typer
 
 from bayestissue.commands.options import Json
 from bayestissue.errors import InputError, Problem
-from bayestissue.remedies import Remedy, entries
+from bayestissue.remedies import Remedy, entries, retired
 
 
 def run(
@@ -24,14 +24,14 @@ def run(
     """What a warning or an error means, what it does to K and C, and what to do.
 
     Args:
-        codes: As messages end with; all are listed unless given.
+        codes: As messages end with, or names that are gone, such as excel; all codes are listed unless given.
     """
     from bayestissue.commands.console import echo
 
-    known = {str(code): entry for code, entry in entries().items()}
+    known = {str(code): entry for code, entry in entries().items()} | _retired_names()
     if unknown := [code for code in codes or () if code not in known]:
         raise InputError(_unknown(code, list(known)) for code in unknown)
-    chosen = [known[code] for code in codes or ()] or list(known.values())
+    chosen = [known[code] for code in codes or ()] or list(entries().values())
     if as_json:
         echo(json.dumps([asdict(entry) for entry in chosen], ensure_ascii=False))
     elif codes:
@@ -47,6 +47,27 @@ def _lines(entry: Remedy) -> Iterator[str]:
     for heading, text in entry.parts:
         yield f"\n  {heading}"
         yield textwrap.fill(text, SCREEN.width, initial_indent="    ", subsequent_indent="    ")
+    if entry.code == "retired":
+        for kind, names in retired().items():
+            for name, instead in names.items():
+                yield textwrap.fill(
+                    f"{kind} {name}: {instead}",
+                    SCREEN.width,
+                    initial_indent="    ",
+                    subsequent_indent="      ",
+                )
+
+
+def _retired_names() -> dict[str, Remedy]:
+    """By each name that is gone, an option's without dashes: the entry of all, with its own remedy."""
+    entry = entries()["retired"]
+    return {
+        name.rpartition("--")[2]: replace(
+            entry, code=name, title=f"a {kind} of an earlier version", remedy=instead
+        )
+        for kind, names in retired().items()
+        for name, instead in names.items()
+    }
 
 
 def _list(chosen: Sequence[Remedy]) -> Iterator[str]:

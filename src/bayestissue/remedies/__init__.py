@@ -1,6 +1,7 @@
 """What every warning and error means, what it does to K and C, and what to do: ``remedies.toml``.
 
-The sentences that a problem is keyed in stand in ``messages.toml``, those of one code together.
+The sentences that a problem is keyed in stand in ``messages.toml``, those of one code together; what to use
+instead of a name that is gone stands in ``retired.toml``.
 """
 
 from __future__ import annotations
@@ -73,6 +74,13 @@ def messages() -> MappingProxyType[str, Message]:
         several = {code: content} if "expected" in content else {f"{code}.{k}": m for k, m in content.items()}
         keyed |= {key: Message(code, **sentences) for key, sentences in several.items()}
     return MappingProxyType(keyed)
+
+
+@cache
+def retired() -> MappingProxyType[str, MappingProxyType[str, str]]:
+    """Names that earlier versions had, by their kind ("command", "key", ...): what to do instead of each."""
+    kinds = declared(__name__, "retired.toml")
+    return MappingProxyType({kind: MappingProxyType(names) for kind, names in kinds.items()})
 
 
 @cache
