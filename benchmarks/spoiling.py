@@ -76,12 +76,6 @@ def clipped_under_noise(impact: Impact, chain: Chain, rng: np.random.Generator) 
     return record(impact, chain, sensor=lambda _, d: np.minimum(d, limit))
 
 
-def saturated(impact: Impact, chain: Chain, rng: np.random.Generator) -> Trace:
-    """A sensor that saturates softly: L tanh(d / L), L from 0.5 to 1.2 times the peak."""
-    limit = rng.uniform(0.5, 1.2)
-    return record(impact, chain, sensor=lambda _, d: limit * np.tanh(d / limit))
-
-
 def _late(seconds: float) -> Spoiling:
     def late(impact: Impact, chain: Chain, rng: np.random.Generator) -> Trace:
         whole = record(impact, replace(chain, before=0.0))
@@ -258,7 +252,6 @@ def _quiet(chain: Chain, rng: np.random.Generator) -> Chain:
 KINDS: dict[str, Spoiling] = {
     "clipped": clipped,
     "clipped, noise behind it": clipped_under_noise,
-    "soft saturation": saturated,
     "begins 1 ms late": _late(0.001),
     "begins 2 ms late": _late(0.002),
     "begins 4 ms late": _late(0.004),
