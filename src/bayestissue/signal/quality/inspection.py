@@ -13,7 +13,7 @@ from bayestissue.dataset.model import Dataset
 from bayestissue.declarations import declared
 from bayestissue.errors import Coded
 from bayestissue.remedies import entries
-from bayestissue.signal.displacement import Displacements, displacements
+from bayestissue.signal.displacement import displacements
 from bayestissue.signal.options import SignalOptions
 from bayestissue.signal.quality import beginning, law, samples, velocity
 from bayestissue.signal.quality.recorded import Recorded
@@ -190,8 +190,8 @@ def _inspected(part: Dataset, options: SignalOptions, implied: list[velocity.Imp
     usable = of_part.usable & ~named
     implied.append(of_part._replace(usable=usable, explained=of_part.explained & usable & ~other_gravity))
     unnamed = used & ~(named | other_gravity)[:, None]
-    start = law.Start(signal.sample_number, signal.dt, signal.x[:, 0], signal.v[:, 0], signal.gravity)
-    none = law.no_law(signal.deceleration, unnamed, start, recorded.sd, recorded.freedom, recorded.peak)
+    begin = law.Start(signal.sample_number, signal.dt, signal.x[:, 0], signal.v[:, 0], signal.gravity)
+    none = law.no_law(signal.deceleration, unnamed, begin, recorded.sd, recorded.freedom, recorded.peak)
     yield KINDS["no-law"].where(none, none)
 
 

@@ -1,7 +1,7 @@
 """Whether any tissue pushes back like this: force laws fitted to the motion that the recording gives.
 
-What a spring and damper does not give may be gravity along the motion that was not declared, or was and is not
-there.
+What a spring and damper does not give may be gravity along the motion that was not declared, or was and is
+not there.
 """
 
 from __future__ import annotations
