@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 TABLES = (
     *("summary", "hypotheses", "cross_validation", "sensitivity", "interval_sources"),
-    *("contrasts", "levels", "loops", "curves", "people", "reliability"),
+    *("contrasts", "levels", "loops", "curves", "reliability"),
 )
 METHODS = ("exact", "dds")
 # Where its chains ended.
@@ -153,14 +153,6 @@ class Fit(Outlined):
         See `bayestissue.inference.answers.contrasts`.
         """
         return self.table("contrasts")
-
-    @property
-    def people(self) -> pd.DataFrame:
-        """Each person against each other, with the probability of being stiffer: ``people.csv``.
-
-        See `bayestissue.inference.answers.contrasts`.
-        """
-        return self.table("people")
 
     @property
     def reliability(self) -> pd.DataFrame:

@@ -16,7 +16,7 @@ Compared are, of each response, by its own formula:
 
 - the levels of each category, of numbers in ``C()``, and of each number with two values;
 - two such columns whose interaction ``a:b`` the formula has;
-- the levels of each group but people, who have a table of their own (`people_compared`);
+- the levels of each group but people, of whom there are many: a question may ask of two;
 - of combinations such as ``subject:side`` those that differ in one column but the person, within each person
   and averaged over the people recorded;
 - conditions at one mass. Where the formula has the mass, effects of conditions that stand for masses are what
@@ -51,7 +51,6 @@ import xarray as xr
 from jaxtyping import Float
 
 from bayestissue.hierarchy.formulas.formula import interactions
-from bayestissue.hierarchy.formulas.group_terms import SUBJECT
 from bayestissue.hierarchy.levels import log_at_levels
 from bayestissue.hierarchy.recorded import Condition, Recorded, label_of
 from bayestissue.hierarchy.untried import not_used
@@ -542,42 +541,3 @@ def _notes(recorded: Recorded, compared: Sequence[Contrast]) -> list[str]:
         return f"{ALSO}{', '.join(words)}" if words else ""
 
     return [note(contrast) for contrast in compared]
-
-
-MOST_PEOPLE = 60
-
-
-def people_compared(draws: xr.Dataset, recorded: Recorded, responses: Sequence[str]) -> pd.DataFrame:
-    """Each person against each other, as in ``people.csv``, two rows a pair; none of more than `MOST_PEOPLE`.
-
-    Args:
-        draws: the group posterior.
-        recorded: what was measured.
-        responses: K, C and the further parameters that have a formula; those with an effect of the person
-            are compared.
-
-    Returns:
-        ``p_greater`` is the probability that the person's is greater, ``ratio`` the posterior median of the
-        person's over the other's, ``low`` and ``high`` the ends of its 90 % interval. Beside a discrepancy
-        K_secant of the person's own impacts stands in place of K, which is the element's alone.
-    """
-    people = recorded.levels("subject")
-    upper, lower = np.triu_indices(len(people), 1)
-    person, against = np.append(upper, lower), np.append(lower, upper)
-    tables = []
-    for response in responses:
-        if SUBJECT not in recorded.response(response).terms.groups or not 2 <= len(people) <= MOST_PEOPLE:
-            continue
-        logs = log_at_levels(draws, recorded, response, [{"subject": name} for name in people])
-        if response == "K" and "K_secant_of_subject" in draws:
-            response = "K_secant"
-            logs = np.log(
-                draws["K_secant_of_subject"].sel(subject=people).transpose(..., "subject").to_numpy()
-            )
-        logs = logs.reshape(-1, len(people))
-        ratio = logs[:, person] - logs[:, against]
-        low, median, high = np.exp(np.percentile(ratio, [5, 50, 95], axis=0))
-        names = {"person": np.array(people)[person], "against": np.array(people)[against]}
-        values = {"p_greater": (ratio > 0).mean(axis=0), "ratio": median, "low": low, "high": high}
-        tables.append(pd.DataFrame({"quantity": response, **names, **values}))
-    return joined("people", tables)
