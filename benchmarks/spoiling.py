@@ -334,8 +334,8 @@ def judged(recorded: Recorded) -> pd.DataFrame:
     """
     data = dataset(recorded.impacts, recorded.traces, recorded.quantity)
     whole = _sound(recorded.impacts, recorded.chains, recorded.quantity)
-    reference = estimate(dataset(recorded.impacts, whole, recorded.quantity), method="exact")
-    table = estimate(data, method="exact")
+    reference = estimate(dataset(recorded.impacts, whole, recorded.quantity))
+    table = estimate(data)
     off = {
         name: np.abs(table[column] / reference[column] - 1).fillna(np.inf)
         for name, column in (("K_off", "K_N_per_m"), ("C_off", "C_N_s_per_m"))

@@ -137,7 +137,7 @@ def read_table(folder: Path, name: str) -> pd.DataFrame:
     """
     import pandas as pd
 
-    path = _path(folder, name)
+    path = folder / f"{name}.csv"
     if not path.is_file():
         raise InputError(wrong_in(path, HELD, value="no such file"))
     try:
@@ -153,11 +153,5 @@ def read_tables(folder: Path, names: Sequence[str], may_lack: Sequence[str] = ()
     Raises:
         InputError: all the files that can't be read and all that is wrong in others, at once.
     """
-    present = [*names, *(name for name in may_lack if _path(folder, name).is_file())]
-    tables = all_of(lambda name: read_table(folder, name), present)
-    return {_path(folder, name).stem: table for name, table in zip(present, tables, strict=True)}
-
-
-def _path(folder: Path, name: str) -> Path:
-    """Of a table of that name; "causes/reliability" is what the command causes means by one."""
-    return folder / f"{name.rsplit('/', 1)[-1]}.csv"
+    present = [*names, *(name for name in may_lack if (folder / f"{name}.csv").is_file())]
+    return dict(zip(present, all_of(lambda name: read_table(folder, name), present), strict=True))
