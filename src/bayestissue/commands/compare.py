@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from bayestissue import results, runtime
-from bayestissue.commands.options import Excel, Json, Overwrite, Quiet
+from bayestissue.commands.options import Json, Overwrite, Quiet
 from bayestissue.errors import InputError, Problem, all_of, refuse
 
 if TYPE_CHECKING:
@@ -35,7 +35,6 @@ def run(
     runs: Annotated[list[Path], typer.Argument(metavar="DIR")],
     ask: Annotated[list[str] | None, typer.Option(metavar="QUESTION")] = None,
     out: Path | None = None,
-    excel: Excel = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,
@@ -76,7 +75,7 @@ def run(
         if target is not None:
             with target.folder() as folder:
                 for name, table in tables.items():
-                    results.write_table(table, folder / f"{name}.csv", excel)
+                    results.write_table(table, folder / f"{name}.csv")
                 of_runs = zip(finished, runs, abouts, strict=True)
                 record = start.record(
                     "compare",
