@@ -128,7 +128,7 @@ def impact_table(
             most = PLAUSIBLE.largest_covariate
             too_large = np.abs(column.numbers) >= most
             problems += column.wrong(too_large, "impossible-value.covariate", limit=most)
-    problems += _half_known(columns)
+    problems += _known_stiffness(columns)
     for name in ("mass_kg", "velocity_m_s"):
         content.setdefault(name, np.full(len(rows), np.nan))
     table = pd.DataFrame(content)
@@ -197,13 +197,22 @@ class _Column:
         return content, [self.problem(index, f"unusual-value.{kind}", **counts) for index in first]
 
 
-def _half_known(columns: dict[str, _Column]) -> list[Problem]:
-    """Cells of a known stiffness without its standard deviation, and the other way round."""
+def _known_stiffness(columns: dict[str, _Column]) -> list[Problem]:
+    """Cells of a known stiffness without its standard deviation, or the other way round, or with one so wide.
+
+    A standard deviation above half of the stiffness is of another unit: N/mm of the one and N/m of the other.
+    """
     problems, empty = [], {name: columns[name].empty for name in REFERENCE if name in columns}
     for name, other in (REFERENCE, REFERENCE[::-1]):
         if name in empty:
             lacking = ~empty[name] & empty.get(other, np.ones_like(empty[name]))
             problems += columns[name].wrong(lacking, "reference-unfit.half", other=other)
+    if len(empty) == len(REFERENCE):
+        stiffness, sd = (columns[name].numbers for name in REFERENCE)
+        problems += [
+            columns[REFERENCE[1]].problem(index, "reference-unfit.wide", stiffness=stiffness[index])
+            for index in np.flatnonzero(sd >= PLAUSIBLE.most_sd * stiffness)
+        ]
     return problems
 
 

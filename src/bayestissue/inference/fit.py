@@ -20,7 +20,7 @@ from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.inference.answers.contrasts import Comparison, contrasts_table, people_compared
+from bayestissue.inference.answers.contrasts import Comparison, contrasts_table
 from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.level_tables import curves_table, levels_table, loops_table
 from bayestissue.inference.answers.reliability import (
@@ -75,7 +75,6 @@ class TraceAnalysis:
     levels: pd.DataFrame
     loops: pd.DataFrame
     curves: pd.DataFrame
-    people: pd.DataFrame
     reliability: pd.DataFrame
     end: ChainEnd | None = None
 
@@ -189,7 +188,6 @@ def label(
         levels=levels_table(compared),
         loops=loops_table(compared),
         curves=curves_table(compared),
-        people=people_compared(posterior, compared.recorded, compared.responses),
         reliability=reliability(repeatable["posterior"], repeatable["prior"]),
         end=chains.end,
     )
@@ -233,7 +231,6 @@ def _comparison(prepared: Prepared, specification: ModelSpecification, tree: xr.
         draws=tree["posterior"].dataset,
         recorded=prepared.design.recorded,
         responses=tuple(prepared.design.responses),
-        questions=tuple(specification.questions.values()),
         law=None if lawless else Law(specification.element, gravity),
     )
 

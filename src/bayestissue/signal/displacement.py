@@ -177,25 +177,6 @@ def displacements(dataset: Dataset, options: SignalOptions | None = None) -> Dis
     return replace(signal, phase=phase, notes=noted)
 
 
-def integrated(
-    recordings: Recordings, mass: Column, velocity: Column, options: SignalOptions
-) -> Displacements:
-    """The same of decelerations, m/s², that already lie under one another, without gravity along the motion.
-
-    Args:
-        recordings: one row per impact.
-        mass: [impact], kg.
-        velocity: [impact], at contact, m/s.
-        options: how x is made.
-
-    Raises:
-        InputError: the filter class asks for a higher sampling rate than an impact has.
-    """
-    blocks, gravity = _blocks(*recordings.value.shape), np.zeros_like(mass)
-    parts = (_Met(recordings.rows(rows), mass[rows], velocity[rows], gravity[rows]) for rows in blocks)
-    return _joined([_integrated(part, options)[0] for part in parts])
-
-
 class _Met(NamedTuple):
     """Recordings under one another, and of each the mass (kg), its velocity (m/s) and gravity (m/s²)."""
 

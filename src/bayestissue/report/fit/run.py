@@ -37,7 +37,7 @@ TABLES = (*POSTERIOR_TABLES, "cross_validation", "estimates_exact", "estimates_d
 # Not every run has them: only simulated data a truth, earlier runs less, few model files questions.
 FURTHER_TABLES = (
     *("truth", "interval_sources", "contrasts", "levels", "loops", "curves"),
-    *("people", "reliability", "questions"),
+    *("reliability", "questions"),
 )
 # What the page can't do without, by group of `posterior.nc`.
 _NEEDED = {
@@ -73,7 +73,6 @@ class FitRun(PosteriorRun):
     levels: pd.DataFrame
     loops: pd.DataFrame
     curves: pd.DataFrame
-    people: pd.DataFrame
     reliability: pd.DataFrame
 
     def of_impacts(self, variable: str) -> pd.DataFrame:
