@@ -54,7 +54,7 @@ from bayestissue.hierarchy.gaussian.effects import effects_from_standard, integr
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceModel, gaussian, hyperparameters_at
-from bayestissue.inference.answers.contrasts import contrasts
+from bayestissue.inference.answers.contrasts import Comparison, contrasts_table
 from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.predictions import QUANTITIES, predict
 from bayestissue.inference.answers.questions import ask, numbered
@@ -352,8 +352,8 @@ QUESTIONS: dict[str, Callable[[World], bool | float]] = {
 def lines_of(finished: Finished, reliable: pd.DataFrame, world: World) -> Iterator[tuple[str, str, float]]:
     """Of every answer what is to be kept, as "kind of answer: which", and a number."""
     yield from _of_reliability(reliable, world)
-    of = finished.posterior, finished.recorded, RESPONSES
-    for row in contrasts(*of, EQUIVALENCE, law=finished.law).to_dict("records"):
+    compared = Comparison(finished.posterior, finished.recorded, RESPONSES, finished.law)
+    for row in contrasts_table(compared, EQUIVALENCE).to_dict("records"):
         names = str(row["factor"]).split(":")
         upper, lower = (dict(zip(names, row[side].split(":"), strict=True)) for side in ("level", "against"))
         if upper.get("subject", "s01") == "s01":
@@ -382,8 +382,8 @@ def lines_of(finished: Finished, reliable: pd.DataFrame, world: World) -> Iterat
 
 def clinic_lines(finished: Finished, _: pd.DataFrame, world: World) -> Iterator[tuple[str, str, float]]:
     """The same of a trial: every comparison, its interactions by the differences of what was drawn."""
-    of = finished.posterior, finished.recorded, RESPONSES, EQUIVALENCE
-    for row in contrasts(*of, law=finished.law).to_dict("records"):
+    compared = Comparison(finished.posterior, finished.recorded, RESPONSES, finished.law)
+    for row in contrasts_table(compared, EQUIVALENCE).to_dict("records"):
         q, names = row["quantity"], row["factor"].split(":")
         if row["kind"] == "interaction":
             pairs = [row[side].split(":") for side in ("level", "against")]

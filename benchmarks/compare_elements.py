@@ -26,6 +26,7 @@ from bayestissue import runtime
 from bayestissue.elements import element_names
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
+from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.comparing import OF_IMPACTS, FinishedRun, compare_runs
 from bayestissue.inference.quantities.draws import Draws
 from bayestissue.inference.results.cross_validation import scheme_words
@@ -75,7 +76,8 @@ def finished(name: str, prepared: Prepared, found: Draws) -> FinishedRun:
             "constant_data": xr.Dataset({"impact_subject": (("impact",), people)}, names),
         }
     )
-    return FinishedRun(name, {"likelihood": "impact", "element": name}, tree)
+    asked = Finished(tree["posterior"].to_dataset(), None, prepared.design.recorded, name)
+    return FinishedRun(name, {"likelihood": "impact", "element": name}, tree, asked)
 
 
 def row_of(right: str, number: int) -> dict[str, Any]:

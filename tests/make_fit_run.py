@@ -291,8 +291,6 @@ def _sources() -> pd.DataFrame:
         for q in ("K", "C")
         for source, share in {**shares, "all": 1.0, "as drawn": 1.0 + (level == "new person")}.items()
     ]  # fmt: skip
-    window = ("window a tenth shorter", 0.02), ("window a tenth shorter, by noise", 0.01)
-    rows += [("impact", q, source, np.nan, sd) for q in ("K", "C") for source, sd in window]
     return pd.DataFrame(rows, columns=["level", "quantity", "source", "share", "sd"])
 
 

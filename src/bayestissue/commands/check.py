@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bayestissue import results
-from bayestissue.commands.options import DatasetFolder, Excel, Json, Overwrite, Quiet, SkipBad
+from bayestissue.commands.options import DatasetFolder, Json, Overwrite, Quiet, SkipBad
 from bayestissue.errors import Problem
 from bayestissue.remedies import codes_in
 from bayestissue.words import Words
@@ -23,7 +23,6 @@ def run(
     dataset: DatasetFolder,
     out: Path | None = None,
     skip_bad: SkipBad = False,
-    excel: Excel = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,
@@ -40,7 +39,7 @@ def run(
 
         checked = check(read_dataset(dataset, skip_bad=skip_bad))
         if target is not None:
-            _write(target, checked, excel)
+            _write(target, checked)
         if as_json:
             echo(json.dumps(_plain(checked), default=str, ensure_ascii=False))
         elif not quiet:
@@ -157,12 +156,12 @@ def _range(values: pd.Series, unit: str, digits: int = 6) -> str:
     return f"{ends[0]}{unit}" if low == high else f"{ends[0]} to {ends[1]}{unit}"
 
 
-def _write(target: results.Place, checked: Check, excel: results.Excel | None) -> None:
+def _write(target: results.Place, checked: Check) -> None:
     from bayestissue.report.run_folder import after_results
 
     with target.folder() as staging:
-        results.write_table(checked.quality, staging / "quality.csv", excel)
-        results.write_table(checked.problems, staging / "problems.csv", excel)
+        results.write_table(checked.quality, staging / "quality.csv")
+        results.write_table(checked.problems, staging / "problems.csv")
     with (
         after_results(target.path, "the same command with --overwrite repeats it"),
         results.whole_file(target.path / "check.html") as staging,

@@ -231,7 +231,6 @@ def _comparison(prepared: Prepared, specification: ModelSpecification, tree: xr.
         draws=tree["posterior"].dataset,
         recorded=prepared.design.recorded,
         responses=tuple(prepared.design.responses),
-        questions=tuple(specification.questions.values()),
         law=None if lawless else Law(specification.element, gravity),
     )
 

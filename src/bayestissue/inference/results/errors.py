@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -34,13 +33,10 @@ from bayestissue.likelihood.element.record import DecelerationRecord
 from bayestissue.likelihood.element.response import response
 from bayestissue.likelihood.tapped.measured import TapRecord
 from bayestissue.padding import padded_impacts
-from bayestissue.signal.displacement import FEWEST_SAMPLES
 
 NOISE, ELEMENT = "noise", "element"
 # Of log s_a^2: the derivative's own error is this squared over 24.
 STEP = 0.1
-_SHORTER = 0.9
-_ITERATIONS = 5
 # What the mean of a trace does not depend on: told apart from K and C, and as small as to be nothing.
 _OF_NOISE = ("noise", "atanh_theta1", "discrepancy", "atanh_noise_correlation", "noise_force", "roughness")
 _CORRELATIONS = ("atanh_theta1", "atanh_noise_correlation")
@@ -193,40 +189,3 @@ def _scaled(data: TraceData, column: int, side: int) -> TraceData:
     return replace(
         data, record=data.record._replace(error_sd=jax.device_put(np.asarray(data.record.error_sd) * factor))
     )
-
-
-class ShorterWindow(NamedTuple):
-    """What a window a tenth shorter does to what traces alone say of log K and log C.
-
-    Attributes:
-        moved: by how much the maximum of the likelihood moves.
-        expected: standard deviation of that by noise and errors, where the model is right.
-    """
-
-    moved: Float[np.ndarray, "impact 2"]
-    expected: Float[np.ndarray, "impact 2"]
-
-
-def shorter_window(prepared: Prepared, u: Float[np.ndarray, "impact parameter"]) -> ShorterWindow | None:
-    """Fit each trace by itself, whole and less its last tenth.
-
-    The variance of the difference is that of the difference of variances (Hausman 1978,
-    doi:10.2307/1913827). Nothing for a model with a discrepancy, whose modes are those of the whole window.
-    """
-    whole = with_normal_errors(prepared.data)
-    if prepared.model.discrepancy:
-        return None
-    n = np.asarray(whole.record.n_samples)
-    fewer = np.minimum(n, np.maximum(np.ceil(_SHORTER * n), FEWEST_SAMPLES)).astype(n.dtype)
-    shorter = whole.record.with_traces(np.asarray(whole.record.traces), fewer)
-    windows = [
-        laplace_sites(prepared.model, data, u, weak_prior(u), _ITERATIONS)
-        for data in (whole, replace(whole, record=shorter))
-    ]
-    centres = [np.asarray(sites.centre)[:, :2] for sites in windows]
-    variances = [
-        np.diagonal(np.linalg.inv(np.asarray(sites.precision) + np.eye(u.shape[1]) / 4), axis1=1, axis2=2)
-        for sites in windows
-    ]
-    gained = np.maximum(variances[1] - variances[0], 0.0)[:, :2]
-    return ShorterWindow(centres[1] - centres[0], np.sqrt(gained))
