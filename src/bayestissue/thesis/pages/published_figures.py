@@ -70,16 +70,15 @@ def predictive_figure(run: PublishedRun, quantity: str) -> Figure:
     )
 
 
-def posterior_mass_figure(run: PublishedRun, quantity: str, line: tuple[float, float] | None) -> Figure:
+def posterior_mass_figure(run: PublishedRun, quantity: str, line: tuple[float, float]) -> Figure:
     """K (or C) over mass: published estimates, the typical person with its band, and the thesis's line.
 
-    ``line`` is the thesis's intercept and slope over mass, or None if it printed none.
+    ``line`` is the thesis's intercept and slope over mass.
     """
     mass, trials = run.constant("mass_kg"), run.labels("trial")
     curve = mass_curve(run, quantity, mass, run.reference_mass)
-    if line is not None:
-        straight = line[0] + line[1] * curve["mass_kg"]
-        curve[_THESIS] = straight.where(straight > 0)
+    straight = line[0] + line[1] * curve["mass_kg"]
+    curve[_THESIS] = straight.where(straight > 0)
     lost = [str(trial) for trial in np.asarray(run.groups["observed_data"].get("averaged_trial", []))]
     averages = []
     if lost:
@@ -163,6 +162,5 @@ def mass_plot(published: PublishedTables, quantity: Quantity) -> Figure:
         lines=pd.concat(
             pd.DataFrame({"mass_kg": ends, column: pair[0] + pair[1] * ends, "line": name})
             for name, pair in lines.items()
-            if pair is not None
         ),
     )
