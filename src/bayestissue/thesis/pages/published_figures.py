@@ -79,19 +79,16 @@ def posterior_mass_figure(run: PublishedRun, quantity: str, line: tuple[float, f
     curve = mass_curve(run, quantity, mass, run.reference_mass)
     straight = line[0] + line[1] * curve["mass_kg"]
     curve[_THESIS] = straight.where(straight > 0)
-    lost = [str(trial) for trial in np.asarray(run.groups["observed_data"].get("averaged_trial", []))]
-    averages = []
-    if lost:
-        value, sd = run.observed(f"{quantity}_average"), run.observed(f"{quantity}_sd")
-        printed = {"value": value, "low": value - sd, "high": value + sd, "kind": "mean ± sd, rows lost"}
-        averages.append(pd.DataFrame({"mass_kg": mass[[trials.index(trial) for trial in lost]], **printed}))
+    lost = [trials.index(str(trial)) for trial in run.observed("averaged_trial")]
+    value, sd = run.observed(f"{quantity}_average"), run.observed(f"{quantity}_sd")
+    printed = {"value": value, "low": value - sd, "high": value + sd, "kind": "mean ± sd, rows lost"}
     return over_mass(
         _impacts(run).assign(**{COLUMNS[quantity]: run.observed(f"{quantity}_observed")}),
         quantiles(run.draws(f"{quantity}_trial"), trials).assign(mass_kg=mass),
         curve,
         quantity,
         said("figures.over_mass", name=NAMES[quantity]),
-        others=averages,
+        others=[pd.DataFrame({"mass_kg": mass[lost], **printed})],
     )
 
 
