@@ -220,7 +220,7 @@ def parse(block: Block) -> None:
                 data, model = read_dataset(words[1]), given.get("--model")
                 formulas = formulas_of(given.get("--K"), None)
                 asked = [given["--ask"]] if "--ask" in given else []
-                specification, source = resolve(model, data.recorded, formulas=formulas, questions=asked)
+                specification, source = resolve(model, data.quantity, formulas=formulas, questions=asked)
                 prepared = prepare(data, specification, source=source)
                 require_answerable(prepared, specification, source)
 
