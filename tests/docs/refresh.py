@@ -1,9 +1,9 @@
 """Outputs and pictures of the manual's pages, made anew: `python tests/docs/refresh.py [PAGE ...]`.
 
 Every page is run in an empty folder, as in the tests; of the README, whose picture needs its fit, all. What
-its commands print is written into it, but where the page leaves lines out by `...`. The pictures that it names
-are taken by Chromium of the pages that the commands wrote, or of the reports that docs/reports keeps. A page
-that ends in .ipynb is its notebook, which notebooks/ keeps as text, without outputs.
+its commands print is written into it, but where the page leaves lines out by `...`. Pictures are taken by
+Chromium of the pages that the commands wrote, or of the reports that docs/reports keeps. A page that ends in
+.ipynb is its notebook, which notebooks/ keeps as text, without outputs.
 """
 
 from __future__ import annotations
