@@ -13,7 +13,7 @@ from bayestissue.dataset.chain import Quantity
 from bayestissue.dataset.checks import check_recordings
 from bayestissue.dataset.model import Dataset, Trace
 from bayestissue.dataset.recordings import Recordings, Samples
-from bayestissue.inference.points.notes import FAILED, NO_ANSWER
+from bayestissue.inference.points.notes import ANOTHER_PEAK, AT_A_LIMIT, C_UNTOLD, K_UNTOLD, NO_ANSWER
 from bayestissue.inference.single.estimates import estimate
 from bayestissue.signal.quality import inspection
 
@@ -341,7 +341,8 @@ def judged(recorded: Recorded) -> pd.DataFrame:
         for name, column in (("K_off", "K_N_per_m"), ("C_off", "C_N_s_per_m"))
     }
     said = table["flags"] + "; " + table["notes"]
-    no_answer = [bool({*FAILED, NO_ANSWER} & set(text.split("; "))) for text in said]
+    none = {K_UNTOLD, C_UNTOLD, AT_A_LIMIT, ANOTHER_PEAK, NO_ANSWER}
+    no_answer = [bool(none & set(text.split("; "))) for text in said]
     greater = np.maximum(off["K_off"], off["C_off"])
     noted = table["notes"].str.contains(inspection.KINDS["contact-earlier"].flag, regex=False)
     flags = _said(data, table)

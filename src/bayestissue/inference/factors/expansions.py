@@ -43,7 +43,7 @@ def first_guess(prepared: Prepared) -> Float[np.ndarray, "impact parameter"]:
     else:
         centred = signal.equilibrium.any()
         gravity = None if centred else signal.gravity
-        fit = fit_points(signal.x, signal.n_samples, signal.dt, signal.mass, gravity=gravity)
+        fit = fit_points(signal.x, signal.n_samples, signal.dt, signal.mass, "exact", gravity=gravity)
         K, C = fit.K, fit.C
     stiffness = np.where(np.isfinite(K) & (K > 0), K, signal.mass * (np.pi / 2 / signal.time_to_peak) ** 2)
     lightly = 0.1 * np.sqrt(stiffness * signal.mass)
