@@ -16,13 +16,11 @@ from bayestissue.inference.points.notes import (
     ARCCOS,
     AT_A_LIMIT,
     NO_ANSWER,
-    NO_FREE_MASS,
     NO_OSCILLATOR,
     NOISELESS,
     NOT_FILTERED,
     NOT_POSITIVE,
     PHANTOM,
-    TAPPED,
     THETA1,
     TOO_DEEP,
     UNUSED,
@@ -68,9 +66,6 @@ def thesis_table(dataset: Dataset, signal: Displacements, findings: Sequence[Fin
         signal: what was made of them.
         findings: what `bayestissue.signal.quality.inspect` found; flagged.
     """
-    if not dataset.free or dataset.tapped:
-        why = TAPPED if dataset.tapped else NO_FREE_MASS
-        return table_of(dataset, signal, {}, signal.flags, [[*notes, why] for notes in signal.notes])
     rows = (signal.n_samples >= FEWEST_SAMPLES) & ~signal.uneven & ~signal.clipped.any(axis=1)
     fit = fit_points(signal.x[rows], signal.n_samples[rows], signal.dt[rows], signal.mass[rows], "dds")
     values = {name: in_rows(column, rows) for name, column in fit._asdict().items()}

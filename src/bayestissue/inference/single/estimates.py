@@ -10,9 +10,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from bayestissue.dataset import as_dataset
-from bayestissue.dataset.chain import HAMMER
 from bayestissue.dataset.impacts import of_phantoms
-from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.elements.outcomes import NEVER, OUTCOMES
 from bayestissue.errors import Coded, InputError
 from bayestissue.hierarchy.design import build_design
@@ -122,10 +120,6 @@ def estimate(
     if method not in ("impact", "dds"):
         raise ValueError(f'method is "impact" or "dds", not {method!r}')
     dataset = as_dataset(dataset)
-    if not dataset.free:
-        raise InputError.stated("no-free-mass.estimate", SETTINGS, None, "motion.free", value=False)
-    if dataset.tapped:
-        raise InputError.stated("tapped.estimate", SETTINGS, None, "channel.place", value=HAMMER)
     options = options or (THESIS if method == "dds" else SignalOptions())
     findings = inspect(dataset, options)
     return estimates(dataset, displacements(dataset, options), method, options, findings, say=say)
