@@ -175,7 +175,7 @@ def case(name: str, of_d: Recorder | None, of_y: Recorder | None, dt: float, fir
 
 @partial(jax.jit, static_argnums=0)
 def _log_density(which, logs: jax.Array, record: DecelerationRecord) -> jax.Array:
-    noise = NoiseParameters(logs[2:3], None, None, logs[3:4], logs[4:5])
+    noise = NoiseParameters(logs[2:3], None, logs[3:4], logs[4:5])
     return MeasuredImpact(which, jnp.exp(logs[:2, None]), noise, record).log_density()[0]
 
 

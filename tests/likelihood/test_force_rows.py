@@ -75,7 +75,7 @@ def recorded() -> tuple[DecelerationRecord, np.ndarray, np.ndarray]:
 def likelihood(record: DecelerationRecord) -> MeasuredImpact:
     parameters = jnp.array([[K], [C]])
     noise = NoiseParameters(
-        jnp.log(jnp.array([SIGMA])), None, None, jnp.log(jnp.array([FORCE_SIGMA])), jnp.array([RATIO])
+        jnp.log(jnp.array([SIGMA])), None, jnp.log(jnp.array([FORCE_SIGMA])), jnp.array([RATIO])
     )
     return MeasuredImpact(element("kelvin_voigt"), parameters, noise, record)
 
@@ -251,7 +251,7 @@ def test_its_slopes_are_those_of_differences() -> None:
     @jax.jit
     @jax.value_and_grad
     def both(p: Array) -> Array:
-        noise = NoiseParameters(p[2:3], None, None, p[3:4], p[4:5])
+        noise = NoiseParameters(p[2:3], None, p[3:4], p[4:5])
         return MeasuredImpact(element("kelvin_voigt"), jnp.exp(p[:2, None]), noise, record).log_density()[0]
 
     at = jnp.array([np.log(K), np.log(C), np.log(SIGMA), np.log(FORCE_SIGMA), RATIO])

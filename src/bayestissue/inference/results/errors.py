@@ -42,8 +42,7 @@ STEP = 0.1
 _SHORTER = 0.9
 _ITERATIONS = 5
 # What the mean of a trace does not depend on: told apart from K and C, and as small as to be nothing.
-_OF_NOISE = ("noise", "atanh_theta1", "discrepancy", "atanh_noise_correlation", "noise_force", "roughness")
-_CORRELATIONS = ("atanh_theta1", "atanh_noise_correlation")
+_OF_NOISE = ("noise", "atanh_theta1", "discrepancy", "noise_force", "roughness")
 _NOTHING = -60.0
 
 Matrices = Float[np.ndarray, "impact parameter parameter"]
@@ -134,7 +133,7 @@ def as_expected(prepared: Prepared, u: Float[np.ndarray, "impact parameter"]) ->
         known = traces[: len(u), : taps.y.shape[1]]
         return replace(prepared.data, record=taps.with_traces(known, np.asarray(taps.n_samples)))
     data = with_normal_errors(prepared.data)
-    quiet = np.where(_named(prepared, _OF_NOISE) & ~_named(prepared, _CORRELATIONS), _NOTHING, u)
+    quiet = np.where(_named(prepared, ("noise",)), _NOTHING, u)
     bare = data.record._replace(error_sd=jax.device_put(np.zeros(data.record.error_sd.shape)))
     replicated = replicates(
         prepared.model, replace(data, record=bare), quiet[None], jax.random.PRNGKey(0)[None]

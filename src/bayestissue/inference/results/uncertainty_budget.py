@@ -60,7 +60,6 @@ _TERMS = {SUBJECT: PEOPLE, TRIAL: CONDITIONS}
 _NUISANCE = {
     "noise": NOISE,
     "atanh_theta1": NOISE,
-    "atanh_noise_correlation": NOISE,
     "discrepancy": ELEMENT,
     "noise_force": NOISE,
     "roughness": NOISE,

@@ -235,8 +235,6 @@ class DecelerationRecord(NamedTuple):
         discrepancy: its modes.
         colour: the part of the noise that went through the recorder's filter.
         rate: which of that noise's sampling rates each impact has.
-        quiet: where the offset was found as the mean of a quiet part, and its standard deviation is that
-            under white noise.
         common_depth: one depth that every impact reaches [m]; no part of the likelihood.
         low_pass: a filter that the traces went through; None where there is none.
         uneven: when the samples were, where some trace's times are not even; None where all are.
@@ -261,7 +259,6 @@ class DecelerationRecord(NamedTuple):
     discrepancy: Discrepancy
     colour: Colour
     rate: Int[Array, " impact"]
-    quiet: Bool[Array, " impact"]
     common_depth: Float[Array, " impact"]
     low_pass: LowPass | None = None
     uneven: UnevenTimes | None = None
@@ -295,7 +292,6 @@ class DecelerationRecord(NamedTuple):
             "velocity_share": np.ones(number),
             "mass": mass,
             "rate": np.zeros(number, int),
-            "quiet": np.zeros(number, bool),
             "common_depth": np.zeros(number),
         }
         modes: Any = (np.zeros((number, 0, samples)), np.zeros((number, 0)))
