@@ -140,7 +140,7 @@ def _force(dataset: Dataset, specification: ModelSpecification, signal: Displace
     if words := no_force(specification):
         return words
     low_pass, reach = _low_pass_and_reach(dataset, specification, signal)
-    return prepared_force(dataset, signal, low_pass, reach, jumps=element(specification.element).jumps)
+    return prepared_force(dataset, signal, low_pass, reach)
 
 
 def no_force(specification: ModelSpecification) -> str:

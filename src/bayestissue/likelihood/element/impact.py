@@ -316,12 +316,10 @@ class MeasuredImpact:
         """What is white of such residuals [m/s^2], and where there is any."""
         force = self.record.force
         assert force is not None  # noqa: S101 - for the type checker
-        if not (runs := noise_of_force(force)):
+        if (own := noise_of_force(force)) is None:
             return left, force.inside()
-        thinned, white = left[:, :: noise_stride(force)], jnp.zeros(())
-        for run in runs:
-            white += jax.vmap(noise.Noise.whitened)(run, jnp.where(run.inside, thinned, 0.0))
-        return white, force.inside()[:, :: noise_stride(force)]
+        thinned = jnp.where(own.inside, left[:, :: noise_stride(force)], 0.0)
+        return jax.vmap(noise.Noise.whitened)(own, thinned), own.inside
 
     def _replicated_force(self, key: Array) -> Float[Array, "impact row"]:
         """A force [N] of the impact and errors that `sample` has by this key; contact is known."""

@@ -164,8 +164,8 @@ class ForceRows(NamedTuple):
         dt: its sampling interval [s].
         tip: m / M, of what lies in front of the sensor; None of one below the tissue, which reads the
             tissue's own force and not the one on the impactor.
-        usable: where a sample counts, as those at the sensor's limit do not; None where all do.
-        low_pass: a filter that it went through; None where there is none.
+        usable: where a sample counts, as those before its filter has settled do not; None where all do.
+        low_pass: a filter that it went through, of known contact alone; None where there is none.
         colour, rate: as of `DecelerationRecord`; None where its noise is white.
     """
 
