@@ -76,12 +76,6 @@ def clipped_under_noise(impact: Impact, chain: Chain, rng: np.random.Generator) 
     return record(impact, chain, sensor=lambda _, d: np.minimum(d, limit))
 
 
-def saturated(impact: Impact, chain: Chain, rng: np.random.Generator) -> Trace:
-    """A sensor that saturates softly: L tanh(d / L), L from 0.5 to 1.2 times the peak."""
-    limit = rng.uniform(0.5, 1.2)
-    return record(impact, chain, sensor=lambda _, d: limit * np.tanh(d / limit))
-
-
 def _late(seconds: float) -> Spoiling:
     def late(impact: Impact, chain: Chain, rng: np.random.Generator) -> Trace:
         whole = record(impact, replace(chain, before=0.0))
@@ -258,7 +252,6 @@ def _quiet(chain: Chain, rng: np.random.Generator) -> Chain:
 KINDS: dict[str, Spoiling] = {
     "clipped": clipped,
     "clipped, noise behind it": clipped_under_noise,
-    "soft saturation": saturated,
     "begins 1 ms late": _late(0.001),
     "begins 2 ms late": _late(0.002),
     "begins 4 ms late": _late(0.004),
@@ -341,8 +334,8 @@ def judged(recorded: Recorded) -> pd.DataFrame:
     """
     data = dataset(recorded.impacts, recorded.traces, recorded.quantity)
     whole = _sound(recorded.impacts, recorded.chains, recorded.quantity)
-    reference = estimate(dataset(recorded.impacts, whole, recorded.quantity), method="exact")
-    table = estimate(data, method="exact")
+    reference = estimate(dataset(recorded.impacts, whole, recorded.quantity))
+    table = estimate(data)
     off = {
         name: np.abs(table[column] / reference[column] - 1).fillna(np.inf)
         for name, column in (("K_off", "K_N_per_m"), ("C_off", "C_N_s_per_m"))
