@@ -166,9 +166,9 @@ def formulas_of(K: str | None, C: str | None) -> dict[str, str]:
 def default_model(quantity: str) -> str:
     """The model of what was `Dataset.recorded`: decelerations of either sign, displacements, or both motions.
 
-    Of a driven tissue it is that of displacement and force together, and of taps that of how a mass rings.
+    Of a driven tissue it is that of displacement and force together.
     """
-    return {"displacement": "arma", "driven": "driven", "tapped": "tapped"}.get(quantity, "impact")
+    return {"displacement": "arma", "driven": "driven"}.get(quantity, "impact")
 
 
 def resolve(
@@ -321,8 +321,7 @@ def fit_prepared(
         dataset, specification, prepared, expansions, seed, say, checkpoints=checkpoints, earlier=earlier
     )
     points = point_estimates(dataset, specification.signal, prepared.signal)
-    asked = dataset.quantity != "displacement" and not dataset.tapped
-    chain = judge(plain, expansions) if asked else {}
+    chain = judge(plain, expansions) if dataset.quantity != "displacement" else {}
     diagnostics = analysis.diagnostics | _of_recordings(dataset, prepared, analysis, points["exact"], chain)
     analysis = replace(analysis, diagnostics=diagnostics, summary=noted(analysis.summary, diagnostics))
     return finished_fit(dataset, specification, prepared, analysis, points, seed, start.time, start.seconds)
@@ -416,14 +415,9 @@ def _of_clock(dataset: Dataset, analysis: TraceAnalysis) -> dict[str, Any]:
 
 def _of_channels(dataset: Dataset, prepared: Prepared, analysis: TraceAnalysis) -> dict[str, Any]:
     """What a force beside the deceleration says, or why it was not used."""
-    posterior = analysis.tree["posterior"].dataset
     if prepared.force:
-        form, below = analysis.diagnostics["channels"]["form"], prepared.force.rows.below
-        return judge_force(
-            prepared.force, dataset.channels[0].name, posterior, prepared.signal.mass, form, below=below
-        )
-    if prepared.tap:
-        return judge_force(prepared.tap, dataset.channels[0].name, posterior, prepared.signal.mass)
+        posterior, form = analysis.tree["posterior"].dataset, analysis.diagnostics["channels"]["form"]
+        return judge_force(prepared.force, posterior, prepared.signal.mass, form)
     if not (dataset.channels and dataset.free):
         return {}
     displaced = dataset.quantity == "displacement"

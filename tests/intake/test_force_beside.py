@@ -13,7 +13,6 @@ import pytest
 import bayestissue as bt
 from bayestissue.errors import InputError
 from bayestissue.intake import Choices, prepare, write
-from bayestissue.simulation import Simulation, simulate
 from bayestissue.simulation.driven import Driven, driven
 from command_line import bayestissue
 from dataset_bench import deceleration
@@ -114,63 +113,6 @@ def test_what_is_wrong_with_the_option_is_said_by_its_name(tmp_path: Path) -> No
         made(folder, tmp_path / "made", force={"place": "ceiling"})
     with pytest.raises(InputError, match="--force"):
         made(folder, tmp_path / "made", force={"value_column": "Torque"})
-
-
-def tapped(tmp_path: Path, name: str) -> Path:
-    """Recorder files of two simulated taps: acceleration and a hammer's force."""
-    folder = tmp_path / "recorded"
-    folder.mkdir()
-    conditions = [{"trial": f"{m:g} kg", "mass_kg": m, "impulse_N_s": 0.4} for m in MASSES]
-    simulation = Simulation.model_validate(
-        {
-            "name": "taps",
-            "design": {"subjects": 1, "conditions": conditions},
-            "tissue": {"K_N_per_m": 4000.0, "C_N_s_per_m": 9.0},
-            "tap": {"duration_s": 0.006},
-            "recording": {"noise_sd_m_s2": 0.02, "force": {"place": "hammer", "noise_sd_N": 0.1}},
-        }
-    )
-    dataset = simulate(simulation).dataset("taps")
-    (hammer,) = dataset.channels
-    for mass, trace, force in zip(MASSES, dataset.traces, hammer.traces, strict=True):
-        table = {"Time (s)": trace.time_s, "Accel (m/s^2)": trace.value, name: force.value}
-        pd.DataFrame(table).to_csv(folder / f"s1_{mass}kg.csv", index=False)
-    return folder
-
-
-@pytest.mark.parametrize(
-    ("name", "said"), [("Hammer (N)", ()), ("Force (N)", ("--force", "place=hammer"))], ids=["named", "said"]
-)
-def test_a_hammers_taps_have_no_velocity(name: str, said: tuple[str, ...], tmp_path: Path) -> None:
-    folder, out = tapped(tmp_path, name), tmp_path / "made"
-    run = bayestissue(
-        "init",
-        str(folder),
-        "--out",
-        str(out),
-        "--pattern",
-        "{subject}_{mass_kg}kg",
-        "--set",
-        "trial=tap",
-        *said,
-    )
-    assert run.status == 0, run.err
-    dataset = bt.read_dataset(out)
-    assert dataset.tapped
-    assert dataset.quantity == "acceleration"
-    assert "velocity_m_s" not in pd.read_csv(out / "impacts.csv")
-    # On the page the hammer's force over the mass lies upon the acceleration while it pushes, but for what
-    # spring and damper take of it: at half of the impulse (C v + K x) / m, 6 % of the peak.
-    (chart,) = map(json.loads, figures((out / "init.html").read_text()))
-    rows = pd.DataFrame(chart["datasets"]["rows-0"])
-    heights = rows.pivot_table(index="impact", columns="kind", values="value", aggfunc="max")
-    np.testing.assert_allclose(heights["force over mass"], heights["recorded"], rtol=0.06)
-    assert "well mass and gains are known" in " ".join(run.out.split())
-    # What rings on is no further impact.
-    assert "--several" not in run.out
-    assert checked_kinds(out, tmp_path) >= {"recorded acceleration", "recorded force"}
-    quality = pd.read_csv(tmp_path / "checked" / "quality.csv")
-    np.testing.assert_allclose(quality["peak_m_s2"], heights["recorded"], rtol=0.01)
 
 
 def test_driven_tissue_needs_no_mass(tmp_path: Path) -> None:

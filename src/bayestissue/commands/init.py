@@ -93,7 +93,7 @@ def run(
         uncertainty: How well the measuring chain is known, as a standard deviation: mass and gain as a
             fraction, velocity in m/s, offset in m/s^2, such as velocity=0.01; may be repeated.
         force: An entry of the table [[channel]] of a force beside the motion: value_column, place
-            (impactor, base, or hammer: taps, whose impactor has no velocity), unit, scale, tip_mass_kg,
+            (impactor or base), unit, scale, tip_mass_kg,
             relative_gain_sd, time_offset_s, time_offset_sd_s; may be repeated. The only channel with a unit
             of force is taken unless given; none leaves it out.
         driven: Something goes on pushing on the tissue, as a leg does on a heel: displacement and force are

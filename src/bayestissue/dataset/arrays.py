@@ -81,7 +81,7 @@ def dataset(
 
     Args:
         impacts: one row per impact, with the columns of ``impacts.csv``: ``impact``, ``subject``, ``trial``,
-            ``mass_kg``, ``velocity_m_s`` (not needed of a displacement, not read beside a hammer), and
+            ``mass_kg``, ``velocity_m_s`` (not needed of a displacement), and
             covariates. A table, columns by name, or records. A column ``trace`` is left out: recordings are
             ``traces``.
         traces: the recordings: one long table with a column ``impact`` beside the time and the value column;

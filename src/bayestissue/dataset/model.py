@@ -13,7 +13,6 @@ from jaxtyping import Bool, Float64, Int8
 
 from bayestissue.dataset.cells import FILE as IMPACTS
 from bayestissue.dataset.chain import (
-    HAMMER,
     ChannelQuantity,
     Contact,
     Place,
@@ -53,15 +52,14 @@ class Channel:
 
     A force F is that on what lies behind the sensor: of an impactor of mass M with the sensor behind a tip of
     mass m, F = (M - m) d; below the tissue, F = M d. d is the deceleration that `Dataset.traces` have, which
-    along gravity is force over mass. The force of a hammer is that on the mass that it taps,
-    M x'' + C x' + K x = F, of which `Dataset.traces` have the acceleration x''.
+    along gravity is force over mass.
 
     Attributes:
         name: what pages and messages call it.
         quantity: what was recorded.
-        place: where: "impactor", "base" or "hammer".
+        place: where: "impactor" or "base".
         traces: the recordings, in the order of the dataset's impacts, on the first channel's clock; a force
-            in N, positive while the impactor slows or the hammer pushes.
+            in N, positive while the impactor slows.
         relative_gain_sd: standard deviation of its sensitivity, as a fraction of it; one error for all
             impacts.
         tip_mass_kg: m.
@@ -100,7 +98,7 @@ class Dataset(Outlined):
         name: what ``dataset.toml`` calls it.
         description: free text.
         impacts: one row per impact: ``impact``, ``subject``, ``trial``, ``mass_kg``, ``velocity_m_s``
-            (missing where a displacement was recorded without one, or a hammer taps) and the covariates.
+            (missing where a displacement was recorded without one) and the covariates.
         traces: the recordings, in the order of ``impacts``.
         quantity: what was recorded; the sign of ``traces`` follows from it.
         uncertainty: of the measuring chain.
@@ -154,15 +152,8 @@ class Dataset(Outlined):
 
     @property
     def recorded(self) -> str:
-        """What a model is chosen by: `quantity`, "driven" without a free mass, "tapped" of a tapped mass."""
-        if self.tapped:
-            return "tapped"
+        """What a model is chosen by: `quantity`, or "driven" without a free mass."""
         return self.quantity if self.free else "driven"
-
-    @property
-    def tapped(self) -> bool:
-        """Whether an instrumented hammer taps a mass that rests on the tissue; see `Channel`."""
-        return any(channel.place == HAMMER for channel in self.channels)
 
     def part(self, rows: slice | list[int]) -> Dataset:
         """The dataset of some of its impacts, by their position."""
@@ -274,11 +265,7 @@ class Dataset(Outlined):
                 if self.free
                 else ("motion", "driven: displacement and force are both measured, no mass")
             ),
-            (
-                ("motion", "tapped by a hammer, from rest")
-                if self.tapped
-                else ("velocity", span(self.impacts["velocity_m_s"], "m/s"))
-            ),
+            ("velocity", span(self.impacts["velocity_m_s"], "m/s")),
         ]
         return f"Dataset {short(self.name)}", [*rows, *([("look at", ", ".join(said))] if said else [])]
 

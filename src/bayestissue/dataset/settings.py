@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -11,12 +11,10 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
-    ValidationInfo,
     model_validator,
 )
 
 from bayestissue.dataset.chain import (
-    HAMMER,
     STANDARD_GRAVITY,
     Applied,
     ChannelQuantity,
@@ -70,21 +68,12 @@ def _on_earth(value: float) -> float:
     return value
 
 
-def _below(value: float, most: float) -> float:
+def _fraction(value: float) -> float:
+    most = PLAUSIBLE.most_sd
     if value >= most:
         meant = f"; {value:g} %, if that is meant, is {value / 100:g}" if value < 100 * most else ""
         raise ValueError(f"a fraction below {most:g}{meant}")
     return value
-
-
-def _fraction(value: float) -> float:
-    return _below(value, PLAUSIBLE.most_sd)
-
-
-def _fraction_of_mass(value: float, info: ValidationInfo) -> float:
-    # The force of a hammer tells the mass, so that it may be a guess.
-    guessed = info.context is not None and info.context["tapped"]
-    return _below(value, PLAUSIBLE.most_guess_sd if guessed else PLAUSIBLE.most_sd)
 
 
 def _known_site(value: str) -> str:
@@ -121,7 +110,6 @@ Noun = Annotated[Name, Field(max_length=40), AfterValidator(_plain)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Spread = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Fraction = Annotated[Spread, AfterValidator(_fraction)]
-MassFraction = Annotated[Spread, AfterValidator(_fraction_of_mass)]
 Gravity = Literal["none", "drop"] | Annotated[Finite, AfterValidator(_on_earth)]
 Zero = Literal["free_fall", "rest"]
 
@@ -266,9 +254,8 @@ class ChannelSettings(_Table):
 
     Attributes:
         name: what pages and messages call it.
-        quantity: what it recorded. force: positive while the impactor slows; of a hammer, while it pushes.
-        place: where the sensor is: impactor (between the impactor and its tip), base (below the tissue), or
-            hammer (in a hammer that taps the mass, which rests on the tissue and stays there).
+        quantity: what it recorded. force: positive while the impactor slows.
+        place: where the sensor is: impactor (between the impactor and its tip), or base (below the tissue).
         unit: the unit of its values after scale and offset: N, kN ...
         file: a long table of its own in the dataset's folder, such as force.csv; left out, its values stand
             beside those of the first channel, in the same table or files.
@@ -327,14 +314,13 @@ class UncertaintySettings(_Table):
     """The table ``[uncertainty]``: standard deviations of the measuring chain, in SI units.
 
     Attributes:
-        relative_mass_sd: of the mass, as a fraction of it, below 0.5: 0.05 is 5 %. Beside a hammer, whose
-            force tells the mass, below 2: a guess.
+        relative_mass_sd: of the mass, as a fraction of it, below 0.5: 0.05 is 5 %.
         velocity_sd_m_s: of the velocity at contact; below half the median velocity.
         relative_gain_sd: of the recorder's sensitivity, as a fraction of it, below 0.5.
         offset_sd: of the recorder's zero, in m/s² or, of displacements, in m; below half the median peak.
     """
 
-    relative_mass_sd: MassFraction = 0.0
+    relative_mass_sd: Fraction = 0.0
     velocity_sd_m_s: Spread = 0.0
     relative_gain_sd: Fraction = 0.0
     offset_sd: Spread = 0.0
@@ -422,20 +408,14 @@ class Settings(_Table):
     words: WordSettings = WordSettings()
 
     @property
-    def tapped(self) -> bool:
-        """Whether a mass that rests on the tissue is tapped by an instrumented hammer."""
-        return any(channel.place == HAMMER for channel in self.channel)
-
-    @property
     def needs_velocity(self) -> bool:
         """Whether every impact must state its velocity at contact."""
-        return self.signal.quantity != "displacement" and not self.tapped
+        return self.signal.quantity != "displacement"
 
     @property
     def ignored_columns(self) -> list[str]:
         """Columns of `impacts.csv` that say nothing of the recordings, and are not read."""
-        ignored = {"mass_kg": not self.motion.free, "velocity_m_s": self.tapped}
-        return [name for name, is_ignored in ignored.items() if is_ignored]
+        return [] if self.motion.free else ["mass_kg"]
 
     @model_validator(mode="after")
     def _of_decelerations(self) -> Self:
@@ -489,46 +469,10 @@ def parse_settings(raw: dict[str, Any], text: str = "") -> Settings:
         InputError: every unknown, missing or wrong entry.
     """
     problems: list[Problem] = []
-    hammers = [number for number, channel in _channels(raw) if channel.get("place") == HAMMER]
     with collected(problems):
-        settings = checked(raw, Settings, file=FILE, text=text, context={"tapped": bool(hammers)})
-    problems += [*_unit_problems(raw.get("signal"), text), *_channel_units(raw, text)]
-    refuse([*problems, *(wrong for number in hammers for wrong in _beside_hammer(raw, str(number), text))])
+        settings = checked(raw, Settings, file=FILE, text=text)
+    refuse([*problems, *_unit_problems(raw.get("signal"), text), *_channel_units(raw, text)])
     return settings
-
-
-def _channels(raw: Mapping[str, Any]) -> Iterator[tuple[int, Mapping[str, Any]]]:
-    """The tables ``[[channel]]`` with their numbers."""
-    channels = raw.get("channel")
-    for number, channel in enumerate(channels if isinstance(channels, list) else []):
-        yield number, channel if isinstance(channel, dict) else {}
-
-
-def _beside_hammer(raw: Mapping[str, Any], number: str, text: str) -> Iterator[Problem]:
-    """Keys that do not go with the hammer of the channel of this number."""
-    allowed: dict[tuple[str, ...], tuple[Any, ...]] = {
-        ("signal", "quantity"): ("acceleration",),
-        ("signal", "gravity"): ("none", 0),
-        ("motion", "free"): (True,),
-        ("impactor", "headform"): (False,),
-        ("recorder",): (),
-        ("channel", number, "recorder"): (),
-        ("channel", number, "tip_mass_kg"): (0,),
-    }
-    for key, values in allowed.items():
-        value = _entry(raw, key)
-        if value is not None and value not in values:
-            shown = "a table" if isinstance(value, dict) else value
-            yield Problem.stated(f"hammer-unfit.{key[-1]}", FILE, row_of(text, key), ".".join(key), shown)
-
-
-def _entry(content: Any, key: Sequence[str]) -> Any:
-    """What a key holds, the number of a table of a list being part of it; None where there is no such key."""
-    for part in key:
-        if isinstance(content, list):
-            content = {str(number): entry for number, entry in enumerate(content)}
-        content = content.get(part) if isinstance(content, dict) else None
-    return content
 
 
 def _unit_problems(signal: Any, text: str) -> Iterator[Problem]:
@@ -543,7 +487,9 @@ def _unit_problems(signal: Any, text: str) -> Iterator[Problem]:
 
 def _channel_units(raw: Mapping[str, Any], text: str) -> Iterator[Problem]:
     """The same of the tables ``[[channel]]``."""
-    for number, channel in _channels(raw):
+    channels = raw.get("channel")
+    for number, channel in enumerate(channels if isinstance(channels, list) else []):
+        channel = channel if isinstance(channel, dict) else {}
         if dimension := CHANNEL_DIMENSIONS.get(str(channel.get("quantity"))):
             key = ("channel", str(number), "unit")
             yield from _wrong_unit("channel", channel.get("unit"), dimension, key, text)

@@ -26,7 +26,7 @@ from bayestissue.resources import model_content
 from bayestissue.settings import Table, checked, read_text
 from bayestissue.signal import SignalOptions
 
-Likelihood = Literal["published-estimates", "arma", "a2", "impact", "driven", "tapped"]
+Likelihood = Literal["published-estimates", "arma", "a2", "impact", "driven"]
 Discrepancy = Literal["automatic", "none", "always"]
 Noise = Literal["white", "autoregressive"]
 MassError = Literal["impact", "mass", "subject", "all"]
@@ -132,8 +132,7 @@ class ModelSpecification(Table):
         likelihood: what of a recording is modelled. impact: the deceleration of a mass on an element, seen
             through the measuring chain. arma: the displacement as an ARMA(2,1). a2: the displacement as a
             sampled second-order process. driven: displacement and force together, of tissue that no free mass
-            meets (motion.free = false). tapped: how a mass rings that a hammer of known force taps (place =
-            "hammer"). published-estimates: printed K and C, of `bayestissue reproduce`
+            meets (motion.free = false). published-estimates: printed K and C, of `bayestissue reproduce`
             alone.
         signal: how a displacement is made from the recording, and which part of it is used.
         discrepancy: a smooth force of unknown shape beside the element's. automatic: where the residuals of a

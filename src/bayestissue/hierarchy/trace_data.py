@@ -23,9 +23,7 @@ from bayestissue.hierarchy.design import Design, build_design
 from bayestissue.hierarchy.driven import driven_rows
 from bayestissue.hierarchy.effects import RESPONSES, parameter_of
 from bayestissue.hierarchy.force import (
-    CommonFactor,
     PreparedForce,
-    declared_of,
     prepared_force,
     tells_added_mass,
 )
@@ -37,7 +35,6 @@ from bayestissue.hierarchy.priors import normal
 from bayestissue.hierarchy.recorder import filtered_noise, low_pass_of
 from bayestissue.hierarchy.reference import Reference
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
-from bayestissue.hierarchy.tapped import tap_record
 from bayestissue.hierarchy.traces import Kind, Record, TraceData, TraceModel, nuisance_of
 from bayestissue.likelihood.arma.displacement import displacement_record
 from bayestissue.likelihood.element.noise import discrepancy_modes
@@ -51,7 +48,7 @@ from bayestissue.signal.recorder_noise import white_share
 
 # Of the log of force over mass times deceleration, where nothing is declared of masses and gains.
 _LEAST_RATIO_SD = 1e-3
-KINDS: tuple[Kind, ...] = ("arma", "a2", "impact", "driven", "tapped")
+KINDS: tuple[Kind, ...] = ("arma", "a2", "impact", "driven")
 
 
 @dataclass(frozen=True)
@@ -72,7 +69,6 @@ class Prepared:
         common_mass_sd: standard deviation of the log of a factor that all masses have in common, where the
             model file says so and nothing recorded tells it; 0 where each mass errs by itself.
         mass_group: of each impact, which error of its mass it has, where impacts share these.
-        tap: what is declared of masses and gains where a hammer's force tells the mass.
     """
 
     model: TraceModel
@@ -86,12 +82,6 @@ class Prepared:
     reference: Reference | None = None
     common_mass_sd: float = 0.0
     mass_group: Int[np.ndarray, " impact"] | None = None
-    tap: CommonFactor | None = None
-
-    @property
-    def factor(self) -> CommonFactor | None:
-        """What is declared of the factor of all masses where a force tells it."""
-        return self.force or self.tap
 
 
 def prepare(dataset: Dataset, specification: ModelSpecification, *, source: str) -> Prepared:
@@ -119,7 +109,7 @@ def prepare(dataset: Dataset, specification: ModelSpecification, *, source: str)
     problems = too_short(dataset, signal, source)
     if problems:
         raise InputError(problems)
-    has_force = dataset.channels and dataset.free and not dataset.tapped
+    has_force = dataset.channels and dataset.free
     force = _force(dataset, specification, signal) if has_force else None
     if isinstance(force, str):
         return replace(assemble(dataset, specification, design, signal), force_unused=force)
@@ -203,7 +193,7 @@ def assemble(
         clock=clock,
     )
     # With a force the errors of mass are what it is over mass times deceleration.
-    of_mass = force is None and dataset.free and not dataset.tapped
+    of_mass = force is None and dataset.free
     relative_mass_sd = float(dataset.uncertainty.relative_mass_sd) if of_mass else 0.0
     whose, common_mass_sd = whose_errors(specification.mass_error, signal.mass), 0.0
     if whose == "all":
@@ -242,7 +232,6 @@ def assemble(
         force,
         common_mass_sd=common_mass_sd,
         mass_group=masses and masses.code,
-        tap=declared_of(dataset) if dataset.tapped else None,
     )
     if dataset.free:
         return prepared
@@ -284,14 +273,6 @@ def unsuited(dataset: Dataset, specification: ModelSpecification, source: str) -
             else '"driven", since dataset.toml says motion.free = false: no mass meets the tissue freely',
             "Use models/driven.toml of displacement and force without a free mass, and no other of them. "
             'A model file of like = "driven" and element = "stiffening", say, has another element.',
-        ),
-        (
-            of_traces and dataset.free and (likelihood == "tapped") != dataset.tapped,
-            ("likelihood", likelihood, "unsuited-likelihood"),
-            '"tapped", since the force is a hammer\'s: the mass is tapped and rings'
-            if dataset.tapped
-            else '"impact" or another of an impact, since no channel says place = "hammer"',
-            "Use models/tapped.toml of taps, and no other of them.",
         ),
         (
             dataset.free and of_decelerations and dataset.quantity == "displacement",
@@ -389,9 +370,6 @@ def _record(
             source=f"model {specification.name}",
         )
         return rows, np.asarray(rows.unit)[:, 0]
-    if specification.likelihood == "tapped":
-        taps = tap_record(dataset, specification.signal)
-        return taps, np.abs(np.asarray(taps.y)).max(axis=1)
     chain = dataset.uncertainty
     velocity_sd = np.hypot(chain.velocity_sd_m_s, chain.relative_gain_sd * signal.velocity)
     # What a quiet part before contact tells of the offset replaces what was declared of it.

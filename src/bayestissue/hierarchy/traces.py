@@ -37,22 +37,20 @@ from bayestissue.likelihood.arma.displacement import DisplacementRecord, Measure
 from bayestissue.likelihood.driven.measured import DrivenRecord, MeasuredDriven
 from bayestissue.likelihood.element.impact import MeasuredImpact, NoiseParameters
 from bayestissue.likelihood.element.record import DecelerationRecord
-from bayestissue.likelihood.tapped.measured import MeasuredTap, TapRecord
 from bayestissue.padding import padded_rows
 
-Kind = Literal["arma", "a2", "impact", "driven", "tapped"]
+Kind = Literal["arma", "a2", "impact", "driven"]
 NUISANCE: dict[str, tuple[str, ...]] = {
     "arma": ("noise", "atanh_theta1"),
     "a2": ("noise",),
     "impact": ("noise",),
     "driven": ("noise", "noise_force", "roughness"),
-    "tapped": ("noise", "log_force_ratio"),
 }
 # What a driven force is late, over the standard deviation of that.
 CLOCK = "force_clock"
 # Of a force beside the deceleration: its noise, and it over mass times deceleration.
 FORCE = ("noise_force", "log_force_ratio")
-Record = DisplacementRecord | DecelerationRecord | DrivenRecord | TapRecord
+Record = DisplacementRecord | DecelerationRecord | DrivenRecord
 LOG_2 = 0.6931471805599453
 _SHAPE_OF_MODEL = [
     *("kind", "locations", "priors", "correlated"),
@@ -241,14 +239,12 @@ def nuisance_of(
 
 def trace_likelihood(
     model: TraceModel, data: TraceData, u: list[Array]
-) -> MeasuredDisplacement | MeasuredImpact | MeasuredDriven | MeasuredTap:
+) -> MeasuredDisplacement | MeasuredImpact | MeasuredDriven:
     """The likelihood of every impact's trace."""
     if model.kind == "impact":
         return impact_likelihood(model, data, u)
     if model.kind == "driven":
         return driven_likelihood(model, data, u)
-    if model.kind == "tapped":
-        return tapped_likelihood(model, data, u)
     at, record = physical(model, data, u), cast(DisplacementRecord, data.record)
     return MeasuredDisplacement(at.omega_n, at.zeta, at.theta1, at.log_sigma, record)
 
@@ -272,12 +268,6 @@ def driven_likelihood(model: TraceModel, data: TraceData, u: list[Array]) -> Mea
     clock = u[2 + model.nuisance.index(CLOCK)] if model.clock else None
     which = element_named(model.element)
     return MeasuredDriven(which, element_parameters(model, u), *noises, u[4], clock, discrepancy, record)
-
-
-def tapped_likelihood(model: TraceModel, data: TraceData, u: list[Array]) -> MeasuredTap:
-    """The likelihood of every tap's ringing."""
-    at, record = physical(model, data, u), cast(TapRecord, data.record)
-    return MeasuredTap(at.omega_n, at.zeta, at.log_sigma, u[3], record)
 
 
 def log_likelihood(model: TraceModel, data: TraceData, u: list[Array]) -> Float[Array, " impact"]:

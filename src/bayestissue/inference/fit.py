@@ -226,7 +226,7 @@ def _diagnostics(
 def _comparison(prepared: Prepared, specification: ModelSpecification, tree: xr.DataTree) -> Comparison:
     """What is compared between levels, by the law of force where there is one."""
     gravity = float(tree["constant_data"].dataset.get(GRAVITY, 0.0))
-    lawless = prepared.model.discrepancy or prepared.model.kind in ("driven", "tapped")
+    lawless = prepared.model.discrepancy or prepared.model.kind == "driven"
     return Comparison(
         draws=tree["posterior"].dataset,
         recorded=prepared.design.recorded,
@@ -266,7 +266,7 @@ def _clock(prepared: Prepared, u: Float[np.ndarray, "impact parameter"]) -> dict
 
 def _form(prepared: Prepared, draws: Draws, tree: xr.DataTree) -> dict[str, Any]:
     """What the residuals say of the model, where it is one of recorded decelerations or forces."""
-    if prepared.model.kind not in ("impact", "driven", "tapped"):
+    if prepared.model.kind not in ("impact", "driven"):
         return {}
     parameters = draws.impacts["parameters"]
     rows = np.arange(parameters.shape[2])

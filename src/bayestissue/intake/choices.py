@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from bayestissue.dataset.chain import HAMMER
 from bayestissue.dataset.recordings import MIN_SAMPLES, RATE_WITHIN
 from bayestissue.dataset.settings import DIMENSIONS
 from bayestissue.dataset.units import EXAMPLES, Dimension, dimension_of, to_si
@@ -30,13 +29,9 @@ _FALLS = (
     "how it moves at contact: straight down (drop), or across gravity, as a pendulum at its lowest point "
     "does (none)"
 )
-# What a force can stand beside, and names of sensors below the tissue.
+# What a force can stand beside, and names of channels of a sensor below the tissue.
 BESIDE_FORCE = ("deceleration", "acceleration")
-# Where a force was recorded, by the name of its channel; at the impactor, by any other.
-_PLACES = {
-    "base": re.compile(r"base|plate|platform|floor|ground|below", re.IGNORECASE),
-    HAMMER: re.compile(HAMMER, re.IGNORECASE),
-}
+_BELOW = re.compile(r"base|plate|platform|floor|ground|below", re.IGNORECASE)
 _FORCE_COLUMN = "--force value_column="
 _ALIKE = "for all recordings alike, or of each by --pattern or --table"
 
@@ -208,10 +203,8 @@ def settle(
     kind = _stated_kind(choices, units)
     possible = [name for name in DIMENSIONS if kind not in DIMENSIONS.values() or DIMENSIONS[name] == kind]
     force = _force_channel(choices, recordings)
-    tapped = force.get("place") == HAMMER
-    only = "displacement" if choices.driven else "acceleration" if tapped else None
-    if choices.quantity is None and only in possible:
-        possible = [only]
+    if choices.quantity is None and choices.driven and "displacement" in possible:
+        possible = ["displacement"]
     if choices.quantity is None:
         what = "what it recorded (a deceleration is positive while the impactor slows)"
         take("quantity", _one_of(possible, "--quantity", what))
@@ -230,7 +223,7 @@ def settle(
 
     ignored = {
         "mass_kg": choices.driven,
-        "velocity_m_s": choices.driven or tapped or choices.quantity == "displacement",
+        "velocity_m_s": choices.driven or choices.quantity == "displacement",
     }
     questions += [
         Question(f"--set {name}=", f"{what}, {_ALIKE}", (), example)
@@ -337,7 +330,7 @@ def _force_channel(choices: Choices, recordings: RecorderFolder) -> dict[str, An
 
 def _place_named(name: str) -> str:
     """Where the force of a channel of this name was recorded."""
-    return next((known for known, words in _PLACES.items() if words.search(name)), "impactor")
+    return "base" if _BELOW.search(name) else "impactor"
 
 
 def _in_full(name: str | None, names: Collection[str]) -> str | None:

@@ -18,7 +18,6 @@ from bayestissue.signal.options import SignalOptions
 from bayestissue.signal.phase import BETWEEN, ContactEvidence, Phase, phase_of
 from bayestissue.signal.settings import CONTACT, WINDOW
 from bayestissue.signal.start import Start, find_start
-from bayestissue.signal.tapped import Taps, taps
 from bayestissue.signal.traces import (
     Column,
     Index,
@@ -151,8 +150,6 @@ def displacements(dataset: Dataset, options: SignalOptions | None = None) -> Dis
     """
     options = options or SignalOptions()
     mass, velocity = (dataset.impacts[name].to_numpy(dtype=float) for name in ("mass_kg", "velocity_m_s"))
-    if dataset.tapped:
-        return _rung(taps(dataset, options), mass)
     gravity = np.full(len(mass), dataset.gravity)
     sign = -1.0 if dataset.quantity == "acceleration" else 1.0
     blocks = _blocks(len(mass), max(len(trace.value) for trace in dataset.traces))
@@ -302,47 +299,6 @@ def _recorded(
         n_before=nothing.astype(int), n_since_quiet=nothing.astype(int), reach_s=nothing,
         blurred=nothing.astype(bool),
     )  # fmt: skip
-
-
-def _rung(tapped: Taps, mass: Column) -> Displacements:
-    """Of masses that were tapped, from when the hammer is off; contact is the beginning of the tap."""
-    ringing, n = tapped.ringing, tapped.n_samples
-    nothing, known = np.zeros(len(n)), np.zeros(len(n), bool)
-    used = np.arange(tapped.x.shape[1]) < n[:, None]
-    before = np.zeros((len(n), BEFORE))
-    return Displacements(
-        x=tapped.x,
-        v=tapped.v,
-        deceleration=np.where(used, ringing.value[:, : used.shape[1]], 0.0),
-        n_samples=n,
-        dt=ringing.dt,
-        sample_number=ringing.sample_numbers[:, : used.shape[1]],
-        uneven=ringing.uneven,
-        clipped=np.zeros_like(tapped.x),
-        mass=mass,
-        velocity=nothing,
-        gravity=nothing,
-        equilibrium=nothing,
-        contact_time_s=tapped.begin,
-        contact_time_sd=nothing,
-        first_sample_s=tapped.first_time,
-        bracket_s=tapped.first_time,
-        bracket_sd=nothing,
-        bracket_uniform=known,
-        time_to_peak=tapped.peak_time,
-        peak_displacement=tapped.peak_depth,
-        offset=tapped.zero,
-        offset_sd=tapped.zero_sd,
-        noise_sd=tapped.noise_sd,
-        before=before,
-        before_s=before,
-        n_before=nothing.astype(int),
-        n_since_quiet=nothing.astype(int),
-        reach_s=nothing,
-        blurred=known,
-        flags=_raised({**tapped.flags, TOO_FEW: n < FEWEST_SAMPLES}, len(n)),
-        notes=_raised({}, len(n)),
-    )
 
 
 def _windowed(

@@ -24,7 +24,7 @@ from bayestissue.inference.results.cross_validation import prior_sensitivity
 
 @pytest.mark.parametrize(
     ("likelihood", "name"),
-    [("impact", "deceleration"), ("tapped", "deceleration"), ("arma", "displacement"), ("driven", "force")],
+    [("impact", "deceleration"), ("arma", "displacement"), ("driven", "force")],
 )
 def test_runs_are_held_side_by_side_by_what_their_likelihood_is_of(likelihood: str, name: str) -> None:
     # A driven tissue's run has no other observed data than the force.

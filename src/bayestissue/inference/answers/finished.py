@@ -66,5 +66,5 @@ class Finished:
             "discrepancy_mean" in posterior,
             float(constants[GRAVITY]) if GRAVITY in constants else 0.0,
             HEADFORM in constants,
-            model.get("likelihood") not in ("driven", "tapped"),
+            model.get("likelihood") != "driven",
         )

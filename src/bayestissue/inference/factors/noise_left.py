@@ -25,7 +25,6 @@ from bayestissue.hierarchy.traces import (
     driven_likelihood,
     impact_likelihood,
     of_the_element,
-    tapped_likelihood,
 )
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.points.whiteness import projected_portmanteau
@@ -43,7 +42,7 @@ def noise_p(
         data: the traces.
         u: a point of each impact's posterior.
     """
-    of_likelihood = {"driven": _left_of_driven, "tapped": _left_of_tapped}.get(model.kind, _left)
+    of_likelihood = _left_of_driven if model.kind == "driven" else _left
     parts = of_likelihood(model, data.padded, padded_impacts(u))
     left, fitted, size = (np.asarray(part)[: len(u)] for part in parts)
     return projected_portmanteau(left, fitted, size)
@@ -194,18 +193,6 @@ def _lag(
     along = jnp.linalg.solve(gram, jnp.einsum("ipk,ik->ip", fitted, delay)[..., None])
     delay -= jnp.einsum("ipk,ip->ik", fitted, along[..., 0])
     return (delay * left).sum(1), (delay**2).sum(1)
-
-
-@compiled_quickly
-def _left_of_tapped(
-    model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]
-) -> tuple[Float[Array, "impact row"], Float[Array, "impact parameter row"], Int[Array, " impact"]]:
-    """The same of the ringing after a tap."""
-    event = tapped_likelihood(model, data, list(u.T))
-    left, A = event.standardised()
-    fitted = [event.slopes()[..., i] for i in range(3)]
-    white = _whitened(A, [left, *fitted])
-    return white[:, 0], white[:, 1:], event.record.n_samples
 
 
 def _without(A: Float[Array, "shock error"], rows: Float[Array, "row shock"]) -> Float[Array, "row shock"]:

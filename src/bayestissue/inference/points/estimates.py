@@ -25,7 +25,6 @@ from bayestissue.inference.points.notes import (
     NOT_WHITE,
     PHANTOM,
     STRUCTURED,
-    TAPPED,
     THETA1,
     UNUSED,
 )
@@ -69,8 +68,8 @@ def estimates_table(
         method: "exact" or "dds".
         findings: what `bayestissue.signal.quality.inspect` found; flagged.
     """
-    if not dataset.free or dataset.tapped:
-        return _none(dataset, signal, TAPPED if dataset.tapped else NO_FREE_MASS)
+    if not dataset.free:
+        return _none(dataset, signal, NO_FREE_MASS)
     long_enough = (signal.n_samples >= FEWEST_SAMPLES) & ~signal.uneven & ~signal.clipped.any(axis=1)
     fit = fit_points(
         signal.x[long_enough],

@@ -23,7 +23,6 @@ NOT_FILTERED = Coded("the declared low-pass is not in this method", "low-pass-no
 NOISELESS = Coded("no noise beyond rounding: no standard errors", "noiseless")
 ANOTHER_PEAK = Coded("K and C imply another peak displacement than recorded", "peak-disagrees")
 NO_FREE_MASS = Coded("no free mass: point estimates are of one", "no-free-mass")
-TAPPED = Coded("a tap: point estimates are of impacts", "tapped")
 PHANTOM = Coded("a spring or phantom of known stiffness", "known-stiffness")
 UNUSED = Coded("the further channel is not used here", "channel-unused")
 # Flags of the method "impact": its intervals then promise nothing.
@@ -49,7 +48,7 @@ _NAMED = 5
 # What `said_once` may meet in the column ``notes``.
 _NOTES = (
     *(THETA1, NOT_WHITE, ARCCOS, NOT_FILTERED, NOISELESS, NO_ANSWER, ANOTHER_PEAK, UNUSED, PHANTOM),
-    *(NO_FREE_MASS, TAPPED, NO_OFFSET, ON_SAMPLE, UNEVEN, LONGER),
+    *(NO_FREE_MASS, NO_OFFSET, ON_SAMPLE, UNEVEN, LONGER),
     KINDS["contact-earlier"].flag,
     KINDS["at-limit"].flag,
 )

@@ -122,8 +122,8 @@ def prior_draws(prepared: Prepared, seed: int, rng: np.random.Generator) -> Draw
         error = np.broadcast_to(common_sd * rng.standard_normal(u.shape[:2])[..., None], u.shape[:-1])
         drawn["locations"] = of_heavier_impactors(model, drawn["locations"], error[..., 0])
         factor = {MASS_FACTOR: np.exp(error[..., 0])}
-        if prepared.factor is not None:
-            gain = prepared.factor.gain_sd * np.asarray(
+        if prepared.force is not None:
+            gain = prepared.force.gain_sd * np.asarray(
                 jax.random.normal(jax.random.fold_in(key, 2), u.shape[:2])
             )
             factor[GAIN_FACTOR] = np.exp(gain)

@@ -21,7 +21,6 @@ from bayestissue.hierarchy.traces import (
     TraceModel,
     driven_likelihood,
     impact_likelihood,
-    tapped_likelihood,
     with_normal_errors,
 )
 from bayestissue.inference.execution.compiling import compiled_quickly
@@ -31,7 +30,6 @@ from bayestissue.likelihood.driven.measured import DrivenRecord
 from bayestissue.likelihood.element.force import force_of
 from bayestissue.likelihood.element.record import DecelerationRecord
 from bayestissue.likelihood.element.response import response
-from bayestissue.likelihood.tapped.measured import TapRecord
 from bayestissue.padding import padded_impacts
 
 NOISE, ELEMENT = "noise", "element"
@@ -124,11 +122,6 @@ def as_expected(prepared: Prepared, u: Float[np.ndarray, "impact parameter"]) ->
             for part in _of_driven(prepared.model, prepared.data.padded, padded_impacts(u))
         )
         return replace(prepared.data, record=prepared.data.record.with_channels(x, y))
-    if isinstance(prepared.data.record, TapRecord):
-        traces = np.asarray(_of_taps(prepared.model, prepared.data.padded, padded_impacts(u)))
-        taps = prepared.data.record
-        known = traces[: len(u), : taps.y.shape[1]]
-        return replace(prepared.data, record=taps.with_traces(known, np.asarray(taps.n_samples)))
     data = with_normal_errors(prepared.data)
     quiet = np.where(_named(prepared, _OF_NOISE) & ~_named(prepared, _CORRELATIONS), _NOTHING, u)
     bare = data.record._replace(error_sd=jax.device_put(np.zeros(data.record.error_sd.shape)))
@@ -147,14 +140,6 @@ def _of_driven(
     likelihood = driven_likelihood(model, data, list(u.T))
     weights = likelihood.weights()
     return likelihood.displacement(weights), likelihood.force(weights)
-
-
-@compiled_quickly
-def _of_taps(
-    model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]
-) -> Float[Array, "impact row"]:
-    """How the masses ring."""
-    return tapped_likelihood(model, data, list(u.T)).expected()
 
 
 @compiled_quickly

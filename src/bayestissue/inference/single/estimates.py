@@ -10,7 +10,6 @@ import numpy as np
 from jaxtyping import Bool
 
 from bayestissue.dataset import as_dataset
-from bayestissue.dataset.chain import HAMMER
 from bayestissue.dataset.impacts import of_phantoms
 from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.elements.outcomes import NEVER, OUTCOMES
@@ -124,8 +123,6 @@ def estimate(
     dataset = as_dataset(dataset)
     if not dataset.free:
         raise InputError.stated("no-free-mass.estimate", SETTINGS, None, "motion.free", value=False)
-    if dataset.tapped:
-        raise InputError.stated("tapped.estimate", SETTINGS, None, "channel.place", value=HAMMER)
     method = method or method_for(dataset, options)
     options = options or default_options("dds" if method == "dds" else "exact")
     findings = inspect(dataset, options)

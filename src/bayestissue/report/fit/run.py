@@ -241,7 +241,7 @@ class FitRun(PosteriorRun):
 
     @property
     def likelihood(self) -> str:
-        """``"arma"``, ``"a2"``, ``"impact"``, ``"driven"`` or ``"tapped"``."""
+        """``"arma"``, ``"a2"``, ``"impact"`` or ``"driven"``."""
         return str(self.record.get("model", {}).get("likelihood", ""))
 
     @property

@@ -79,8 +79,6 @@ def signal_words(run: FitRun) -> str:
     signal = run.record.get("model", {}).get("signal", {})
     window, zero = str(signal.get("window", "peak")), str(signal.get("equilibrium", "rest"))
     until = SENTENCES["windows"].get(window, f"from contact to {window} of the time to zero velocity")
-    if run.likelihood == "tapped":
-        return said("model.ringing")
     text = f"The window goes {until}."
     if run.likelihood in ("impact", "driven"):
         return text

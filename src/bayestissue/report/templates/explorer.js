@@ -50,7 +50,7 @@
     const far = part.querySelector(row.unlike >= 3.5 ? "#far-words" : "#near-words").textContent;
     facts.replaceChildren(
       ...data.factors.slice().reverse().flatMap(name => line(name, row[name])),
-      // Of a driven tissue there is no mass that arrives with a velocity, and a mass that is tapped rests.
+      // Of a driven tissue there is no mass that arrives with a velocity.
       ...(Number.isFinite(row.mass_kg) && row.velocity_m_s > 0
         ? line("mass, velocity", `${digits(row.mass_kg, 0.01)} kg, ${digits(row.velocity_m_s, 0.01)} m/s`)
         : Number.isFinite(row.mass_kg) ? line("mass", `${digits(row.mass_kg, 0.01)} kg`) : []),
