@@ -13,7 +13,6 @@ import pytest
 import bayestissue as bt
 from bayestissue.errors import InputError
 from bayestissue.intake import Choices, prepare, write
-from bayestissue.simulation.driven import Driven, driven
 from command_line import bayestissue
 from dataset_bench import deceleration
 from page_reader import figures
@@ -113,46 +112,3 @@ def test_what_is_wrong_with_the_option_is_said_by_its_name(tmp_path: Path) -> No
         made(folder, tmp_path / "made", force={"place": "ceiling"})
     with pytest.raises(InputError, match="--force"):
         made(folder, tmp_path / "made", force={"value_column": "Torque"})
-
-
-def test_driven_tissue_needs_no_mass(tmp_path: Path) -> None:
-    recorded, _ = driven(Driven(seed=1, subjects=1, repeats=1))
-    folder, out = tmp_path / "recorded", tmp_path / "made"
-    folder.mkdir()
-    (plate,) = recorded.channels
-    for impact, trace, force in zip(recorded.impacts["trial"], recorded.traces, plate.traces, strict=True):
-        table = {"Time (s)": trace.time_s, "Marker (mm)": 1e3 * trace.value, "Force (N)": force.value}
-        pd.DataFrame(table).to_csv(folder / f"s1_{impact}.csv", index=False)
-    run = bayestissue("init", str(folder), "--out", str(out), "--pattern", "{subject}_{trial}", "--driven")
-    assert run.status == 0, run.err
-    dataset = bt.read_dataset(out)
-    assert not dataset.free
-    (channel,) = dataset.channels
-    assert (dataset.quantity, channel.place) == ("displacement", "base")
-    assert {"mass_kg", "velocity_m_s"}.isdisjoint(pd.read_csv(out / "impacts.csv"))
-    (chart,) = map(json.loads, figures((out / "init.html").read_text()))
-    kinds = {row["kind"] for row in chart["datasets"]["rows-0"]}
-    assert "force, as high as the displacement" in kinds
-    assert "well both gains are known" in " ".join(run.out.split())
-    assert checked_kinds(out, tmp_path) >= {"recorded displacement", "recorded force"}
-
-
-def checked_kinds(dataset: Path, tmp_path: Path) -> set[str]:
-    """The curves that the page of `check` draws."""
-    assert bayestissue("check", str(dataset), "--out", str(tmp_path / "checked")).status == 0
-    (chart,) = map(json.loads, figures((tmp_path / "checked" / "check.html").read_text()))
-    return {row["kind"] for row in chart["datasets"]["rows-0"]}
-
-
-def test_driven_tissue_without_a_force_is_refused(tmp_path: Path) -> None:
-    folder = tmp_path / "recorded"
-    folder.mkdir()
-    time = np.arange(200) / 1000
-    pd.DataFrame({"Time (s)": time, "Marker (mm)": np.sin(60 * time)}).to_csv(
-        folder / "s1_a.csv", index=False
-    )
-    out = tmp_path / "made"
-    run = bayestissue("init", str(folder), "--out", str(out), "--pattern", "{subject}_{trial}", "--driven")
-    assert run.status == 2
-    assert "--force value_column: found" in run.err
-    assert not out.exists()

@@ -26,7 +26,6 @@ class Lab:
     gravity: float = 0.0
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
     contact: Contact | None = None
-    free: bool = True
 
     def part(self, rows: slice) -> Lab:
         return replace(self, impacts=self.impacts.iloc[rows], traces=self.traces[rows])

@@ -114,9 +114,7 @@ def _summary(checked: Check) -> list[tuple[str, str]]:
         *([("contact", checked.signal.phase.words)] if data.quantity != "displacement" else []),
         ("samples per impact", _range(quality["n_samples"], "")),
         ("sampling rate", _range(quality["sampling_rate_hz"], " Hz")),
-        ("mass", _range(impacts["mass_kg"], " kg"))
-        if data.free
-        else ("motion", "driven: no free mass, K and C of force over depth"),
+        ("mass", _range(impacts["mass_kg"], " kg")),
         ("velocity at contact", _range(impacts["velocity_m_s"], " m/s", digits=4)),
         ("time to peak", _range(quality["time_to_peak_s"] * 1e3, " ms", digits=3)),
         ("samples until the peak", _range(quality["samples_in_window"], "")),

@@ -82,7 +82,7 @@ def run(
 
         data = read_dataset(dataset, skip_bad=skip_bad)
         specification, source = resolve(
-            model, data.recorded, formulas=formulas_of(K, C), questions=ask or [], sampler={"path": path}
+            model, data.quantity, formulas=formulas_of(K, C), questions=ask or [], sampler={"path": path}
         )
         if model is None and not quiet:
             echo(f"model {specification.name}, that of a recorded {data.quantity}; --model takes another")

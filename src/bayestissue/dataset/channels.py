@@ -94,7 +94,7 @@ def checked_channel(
 def declared(channel: ChannelSettings, traces: list[Trace]) -> Channel:
     """The channel as a `Dataset` carries it."""
     recorder = channel.recorder.values() if channel.recorder else None
-    known = channel.relative_gain_sd, channel.tip_mass_kg, recorder, channel.time_offset_sd_s
+    known = channel.relative_gain_sd, channel.tip_mass_kg, recorder
     return Channel(channel.name, channel.quantity, channel.place, traces, *known)
 
 

@@ -237,18 +237,6 @@ class RecorderSettings(_Table):
         return Recorder(self.low_pass_hz, self.order, self.kind, self.zero_phase, **stated)
 
 
-class MotionSettings(_Table):
-    """The table ``[motion]``: what moves the impactor.
-
-    Attributes:
-        free: true where a free mass meets the tissue, and the tissue alone slows it. false where something
-            pushes on: a leg, a hand, a test machine. The motion and the force are both measured, as quantity
-            = displacement and a [[channel]] force, and no mass is asked for.
-    """
-
-    free: bool = True
-
-
 class ChannelSettings(_Table):
     """A table ``[[channel]]``: a further channel of the same impacts; ``[signal]`` is the first.
 
@@ -264,8 +252,6 @@ class ChannelSettings(_Table):
         offset: is added to them after that.
         limit: the sensor's range in that unit, as signal.limit; samples there are left out.
         time_offset_s: is added to its times, in s: they are then those of the first channel's clock.
-        time_offset_sd_s: the standard deviation of that, one error of all impacts. Beside motion.free =
-            false; a free mass tells it.
         relative_gain_sd: of its sensitivity, as a fraction of it, below 0.5; one for all impacts.
         tip_mass_kg: what of the mass in impacts.csv lies between an impactor's sensor and the tissue: the
             sensor reads the force on the rest.
@@ -283,7 +269,6 @@ class ChannelSettings(_Table):
     offset: Finite = 0.0
     limit: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
     time_offset_s: Finite = 0.0
-    time_offset_sd_s: Spread = 0.0
     relative_gain_sd: Fraction = 0.0
     tip_mass_kg: Spread = 0.0
     recorder: RecorderSettings | None = None
@@ -384,7 +369,6 @@ class Settings(_Table):
         channel: a table [[channel]]: one further channel of the same impacts.
         uncertainty: standard deviations of the measuring chain; a fit carries each into its intervals.
         recorder: a table [recorder] with low_pass_hz, or with sae_class
-        motion: what moves the impactor.
         impactor: what hits.
         words: what pages, papers and messages call the units of the study.
     """
@@ -403,7 +387,6 @@ class Settings(_Table):
     channel: Annotated[tuple[ChannelSettings, ...], BeforeValidator(_listed), AfterValidator(_one)] = ()
     uncertainty: UncertaintySettings = UncertaintySettings()
     recorder: RecorderSettings | None = None
-    motion: MotionSettings = MotionSettings()
     impactor: ImpactorSettings = ImpactorSettings()
     words: WordSettings = WordSettings()
 
@@ -412,36 +395,11 @@ class Settings(_Table):
         """Whether every impact must state its velocity at contact."""
         return self.signal.quantity != "displacement"
 
-    @property
-    def ignored_columns(self) -> list[str]:
-        """Columns of `impacts.csv` that say nothing of the recordings, and are not read."""
-        return [] if self.motion.free else ["mass_kg"]
-
     @model_validator(mode="after")
     def _of_decelerations(self) -> Self:
         if self.recorder is not None and self.signal.quantity == "displacement":
             raise ValueError(
                 "no table [recorder] beside displacements, whose likelihoods have no place for a low-pass"
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _both_measured(self) -> Self:
-        if self.motion.free:
-            if any(channel.time_offset_sd_s for channel in self.channel):
-                raise ValueError(
-                    "time_offset_sd_s only beside motion.free = false: of a free mass force and deceleration "
-                    "tell what one is behind the other, and time_offset_s corrects it"
-                )
-            return self
-        if self.signal.quantity != "displacement" or not self.channel:
-            raise ValueError(
-                'signal.quantity = "displacement" and a table [[channel]] with quantity = "force" beside '
-                "motion.free = false: without a free mass K and C are those of force over depth"
-            )
-        if self.channel[0].tip_mass_kg:
-            raise ValueError(
-                "no tip_mass_kg beside motion.free = false: what accelerates a tip is not taken off the force"
             )
         return self
 

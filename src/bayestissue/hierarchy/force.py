@@ -146,14 +146,17 @@ class RowsWithin:
 
 
 def rows_within(
-    recorded: Recordings, signal: Displacements, earlier_s: Any = 0.0, later_s: Any = 0.0
+    recorded: Recordings,
+    signal: Displacements,
+    earlier_s: Float[np.ndarray, " impact"],
+    later_s: Float[np.ndarray, " impact"],
 ) -> RowsWithin:
     """The rows of a force, and the quiet part that ends three intervals before the first in contact.
 
     Args:
         recorded: the force.
         signal: the windows.
-        earlier_s: by how much earlier the force may begin [s], one for all or each impact's.
+        earlier_s: by how much earlier each impact's force may begin [s].
         later_s: by how much later the windows begin [s].
     """
     first = signal.contact_time_s + signal.first_sample_s

@@ -339,18 +339,12 @@ def _init_panel(index: int, *, dataset: Dataset, signal: Displacements) -> Panel
     contact, to_peak = 1e3 * signal.contact_time_s[index], 1e3 * signal.time_to_peak[index]
     near = (time > contact - 2 * to_peak) & (time < contact + 4 * to_peak)
     near = near if near.any() else np.ones_like(near)
-    # Of what is pressed on and on the greatest depth may come long after the first.
-    peak = int(np.argmax(value if dataset.free else np.where(near, value, -np.inf)))
+    peak = int(np.argmax(value))
     shown: Panel = {"recorded": (time[near], value[near])}
-    for channel in dataset.channels if dataset.quantity != "displacement" or not dataset.free else ():
+    for channel in dataset.channels if dataset.quantity != "displacement" else ():
         force_trace = channel.traces[index]
         then = 1e3 * force_trace.time_s
         around = (then >= time[near][0]) & (then <= time[near][-1])
-        force = force_trace.value[around]
-        if dataset.free:
-            behind = float(signal.mass[index]) - channel.tip_mass_kg
-            shown["force over mass"] = (then[around], force / behind)
-        else:
-            scale = np.abs(value[near]).max(initial=0.0) / max(np.abs(force).max(initial=0.0), 1e-300)
-            shown["force, as high as the displacement"] = (then[around], force * scale)
+        behind = float(signal.mass[index]) - channel.tip_mass_kg
+        shown["force over mass"] = (then[around], force_trace.value[around] / behind)
     return shown | {CONTACT: (contact, 0.0), PEAK: (time[peak], value[peak])}

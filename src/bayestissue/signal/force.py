@@ -133,7 +133,7 @@ def force_beside(dataset: Dataset, signal: Displacements) -> Force | None:
         dataset: the recordings.
         signal: what the signal chain made of the decelerations or displacements.
     """
-    if not dataset.channels or not dataset.free:
+    if not dataset.channels:
         return None
     (channel,) = dataset.channels
     return (

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import cast
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from bayestissue.elements import element
-from bayestissue.hierarchy.driven import first_guess as driven_guess
 from bayestissue.hierarchy.force import tells_added_mass
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.trace_data import Prepared
@@ -19,7 +17,6 @@ from bayestissue.inference.execution.chunks import Progress, map_impacts, silent
 from bayestissue.inference.factors.conditional import ConditionalPrior
 from bayestissue.inference.factors.sites import laplace_sites, weak_prior
 from bayestissue.inference.points.fit import PointFit, fit_points
-from bayestissue.likelihood.driven.measured import DrivenRecord
 from bayestissue.signal import Displacements
 
 # What keeps artanh theta1 finite.
@@ -31,8 +28,6 @@ def first_guess(prepared: Prepared) -> Float[np.ndarray, "impact parameter"]:
 
     Where these give no K it is from the time to peak, and where they give no C that of light damping.
     """
-    if prepared.model.kind == "driven":
-        return _driven(prepared)
     signal, which = prepared.signal, element(prepared.model.element)
     if prepared.model.kind == "impact":
         (K, C), fit = _of_motion(signal), None
@@ -58,14 +53,6 @@ def first_guess(prepared: Prepared) -> Float[np.ndarray, "impact parameter"]:
         # artanh has no value at -1 and 1, where point estimates like to lie.
         columns.append(np.arctanh(np.clip(fit.theta1, -_NEAREST, _NEAREST)))
     return np.stack(columns, axis=1)
-
-
-def _driven(prepared: Prepared) -> Float[np.ndarray, "impact parameter"]:
-    """Of displacement and force, by least squares of the one on the other."""
-    guess = driven_guess(cast(DrivenRecord, prepared.data.record), element(prepared.model.element))
-    names = ("K", "C", *prepared.model.nuisance)
-    middle = np.full(len(guess["K"]), prepared.model.priors.discrepancy.mean)
-    return np.stack([guess.get(name, middle) for name in names], axis=1)
 
 
 def _of_motion(signal: Displacements) -> Float[np.ndarray, "2 impact"]:

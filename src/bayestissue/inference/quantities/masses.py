@@ -60,14 +60,6 @@ def declared_common_sd(prepared: Prepared) -> float | None:
     return (prepared.common_mass_sd or None) if known is None else known.mass_sd
 
 
-def driven_gains(
-    prepared: Prepared, shape: tuple[int, int], key: Array
-) -> Float[np.ndarray, "chain draw channel"]:
-    """Logs of the gains of displacement and force, one pair of all impacts of a driven tissue."""
-    standard = np.asarray(jax.random.normal(jax.random.fold_in(key, 14), (*shape, 2)))
-    return np.asarray(prepared.gain_sd) * standard
-
-
 def of_heavier_impactors(
     model: TraceModel,
     b: Float[np.ndarray, "chain draw location"],

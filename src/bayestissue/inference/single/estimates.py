@@ -11,7 +11,6 @@ from jaxtyping import Bool
 
 from bayestissue.dataset import as_dataset
 from bayestissue.dataset.impacts import of_phantoms
-from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.elements.outcomes import NEVER, OUTCOMES
 from bayestissue.errors import InputError
 from bayestissue.hierarchy.design import build_design
@@ -121,8 +120,6 @@ def estimate(
         ValueError: there is no such method.
     """
     dataset = as_dataset(dataset)
-    if not dataset.free:
-        raise InputError.stated("no-free-mass.estimate", SETTINGS, None, "motion.free", value=False)
     method = method or method_for(dataset, options)
     options = options or default_options("dds" if method == "dds" else "exact")
     findings = inspect(dataset, options)
