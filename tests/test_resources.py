@@ -66,7 +66,7 @@ def test_a_wrong_name_lists_the_right_ones_the_nearest_first(wrong: str, says: s
 BASE = """
 name = "base"
 likelihood = "impact"  # of what
-noise = "white"
+discrepancy = "none"
 
 [priors]
 # By this much.
@@ -93,7 +93,7 @@ def test_a_file_says_how_it_differs_from_another(elsewhere: Path):
     (elsewhere / "own.toml").write_text(OWN)
     content = model_content(elsewhere / "own.toml")
     assert content["name"] == "own"
-    assert (content["likelihood"], content["noise"], content["element"]) == ("impact", "white", "wall")
+    assert (content["likelihood"], content["discrepancy"], content["element"]) == ("impact", "none", "wall")
     # A distribution is one thing: none of the other's keys are left in it.
     assert content["priors"]["intercept"]["K"] == {"distribution": "half-student-t", "df": 3}
     assert content["priors"]["intercept"]["C"]["mean"] == 3.0

@@ -207,18 +207,3 @@ def test_a_discrepancy_is_told_and_the_coverage_of_fits_without_one_is_not(run):
     assert "a smooth force" not in words.likelihood_words(plain)
     assert words.coverage_table(plain) is not None
     assert words.coverage_table(wider) is None
-
-
-def test_autoregressive_noise_is_told(run):
-    model = run.record["model"] | {"likelihood": "impact"}
-    white, other = (
-        replace(run, record=run.record | {"model": model | more})
-        for more in ({}, {"noise": "autoregressive"})
-    )
-    assert "accelerometer with white noise" in words.likelihood_words(white)
-    assert "accelerometer with first-order autoregressive noise" in words.likelihood_words(other)
-    assert "atanh_noise_correlation" in words.unused_priors(white)
-    assert "atanh_noise_correlation" not in words.unused_priors(other)
-    assert words.coverage_table(other) is None
-    assert "may take up what another law leaves" in " ".join(words.limits(other))
-    assert words.limits(white) == words.limits(other)[:1]

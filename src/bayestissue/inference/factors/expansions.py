@@ -43,8 +43,6 @@ def first_guess(prepared: Prepared) -> Float[np.ndarray, "impact parameter"]:
     columns = [*(np.log(np.asarray(values)) for values in guess), _noise(prepared, fit)]
     columns += [np.full(len(stiffness), np.log(parameter.typical)) for parameter in which.extra]
     columns += [np.full(len(stiffness), prepared.model.priors.discrepancy.mean)] * prepared.model.discrepancy
-    correlation = prepared.model.priors.atanh_noise_correlation.mean
-    columns += [np.full(len(stiffness), correlation)] * prepared.model.autoregressive
     if prepared.force is not None:
         # Tissue that moves along accounts for what the force is more.
         ratio = prepared.force.log_ratio * (not tells_added_mass(prepared.force, which.name))
