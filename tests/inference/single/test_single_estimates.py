@@ -21,7 +21,6 @@ from bayestissue.inference.single import estimates as single_estimates
 from bayestissue.inference.single.estimates import OUTCOME_COLUMNS
 from bayestissue.inference.single.posterior import POINTS, single_posteriors
 from bayestissue.resources import shared
-from bayestissue.signal import SignalOptions
 from bayestissue.simulation import Simulation, simulate
 from bayestissue.simulation.campaign import Campaign
 
@@ -284,8 +283,6 @@ def test_what_it_cannot_do_is_refused(campaign: Campaign):
     dataset = replace(
         campaign.dataset("single"), impacts=campaign.impacts.head(2), traces=campaign.dataset("x").traces[:2]
     )
-    with pytest.raises(bt.InputError, match='"none", since a filter'):
-        bt.estimate(dataset, method="impact", options=SignalOptions(filter=180))
     with pytest.raises(ValueError, match='"impact" or "dds"'):
         bt.estimate(dataset, method="best")
 
