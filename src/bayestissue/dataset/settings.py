@@ -333,7 +333,7 @@ class ImpactorSettings(_Table):
 
 
 class WordSettings(_Table):
-    """The table ``[words]``: what pages, papers and messages call the units of the study, without < > & and ".
+    """The table ``[words]``: what pages, papers and messages call the units; without < > & and ".
 
     Attributes:
         subject: who or what is hit, such as "pad"; else person.
