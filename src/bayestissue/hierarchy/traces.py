@@ -44,13 +44,15 @@ NUISANCE: dict[str, tuple[str, ...]] = {
     "a2": ("noise",),
     "impact": ("noise",),
 }
+# So many sampling intervals before the middle of its own contact is.
+CONTACT = "contact"
 # Of a force beside the deceleration: its noise, and it over mass times deceleration.
 FORCE = ("noise_force", "log_force_ratio")
 Record = DisplacementRecord | DecelerationRecord
 LOG_2 = 0.6931471805599453
 _SHAPE_OF_MODEL = [
     *("kind", "locations", "priors", "correlated"),
-    *("element", "discrepancy", "autoregressive", "headform", "force"),
+    *("element", "discrepancy", "autoregressive", "headform", "force", "contact"),
 ]
 
 
@@ -152,12 +154,13 @@ class TraceModel(Hierarchy):
     autoregressive: bool = False
     headform: bool = False
     force: bool = False
+    contact: bool = False
 
     @property
     def nuisance(self) -> tuple[str, ...]:
         """Names of an impact's parameters besides log K and log C."""
         noise_model = {"discrepancy": self.discrepancy, "autoregressive": self.autoregressive}
-        noise_model |= {"force": self.force}
+        noise_model |= {"force": self.force, "contact": self.contact}
         return nuisance_of(self.kind, self.element, **noise_model)
 
     @property
@@ -219,6 +222,7 @@ def nuisance_of(
     discrepancy: bool = False,
     autoregressive: bool = False,
     force: bool = False,
+    contact: bool = False,
 ) -> tuple[str, ...]:
     """Names of an impact's parameters besides log K and log C.
 
@@ -226,7 +230,7 @@ def nuisance_of(
     """
     which = element_named(element)
     element_logs = [f"log_{parameter.name}" for parameter in which.extra]
-    last = ["discrepancy"] * discrepancy + ["atanh_noise_correlation"] * autoregressive
+    last = [CONTACT] * contact + ["discrepancy"] * discrepancy + ["atanh_noise_correlation"] * autoregressive
     last += [*FORCE] * force
     return (*NUISANCE[kind], *element_logs, *last)
 
@@ -248,6 +252,8 @@ def impact_likelihood(model: TraceModel, data: TraceData, u: list[Array]) -> Mea
     of_force = (u[-2] + data.log_peak, u[-1]) if model.force else (None, None)
     noise = NoiseParameters(physical(model, data, u).log_sigma, log_discrepancy, atanh_correlation, *of_force)
     record = cast(DecelerationRecord, data.record)
+    if model.contact:
+        record = record.with_contact_earlier(u[2 + model.nuisance.index(CONTACT)])
     return MeasuredImpact(element_named(model.element), element_parameters(model, u), noise, record)
 
 

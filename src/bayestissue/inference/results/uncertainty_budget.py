@@ -57,6 +57,7 @@ _NUISANCE = {
     "noise": NOISE,
     "atanh_theta1": NOISE,
     "atanh_noise_correlation": NOISE,
+    "contact": "contact moment",
     "discrepancy": ELEMENT,
     "noise_force": NOISE,
     "log_force_ratio": NOISE,
