@@ -168,8 +168,8 @@ class Priors(Table):
         atanh_noise_correlation: mean over impacts of artanh of the noise's correlation from sample to sample.
             Of noise = "autoregressive".
         sd_atanh_noise_correlation: standard deviation between impacts of that.
-        contact: mean over impacts of f, where recordings leave open at which place of a sampling interval contact
-            is: (1/2 + f) intervals before the first sample in contact.
+        contact: mean over impacts of f, where recordings leave open at which place of a sampling interval
+            contact is: (1/2 + f) intervals before the first sample in contact.
         sd_contact: standard deviation between impacts of that.
         discrepancy: mean over impacts of the log of the rms of the force beside the element's, as a fraction
             of the trace's peak.

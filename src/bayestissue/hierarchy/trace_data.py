@@ -522,9 +522,7 @@ def _low_pass_and_reach(
     return low_pass, _reach(specification, signal, dataset.recorder, low_pass)
 
 
-def _estimates_contact(
-    dataset: Dataset, specification: ModelSpecification, signal: Displacements
-) -> bool:
+def _estimates_contact(dataset: Dataset, specification: ModelSpecification, signal: Displacements) -> bool:
     """Whether the place of contact in its sampling interval is a parameter of each impact.
 
     Not where contact may lie in several intervals, of which each has the same places.

@@ -141,7 +141,8 @@ class TraceModel(Hierarchy):
     Whether impacts share the errors of their masses, ``locations`` says. ``element`` is what the impactor
     meets, ``discrepancy`` whether it meets something else besides, ``autoregressive`` whether the recorder's
     noise is that instead of white, ``headform`` whether what hits stands for a head, ``force`` whether a
-    force was recorded beside the deceleration.
+    force was recorded beside the deceleration, ``contact`` whether its place in a sampling interval is a
+    parameter of each impact.
     """
 
     kind: Kind

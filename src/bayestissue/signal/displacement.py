@@ -69,7 +69,7 @@ class Displacements:
         bracket_s, bracket_sd: [impact], the same and its standard deviation, s, before the samples in contact
             were asked: what a model of those samples themselves may start from.
         bracket_uniform: [impact], whether contact may then have been at any moment between two samples.
-        interval_s: [impact], the sampling interval that contact falls in, 0 where it is not known to be in one.
+        interval_s: [impact], the sampling interval that contact falls in; 0 where that is not known.
         time_to_peak: [impact], from contact to zero velocity, s.
         peak_displacement: [impact], at zero velocity, since contact, m.
         offset: [impact], what was subtracted from the recording, in its own SI unit.
@@ -223,7 +223,8 @@ def _integrated(
         part, (x, v, d if recordings.clipped is None else recorded), clipped, stop, start, options, flags,
         {NO_OFFSET: options.remove_offset & ~onset.quiet, UNEVEN: part.uneven},
         mass=mass, velocity=velocity, gravity=gravity, offset=offset, offset_sd=offset_sd,
-        noise_sd=onset.noise_sd, interval_s=np.where(bracketed, dt, 0.0), **_before(recordings, onset, offset, removed),
+        noise_sd=onset.noise_sd, interval_s=np.where(bracketed, dt, 0.0),
+        **_before(recordings, onset, offset, removed),
     )  # fmt: skip
     # Beyond the sensor's limit a trace is what a spring and damper makes of it: it tells nothing of contact.
     bracketed &= (clipped == 0).all(axis=1)
@@ -280,9 +281,9 @@ def _recorded(met: _Met, options: SignalOptions) -> Displacements:
     return _windowed(
         part, (x, v, d), np.zeros_like(x), stop, start, options, flags, {},
         mass=mass, velocity=velocity, gravity=gravity, offset=at_contact, offset_sd=nothing * np.nan,
-        noise_sd=noise, interval_s=nothing, before=np.zeros((len(sd), BEFORE)), before_s=np.zeros((len(sd), BEFORE)),
-        n_before=nothing.astype(int), n_since_quiet=nothing.astype(int), reach_s=nothing,
-        blurred=nothing.astype(bool),
+        noise_sd=noise, interval_s=nothing, before=np.zeros((len(sd), BEFORE)),
+        before_s=np.zeros((len(sd), BEFORE)), n_before=nothing.astype(int),
+        n_since_quiet=nothing.astype(int), reach_s=nothing, blurred=nothing.astype(bool),
     )  # fmt: skip
 
 

@@ -15,12 +15,13 @@ and between samples p_i(t) = (Phi(t / s_i) - Phi((t - D) / s_i)) / D. Where a ti
 t_i may lie beyond the interval; then neither account is as good as one by which it is anywhere about, and
 nothing is said.
 
-Where no account has 99 %, contact is estimated: t_i = (1/2 + f_i) D, f_i normal with unknown mean and spread over
-the impacts. A mean of 0 and a spread of 0.29 are anywhere in the interval, a small spread is one place in all
-impacts, and a mean of -1/2 or 1/2 a sample. A fit samples f_i with its mean and spread. For an impact by itself
-both are as the least squares of all impacts have them, and f_i is normal about that mean. To take the likeliest
-account alone would be as if it were certain, and to let each impact have its own odds would forget that they
-share a recorder: 90 % intervals of C then held 31 to 76 %.
+Where no account has 95 %, and the recordings tell the two samples apart, contact is estimated:
+t_i = (1/2 + f_i) D, f_i normal with unknown mean and spread over the impacts. A mean of 0 and a spread of 0.29 are
+anywhere in the interval, a small spread is one place in all impacts, and a mean of -1/2 or 1/2 a sample. A fit
+samples f_i with its mean and spread. For an impact by itself both are as the least squares of all impacts have
+them, and f_i is normal about that mean. To take the likeliest account alone would be as if it were certain, and
+to let each impact have its own odds would forget that they share a recorder: 90 % intervals of C then held 31 to
+76 %.
 """
 
 from __future__ import annotations
@@ -29,12 +30,14 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import log_ndtr, logsumexp
+from scipy.special import log_ndtr, logsumexp, softmax
 from scipy.stats import norm
 
 from bayestissue.dataset.chain import Contact
 from bayestissue.signal.settings import PHASE
 from bayestissue.signal.traces import Column, Mask
+
+Kind = Literal["between", "first", "before", "undecided"]
 
 
 class ContactEvidence(NamedTuple):
@@ -60,14 +63,14 @@ class Phase(NamedTuple):
     """Where contact falls within a sampling interval.
 
     Attributes:
-        kind: anywhere between samples; at the first sample in contact, which then holds the jump C V / M; at the
-            one before it, which holds 0; or at a place that is to be estimated.
+        kind: anywhere between samples; at the first sample in contact, which then holds the jump C V / M; at
+            the one before it, which holds 0; or at a place that is to be estimated.
         judged: the recordings told, as nothing was declared.
         mean, sd: where it is to be estimated, of f in an impact whose own trace was not asked: contact was
             (1/2 + f) intervals before the first sample in contact.
     """
 
-    kind: Literal["between", "first", "before", "undecided"] = "between"
+    kind: Kind = "between"
     judged: bool = False
     mean: float = 0.0
     sd: float = 12**-0.5
@@ -108,7 +111,9 @@ def phase_of(evidence: ContactEvidence, velocity_sd: Column, declared: Contact |
     if declared == "between":
         return BETWEEN
     if not (evidence.bracketed.any() or declared):
-        return Phase("undecided", sd=float(np.hypot(PHASE.mean_sd, PHASE.spread)))
+        # Where the clock begins at contact, as whoever cut the recordings had it, no trace has to tell.
+        cut = bool(evidence.at_zero.all(axis=0).any())
+        return Phase("undecided", sd=float(np.hypot(PHASE.mean_sd, PHASE.spread))) if cut else BETWEEN
     prior = np.where(evidence.at_zero[evidence.bracketed].all(axis=0), PHASE.on_sample, 0.0)
     begins_there = prior.any()
     if not begins_there:
@@ -117,15 +122,21 @@ def phase_of(evidence: ContactEvidence, velocity_sd: Column, declared: Contact |
     if declared:
         needed = -PHASE.clear if prior[1] > prior[0] else PHASE.clear
         return Phase("before" if accounts[1] > accounts[0] + needed else "first")
-    if max(accounts) < anywhere - PHASE.clear:
+    if max(accounts) < anywhere:
         return BETWEEN
     with np.errstate(divide="ignore"):
         posterior = np.log([*prior, 1 - prior.sum()]) + accounts
     shares = np.exp(posterior - logsumexp(posterior))
-    for kind, share in zip(("first", "before", "between"), shares, strict=True):
+    kinds: tuple[Kind, ...] = ("first", "before", "between")
+    for kind, share in zip(kinds, shares, strict=True):
         if share > PHASE.sure:
             return Phase(kind, judged=True)
-    return Phase("undecided", False, *_of_another(evidence, velocity_sd))
+    # Recordings that do not tell the two samples apart say little that was not known, and anywhere between
+    # is as good. Where one of the two is excluded, contact may be near the other in all impacts.
+    apart = abs(accounts[0] - accounts[1]) > PHASE.clear
+    return (
+        Phase("undecided", False, *_of_another(evidence, velocity_sd)) if begins_there or apart else BETWEEN
+    )
 
 
 def _of_another(evidence: ContactEvidence, velocity_sd: Column) -> tuple[float, float]:
@@ -133,9 +144,9 @@ def _of_another(evidence: ContactEvidence, velocity_sd: Column) -> tuple[float, 
     means, spreads = PHASE.mean_sd * norm.ppf(_even(41)), PHASE.spread * norm.ppf(0.5 + _even(24) / 2)
     mean, spread = (axis.ravel() for axis in np.meshgrid(means, spreads))
     shifted, s = _in_intervals(evidence, velocity_sd, 17)
-    each = norm.logpdf(shifted[:, None] - 0.5, mean[:, None], np.hypot(spread[:, None], s))
-    log_density = logsumexp(each.sum(axis=2), axis=0)
-    share = np.exp(log_density - logsumexp(log_density))
+    off = (shifted[:, None] - 0.5 - mean[:, None]) / (wide := np.hypot(spread[:, None], s))
+    each = -(np.square(off) / 2 + np.log(wide))
+    share = softmax(logsumexp(np.sum(each, axis=2), axis=0))
     middle = float(share @ mean)
     return middle, float(np.sqrt(share @ (spread**2 + (mean - middle) ** 2)))
 

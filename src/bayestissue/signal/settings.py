@@ -89,7 +89,7 @@ class PhaseSettings:
 
     least_sd: float = 2e-3
     on_sample: float = 0.2
-    sure: float = 0.99
+    sure: float = 0.95
     clear: float = 3.0
     mean_sd: float = 0.5
     spread: float = 0.3

@@ -44,7 +44,9 @@ def first_guess(prepared: Prepared) -> Float[np.ndarray, "impact parameter"]:
     columns += [np.full(len(stiffness), np.log(parameter.typical)) for parameter in which.extra]
     if prepared.model.contact:
         interval = signal.interval_s > 0
-        columns.append(np.where(interval, signal.first_sample_s / np.where(interval, signal.interval_s, 1) - 0.5, 0))
+        columns.append(
+            np.where(interval, signal.first_sample_s / np.where(interval, signal.interval_s, 1) - 0.5, 0)
+        )
     columns += [np.full(len(stiffness), prepared.model.priors.discrepancy.mean)] * prepared.model.discrepancy
     correlation = prepared.model.priors.atanh_noise_correlation.mean
     columns += [np.full(len(stiffness), correlation)] * prepared.model.autoregressive

@@ -246,9 +246,9 @@ class DecelerationRecord(NamedTuple):
             the gain's. None where there is none.
         shared_by: how many impacts have one error of velocity and gain in common, whose standard deviations
             in ``error_sd`` then are the root of that number too wide; None where each has its own.
-        interval: the sampling interval in which the place of contact is a parameter of the impact [s], 0 of an
-            impact whose contact is not known to be in one; ``first_time`` is from its middle. None where contact is
-            no parameter.
+        interval: the sampling interval in which the place of contact is a parameter of the impact [s], 0 of
+            one whose contact is not known to be in one; ``first_time`` is from its middle. None where contact
+            is no parameter.
     """
 
     d: Float[Array, "impact sample"]
