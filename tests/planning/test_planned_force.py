@@ -104,10 +104,10 @@ def test_a_channel_that_says_nothing_is_refused() -> None:
 
 
 def test_an_analysis_that_takes_no_force_is_refused_before_any_work(tmp_path: Path) -> None:
-    (model := tmp_path / "autoregressive.toml").write_text('like = "impact"\nnoise = "autoregressive"\n')
+    (model := tmp_path / "wider.toml").write_text('like = "impact"\ndiscrepancy = "always"\n')
     problem = refused(model=str(model))["channel"]
     assert problem.code == "impossible-plan"
-    assert "autoregressive" in problem.expected
+    assert "the model has a discrepancy" in problem.expected
 
 
 def test_a_force_is_planned_behind_a_low_pass_too() -> None:

@@ -140,7 +140,7 @@ def test_a_fit_finds_the_place_of_contact_that_all_recordings_share() -> None:
     """A clock that begins at contact, says who cut the recordings; it was a third of an interval before."""
     late, random = 1 / 3, np.random.default_rng(5)
     made = lab(late, noise=0.008, seed=5, number=24)
-    traces = [(trace.time_s + late / RATE, trace.value) for trace in made.traces]
+    traces = [(trace.time_s - late / RATE, trace.value) for trace in made.traces]
     people = [f"s{number // 4}" for number in range(24)]
     impacts = made.impacts.assign(impact=np.arange(24).astype(str), subject=people, mass_kg=0.5)
     impacts = impacts.assign(velocity_m_s=impacts["velocity_m_s"] * np.exp(random.normal(0, 0.002, 24)))

@@ -165,9 +165,6 @@ class Priors(Table):
         atanh_theta1: mean over impacts of artanh theta1, the moving-average coefficient. Of the likelihood
             arma.
         sd_atanh_theta1: standard deviation between impacts of artanh theta1.
-        atanh_noise_correlation: mean over impacts of artanh of the noise's correlation from sample to sample.
-            Of noise = "autoregressive".
-        sd_atanh_noise_correlation: standard deviation between impacts of that.
         contact: mean over impacts of f, where recordings leave open at which place of a sampling interval
             contact is: (1/2 + f) intervals before the first sample in contact.
         sd_contact: standard deviation between impacts of that.
@@ -203,8 +200,6 @@ class Priors(Table):
     sd_noise: Scale = half_normal(1.0)
     atanh_theta1: Normal = normal(0.0, 1.5)
     sd_atanh_theta1: Scale = half_normal(0.5)
-    atanh_noise_correlation: Normal = normal(0.0, 1.0)
-    sd_atanh_noise_correlation: Scale = half_normal(0.3)
     contact: Normal = normal(0.0, 0.5)
     sd_contact: Scale = half_normal(0.3)
     discrepancy: Normal = normal(-4.0, 2.0)
