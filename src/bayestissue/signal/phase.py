@@ -15,12 +15,12 @@ and between samples p_i(t) = (Phi(t / s_i) - Phi((t - D) / s_i)) / D. Where a ti
 t_i may lie beyond the interval; then neither account is as good as one by which it is anywhere about, and
 nothing is said.
 
-Where no account has 95 %, and the recordings tell the two samples apart, contact is estimated, with
-t_i = (1/2 + f_i) D and f_i normal with unknown mean and spread over the impacts. A mean of 0 and a spread of
-0.29 are anywhere in the interval, a small spread is one place in all impacts, and a mean of -1/2 or 1/2 is a
-sample. A fit samples f_i with its mean and spread. For an impact by itself both are as the least squares of all
-impacts have them, and f_i is normal about that mean. To take the likeliest account alone would be as if it were
-certain, and to let each impact have its own odds would forget that they share a recorder.
+Where no account has 95 %, and the recordings tell the two samples apart, contact is estimated, with t_i =
+(1/2 + f_i) D and f_i normal with unknown mean and spread over the impacts. A mean of 0 and a spread of 0.29
+are anywhere in the interval, a small spread is one place in all impacts, and a mean of -1/2 or 1/2 is a
+sample. A fit samples f_i with its mean and spread. For an impact by itself both are as the least squares of
+all impacts have them, and f_i is normal about that mean. To take the likeliest account alone would be as if
+it were certain, and to let each impact have its own odds would forget that they share a recorder.
 """
 
 from __future__ import annotations
