@@ -19,6 +19,7 @@ from bayestissue.dataset.dialect import NAMES, Stated, text_table
 from bayestissue.dataset.files import of_part, read_bytes
 from bayestissue.errors import InputError, Problem, has_control_characters, refuse
 from bayestissue.outline import counted
+from bayestissue.results.tables import as_written
 
 FILE = "impacts.csv"
 
@@ -62,7 +63,7 @@ def read_cells(
     try:
         for record in reader:
             cells = [
-                cell.strip() if name in NAMES else text.dialect.plain(cell.strip())
+                as_written(cell.strip() if name in NAMES else text.dialect.plain(cell.strip()))
                 for name, cell in zip_longest(text.names, record, fillvalue="")
             ][: len(record)]
             if any(cells) or (keep_empty and record):
@@ -72,7 +73,7 @@ def read_cells(
         raise InputError.stated(
             "cells-in-a-row.quotes", label, row=above + reader.line_num, value=str(error)
         ) from None
-    names = text.names
+    names = [as_written(name) for name in text.names]
     # A spreadsheet writes empty columns where something once stood.
     width = max((at for at, name in enumerate(names, 1) if name), default=0)
     if not any(any(cells[width:]) for cells in body):

@@ -144,6 +144,9 @@ def single_posteriors(
     of_noise = (getattr(priors, name) for name in prepared.model.nuisance)
     normal = (priors.intercept.K, priors.intercept.C, *of_noise)
     mean, sd = (np.array([getattr(prior, name) for prior in normal], float) for name in ("mean", "sd"))
+    if prepared.model.contact:
+        phase = prepared.signal.phase
+        mean, sd = np.append(mean, phase.mean), np.append(sd, phase.sd)
     say("each impact's first guess", 0, 1)
     start = first_guess(prepared)
     # Blocks may be others' work, who can't say anything here.
