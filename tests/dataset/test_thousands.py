@@ -118,7 +118,5 @@ def test_a_thousandth_of_the_others_is_never_fine(column: str, factor: float) ->
     )
     table.loc[1, column] *= factor
     said = impact_table(table.astype(str), np.arange(2, 5), needs_velocity=True)
-    # 1100 m/s is refused by itself.
-    named = [(w.row, w.column) for w in (*said.problems, *said.warnings)]
-    assert (3, column) in named
-    assert said.problems or any("magnitude" in w.expected for w in said.warnings)
+    # What lies outside the usual limits too is named by these alone.
+    assert [(w.row, w.column) for w in (*said.problems, *said.warnings)] == [(3, column)]
