@@ -75,9 +75,11 @@ def gather(
     for file in recordings.files:
         with collected(problems):
             from_name = names.read(file.name, file.suffix) if names else {}
-            for number, cells in rows.cells_of(file, from_name).items():
+            whole = names.whole(from_name) if names else {}
+            keyed = whole if names and not {*names.within.values()} <= {*rows.keys} else from_name
+            for number, cells in rows.cells_of(file, keyed).items():
                 problems += contradictions(file, {**shared, **cells}) if loose else ()
-                filled = columns({**shared, **from_name, **cells}, file.name)
+                filled = columns({**shared, **whole, **cells}, file.name)
                 of_file[file.name] = filled
                 if number is not None:
                     of_number[file.name, number] = filled

@@ -16,7 +16,7 @@ from bayestissue.dataset.settings import Gravity, Zero, stated_table
 from bayestissue.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES
 from bayestissue.errors import InputError, Problem
 from bayestissue.intake.build import Built, Cutting, build
-from bayestissue.intake.choices import BESIDE_FORCE, Choices, Question, forces_among, settle
+from bayestissue.intake.choices import BESIDE_FORCE, Choices, Question, forces_among, people_twice, settle
 from bayestissue.intake.facts import Facts, gather, joins_by_names
 from bayestissue.intake.folder import ChannelSummary, RecorderFolder, look
 from bayestissue.intake.names import Pattern, guessed
@@ -178,6 +178,7 @@ def _intake_from(recordings: RecorderFolder, choices: Choices, guess: str | None
         stated=checked(choices.text, Stated, file="--text"),
     )
     choices, questions = settle(choices, recordings, facts.columns)
+    questions += people_twice(choices.pattern, facts)
     return Intake(recordings, choices, facts, tuple(questions), guess if choices.pattern == guess else None)
 
 
