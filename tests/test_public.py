@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 import os
 import pickle
+import pydoc
 import subprocess
 import sys
 import threading
+from importlib.metadata import version
 from io import StringIO
 from pathlib import Path
 
@@ -203,6 +205,14 @@ def test_whatever_is_like_an_array_is_an_argument(kind):
     )
     np.testing.assert_allclose(omega_n, [60.0, 70.0], ROUNDING)
     np.testing.assert_allclose(bt.spring_damper(omega_n, zeta, kind([0.1, 0.1]))[0], [360.0, 490.0], ROUNDING)
+
+
+def test_what_is_public_and_no_more_is_listed() -> None:
+    assert dir(bt) == sorted([*bt.__all__, "__version__"])
+    assert bt.__version__ == version("bayestissue")
+    shown = pydoc.plain(pydoc.render_doc(bt.dataset))
+    assert "bayestissue.dataset(impacts" in shown
+    assert "Args:" in shown
 
 
 @pytest.mark.parametrize("name", bt.__all__)

@@ -49,6 +49,10 @@ __all__ = sorted([*_PUBLIC, *_COMPUTED, *_NUMERIC])
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version(__name__)
     if name not in __all__:
         raise AttributeError(f"module 'bayestissue' has no attribute {name!r}")
     module = import_module((_PUBLIC | _COMPUTED | _NUMERIC)[name])
@@ -67,4 +71,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return [*__all__, "__version__"]

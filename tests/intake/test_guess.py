@@ -180,3 +180,41 @@ def test_a_condition_that_is_left_out_is_a_mass_and_velocity(mass, velocity, nam
     t = np.arange(100) / 1e3
     traces = [(t, 50 * np.sin(np.pi * t / 0.1))] * 4
     assert bt.dataset(table, traces, quantity="deceleration", unit="m/s^2").impacts["trial"].tolist() == names
+
+
+def six_people(folder: Path) -> Path:
+    """Recordings of three people in each of two groups, numbered anew in each, twice each."""
+    for group in ("treated", "control"):
+        (folder / group).mkdir(parents=True)
+        for number, path in enumerate(sorted(RECORDED.iterdir())[:6]):
+            shutil.copyfile(path, folder / group / f"{number // 2 + 1}_{number % 2 + 1}.lvm")
+    return folder
+
+
+@pytest.mark.parametrize("pattern", [None, "{group}/{subject}_{n}"])
+def test_people_numbered_anew_in_each_group_are_asked_about(tmp_path: Path, pattern: str | None) -> None:
+    said = {"mass_kg": "1", "velocity_m_s": "1"}
+    choices = Choices(quantity="deceleration", pattern=pattern, shared=said, unit="m/s^2")
+    intake = prepare(six_people(tmp_path / "r"), choices)
+    (question,) = intake.questions
+    assert "1 is in control and in treated: one person or two?" in question.wording
+    one, two = question.answers
+    assert (one, two) == ("{condition}/{subject}_{n}", "{group}/{subject:group}_{n}")
+    for answer, people in ((one, 3), (two, 6)):
+        answered = intake.answered(question, answer)
+        assert answered.questions == ()
+        assert len({row["subject"] for row in answered.facts.of_file.values()}) == people
+
+
+def test_people_numbered_anew_are_joined_with_a_table_by_group_and_number(tmp_path: Path) -> None:
+    table = tmp_path / "people.csv"
+    rows = [
+        f"{g},{n},{w}" for w, (g, n) in enumerate((g, n) for g in ("treated", "control") for n in (1, 2, 3))
+    ]
+    table.write_text("group,subject,who\n" + "\n".join(rows))
+    pattern = "{group}/{subject:group}_{n}"
+    intake = prepare(
+        six_people(tmp_path / "r"), Choices(quantity="deceleration", pattern=pattern, table=table)
+    )
+    who = {(row["subject"], row["who"]) for row in intake.facts.of_file.values()}
+    assert who == {(f"{g}-{n}", str(i)) for i, (g, n, _) in enumerate(row.split(",") for row in rows)}

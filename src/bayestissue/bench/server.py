@@ -30,7 +30,9 @@ _HEADERS = {
     "referrer-policy": "no-referrer",
     "cache-control": "no-store",
 }
-_POLICY = "default-src 'self'; img-src 'self' data:; base-uri 'none'; frame-ancestors 'none'"
+_POLICY = (
+    "default-src 'self'; img-src 'self' data:; base-uri 'none'; form-action 'self'; frame-ancestors 'none'"
+)
 # Figures are styled by attributes; a style runs no script.
 _STYLED = f"{_POLICY}; style-src 'self' 'unsafe-inline'"
 _LARGEST_BODY, _MOST_CONNECTIONS = 10_000, 64
@@ -61,15 +63,18 @@ class View(Protocol):
         """Carry out what a button asks for. Raises KeyError, ValueError where that is nothing."""
 
 
-def require_server() -> None:
-    """Refuse to begin where the packages of the server are not installed.
+def require_server(command: str, otherwise: str = "") -> None:
+    """Refuse a ``command`` where the packages of the server are not installed.
+
+    ``otherwise`` is what needs none.
 
     Raises:
         InputError: how to install them.
     """
     missing = [name for name in ("starlette", "uvicorn") if find_spec(name) is None]
     if missing:
-        raise InputError.stated("no-campaign.server", "bench", value=f"no {' and no '.join(missing)}")
+        value = f"no {' and no '.join(missing)}"
+        raise InputError.stated("no-campaign.server", command, value=value, otherwise=otherwise)
 
 
 def application(view: View, port: int, token: str) -> Starlette:

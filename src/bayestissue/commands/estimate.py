@@ -88,12 +88,13 @@ def _print(data: Dataset, estimates: pd.DataFrame, out: Path) -> None:
     from bayestissue.commands.console import echo, explained, line, show, table
     from bayestissue.inference.points.notes import people_alone, said_once
     from bayestissue.remedies import codes_in
+    from bayestissue.report.wording import estimated
 
     flagged = int((estimates["flags"] != "").sum())
     rows, people = [], people_alone(estimates)
     for name, words in (("K_N_per_m", "K (N/m)"), ("C_N_s_per_m", "C (N s/m)"), ("zeta", "zeta")):
         low, median, high = people[name].quantile([0.05, 0.5, 0.95])
-        rows.append((words, *(f"{value:.4g}" for value in (median, low, high))))
+        rows.append((words, *estimated(median, low, high)))
     which = "these impacts" if len(people) == len(estimates) else "people's impacts"
     title = f"{data.name}: {len(estimates)} impacts, {flagged} flagged"
     show(table(title, (which, "median", "5 % below", "95 % below"), rows))

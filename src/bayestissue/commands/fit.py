@@ -23,11 +23,18 @@ from bayestissue.commands.options import (
     Seed,
     SkipBad,
 )
+from bayestissue.errors import Coded
 from bayestissue.words import Words
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from bayestissue.errors import Problem
     from bayestissue.hierarchy.trace_data import Prepared
     from bayestissue.remedies import Code
+
+# Warnings of a dataset by which people may be counted wrongly.
+_OF_PEOPLE = ("one-person-or-two", "two-spellings")
 
 
 def run(
@@ -96,7 +103,7 @@ def run(
         if continue_from is not None:
             earlier = earlier_run(continue_from, data, specification, prepared)
         nouns = Words(data.words)
-        codes = [] if quiet else _say_what_is_told(prepared, nouns)
+        codes = [] if quiet else _say_what_is_told(prepared, nouns, data.warnings)
         # What must be the same for a checkpoint to be one of this job.
         content = [data.input_hash, specification.model_dump_json(), seed, runtime.versions()]
         if continue_from is not None:
@@ -130,7 +137,7 @@ def run(
         raise typer.Exit(FAILED_DIAGNOSTICS)
 
 
-def _say_what_is_told(prepared: Prepared, nouns: Words) -> list[Code]:
+def _say_what_is_told(prepared: Prepared, nouns: Words, warnings: Sequence[Problem]) -> list[Code]:
     """What these data can't tell, before the work begins; the codes of what was said."""
     from bayestissue.commands.console import echo
     from bayestissue.errors import codes_of
@@ -138,7 +145,9 @@ def _say_what_is_told(prepared: Prepared, nouns: Words) -> list[Code]:
     from bayestissue.hierarchy.untried import untried, untried_words
     from bayestissue.inference.results.meanings import ONE_IMPACT, few_valued_words
 
+    # Who is who decides how much the people tell.
     words = [
+        *[Coded(str(problem), problem.code) for problem in warnings if problem.code in _OF_PEOPLE],
         left_out_words(prepared.design.terms_left_out()),
         *untried_words(untried(prepared.design.recorded)),
         *few_valued_words(prepared.design.few_valued()),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -14,6 +15,7 @@ import pandas as pd
 from jaxtyping import Bool
 
 from bayestissue.dataset.cells import FILE, read_cells
+from bayestissue.dataset.dialect import Stated
 from bayestissue.dataset.plausible import PLAUSIBLE
 from bayestissue.dataset.recordings import CROP
 from bayestissue.declarations import declared
@@ -25,6 +27,10 @@ REFERENCE = ("reference_K_N_per_m", "reference_K_sd_N_per_m")
 # Columns that tell days apart, as labs call them.
 SESSIONS = ("session", "day", "date", "visit", "week", "occasion", "sitzung", "tag", "datum", "termin")
 _GROUPS = ("subject", "trial")
+# Columns whose levels are people of their own, and those that a person goes through, besides sessions.
+_BETWEEN = ("group", "arm", "cohort", "sex", "gender", "gruppe", "kohorte", "geschlecht")
+WITHIN = ("condition", "side", "leg", "foot", "seite", "impact", "n", "file")
+_NUMBERED = re.compile(r"\D{0,8}\d+")
 
 
 _DECLARED = declared(__package__, "columns.toml")
@@ -51,17 +57,18 @@ class ImpactTable:
     warnings: list[Problem]
 
 
-def read_impacts(path: Path, *, needs_velocity: bool) -> ImpactTable:
+def read_impacts(path: Path, *, needs_velocity: bool, stated: Stated | None = None) -> ImpactTable:
     """Read and check ``impacts.csv``.
 
     Args:
         path: the file.
         needs_velocity: whether every impact must state its velocity at contact.
+        stated: as of `read_cells`.
 
     Raises:
         InputError: the file as a whole can't be used: missing, not UTF-8, no table, columns missing.
     """
-    cells, rows = read_cells(path, wanted(needs_velocity=needs_velocity))
+    cells, rows = read_cells(path, wanted(needs_velocity=needs_velocity), stated=stated)
     return impact_table(cells, rows, needs_velocity=needs_velocity)
 
 
@@ -76,6 +83,39 @@ def of_phantoms(impacts: pd.DataFrame) -> Bool[np.ndarray, " impact"]:
 def session_column(impacts: pd.DataFrame) -> str | None:
     """The first column of a checked table that is called one of `SESSIONS`; None where there is none."""
     return next((str(name) for name in impacts if str(name).lower() in SESSIONS), None)
+
+
+def in_two_levels(impacts: pd.DataFrame, most: int = 6) -> Iterator[tuple[str, str, list[str]]]:
+    """Of each factor that seems to be of whole people the first person in several of its levels, and these.
+
+    People who are numbered anew in each group count as one otherwise. A factor of whole people is called a
+    group or the like, or has words, and one of them for most people; each is somebody's only one.
+
+    Args:
+        impacts: one a row, with ``subject``.
+        most: levels of a factor.
+    """
+    for name in impacts.columns.difference([*RESERVED, *REFERENCE, *SESSIONS, *WITHIN], sort=False):
+        rows = impacts.loc[impacts[name].notna() & (impacts[name] != ""), ["subject", name]]
+        if str(name).lower() in (*SESSIONS, *WITHIN) or str(name) in _DECLARED or rows[name].nunique() > most:
+            continue
+        levels = rows.groupby("subject", sort=False)[name].unique()
+        several = levels[levels.map(len) > 1]
+        constant = {level for of_person in levels[levels.map(len) == 1] for level in of_person}
+        if str(name).lower() in _BETWEEN:
+            several = several[[bool(_NUMBERED.fullmatch(str(person))) for person in several.index]]
+        elif (
+            pd.api.types.is_numeric_dtype(impacts[name])
+            or 2 * len(several) >= len(levels)
+            or not all(constant.issuperset(many) for many in several)
+        ):
+            continue
+        for person, many in several.head(1).items():
+            yield (
+                str(name),
+                str(person),
+                [f"{level:g}" if isinstance(level, float) else level for level in many],
+            )
 
 
 def counts(impacts: pd.DataFrame) -> str:
@@ -128,6 +168,10 @@ def impact_table(cells: pd.DataFrame, rows: np.ndarray, *, needs_velocity: bool)
     if set(CROP) <= set(table):
         problems += _reversed(table, columns)
     warnings += [*_unlikely(table, rows), *_alike_names(table, columns)]
+    for name, person, levels in in_two_levels(table):
+        index = cells["subject"].tolist().index(person)
+        words = {"name": name, "levels": " and in ".join(levels), "first": levels[0]}
+        warnings.append(columns["subject"].problem(index, "one-person-or-two", **words))
     return ImpactTable(table, rows, problems, warnings)
 
 
@@ -249,15 +293,32 @@ def _unlikely(table: pd.DataFrame, rows: np.ndarray) -> list[Problem]:
     if "energy_J" in table:
         energy = 0.5 * mass * velocity**2
         odd["energy_J"] = np.abs(table["energy_J"].to_numpy() / energy - 1) > 0.05
+    heights = [name for name in map(str, table.select_dtypes("number")) if name.startswith("drop_height")]
+    apart = {name: _far_apart(table[name].to_numpy(float)) for name in ("mass_kg", "velocity_m_s", *heights)}
+    named = [(name, f"unusual-value.{name}", where) for name, where in odd.items()]
+    named += [
+        (name, "unusual-value.apart", where)
+        for name, where in apart.items()
+        if name not in odd or not odd[name].any()
+    ]
     problems = []
-    for name, where in odd.items():
+    for name, key, where in named:
         if where.any():
             first = int(np.argmax(where))
             value, impact = float(table[name].iloc[first]), str(table["impact"].iloc[first])
             counts: dict[str, Any] = {"count": where.sum(), "total": len(rows)}
-            key = f"unusual-value.{name}"
             problems.append(Problem.stated(key, FILE, rows[first], name, value, impact=impact, **counts))
     return problems
+
+
+def _far_apart(values: np.ndarray) -> Bool[np.ndarray, " impact"]:
+    """The fewer of two groups of numbers between which lies so wide a gap as a slip by a thousand leaves."""
+    known = np.unique(values[values > 0])
+    ratios = known[1:] / known[:-1]
+    if not ratios.size or ratios.max() < PLAUSIBLE.apart:
+        return np.zeros(values.size, bool)
+    low = values <= known[np.argmax(ratios)]
+    return low if 2 * low.sum() <= np.isfinite(values).sum() else ~low & np.isfinite(values)
 
 
 def _alike_names(table: pd.DataFrame, columns: dict[str, _Column]) -> list[Problem]:

@@ -16,7 +16,7 @@ from bayestissue.dataset.settings import Gravity, Zero, stated_table
 from bayestissue.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES
 from bayestissue.errors import InputError, Problem
 from bayestissue.intake.build import Built, Cutting, build
-from bayestissue.intake.choices import BESIDE_FORCE, Choices, Question, forces_among, settle
+from bayestissue.intake.choices import BESIDE_FORCE, Choices, Question, forces_among, people_twice, settle
 from bayestissue.intake.facts import Facts, gather, joins_by_names
 from bayestissue.intake.folder import ChannelSummary, RecorderFolder, look
 from bayestissue.intake.names import Pattern, guessed
@@ -137,7 +137,7 @@ def prepare(folder: str | Path, choices: Choices) -> Intake:
     stated = checked(choices.text, Stated, file="--text")
     recordings = look(folder, suffix=suffix, ignore=ignore, stated=stated, sheets=sheets)
     guess = None
-    if choices.pattern is None and (choices.table is None or joins_by_names(choices.table)):
+    if choices.pattern is None and (choices.table is None or joins_by_names(choices.table, stated)):
         guess = guessed(recordings.files, choices.shared)
     return _intake_from(recordings, replace(choices, pattern=guess or choices.pattern), guess)
 
@@ -175,8 +175,10 @@ def _intake_from(recordings: RecorderFolder, choices: Choices, guess: str | None
         table=choices.table,
         shared=choices.shared,
         loose=choices.pattern == guess,
+        stated=checked(choices.text, Stated, file="--text"),
     )
     choices, questions = settle(choices, recordings, facts.columns)
+    questions += people_twice(choices.pattern, facts)
     return Intake(recordings, choices, facts, tuple(questions), guess if choices.pattern == guess else None)
 
 

@@ -13,6 +13,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any
 
 from bayestissue import runtime
@@ -223,7 +224,7 @@ def require_file(
     overwrite: bool,
     inputs: Sequence[str | Path | None],
 ) -> None:
-    """Refuse a single file of results that would cost something, or whose kind is none.
+    """Refuse a single file of results that would cost something, can't be written, or whose kind is none.
 
     Args:
         path: of the file.
@@ -245,6 +246,11 @@ def require_file(
             ("others", "no such file of bayestissue") if overwrite else ("own", "a name that is taken")
         )
         raise InputError.stated(f"file-taken.{key}", where, value=value)
+    try:
+        with TemporaryFile(dir=next(parent for parent in resolved.parents if parent.exists())):
+            pass
+    except OSError as error:
+        raise InputError.stated("file-taken.place", where, value=error.strerror) from error
 
 
 def _wrong_place(out: Path, inputs: Sequence[str | Path | None]) -> tuple[str, str, str | Path] | None:

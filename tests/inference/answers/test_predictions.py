@@ -175,6 +175,18 @@ def test_the_caller_may_compute_in_float32(run: Run) -> None:
     assert table["peak_force_N"].iloc[0] == pytest.approx(run.predict(AT.iloc[:1])["peak_force_N"].iloc[0])
 
 
+@pytest.mark.parametrize("place", ["file/joint.nc", "file/deeper/joint.parquet"])
+def test_a_place_that_cant_be_written_is_refused(run: Run, tmp_path: Path, place: str) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="can be made and written"):
+        run.predict(AT, draws=tmp_path / place)
+
+
+def test_an_impact_is_no_column_of_new_ones(run: Run) -> None:
+    with pytest.raises(InputError, match="Each row is a new impact"):
+        run.predict(pd.DataFrame({"impact": ["t0-s0"], "mass_kg": [1.0]}))
+
+
 def test_joint_draws_are_those_of_the_table(run: Run, tmp_path: Path) -> None:
     draws = run.predicted_draws(AT)
     assert draws.sizes == {"chain": 2, "draw": 100, "row": 3}

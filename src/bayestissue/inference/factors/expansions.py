@@ -40,6 +40,11 @@ def first_guess(prepared: Prepared) -> Float[np.ndarray, "impact parameter"]:
     guess = which.guess(jnp.asarray(stiffness), jnp.asarray(damping), jnp.asarray(signal.mass))
     columns = [*(np.log(np.asarray(values)) for values in guess), _noise(prepared, fit)]
     columns += [np.full(len(stiffness), np.log(parameter.typical)) for parameter in which.extra]
+    if prepared.model.contact:
+        interval = signal.interval_s > 0
+        columns.append(
+            np.where(interval, signal.first_sample_s / np.where(interval, signal.interval_s, 1) - 0.5, 0)
+        )
     columns += [np.full(len(stiffness), prepared.model.priors.discrepancy.mean)] * prepared.model.discrepancy
     if prepared.force is not None:
         # Tissue that moves along accounts for what the force is more.

@@ -14,7 +14,7 @@ from jax import Array
 from jaxtyping import Float, Int
 from numpyro.infer import Predictive
 
-from bayestissue.elements.outcomes import OUTCOMES
+from bayestissue.elements.outcomes import HEADFORM_OUTCOMES, OUTCOMES
 from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.population import Population, shared_mass_errors
 from bayestissue.hierarchy.trace_data import Prepared
@@ -147,6 +147,7 @@ def quantities(prepared: Prepared, draws: Draws, rng: np.random.Generator) -> di
     if "chain_error" in impacts:
         record = prepared.data.record
         known = np.asarray(record.error_sd).any(axis=0)
+        known[-1] |= prepared.model.contact
         values |= {name: impacts["chain_error"][..., i] for i, name in enumerate(record.errors) if known[i]}
     return values | derived.new_impact(design, population, levels, rng)
 
@@ -200,7 +201,7 @@ def recorded_outcomes(
 ) -> dict[str, Float[Array, " impact"]]:
     """The outcomes alone, given what was recorded: compiled sooner than `drawn_impacts` is."""
     impacts = Impacts.drawn(model, data, list(u.T), mass_error, key, jnp.asarray(True))
-    return named_quantities(impacts, OUTCOMES)
+    return named_quantities(impacts, HEADFORM_OUTCOMES if model.headform else OUTCOMES)
 
 
 def drawn_from_prior(
