@@ -192,18 +192,13 @@ def _oscillator(
     prepared: Prepared, posteriors: SinglePosteriors, untold: Mapping[str, Told]
 ) -> dict[str, np.ndarray]:
     """The posteriors' medians, and the sampled oscillator of this K and C: without what is not told."""
-    K, C, signal, either = (
-        posteriors.K.median,
-        posteriors.C.median,
-        prepared.signal,
-        untold["K"] | untold["C"],
-    )
+    K, C, signal = posteriors.K.median, posteriors.C.median, prepared.signal
     omega_n, zeta = (np.asarray(values) for values in spring_damper_inverse(K, C, signal.mass))
     phi1, phi2, theta1 = (np.asarray(values) for values in to_discrete(omega_n, zeta, signal.dt))
     values = {"phi1": phi1, "phi2": phi2, "theta1": theta1, "omega_n": omega_n, "zeta": zeta, "K": K, "C": C}
     if prepared.model.kind == "arma":
         values |= {"theta1": np.tanh(posteriors.parameters[:, 3]), "sigma_a": posteriors.sigma.median}
-    needs = {"K": untold["K"], "omega_n": untold["K"], "C": untold["C"]}
+    needs, either = {"K": untold["K"], "omega_n": untold["K"], "C": untold["C"]}, untold["K"] | untold["C"]
     return {name: np.where(needs.get(name, either), np.nan, column) for name, column in values.items()}
 
 
