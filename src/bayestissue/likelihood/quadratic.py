@@ -13,8 +13,6 @@ from jax import Array
 from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Float
 
-from bayestissue.runtime import PLAIN
-
 Columns = tuple[Float[Array, " block #impact lane"], ...]
 
 # (t coth t - 1) / t^2 in powers of t^2: 2^(2k) B_2k / (2k)! with Bernoulli's numbers.
@@ -39,8 +37,6 @@ def sums_over_frequencies(terms: tuple[Array, ...]) -> tuple[Array, ...]:
     Args:
         terms: each [block, impact, lane].
     """
-    if PLAIN:
-        return tuple(term.sum((0, -1)) for term in terms)
     if len(terms) == 1:
         blocks = [terms[0][block] for block in range(terms[0].shape[0])]
         # The two sums would otherwise be made one again, which runs over scalars.

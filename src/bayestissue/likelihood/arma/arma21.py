@@ -14,7 +14,6 @@ from jaxtyping import Float
 from bayestissue.likelihood.quadratic import eigenvalues, log_determinant, quadratic_form
 from bayestissue.likelihood.transforms import SineTransforms, sine_transform, spread_of
 from bayestissue.oscillator.processes import start_moments
-from bayestissue.runtime import PLAIN
 
 Start = Literal["free", "stationary"]
 LOG_2PI = 1.8378770664093453
@@ -46,8 +45,7 @@ def log_likelihood(
     c1, c2, theta1, sigma_a = (
         jnp.broadcast_to(jnp.asarray(p, float), shape) for p in (c1, c2, theta1, sigma_a)
     )
-    form_of = quadratic_form.fun if PLAIN else quadratic_form
-    form = form_of((jnp.ones(shape), c1, c2), theta1, data.columns, data.spread)
+    form = quadratic_form((jnp.ones(shape), c1, c2), theta1, data.columns, data.spread)
     free = _free(form, theta1, sigma_a, data.size)
     if start == "free":
         return free

@@ -34,7 +34,6 @@ from bayestissue.likelihood.quadratic import eigenvalues, log_determinant, sums_
 from bayestissue.likelihood.transforms import FILLED, transformed
 from bayestissue.oscillator import to_differences
 from bayestissue.padding import bucket, padded_zeros
-from bayestissue.runtime import PLAIN
 
 
 class DisplacementRecord(NamedTuple):
@@ -297,9 +296,7 @@ class MeasuredDisplacement:
     def log_density(self) -> Float[Array, " impact"]:
         """Log density of each recorded trace, its errors integrated out."""
         c1, c2, theta1 = self.differences()
-        # Its slopes by hand, or as JAX makes them.
-        density = recorded_log_likelihood.fun if PLAIN else recorded_log_likelihood
-        return density(c1, c2, theta1, self.log_sigma, c2 * self.equilibrium(), self.record)
+        return recorded_log_likelihood(c1, c2, theta1, self.log_sigma, c2 * self.equilibrium(), self.record)
 
     def draw_errors(self, key: Array) -> Float[Array, "impact 3"]:
         """The chain's errors given the recorded traces: constant, ramp and parabola."""
