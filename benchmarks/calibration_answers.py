@@ -54,7 +54,7 @@ from bayestissue.hierarchy.gaussian.effects import effects_from_standard, integr
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceModel, gaussian, hyperparameters_at
-from bayestissue.inference.answers.contrasts import contrasts, people_compared
+from bayestissue.inference.answers.contrasts import Comparison, contrasts_table
 from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.predictions import QUANTITIES, predict
 from bayestissue.inference.answers.questions import ask, numbered
@@ -109,8 +109,6 @@ PREDICTED = {
     },
     "of a new person": {"sex": "m", "side": "right", "mass_kg": 0.575, "velocity_m_s": 1.2},
 }
-# Compared with each other alone, of the pairs of people.
-PAIRS = (("s01", "s02"), ("s03", "s04"), ("s05", "s07"))
 # Of the log of K and of C given one trace, and the correlation of the two errors.
 MEASUREMENT_SD, CORRELATION = {"K": 0.05, "C": 0.08}, -0.5
 WARMUP, DRAWS, LEAPFROGS, BLOCK = 400, 800, 8, 50
@@ -354,18 +352,12 @@ QUESTIONS: dict[str, Callable[[World], bool | float]] = {
 def lines_of(finished: Finished, reliable: pd.DataFrame, world: World) -> Iterator[tuple[str, str, float]]:
     """Of every answer what is to be kept, as "kind of answer: which", and a number."""
     yield from _of_reliability(reliable, world)
-    of = finished.posterior, finished.recorded, RESPONSES
-    for row in contrasts(*of, EQUIVALENCE, law=finished.law).to_dict("records"):
+    compared = Comparison(finished.posterior, finished.recorded, RESPONSES, finished.law)
+    for row in contrasts_table(compared, EQUIVALENCE).to_dict("records"):
         names = str(row["factor"]).split(":")
         upper, lower = (dict(zip(names, row[side].split(":"), strict=True)) for side in ("level", "against"))
         if upper.get("subject", "s01") == "s01":
             yield from _of_ratio("comparison", row, world.over(row["quantity"], upper, lower))
-    for row in people_compared(*of).to_dict("records"):
-        pair = row["person"], row["against"]
-        if pair in PAIRS:
-            ratio = world.over(row["quantity"], *({"subject": name} for name in pair))
-            told = {"p_direction": max(row["p_greater"], 1 - row["p_greater"])}
-            yield from _of_ratio("people", {"factor": "", "level": pair[0]} | row | told, ratio)
     for row in ask(finished, numbered(QUESTIONS)).to_dict("records"):
         truth = QUESTIONS[row["question"]](world)
         name = f"question|{row['question']}"
@@ -390,8 +382,8 @@ def lines_of(finished: Finished, reliable: pd.DataFrame, world: World) -> Iterat
 
 def clinic_lines(finished: Finished, _: pd.DataFrame, world: World) -> Iterator[tuple[str, str, float]]:
     """The same of a trial: every comparison, its interactions by the differences of what was drawn."""
-    of = finished.posterior, finished.recorded, RESPONSES, EQUIVALENCE
-    for row in contrasts(*of, law=finished.law).to_dict("records"):
+    compared = Comparison(finished.posterior, finished.recorded, RESPONSES, finished.law)
+    for row in contrasts_table(compared, EQUIVALENCE).to_dict("records"):
         q, names = row["quantity"], row["factor"].split(":")
         if row["kind"] == "interaction":
             pairs = [row[side].split(":") for side in ("level", "against")]

@@ -7,9 +7,7 @@ file of every element, by chains of 10,000 transitions at most, and compared by 
 whose chains did not pass are left out, unless fewer than two are left. A row a campaign.
 The difference is that of the expected log predictive densities of the right element and of the best other
 one, impacts left out in turn, and decides where it is above two of its standard errors and four nats, as in
-the report. `_people` is the same with whole people left out. The K of the weights is held where the 90 %
-interval of the weighted mixture holds the geometric mean over the campaign's impacts of the true secant
-stiffness.
+the report. `_people` is the same with whole people left out.
 """
 
 from __future__ import annotations
@@ -28,7 +26,8 @@ from bayestissue import runtime
 from bayestissue.elements import element_names
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.inference.comparing import OF_IMPACTS, FinishedRun, compare_runs, implied
+from bayestissue.inference.answers.finished import Finished
+from bayestissue.inference.comparing import OF_IMPACTS, FinishedRun, compare_runs
 from bayestissue.inference.quantities.draws import Draws
 from bayestissue.inference.results.cross_validation import scheme_words
 from bayestissue.simulation import simulate
@@ -77,7 +76,8 @@ def finished(name: str, prepared: Prepared, found: Draws) -> FinishedRun:
             "constant_data": xr.Dataset({"impact_subject": (("impact",), people)}, names),
         }
     )
-    return FinishedRun(name, {"likelihood": "impact", "element": name}, tree)
+    asked = Finished(tree["posterior"].to_dataset(), None, prepared.design.recorded, name)
+    return FinishedRun(name, {"likelihood": "impact", "element": name}, tree, asked)
 
 
 def row_of(right: str, number: int) -> dict[str, Any]:
@@ -96,19 +96,9 @@ def row_of(right: str, number: int) -> dict[str, Any]:
     if len(runs) < 2:
         runs += refused
     comparison = compare_runs(runs)
-    of_weights = implied(runs, comparison)
-    told = of_weights[of_weights["scheme"] == BY_IMPACT]
-    together = told[told["variable"] == "K_secant_of_impacts"]
-    # Of a spring and damper side by side K itself is the secant stiffness.
-    secant = result.truth["K_secant_N_per_m" if "K_secant_N_per_m" in result.truth else "K_N_per_m"]
-    true = float(np.exp(np.log(secant).mean()))
-    low, high = (float(together[end].iloc[0]) for end in ("eti90_low", "eti90_high"))
     return {
         **_score(comparison, BY_IMPACT, right, ""),
         **_score(comparison, BY_PERSON, right, "_people"),
-        "K_of_weights_held": low <= true <= high,
-        "K_of_weights_error": round(float(together["median"].iloc[0]) / true - 1, 5),
-        "K_of_weights_width": round((high - low) / true, 5),
         **_elpd(comparison),
         **{f"trusted_{name}": each for name, each in passed.items()},
     }

@@ -34,19 +34,19 @@ STAGES = {
         "summary_table",
         "uncertainty_budget",
         "model_form",
-        *("contrasts_table", "people_compared", "coefficients", "as_variables", "reliability"),
+        *("contrasts_table", "coefficients", "as_variables", "reliability"),
         *("levels_table", "loops_table", "curves_table"),
     ),
     "fitting": ("judge", "point_estimates", "agreement"),
     "finished": ("write_run",),
     "report.fit.page": ("page_of", "render_page"),
-    "report.fit.study": ("contrasts_table", "matrices", "reliability_table", "prior_words"),
+    "report.fit.study": ("contrasts_table", "reliability_table", "prior_words"),
     "report.page": ("drawn",),
     "report": ("draw_page",),
 }
 # What a study asks of a fit: comparisons, reliability, agreement of methods, and their part of a page.
 STUDY = (
-    *("people_compared", "coefficients", "as_variables", "reliability", "agreement"),
+    *("coefficients", "as_variables", "reliability", "agreement"),
     # The name of contrasts' table is that of its part of a page too.
     *STAGES["report.fit.study"],
 )

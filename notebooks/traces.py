@@ -78,13 +78,12 @@ plt.show()
 # %% [markdown]
 # ## Each impact by itself
 #
-# `impact` is the posterior given the impact's own deceleration, with intervals that hold; `exact` is maximum
-# likelihood of the integrated displacement about the rest position; `dds` is the thesis's method, conditional least
-# squares about the sample mean. Fit a line to log K over log mass, and the last finds a dependence on mass that
-# these tissues do not have.
+# `impact` is the posterior given the impact's own deceleration, with intervals that hold; `dds` is the thesis's
+# method, conditional least squares about the sample mean. Fit a line to log K over log mass, and the last finds a
+# dependence on mass that these tissues do not have.
 
 # %%
-estimates = {method: bt.estimate(dataset, method=method) for method in ("impact", "exact", "dds")}
+estimates = {method: bt.estimate(dataset, method=method) for method in ("impact", "dds")}
 log_mass = np.log(impacts["mass_kg"].to_numpy())
 for method, table in estimates.items():
     level = table["K_N_per_m"].median()

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pandas as pd
+import xarray as xr
 
 from bayestissue.hierarchy.design import Design, build_design
+from bayestissue.hierarchy.recorded import Recorded
 from bayestissue.hierarchy.specification import Formulas
+from bayestissue.inference.answers.contrasts import Comparison, contrasts_table
+from bayestissue.inference.answers.law import Law
 
 REFERENCE = 0.8
 EVERYTHING = "log(mass_kg) + (log(mass_kg)|subject) + (1|subject:side) + (1|session) + (1|operator)"
@@ -44,3 +50,10 @@ def indicator(rows: pd.DataFrame, *columns: str) -> np.ndarray:
     """A column of 0 and 1 for each combination of columns, in order of appearance."""
     keys = [tuple(row) for row in rows[list(columns)].itertuples(index=False)]
     return np.array([[float(key == level) for level in dict.fromkeys(keys)] for key in keys])
+
+
+def contrasts(
+    draws: xr.Dataset, of: Recorded, responses: Sequence[str], equivalence: float, law: Law | None = None
+) -> pd.DataFrame:
+    """Every contrast of what was recorded."""
+    return contrasts_table(Comparison(draws, of, responses, law), equivalence)

@@ -12,7 +12,7 @@ import pandas as pd
 import xarray as xr
 
 from bayestissue.hierarchy.recorded import Recorded
-from bayestissue.inference.answers.contrasts import Comparison, contrasts_table, people_compared
+from bayestissue.inference.answers.contrasts import Comparison, contrasts_table
 from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.level_tables import curves_table, levels_table, loops_table
 from bayestissue.inference.answers.reliability import as_variables, coefficients, reliability, variances
@@ -91,7 +91,6 @@ def write_fit_run(
     tables["contrasts"], tables["levels"] = contrasts_table(compared, 0.1), levels_table(compared)
     if pictures:
         tables["loops"], tables["curves"] = loops_table(compared), curves_table(compared)
-    tables["people"] = people_compared(posterior, recorded, ["K", "C"])
     tables["reliability"] = reliability(found["posterior"], found["prior"])
     for name, table in tables.items():
         table.to_csv(folder / f"{name}.csv", index=False)
@@ -292,8 +291,6 @@ def _sources() -> pd.DataFrame:
         for q in ("K", "C")
         for source, share in {**shares, "all": 1.0, "as drawn": 1.0 + (level == "new person")}.items()
     ]  # fmt: skip
-    window = ("window a tenth shorter", 0.02), ("window a tenth shorter, by noise", 0.01)
-    rows += [("impact", q, source, np.nan, sd) for q in ("K", "C") for source, sd in window]
     return pd.DataFrame(rows, columns=["level", "quantity", "source", "share", "sd"])
 
 

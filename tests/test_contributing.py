@@ -62,10 +62,21 @@ except bt.InputError as refused:
 """
 
 
-def followed(source: Path) -> list[str]:
+# Of what the recipes add, and of one more of each.
+ANOTHER = {
+    "depth_damped": "width_damped",
+    "momentum": "half_momentum",
+    "plainfloat": "shortfloat",
+    ".f64": ".f32",
+    "too-quiet": "too-loud",
+    "draws": "kept",
+}
+
+
+def followed(source: Path, guide: str = GUIDE) -> list[str]:
     """Do what the recipes say, below ``source``; the files that they name."""
     named = []
-    for file, kind, indented in RECIPE.findall(GUIDE):
+    for file, kind, indented in RECIPE.findall(guide):
         lines = textwrap.dedent(indented)
         path = source / Path(file).relative_to("src")
         named.append(path.name)
@@ -93,18 +104,35 @@ def changes(lines: str) -> list[tuple[str, str]]:
     return [("\n".join(old), "\n".join(new)) for old, new in found]
 
 
-def test_recipes_work_as_they_are_written(tmp_path: Path) -> None:
+@pytest.fixture
+def copied(tmp_path: Path) -> Path:
+    """A folder with a copy of the source, in src."""
     ignored = shutil.ignore_patterns("__pycache__")
     package = Path(bayestissue.__file__).parent
     shutil.copytree(package, tmp_path / "src" / "bayestissue", ignore=ignored)
+    return tmp_path
+
+
+def test_recipes_work_again_for_another_name(copied: Path) -> None:
+    followed(copied / "src")
+    guide = GUIDE
+    for name, other in ANOTHER.items():
+        guide = guide.replace(name, other)
+    followed(copied / "src", guide)
+    formats = (copied / "src/bayestissue/dataset/formats/__init__.py").read_text(encoding="utf-8")
+    for name in ("plainfloat", "shortfloat"):
+        assert formats.count(f"    {name},") == formats.count(f"{name}.FORMAT,") == 1
+
+
+def test_recipes_work_as_they_are_written(copied: Path) -> None:
     for folder in ("models", "data/published"):
-        shutil.copytree(ROOT / folder, tmp_path / folder)
-    named = followed(tmp_path / "src")
+        shutil.copytree(ROOT / folder, copied / folder)
+    named = followed(copied / "src")
     assert {"depth_damped.py", "plainfloat.py", "remedies.toml", "inspection.py"} <= set(named)
     done = subprocess.run(  # noqa: S603 - our own program
         [sys.executable, "-W", "error", "-c", TRIED],
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(tmp_path / "src"), "JAX_PLATFORMS": "cpu"},
+        cwd=copied,
+        env={**os.environ, "PYTHONPATH": str(copied / "src"), "JAX_PLATFORMS": "cpu"},
         capture_output=True,
         text=True,
         check=False,

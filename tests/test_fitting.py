@@ -74,7 +74,6 @@ def test_a_fit_hands_out_its_posterior_summary_and_diagnostics(fitted):
 
 
 def test_a_fit_hands_out_comparisons_reliability_and_agreement(fitted, tmp_path):
-    assert set(fitted.people["person"]) == {"s0", "s1", "s2", "s3"}
     assert "p_equivalent" in fitted.contrasts
     assert {"ICC(C,1)", "ICC(A,1)"} <= set(fitted.reliability["form"])
     assert "prior_overlap" in fitted.reliability
@@ -82,7 +81,7 @@ def test_a_fit_hands_out_comparisons_reliability_and_agreement(fitted, tmp_path)
     own = fitted.agreement.set_index(["quantity", "method", "against"])
     assert own.loc[("K", "dds", "exact"), "impacts"] > 0
     write_run(fitted, tmp_path)
-    for name in ("contrasts", "people", "reliability", "agreement"):
+    for name in ("contrasts", "reliability", "agreement"):
         assert (tmp_path / f"{name}.csv").is_file()
     assert "effective sample sizes at least 900" in fitted.verdict
 

@@ -28,7 +28,6 @@ from bayestissue.planning.specification import PlanSpecification
 from bayestissue.results.tables import declared_files
 from bayestissue.settings import _table_in
 from bayestissue.simulation.specification import Simulation
-from bayestissue.thesis.causes.specification import CausesSpecification, Range
 
 pytestmark = pytest.mark.slow
 
@@ -110,7 +109,6 @@ def test_the_reference_has_every_command_and_option(manual):
         ("plan", PlanSpecification),
         ("campaign", CampaignSpecification),
         ("simulate", Simulation),
-        ("causes", CausesSpecification),
     ],
 )
 def test_the_reference_has_every_key_with_its_meaning(manual, page, schema):
@@ -121,11 +119,11 @@ def test_the_reference_has_every_key_with_its_meaning(manual, page, schema):
 
 
 def fields(schema: type[BaseModel]) -> Iterator[tuple[str, FieldInfo]]:
-    """Keys of a settings file; those of distributions and ranges are described once, by other words."""
+    """Keys of a settings file; those of distributions are described once, by other words."""
     for name, field in schema.model_fields.items():
         yield name, field
         inner = _table_in(field.annotation)
-        if inner is not None and not issubclass(inner, _Prior | Pair | Range | Known):
+        if inner is not None and not issubclass(inner, _Prior | Pair | Known):
             yield from fields(inner)
 
 
@@ -171,10 +169,6 @@ def test_tables_have_the_columns_that_the_reference_tells(name):
     if path.name == "comparison.csv":
         # Explanations of the thesis's tables are of one kind of data.
         told.remove("data")
-    if path.name in ("causes.csv", "confusion.csv"):
-        # A column for each statistic, or each cause.
-        assert set(told) <= set(found)
-        return
     if path.parent.name == "published" and path.name == "summary.csv":
         told.remove("note")
     # What was written by an earlier version may lack a column.

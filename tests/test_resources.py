@@ -32,7 +32,7 @@ def test_every_model_of_the_program_goes_by_its_name():
     names = {path.stem for path in shared("models").glob("*.toml")}
     for name in names:
         assert model_file(name, lambda _: True) == shared("models", f"{name}.toml")
-    for name in names - {"causes", "dds", "exact", "plan-thesis", "published"}:
+    for name in names - {"dds", "exact", "plan-thesis", "published"}:
         specification, source = fitting.resolve(name)
         assert source == str(shared("models", f"{name}.toml"))
         assert specification.name == name
@@ -53,7 +53,6 @@ def test_a_name_goes_before_a_file_and_a_path_does_not(elsewhere: Path):
         ("standard-linear", ": standard_linear, .*Write standard_linear"),
         ("Maxwell", ": maxwell, .*Write maxwell"),
         ("models/impact.toml", "models/impact.toml: .*: impact, .*Write impact for the one that comes with"),
-        ("causes", f": {LISTED}. Check the spelling"),
         ("nothing_like_it", f": {LISTED}. Check the spelling"),
         (".", 'found "a folder"'),
     ],

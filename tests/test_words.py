@@ -18,7 +18,7 @@ PADS = Words({"subject": "pad", "impact": "drop"})
         ("An impact", "A drop"),
         ("persons’ effects", "pads’ effects"),
         # Names of files, columns, models and options are not nouns of a sentence.
-        ("impacts.csv, people.csv, K[impact=7], `impact`, sd_impact_K", None),
+        ("impacts.csv, levels.csv, K[impact=7], `impact`, sd_impact_K", None),
         ("the impactor", None),
     ],
 )
@@ -39,11 +39,11 @@ def test_the_users_own_names_stay() -> None:
 
 def test_only_the_prose_of_a_page_changes() -> None:
     page = (
-        '<script>let person = 1;</script><a id="people" title="a person" href="people.csv">people</a>'
+        '<script>let person = 1;</script><a id="people" title="a person" href="levels.csv">people</a>'
         "<code>person</code><style>.person {}</style> of one person"
     )
     assert PADS.page(page) == (
-        '<script>let person = 1;</script><a id="people" title="a pad" href="people.csv">pads</a>'
+        '<script>let person = 1;</script><a id="people" title="a pad" href="levels.csv">pads</a>'
         "<code>person</code><style>.person {}</style> of one pad"
     )
     assert PLAIN.page(page) == page

@@ -158,40 +158,6 @@ def _moving_mass() -> Any:
     return campaign("moving_mass", 1, {"noise_relative_to_peak": 0.005, "place": "base"})
 
 
-def _driven() -> Any:
-    """Heels under a leg."""
-    from bayestissue.simulation.driven import Driven, driven
-
-    return driven(Driven(seed=1))[0]
-
-
-def _tapped() -> Any:
-    """Three people, three masses on the tissue, two taps each."""
-    from bayestissue.simulation import Simulation, simulate
-
-    content = {
-        "name": "tapped",
-        "seed": 1,
-        "design": {
-            "subjects": 3,
-            "repeats": 2,
-            "conditions": [{"trial": f"{m} kg", "mass_kg": m, "impulse_N_s": 0.4} for m in (0.8, 1.4, 2.4)],
-        },
-        "tissue": {
-            "K_N_per_m": 4000.0,
-            "C_N_s_per_m": 15.0,
-            **{f"sd_{of}_{q}": sd for of, sd in (("subject", 0.2), ("impact", 0.05)) for q in "KC"},
-        },
-        "tap": {"duration_s": 0.006},
-        "recording": {
-            "sampling_rate_hz": 5000.0,
-            "noise_sd_m_s2": 0.05,
-            "force": {"place": "hammer", "noise_sd_N": 0.1, "relative_gain_sd": 0.01},
-        },
-    }
-    return _rough_masses(simulate(Simulation.model_validate(content)).dataset("tapped"))
-
-
 def _rough_masses(dataset: Any) -> Any:
     return replace(dataset, uncertainty=replace(dataset.uncertainty, relative_mass_sd=0.05))
 
@@ -243,8 +209,6 @@ SETS: dict[str, Callable[[], pd.DataFrame]] = {
     },
     "moving_mass": lambda: _of_channels(_moving_mass, "moving_mass"),
     "force": lambda: _of_channels(_force),
-    "driven": lambda: _of_channels(_driven),
-    "tapped": lambda: _of_channels(_tapped),
     "impact": lambda: fits("impact"),
     "arma": lambda: fits("arma"),
     "plan": _plan,

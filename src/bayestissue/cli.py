@@ -18,7 +18,6 @@ import typer.core
 
 from bayestissue import runtime, stopping
 from bayestissue.commands import (
-    causes,
     certify,
     check,
     compare,
@@ -95,7 +94,7 @@ _COMMANDS: dict[str, Callable[..., None]] = {
     **{"plan": plan.run, "init": init.run, "check": check.run, "simulate": simulate.run},
     **{"estimate": estimate.run, "model": model.run},
     **{"fit": fit.run, "reproduce": reproduce.run, "report": finished_runs.report, "compare": compare.run},
-    **{"ask": finished_runs.ask, "predict": finished_runs.predict, "causes": causes.run},
+    **{"ask": finished_runs.ask, "predict": finished_runs.predict},
     **{"export": export.run, "watch": watch.run, "open": open_page.run, "explain": explain.run},
     **{"selftest": selftest.run, "certify": certify.run},
 }

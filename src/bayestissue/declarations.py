@@ -4,10 +4,40 @@ from __future__ import annotations
 
 import inspect
 import re
+import string
 import tomllib
 from collections.abc import Callable
 from importlib.resources import files
+from numbers import Real
 from typing import Any
+
+# From here on a number that has no more digits than are shown is written with an exponent.
+_LARGE = 1e6
+
+
+class _Sentences(string.Formatter):
+    """Python's own, but that a ``g`` writes no exponent below a million: 120, and not 1.2e+02."""
+
+    def format_field(self, value: Any, format_spec: str) -> str:
+        """``value`` as its place in the sentence has it."""
+        text = format(value, format_spec)
+        is_general = "e+" in text and format_spec.endswith("g") and isinstance(value, Real)
+        if is_general and abs(float(value)) < _LARGE:
+            return f"{float(text):.0f}"
+        return text
+
+
+_SENTENCES = _Sentences()
+
+
+def filled(sentence: str, **values: object) -> str:
+    """A sentence with ``values`` in its braces, numbers to significant digits without an exponent there."""
+    return _SENTENCES.vformat(sentence, (), values)
+
+
+def general(value: float, digits: int = 4) -> str:
+    """A number to so many significant digits, without an exponent below a million: 50000, and not 5e+04."""
+    return _SENTENCES.format_field(value, f".{digits}g")
 
 
 def declared(package: str, file: str) -> dict[str, Any]:
@@ -24,7 +54,7 @@ def sentences(package: str) -> Callable[..., str]:
 
     def said(name: str, /, **values: object) -> str:
         group, _, which = name.partition(".")
-        return str(texts[group][which]).format(**values)
+        return filled(str(texts[group][which]), **values)
 
     return said
 

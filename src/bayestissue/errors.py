@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Self
 
+from bayestissue.declarations import filled
 from bayestissue.remedies import Code, messages, retired
 
 # Control characters, and those that force a direction of writing: a terminal would obey them. And halves of
@@ -58,7 +59,7 @@ class Problem:
             numbers: by their names in the sentences.
         """
         text, words = messages()[key], {"column": column, "value": value, **numbers}
-        expected, remedy = text.expected.format(**words), text.remedy.format(**words)
+        expected, remedy = filled(text.expected, **words), filled(text.remedy, **words)
         at = None if row is None else int(row)
         return cls(file, expected, remedy, at, column, value, impact or None, code=text.code)
 

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 TABLES = (
     *("summary", "hypotheses", "cross_validation", "sensitivity", "interval_sources"),
-    *("contrasts", "levels", "loops", "curves", "people", "reliability"),
+    *("contrasts", "levels", "loops", "curves", "reliability"),
 )
 METHODS = ("exact", "dds")
 # Where its chains ended.
@@ -153,14 +153,6 @@ class Fit(Outlined):
         See `bayestissue.inference.answers.contrasts`.
         """
         return self.table("contrasts")
-
-    @property
-    def people(self) -> pd.DataFrame:
-        """Each person against each other, with the probability of being stiffer: ``people.csv``.
-
-        See `bayestissue.inference.answers.contrasts`.
-        """
-        return self.table("people")
 
     @property
     def reliability(self) -> pd.DataFrame:
@@ -333,7 +325,6 @@ class Fit(Outlined):
         *,
         certificate: str | Path | None = None,
         width_mm: float = WIDTH_MM,
-        excel: results.Excel | None = None,
         overwrite: bool = False,
     ) -> Path:
         """Write what a paper takes, as `bayestissue export` does: text, tables, figures.
@@ -342,7 +333,6 @@ class Fit(Outlined):
             path: a folder that is new or empty.
             certificate: the folder of `bayestissue certify` of this fit, whose verdict the checklists state.
             width_mm: of a figure in print; a journal's column is about 85 mm wide, its page 170.
-            excel: the decimal mark of the spreadsheet that opens the figures' rows; None for programs.
             overwrite: replace what is there.
 
         Returns:
@@ -365,7 +355,6 @@ class Fit(Outlined):
                     finished=self.finished,
                     certified=certified,
                     width_mm=width_mm,
-                    excel=excel,
                 )
             return target.path
 
@@ -447,18 +436,15 @@ def fit_run_of(fit: Fit) -> FitRun:
     return fit_run(fit.about, fit.diagnostics, fit.posterior, tables)
 
 
-def write_run(fit: Fit, folder: Path, say: Say | None = None, *, excel: results.Excel | None = None) -> None:
-    """Write every file of a finished run into ``folder``, but for the page that is drawn of them.
-
-    Tables are written as `results.write_table` does with ``excel``.
-    """
+def write_run(fit: Fit, folder: Path, say: Say | None = None) -> None:
+    """Write every file of a finished run into ``folder``, but for the page that is drawn of them."""
     if say is not None:
         say("writing the results", 0, 1)
     results.write_tree(fit.posterior, folder / "posterior.nc")
     for name in (*TABLES, *_FURTHER):
         # Few model files have questions, and runs of earlier versions fewer tables.
         with suppress(KeyError):
-            results.write_table(fit.table(name), folder / f"{name}.csv", excel)
+            results.write_table(fit.table(name), folder / f"{name}.csv")
     # A simulated dataset knows the truth; the report draws it in.
     if fit.folder is not None and (truth := fit.folder / "truth.csv").is_file():
         shutil.copyfile(truth, folder / "truth.csv")

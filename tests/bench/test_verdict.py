@@ -14,7 +14,7 @@ def test_a_sound_drop_is_good() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "kind"), [("saturated", "again"), ("starts-above-zero", "again"), ("gravity-undeclared", "look")]
+    ("name", "kind"), [("no-law", "again"), ("starts-above-zero", "again"), ("gravity-undeclared", "look")]
 )
 def test_a_spoilt_recording_is_repeated_and_a_wrong_setting_looked_at(name: str, kind: str) -> None:
     flag = KINDS[name].flag

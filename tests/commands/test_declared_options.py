@@ -13,7 +13,6 @@ from bayestissue import cli
 from bayestissue.commands.options import documented
 from bayestissue.planning.specification import Aim
 from bayestissue.simulation.specification import Simulation
-from bayestissue.thesis.causes.specification import Sizes
 
 
 def command(
@@ -66,7 +65,6 @@ def test_every_option_of_the_program_has_a_help() -> None:
 
 
 REPLACES = (
-    ("causes", "campaigns", Sizes, "each"),
     ("plan", "studies", Aim, "studies"),
     ("plan", "seed", Aim, "seed"),
     ("simulate", "seed", Simulation, "seed"),

@@ -13,7 +13,6 @@ from scipy.io import savemat
 from scipy.signal import lsim, lti
 
 import bayestissue as bt
-from bayestissue.simulation.driven import Driven, write_driven
 from dataset_bench import DAMPING, RATE, STIFFNESS, deceleration
 from made_once import made_once
 from make_scored_run import make_scored_run
@@ -89,11 +88,6 @@ def sides(folder: Path) -> None:
         recordings[name] = deceleration(mass * (1 + 0.001 * len(rows)), SPEED)
     given = {"quantity": "deceleration", "unit": "m/s^2", "uncertainty": {"relative_mass_sd": 0.002}}
     bt.dataset(pd.DataFrame(rows), recordings, name="drops", **given).write(folder / "drops")
-
-
-def heels(folder: Path) -> None:
-    """Simulated heel strikes under a leg: displacement and force, and no mass."""
-    write_driven(folder / "heels", Driven(seed=2, subjects=3))
 
 
 def recorder_at_work(folder: Path) -> None:

@@ -99,8 +99,6 @@ def test_a_channel_that_says_nothing_is_refused() -> None:
     assert "relative_mass_sd above 0" in exact.expected
     force = {"noise_sd_N": 1.0}
     assert "either [[channel]]" in refused(recording=RECORDING | {"force": force})[None].expected
-    hammer = {"place": "hammer"}
-    assert "are not planned" in refused(channel=[], recording=RECORDING | {"force": hammer})[None].expected
     begun = refused(after={"run": "run", "dataset": "drops"})[None]
     assert "only without [after]" in begun.expected
 

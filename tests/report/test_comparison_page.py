@@ -76,16 +76,6 @@ def test_what_a_run_was_warned_of_is_said_first(folder, tmp_path):
     assert "Diagnostics passed in every run" not in text
 
 
-def test_it_says_what_the_weights_imply(html):
-    text = plain(html)
-    assert re.search(
-        r"Of these impacts together \(geometric mean\), weighted by how well each impact is predicted: "
-        r"secant K = [\d ]+ N/m \([\d ]+to [\d ]+\) and equivalent C = ",
-        text,
-    )
-    assert "weighted by how well each subject is predicted" in text
-
-
 def test_runs_of_different_elements_are_compared_by_what_means_the_same(folder, tmp_path):
     out = shutil.copytree(folder, tmp_path / "other")
     about = json.loads((out / "run.json").read_text(encoding="utf-8"))

@@ -128,7 +128,7 @@ def test_it_tells_what_makes_the_intervals(folder, html):
         "and scatter between impacts 15 %",
         "of a new person: of K’s variance people 70 % and conditions 20 %",
         "The element is taken as true",
-        "moves K by ±2.0 % where noise alone makes ±1.0 %",
+        "The window is taken as given.",
         "differs most for K of new person (2 times) and C of new person (2 times)",
     ):
         assert words in text

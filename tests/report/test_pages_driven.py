@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -25,7 +24,6 @@ pytestmark = [
     pytest.mark.skipif(browser.CHROMIUM is None, reason="no Chromium is installed"),
     pytest.mark.slow,
 ]
-CAUSES = Path(__file__).parents[2] / "docs" / "reports" / "causes"
 
 
 def dataset(folder: Path) -> Path:
@@ -40,10 +38,6 @@ def estimates(folder: Path) -> Path:
 
 def published(folder: Path) -> Path:
     return write_report(make_published_run(folder / "run"))
-
-
-def causes(folder: Path) -> Path:
-    return write_report(shutil.copytree(CAUSES, folder / "run"))
 
 
 def comparison(folder: Path) -> Path:
@@ -70,6 +64,6 @@ def tab():
         yield opened
 
 
-@pytest.mark.parametrize("page", [estimates, published, causes, comparison, recordings, started])
+@pytest.mark.parametrize("page", [estimates, published, comparison, recordings, started])
 def test_every_figure_is_drawn_and_nothing_is_cut(page: Callable[[Path], Path], tab, tmp_path: Path) -> None:
     tab.read(page(tmp_path))

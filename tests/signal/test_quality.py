@@ -68,16 +68,7 @@ def test_an_impactor_that_stays_on_the_tissue_has_no_other_zero():
 
 def test_a_plateau_with_noise_on_it_is_found():
     for row in flags(spoilt(lambda t, d: np.minimum(d, 0.7))):
-        assert row in (
-            ["no force of depth and velocity gives this trace"],
-            ["flatter at the top than any tissue makes it: saturated or cut off"],
-        )
-
-
-def test_a_soft_saturation_is_found():
-    said = found(spoilt(lambda t, d: 0.7 * np.tanh(d / 0.7)), "flatter at the top")
-    assert len(said) == COUNT
-    assert all(said)
+        assert row == ["no force of depth and velocity gives this trace"]
 
 
 @pytest.mark.slow

@@ -37,15 +37,6 @@ def shown(lines: pd.DataFrame) -> str:
     return table(wide.rename_axis(index="quantity", columns=None).reset_index())
 
 
-def by_part(rows: pd.DataFrame, part: int) -> pd.DataFrame:
-    """Rows whose kinds are named by one part of their names alone, between commas."""
-    names = {column: column for column in rows}
-    for column in rows.columns[rows.columns.str.contains("|", regex=False)]:
-        kind, *rest = column.split("|")
-        names[column] = "|".join([kind.split(", ")[part], *rest])
-    return rows.rename(columns=names).T.groupby(level=0, sort=False).first().T.infer_objects()
-
-
 def named(rows: pd.DataFrame) -> str:
     """How often the first line says that masses are off, of those that are and of those that hardly are."""
     far, near = (rows.loc[which, "named"].astype(bool) for which in (rows["off"] > FAR, rows["off"] < NEAR))
@@ -56,32 +47,18 @@ def named(rows: pd.DataFrame) -> str:
     )
 
 
-def of_impacts(lines: pd.DataFrame) -> str:
-    """Of K, C and the greatest force, all recorders together, such as "K in 90 %, C in 88 %, ..."."""
-    held = lines.groupby("outcome")["share"].mean()
-    words = {"K": "K", "C": "C", "peak_force": "the greatest force"}
-    *first, last = [f"{word} in {percent(held[name], 0)}" for name, word in words.items()]
-    return f"{', '.join(first)} and {last}"
-
-
 @family
 def coverage_channels() -> Named:
     rows, together = raw("coverage_channels"), []
     for kind, part in rows.groupby("each", sort=False):
         own = part.dropna(axis=1, how="all")
         lines = counted(own)
-        if kind == "driven":
-            lines = counted(by_part(own, 0))
-            yield "driven_recorders", block(shown(counted(by_part(own, 1))), "coverage_channels")
         yield f"{kind}_table", block(shown(lines), "coverage_channels")
         together.append(lines)
         text = f"{len(own)} studies, of which {percent(own['passed'].astype(bool).mean(), 0)} passed"
         yield f"{kind}_studies", Figure(text, names("coverage_channels"))
         if "named" in own:
             yield f"{kind}_named", Figure(named(own), names("coverage_channels"))
-        if kind == "driven":
-            for element, of_element in lines.groupby("of"):
-                yield f"driven_{element}", Figure(of_impacts(of_element), names("coverage_channels"))
     lines = pd.concat(together)
     within = ((lines["share"] - LEVEL).abs() <= 2 * lines["se"]).sum()
     text = f"{within} of {len(lines)} shares of 90 % intervals are within two standard errors of 90 %"

@@ -85,23 +85,18 @@ def coverage_point() -> Named:
     lines = raw("coverage_point")
     impacts = lines["impacts"]
     shown = pd.DataFrame({"noise": lines["unit"], "impacts": impacts})
-    unflagged, most = lines["unflagged_by_impact"], {}
+    unflagged, most = lines["unflagged"], []
     for q in "KC":
-        shown[f"{q} held by `exact`"] = (lines[f"{q}_held"] / impacts).map(percent)
-        shown[f"{q} off by"] = lines[f"{q}_off"].map(lambda off: percent(off, 2))
-        shown[f"{q} standard error"] = lines[f"{q}_se"].map(lambda off: percent(off, 2))
-        by_impact = lines[f"{q}_held_by_impact"] / unflagged.replace(0, np.nan)
-        shown[f"{q} held by `impact`"] = by_impact.map(percent).where(by_impact.notna())
+        held = lines[f"{q}_held"] / unflagged.replace(0, np.nan)
+        shown[f"{q} held"] = held.map(percent).where(held.notna())
         with_bounds = lines[f"{q}_held_with_bounds"] / lines[f"{q}_bounded"]
-        shown[f"{q} held, bounds included"] = with_bounds.map(percent).where(with_bounds.notna())
+        shown[f"{q} held, bounds included"] = with_bounds.map(percent)
         # Where few impacts tell K those that do are a selection.
-        most[q] = by_impact[unflagged / impacts >= _MOST]
-    shown["unflagged by `impact`"] = (unflagged / impacts).map(percent).where(unflagged.notna())
+        most.append(held[unflagged / impacts >= _MOST])
+    shown["unflagged"] = (unflagged / impacts).map(percent)
     yield "table", block(table(shown), "coverage_point")
-    recorded = lines[unflagged.notna()]
-    exact = pd.concat([recorded[f"{q}_held"] / recorded["impacts"] for q in "KC"])
-    for name, held in (("impact_range", pd.concat(most.values())), ("exact_range", exact)):
-        yield name, Figure(f"{100 * held.min():.0f} to {100 * held.max():.0f} %", names("coverage_point"))
+    held = pd.concat(most)
+    yield "range", Figure(f"{100 * held.min():.0f} to {100 * held.max():.0f} %", names("coverage_point"))
 
 
 @family

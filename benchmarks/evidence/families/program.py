@@ -1,4 +1,4 @@
-"""What the program is held against from outside, by laws, without its fast paths, and where it runs."""
+"""What the program is held against from outside and by laws, and where it runs."""
 
 from __future__ import annotations
 
@@ -45,26 +45,6 @@ def laws() -> Named:
     cases = int(rows["examples_passed"].fillna(1).sum() + rows["examples_failed"].fillna(0).sum())
     text = f"{len(rows)} tests of laws had {failed} failures in {cases} cases"
     yield "sentence", Figure(text, names("laws"))
-
-
-@family
-def plain_against_fast() -> Named:
-    rows = raw("plain_against_fast")
-    drawn = rows["drawn"].astype(bool)
-    cells = rows["difference"].map(_or_none) + drawn.map({True: " Monte Carlo errors", False: ""})
-    shown = pd.DataFrame({"answer": rows["answer"], "largest difference": cells})
-    yield "table", block(table(shown), "plain_against_fast")
-    exact, of_draws = rows.loc[~drawn, "difference"].max(), rows.loc[drawn, "difference"].max()
-    text = (
-        f"with every fast path off {(~drawn).sum()} answers differ by at most {power_of_ten(exact)} of the "
-        f"largest number of their kind, and means of a fit by at most {_or_none(of_draws)} Monte "
-        "Carlo errors"
-    )
-    yield "sentence", Figure(text, names("plain_against_fast"))
-    text = (
-        f"{len(rows)} answers, at most {power_of_ten(exact)} or {_or_none(of_draws)} Monte Carlo errors apart"
-    )
-    yield "short", Figure(text, names("plain_against_fast"))
 
 
 @family

@@ -23,7 +23,6 @@ PARTS: dict[str, Callable[[], str]] = {
     "plan keys": keys.plan,
     "campaign keys": keys.campaign,
     "simulate keys": keys.simulation,
-    "causes keys": keys.causes,
     "result files": results.files,
     "groups": results.groups,
     "variables": results.variables,

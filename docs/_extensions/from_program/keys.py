@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import re
 import types
 from collections.abc import Iterator
@@ -22,12 +21,11 @@ from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.planning.population import Known
 from bayestissue.planning.specification import PlanSpecification
 from bayestissue.simulation.specification import Simulation
-from bayestissue.thesis.causes.specification import STRENGTHS, CausesSpecification, Range
 from from_program.markdown import code, escaped, table
 
 # Tables that are written on one line, and described once.
 _DISTRIBUTIONS = (priors.Normal, priors.HalfNormal, priors.HalfStudentT, priors.Correlation)
-_IN_ONE_LINE = (*_DISTRIBUTIONS, priors.Pair, Range, Known)
+_IN_ONE_LINE = (*_DISTRIBUTIONS, priors.Pair, Known)
 _UNITS = {
     "_N_s_per_m": "N s/m",
     "_N_per_m": "N/m",
@@ -104,21 +102,6 @@ def plan() -> str:
 def campaign() -> str:
     """Keys of the campaign file of `bayestissue watch`."""
     return sections(CampaignSpecification)
-
-
-def causes() -> str:
-    """Keys of the specification of `bayestissue causes`, and the strengths of each mechanism."""
-    rows = [(code(name), ", ".join(map(code, strengths))) for name, strengths in STRENGTHS.items()]
-    return "\n\n".join(
-        [
-            sections(CausesSpecification),
-            "## Ranges",
-            escaped(inspect.cleandoc(Range.__doc__ or "").replace("``", "`")),
-            _table(Range),
-            "## Mechanisms",
-            table(["mechanism", "its strengths"], rows),
-        ]
-    )
 
 
 def sections(schema: type[BaseModel]) -> str:
@@ -250,8 +233,8 @@ def _several(annotation: Any) -> str:
 
 
 def _of_table(annotation: type[BaseModel]) -> str:
-    if issubclass(annotation, Range | Known):
-        return "a number" if issubclass(annotation, Known) else "a range"
+    if issubclass(annotation, Known):
+        return "a number"
     if issubclass(annotation, _DISTRIBUTIONS):
         return code(annotation.__doc__.split('"')[1])
     return "`K` and `C`, a distribution each" if issubclass(annotation, priors.Pair) else "a table"

@@ -11,7 +11,7 @@ from bayestissue.remedies import Code, codes_in, entries
 # analysis: repeating mends none of them.
 _SPOILT = frozenset(
     {"spike", "repeated-samples", "zero-moved", "starts-above-zero", "starts-below-zero", "starts-deep"}
-    | {"saturated", "no-law", "contact-doubtful", "no-zero-velocity", "too-few-samples", "too-deep"}
+    | {"no-law", "contact-doubtful", "no-zero-velocity", "too-few-samples", "too-deep"}
     | {"velocity-off", "several-impacts", "no-answer", "sensor-noise", "recording-twice"}
 )
 Kind = Literal["good", "again", "look"]

@@ -294,10 +294,10 @@ def prior_words(sensitivity: pd.DataFrame) -> str:
     return f"The prior has a part in {listed(moved)}: report these with another prior beside them."
 
 
-def write_certificate(certificate: Certificate, folder: Path, excel: results.Excel | None = None) -> None:
+def write_certificate(certificate: Certificate, folder: Path) -> None:
     """Write every file of a certificate, the page among them, into ``folder``."""
     for name in TABLES:
-        results.write_table(getattr(certificate, name), folder / f"{name}.csv", excel)
+        results.write_table(getattr(certificate, name), folder / f"{name}.csv")
     tables = {name: getattr(certificate, name) for name in TABLES}
     lists = checklists_markdown(certificate.checklists)
     attached = as_markdown(certificate.about, lists, certificate.calibration, certificate.sensitivity)

@@ -9,7 +9,7 @@ import typer
 
 from bayestissue import results, runtime
 from bayestissue.certificate import FEWEST_REFITS, MOST_REFITS, REFITS
-from bayestissue.commands.options import FAILED_DIAGNOSTICS, Excel, FinishedFit, Overwrite, Quiet, Seed
+from bayestissue.commands.options import FAILED_DIAGNOSTICS, FinishedFit, Overwrite, Quiet, Seed
 
 if TYPE_CHECKING:
     from bayestissue.certificate.certificate import Certificate
@@ -21,7 +21,6 @@ def run(
     refits: Annotated[int, typer.Option(min=FEWEST_REFITS, max=MOST_REFITS)] = REFITS,
     dataset: Annotated[Path | None, typer.Option(metavar="DATASET")] = None,
     seed: Seed = 0,
-    excel: Excel = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
@@ -41,9 +40,7 @@ def run(
         dataset: The recordings that were fitted, where they are no longer where the run says.
     """
     runtime.configure(one_core=True)
-    if not certified(
-        run, out, refits=refits, dataset=dataset, seed=seed, excel=excel, overwrite=overwrite, quiet=quiet
-    ):
+    if not certified(run, out, refits=refits, dataset=dataset, seed=seed, overwrite=overwrite, quiet=quiet):
         raise typer.Exit(FAILED_DIAGNOSTICS)
 
 
@@ -54,7 +51,6 @@ def certified(
     refits: int = REFITS,
     dataset: Path | None = None,
     seed: int = 0,
-    excel: results.Excel | None = None,
     overwrite: bool = False,
     quiet: bool = False,
 ) -> bool:
@@ -69,7 +65,7 @@ def certified(
         with Stages(quiet=quiet) as say, target.unfinished(study.job(refits, seed)) as parts:
             certificate = certificate_of(study, refits, seed, say, parts=parts)
             with target.folder() as folder:
-                write_certificate(certificate, folder, excel)
+                write_certificate(certificate, folder)
         _say(certificate, target.path, quiet=quiet)
     return certificate.passed
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bayestissue import results
-from bayestissue.commands.options import DatasetFolder, Excel, Json, Overwrite, Quiet, SkipBad
+from bayestissue.commands.options import DatasetFolder, Json, Overwrite, Quiet, SkipBad
 from bayestissue.errors import Problem
 from bayestissue.remedies import codes_in
 from bayestissue.words import Words
@@ -23,7 +23,6 @@ def run(
     dataset: DatasetFolder,
     out: Path | None = None,
     skip_bad: SkipBad = False,
-    excel: Excel = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,
@@ -40,7 +39,7 @@ def run(
 
         checked = check(read_dataset(dataset, skip_bad=skip_bad))
         if target is not None:
-            _write(target, checked, excel)
+            _write(target, checked)
         if as_json:
             echo(json.dumps(_plain(checked), default=str, ensure_ascii=False))
         elif not quiet:
@@ -105,8 +104,6 @@ def _summary(checked: Check) -> list[tuple[str, str]]:
 
     data, quality, impacts = checked.dataset, checked.quality, checked.dataset.impacts
     noise = quality["noise_to_peak"]
-    window = "rows of ringing" if data.tapped else "samples until the peak"
-    has_contact = data.quantity != "displacement" and not data.tapped
     return [
         ("impacts", counts(impacts)),
         ("recorded", data.quantity),
@@ -114,17 +111,13 @@ def _summary(checked: Check) -> list[tuple[str, str]]:
         *([("force", checked.force.words)] if checked.force else []),
         *([("gravity along the motion", f"{data.gravity:.4g} m/s²")] if data.gravity else []),
         *([("low-pass", str(data.recorder)), ("noise entered", _entry(checked))] if data.recorder else []),
-        *([("contact", checked.signal.phase.words)] if has_contact else []),
+        *([("contact", checked.signal.phase.words)] if data.quantity != "displacement" else []),
         ("samples per impact", _range(quality["n_samples"], "")),
         ("sampling rate", _range(quality["sampling_rate_hz"], " Hz")),
-        ("mass", _range(impacts["mass_kg"], " kg"))
-        if data.free
-        else ("motion", "driven: no free mass, K and C of force over depth"),
-        ("motion", "tapped by a hammer, from rest")
-        if data.tapped
-        else ("velocity at contact", _range(impacts["velocity_m_s"], " m/s", digits=4)),
+        ("mass", _range(impacts["mass_kg"], " kg")),
+        ("velocity at contact", _range(impacts["velocity_m_s"], " m/s", digits=4)),
         ("time to peak", _range(quality["time_to_peak_s"] * 1e3, " ms", digits=3)),
-        (window, _range(quality["samples_in_window"], "")),
+        ("samples until the peak", _range(quality["samples_in_window"], "")),
         ("noise", f"{noise.median():.2g} of the peak, at worst {noise.max():.2g}"),
     ]
 
@@ -157,12 +150,12 @@ def _range(values: pd.Series, unit: str, digits: int = 6) -> str:
     return f"{ends[0]}{unit}" if low == high else f"{ends[0]} to {ends[1]}{unit}"
 
 
-def _write(target: results.Place, checked: Check, excel: results.Excel | None) -> None:
+def _write(target: results.Place, checked: Check) -> None:
     from bayestissue.report.run_folder import after_results
 
     with target.folder() as staging:
-        results.write_table(checked.quality, staging / "quality.csv", excel)
-        results.write_table(checked.problems, staging / "problems.csv", excel)
+        results.write_table(checked.quality, staging / "quality.csv")
+        results.write_table(checked.problems, staging / "problems.csv")
     with (
         after_results(target.path, "the same command with --overwrite repeats it"),
         results.whole_file(target.path / "check.html") as staging,

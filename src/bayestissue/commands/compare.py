@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from bayestissue import results, runtime
-from bayestissue.commands.options import Excel, Json, Overwrite, Quiet
+from bayestissue.commands.options import Json, Overwrite, Quiet
 from bayestissue.errors import InputError, Problem, all_of, refuse
 
 if TYPE_CHECKING:
@@ -35,7 +35,6 @@ def run(
     runs: Annotated[list[Path], typer.Argument(metavar="DIR")],
     ask: Annotated[list[str] | None, typer.Option(metavar="QUESTION")] = None,
     out: Path | None = None,
-    excel: Excel = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,
@@ -44,8 +43,8 @@ def run(
 
     Args:
         runs: Folders of two or more finished fits of one dataset.
-        ask: Answered by each run, and by their mixture in proportion to the weights, such as
-            "peak_force[mass_kg=5, velocity_m_s=2] < 300"; may be given several times.
+        ask: Answered by each run, such as "peak_force[mass_kg=5, velocity_m_s=2] < 300"; may be given
+            several times.
         out: Also write the tables and a page with figures.
     """
     start = runtime.Start()
@@ -53,14 +52,8 @@ def run(
     with results.claim_if(out, overwrite=overwrite, command="compare", inputs=runs) as target:
         runtime.configure()
         from bayestissue.commands.console import echo, echo_tables
-        from bayestissue.inference.answers.questions import numbered, require_parsed
-        from bayestissue.inference.comparing import (
-            answers_by_run,
-            compare_runs,
-            implied,
-            posteriors_by_run,
-            same_questions,
-        )
+        from bayestissue.inference.answers.questions import ask_what_can_be, numbered, require_parsed
+        from bayestissue.inference.comparing import compare_runs, posteriors_by_run, same_questions
         from bayestissue.report import draw_page
         from bayestissue.report.comparison import page_of
 
@@ -69,21 +62,20 @@ def run(
         abouts = _abouts(runs)
         finished = _finished(runs, abouts)
         comparison, posteriors = compare_runs(finished), posteriors_by_run(finished)
-        of_weights = implied(finished, comparison)
         answered = {
             run.name: results.read_tables(path, (), ("contrasts", "questions"))
+            | {"asked": ask_what_can_be(run.finished, questions)}
             for run, path in zip(finished, runs, strict=True)
         }
-        further = answers_by_run(finished, comparison, questions) if questions else {}
-        answered |= {name: answered.get(name, {}) | {"asked": table} for name, table in further.items()}
         tables = {
-            **{"comparison": comparison, "posteriors": posteriors, "implied": of_weights},
+            "comparison": comparison,
+            "posteriors": posteriors,
             "answers": same_questions(answered),
         }
         if target is not None:
             with target.folder() as folder:
                 for name, table in tables.items():
-                    results.write_table(table, folder / f"{name}.csv", excel)
+                    results.write_table(table, folder / f"{name}.csv")
                 of_runs = zip(finished, runs, abouts, strict=True)
                 record = start.record(
                     "compare",
@@ -98,7 +90,7 @@ def run(
         if as_json:
             echo_tables(**tables)
         elif not quiet:
-            print_comparison(comparison, posteriors, of_weights)
+            print_comparison(comparison, posteriors)
             if questions:
                 print_answers(tables["answers"], [question.text for question in questions])
             if target is not None:
@@ -181,8 +173,8 @@ def _names(runs: list[Path]) -> list[str]:
     return [str(path.resolve()) for path in runs]
 
 
-def print_comparison(comparison: pd.DataFrame, posteriors: pd.DataFrame, of_weights: pd.DataFrame) -> None:
-    """Print the three tables; see `bayestissue.inference.comparing`."""
+def print_comparison(comparison: pd.DataFrame, posteriors: pd.DataFrame) -> None:
+    """Print the two tables; see `bayestissue.inference.comparing`."""
     import pandas as pd
 
     from bayestissue.commands.console import SCREEN, echo, explained, line, show, table
@@ -211,18 +203,14 @@ def print_comparison(comparison: pd.DataFrame, posteriors: pd.DataFrame, of_weig
     together = posteriors["label"] == ""
     of_outcomes = posteriors["variable"].isin(OF_OUTCOMES)
     shown = posteriors[together | ~of_outcomes] if few else posteriors[together]
-    _print_intervals("posteriors", shown, shown["run"])
-    if len(of_weights):
-        shown = of_weights[of_weights["label"] == ""]
-        weights = [f"{scheme}, {data}" for scheme, data in zip(shown["scheme"], shown["data"], strict=True)]
-        _print_intervals("what the weights imply", shown, weights)
+    _print_posteriors(shown)
     if count := people["label"].nunique():
         what = "outcomes" if few else "K, C and outcomes"
         echo(f"  {what} of the {count} people: --json prints them, --out writes posteriors.csv")
 
 
 def print_answers(answers: pd.DataFrame, questions: Collection[str]) -> None:
-    """What was asked on the command line: of each run, and of the mixture, a line."""
+    """What was asked on the command line: a line of each run."""
     from bayestissue.commands.console import line
     from bayestissue.report.comparison import answer_words
 
@@ -235,18 +223,17 @@ def print_answers(answers: pd.DataFrame, questions: Collection[str]) -> None:
             line(f"  {row['run']:{width}}  {answer_words(row)}")
 
 
-def _print_intervals(title: str, intervals: pd.DataFrame, names: Iterable[str]) -> None:
-    """Each quantity with what its intervals are of, and under it a line for each of ``names``."""
+def _print_posteriors(posteriors: pd.DataFrame) -> None:
+    """Each quantity with what its intervals are of, and under it a line for each run."""
     from bayestissue.commands.console import line
     from bayestissue.inference.results.meanings import heading_words
 
-    line(f"{title}: median and 90 % interval", "italic")
-    rows = intervals.assign(name=list(names))
-    for (variable, level, label, unit), shown in rows.groupby(
+    line("posteriors: median and 90 % interval", "italic")
+    for (variable, level, label, unit), shown in posteriors.groupby(
         ["variable", "of", "label", "unit"], sort=False
     ):
         line(heading_words(str(variable), str(level), str(label)) + ("" if unit == "1" else f" ({unit})"))
-        width = shown["name"].str.len().max()
+        width = shown["run"].str.len().max()
         for row in shown.to_dict("records"):
             median, low, high = (f"{row[name]:.4g}" for name in ("median", "eti90_low", "eti90_high"))
-            line(f"  {row['name']:{width}}  {median}, {low} to {high}")
+            line(f"  {row['run']:{width}}  {median}, {low} to {high}")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from bayestissue.commands.options import DatasetFolder, Excel, Json, Out, Overwrite, Quiet, Scheduler, SkipBad
+from bayestissue.commands.options import DatasetFolder, Json, Out, Overwrite, Quiet, Scheduler, SkipBad
 from bayestissue.resources import model_file
 from bayestissue.results import claim, write_json, write_table
 from bayestissue.results.tables import table_of_rows
@@ -31,7 +31,6 @@ def run(
     vary: list[str] | None = None,
     scheduler: Scheduler = None,
     skip_bad: SkipBad = False,
-    excel: Excel = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,
@@ -81,7 +80,7 @@ def run(
                 rows = [problem.as_dict() for problem in data.left_out]
                 tables["left_out"] = table_of_rows("left_out", rows).astype({"row": "Int64"})
             for name, content in tables.items():
-                write_table(content, staging / f"{name}.csv", excel)
+                write_table(content, staging / f"{name}.csv")
             record = start.record(
                 "estimate",
                 "estimates",

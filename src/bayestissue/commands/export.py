@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from bayestissue import runtime
-from bayestissue.commands.options import Excel, FinishedFit, Out, Overwrite, Quiet
+from bayestissue.commands.options import FinishedFit, Out, Overwrite, Quiet
 from bayestissue.paper import WIDTH_MM
 
 
@@ -17,7 +17,6 @@ def run(
     out: Out,
     certificate: Annotated[Path | None, typer.Option(metavar="DIR")] = None,
     width: Annotated[float, typer.Option(metavar="MM", min=40, max=400)] = WIDTH_MM,
-    excel: Excel = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
@@ -40,8 +39,6 @@ def run(
     from bayestissue.commands.console import echo
     from bayestissue.finished import read_run
 
-    folder = read_run(run).export(
-        out, certificate=certificate, width_mm=width, excel=excel, overwrite=overwrite
-    )
+    folder = read_run(run).export(out, certificate=certificate, width_mm=width, overwrite=overwrite)
     if not quiet:
         echo(f"wrote methods.md, methods.docx, checklists.md, tables.xlsx and figures/ to {folder}")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import typer
 
 from bayestissue import results, runtime
-from bayestissue.commands.options import Excel, FinishedFit, Json, Overwrite, Quiet
+from bayestissue.commands.options import FinishedFit, Json, Overwrite, Quiet
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -41,7 +41,6 @@ def ask(
     run: FinishedFit,
     questions: Annotated[list[str], typer.Argument(metavar="QUESTION...")],
     out: Path | None = None,
-    excel: Excel = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,
@@ -72,7 +71,7 @@ def ask(
         questions: Such as "K[side=left] / K[side=right] > 1.1" or "mass_exponent_K between -0.1 and 0.1".
         out: Also write questions.csv and report.html to this folder.
     """
-    output = _Output(out, excel, overwrite, quiet, as_json)
+    output = _Output(out, overwrite, quiet, as_json)
     _answer("ask", "questions", run, lambda fit: fit.ask(*questions), print_answers, output)
 
 
@@ -81,7 +80,6 @@ def predict(
     at: Annotated[Path, typer.Option(metavar="TABLE.csv")],
     out: Path | None = None,
     draws: Annotated[Path | None, typer.Option(metavar="FILE")] = None,
-    excel: Excel = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,
@@ -100,7 +98,7 @@ def predict(
         draws: Also write joint draws of all rows to this file, NAME.parquet or NAME.nc (netCDF), from which
             any function of them follows with its interval.
     """
-    output = _Output(out, excel, overwrite, quiet, as_json)
+    output = _Output(out, overwrite, quiet, as_json)
 
     def predicted(fit: Fit) -> pd.DataFrame:
         return fit.predict(at, draws=draws, overwrite=overwrite)
@@ -134,7 +132,6 @@ class _Output(NamedTuple):
     """Where to write, and how: the options of that name."""
 
     out: Path | None
-    excel: results.Excel | None
     overwrite: bool
     quiet: bool
     as_json: bool
@@ -164,7 +161,7 @@ def _answer(
     Raises:
         InputError: ``run`` is no finished fit, ``table_of`` finds something wrong, or the folder is not free.
     """
-    out, excel, overwrite, quiet, as_json = output
+    out, overwrite, quiet, as_json = output
     with results.claim_if(out, overwrite=overwrite, command=command, inputs=(run, *inputs)) as target:
         runtime.configure()
         from bayestissue.commands.console import echo, echo_tables
@@ -177,7 +174,7 @@ def _answer(
             with target.folder() as folder:
                 from bayestissue.report import answers_page
 
-                results.write_table(table, folder / f"{name}.csv", excel)
+                results.write_table(table, folder / f"{name}.csv")
                 page = getattr(answers_page, f"{name}_page")(table, finished.about)
                 (folder / "report.html").write_text(page, encoding="utf-8")
         if as_json:

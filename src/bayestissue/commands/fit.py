@@ -14,7 +14,6 @@ from bayestissue import results, runtime
 from bayestissue.commands.options import (
     FAILED_DIAGNOSTICS,
     DatasetFolder,
-    Excel,
     FormulaOfC,
     Model,
     Out,
@@ -44,7 +43,6 @@ def run(
     scheduler: Scheduler = None,
     seed: Seed = 0,
     skip_bad: SkipBad = False,
-    excel: Excel = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
@@ -84,7 +82,7 @@ def run(
 
         data = read_dataset(dataset, skip_bad=skip_bad)
         specification, source = resolve(
-            model, data.recorded, formulas=formulas_of(K, C), questions=ask or [], sampler={"path": path}
+            model, data.quantity, formulas=formulas_of(K, C), questions=ask or [], sampler={"path": path}
         )
         if model is None and not quiet:
             echo(f"model {specification.name}, that of a recorded {data.quantity}; --model takes another")
@@ -110,7 +108,7 @@ def run(
                     data, specification, prepared, seed, say, checkpoints=finished, earlier=earlier
                 )
                 with target.folder() as folder:
-                    write_run(fit, folder, say, excel=excel)
+                    write_run(fit, folder, say)
             say("writing the report", 0, 1)
             draw_page(target.path, partial(page_html, fit))
         if not quiet:
@@ -127,7 +125,7 @@ def run(
         again = f"`bayestissue certify {target.path}` goes on with it"
         failed = "they could not be certified"
         with after_results(target.path, again, failed=failed, code="certificate-not-made"):
-            passed &= certified(target.path, seed=seed, excel=excel, overwrite=overwrite, quiet=quiet)
+            passed &= certified(target.path, seed=seed, overwrite=overwrite, quiet=quiet)
     if not passed:
         raise typer.Exit(FAILED_DIAGNOSTICS)
 

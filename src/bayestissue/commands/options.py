@@ -6,7 +6,7 @@ import inspect
 from collections.abc import Callable
 from copy import copy
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, get_args
 
 import typer
 
@@ -57,14 +57,6 @@ Scheduler = Annotated[
         metavar="ADDRESS",
         help="A running Dask scheduler, such as tcp://host:8786. Its workers compute what is done impact by "
         "impact, where there are hundreds.",
-    ),
-]
-Excel = Annotated[
-    Literal["auto", "comma", "point"] | None,
-    typer.Option(
-        "--excel",
-        help="Write the tables as your Excel opens them: comma if it writes 1,5, point if 1.5, auto by the "
-        "language of this machine.",
     ),
 ]
 FinishedFit = Annotated[

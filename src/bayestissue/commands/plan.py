@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from bayestissue import results, runtime
-from bayestissue.commands.options import Excel, FormulaOfC, Json, Model, OtherSeed, Out, Overwrite, Quiet
+from bayestissue.commands.options import FormulaOfC, Json, Model, OtherSeed, Out, Overwrite, Quiet
 from bayestissue.errors import InputError, all_of
 from bayestissue.planning.settings import PLAN as SETTINGS
 from bayestissue.words import Words
@@ -36,7 +36,6 @@ def run(
     dataset: Annotated[Path | None, typer.Option(metavar="DATASET")] = None,
     studies: Annotated[int | None, typer.Option(min=SETTINGS.block)] = None,
     seed: OtherSeed = None,
-    excel: Excel = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,
@@ -90,7 +89,7 @@ def run(
         with Stages(quiet=quiet or as_json) as say, target.unfinished("plan") as parts:
             done = carry_out(study, say=say, known=known, parts=parts)
             with target.folder() as folder:
-                write_plan(done, folder, excel=excel)
+                write_plan(done, folder)
         draw_page(target.path)
         if as_json:
             echo_tables(designs=done.designs)

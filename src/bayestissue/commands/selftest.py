@@ -53,7 +53,7 @@ def run(
                 machine=machine(),
                 verdict={"passed": passed, "words": words},
             )
-            write_table(findings, folder / "selftest.csv", None)
+            write_table(findings, folder / "selftest.csv")
             (folder / "selftest.md").write_text(as_markdown(findings, record), encoding="utf-8")
             write_json(record, folder / "run.json")
         failed = findings[findings["passed"] == 0]

@@ -1,4 +1,4 @@
-"""Levels with their intervals, one a line: people, conditions, runs, sources, causes."""
+"""Levels with their intervals, one a line: people, conditions, runs, sources."""
 
 from __future__ import annotations
 

@@ -35,12 +35,11 @@ def loops(
     levels: Sequence[str],
     words: str,
 ) -> Figure:
-    """Force over depth, a panel for each motion: levels with their bands, recorded impacts as thin lines.
+    """Force over depth, a panel for each motion: levels as lines, recorded impacts as thin ones.
 
     Args:
-        rows: ``panel``, ``level``, ``branch``, ``depth_mm``, ``force_N``: "in" and "out" have the ends
-            ``low`` and ``high`` of the force's interval, "deepest" those of the depth's, ``depth_low`` and
-            ``depth_high`` in mm, and "middle" is a line in its order.
+        rows: ``panel``, ``level``, ``branch`` ("in" to the greatest depth, "out" from there on), ``depth_mm``
+            and ``force_N``, in their order.
         recorded: ``panel``, ``level``, ``impact``, ``order``, ``depth_mm`` and ``force_N``.
         panels: in order.
         levels: in order, each a colour and a mark of its own.
@@ -48,16 +47,12 @@ def loops(
     """
     depth, force = number("depth_mm", "depth (mm)"), number("force_N", "force (N)")
     colour, shape = _of_levels(levels)
-    details = tooltips(
-        rows, level="of", depth_mm="depth (mm)", force_N="force (N)", low="90 % from", high="to"
-    )
-    parts = {"recorded": recorded} | {
-        part: rows[rows["branch"].isin(branches)]
-        for part, branches in (("sides", ["in", "out"]), ("middle", ["middle"]), ("deepest", ["deepest"]))
+    details = tooltips(rows, level="of", depth_mm="depth (mm)", force_N="force (N)")
+    parts = {
+        "recorded": recorded,
+        "median": rows.assign(order=range(len(rows))),
+        "deepest": rows[rows["branch"] == "in"].groupby(["panel", "level"], sort=False).tail(1),
     }
-    parts["middle"] = parts["middle"].assign(order=range(len(parts["middle"])))
-    band = {"x": depth, "y": {**force, "field": "low"}, "y2": {"field": "high"}, "color": colour}
-    reach = {"x": {**depth, "field": "depth_low"}, "x2": {"field": "depth_high"}, "y": force, "color": colour}
     line = {"x": depth, "y": force, "color": colour, "order": number("order")}
     single = line | {
         "detail": {"field": "impact"},
@@ -67,9 +62,7 @@ def loops(
     thin = {"strokeWidth": 0.7, "opacity": 0.4}
     layers = [
         _of("recorded", mark("line", None, single, **thin)),
-        _of("sides", mark("area", None, band | {"detail": {"field": "branch"}}, opacity=0.25)),
-        _of("middle", mark("line", None, line, strokeWidth=1.6)),
-        _of("deepest", mark("rule", None, reach, strokeWidth=1.6)),
+        _of("median", mark("line", None, line, strokeWidth=1.6)),
         _of("deepest", mark("point", None, tip, size=55)),
     ]
     return Figure(_panels(parts, layers, panels), words, rows)

@@ -1,8 +1,4 @@
-"""Finished fits of the same data side by side: leave-one-out scores, stacking weights, and what they imply.
-
-Weights are those of stacking (Yao et al. 2018); the mixture of the fits' posteriors in proportion to them is
-an answer that does not bet on one of the models.
-"""
+"""Finished fits of the same data side by side: leave-one-out scores, stacking weights, answers."""
 
 from __future__ import annotations
 
@@ -20,11 +16,7 @@ from jaxtyping import Float
 
 from bayestissue.errors import Coded
 from bayestissue.inference.answers.finished import Finished
-from bayestissue.inference.answers.grammar import parse
-from bayestissue.inference.answers.law import numbers
-from bayestissue.inference.answers.meaning import draws_of
 from bayestissue.inference.answers.predictions import predicted
-from bayestissue.inference.answers.questions import Question, ask_what_can_be
 from bayestissue.inference.quantities.secants import EXPONENTS as OF_SECANTS
 from bayestissue.inference.quantities.together import OF_IMPACTS, OF_PEOPLE, comparable_draws
 from bayestissue.inference.results.cross_validation import (
@@ -38,7 +30,7 @@ from bayestissue.inference.results.cross_validation import (
 from bayestissue.inference.results.labels import ATTRIBUTES, element_attributes
 from bayestissue.inference.results.meanings import REFERENCE_OUTCOMES, element_alone, meaning
 from bayestissue.inference.samplers.diagnostics import of_element_alone
-from bayestissue.results.tables import columns_of, joined, table_of_rows
+from bayestissue.results.tables import columns_of, joined
 
 # Of comparison.csv, whose further column says what data the densities are of.
 COLUMNS = [name for name in columns_of("comparison") if name != "data"]
@@ -143,9 +135,8 @@ def _standard_errors(values: Float[np.ndarray, "model element"]) -> Float[np.nda
 
 
 def observed_by(likelihood: str) -> str:
-    """What a likelihood is a density of, as observed_data names it; of a driven tissue the force."""
-    of_others = {"arma": "displacement", "a2": "displacement", "driven": "force"}
-    return of_others.get(likelihood, "deceleration")
+    """What a likelihood is a density of, as observed_data names it."""
+    return "displacement" if likelihood in ("arma", "a2") else "deceleration"
 
 
 @dataclass(frozen=True)
@@ -157,13 +148,13 @@ class FinishedRun:
         model: the model as resolved, from ``run.json``.
         tree: the groups ``posterior`` (of single impacts what `comparable_draws` asks
             for), ``log_likelihood``, ``log_likelihood_of_groups``, ``observed_data`` and ``constant_data``.
-        finished: the run as questions need it; without it outcomes at levels are not compared.
+        finished: the run as questions need it.
     """
 
     name: str
     model: Mapping[str, Any]
     tree: xr.DataTree
-    finished: Finished | None = None
+    finished: Finished
 
     @property
     def quantity(self) -> str:
@@ -184,7 +175,7 @@ class FinishedRun:
     def outcomes(self) -> dict[str, xr.DataArray]:
         """`OF_OUTCOMES`, [chain, draw] or [chain, draw, subject]; none without a law or a velocity."""
         run = self.finished
-        if run is None or run.law is None or run.recorded.lacking:
+        if run.law is None or run.recorded.lacking:
             return {}
         people = run.recorded.levels("subject") if run.recorded.tells_people else []
         conditions = [{}, *({"subject": person} for person in people)]
@@ -201,14 +192,6 @@ class FinishedRun:
                 )
         return outcomes
 
-    @property
-    def reference(self) -> tuple[float, ...]:
-        """Mass [kg] and velocity [m/s] of the reference impact; none without `finished`."""
-        if self.finished is None:
-            return ()
-        names = ("mass_kg", "velocity_m_s")
-        return tuple(float(numbers(self.finished.recorded, [{}], name)[0]) for name in names)
-
 
 # By what it is called: the unit of an outcome of the reference impact.
 OF_OUTCOMES = {
@@ -218,142 +201,6 @@ OF_OUTCOMES = {
 }
 UNITS = {name: "N/m" if name.startswith("K") else "N s/m" for name in (*OF_IMPACTS, *OF_PEOPLE)}
 UNITS |= OF_OUTCOMES
-_SCHEMES = ("leave one impact out", "leave one subject out")
-# What all runs together that lack a quantity may weigh for it still to be told.
-_LEAST_WEIGHT = 0.005
-
-
-def implied(runs: Sequence[FinishedRun], comparison: pd.DataFrame) -> pd.DataFrame:
-    """Median and 90 % interval of the mixture of the runs' posteriors in proportion to their weights.
-
-    Its density is sum_r w_r p_r, with the stacking weights w_r (Yao et al. 2018, doi:10.1214/17-BA1091) of
-    impacts, and of people, left out in turn. K and C of different elements are different things: only what
-    means the same in all is mixed, outcomes where all runs have one reference impact.
-
-    Args:
-        runs: as `compare_runs` takes them.
-        comparison: what it returned.
-
-    Returns:
-        ``implied.csv``: rows for each scheme and kind of data in which runs have weights; ``runs`` counts
-        those that weigh at least a hundredth.
-    """
-    draws = {run.name: comparable_draws(run.tree["posterior"].dataset, run.people) for run in runs}
-    references = [run.reference for run in runs if run.outcomes]
-    if all(np.allclose(one, references[0]) for one in references):
-        draws = {run.name: draws[run.name] | run.outcomes for run in runs}
-    parts = []
-    for (scheme, data), weights in _weights(comparison).items():
-        for name, unit in UNITS.items():
-            having = {run: draws[run][name] for run in weights if name in draws[run]}
-            lacking = sum(weight for run, weight in weights.items() if run not in having)
-            if having and lacking <= _LEAST_WEIGHT:
-                parts.append(
-                    mixture({run: (weights[run], array) for run, array in having.items()}).assign(
-                        scheme=scheme,
-                        data=data,
-                        variable=name,
-                        of=meaning(name).level,
-                        unit=unit,
-                        runs=sum(weight >= 0.01 for weight in weights.values()),
-                    )
-                )
-    return joined("implied", parts)
-
-
-def _weights(comparison: pd.DataFrame) -> dict[tuple[str, str], dict[str, float]]:
-    """By scheme and kind of data the stacking weight of each run, where runs have weights."""
-    weighted = comparison[comparison["scheme"].isin(_SCHEMES) & comparison["weight"].notna()]
-    return {
-        (str(scheme), str(data)): dict(zip(rows["model"], rows["weight"].clip(lower=0.0), strict=True))
-        for (scheme, data), rows in weighted.groupby(["scheme", "data"], sort=False)
-    }
-
-
-def answers_by_run(
-    runs: Sequence[FinishedRun], comparison: pd.DataFrame, questions: Sequence[Question]
-) -> dict[str, pd.DataFrame]:
-    """What each run answers to the same questions, and what the mixture of all does.
-
-    The mixture's probability is sum_r w_r P_r, and its interval that of the runs' draws in proportion to
-    their weights: see `implied`. Where runs differ beyond what was measured, as two laws of force do, it
-    holds how far.
-
-    Args:
-        runs: as `compare_runs` takes them, with `FinishedRun.finished`.
-        comparison: what it returned.
-        questions: that can be parsed.
-
-    Returns:
-        Tables of ``questions.csv`` by the names of the runs, and then by "weighted by impact" and the like.
-        The mixture has no row of a question that a run with weight has no answer to.
-    """
-    finished = {run.name: run.finished for run in runs if run.finished is not None}
-    tables = {name: ask_what_can_be(run, questions) for name, run in finished.items()}
-    by_scheme = _weights(comparison)
-    several = len({data for _, data in by_scheme}) > 1
-    for (scheme, data), weights in by_scheme.items():
-        rows = []
-        for question in questions:
-            answers = {
-                name: (weight, tables[name][tables[name]["question"] == question.text])
-                for name, weight in weights.items()
-                if weight > _LEAST_WEIGHT
-            }
-            if all(table[["posterior", "median"]].notna().any(axis=None) for _, table in answers.values()):
-                rows += _mixed(question, answers, finished)
-        name = f"weighted by {scheme.removeprefix('leave one ').removesuffix(' out')}"
-        name += f", {data}" if several else ""
-        tables[name] = table_of_rows("questions", rows)
-    return tables
-
-
-def _mixed(
-    question: Question,
-    answers: Mapping[str, tuple[float, pd.DataFrame]],
-    finished: Mapping[str, Finished],
-) -> list[dict[str, Any]]:
-    """The rows of a question in the mixture: of its levels, or one."""
-    whole = sum(weight for weight, _ in answers.values())
-    (_, first), *_ = answers.values()
-    labels = first[["question", "name", "level", "unit"]]
-    if first["posterior"].notna().any():
-        parts = [weight / whole * table["posterior"].to_numpy() for weight, table in answers.values()]
-        return labels.assign(posterior=np.sum(parts, axis=0)).to_dict("records")  # type: ignore[return-value]
-    node = parse(question.text)
-    draws = {
-        name: (weight, draws_of(node, (run := finished[name]).posterior, run.recorded, run.law))
-        for name, (weight, _) in answers.items()
-    }
-    median, low, high = mixture(draws)[["median", "eti90_low", "eti90_high"]].iloc[0]
-    return labels.assign(median=median, low=low, high=high).to_dict("records")  # type: ignore[return-value]
-
-
-def mixture(weighted: Mapping[str, tuple[float, xr.DataArray]]) -> pd.DataFrame:
-    """Quantiles of draws taken together, those of each run sharing its weight evenly.
-
-    Args:
-        weighted: by run, its weight and its draws [chain, draw] or [chain, draw, subject], the subjects
-            those of the first.
-
-    Returns:
-        A row per subject, or one with the label "": median and 90 % interval.
-    """
-    first = next(iter(weighted.values()))[1]
-    labels = first["subject"].to_numpy().tolist() if "subject" in first.dims else [""]
-    values, shares = [], []
-    for weight, array in weighted.values():
-        by_person = array.sel(subject=labels) if labels != [""] else array.expand_dims(subject=[""])
-        flat = by_person.transpose(..., "subject").to_numpy().reshape(-1, len(labels))
-        values.append(flat)
-        shares.append(np.full(len(flat), weight / len(flat)))
-    together, share = np.concatenate(values), np.concatenate(shares)
-    low, median, high = np.quantile(together, [0.05, 0.5, 0.95], axis=0, weights=share, method="inverted_cdf")
-    return pd.DataFrame(
-        {"label": list(map(str, labels)), "median": median, "eti90_low": low, "eti90_high": high}
-    )
-
-
 EXPONENTS = ("mass_exponent_K", *OF_SECANTS, "mass_exponent_C")
 _TYPICAL = {"K_typical_person": "intercept_K", "C_typical_person": "intercept_C"}
 _OF_LEVELS = (*_TYPICAL, "K_new", "C_new", "K_subject", "C_subject")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from bayestissue.figures.theme import Figure, Specification
 from bayestissue.paper import PRINT, WIDTH_MM
-from bayestissue.results import Excel, write_table
+from bayestissue.results import write_table
 from bayestissue.words import PLAIN, Words
 
 # Of CSS and of PostScript.
@@ -22,7 +22,6 @@ def write_figures(
     *,
     nouns: Words = PLAIN,
     width_mm: float = WIDTH_MM,
-    excel: Excel | None = None,
 ) -> None:
     """Write ``NAME.svg``, ``NAME.pdf``, ``NAME.png`` (300 dots an inch) and ``NAME.csv`` of each figure.
 
@@ -31,7 +30,6 @@ def write_figures(
         folder: that exists.
         nouns: what the dataset calls people, conditions and impacts.
         width_mm: of each figure, in print.
-        excel: how the rows are written, as of `bayestissue.results.write_table`.
     """
     import vl_convert
 
@@ -46,7 +44,7 @@ def write_figures(
         (folder / f"{name}.png").write_bytes(
             vl_convert.svg_to_png(svg, scale=in_print, ppi=PRINT.dots_per_inch)
         )
-        write_table(figure.data, folder / f"{name}.csv", excel)
+        write_table(figure.data, folder / f"{name}.csv")
 
 
 def _drawn(chart: Specification, pixels: float) -> str:

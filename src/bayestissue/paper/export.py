@@ -17,7 +17,6 @@ from bayestissue.paper.text import text_of
 from bayestissue.paper.workbook import write_workbook
 from bayestissue.report.fit.figures import published
 from bayestissue.report.fit.run import FitRun
-from bayestissue.results import Excel
 
 
 def write_paper(
@@ -28,7 +27,6 @@ def write_paper(
     finished: Finished,
     certified: Mapping[str, Any] | None = None,
     width_mm: float = WIDTH_MM,
-    excel: Excel | None = None,
 ) -> None:
     """Write ``methods.md``, ``methods.docx``, ``checklists.md``, ``tables.xlsx`` and ``figures/``.
 
@@ -39,7 +37,6 @@ def write_paper(
         finished: the same fit as questions need it.
         certified: the ``verdict`` of the fit's certificate, if it has one.
         width_mm: of a figure in print.
-        excel: how the figures' rows are written, as of `bayestissue.results.write_table`.
     """
     text = text_of(run, finished)
     write_markdown(text, folder / "methods.md")
@@ -48,4 +45,4 @@ def write_paper(
     (folder / "checklists.md").write_text("\n".join(lists), encoding="utf-8")
     write_workbook(folder / "tables.xlsx", table, finished, run.record["model"])
     (folder / "figures").mkdir()
-    write_figures(published(run), folder / "figures", nouns=run.nouns, width_mm=width_mm, excel=excel)
+    write_figures(published(run), folder / "figures", nouns=run.nouns, width_mm=width_mm)

@@ -322,9 +322,9 @@ def _best(numbers: Sequence[int], reached: Sequence[float], minutes: Sequence[fl
     return max(numbers, key=lambda number: (reached[number], -minutes[number]))
 
 
-def write_plan(plan: Plan, folder: Path, *, excel: results.Excel | None = None) -> None:
+def write_plan(plan: Plan, folder: Path) -> None:
     """Write every file of a plan, but for the page that is drawn of them."""
-    results.write_table(plan.designs, folder / f"{DESIGNS}.csv", excel)
+    results.write_table(plan.designs, folder / f"{DESIGNS}.csv")
     plan.studies.to_parquet(folder / STUDIES, index=False)
     results.write_json(plan.content, folder / PLAN)
     results.write_json(plan.about, folder / "run.json")

@@ -301,8 +301,6 @@ class PlanSpecification(Table):
     def _one_force(self) -> Self:
         own = self._recorders()
         recorded = [name for name, recording in own.items() if recording.force]
-        if any(recording.tapped for recording in self.recordings.values()):
-            raise ValueError('place = "impactor" or "base" of a force: taps of a hammer are not planned')
         if self.channel and recorded:
             raise ValueError("either [[channel]] or a force of the recording")
         if self.after and (self.channel or recorded):

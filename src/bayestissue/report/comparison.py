@@ -1,4 +1,4 @@
-"""The page of a comparison of finished fits, and what the stacking weights of its runs imply."""
+"""The page of a comparison of finished fits."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ from bayestissue.inference.results.meanings import (
     REFERENCE_OUTCOMES,
     UNITS,
     heading_words,
-    meaning,
     outcome_name,
 )
 from bayestissue.remedies import codes_in
@@ -146,7 +145,7 @@ def same_element(runs: list[dict[str, Any]]) -> bool:
 
 
 def quantity(row: Mapping[Any, Any]) -> str:
-    """What a row of `posteriors.csv` or `implied.csv` has the interval of."""
+    """What a row of `posteriors.csv` has the interval of."""
     return heading_words(row["variable"], row["of"], row["label"])
 
 
@@ -155,39 +154,7 @@ def what_is_left_out(scheme: str) -> str:
     return scheme.removeprefix("leave one ").removesuffix(" out")
 
 
-def weighted_words(implied: pd.DataFrame) -> list[str]:
-    """K and C of the recorded impacts under the weights of each scheme, a sentence a kind of data."""
-    sentences = []
-    many = len(implied["data"].unique()) > 1
-    for (scheme, data), rows in implied.groupby(["scheme", "data"], sort=False):
-        by_name = rows[rows["label"] == ""].set_index("variable").to_dict("index")
-        parts = [
-            f"{meaning(name).what} = {significant(row['median'])} {row['unit']} "
-            f"({interval(row['eti90_low'], row['eti90_high'])})"
-            for q, name in OF_IMPACTS.items()
-            if (row := by_name.get(name)) is not None
-        ]
-        several = f", densities of {data}" if many else ""
-        kind = what_is_left_out(str(scheme))
-        if parts:
-            words = {"kind": kind, "data": several, "parts": listed(parts)}
-            sentences.append(said("comparison.weighted", level=meaning(OF_IMPACTS["K"]).level, **words))
-    return sentences
-
-
-def implied_table(implied: pd.DataFrame) -> Table:
-    """Every row of `implied.csv`."""
-    return table_of(
-        implied,
-        Field("quantity", quantity),
-        Field("weights by", lambda row: what_is_left_out(row["scheme"])),
-        Field("density of", "data"),
-        *_INTERVAL,
-        Field("unit"),
-    )
-
-
-TABLES = ("comparison", "posteriors", "implied")
+TABLES = ("comparison", "posteriors")
 _APART = (r"(; )?densities of other numbers.*", "")
 _AGAIN = "Compare the runs anew with `bayestissue compare`."
 
@@ -208,7 +175,7 @@ def comparison_page(folder: Path, record: dict[str, Any]) -> str:
 
 def page_of(tables: Mapping[str, pd.DataFrame], record: dict[str, Any]) -> str:
     """The HTML of a comparison: its `TABLES` by name, and the content of ``run.json``."""
-    comparison, posteriors, implied = (typed(name, tables[name]) for name in TABLES)
+    comparison, posteriors = (typed(name, tables[name]) for name in TABLES)
     runs = record["runs"]
     names = [str(run["name"]) for run in runs]
     answers = tables.get("answers", table_of_rows("answers"))
@@ -230,9 +197,7 @@ def page_of(tables: Mapping[str, pd.DataFrame], record: dict[str, Any]) -> str:
         # The page says once, and first, which densities can't be compared.
         comparison=comparison.assign(warning=comparison["warning"].str.replace(*_APART, regex=True)),
         posteriors=posteriors,
-        implied=implied,
         answers=answers,
-        answering=list(dict.fromkeys([*names, *answers["run"]])),
         shown={q: f"{q}_new" if one_element else together for q, together in OF_IMPACTS.items()},
         people=len(set(posteriors["label"]) - {""}),
     )

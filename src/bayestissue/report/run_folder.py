@@ -256,7 +256,6 @@ _PAGES = {
     "estimates": ("report.estimates_page", "estimates_page"),
     "fit": ("report.fit.page", "fit_page"),
     "comparison": ("report.comparison", "comparison_page"),
-    "causes": ("thesis.pages.causes_page", "causes_page"),
     "plan": ("report.plan_page", "plan_page"),
     "certificate": ("report.certificate_page", "certificate_page"),
 }

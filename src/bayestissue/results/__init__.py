@@ -3,10 +3,9 @@
 from bayestissue.results.files import put, scratch, sync_folder, whole_file, write_json, write_tree
 from bayestissue.results.mark import damaged, require_file, require_free, require_place
 from bayestissue.results.place import Place, claim, claim_if, locked_folder, locked_in_place
-from bayestissue.results.tables import Excel, read_table, read_tables, write_table
+from bayestissue.results.tables import read_table, read_tables, write_table
 
 __all__ = [
-    "Excel",
     "Place",
     "claim",
     "claim_if",

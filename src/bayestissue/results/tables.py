@@ -5,8 +5,6 @@
 
 from __future__ import annotations
 
-import locale
-import re
 from collections.abc import Iterable, Sequence
 from functools import cache
 from pathlib import Path
@@ -23,14 +21,7 @@ if TYPE_CHECKING:
 AGAIN = (
     "Give the folder of a finished run, or make it anew with `bayestissue fit` or `bayestissue reproduce`."
 )
-# The decimal mark of the spreadsheet; "auto" stands for that of the machine's language and country.
-Excel = Literal["auto", "comma", "point"]
 HELD = "a file that a finished run holds"
-_MARK = "\ufeff"
-# What a spreadsheet takes for the begin of a formula, but for numbers.
-_COMPUTED = ("=", "+", "-", "@", "\t", "\r")
-_NUMBER = r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?|[+-]?(inf|nan)"
-_WITH_COMMA = r"([+-]?\d+(,\d+)?([eE][+-]?\d+)?|nan|[+-]?inf)?"
 
 
 class Column(NamedTuple):
@@ -133,74 +124,26 @@ def typed(name: str, table: pd.DataFrame, path: Path | str = "") -> pd.DataFrame
     return pd.DataFrame(columns, index=table.index)
 
 
-def write_table(table: pd.DataFrame, path: Path, excel: Excel | None = None) -> None:
-    """Write a CSV file.
-
-    Args:
-        table: without its index.
-        path: of the file.
-        excel: None for programs: UTF-8, commas, decimal points. Else as a spreadsheet with this decimal mark
-            opens it by itself: UTF-8 with a mark, and between cells semicolons beside decimal commas.
-    """
-    if excel is None:
-        table.to_csv(path, index=False)
-        return
-    decimal = {"comma": ",", "point": "."}.get(excel) or _decimal_here()
-    separator = ";" if decimal == "," else ","
-    texts = table.select_dtypes(exclude="number")
-    table = table.assign(**{str(name): texts[name].map(as_text) for name in texts}).rename(columns=as_text)
-    table.to_csv(
-        path, index=False, encoding="utf-8-sig", sep=separator, decimal=decimal, lineterminator="\r\n"
-    )
-
-
-def as_text(cell: Any) -> Any:
-    """A cell that a spreadsheet takes as it stands, whatever a name begins with.
-
-    A spreadsheet computes what begins with =, +, - or @, and shows what begins with an apostrophe as text.
-    Numbers stay; `_as_written` is the way back.
-    """
-    return f"'{cell}" if isinstance(cell, str) and _computed(cell) else cell
-
-
-def _as_written(cell: str) -> str:
-    """The text of a cell before `as_text`."""
-    return cell[1:] if cell.startswith("'") and _computed(cell) else cell
-
-
-def _computed(cell: str) -> bool:
-    bare = cell.lstrip("'")
-    return bare.startswith(_COMPUTED) and not re.fullmatch(_NUMBER, bare)
+def write_table(table: pd.DataFrame, path: Path) -> None:
+    """Write a table, without its index, as a CSV file."""
+    table.to_csv(path, index=False)
 
 
 def read_table(folder: Path, name: str) -> pd.DataFrame:
-    """The table ``name`` of a folder, whoever it was written for, with text and numbers as of `typed`.
+    """The table ``name`` of a folder, with text and numbers as of `typed`.
 
     Raises:
         InputError: the file lacks or can't be read, a column lacks, or a cell holds no number.
     """
     import pandas as pd
 
-    path = _path(folder, name)
+    path = folder / f"{name}.csv"
     if not path.is_file():
         raise InputError(wrong_in(path, HELD, value="no such file"))
-    declared = declared_files()[f"{name}.csv"].columns
     try:
-        with path.open(encoding="utf-8") as file:
-            first = file.readline()
-        # No name of a column has a semicolon.
-        commas = first.startswith(_MARK) and ";" in first
-        separator = ";" if commas else ","
-        table = pd.read_csv(path, dtype=str, keep_default_na=False, encoding="utf-8-sig", sep=separator)
+        table = pd.read_csv(path, dtype=str, keep_default_na=False)
     except (OSError, UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
         raise InputError(wrong_in(path, "a table as a run writes it", value=type(error).__name__)) from error
-    if first.startswith(_MARK):
-        table = table.rename(columns=_as_written).map(_as_written)
-    if commas:
-        for column in table:
-            is_text = column in declared and declared[column].kind == "text"
-            if not is_text and table[column].str.fullmatch(_WITH_COMMA).all():
-                table[column] = table[column].str.replace(",", ".", regex=False)
     return typed(name, table, path)
 
 
@@ -210,23 +153,5 @@ def read_tables(folder: Path, names: Sequence[str], may_lack: Sequence[str] = ()
     Raises:
         InputError: all the files that can't be read and all that is wrong in others, at once.
     """
-    present = [*names, *(name for name in may_lack if _path(folder, name).is_file())]
-    tables = all_of(lambda name: read_table(folder, name), present)
-    return {_path(folder, name).stem: table for name, table in zip(present, tables, strict=True)}
-
-
-def _path(folder: Path, name: str) -> Path:
-    """Of a table of that name; "causes/reliability" is what the command causes means by one."""
-    return folder / f"{name.rsplit('/', 1)[-1]}.csv"
-
-
-def _decimal_here() -> str:
-    """The decimal mark of the machine's language and country."""
-    before = locale.setlocale(locale.LC_NUMERIC)
-    try:
-        locale.setlocale(locale.LC_NUMERIC, "")
-        return str(locale.localeconv()["decimal_point"])
-    except locale.Error:
-        return "."
-    finally:
-        locale.setlocale(locale.LC_NUMERIC, before)
+    present = [*names, *(name for name in may_lack if (folder / f"{name}.csv").is_file())]
+    return dict(zip(present, all_of(lambda name: read_table(folder, name), present), strict=True))

@@ -1,6 +1,6 @@
 """From a recording to the displacement of one impact: offset, contact, integration, window."""
 
-from bayestissue.signal.displacement import Displacements, displacements, integrated
+from bayestissue.signal.displacement import Displacements, displacements
 from bayestissue.signal.options import SignalOptions, alternatives, read_signal_options
 
 __all__ = [
@@ -8,6 +8,5 @@ __all__ = [
     "SignalOptions",
     "alternatives",
     "displacements",
-    "integrated",
     "read_signal_options",
 ]

@@ -40,12 +40,6 @@ class Recordings:
         clipped = None if self.clipped is None else sign * self.clipped
         return replace(self, value=sign * self.value, clipped=clipped)
 
-    def rows(self, which: slice) -> Recordings:
-        """Some of the recordings."""
-        value, n, start, dt = (column[which] for column in (self.value, self.n, self.start, self.dt))
-        number, clipped = (None if a is None else a[which] for a in (self.sample_number, self.clipped))
-        return Recordings(value, n, start, dt, self.ahead_s, number, clipped)
-
     @property
     def sample_numbers(self) -> Rows:
         """The ``sample_number`` of even times too: 0, 1, 2 and so on; past a row's end evenly on."""

@@ -1,1 +1,1 @@
-"""The thesis: its numbers recomputed, audited and analysed anew, and why K seems to grow with the mass."""
+"""The thesis: its numbers recomputed, audited and analysed anew."""

@@ -13,13 +13,12 @@ from numpy.testing import assert_allclose
 from bayestissue.elements import outcomes
 from bayestissue.errors import InputError
 from bayestissue.hierarchy.levels import log_at_levels
-from bayestissue.inference.answers.contrasts import contrasts
 from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.law import moving, unfit_height
 from bayestissue.inference.answers.meaning import beyond_notes
 from bayestissue.inference.answers.predictions import predict, read_conditions
 from bayestissue.inference.answers.questions import ask, numbered
-from designs import design_of, impacts
+from designs import contrasts, design_of, impacts
 from study_with_sides import SHAPE, study_with_sides
 
 FORMULA = "side + (1|subject/side)"

@@ -13,13 +13,12 @@ from numpy.testing import assert_allclose
 from bayestissue.hierarchy.recorded import Recorded
 from bayestissue.inference.answers import contrasts as contrasts_module
 from bayestissue.inference.answers import law
-from bayestissue.inference.answers.contrasts import contrasts
 from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.questions import ask, numbered
 from bayestissue.inference.answers.settings import SETTINGS
 from bayestissue.inference.results.meanings import REFERENCE_OUTCOMES
-from designs import REFERENCE, impacts
+from designs import REFERENCE, contrasts, impacts
 
 SHAPE = (2, 300)
 V = 1.5

@@ -69,14 +69,13 @@ def test_it_names_the_term_that_would_move_it_and_is_open_with_it(question, form
     said = refusal(question, formula)
     assert 'found "1, whatever K and C are"' in said or "log(" in question
     assert f"it has no {term}" in said
-    assert f'Write the formula of K as "{formula} + {term}"' in said
     assert not refusal(question, f"{formula} + {term}")
 
 
 def test_what_is_itself_needs_no_term():
     said = refusal("K[side=left] / K[side=left] > 1", MAIN)
     assert 'found "1, whatever K and C are"' in said
-    assert "Write the formula" not in said
+    assert "it has no" not in said
 
 
 @pytest.mark.parametrize(

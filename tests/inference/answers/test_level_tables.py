@@ -96,21 +96,11 @@ def test_loops_and_curves_are_those_of_an_independent_integration(g) -> None:
     assert_allclose(sorted(set(table["velocity_m_s"])), VELOCITIES)
     for (pad, V), rows in table.groupby(["level", "velocity_m_s"]):
         drop, of = Dropped(pad, V, g), dict(iter(rows.groupby("branch")))
-        share, most = np.linspace(0, 1, len(of["middle"]) // 2), drop.greatest
-        times = np.concatenate([drop.peak * share, drop.peak + (drop.end - drop.peak) * share])
-        depth, force = drop.at(times)
-        # Between the nodes of a path the motion is a cubic; at the end the force falls fast.
-        assert_allclose(of["middle"]["depth_m"], depth, atol=1e-6 * depth.max())
-        assert_allclose(of["middle"]["force_N"], force, atol=1e-6 * most)
-        (deepest,) = of["deepest"].to_dict("records")
-        ends = [deepest[name] for name in ("depth_m", "depth_m_low", "depth_m_high")]
-        assert_allclose(ends, drop.at(drop.peak)[0], rtol=1e-6)
-        assert deepest["force_N"] == pytest.approx(drop.at(drop.peak)[1], rel=1e-5)
-        for branch, ends in (("in", (0, drop.peak)), ("out", (drop.end, drop.peak))):
-            way = drop.at(np.linspace(*ends, 20_001))
-            # Straight between the places of a loop, which turns where it is deepest.
-            expected = np.interp(of[branch]["depth_m"], *way, left=0.0)
-            assert_allclose(of[branch]["force_N"], expected, atol=6e-3 * most)
+        for branch, ends in (("in", (0, drop.peak)), ("out", (drop.peak, drop.end))):
+            depth, force = drop.at(np.linspace(*ends, len(of[branch])))
+            # Between the nodes of a path the motion is a cubic; at the end the force falls fast.
+            assert_allclose(of[branch]["depth_m"], depth, atol=1e-6 * depth.max())
+            assert_allclose(of[branch]["force_N"], force, atol=1e-6 * drop.greatest)
     curves = curves_table(compared)
     assert list(curves["beyond"][:6]) == [1, 0, 0, 0, 0, 1]
     for row in curves[curves["quantity"] == "peak_force"].itertuples():
@@ -145,21 +135,15 @@ def test_ranks_and_chances_are_those_of_the_draws_and_of_a_question() -> None:
         assert found["velocity_m_s"] == pytest.approx(np.mean(VELOCITIES))
 
 
-def test_bands_hold_the_draws_and_end_where_few_reach() -> None:
+def test_a_loop_is_of_the_medians_of_the_draws() -> None:
     draws = draws_of(0.1)
     compared = Comparison(draws, recorded(), RESPONSES, law=Law("kelvin_voigt", 0.0))
     table = loops_table(compared)
     rows = table[(table["level"] == "B") & (table["velocity_m_s"] == VELOCITIES[0])]
-    way = rows[rows["branch"] == "in"]
-    assert (way["force_N_low"] < way["force_N"]).all()
-    assert (way["force_N"] < way["force_N_high"]).all()
-    (deepest,) = rows[rows["branch"] == "deepest"].to_dict("records")
-    assert way["depth_m"].max() == pytest.approx(deepest["depth_m_low"], rel=0.01)
+    assert set(rows["draws"]) == {SHAPE[0] * SHAPE[1]}
     # At contact the force is C V.
-    C = np.exp(draws["intercept_C"] + draws["effect_of_pad[B]_C"]).to_numpy().ravel()
-    ends = np.percentile(C * VELOCITIES[0], [5, 50, 95])
-    first = way.iloc[0][["force_N_low", "force_N", "force_N_high"]].astype(float)
-    assert_allclose(first, ends, rtol=0.02)
+    C = np.exp(draws["intercept_C"] + draws["effect_of_pad[B]_C"]).to_numpy()
+    assert rows.iloc[0]["force_N"] == pytest.approx(np.median(C) * VELOCITIES[0])
 
 
 def test_the_motions_of_levels_are_simulated_once(monkeypatch) -> None:
@@ -207,18 +191,16 @@ def test_a_tissue_that_is_never_left_has_a_loop_without_an_end() -> None:
     compared = Comparison(draws, recorded(), RESPONSES, law=Law("kelvin_voigt", G))
     table = loops_table(compared)
     rest = MASS * G / PADS["A"][0]
-    rows = table[(table["level"] == "A") & (table["branch"] != "deepest")]
+    rows = table[table["level"] == "A"]
     assert np.isfinite(rows[["depth_m", "force_N"]].to_numpy(float)).all()
     out = rows[rows["branch"] == "out"]
     assert (out["force_N"] > 0.9 * MASS * G).all()
     assert out["depth_m"].min() >= rest - 1e-3
 
 
-def test_a_band_that_too_few_draws_reach_anywhere_has_no_rows() -> None:
-    # One impact leaves K and C of a typical person open over decades: no depth is passed on the way out
-    # by nearly all draws, since many are overdamped and the deepest of some is beyond that of others.
+def test_where_draws_do_not_rise_again_together_a_loop_ends() -> None:
+    # One impact leaves K and C of a typical person open over decades: many draws are overdamped.
     compared = Comparison(draws_of(4.0, pads=False), recorded("1"), RESPONSES, law=Law("kelvin_voigt", 0.0))
     table = loops_table(compared)
-    assert set(table["branch"]) >= {"in", "deepest"}
-    assert "out" not in set(table["branch"])
+    assert np.isfinite(table[["depth_m", "force_N"]].to_numpy(float)).all()
     assert set(columns_of("loops")) == set(table.columns)

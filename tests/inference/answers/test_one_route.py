@@ -21,7 +21,7 @@ from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.formulas.formula import judge
 from bayestissue.hierarchy.formulas.group_terms import stem_of
-from bayestissue.inference.answers.contrasts import ALL, INTERACTION, contrasts, contrasts_of
+from bayestissue.inference.answers.contrasts import ALL, INTERACTION, contrasts_of
 from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.grammar import parse
 from bayestissue.inference.answers.meaning import draws_of
@@ -30,7 +30,7 @@ from bayestissue.inference.answers.questions import ask, numbered
 from bayestissue.inference.results.labels import design_dimensions, labelled
 from bayestissue.report.fit import study
 from bayestissue.results.tables import table_of_rows
-from designs import REFERENCE, design_of
+from designs import REFERENCE, contrasts, design_of
 
 DRAWS = (2, 4)
 # So many designs in each test, and of each response's contrasts, levels of a variable.

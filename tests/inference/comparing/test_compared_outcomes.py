@@ -1,25 +1,18 @@
-"""Runs side by side in outcomes of the reference impact, and their mixture, against spring and damper."""
+"""Runs side by side in outcomes of the reference impact, against spring and damper."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import xarray as xr
 from numpy.testing import assert_allclose
 
 from bayestissue.hierarchy.recorded import Recorded
 from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.predictions import predict
-from bayestissue.inference.answers.questions import numbered
-from bayestissue.inference.comparing import (
-    FinishedRun,
-    answers_by_run,
-    implied,
-    posteriors_by_run,
-    same_questions,
-)
+from bayestissue.inference.answers.questions import ask_what_can_be, numbered
+from bayestissue.inference.comparing import FinishedRun, posteriors_by_run, same_questions
 from bayestissue.report.comparison import outcome_figures
 from designs import REFERENCE, impacts
 
@@ -99,60 +92,28 @@ def test_outcomes_of_a_new_person_hold_how_people_and_impacts_differ() -> None:
     assert (np.abs(shares - p) < 4 * np.sqrt(p * (1 - p) / draws)).all()
 
 
-def test_outcomes_are_mixed_by_the_weights_where_the_reference_impact_is_one() -> None:
+def test_the_same_questions_are_answered_by_each_run() -> None:
     runs = [run("soft", 7.5), run("stiffer", 8.0)]
-    scored = pd.DataFrame(
-        [("leave one impact out", "deceleration", one.name, 0.5) for one in runs],
-        columns=["scheme", "data", "model", "weight"],
-    )
-    row = implied(runs, scored).set_index(["variable", "label"]).loc["peak_depth_typical_person", ""]
-    ordered = np.sort(np.concatenate([depth(one).ravel() for one in runs]))
-    # The shares of draws add up to a quantile or just miss it.
-    rank = np.searchsorted(ordered * (1 - 1e-12), row[ENDS].astype(float))
-    assert_allclose(rank, np.array([0.05, 0.5, 0.95]) * len(ordered), atol=1)
-    heavier = [runs[0], run("stiffer", 8.0, mass=1.0)]
-    assert "peak_depth_typical_person" not in set(implied(heavier, scored)["variable"])
-
-
-def test_questions_are_answered_by_each_run_and_by_their_mixture() -> None:
-    runs = [run("soft", 7.5), run("stiffer", 8.0)]
-    weights = {"soft": 0.25, "stiffer": 0.75}
-    scored = pd.DataFrame(
-        [("leave one impact out", "deceleration", name, weight) for name, weight in weights.items()],
-        columns=["scheme", "data", "model", "weight"],
-    )
     limit = float(np.median(depth(runs[1])))
     claim, number = f"peak_depth < {limit}", "peak_depth[subject=s2]"
-    tables = answers_by_run(runs, scored, numbered([claim, number, "best(subject, lowest peak_depth)"]))
-    assert list(tables) == ["soft", "stiffer", "weighted by impact"]
-    answers = same_questions({name: {"asked": table} for name, table in tables.items()})
+    best = "best(subject, lowest peak_depth)"
+    asked = numbered([claim, number, best])
+    answers = same_questions({one.name: {"asked": ask_what_can_be(one.finished, asked)} for one in runs})
     of = answers.set_index(["question", "run"])
-    shares = {one.name: float((depth(one) < limit).mean()) for one in runs}
     for one in runs:
-        assert of.loc[(claim, one.name), "value"] == shares[one.name]
+        assert of.loc[(claim, one.name), "value"] == (depth(one) < limit).mean()
         low, median, high = np.percentile(depth(one, "s2"), [5, 50, 95])
         assert_allclose(
             of.loc[(number, one.name), ["low", "value", "high"]].astype(float), [low, median, high]
         )
-    mixed = of.loc[(claim, "weighted by impact"), "value"]
-    assert_allclose(mixed, sum(weights[name] * share for name, share in shares.items()))
-    draws = np.concatenate([depth(one, "s2").ravel() for one in runs])
-    share = np.repeat([weights[one.name] / SHAPE[0] / SHAPE[1] for one in runs], SHAPE[0] * SHAPE[1])
-    for end, level in (("low", 0.05), ("value", 0.5), ("high", 0.95)):
-        below = share[draws <= of.loc[(number, "weighted by impact"), end] * (1 + 1e-12)].sum()
-        assert_allclose(below, level, atol=share.max())
-    best = answers[answers["question"].str.startswith("best(") & (answers["run"] == "weighted by impact")]
-    assert_allclose(best["value"].sum(), 1.0)
-    assert len(best) == len(EFFECTS)
+        chosen = answers[answers["question"].str.startswith("best(") & (answers["run"] == one.name)]
+        assert_allclose(chosen["value"].sum(), 1.0)
+        assert len(chosen) == len(EFFECTS)
 
 
-def test_a_run_with_weight_and_no_answer_leaves_the_mixture_open() -> None:
+def test_a_run_without_an_answer_has_no_row() -> None:
     runs = [run("soft", 7.5), run("stiffer", 8.0)]
     runs[1] = replace(runs[1], finished=replace(runs[1].finished, discrepancy=True))
-    scored = pd.DataFrame(
-        [("leave one impact out", "deceleration", one.name, 0.5) for one in runs],
-        columns=["scheme", "data", "model", "weight"],
-    )
-    tables = answers_by_run(runs, scored, numbered(["peak_depth"]))
-    assert tables["stiffer"]["note"].str.contains("no answer").all()
-    assert not len(tables["weighted by impact"])
+    asked = {one.name: {"asked": ask_what_can_be(one.finished, numbered(["peak_depth"]))} for one in runs}
+    assert asked["stiffer"]["asked"]["note"].str.contains("no answer").all()
+    assert set(same_questions(asked)["run"]) == {"soft"}

@@ -51,10 +51,11 @@ def test_draws_of_k_are_labelled_as_the_chain_has_them(monkeypatch: pytest.Monke
         np.testing.assert_array_equal(after[name], values, err_msg=name)
 
 
-def test_these_impacts_and_each_person_s_have_the_geometric_mean_of_their_own() -> None:
+@pytest.mark.parametrize("dimension", ["draw", "kept_draw"])
+def test_these_impacts_and_each_person_s_have_the_geometric_mean_of_their_own(dimension: str) -> None:
     draws = np.exp(np.random.default_rng(2).normal(7, 0.3, (*SHAPE, 3)))
     people = np.array(["b", "a", "b"])
-    posterior = xr.Dataset({"K_secant": (("chain", "draw", "impact"), draws)})
+    posterior = xr.Dataset({"K_secant": (("chain", dimension, "impact"), draws)})
     found = comparable_draws(posterior, people)
     assert set(found) == {"K_secant_of_impacts", "K_secant_of_subject"}
     # Roundings of a logarithm, a sum and an exponential.

@@ -165,3 +165,34 @@ def test_people_are_put_right_by_a_spring(damping: float, factor: float, gain: f
         assert abs(float(z.mean())) < 0.03, name
     assert fit.diagnostics["reference"]["passed"]
     assert "known springs read" in fit.about["verdict"]["headline"]
+
+
+def test_a_standard_deviation_above_half_of_the_stiffness_has_another_unit() -> None:
+    dataset, _ = with_phantom(25.0)
+    known = np.where(of_phantoms(dataset.impacts), 2.5, np.nan)
+    impacts = dataset.impacts.assign(**dict(zip(REFERENCE, (known, 10 * known), strict=True)))
+    with pytest.raises(InputError) as refused:
+        bt.dataset(impacts, traces_of(dataset), quantity="deceleration", unit="m/s^2", uncertainty=DECLARED)
+    first = refused.value.problems[0]
+    assert (first.code, first.column, len(refused.value.problems)) == ("reference-unfit", REFERENCE[1], 6)
+    assert "2.5 N/mm are 2500 N/m" in first.remedy
+
+
+def test_a_stiffness_a_thousand_times_what_was_recorded_has_another_unit() -> None:
+    dataset, _ = with_phantom(25.0)
+    known = np.where(of_phantoms(dataset.impacts), KNOWN / 1000, np.nan)
+    impacts = dataset.impacts.assign(**dict(zip(REFERENCE, (known, known / 100), strict=True)))
+    with pytest.raises(
+        InputError, match=r"expected a stiffness like the 2\d\d\d N/m .* factor of 1000"
+    ) as refused:
+        apart(replace(dataset, impacts=impacts))
+    assert refused.value.problems[0].code == "reference-unfit"
+
+
+def traces_of(dataset: bt.Dataset) -> pd.DataFrame:
+    names = dataset.impacts["impact"]
+    parts = (
+        pd.DataFrame({"impact": name, "time_s": trace.time_s, "value": trace.value})
+        for name, trace in zip(names, dataset.traces, strict=True)
+    )
+    return pd.concat(list(parts), ignore_index=True)

@@ -16,7 +16,7 @@ Compared are, of each response, by its own formula:
 
 - the levels of each category, of numbers in ``C()``, and of each number with two values;
 - two such columns whose interaction ``a:b`` the formula has;
-- the levels of each group but people, who have a table of their own (`people_compared`);
+- the levels of each group but people, of whom there are many: a question may ask of two;
 - of combinations such as ``subject:side`` those that differ in one column but the person, within each person
   and averaged over the people recorded;
 - conditions at one mass. Where the formula has the mass, effects of conditions that stand for masses are what
@@ -28,19 +28,17 @@ force that was fitted. These three are positive and finite in every draw, so tha
 law has no closed form, draws are evenly left out as of predictions, which ``note`` says, and comparisons
 that would need too many motions, those within people first, have no outcomes: a question may ask of them.
 
-Of more than twelve levels each stands against the mean of all. Of two levels the one goes over the other
-that a question has first; else a level that is called a reference (control, placebo, before) stands below,
-a category goes over those that follow it in the alphabet, left over right, and a greater number over a
-smaller one. What else was one thing in all impacts of the one level and another in all of the other stands
-in ``note``: no ratio tells them apart unless the formula has it.
+Of more than twelve levels each stands against the mean of all. Of two levels one that is called a reference
+(control, placebo, before) stands below; else a category goes over those that follow it in the alphabet, left
+over right, and a greater number over a smaller one. What else was one thing in all impacts of the one level
+and another in all of the other stands in ``note``: no ratio tells them apart unless the formula has it.
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cache, cached_property
 from itertools import combinations, product
 from typing import Any
@@ -51,13 +49,10 @@ import xarray as xr
 from jaxtyping import Float
 
 from bayestissue.hierarchy.formulas.formula import interactions
-from bayestissue.hierarchy.formulas.group_terms import SUBJECT
 from bayestissue.hierarchy.levels import log_at_levels
 from bayestissue.hierarchy.recorded import Condition, Recorded, label_of
 from bayestissue.hierarchy.untried import not_used
-from bayestissue.inference.answers.grammar import Node, Number, Quantity, QuestionError, parse
 from bayestissue.inference.answers.law import MOTION, Law, moving, simulated_words
-from bayestissue.inference.answers.meaning import quantities
 from bayestissue.inference.answers.settings import SETTINGS
 from bayestissue.inference.results.meanings import element_alone
 from bayestissue.inference.samplers.diagnostics import ELEMENT_ALONE
@@ -74,8 +69,6 @@ _REFERENCES = (
     *("control", "controls", "placebo", "sham", "untreated", "healthy", "reference"),
     *("baseline", "before", "pre", "none"),
 )
-# What holds its two sides against each other.
-_AGAINST = ("/", "-", "<", "<=", ">", ">=")
 
 Weighted = Sequence[tuple[Condition, float]]
 
@@ -116,17 +109,6 @@ class Contrast:
         )
         return ":".join(self.factors), one, reference
 
-    def directed(self, directions: frozenset[tuple[str, str, str]]) -> Contrast:
-        """The contrast, its reciprocal where a question asks for that."""
-        contrast = self
-        for position, (column, level, against) in enumerate(self.compared):
-            if (column, against, level) in directions:
-                compared = list(contrast.compared)
-                compared[position] = column, against, level
-                weighted = [(condition, -weight) for condition, weight in contrast.weighted]
-                contrast = replace(contrast, compared=tuple(compared), weighted=weighted)
-        return contrast
-
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
@@ -136,24 +118,18 @@ class Comparison:
         draws: the group posterior.
         recorded: what was measured.
         responses: K, C and the further parameters that have a formula.
-        questions: of the model, whose directions are taken.
         law: what outcomes follow; without one there are none.
     """
 
     draws: xr.Dataset
     recorded: Recorded
     responses: Sequence[str]
-    questions: Iterable[str] = ()
     law: Law | None = None
 
     @cached_property
     def of_responses(self) -> dict[str, list[Contrast]]:
         """The contrasts of each response's own formula."""
-        directions = asked_directions(self.questions)
-        return {
-            response: [contrast.directed(directions) for contrast in contrasts_of(self.recorded, response)]
-            for response in self.responses
-        }
+        return {response: contrasts_of(self.recorded, response) for response in self.responses}
 
     @cached_property
     def all(self) -> list[Contrast]:
@@ -219,18 +195,6 @@ class InOutcomes:
         return [row_of[key] for key in keys] if all(key in row_of for key in keys) else []
 
 
-def contrasts(
-    draws: xr.Dataset,
-    recorded: Recorded,
-    responses: Sequence[str],
-    equivalence: float,
-    questions: Iterable[str] = (),
-    law: Law | None = None,
-) -> pd.DataFrame:
-    """`contrasts_table` of the `Comparison` with these arguments."""
-    return contrasts_table(Comparison(draws, recorded, responses, questions, law), equivalence)
-
-
 def contrasts_table(comparison: Comparison, equivalence: float) -> pd.DataFrame:
     """Every contrast that the formulas have, a row each: ``contrasts.csv``.
 
@@ -244,11 +208,11 @@ def contrasts_table(comparison: Comparison, equivalence: float) -> pd.DataFrame:
         element's own.
     """
     draws, recorded, tables = comparison.draws, comparison.recorded, []
-    for response, directed in comparison.of_responses.items():
-        if directed:
-            conditions, weights = _weights(directed)
+    for response, compared in comparison.of_responses.items():
+        if compared:
+            conditions, weights = _weights(compared)
             logs = log_at_levels(draws, recorded, response, conditions).reshape(-1, len(conditions)) @ weights
-            tables.append(_rows(directed, _notes(recorded, directed), response, logs, equivalence))
+            tables.append(_rows(compared, _notes(recorded, compared), response, logs, equivalence))
     table = _by_contrast(tables)
     if element_alone(draws):
         of_K = table["quantity"] == "K"
@@ -300,41 +264,6 @@ def _shared(
     """Of each contrast what all of its conditions have; NaN where it is what they differ in."""
     chosen = [values[column != 0] for column in weights.T]
     return [float(those[0]) if (those == those[0]).all() else np.nan for those in chosen]
-
-
-def asked_directions(questions: Iterable[str]) -> frozenset[tuple[str, str, str]]:
-    """Column, first and second level of each pair of levels that a question holds against each other.
-
-    As "K[side=left] / K[side=right] > 1.1" does, or "K[side=left] > K[side=right]"; questions that can't be
-    read have none.
-    """
-    directions: dict[tuple[str, str, str], None] = {}
-    for text in questions:
-        with suppress(QuestionError):
-            for first, second in _held_against(parse(text)):
-                levels = [
-                    {level.column: level.value for level in quantity.levels} for quantity in (first, second)
-                ]
-                differ = [name for name in levels[0] if levels[0][name] != levels[1].get(name)]
-                if len(differ) == 1 and levels[0].keys() == levels[1].keys():
-                    column = differ[0]
-                    pair = column, str(levels[0][column]), str(levels[1][column])
-                    if (column, pair[2], pair[1]) not in directions:
-                        directions[pair] = None
-    return frozenset(directions)
-
-
-def _held_against(node: Node) -> Iterator[tuple[Quantity, Quantity]]:
-    """Pairs of quantities on either side of a ratio, a difference or a comparison, outermost first."""
-    if isinstance(node, Number | Quantity):
-        return
-    if len(node.operands) == 2 and node.symbol in _AGAINST:
-        sides = [list(quantities(operand)) for operand in node.operands]
-        # Of a ratio of ratios each of the first with its counterpart of the second.
-        if len(sides[0]) == len(sides[1]) in (1, 2):
-            yield from zip(*sides, strict=True)
-    for operand in node.operands:
-        yield from _held_against(operand)
 
 
 def ratio_summary(logs: Float[np.ndarray, "draw ratio"], equivalence: float) -> dict[str, np.ndarray]:
@@ -542,42 +471,3 @@ def _notes(recorded: Recorded, compared: Sequence[Contrast]) -> list[str]:
         return f"{ALSO}{', '.join(words)}" if words else ""
 
     return [note(contrast) for contrast in compared]
-
-
-MOST_PEOPLE = 60
-
-
-def people_compared(draws: xr.Dataset, recorded: Recorded, responses: Sequence[str]) -> pd.DataFrame:
-    """Each person against each other, as in ``people.csv``, two rows a pair; none of more than `MOST_PEOPLE`.
-
-    Args:
-        draws: the group posterior.
-        recorded: what was measured.
-        responses: K, C and the further parameters that have a formula; those with an effect of the person
-            are compared.
-
-    Returns:
-        ``p_greater`` is the probability that the person's is greater, ``ratio`` the posterior median of the
-        person's over the other's, ``low`` and ``high`` the ends of its 90 % interval. Beside a discrepancy
-        K_secant of the person's own impacts stands in place of K, which is the element's alone.
-    """
-    people = recorded.levels("subject")
-    upper, lower = np.triu_indices(len(people), 1)
-    person, against = np.append(upper, lower), np.append(lower, upper)
-    tables = []
-    for response in responses:
-        if SUBJECT not in recorded.response(response).terms.groups or not 2 <= len(people) <= MOST_PEOPLE:
-            continue
-        logs = log_at_levels(draws, recorded, response, [{"subject": name} for name in people])
-        if response == "K" and "K_secant_of_subject" in draws:
-            response = "K_secant"
-            logs = np.log(
-                draws["K_secant_of_subject"].sel(subject=people).transpose(..., "subject").to_numpy()
-            )
-        logs = logs.reshape(-1, len(people))
-        ratio = logs[:, person] - logs[:, against]
-        low, median, high = np.exp(np.percentile(ratio, [5, 50, 95], axis=0))
-        names = {"person": np.array(people)[person], "against": np.array(people)[against]}
-        values = {"p_greater": (ratio > 0).mean(axis=0), "ratio": median, "low": low, "high": high}
-        tables.append(pd.DataFrame({"quantity": response, **names, **values}))
-    return joined("people", tables)

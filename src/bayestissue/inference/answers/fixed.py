@@ -85,9 +85,9 @@ def fixed_parts(node: Node, recorded: Recorded, posterior: xr.Dataset | None) ->
         if not missing:
             yield QuestionError(position, actual, "a quantity that data can change")
             continue
-        (response, formula), *_ = missing.values()
+        response, *_ = missing.values()
         expected = f"a quantity that the formula of {response} leaves open; it has no {' or '.join(missing)}"
-        yield QuestionError(position, actual, expected, f'Write the formula of {response} as "{formula}".')
+        yield QuestionError(position, actual, expected)
 
 
 def confounded(node: Node, recorded: Recorded) -> tuple[GroupTerm, ...]:
@@ -239,13 +239,13 @@ def _any_parameters(recorded: Recorded, responses: Sequence[str], count: int = 5
     return xr.Dataset(drawn, coords)
 
 
-def _missing_terms(sides: Sequence[Node], recorded: Recorded) -> dict[str, tuple[str, str]]:
-    """The terms of fewest columns that would move a comparison, and the response and formula with each."""
+def _missing_terms(sides: Sequence[Node], recorded: Recorded) -> dict[str, str]:
+    """The terms of fewest columns that would move a comparison, and the response whose formula lacks each."""
     named = [quantity for side in sides for quantity in quantities(side)]
     columns = dict.fromkeys(level.column for quantity in named for level in quantity.levels)
     followers = (name for column in columns for name in recorded.followers(column))
     usable = [name for name in dict.fromkeys([*columns, *followers]) if name in recorded.rows]
-    missing: dict[str, tuple[str, str]] = {}
+    missing: dict[str, str] = {}
     for size in range(1, 1 + min(len(usable), 3)):
         for chosen in combinations(usable[: SETTINGS.columns_tried], size):
             responses = [
@@ -258,7 +258,7 @@ def _missing_terms(sides: Sequence[Node], recorded: Recorded) -> dict[str, tuple
                 if not judge(formula, recorded.rows, recorded.reference_mass_kg).faults and (
                     _value_if_fixed(sides, wider, None) is None
                 ):
-                    missing.setdefault(term, (q, formula))
+                    missing.setdefault(term, q)
         if missing:
             return missing
     return missing

@@ -3,15 +3,13 @@
 A level is that of a typical person there, all else at the reference, as in a question such as
 ``peak_force[pad=A]``. Where nothing is compared, loops are those of a typical person.
 
-A loop is force over depth. Its band is that of the force at a depth, on the way in and on the way out, of
-the draws that reach the depth: it ends where fewer than `AnswerSettings.reached` of them do. The greatest
-depth has an interval of its own. Between lies the middle loop: the medians of depth and force at equal
-shares of the time to the greatest depth, and from there until the impactor leaves.
+A loop is force over depth: their medians at equal shares of the time to the greatest depth, and from there
+until the impactor leaves.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import Any
 
@@ -32,7 +30,7 @@ from bayestissue.inference.results.meanings import REFERENCE_OUTCOMES, UNITS, el
 from bayestissue.inference.samplers.diagnostics import ELEMENT_ALONE
 from bayestissue.results.tables import columns_of, table_of_rows, typed
 
-IN, OUT, DEEPEST, MIDDLE = "in", "out", "deepest", "middle"
+IN, OUT = "in", "out"
 _ENDS = [5.0, 50.0, 95.0]
 
 
@@ -136,7 +134,7 @@ def loops_table(comparison: Comparison) -> pd.DataFrame:
             at: dict[str, Any] = _labels(factor, condition) | {name: condition[name] for name in motions[0]}
             at["draws"] = len(loops["depth_in"])
             of_one = {name: values[:, row] for name, values in loops.items()}
-            tables += [table.assign(**at) for table in _loop_rows(of_one)]
+            tables += [_median_way(of_one, branch).assign(**at) for branch in (IN, OUT)]
     return _whole("loops", tables)
 
 
@@ -152,62 +150,14 @@ def _step(draws: xr.Dataset, conditions: int) -> int:
     return max(1, count // wanted)
 
 
-def _loop_rows(loops: Mapping[str, Float[np.ndarray, "draw place"]]) -> Iterator[pd.DataFrame]:
-    """The way in and the way out at even depths, and the greatest depth with its interval."""
-    deepest = loops["depth_in"][:, -1]
-    grid = np.linspace(0.0, np.quantile(deepest, 1 - SETTINGS.reached, method="lower"), SETTINGS.places)
-    names = "force_N_low", "force_N", "force_N_high"
-    for branch in (IN, OUT):
-        at_grid = _at(grid, loops[f"depth_{branch}"], loops[f"force_{branch}"], branch)
-        reached = np.isfinite(at_grid).mean(axis=0) >= SETTINGS.reached
-        if not reached.any():
-            continue
-        ends = np.nanpercentile(at_grid[:, reached], _ENDS, axis=0)
-        forces = dict(zip(names, ends, strict=True))
-        yield pd.DataFrame({"branch": branch, "depth_m": grid[reached], **forces})
-    yield pd.DataFrame({"branch": MIDDLE, **_middle(loops)}).dropna(subset="depth_m")
-    depths = dict(zip(("depth_m_low", "depth_m", "depth_m_high"), np.percentile(deepest, _ENDS), strict=True))
-    forces = dict(zip(names, np.percentile(loops["force_in"][:, -1], _ENDS), strict=True))
-    yield pd.DataFrame({"branch": DEEPEST, **depths, **forces}, index=[0])
-
-
-def _middle(loops: Mapping[str, Float[np.ndarray, "draw place"]]) -> dict[str, Float[np.ndarray, " place"]]:
-    """The medians of depth and force at even shares of the time in and out, which close the loop."""
-    medians = {}
+def _median_way(loops: Mapping[str, Float[np.ndarray, "draw place"]], branch: str) -> pd.DataFrame:
+    """The medians of depth and force at even shares of the time in or out, where most draws have them."""
+    medians: dict[str, Any] = {"branch": branch}
     for part, column in (("depth", "depth_m"), ("force", "force_N")):
-        values = np.concatenate([loops[f"{part}_{branch}"] for branch in (IN, OUT)], axis=1)
+        values = loops[f"{part}_{branch}"]
         known = np.isfinite(values).mean(axis=0) >= SETTINGS.reached
         medians[column] = np.where(known, np.median(np.where(known, values, 0.0), axis=0), np.nan)
-    return medians
-
-
-def _at(
-    grid: Float[np.ndarray, " depth"],
-    depth: Float[np.ndarray, "draw place"],
-    force: Float[np.ndarray, "draw place"],
-    branch: str,
-) -> Float[np.ndarray, "draw depth"]:
-    """The force of each draw at even depths, straight between places; NaN beyond those that it passes.
-
-    On the way out it is 0 above the depth at which the impactor has left the tissue.
-    """
-    if branch == OUT:
-        depth, force = depth[:, ::-1], force[:, ::-1]
-    # What rises again stands first, and is passed by no depth.
-    depth = np.where(np.isfinite(depth), depth, -np.inf)
-    after = (depth[:, None] <= grid[:, None]).sum(axis=-1)
-    low, high = (np.clip(at, 0, depth.shape[1] - 1) for at in (after - 1, after))
-    (x_0, y_0), (x_1, y_1) = (
-        [np.take_along_axis(part, at, axis=1) for part in (depth, force)] for at in (low, high)
-    )
-    with np.errstate(invalid="ignore", divide="ignore"):
-        between = y_0 + (y_1 - y_0) * np.where(x_1 > x_0, (grid - x_0) / (x_1 - x_0), 0.0)
-    inside = (after > 0) & np.isfinite(x_0) & (grid <= depth[:, -1:])
-    has_left = (
-        np.isfinite(depth[:, :1]) & (force[:, :1] <= SETTINGS.changed * np.nanmax(force)) & (after == 0)
-    )
-    beyond = np.where(has_left & (branch == OUT), 0.0, np.nan)
-    return np.where(inside, between, beyond)
+    return pd.DataFrame(medians).dropna(subset="depth_m")
 
 
 def curves_table(comparison: Comparison) -> pd.DataFrame:

@@ -24,7 +24,7 @@ class AnswerSettings:
         simulated: impacts in all, draws evenly left out.
         of_a_condition: draws at the least that a condition keeps of these: 5 % quantiles of so many have a
             standard error of a tenth of the standard deviation.
-        pictured: draws behind a band of a picture, at the least and at the most: its ends then have a
+        pictured: draws behind a picture, at the least and at the most: the ends of its band then have a
             standard error of a fifth to a tenth of the standard deviation.
         places: of a loop of force over depth, on the way in and on the way out.
         loops_together: loops that are simulated at once, as of ``together``.
@@ -34,7 +34,7 @@ class AnswerSettings:
         beyond: by which a picture goes on below the least and above the greatest velocity measured, the
             latter that of one and a half times the height.
         pictured_velocities: of a curve, two of them beyond those measured; it is nearly straight.
-        reached: share of the draws that reach a depth in which a band has it.
+        reached: share of the draws that have a depth at a time, from which a loop has their median there.
         likeness: of a name that was not measured to one that was, as `difflib` has it, from which it looks
             like a slip.
         largest: number of kg, m/s or m in a table of conditions; no impactor is so heavy, fast or wide.

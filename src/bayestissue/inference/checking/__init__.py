@@ -8,13 +8,13 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
-from bayestissue.declarations import declared
+from bayestissue.declarations import declared, filled
 
 
 def sentence(key: str, **numbers: object) -> str:
     """A sentence of ``verdicts.toml`` by its table and key, such as "chain.undecided", with its numbers."""
     table, _, name = key.partition(".")
-    return str(_sentences()[table][name]).format(**numbers)
+    return filled(str(_sentences()[table][name]), **numbers)
 
 
 @cache

@@ -82,7 +82,6 @@ def fit_points(
     method: Method = "exact",
     *,
     gravity: Column | None = None,
-    repeated: bool = False,
 ) -> PointFit:
     """Fit every impact by itself, all of them in one compiled function.
 
@@ -95,8 +94,8 @@ def fit_points(
             is the thesis's conditional least squares on the deviations from the sample mean.
         gravity: along the motion of each [m/s^2], which gives "exact" the mean g / omega_n^2; "dds" takes the
             sample mean whatever it is.
-        repeated: whether more of the kind follow. A few impacts are otherwise fitted by what compiles soon
-            and not by what runs fast.
+
+    A few impacts are fitted by what compiles soon and not by what runs fast.
 
     The standard errors hold when the noise is the one that the fit assumes: shocks that drive an
     ARMA(2,1). White accelerometer noise, integrated twice, is no such noise: theta1 then runs to -1 and
@@ -115,7 +114,7 @@ def fit_points(
     if len(x) == 0:
         return PointFit(*(np.empty(0, _TYPES.get(name, float)) for name in PointFit._fields))
     x = np.pad(x, ((0, 0), (0, _width(x.shape[1]) - x.shape[1])))
-    few = len(x) < _FEW and not repeated
+    few = len(x) < _FEW
     fall = np.zeros(len(x)) if gravity is None or method == "dds" else np.asarray(gravity, float)
     columns = (x, n_samples, np.asarray(dt, float), np.asarray(mass, float), fall)
     items = [(*(column[rows] for column in columns), method, few) for rows in _batches(len(x))]

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -20,29 +19,22 @@ from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import (
     TraceData,
     TraceModel,
-    driven_likelihood,
     impact_likelihood,
-    tapped_likelihood,
     with_normal_errors,
 )
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.factors.sites import laplace_sites, weak_prior
 from bayestissue.inference.results.predictions import replicates
-from bayestissue.likelihood.driven.measured import DrivenRecord
 from bayestissue.likelihood.element.force import force_of
 from bayestissue.likelihood.element.record import DecelerationRecord
 from bayestissue.likelihood.element.response import response
-from bayestissue.likelihood.tapped.measured import TapRecord
 from bayestissue.padding import padded_impacts
-from bayestissue.signal.displacement import FEWEST_SAMPLES
 
 NOISE, ELEMENT = "noise", "element"
 # Of log s_a^2: the derivative's own error is this squared over 24.
 STEP = 0.1
-_SHORTER = 0.9
-_ITERATIONS = 5
 # What the mean of a trace does not depend on: told apart from K and C, and as small as to be nothing.
-_OF_NOISE = ("noise", "atanh_theta1", "discrepancy", "noise_force", "roughness")
+_OF_NOISE = ("noise", "atanh_theta1", "discrepancy", "noise_force")
 _NOTHING = -60.0
 
 Matrices = Float[np.ndarray, "impact parameter parameter"]
@@ -121,17 +113,6 @@ def as_expected(prepared: Prepared, u: Float[np.ndarray, "impact parameter"]) ->
             record = record._replace(force=record.force._replace(y=y))
         # Only a known contact has an error that can be made normal.
         return with_normal_errors(replace(prepared.data, record=record))
-    if isinstance(prepared.data.record, DrivenRecord):
-        x, y = (
-            np.asarray(part)[: len(u)]
-            for part in _of_driven(prepared.model, prepared.data.padded, padded_impacts(u))
-        )
-        return replace(prepared.data, record=prepared.data.record.with_channels(x, y))
-    if isinstance(prepared.data.record, TapRecord):
-        traces = np.asarray(_of_taps(prepared.model, prepared.data.padded, padded_impacts(u)))
-        taps = prepared.data.record
-        known = traces[: len(u), : taps.y.shape[1]]
-        return replace(prepared.data, record=taps.with_traces(known, np.asarray(taps.n_samples)))
     data = with_normal_errors(prepared.data)
     quiet = np.where(_named(prepared, ("noise",)), _NOTHING, u)
     bare = data.record._replace(error_sd=jax.device_put(np.zeros(data.record.error_sd.shape)))
@@ -140,24 +121,6 @@ def as_expected(prepared: Prepared, u: Float[np.ndarray, "impact parameter"]) ->
     )
     trace = np.nan_to_num(np.asarray(replicated["displacement"][0]))
     return replace(data, record=data.record.with_traces(trace, np.asarray(data.record.n_samples)))
-
-
-@compiled_quickly
-def _of_driven(
-    model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]
-) -> tuple[Float[Array, "impact sample"], Float[Array, "impact row"]]:
-    """Displacement and force of the likeliest motion."""
-    likelihood = driven_likelihood(model, data, list(u.T))
-    weights = likelihood.weights()
-    return likelihood.displacement(weights), likelihood.force(weights)
-
-
-@compiled_quickly
-def _of_taps(
-    model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]
-) -> Float[Array, "impact row"]:
-    """How the masses ring."""
-    return tapped_likelihood(model, data, list(u.T)).expected()
 
 
 @compiled_quickly
@@ -192,40 +155,3 @@ def _scaled(data: TraceData, column: int, side: int) -> TraceData:
     return replace(
         data, record=data.record._replace(error_sd=jax.device_put(np.asarray(data.record.error_sd) * factor))
     )
-
-
-class ShorterWindow(NamedTuple):
-    """What a window a tenth shorter does to what traces alone say of log K and log C.
-
-    Attributes:
-        moved: by how much the maximum of the likelihood moves.
-        expected: standard deviation of that by noise and errors, where the model is right.
-    """
-
-    moved: Float[np.ndarray, "impact 2"]
-    expected: Float[np.ndarray, "impact 2"]
-
-
-def shorter_window(prepared: Prepared, u: Float[np.ndarray, "impact parameter"]) -> ShorterWindow | None:
-    """Fit each trace by itself, whole and less its last tenth.
-
-    The variance of the difference is that of the difference of variances (Hausman 1978,
-    doi:10.2307/1913827). Nothing for a model with a discrepancy, whose modes are those of the whole window.
-    """
-    whole = with_normal_errors(prepared.data)
-    if prepared.model.discrepancy:
-        return None
-    n = np.asarray(whole.record.n_samples)
-    fewer = np.minimum(n, np.maximum(np.ceil(_SHORTER * n), FEWEST_SAMPLES)).astype(n.dtype)
-    shorter = whole.record.with_traces(np.asarray(whole.record.traces), fewer)
-    windows = [
-        laplace_sites(prepared.model, data, u, weak_prior(u), _ITERATIONS)
-        for data in (whole, replace(whole, record=shorter))
-    ]
-    centres = [np.asarray(sites.centre)[:, :2] for sites in windows]
-    variances = [
-        np.diagonal(np.linalg.inv(np.asarray(sites.precision) + np.eye(u.shape[1]) / 4), axis1=1, axis2=2)
-        for sites in windows
-    ]
-    gained = np.maximum(variances[1] - variances[0], 0.0)[:, :2]
-    return ShorterWindow(centres[1] - centres[0], np.sqrt(gained))

@@ -37,7 +37,6 @@ from bayestissue.inference.results.errors import (
     NOISE,
     Matrices,
     TraceErrors,
-    shorter_window,
     trace_errors,
 )
 from bayestissue.results.tables import joined, table_of_rows
@@ -49,21 +48,16 @@ TRACE = "trace alone"
 MASS, SHAPE = "mass", "element's parameters"
 IMPACTS, PEOPLE, CONDITIONS, PRIORS = "impacts", "people", "conditions", "priors"
 PERSON_AND_CONDITION = "person and condition"
-WINDOW, WINDOW_BY_NOISE = "window a tenth shorter", "window a tenth shorter, by noise"
 ALL, DRAWN = "all", "as drawn"
 MOST_IMPACTS = 100
 # Of what the population says of a parameter: enough where a trace says nothing of it.
 _RIDGE = 1e-6
-# Of a standard normal, the median of its absolute value.
-_MEDIAN = 0.6745
 _TERMS = {SUBJECT: PEOPLE, TRIAL: CONDITIONS}
 _NUISANCE = {
     "noise": NOISE,
     "atanh_theta1": NOISE,
     "discrepancy": ELEMENT,
     "noise_force": NOISE,
-    "roughness": NOISE,
-    "force_clock": "force's clock",
     "log_force_ratio": NOISE,
 }
 
@@ -81,9 +75,8 @@ def uncertainty_budget(prepared: Prepared, draws: Draws) -> pd.DataFrame:
         where impacts are many), `NEW_PERSON` (a new impact on a new person) or `TRACE` (an impact from its
         trace alone, without what the population tells). ``share`` is of the variance, and ``sd`` what the
         source alone would make the standard deviation of the log, the median over impacts. The shares add up
-        to that of `ALL`, 1; `DRAWN` has the variance of the draws relative to it. `WINDOW` is what a window a
-        tenth shorter would move, no part of the sum, and `WINDOW_BY_NOISE` what it may. K is the element's
-        own, beside a discrepancy too.
+        to that of `ALL`, 1; `DRAWN` has the variance of the draws relative to it. K is the
+        element's own, beside a discrepancy too.
     """
     many = draws.kept_numbers is not None
     rows = np.arange(len(prepared.impacts))
@@ -98,14 +91,6 @@ def uncertainty_budget(prepared: Prepared, draws: Draws) -> pd.DataFrame:
         _shares(IMPACT, _with_masses(middle.of_impacts(errors, not many), draws), drawn),
         _shares(TRACE, middle.of_traces(errors)),
     ]
-    if (window := None if many else shorter_window(part, u)) is not None:
-        ends = (np.median(np.abs(window.moved), axis=0) / _MEDIAN, np.median(window.expected, axis=0))
-        rows_of_window = [
-            (IMPACT, q, name, np.nan, float(end[number]))
-            for number, q in enumerate(RESPONSES)
-            for name, end in zip((WINDOW, WINDOW_BY_NOISE), ends, strict=True)
-        ]
-        tables.append(table_of_rows("interval_sources", rows_of_window))
     typical = {q: float(np.var(typical_logs(prepared.design, draws.population, q))) for q in RESPONSES}
     means = {q: {PERSON_AND_CONDITION: variance} for q, variance in typical.items()}
     if not many:

@@ -9,10 +9,13 @@ import numpy as np
 import pandas as pd
 
 from bayestissue.dataset.impacts import REFERENCE, of_phantoms, session_column
-from bayestissue.errors import InputError, Problem, along_with
+from bayestissue.errors import InputError, Problem, along_with, refuse
 from bayestissue.hierarchy.reference import HALF_WIDTH, Reference, mass_factor, with_declared
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.inference.single.estimates import estimate
+
+# No mass is wrong by such a factor: a unit is.
+_FAR = 10.0
 
 if TYPE_CHECKING:
     from bayestissue.dataset import Dataset
@@ -110,10 +113,24 @@ def _reference(dataset: Dataset, phantoms: Dataset) -> Reference:
     common = float(np.nanmedian(np.maximum(variance - of_exact, 0.0)[stands]))
     stiffness, sd = (table[name].to_numpy(float)[stands] for name in REFERENCE)
     difference = np.log(stiffness / table["K_N_per_m"].to_numpy()[stands])
+    _require_near(dataset, stiffness, difference)
     kinds = pd.Series(list(zip(stiffness, sd, strict=True))).factorize()[0]
     own = np.maximum(variance[stands] - common, of_exact[stands] / 4)
     by_phantoms = mass_factor(difference, own, common, sd / stiffness, kinds)
     return with_declared(by_phantoms, dataset.uncertainty.relative_mass_sd, table)
+
+
+def _require_near(dataset: Dataset, stiffness: np.ndarray, difference: np.ndarray) -> None:
+    """Refuse a stiffness of another unit; ``difference`` is log K_r - log K_i of each impact."""
+    wrong = [
+        Problem.stated(
+            "reference-unfit.far", dataset.table, None, REFERENCE[0], known, estimate=known / apart,
+            factor=max(apart, 1 / apart),
+        )
+        for known in np.unique(stiffness)
+        if abs(np.log(apart := float(np.exp(np.median(difference[stiffness == known]))))) > np.log(_FAR)
+    ]  # fmt: skip
+    refuse(wrong)
 
 
 def _variance(table: pd.DataFrame) -> np.ndarray:

@@ -162,7 +162,6 @@ _NAMES = {
     "priors": "priors",
 }
 _ALL, _DRAWN = "all", "as drawn"
-_WINDOW, _BY_NOISE = "window a tenth shorter", "window a tenth shorter, by noise"
 # Half a 90 % interval of a normal, in its standard deviations.
 _HALF = NormalDist().inv_cdf(0.95)
 
@@ -190,7 +189,7 @@ def sources_table(run: FitRun) -> Table:
 
 def _source_names(sources: pd.DataFrame) -> dict[str, str]:
     """The sources in the order of the page, further group terms as the model file has them before priors."""
-    known = {*_NAMES, _ALL, _DRAWN, _WINDOW, _BY_NOISE}
+    known = {*_NAMES, _ALL, _DRAWN}
     further = {str(name): str(name) for name in dict.fromkeys(sources["source"]) if name not in known}
     return (
         {name: words for name, words in _NAMES.items() if name != "priors"} | further | {"priors": "priors"}
@@ -230,7 +229,7 @@ def sources_words(run: FitRun) -> list[str]:
     if "element" not in set(sources["source"]):
         shares.append(said("sources.element"))
     alone = [said("sources.element_alone")] * run.element_alone
-    return [*alone, *shares, _window_words(sources), *_approximation_remarks(sources, levels)]
+    return [*alone, *shares, said("sources.window"), *_approximation_remarks(sources, levels)]
 
 
 def _largest_sources(sources: pd.DataFrame, level: str, quantity: str) -> str:
@@ -242,18 +241,6 @@ def _largest_sources(sources: pd.DataFrame, level: str, quantity: str) -> str:
     ordered = ordered[ordered["share"] >= min(WORTH.source, ordered["share"].max())]
     named = [f"{names[row['source']]} {percent(row['share'])}" for row in ordered.to_dict("records")]
     return f"of {quantity}’s variance {listed(named)}"
-
-
-def _window_words(sources: pd.DataFrame) -> str:
-    cells = sources[sources["level"] == "impact"].set_index(["source", "quantity"])["sd"]
-    if (_WINDOW, "K") not in cells.index:
-        return said("sources.window_given")
-    effects = [
-        f"{q} by {relative(math.expm1(cells[_WINDOW, q]))} where noise alone makes "
-        f"{relative(math.expm1(cells[_BY_NOISE, q]))}"
-        for q in QUANTITIES
-    ]
-    return said("sources.window", effects=listed(effects))
 
 
 def _approximation_remarks(sources: pd.DataFrame, levels: Mapping[str, str]) -> list[str]:

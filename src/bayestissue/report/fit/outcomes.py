@@ -137,8 +137,6 @@ def scaled(quantity: str) -> tuple[str, str, float]:
 def loops(run: FitRun, factor: str = "") -> Figure:
     """Force over depth on each level of a factor, at motions that were measured, over what was recorded."""
     rows = run.loops[run.loops["factor"] == factor]
-    # Where an impactor has left, no force is drawn.
-    rows = rows[(rows["branch"] != "out") | (rows["force_N_high"] > 0)]
     motions = rows[["mass_kg", "velocity_m_s"]].drop_duplicates()
     titles = {pair: _motion(run, *pair) for pair in motions.itertuples(index=False, name=None)}
     pairs = list(zip(rows["mass_kg"], rows["velocity_m_s"], strict=True))
@@ -149,10 +147,6 @@ def loops(run: FitRun, factor: str = "") -> Figure:
             "branch": rows["branch"].to_numpy(),
             "depth_mm": 1e3 * rows["depth_m"].to_numpy(),
             "force_N": rows["force_N"].to_numpy(),
-            "low": rows["force_N_low"].to_numpy(),
-            "high": rows["force_N_high"].to_numpy(),
-            "depth_low": 1e3 * rows["depth_m_low"].to_numpy(float),
-            "depth_high": 1e3 * rows["depth_m_high"].to_numpy(float),
         }
     )
     words = said("figures.loops", of=f"each {factor}" if factor else f"a {_typical(run)}")

@@ -211,32 +211,6 @@ def _noted(rows: pd.DataFrame) -> list[Field]:
     return [Field("note")] * bool("note" in rows and rows["note"].ne("").any())
 
 
-def matrices(run: FitRun) -> list[dict[str, Any]]:
-    """For each quantity the people, the greatest first, and the probability that each exceeds each other."""
-    return [_matrix(str(name), part) for name, part in run.people.groupby("quantity", sort=False)]
-
-
-def _matrix(quantity: str, part: pd.DataFrame) -> dict[str, Any]:
-    square = part.pivot_table(index="person", columns="against", values="p_greater")
-    order = square.mean(axis=1).sort_values(ascending=False, kind="stable").index
-    values = square.reindex(index=order, columns=order).to_numpy()
-    return {
-        "quantity": quantity,
-        "of": "over the person's own impacts" if quantity == "K_secant" else "at the reference mass",
-        "people": [str(name) for name in order],
-        "rows": [[_matrix_cell(value) for value in row] for row in values],
-    }
-
-
-def _matrix_cell(value: float) -> dict[str, str]:
-    """A probability as whole percent, and the depth of its colour from −1 to 1; the diagonal is empty."""
-    if not np.isfinite(value):
-        return {"text": "", "tint": "", "word": "self"}
-    text = ">99" if value >= 0.995 else "<1" if value <= 0.005 else f"{100 * value:.0f}"
-    depth = significant(0.65 * abs(2 * value - 1), 2)
-    return {"text": text, "tint": depth, "word": "greater" if value >= 0.5 else "less"}
-
-
 def repeatability(run: FitRun) -> list[dict[str, Any]]:
     """Of K and C the ICC(A,1) and the least change that shows; empty where people were hit once each."""
     if not len(run.impacts) > run.people_count > 1:

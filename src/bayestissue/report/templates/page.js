@@ -88,7 +88,7 @@ const bayestissue = (() => {
   // A click on a heading sorts its table, the next one the other way; without a script tables keep their order.
   const number = cell => { const found = cell.replace(/\u2212/g, "-").replace(/(\d),(?=\d{3})/g, "$1").match(/-?\d+(\.\d+)?(e-?\d+)?/i); return found ? parseFloat(found[0]) : NaN; };
   const compare = (a, b, numeric) => { const [x, y] = numeric ? [number(a), number(b)] : [NaN, NaN]; return isNaN(x) || isNaN(y) ? (numeric ? isNaN(x) - isNaN(y) : 0) || a.localeCompare(b, undefined, { numeric: true }) : x - y; };
-  document.querySelectorAll("table:not(.matrix)").forEach(table => {
+  document.querySelectorAll("table").forEach(table => {
     const body = table.tBodies[0], heads = table.tHead ? [...table.tHead.rows[0].cells] : [];
     if (!body || body.rows.length < 3) return;
     heads.forEach((head, column) => {

@@ -13,7 +13,7 @@ from bayestissue.dataset.model import Dataset
 from bayestissue.declarations import declared
 from bayestissue.errors import Coded
 from bayestissue.remedies import entries
-from bayestissue.signal.displacement import Displacements, displacements
+from bayestissue.signal.displacement import displacements
 from bayestissue.signal.options import SignalOptions
 from bayestissue.signal.quality import beginning, law, samples, velocity
 from bayestissue.signal.quality.recorded import Recorded
@@ -84,13 +84,10 @@ def inspect(dataset: Dataset, options: SignalOptions | None = None) -> list[Find
             contact.
 
     Where a low-pass is declared, noise that it may have slowed and laws that it changes are not asked.
-    Of taps nothing is asked: all detectors are of impacts.
 
     Returns:
         One finding for each kind that some impact has.
     """
-    if dataset.tapped:
-        return []
     options = options or SignalOptions()
     longest = max((len(trace.value) for trace in dataset.traces), default=1)
     size, joined = max(1, min(PULSE.most, PULSE.block // longest)), dict[Kind, list[str]]()
@@ -189,7 +186,10 @@ def _inspected(part: Dataset, options: SignalOptions, implied: list[velocity.Imp
     # What has another name is no velocity.
     usable = of_part.usable & ~named
     implied.append(of_part._replace(usable=usable, explained=of_part.explained & usable & ~other_gravity))
-    yield from _laws(recorded, signal, used & ~(named | other_gravity)[:, None])
+    unnamed = used & ~(named | other_gravity)[:, None]
+    begin = law.Start(signal.sample_number, signal.dt, signal.x[:, 0], signal.v[:, 0], signal.gravity)
+    none = law.no_law(signal.deceleration, unnamed, begin, recorded.sd, recorded.freedom, recorded.peak)
+    yield KINDS["no-law"].where(none, none)
 
 
 def _single_samples(recorded: Recorded, limited: Index) -> Iterator[Finding]:
@@ -209,12 +209,3 @@ def _at_rest(recorded: Recorded, to_peak: Column, along: float) -> Iterator[Find
     yield KINDS["drift"].where(uneven & np.isnan(frequency), moved)
     yield KINDS["zero-moved"].where((moved != 0) & ~uneven, moved)
     yield KINDS["slow-low-pass"].where(np.isfinite(slow) & ~uneven, slow)
-
-
-def _laws(recorded: Recorded, signal: Displacements, used: Mask) -> Iterator[Finding]:
-    start = law.Start(signal.sample_number, signal.dt, signal.x[:, 0], signal.v[:, 0], signal.gravity)
-    limit = law.saturation(signal.deceleration, used, start, recorded.sd)
-    flat = limit > 0
-    none = law.no_law(signal.deceleration, used, start, recorded.sd, recorded.freedom, recorded.peak)
-    yield KINDS["saturated"].where(flat, limit)
-    yield KINDS["no-law"].where((limit == 0) | none & ~flat, limit)

@@ -1,7 +1,7 @@
 """Whether any tissue pushes back like this: force laws fitted to the motion that the recording gives.
 
-What no law gives may be a sensor at its limit, or gravity along the motion that was not declared, or was and
-is not there.
+What a spring and damper does not give may be gravity along the motion that was not declared, or was and is
+not there.
 """
 
 from __future__ import annotations
@@ -94,47 +94,9 @@ def no_law(d: Rows, used: Mask, start: Start, sd: Column, freedom: Column, peak:
     return (wide | step) & (samples >= 2 * law.shape[-1])
 
 
-def saturation(d: Rows, used: Mask, start: Start, sd: Column) -> Column:
-    """The limit L of a sensor that gives L tanh(d / L), where this explains what no law does; else NaN.
-
-    The laws are fitted to L artanh(d / L), integrated anew, and their residuals counted in recorded units. A
-    limit is found where it leaves less over than the best law without one, by the F test of one further
-    parameter at each of seven values.
-
-    Returns:
-        L as a multiple of the greatest recorded value; 0 where it leaves more than noise over, so that a
-        limit is nearer to what happened than any law is, but not it.
-    """
-    limit = np.full(len(d), np.nan)
-    peak, count = np.where(used, d, 0).max(axis=1), used.sum(axis=1)
-    plain = least_sum_of_squares(d, used, start, np.ones_like(d))
-    floor = (sd**2 + (LAW.misfit * peak) ** 2) * np.maximum(count - LAW.terms, 1)
-    # A further parameter can't gain much where the laws leave noise alone.
-    rows = np.flatnonzero((count >= 12) & (plain > 0.8 * floor) & (sd < LAW.little_noise * peak))
-    if not rows.size:
-        return limit
-    d, used, peak = (values[rows] for values in (d, used, peak))
-    start = Start(*(column[rows] for column in start))
-    plain, count, floor = plain[rows], count[rows], floor[rows]
-    limits, best = np.ones(rows.size), plain.copy()
-    for factor in LAW.limits:
-        scale = (factor * peak)[:, None]
-        z = np.clip(d / scale, -0.99, 0.99)
-        square = least_sum_of_squares(np.arctanh(z) * scale, used, start, 1 - z**2)
-        limits, best = np.where(square < best, factor, limits), np.minimum(best, square)
-    freedom = np.maximum(count - LAW.terms - 1, 1)
-    gain = (plain - best) / np.maximum(best, floor) * freedom
-    sure = fdtrc(1, freedom, gain) < LAW.alarms
-    limit[rows[sure]] = np.where(best < LAW.well * floor, limits, 0.0)[sure]
-    return limit
-
-
-def least_sum_of_squares(d: Rows, used: Mask, start: Start, weight: Rows) -> Column:
+def least_sum_of_squares(d: Rows, used: Mask, start: Start) -> Column:
     """The least sum of squares that any of the laws leaves of each impact."""
-    xs, vs = motion(d, start)
-    squares = [
-        (residuals(law * weight[..., None], d * weight, used) ** 2).sum(axis=1) for law in laws(xs, vs, used)
-    ]
+    squares = [(residuals(law, d, used) ** 2).sum(axis=1) for law in laws(*motion(d, start), used)]
     return np.min(squares, axis=0)
 
 

@@ -56,7 +56,7 @@ def suspected(signal: Displacements) -> Suspected:
     )
     peak = np.where(used, signal.deceleration, 0).max(axis=1)
     with np.errstate(all="ignore"):
-        plain = law.least_sum_of_squares(signal.deceleration, used, start, np.ones_like(signal.x))
+        plain = law.least_sum_of_squares(signal.deceleration, used, start)
     variance = signal.noise_sd**2 + (LAW.misfit * peak) ** 2
     freedom = np.maximum(PULSE.worth * signal.n_samples, 1)
     count = np.maximum(signal.n_samples - 4, 1)

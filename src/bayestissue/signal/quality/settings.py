@@ -87,11 +87,6 @@ class LawSettings:
     Attributes:
         alarms: of sound recordings, of each kind of finding.
         misfit: what the laws leave over of the elements' own noise-free traces, as a fraction of the peak.
-        terms: of a law.
-        well: a limit that explains the trace leaves at most so many times the noise's sum of squares.
-        little_noise: of the peak: more noise bends a sensor's limit so much that sound traces look cut off (1
-            of 300 at 0.03, 72 of 300 at 0.05).
-        limits: of the sensor that are tried, as multiples of the greatest recorded value.
         velocity: of the velocity: of errors that are nobody's mistake.
         gain: what another gravity, or a low-pass, gains over the best law, in the noise's variance:
             e^(-this / 2) of the likelihood.
@@ -103,10 +98,6 @@ class LawSettings:
 
     alarms: float = 3e-3
     misfit: float = 0.0015
-    terms: int = 4
-    well: float = 4.0
-    little_noise: float = 0.03
-    limits: tuple[float, ...] = (1.02, 1.05, 1.1, 1.2, 1.35, 1.6, 2.0)
     velocity: float = 0.02
     gain: float = 30.0
     noise_alone: float = 0.01

@@ -1,1 +1,1 @@
-"""The pages of `reproduce` and of `causes`."""
+"""The page of `reproduce`."""
