@@ -37,7 +37,7 @@ STAGES = {
         *("contrasts_table", "coefficients", "as_variables", "reliability"),
         *("levels_table", "loops_table", "curves_table"),
     ),
-    "fitting": ("judge", "point_estimates", "agreement"),
+    "fitting": ("judge", "agreement"),
     "finished": ("write_run",),
     "report.fit.page": ("page_of", "render_page"),
     "report.fit.study": ("contrasts_table", "reliability_table", "prior_words"),

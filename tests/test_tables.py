@@ -74,3 +74,25 @@ def test_a_page_from_memory_is_the_page_of_the_folder(tmp_path):
     tables |= {name: read.table(name) for name in FURTHER_TABLES if (folder / f"{name}.csv").is_file()}
     in_memory = fit_run(read.about, read.diagnostics, read.posterior, tables)
     assert page_of(in_memory) == write_report(folder).read_text(encoding="utf-8")
+
+
+COMPUTED = ["=1+1", "-x", "@SUM(A1)", "+", "'=x", "-1.5 mm"]
+PLAIN = ["-1.5", "+2", "-1,5", "a=b", "'x", "it's", "−1"]
+
+
+@pytest.mark.parametrize("kind", ["object", "str", "category"])
+def test_no_spreadsheet_computes_a_name_and_it_is_read_as_it_was(kind: str, tmp_path) -> None:
+    names = COMPUTED + PLAIN
+    table = table_of_rows("contrasts").reindex(range(len(names)))
+    table["factor"], table["level"], table["other"] = pd.Series(names, dtype=kind), "-9", "=9"
+    table["ratio"], table["=column"] = -1.5, 1.0
+    write_table(table, tmp_path / "contrasts.csv")
+    plain = pd.read_csv(tmp_path / "contrasts.csv", dtype=str, keep_default_na=False)
+    assert plain["factor"].tolist() == [f"'{name}" for name in COMPUTED] + PLAIN
+    assert (set(plain["level"]), set(plain["other"])) == ({"-9"}, {"'=9"})
+    assert set(plain["ratio"]) == {"-1.5"}
+    assert plain.columns[-1] == "'=column"
+    read = read_table(tmp_path, "contrasts")
+    assert read["factor"].tolist() == names
+    assert read["other"].tolist() == ["=9"] * len(names)
+    assert read["=column"].tolist() == [1.0] * len(names)

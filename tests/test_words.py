@@ -55,3 +55,10 @@ def test_a_chart_keeps_its_columns() -> None:
         "encoding": {"x": {"field": "person", "title": "pad"}},
         "datasets": {"a": [{"person": "s1"}]},
     }
+
+
+def test_nouns_and_names_on_a_page_are_escaped() -> None:
+    words = Words({"impact": '<b a="'}, ("impact & person",))
+    assert words.page("one impact, impact &amp; person") == "one &lt;b a=&#34;, impact &amp; person"
+    assert words.page('<a title="an impact">') == '<a title="a &lt;b a=&#34;">'
+    assert words("one impact") == 'one <b a="'

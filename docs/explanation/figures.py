@@ -99,13 +99,13 @@ def centring() -> plt.Figure:
         unit="m/s^2",
         name="one tissue",
     )
-    found = {method: bt.estimate(dataset, method=method) for method in ("exact", "dds")}
+    found = {method: bt.estimate(dataset, method=method) for method in ("impact", "dds")}
     figure, axes = plt.subplots(1, 2, figsize=(7.5, 3.2))
     for axis, column, truth, label in zip(
         axes, ("K_N_per_m", "C_N_s_per_m"), (K, C), ("K (N/m)", "C (N s/m)"), strict=True
     ):
         axis.axhline(truth, color=GREY, lw=0.8)
-        axis.plot(MASSES, found["exact"][column], "o", color=BLUE, label="about the rest position")
+        axis.plot(MASSES, found["impact"][column], "o", color=BLUE, label="about the rest position")
         axis.plot(MASSES, found["dds"][column], "D", color=RED, mfc="none", label="about the sample mean")
         axis.set(xlabel="mass (kg)", ylabel=label, ylim=(0, None))
     axes[0].legend(frameon=False, loc="lower left")

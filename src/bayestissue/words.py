@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+from markupsafe import escape
+
 # What the program's sentences say, by key of [words]: of one, and of several.
 NOUNS = {
     "subject": ("person", "people"),
@@ -92,10 +94,13 @@ class Words:
         """A page with the dataset's nouns in its prose: neither in code, nor in what scripts read."""
         if not self._pattern:
             return html
+        # Nouns, and names that stay, as they stand where text has become HTML.
+        nouns = {key: str(escape(noun)) for key, noun in self.nouns.items()}
+        words = Words(nouns, [str(escape(text)) for text in self.unchanged])
         parts = _NO_PROSE.split(html)
         # Of each match the split has the whole and the name of its element.
-        texts = [self(text) for text in parts[::3]]
-        others = [_TOLD.sub(lambda match: self(match[0]), whole) for whole in parts[1::3]]
+        texts = [words(text) for text in parts[::3]]
+        others = [_TOLD.sub(lambda match: words(match[0]), whole) for whole in parts[1::3]]
         return "".join(piece for pair in zip(texts, [*others, ""], strict=True) for piece in pair)
 
     def chart(self, specification: Any) -> Any:

@@ -11,7 +11,9 @@ from written_drops import by_init, drop, plan_of_drops, write
 
 import bayestissue as bt
 from bayestissue.bench.views import DatasetView
+from bayestissue.dataset import write_dataset
 from bayestissue.dataset.left_out import FILE, reasons, write_left_out
+from dataset_bench import SETTINGS, tables
 
 pytestmark = pytest.mark.slow
 
@@ -91,4 +93,23 @@ def test_keys_alone_choose_an_impact_leave_it_out_and_undo_it(folder: Path) -> N
             tab.open(kept, width)
             tab.until("document.querySelectorAll('#trace circle').length > 50")
             assert tab.js("document.documentElement.scrollWidth") <= width
+        assert tab.errors == []
+
+
+@pytest.mark.skipif(browser.CHROMIUM is None, reason="no Chromium is installed")
+def test_names_are_text_on_the_page(tmp_path: Path) -> None:
+    hostile = """'"><img src=x onerror="hurt=1"><script>hurt=1</script>{{7*7}}javascript:hurt=1"""
+    impacts, traces = tables()
+    for name in ("impact", "subject", "trial"):
+        impacts[name] += hostile
+    traces["impact"] = traces["impact"].astype(str) + hostile
+    settings = SETTINGS | {"name": hostile, "description": hostile}
+    write_dataset(tmp_path / "set", settings=settings, impacts=impacts, traces=traces)
+    write_left_out(tmp_path / "set", {impacts["impact"][0]: hostile})
+    with served(DatasetView(tmp_path / "set")) as port, browser.Browser() as tab:
+        tab.open(address(port))
+        tab.until("document.querySelectorAll('#trace circle').length > 50")
+        assert tab.js("document.body.innerText.includes('{{7*7}}')")
+        assert tab.js("typeof hurt") == "undefined"
+        assert tab.js("document.querySelectorAll('[onerror], [href^=javascript], [src=x]').length") == 0
         assert tab.errors == []

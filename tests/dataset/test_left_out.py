@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
+import pandas as pd
 import pytest
 
 from bayestissue.checking import check
-from bayestissue.dataset import read_dataset
+from bayestissue.dataset import read_dataset, write_dataset
 from bayestissue.dataset.left_out import FILE, NEVER_READ, reason_of, reasons, write_left_out
 from bayestissue.errors import InputError
-from dataset_bench import Lab
+from dataset_bench import SETTINGS, Lab, tables
 
 
 def test_an_impact_that_is_left_out_is_told_with_its_reason(lab: Lab) -> None:
@@ -69,3 +72,22 @@ def test_all_of_them_are_too_many(lab: Lab) -> None:
     write_left_out(lab.folder, dict.fromkeys(names, "no reason"))
     with pytest.raises(InputError, match="none left"):
         read_dataset(lab.folder)
+
+
+@pytest.mark.parametrize("trace_file", ["traces.csv", "traces.csv.gz", "traces.parquet"])
+def test_names_that_a_spreadsheet_would_compute_are_read_as_they_were(
+    trace_file: str, tmp_path: Path
+) -> None:
+    impacts, traces = tables()
+    named = dict(zip(impacts["impact"], ["=1+1", "-x", "@", "'+1"], strict=True))
+    impacts["impact"], impacts["sex"] = impacts["impact"].map(named), ["=f", "=f", "-m", "-m"]
+    traces["impact"] = traces["impact"].astype(str).map(named)
+    write_dataset(tmp_path, settings=SETTINGS, impacts=impacts, traces=traces, trace_file=trace_file)
+    write_left_out(tmp_path, {"-x": "=HYPERLINK(1)"})
+    for path in (tmp_path / "impacts.csv", tmp_path / "left_out.csv"):
+        cells = pd.read_csv(path, dtype=str)
+        assert not [cell for name in cells for cell in cells[name] if cell[0] in "=-+@"]
+    assert reasons(tmp_path) == {"-x": "=HYPERLINK(1)"}
+    data = read_dataset(tmp_path)
+    assert sorted(data.impacts["impact"]) == sorted(["=1+1", "@", "'+1"])
+    assert set(data.impacts["sex"]) == {"=f", "-m"}

@@ -74,4 +74,4 @@ def test_models_that_have_no_place_for_it_say_so() -> None:
     assert problem.code == "clipped"
     assert "2 of these" in str(problem)
     with pytest.raises(InputError, match="i0 the first"):
-        bt.estimate(clipped, method="exact")
+        bt.estimate(clipped, method="dds")

@@ -89,13 +89,10 @@ def test_before_the_samples_are_asked_contact_lies_anywhere_between_two_of_them(
 
 def test_a_recording_that_seems_cut_at_contact_may_have_been_cut_at_any_moment_of_an_interval():
     made = displacements(record([Impact(67.0, 0.28)] * 5, 1e4, before=0.0, noise=0.005))
-    # 0 with probability 0.2, but for the little that the five recordings say of it, else uniform over an
-    # interval: mean 0.4, mean square 0.8 / 3.
-    share = made.phase.first
-    assert abs(share - 0.2) < 0.02
-    np.testing.assert_allclose(made.bracket_s, (1 - share) / 2 * 1e-4, rtol=1e-6)
-    spread = (1 - share) / 3 - (1 - share) ** 2 / 4
-    np.testing.assert_allclose(made.bracket_sd, 1e-4 * np.sqrt(spread), rtol=1e-6)
+    assert made.phase.kind == "undecided"
+    np.testing.assert_allclose(made.bracket_s, 0.5e-4, rtol=1e-6)
+    np.testing.assert_allclose(made.bracket_sd, 1e-4 / np.sqrt(12), rtol=1e-6)
+    np.testing.assert_allclose(made.interval_s, 1e-4, rtol=1e-6)
 
 
 def test_samples_before_the_first_are_kept_without_their_offset():

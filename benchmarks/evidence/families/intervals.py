@@ -219,8 +219,6 @@ def heelstrike() -> Named:
     width = (rows["K_high"] / rows["K_low"]).median()
     text = f"90 % intervals of people's K span a factor of {width:.1f}"
     yield "sentence", Figure(text, names("heelstrike"))
-    K = rows["K_median"] / 1e3
-    yield "medians", Figure(f"{K.min():.0f} to {K.max():.0f} kN/m", names("heelstrike"))
 
 
 @family

@@ -40,6 +40,7 @@ from bayestissue.intake.build import FIRST, RECORDINGS, cut
 from bayestissue.intake.facts import Cells
 from bayestissue.intake.names import is_number
 from bayestissue.results import whole_file
+from bayestissue.results.tables import csv_text
 from bayestissue.settings import parse_toml, read_text
 
 LIST = "watch.json"
@@ -410,7 +411,7 @@ class Drops:
         if self.used or (self.folder / IMPACTS).exists():
             table = pd.DataFrame([{**drop.cells, **drop.further} for drop in self.all] + self._others)
             order = dict.fromkeys([*(name for name in FIRST if name in table), *table.columns])
-            texts[IMPACTS] = str(table[list(order)].to_csv(index=False, lineterminator="\n"))
+            texts[IMPACTS] = csv_text(table[list(order)])
         return texts
 
     def _write_list(self) -> None:

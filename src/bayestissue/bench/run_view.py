@@ -25,7 +25,7 @@ from bayestissue.report.answers_page import answered, question_lines
 from bayestissue.report.fit.page import page_of
 from bayestissue.report.page import assets
 from bayestissue.resources import shared
-from bayestissue.results.tables import table_of_rows
+from bayestissue.results.tables import csv_text, table_of_rows
 from bayestissue.words import Words
 
 # Of the page where nothing was asked.
@@ -78,7 +78,7 @@ class RunView:
             case "answers.html":
                 return self.answers(questions)
             case "questions.csv":
-                return self._table(questions).to_csv(index=False)
+                return csv_text(self._table(questions))
             case "state":
                 return self.state()
             case _:

@@ -30,7 +30,9 @@ _HEADERS = {
     "referrer-policy": "no-referrer",
     "cache-control": "no-store",
 }
-_POLICY = "default-src 'self'; img-src 'self' data:; base-uri 'none'; frame-ancestors 'none'"
+_POLICY = (
+    "default-src 'self'; img-src 'self' data:; base-uri 'none'; form-action 'self'; frame-ancestors 'none'"
+)
 # Figures are styled by attributes; a style runs no script.
 _STYLED = f"{_POLICY}; style-src 'self' 'unsafe-inline'"
 _LARGEST_BODY, _MOST_CONNECTIONS = 10_000, 64

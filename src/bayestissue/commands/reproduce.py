@@ -82,4 +82,4 @@ def run(
 def _write(table: pd.DataFrame, path: Path) -> None:
     booleans = table.select_dtypes(["bool", "boolean"]).astype("string")
     words = {str(name): column.str.lower() for name, column in booleans.items()}
-    table.assign(**words).to_csv(path, index=False)
+    results.write_table(table.assign(**words), path)

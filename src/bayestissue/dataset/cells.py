@@ -15,14 +15,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bayestissue.dataset.dialect import text_table
+from bayestissue.dataset.dialect import NAMES, Stated, text_table
 from bayestissue.dataset.files import of_part, read_bytes
 from bayestissue.errors import InputError, Problem, has_control_characters, refuse
 from bayestissue.outline import counted
+from bayestissue.results.tables import as_written
 
 FILE = "impacts.csv"
-# Columns of names, where "1,5" is no number.
-NAMES = ("impact", "subject", "trial", "trace", "file")
 
 
 def read_cells(
@@ -32,6 +31,7 @@ def read_cells(
     label: str = FILE,
     keep_empty: bool = False,
     remedy: str = "Write one: a header and one row per impact; docs/how-to/write-a-dataset.md shows how.",
+    stated: Stated | None = None,
 ) -> tuple[pd.DataFrame, np.ndarray]:
     """All cells as text without the spaces around them, numbers with a decimal point, and their rows.
 
@@ -43,13 +43,17 @@ def read_cells(
         label: what messages call it.
         keep_empty: whether a row of empty cells is a row; a line without any cell never is.
         remedy: what to do if it is not there.
+        stated: how recordings beside it are written, which decides of marks that can be read in two ways.
 
     Raises:
-        InputError: the file can't be used: missing, too large, not UTF-8, no table, columns missing.
+        InputError: the file can't be used: missing, too large, not UTF-8, no table, columns missing, or
+            marks that can be read in two ways.
     """
     # Cells that are kept one by one take some twenty times their size.
     data = read_bytes(path, label, remedy, share=0.05)
-    text = text_table(data, label, wanted=[*wanted, *NAMES], named=True, sheet=of_part(path)[1])
+    text = text_table(
+        data, label, wanted=[*wanted, *NAMES], stated=stated, named=True, sheet=of_part(path)[1]
+    )
     reader = csv.reader(
         io.StringIO(text.body.tobytes().decode(), newline=""), strict=True, delimiter=text.delimiter
     )
@@ -59,7 +63,7 @@ def read_cells(
     try:
         for record in reader:
             cells = [
-                cell.strip() if name in NAMES else text.dialect.plain(cell.strip())
+                as_written(cell.strip() if name in NAMES else text.dialect.plain(cell.strip()))
                 for name, cell in zip_longest(text.names, record, fillvalue="")
             ][: len(record)]
             if any(cells) or (keep_empty and record):
@@ -69,7 +73,7 @@ def read_cells(
         raise InputError.stated(
             "cells-in-a-row.quotes", label, row=above + reader.line_num, value=str(error)
         ) from None
-    names = text.names
+    names = [as_written(name) for name in text.names]
     # A spreadsheet writes empty columns where something once stood.
     width = max((at for at, name in enumerate(names, 1) if name), default=0)
     if not any(any(cells[width:]) for cells in body):

@@ -41,6 +41,11 @@ _EXPONENT = r"([eE][+-]?\d+)?"
 _ANY_NUMBER = re.compile(
     rf"[+-]?(\d+[.,]?\d*|[.,]\d+|\d{{1,3}}([.,'\u2019 \u00a0\u202f]\d{{3}})+([.,]\d*)?){_EXPONENT}", re.ASCII
 )
+# Its mark may stand before decimals or between thousands, before which stands no 0.
+_OPEN = re.compile(r"[+-]?[1-9]\d{0,2}([.,])\d{3}", re.ASCII)
+_OTHER = {".": ",", ",": "."}
+# Columns of names, where "1,5" is no number.
+NAMES = ("impact", "subject", "trial", "trace", "file")
 # A number with a unit behind it.
 _VALUE = re.compile(r"[+-]?\d")
 # What a row of units may be called in its first cell.
@@ -322,8 +327,10 @@ def text_table(
     """Find how a text table is written, and read the names of its columns.
 
     The delimiter is the one that cuts most lines into equally many cells, at least two; the decimal mark the
-    one in most numbers. A mark between thousands is taken for one only where a number leaves no doubt, as
-    ``1.234,5`` and ``1,234,567`` do and ``1.234`` does not. The line of names is the one with most of the
+    one in most numbers that tell it. A mark between thousands is taken for one only where a number leaves no
+    doubt, as ``1.234,5`` and ``1,234,567`` do and ``1.234`` does not. Where every mark of the table stands as
+    there, which a point between cells that commas separate does not, it is stated or refused. The line of
+    names is the one with most of the
     ``wanted`` ones; else the last one above the numbers that holds no number itself. A name that stands
     there twice gets the number of its column: ``Fx (column 2)``.
 
@@ -331,14 +338,16 @@ def text_table(
         data: the file: a text, or an Excel workbook, of which one sheet is the table.
         label: what to call it in a message.
         wanted: names of columns that should be there.
-        stated: what somebody said of it, which is not looked for.
+        stated: what somebody said of it, which is not looked for. Of a ``named`` table it was said of the
+            recordings beside it, and decides only what the table's own marks leave open.
         named: whether the table must name its columns; one that may not calls them ``column 1`` and so on.
         sheet: of a workbook; the first with cells if empty.
 
     Raises:
-        InputError: it is no text and no workbook.
+        InputError: it is no text and no workbook, or its marks can be read in two ways.
     """
-    stated = stated or Stated()
+    marks = stated or Stated()
+    stated = Stated() if named else marks
     if sheet and not is_workbook(data):
         raise InputError.stated("no-channel.part", label, value=f"#{sheet}")
     if is_workbook(data):
@@ -355,21 +364,26 @@ def text_table(
     first_row = lines.first_row(last, named=named)
     body = memoryview(data)[sum(map(len, head.splitlines(keepends=True)[: first_row - 1])) :]
     cells = [record.cells for record in lines.records if record.row >= first_row]
-    decimal = DECIMALS[stated.decimal] if stated.decimal else _decimal(cells, body)
-    thousands = stated.thousands
+    columns = [f"column {number}" for number in range(1, lines.width + 1)]
+    names = _fitted([name.strip() for name in header.cells] if header else columns, cells)
+    names = names if named else _by_place(names)
+    decimal, unsure = _decimal(lines, body, first_row, [named and name in NAMES for name in names])
+    if unsure and not (marks.decimal or marks.thousands):
+        row, column, cell = unsure
+        words = {"whole": re.sub("[.,]", "", cell), "decimals": cell.replace(",", ".")}
+        raise InputError.stated("open-mark", label, row, names[column], cell, **words)
+    mark = "" if unsure is None else re.sub(r"[^.,]", "", unsure[2])
+    decimal, thousands = _settled(decimal, mark, marks, named=named)
     dialect = Dialect(
         encoding,
         lines.delimiter,
         decimal,
-        THOUSANDS[thousands] if thousands else _thousands(body, lines.delimiter, decimal),
+        _thousands(body, lines.delimiter, decimal) if thousands is None else thousands,
         header.row if header else 0,
         below.row if below else 0,
         first_row,
         sheet,
     )
-    columns = [f"column {number}" for number in range(1, lines.width + 1)]
-    names = _fitted([name.strip() for name in header.cells] if header else columns, cells)
-    names = names if named else _by_place(names)
     units = [_bare(cell) for cell in below.cells] if below else []
     units = ["" if _CALLED_UNITS.fullmatch(unit) else unit for unit in units[:1]] + units[1:]
     units = (units + [""] * len(names))[: len(names)]
@@ -462,17 +476,68 @@ def _bare(unit: str) -> str:
     return unit.strip().strip("[]()").strip()
 
 
-def _decimal(records: Sequence[Sequence[str]], body: memoryview) -> str:
-    """The mark that stands before decimals in most numbers; a point where no number has decimals."""
-    last: Counter[str] = Counter()
-    for cell in (cell for cells in records for cell in cells):
-        marks = re.findall("[.,]", cell) if _is_number(cell) else []
-        # Of two marks the last one stands before decimals; one that repeats stands between thousands.
-        if marks and (len(marks) == 1 or marks[-1] != marks[0]):
-            last[marks[-1]] += 1
-    if last:
-        return "," if last[","] > last["."] else "."
-    return "," if re.search(rb"\d,\d", body) and not re.search(rb"\d\.\d", body) else "."
+def _decimal(
+    lines: _Lines, body: memoryview, first_row: int, of_names: Sequence[bool]
+) -> tuple[str, tuple[int, int, str] | None]:
+    """The mark before decimals in most numbers that tell it; a point where no number has decimals.
+
+    Args:
+        lines: the first ones, which decide if they can.
+        body: the records, which decide else.
+        first_row: the row of the first of them.
+        of_names: of each column whether it holds names.
+
+    Returns:
+        The mark; and where no number of the table tells it and one may be read in two ways, the row, the
+        column and the text of its cell.
+    """
+    told: Counter[str] = Counter()
+    unsure = None
+    separated = lines.delimiter == ","
+    first = [record for record in lines.records if record.row >= first_row]
+    more = re.search(rb'"' if separated else rb"\d[.,]\d", body)
+    for records, above in ((first, 0), (_whole(body, lines.delimiter) if more else (), first_row - 1)):
+        for record in records:
+            for column, text in enumerate(record.cells):
+                cell = text.strip()
+                marks = re.findall("[.,]", cell) if _is_number(cell) else []
+                if not marks or any(of_names[column : column + 1]):
+                    continue
+                if _OPEN.fullmatch(cell) and not (separated and marks == ["."]):
+                    unsure = unsure or (record.row + above, column, cell)
+                else:
+                    # Of two marks the last one stands before decimals; one that repeats stands between
+                    # thousands.
+                    repeats = len(marks) > 1 and marks[-1] == marks[0]
+                    told[_OTHER[marks[0]] if repeats else marks[-1]] += 1
+            if told and above:
+                break
+        if told:
+            return ("," if told[","] > told["."] else "."), None
+    return ".", unsure
+
+
+def _whole(body: memoryview, delimiter: str) -> Iterator[_Record]:
+    return _records(body.tobytes().decode("utf-8", "ignore"), delimiter)
+
+
+def _settled(decimal: str, mark: str, stated: Stated, *, named: bool) -> tuple[str, str | None]:
+    """The mark before decimals and those between thousands, None where these are to be found.
+
+    Args:
+        decimal: the one that was found.
+        mark: that could be either; empty if none.
+        stated: what somebody said.
+        named: whether that counts only where the table leaves it open.
+    """
+    between = THOUSANDS[stated.thousands] if stated.thousands else None
+    if stated.decimal and (mark or not named):
+        decimal = DECIMALS[stated.decimal]
+    elif mark:
+        decimal = _OTHER[mark] if between == mark else mark
+    if between is not None and decimal not in between:
+        return decimal, between
+    return decimal, mark if mark not in ("", decimal) else None
 
 
 def _thousands(body: memoryview, delimiter: str, decimal: str) -> str:

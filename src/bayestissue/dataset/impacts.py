@@ -14,6 +14,7 @@ import pandas as pd
 from jaxtyping import Bool
 
 from bayestissue.dataset.cells import FILE, read_cells
+from bayestissue.dataset.dialect import Stated
 from bayestissue.dataset.plausible import PLAUSIBLE
 from bayestissue.dataset.recordings import CROP
 from bayestissue.declarations import declared
@@ -51,17 +52,18 @@ class ImpactTable:
     warnings: list[Problem]
 
 
-def read_impacts(path: Path, *, needs_velocity: bool) -> ImpactTable:
+def read_impacts(path: Path, *, needs_velocity: bool, stated: Stated | None = None) -> ImpactTable:
     """Read and check ``impacts.csv``.
 
     Args:
         path: the file.
         needs_velocity: whether every impact must state its velocity at contact.
+        stated: as of `read_cells`.
 
     Raises:
         InputError: the file as a whole can't be used: missing, not UTF-8, no table, columns missing.
     """
-    cells, rows = read_cells(path, wanted(needs_velocity=needs_velocity))
+    cells, rows = read_cells(path, wanted(needs_velocity=needs_velocity), stated=stated)
     return impact_table(cells, rows, needs_velocity=needs_velocity)
 
 
@@ -249,15 +251,32 @@ def _unlikely(table: pd.DataFrame, rows: np.ndarray) -> list[Problem]:
     if "energy_J" in table:
         energy = 0.5 * mass * velocity**2
         odd["energy_J"] = np.abs(table["energy_J"].to_numpy() / energy - 1) > 0.05
+    heights = [name for name in map(str, table.select_dtypes("number")) if name.startswith("drop_height")]
+    apart = {name: _far_apart(table[name].to_numpy(float)) for name in ("mass_kg", "velocity_m_s", *heights)}
+    named = [(name, f"unusual-value.{name}", where) for name, where in odd.items()]
+    named += [
+        (name, "unusual-value.apart", where)
+        for name, where in apart.items()
+        if name not in odd or not odd[name].any()
+    ]
     problems = []
-    for name, where in odd.items():
+    for name, key, where in named:
         if where.any():
             first = int(np.argmax(where))
             value, impact = float(table[name].iloc[first]), str(table["impact"].iloc[first])
             counts: dict[str, Any] = {"count": where.sum(), "total": len(rows)}
-            key = f"unusual-value.{name}"
             problems.append(Problem.stated(key, FILE, rows[first], name, value, impact=impact, **counts))
     return problems
+
+
+def _far_apart(values: np.ndarray) -> Bool[np.ndarray, " impact"]:
+    """The fewer of two groups of numbers between which lies so wide a gap as a slip by a thousand leaves."""
+    known = np.unique(values[values > 0])
+    ratios = known[1:] / known[:-1]
+    if not ratios.size or ratios.max() < PLAUSIBLE.apart:
+        return np.zeros(values.size, bool)
+    low = values <= known[np.argmax(ratios)]
+    return low if 2 * low.sum() <= np.isfinite(values).sum() else ~low & np.isfinite(values)
 
 
 def _alike_names(table: pd.DataFrame, columns: dict[str, _Column]) -> list[Problem]:

@@ -12,6 +12,7 @@ from bayestissue.dataset.cells import read_cells
 from bayestissue.errors import InputError, Problem, has_control_characters, printable, refuse
 from bayestissue.remedies import entries
 from bayestissue.results import sync_folder, whole_file
+from bayestissue.results.tables import csv_text
 
 FILE = "left_out.csv"
 # How the reason of a recording begins that `bayestissue init --skip-bad` left out, and impacts.csv lacks.
@@ -98,4 +99,4 @@ def write_left_out(folder: Path, by_impact: Mapping[str, str]) -> None:
 def left_out_text(by_impact: Mapping[str, str]) -> str:
     """What `write_left_out` writes; nothing without any impact."""
     table = pd.DataFrame(by_impact.items(), columns=list(COLUMNS))
-    return str(table.to_csv(index=False, lineterminator="\n")) if by_impact else ""
+    return csv_text(table) if by_impact else ""

@@ -220,8 +220,9 @@ def _tables(folder: Path, impacts: Path) -> tuple[Settings, ImpactTable]:
     with collected(problems):
         settings = read_settings(folder / SETTINGS)
     needs_velocity = settings is not None and settings.needs_velocity
+    signal = settings.signal if settings else None
     with collected(problems):
-        table = read_impacts(impacts, needs_velocity=needs_velocity)
+        table = read_impacts(impacts, needs_velocity=needs_velocity, stated=signal)
     if settings is None or table is None:
         raise InputError(problems + (table.problems if table else []))
     return settings, table

@@ -62,6 +62,12 @@ def _plain(value: str) -> str:
     return value
 
 
+def _noun(value: str) -> str:
+    if any(sign in value for sign in '<>&"'):
+        raise ValueError('a noun without < > & and "')
+    return value
+
+
 def _on_earth(value: float) -> float:
     if abs(value) > PLAUSIBLE.most_gravity:
         raise ValueError(f"a number of m/s² from -{PLAUSIBLE.most_gravity:g} to {PLAUSIBLE.most_gravity:g}")
@@ -106,7 +112,7 @@ def _table_name(value: str) -> str:
 
 
 Name = Annotated[str, Field(min_length=1)]
-Noun = Annotated[Name, Field(max_length=40), AfterValidator(_plain)]
+Noun = Annotated[Name, Field(max_length=40), AfterValidator(_plain), AfterValidator(_noun)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Spread = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Fraction = Annotated[Spread, AfterValidator(_fraction)]
@@ -327,7 +333,7 @@ class ImpactorSettings(_Table):
 
 
 class WordSettings(_Table):
-    """The table ``[words]``: what pages, papers and messages call the units of the study.
+    """The table ``[words]``: what pages, papers and messages call the units; without < > & and ".
 
     Attributes:
         subject: who or what is hit, such as "pad"; else person.

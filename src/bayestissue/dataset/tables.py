@@ -20,6 +20,7 @@ from bayestissue.dataset.cells import column_problems, ragged_problem
 from bayestissue.dataset.dialect import Dialect, Stated, TextTable, is_clock, text_table
 from bayestissue.dataset.files import error_line, of_part, read_bytes, require_small
 from bayestissue.errors import InputError, Problem, refuse
+from bayestissue.results.tables import as_written
 
 TABLE_SUFFIXES = (".csv", ".csv.gz", ".tsv", ".xlsx", ".parquet")
 # What else may be a table, or a note to the reader.
@@ -169,11 +170,15 @@ def _parse_text(
     units = dict(zip(text.names, text.units, strict=True))
     return Columns(
         {name: replace(column, unit=units[name] or column.unit) for name, column in columns.items()},
-        {name: _labels(table[name]) for name in labels},
+        {name: _as_written(_labels(table[name])) for name in labels},
         text.dialect.first_row,
         text.dialect,
         text.clock,
     )
+
+
+def _as_written(labels: Labels) -> Labels:
+    return Labels.distinct(labels.codes, map(as_written, labels.names))
 
 
 def _no_rows(label: str) -> Problem:

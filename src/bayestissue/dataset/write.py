@@ -14,6 +14,7 @@ import pyarrow.csv as pa_csv
 import pyarrow.parquet as pq
 
 from bayestissue.dataset.settings import Settings, parse_settings
+from bayestissue.results.tables import as_text, write_table
 
 TraceFile = Literal["traces.csv", "traces.csv.gz", "traces.parquet"]
 
@@ -51,7 +52,7 @@ def write_dataset(
     impacts = impacts[list(dict.fromkeys([*first, *impacts.columns]))]
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "dataset.toml").write_text(settings_text(settings), encoding="utf-8")
-    impacts.to_csv(folder / "impacts.csv", index=False, lineterminator="\n")
+    write_table(impacts, folder / "impacts.csv")
     if traces is not None:
         columns = [
             channel["value_column"] for channel in settings.get("channel", ()) if "file" not in channel
@@ -69,6 +70,10 @@ def _write_table(frame: pd.DataFrame, path: Path) -> None:
         pq.write_table(table, path, compression="zstd", write_page_checksum=True)
         return
     plain = pa.table({name: _decoded(table[name]) for name in table.column_names})
+    names = pd.Series(plain["impact"].unique().to_pylist(), dtype=str)
+    if any(as_text(name) != name for name in names):
+        texts = pa.array(frame["impact"].astype(str).map(as_text), pa.string())
+        plain = plain.set_column(plain.column_names.index("impact"), "impact", texts)
     options = pa_csv.WriteOptions(quoting_style="needed")
     if path.suffix != ".gz":
         pa_csv.write_csv(plain, path, options)

@@ -159,11 +159,13 @@ def assemble(
     if force is not None and tells_added_mass(force, specification.element):
         declared = max(float(np.hypot(force.mass_sd, force.gain_sd)), _LEAST_RATIO_SD)
         priors = priors.model_copy(update={"log_force_ratio": normal(0.0, declared)})
+    estimated = kind == "impact" and _estimates_contact(dataset, specification, signal)
     nuisance = nuisance_of(
         kind,
         specification.element,
         discrepancy=discrepancy,
         force=force is not None,
+        contact=estimated,
     )
     # With a force the errors of mass are what it is over mass times deceleration.
     relative_mass_sd = float(dataset.uncertainty.relative_mass_sd) if force is None else 0.0
@@ -184,6 +186,7 @@ def assemble(
         discrepancy,
         dataset.headform,
         force is not None,
+        estimated,
     )
     record, peak = _record(dataset, specification, signal, force)
     data = TraceData(
@@ -366,7 +369,10 @@ def _deceleration_record(
 ) -> DecelerationRecord:
     """The record of decelerations, ``velocity_sd`` being that of velocity and gain together."""
     low_pass, reach = _low_pass_and_reach(dataset, specification, signal)
-    begin = _Beginning(Contact.known(signal.bracket_uniform), signal.bracket_sd, offset_sd)
+    estimated = _estimates_contact(dataset, specification, signal)
+    elsewhere = ~(estimated & (signal.interval_s > 0))
+    known = Contact.known(signal.bracket_uniform & elsewhere)
+    begin = _Beginning(known, np.where(elsewhere, signal.bracket_sd, 0.0), offset_sd)
     if reach:
         begin = _in_cells(dataset, specification, signal, offset_sd, reach)
     errors, velocity_share = _errors(dataset, specification, signal, velocity_sd, begin, force, reach)
@@ -397,6 +403,7 @@ def _deceleration_record(
         low_pass=low_pass,
         uneven=_uneven_times(signal, reach),
         clipped=jnp.asarray(signal.clipped) if signal.clipped.any() else None,
+        interval=jnp.asarray(signal.interval_s) if estimated else None,
         force=None if force is None else jax.tree.map(jnp.asarray, force.rows),
     )
 
@@ -436,7 +443,7 @@ def _in_cells(
     before = before[:, before.shape[1] - reach :]
     n_before = np.minimum(signal.n_before, reach)
     n_quiet = np.maximum(n_before - signal.n_since_quiet, 0)
-    sample = signal.phase.before if signal.phase.known else None
+    sample = signal.phase.place if signal.phase.known else None
     share = white_share(dataset, signal) if recorder is not None else 1.0
     if recorder is not None and share < 1:
         rows = reach + signal.deceleration.shape[1]
@@ -500,6 +507,15 @@ def _low_pass_and_reach(
     """The decelerations' low-pass, and in how many intervals before their first sample contact may be."""
     low_pass = None if dataset.recorder is None else low_pass_of(dataset.recorder, signal.dt)
     return low_pass, _reach(specification, signal, dataset.recorder, low_pass)
+
+
+def _estimates_contact(dataset: Dataset, specification: ModelSpecification, signal: Displacements) -> bool:
+    """Whether the place of contact in its sampling interval is a parameter of each impact.
+
+    Not where contact may lie in several intervals, of which each has the same places.
+    """
+    undecided = signal.phase.kind == "undecided" and bool((signal.interval_s > 0).any())
+    return undecided and not _low_pass_and_reach(dataset, specification, signal)[1]
 
 
 def _reach(

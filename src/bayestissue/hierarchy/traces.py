@@ -44,13 +44,15 @@ NUISANCE: dict[str, tuple[str, ...]] = {
     "a2": ("noise",),
     "impact": ("noise",),
 }
+# So many sampling intervals before the middle of its own contact is.
+CONTACT = "contact"
 # Of a force beside the deceleration: its noise, and it over mass times deceleration.
 FORCE = ("noise_force", "log_force_ratio")
 Record = DisplacementRecord | DecelerationRecord
 LOG_2 = 0.6931471805599453
 _SHAPE_OF_MODEL = [
     *("kind", "locations", "priors", "correlated"),
-    *("element", "discrepancy", "headform", "force"),
+    *("element", "discrepancy", "headform", "force", "contact"),
 ]
 
 
@@ -138,7 +140,8 @@ class TraceModel(Hierarchy):
 
     Whether impacts share the errors of their masses, ``locations`` says. ``element`` is what the impactor
     meets, ``discrepancy`` whether it meets something else besides, ``headform`` whether what hits stands for
-    a head, ``force`` whether a force was recorded beside the deceleration.
+    a head, ``force`` whether a force was recorded beside the deceleration, ``contact`` whether its place in a
+    sampling interval is a parameter of each impact.
     """
 
     kind: Kind
@@ -150,11 +153,13 @@ class TraceModel(Hierarchy):
     discrepancy: bool = False
     headform: bool = False
     force: bool = False
+    contact: bool = False
 
     @property
     def nuisance(self) -> tuple[str, ...]:
         """Names of an impact's parameters besides log K and log C."""
-        return nuisance_of(self.kind, self.element, discrepancy=self.discrepancy, force=self.force)
+        last = {"discrepancy": self.discrepancy, "force": self.force, "contact": self.contact}
+        return nuisance_of(self.kind, self.element, **last)
 
     @property
     def depends_on_depth(self) -> bool:
@@ -213,6 +218,7 @@ def nuisance_of(
     *,
     discrepancy: bool = False,
     force: bool = False,
+    contact: bool = False,
 ) -> tuple[str, ...]:
     """Names of an impact's parameters besides log K and log C.
 
@@ -220,7 +226,7 @@ def nuisance_of(
     """
     which = element_named(element)
     element_logs = [f"log_{parameter.name}" for parameter in which.extra]
-    last = ["discrepancy"] * discrepancy + [*FORCE] * force
+    last = [CONTACT] * contact + ["discrepancy"] * discrepancy + [*FORCE] * force
     return (*NUISANCE[kind], *element_logs, *last)
 
 
@@ -240,6 +246,8 @@ def impact_likelihood(model: TraceModel, data: TraceData, u: list[Array]) -> Mea
     of_force = (u[-2] + data.log_peak, u[-1]) if model.force else (None, None)
     noise = NoiseParameters(physical(model, data, u).log_sigma, log_discrepancy, *of_force)
     record = cast(DecelerationRecord, data.record)
+    if model.contact:
+        record = record.with_contact_earlier(u[2 + model.nuisance.index(CONTACT)])
     return MeasuredImpact(element_named(model.element), element_parameters(model, u), noise, record)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from bayestissue.dataset.cells import read_cells
+from bayestissue.dataset.dialect import Stated
 from bayestissue.dataset.files import BEFORE_PART
 from bayestissue.errors import InputError, Problem, collected, refuse
 from bayestissue.intake.folder import File, RecorderFolder
@@ -46,6 +47,7 @@ def gather(
     table: Path | None,
     shared: dict[str, str],
     loose: bool = False,
+    stated: Stated | None = None,
 ) -> Facts:
     """Bring together what names, a table and options say.
 
@@ -57,13 +59,14 @@ def gather(
             it is joined by the columns that names have too, such as ``subject``: a row for each person.
         shared: what holds for all recordings.
         loose: whether nobody said how names are read: what they seem to say must not contradict the rest.
+        stated: how texts are written, as far as somebody said so.
 
     Raises:
         InputError: the pattern or the table can't be used, or a fact is given in two ways.
     """
     names = Pattern.parse(pattern) if pattern else None
     fields = names.fields if names else ()
-    rows = _Table.read(table, fields) if table else _Table()
+    rows = _Table.read(table, fields, stated) if table else _Table()
     sources = {"--pattern": fields, "--table": rows.facts, "--set": tuple(shared)}
     _once(sources)
     problems = list(rows.unmatched_rows(recordings.files))
@@ -110,8 +113,8 @@ class _Table:
     keys: tuple[str, ...] = ()
 
     @classmethod
-    def read(cls, path: Path, fields: Sequence[str] = ()) -> _Table:
-        cells, lines = read_cells(path, [], label=path.name)
+    def read(cls, path: Path, fields: Sequence[str], stated: Stated | None) -> _Table:
+        cells, lines = read_cells(path, [], label=path.name, stated=stated)
         names = list(map(str, cells.columns))
         keys = () if FILE in names else tuple(n for n in fields if n in names and not is_number(n))
         records = tuple(zip((int(line) for line in lines), cells.to_dict("records"), strict=True))
@@ -197,9 +200,9 @@ def _alike(name: str) -> str:
     return name.casefold().lstrip("0") if name.isdigit() else name.casefold()
 
 
-def joins_by_names(table: Path) -> bool:
+def joins_by_names(table: Path, stated: Stated) -> bool:
     """Whether a table has no column of the names of files, so that it is joined by what names say."""
-    return FILE not in read_cells(table, [], label=table.name)[0]
+    return FILE not in read_cells(table, [], label=table.name, stated=stated)[0]
 
 
 def _possible_names(file: File) -> set[str]:

@@ -137,7 +137,7 @@ def prepare(folder: str | Path, choices: Choices) -> Intake:
     stated = checked(choices.text, Stated, file="--text")
     recordings = look(folder, suffix=suffix, ignore=ignore, stated=stated, sheets=sheets)
     guess = None
-    if choices.pattern is None and (choices.table is None or joins_by_names(choices.table)):
+    if choices.pattern is None and (choices.table is None or joins_by_names(choices.table, stated)):
         guess = guessed(recordings.files, choices.shared)
     return _intake_from(recordings, replace(choices, pattern=guess or choices.pattern), guess)
 
@@ -175,6 +175,7 @@ def _intake_from(recordings: RecorderFolder, choices: Choices, guess: str | None
         table=choices.table,
         shared=choices.shared,
         loose=choices.pattern == guess,
+        stated=checked(choices.text, Stated, file="--text"),
     )
     choices, questions = settle(choices, recordings, facts.columns)
     return Intake(recordings, choices, facts, tuple(questions), guess if choices.pattern == guess else None)

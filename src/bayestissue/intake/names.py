@@ -19,7 +19,8 @@ from bayestissue.errors import InputError, Problem, refuse
 from bayestissue.intake.folder import File
 
 _PLAIN = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
-
+# 1,234 may be a thousand and some, or one and some.
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}", re.ASCII)
 
 # Of each name the column that it fills with (factor x number)^power. After a fall, of a pendulum too, the
 # velocity is v = (2 g h)^(1/2); the height stays as a covariate as well.
@@ -65,6 +66,11 @@ def columns(fields: dict[str, str], file: str) -> dict[str, str | float]:
     for name, text in fields.items():
         if not is_number(name):
             cells[name] = text.strip()
+            continue
+        if _THOUSANDS.fullmatch(text.strip()):
+            whole, decimals = text.replace(",", ""), text.replace(",", ".")
+            said = Problem.stated("open-mark", file, None, name, text, whole=whole, decimals=decimals)
+            problems.append(said)
             continue
         plain = text.strip().replace(",", ".")
         value = float(plain) if _PLAIN.fullmatch(plain) else math.nan

@@ -21,6 +21,13 @@ from bayestissue.report.tables import frame_table
 from bayestissue.report.wording import half_width, listed, number, significant
 from bayestissue.words import PLAIN, Words
 
+_BEGINS = '<meta charset="utf-8">'
+# A page's own script, and the figures' library that this script unpacks; a style runs no script.
+_POLICY = (
+    "default-src 'none'; script-src 'sha256-{}' blob:; style-src 'unsafe-inline'; img-src data: blob:; "
+    "base-uri 'none'; form-action 'none'"
+)
+
 
 def render_page(
     template: str,
@@ -42,10 +49,16 @@ def render_page(
     codes = list(dict.fromkeys(codes))
     html = _environment().get_template(template).render(codes=codes, served=served, nouns=nouns, **context)
     html = nouns.page(html)
-    if served or 'class="packed"' not in html:
+    if served:
         return html
-    carried = f'<script type="text/plain" id="library">{library()}</script>'
-    return html.replace("<script>", f"{carried}\n<script>", 1)
+    # The page's own script is the last: whatever else calls itself one is refused by the browser.
+    body, begin, end = html.rpartition("<script>")
+    own = end.partition("</script>")[0]
+    if 'class="packed"' in body:
+        body += f'<script type="text/plain" id="library">{library()}</script>\n'
+    digest = base64.b64encode(hashlib.sha256(own.encode()).digest()).decode()
+    policy = f'<meta http-equiv="Content-Security-Policy" content="{_POLICY.format(digest)}">'
+    return (body + begin + end).replace(_BEGINS, f"{_BEGINS}\n{policy}", 1)
 
 
 def assets(*scripts: str) -> dict[str, str]:

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from functools import cache
 from pathlib import Path
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 AGAIN = (
     "Give the folder of a finished run, or make it anew with `bayestissue fit` or `bayestissue reproduce`."
 )
+_NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?|[+-]?(inf|nan)")
 HELD = "a file that a finished run holds"
 
 
@@ -124,9 +126,36 @@ def typed(name: str, table: pd.DataFrame, path: Path | str = "") -> pd.DataFrame
     return pd.DataFrame(columns, index=table.index)
 
 
+def as_text(cell: Any) -> Any:
+    """A cell that a spreadsheet takes as it stands, whatever a name begins with.
+
+    A spreadsheet computes what begins with =, +, - or @; with an apostrophe before it is text. Numbers stay;
+    `as_written` is the way back.
+    """
+    return f"'{cell}" if isinstance(cell, str) and _is_computed(cell) else cell
+
+
+def as_written(cell: str) -> str:
+    """The text of a cell before `as_text`."""
+    return cell[1:] if cell.startswith("'") and _is_computed(cell) else cell
+
+
+def _is_computed(cell: str) -> bool:
+    bare = cell.lstrip("'")
+    return bare.startswith(("=", "+", "-", "@", "\t", "\r")) and not _NUMBER.fullmatch(bare)
+
+
+def csv_text(table: pd.DataFrame) -> str:
+    """A table, without its index, as every CSV file of the program has it: each text as of `as_text`."""
+    texts = table.select_dtypes(exclude="number")
+    computed = [name for name in texts if any(as_text(cell) is not cell for cell in texts[name])]
+    shown = table.assign(**{str(name): texts[name].astype(object).map(as_text) for name in computed})
+    return str(shown.rename(columns=as_text).to_csv(index=False, lineterminator="\n"))
+
+
 def write_table(table: pd.DataFrame, path: Path) -> None:
-    """Write a table, without its index, as a CSV file."""
-    table.to_csv(path, index=False)
+    """Write a table as a CSV file; see `csv_text`."""
+    path.write_bytes(csv_text(table).encode())
 
 
 def read_table(folder: Path, name: str) -> pd.DataFrame:
@@ -144,7 +173,7 @@ def read_table(folder: Path, name: str) -> pd.DataFrame:
         table = pd.read_csv(path, dtype=str, keep_default_na=False)
     except (OSError, UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
         raise InputError(wrong_in(path, "a table as a run writes it", value=type(error).__name__)) from error
-    return typed(name, table, path)
+    return typed(name, table.rename(columns=as_written).map(as_written), path)
 
 
 def read_tables(folder: Path, names: Sequence[str], may_lack: Sequence[str] = ()) -> dict[str, pd.DataFrame]:

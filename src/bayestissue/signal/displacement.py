@@ -69,6 +69,7 @@ class Displacements:
         bracket_s, bracket_sd: [impact], the same and its standard deviation, s, before the samples in contact
             were asked: what a model of those samples themselves may start from.
         bracket_uniform: [impact], whether contact may then have been at any moment between two samples.
+        interval_s: [impact], the sampling interval that contact falls in; 0 where that is not known.
         time_to_peak: [impact], from contact to zero velocity, s.
         peak_displacement: [impact], at zero velocity, since contact, m.
         offset: [impact], what was subtracted from the recording, in its own SI unit.
@@ -107,6 +108,7 @@ class Displacements:
     bracket_s: Column
     bracket_sd: Column
     bracket_uniform: Mask
+    interval_s: Column
     time_to_peak: Column
     peak_displacement: Column
     offset: Column
@@ -168,7 +170,7 @@ def displacements(dataset: Dataset, options: SignalOptions | None = None) -> Dis
     sd = np.hypot(dataset.uncertainty.velocity_sd_m_s / velocity, dataset.uncertainty.relative_gain_sd)
     of_all = ContactEvidence(*map(np.concatenate, zip(*evidence, strict=True)))
     phase = phase_of(of_all, sd, dataset.contact)
-    if phase.kind != "between":
+    if phase.known:
         signals = tuple(_integrated(met(rows), options, phase)[0] for rows in blocks)
     signal = _joined(signals)
     noted = [[*row, ON_SAMPLE] for row in signal.notes] if phase.known and phase.judged else signal.notes
@@ -205,8 +207,8 @@ def _integrated(
     first = cumulative(slowing, options.integration)
     second = cumulative(replace(part, value=first), options.integration)
     bracketed = (onset.most > onset.least) & (onset.most < 1.5 * dt) & ~onset.blurred & ~part.uneven
-    at_ends = (np.where(bracketed, phase.first, 0.0), np.where(bracketed, phase.before, 0.0))
-    start = find_start(part, (first, second), velocity, gravity, bracket, at_ends)
+    known = np.where(bracketed, phase.place * dt, np.nan)
+    start = find_start(part, (first, second), velocity, gravity, bracket, known)
     v = start.v[:, None] - first
     x = start.x[:, None] + start.v[:, None] * part.time_s - second
     # The last sample clear of great noise is one that the noise has lifted.
@@ -221,7 +223,8 @@ def _integrated(
         part, (x, v, d if recordings.clipped is None else recorded), clipped, stop, start, options, flags,
         {NO_OFFSET: options.remove_offset & ~onset.quiet, UNEVEN: part.uneven},
         mass=mass, velocity=velocity, gravity=gravity, offset=offset, offset_sd=offset_sd,
-        noise_sd=onset.noise_sd, **_before(recordings, onset, offset, removed),
+        noise_sd=onset.noise_sd, interval_s=np.where(bracketed, dt, 0.0),
+        **_before(recordings, onset, offset, removed),
     )  # fmt: skip
     # Beyond the sensor's limit a trace is what a spring and damper makes of it: it tells nothing of contact.
     bracketed &= (clipped == 0).all(axis=1)
@@ -278,9 +281,9 @@ def _recorded(met: _Met, options: SignalOptions) -> Displacements:
     return _windowed(
         part, (x, v, d), np.zeros_like(x), stop, start, options, flags, {},
         mass=mass, velocity=velocity, gravity=gravity, offset=at_contact, offset_sd=nothing * np.nan,
-        noise_sd=noise, before=np.zeros((len(sd), BEFORE)), before_s=np.zeros((len(sd), BEFORE)),
-        n_before=nothing.astype(int), n_since_quiet=nothing.astype(int), reach_s=nothing,
-        blurred=nothing.astype(bool),
+        noise_sd=noise, interval_s=nothing, before=np.zeros((len(sd), BEFORE)),
+        before_s=np.zeros((len(sd), BEFORE)), n_before=nothing.astype(int),
+        n_since_quiet=nothing.astype(int), reach_s=nothing, blurred=nothing.astype(bool),
     )  # fmt: skip
 
 

@@ -15,10 +15,12 @@ and between samples p_i(t) = (Phi(t / s_i) - Phi((t - D) / s_i)) / D. Where a ti
 t_i may lie beyond the interval; then neither account is as good as one by which it is anywhere about, and
 nothing is said.
 
-Where no account has 95 %, and the recordings tell the two samples apart, contact of each impact has all three
-beforehand, each by its probability given all recordings. To take the likeliest alone would be as if it were
-certain: where contact was at a sample and the recordings hardly told so, 90 % intervals of C then held it too
-seldom.
+Where no account has 95 %, and the recordings tell the two samples apart, contact is estimated, with t_i =
+(1/2 + f_i) D and f_i normal with unknown mean and spread over the impacts. A mean of 0 and a spread of 0.29
+are anywhere in the interval, a small spread is one place in all impacts, and a mean of -1/2 or 1/2 is a
+sample. A fit samples f_i with its mean and spread. For an impact by itself both are as the least squares of
+all impacts have them, and f_i is normal about that mean. To take the likeliest account alone would be as if
+it were certain, and to let each impact have its own odds would forget that they share a recorder.
 """
 
 from __future__ import annotations
@@ -27,12 +29,14 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import log_ndtr, logsumexp
+from scipy.special import log_ndtr, logsumexp, softmax
 from scipy.stats import norm
 
 from bayestissue.dataset.chain import Contact
 from bayestissue.signal.settings import PHASE
 from bayestissue.signal.traces import Column, Mask
+
+Kind = Literal["between", "first", "before", "undecided"]
 
 
 class ContactEvidence(NamedTuple):
@@ -55,41 +59,44 @@ class ContactEvidence(NamedTuple):
 
 
 class Phase(NamedTuple):
-    """Probabilities of contact at the first sample in contact, and at the one before it; else between them.
+    """Where contact falls within a sampling interval.
 
     Attributes:
-        first: at the first sample, which then holds the jump C V / M.
-        before: at the one before, which holds 0.
+        kind: anywhere between samples; at the first sample in contact, which then holds the jump C V / M; at
+            the one before it, which holds 0; or at a place that is to be estimated.
         judged: the recordings told, as nothing was declared.
+        mean, sd: where it is to be estimated, of f in an impact whose own trace was not asked: contact was
+            (1/2 + f) intervals before the first sample in contact.
     """
 
-    first: float = 0.0
-    before: float = 0.0
+    kind: Kind = "between"
     judged: bool = False
+    mean: float = 0.0
+    sd: float = 12**-0.5
+
+    @property
+    def place(self) -> float:
+        """The part of the interval from contact to the first sample in contact; nan where it is not known."""
+        return {"first": 0.0, "before": 1.0}.get(self.kind, np.nan)
 
     @property
     def known(self) -> bool:
-        """Whether contact is known to be at one of the two."""
-        return max(self.first, self.before) == 1.0
-
-    @property
-    def kind(self) -> Literal["between", "on_sample", "undecided"]:
-        """In the words of ``signal.contact``."""
-        return "on_sample" if self.known else "undecided" if self.first + self.before else "between"
+        """Whether contact is known to be at a sample."""
+        return self.kind in ("first", "before")
 
     @property
     def words(self) -> str:
         """What is taken of contact, in a sentence's part."""
-        which = "the last one before the force" if self.before else "the first one with a force"
         words = {
             "between": "between two samples",
-            "on_sample": f"at a sample, {which}",
-            "undecided": "between two samples or at one of them",
+            "first": "at a sample, the first one with a force",
+            "before": "at a sample, the last one before the force",
+            "undecided": "between two samples or at one of them: where is estimated",
         }[self.kind]
         return f"{words}, as all recordings together tell" if self.judged else words
 
 
-BETWEEN, _FIRST, _BEFORE = Phase(), Phase(first=1.0), Phase(before=1.0)
+BETWEEN = Phase()
 
 
 def phase_of(evidence: ContactEvidence, velocity_sd: Column, declared: Contact | None) -> Phase:
@@ -100,8 +107,12 @@ def phase_of(evidence: ContactEvidence, velocity_sd: Column, declared: Contact |
         velocity_sd: of the velocity and gain together, as a fraction of it.
         declared: what ``dataset.toml`` says, if it does.
     """
-    if declared == "between" or not (evidence.bracketed.any() or declared):
+    if declared == "between":
         return BETWEEN
+    if not (evidence.bracketed.any() or declared):
+        # Where the clock begins at contact, as whoever cut the recordings had it, no trace has to tell.
+        cut = bool(evidence.at_zero.all(axis=0).any())
+        return Phase("undecided", sd=float(np.hypot(PHASE.mean_sd, PHASE.spread))) if cut else BETWEEN
     prior = np.where(evidence.at_zero[evidence.bracketed].all(axis=0), PHASE.on_sample, 0.0)
     begins_there = prior.any()
     if not begins_there:
@@ -109,19 +120,39 @@ def phase_of(evidence: ContactEvidence, velocity_sd: Column, declared: Contact |
     *accounts, anywhere = _log_evidence(evidence, velocity_sd)
     if declared:
         needed = -PHASE.clear if prior[1] > prior[0] else PHASE.clear
-        return _BEFORE if accounts[1] > accounts[0] + needed else _FIRST
+        return Phase("before" if accounts[1] > accounts[0] + needed else "first")
     if max(accounts) < anywhere:
         return BETWEEN
     with np.errstate(divide="ignore"):
         posterior = np.log([*prior, 1 - prior.sum()]) + accounts
-    first, before, between = np.exp(posterior - logsumexp(posterior))
-    for phase, share in ((BETWEEN, between), (_FIRST, first), (_BEFORE, before)):
+    shares = np.exp(posterior - logsumexp(posterior))
+    kinds: tuple[Kind, ...] = ("first", "before", "between")
+    for kind, share in zip(kinds, shares, strict=True):
         if share > PHASE.sure:
-            return phase._replace(judged=True)
+            return Phase(kind, judged=True)
     # Recordings that do not tell the two samples apart say little that was not known, and anywhere between
-    # is as good. Where one of the two is excluded, the other moves contact, and C, to its side.
+    # is as good. Where one of the two is excluded, contact may be near the other in all impacts.
     apart = abs(accounts[0] - accounts[1]) > PHASE.clear
-    return Phase(float(first), float(before), judged=True) if begins_there or apart else BETWEEN
+    return (
+        Phase("undecided", False, *_of_another(evidence, velocity_sd)) if begins_there or apart else BETWEEN
+    )
+
+
+def _of_another(evidence: ContactEvidence, velocity_sd: Column) -> tuple[float, float]:
+    """Mean and standard deviation of f in a further impact, by the least squares of all."""
+    means, spreads = PHASE.mean_sd * norm.ppf(_even(41)), PHASE.spread * norm.ppf(0.5 + _even(24) / 2)
+    mean, spread = (axis.ravel() for axis in np.meshgrid(means, spreads))
+    shifted, s = _in_intervals(evidence, velocity_sd, 17)
+    off = (shifted[:, None] - 0.5 - mean[:, None]) / (wide := np.hypot(spread[:, None], s))
+    each = -(np.square(off) / 2 + np.log(wide))
+    share = softmax(logsumexp(np.sum(each, axis=2), axis=0))
+    middle = float(share @ mean)
+    return middle, float(np.sqrt(share @ (spread**2 + (mean - middle) ** 2)))
+
+
+def _even(number: int) -> np.ndarray:
+    """Probabilities in the middle of so many equal parts."""
+    return (np.arange(number) + 0.5) / number
 
 
 def _log_evidence(
@@ -135,16 +166,22 @@ def _log_evidence(
         width: sampling intervals in which the least squares look for contact.
         nodes: of the integral over the velocity's error.
     """
+    shifted, s = _in_intervals(evidence, velocity_sd, nodes)
+    at = [norm.logpdf(shifted, centre, s) for centre in (0.0, 1.0)]
+    within = [_log_within(shifted - 0.5, interval, s) for interval in (1.0, width)]
+    return [float(logsumexp(np.sum(part, axis=1)) - np.log(nodes)) for part in (*at, *within)]
+
+
+def _in_intervals(
+    evidence: ContactEvidence, velocity_sd: Column, nodes: int
+) -> tuple[Float[np.ndarray, "node impact"], Column]:
+    """t_i in sampling intervals, by quantiles of the velocity's error, and s_i, of impacts that tell."""
     t, s, moved = (
         part[evidence.bracketed] / evidence.dt[evidence.bracketed]
         for part in (evidence.before_s, evidence.sd, evidence.by_velocity)
     )
-    s = np.hypot(s, PHASE.least_sd)
-    quantiles = norm.ppf((np.arange(nodes) + 0.5) / nodes)[:, None]
-    shifted = t + quantiles * moved * velocity_sd[evidence.bracketed]
-    at = [norm.logpdf(shifted, centre, s) for centre in (0.0, 1.0)]
-    within = [_log_within(shifted - 0.5, interval, s) for interval in (1.0, width)]
-    return [float(logsumexp(part.sum(axis=1)) - np.log(nodes)) for part in (*at, *within)]
+    quantiles = norm.ppf(_even(nodes))[:, None]
+    return t + quantiles * moved * velocity_sd[evidence.bracketed], np.hypot(s, PHASE.least_sd)
 
 
 def _log_within(t: np.ndarray, width: float, sd: Column) -> np.ndarray:

@@ -17,7 +17,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import ndtr
 
 from bayestissue.signal.traces import Column, Index, Mask, Recordings, Rows, at, first_where
 
@@ -54,7 +53,7 @@ def find_start(
     velocity: Column,
     gravity: Column,
     bracket: tuple[Column, Column],
-    at_ends: tuple[Column, Column],
+    known: Column,
 ) -> Start:
     """The state at the first sample, contact lying between two moments before it.
 
@@ -69,7 +68,7 @@ def find_start(
         velocity: [impact], at contact, m/s.
         gravity: [impact], g, along the motion, m/s².
         bracket: [impact], from contact to that sample, s, at the least and at the most; equal where known.
-        at_ends: [impact], probabilities of contact at exactly the one, and at exactly the other.
+        known: [impact], from contact to that sample, s, where it is known; else nan.
     """
     d, inside, dt, (least, most) = decelerations.value, decelerations.inside, decelerations.dt, bracket
     # Some velocity is gone by the first sample; past zero velocity the impactor may have left the tissue.
@@ -79,10 +78,11 @@ def find_start(
     stopped = first_where((lost[0] >= slowed[:, None]) & inside, decelerations.n - 1)
     problem = LeastSquares.until(stopped, decelerations, lost, velocity, gravity)
     duration = problem.duration
-    low, high = least / duration, most / duration
+    low, high, given = least / duration, most / duration, np.isfinite(known)
     with np.errstate(all="ignore"):
         ab, free, free_sd, by_velocity = problem.fit(low, high)
-        delta, delta_sd = _mean_within(free, free_sd, low, high, at_ends)
+        delta, delta_sd = _mean_within(free, free_sd, low, high)
+        delta, delta_sd = np.where(given, known / duration, delta), np.where(given, 0.0, delta_sd)
         ab = problem.fit_given(ab, delta)
         x, v = grown(ab[:, 0], ab[:, 1], delta, problem.fall)
     # Too few samples, or a motion no spring and damper makes: d is held constant back to contact.
@@ -93,16 +93,13 @@ def find_start(
     x = np.where(sound, x, delta - d1 * delta**2 / 2)
     v = np.where(sound, v, 1 - d1 * delta)
     delta_sd = np.where(np.isfinite(delta_sd), delta_sd, (high - low) / np.sqrt(12))
-    at_least, at_most = at_ends
-    middle, width, within = (least + most) / 2, most - least, 1 - at_least - at_most
-    mean = middle + (at_most - at_least) * width / 2
-    variance = width**2 * ((at_least + at_most) / 4 + within / 12) - (mean - middle) ** 2
+    width = np.where(given, 0.0, most - least)
     return Start(
         delta * duration,
         delta_sd * duration,
-        mean,
-        np.sqrt(np.maximum(variance, 0)),
-        (width > 0) & (within == 1),
+        np.where(given, known, (least + most) / 2),
+        width / np.sqrt(12),
+        width > 0,
         free * duration,
         free_sd * duration,
         by_velocity * duration,
@@ -291,11 +288,11 @@ def deceleration(
 
 
 def _mean_within(
-    mean: Column, sd: Column, low: Column, high: Column, at_ends: tuple[Column, Column], nodes: int = 65
+    mean: Column, sd: Column, low: Column, high: Column, nodes: int = 65
 ) -> tuple[Column, Column]:
     """Posterior mean and standard deviation of δ under N(mean, sd²) as likelihood, at so many ``nodes``.
 
-    The prior is uniform over [low, high], but for the probabilities of δ being exactly ``low`` or ``high``.
+    The prior is uniform over [low, high].
     """
     width = high - low
     grid = low[:, None] + width[:, None] * np.linspace(0, 1, nodes)
@@ -308,17 +305,4 @@ def _mean_within(
     narrow = ~(sd > width / (nodes - 1))
     middle = np.where(narrow, np.clip(mean, low, high), middle)
     variance = np.where(narrow, np.minimum(sd, width) ** 2, variance)
-    inside = np.maximum(ndtr((high - mean) / sd) - ndtr((low - mean) / sd), 1e-300)
-    density = [np.exp(-(((end - mean) / sd) ** 2) / 2) / np.sqrt(2 * np.pi) / sd for end in (low, high)]
-    at = [share * width * there for share, there in zip(at_ends, density, strict=True)]
-    shares = np.stack([*at, (1 - at_ends[0] - at_ends[1]) * inside])
-    # Of an end that is certain, whatever the likelihood has there.
-    sure = np.stack([at_ends[0] == 1, at_ends[1] == 1, np.zeros_like(mean, bool)])
-    none = at_ends[0] + at_ends[1] == 0
-    shares = np.where(
-        sure.any(axis=0), sure, np.where(none, [[0.0], [0.0], [1.0]], shares / shares.sum(axis=0))
-    )
-    values = np.stack([low, high, middle])
-    whole = (shares * values).sum(axis=0)
-    spread = (shares * (values - whole) ** 2).sum(axis=0) + shares[2] * variance
-    return whole, np.sqrt(spread)
+    return middle, np.sqrt(variance)

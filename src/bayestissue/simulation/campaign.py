@@ -17,6 +17,7 @@ from bayestissue.dataset.impacts import REFERENCE
 from bayestissue.dataset.model import Channel, Dataset, Trace, channel_settings
 from bayestissue.dataset.settings import gravity_m_s2
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, grouping_of
+from bayestissue.results.tables import write_table
 from bayestissue.signal.filters import decay, on_even_grid
 from bayestissue.simulation.contact import deceleration, leaves, tissue_force, what_is_met
 from bayestissue.simulation.specification import Phantom, RecordedForce, Recording, Simulation, Tissue
@@ -491,4 +492,4 @@ def write_campaign(folder: Path, campaign: Campaign, simulation: Simulation) -> 
         traces=campaign.traces(),
         trace_file=f"traces.{simulation.output.traces}",  # type: ignore[arg-type]
     )
-    campaign.truth.to_csv(folder / "truth.csv", index=False, lineterminator="\n")
+    write_table(campaign.truth, folder / "truth.csv")

@@ -34,7 +34,7 @@ def first_guess(prepared: Prepared) -> Float[np.ndarray, "impact parameter"]:
     else:
         centred = signal.equilibrium.any()
         gravity = None if centred else signal.gravity
-        fit = fit_points(signal.x, signal.n_samples, signal.dt, signal.mass, gravity=gravity)
+        fit = fit_points(signal.x, signal.n_samples, signal.dt, signal.mass, "exact", gravity=gravity)
         K, C = fit.K, fit.C
     stiffness = np.where(np.isfinite(K) & (K > 0), K, signal.mass * (np.pi / 2 / signal.time_to_peak) ** 2)
     lightly = 0.1 * np.sqrt(stiffness * signal.mass)
@@ -42,6 +42,11 @@ def first_guess(prepared: Prepared) -> Float[np.ndarray, "impact parameter"]:
     guess = which.guess(jnp.asarray(stiffness), jnp.asarray(damping), jnp.asarray(signal.mass))
     columns = [*(np.log(np.asarray(values)) for values in guess), _noise(prepared, fit)]
     columns += [np.full(len(stiffness), np.log(parameter.typical)) for parameter in which.extra]
+    if prepared.model.contact:
+        interval = signal.interval_s > 0
+        columns.append(
+            np.where(interval, signal.first_sample_s / np.where(interval, signal.interval_s, 1) - 0.5, 0)
+        )
     columns += [np.full(len(stiffness), prepared.model.priors.discrepancy.mean)] * prepared.model.discrepancy
     if prepared.force is not None:
         # Tissue that moves along accounts for what the force is more.

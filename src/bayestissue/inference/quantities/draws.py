@@ -147,6 +147,7 @@ def quantities(prepared: Prepared, draws: Draws, rng: np.random.Generator) -> di
     if "chain_error" in impacts:
         record = prepared.data.record
         known = np.asarray(record.error_sd).any(axis=0)
+        known[-1] |= prepared.model.contact
         values |= {name: impacts["chain_error"][..., i] for i, name in enumerate(record.errors) if known[i]}
     return values | derived.new_impact(design, population, levels, rng)
 

@@ -88,6 +88,9 @@ class Impacts:
         if not model.discrepancy:
             likelihood = trace_likelihood(model, data, u)
             errors = jax.lax.cond(recorded, likelihood.draw_errors, likelihood.prior_errors, key)
+            if model.contact:
+                later = data.record.first_time - likelihood.record.first_time
+                errors = errors.at[:, CONTACT].add(later)
             velocity_error = data.record.velocity_error(errors, velocity_key)
             return cls(model, data, u, mass_error, errors, velocity_error)
         stated = impact_likelihood(model, data, u)
@@ -103,7 +106,7 @@ class Impacts:
 
         errors, delta = jax.lax.cond(recorded, given_record, before_record, key)
         measured = located.as_drawn(errors[:, CONTACT])
-        errors = errors.at[:, CONTACT].add(stated.record.first_time - located.record.first_time)
+        errors = errors.at[:, CONTACT].add(data.record.first_time - located.record.first_time)
         velocity_error = data.record.velocity_error(errors, velocity_key)
         return cls(model, data, u, mass_error, errors, velocity_error, measured, delta)
 

@@ -17,6 +17,7 @@ from jaxtyping import Bool, Float
 
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import (
+    CONTACT,
     TraceData,
     TraceModel,
     impact_likelihood,
@@ -107,7 +108,12 @@ def as_expected(prepared: Prepared, u: Float[np.ndarray, "impact parameter"]) ->
         d = d[:impacts, :samples]
         if record.clipped is not None:
             d = np.where(np.asarray(record.clipped) != 0, np.asarray(record.d), d)
-        record = record.at_contact(first_time[:impacts])._replace(d=d)
+        first_time = first_time[:impacts]
+        if prepared.model.contact:
+            # Its place in the interval is a parameter, which moves it from the middle again.
+            earlier = u[:, 2 + prepared.model.nuisance.index(CONTACT)]
+            first_time = first_time - earlier * np.asarray(record.interval)
+        record = record.at_contact(first_time)._replace(d=d)
         if record.force is not None:
             y = force[:impacts, : record.force.y.shape[1]]
             record = record._replace(force=record.force._replace(y=y))

@@ -56,6 +56,7 @@ _TERMS = {SUBJECT: PEOPLE, TRIAL: CONDITIONS}
 _NUISANCE = {
     "noise": NOISE,
     "atanh_theta1": NOISE,
+    "contact": "contact moment",
     "discrepancy": ELEMENT,
     "noise_force": NOISE,
     "log_force_ratio": NOISE,

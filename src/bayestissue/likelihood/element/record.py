@@ -244,6 +244,9 @@ class DecelerationRecord(NamedTuple):
             the gain's. None where there is none.
         shared_by: how many impacts have one error of velocity and gain in common, whose standard deviations
             in ``error_sd`` then are the root of that number too wide; None where each has its own.
+        interval: the sampling interval in which the place of contact is a parameter of the impact [s], 0 of
+            one whose contact is not known to be in one; ``first_time`` is from its middle. None where contact
+            is no parameter.
     """
 
     d: Float[Array, "impact sample"]
@@ -265,6 +268,7 @@ class DecelerationRecord(NamedTuple):
     clipped: Float[Array, "impact sample"] | None = None
     force: ForceRows | None = None
     shared_by: Float[Array, " impact"] | None = None
+    interval: Float[Array, " impact"] | None = None
 
     @classmethod
     def from_arrays(
@@ -397,6 +401,11 @@ class DecelerationRecord(NamedTuple):
     def at_contact(self, first_time: Float[Array, " impact"]) -> DecelerationRecord:
         """The same traces with contact so long before the first sample [s], its error about that."""
         return self.with_first_time(first_time)._replace(contact=Contact.known(self.contact.uniform))
+
+    def with_contact_earlier(self, by: Float[Array, " impact"]) -> DecelerationRecord:
+        """The same traces with contact so many sampling intervals before the middle of its own."""
+        assert self.interval is not None  # noqa: S101 - for the type checker
+        return self.with_first_time(self.first_time + by * self.interval)
 
     def with_first_time(self, first_time: Float[Array, " impact"]) -> DecelerationRecord:
         """The same traces, all of them, with contact so long before the first sample [s]."""

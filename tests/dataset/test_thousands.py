@@ -1,0 +1,122 @@
+"""A mark before exactly three digits stands before decimals or between thousands: never silently read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from bayestissue.dataset.cells import read_cells
+from bayestissue.dataset.dialect import Stated
+from bayestissue.dataset.impacts import impact_table
+from bayestissue.dataset.tables import read_table
+from bayestissue.errors import InputError
+from bayestissue.intake.names import columns
+
+LETTERED = {",": '"{}"', ";": "{}", "\t": "{}"}
+
+
+def table(delimiter: str, *cells: str) -> str:
+    return "".join(
+        delimiter.join(["subject", "mass_g"]) + "\n"
+        if row == 0
+        else f"s{row}{delimiter}{LETTERED[delimiter].format(cells[row - 1])}\n"
+        for row in range(len(cells) + 1)
+    )
+
+
+def masses(path: Path, text: str, stated: Stated | None = None) -> list[str]:
+    path.write_text(text)
+    return read_cells(path, [], stated=stated)[0]["mass_g"].tolist()
+
+
+@pytest.mark.parametrize(
+    ("delimiter", "mark", "cells"),
+    [
+        (",", "comma", ["500", "800", "1,000", "1,500"]),
+        (";", "comma", ["1,000", "1,500"]),
+        (";", "point", ["500", "800", "1.000", "1.500"]),
+        ("\t", "point", ["1.000", "2.500"]),
+        # Further than a table is looked at to find its marks.
+        (";", "comma", [*["500"] * 300, "1,000"]),
+    ],
+)
+def test_what_can_be_read_in_two_ways_is_refused(
+    delimiter: str, mark: str, cells: list[str], tmp_path: Path
+) -> None:
+    text, path = table(delimiter, *cells), tmp_path / "info.csv"
+    where = next(row for row, cell in enumerate(cells, 2) if not cell.isdigit())
+    with pytest.raises(InputError, match=rf", row {where}, column mass_g") as refused:
+        masses(path, text)
+    (problem,) = refused.value.problems
+    assert (problem.row, problem.column, problem.code) == (where, "mass_g", "open-mark")
+    assert "--text thousands=" in problem.remedy
+    other = "point" if mark == "comma" else "comma"
+    whole = [cell.replace(",", "").replace(".", "") for cell in cells]
+    decimals = [cell.replace(",", ".") for cell in cells]
+    for stated, expected in (
+        (Stated(thousands=mark), whole),
+        (Stated(decimal=other), whole),
+        (Stated(decimal=mark), decimals),
+        (Stated(thousands="none"), decimals),
+        (Stated(thousands=other), decimals),
+    ):
+        assert masses(path, text, stated) == expected
+
+
+@pytest.mark.parametrize(
+    ("delimiter", "cells", "read"),
+    [
+        # A number of other than three decimals, or below 1, tells.
+        (";", ["1,250", "0,500"], ["1.250", "0.500"]),
+        (";", ["1,250", "2,5"], ["1.250", "2.5"]),
+        (";", ["1.000", "1,5"], ["1.000", "1.5"]),
+        (";", ["1,234,567", "1,500"], ["1234567", "1500"]),
+        (",", ["1.250", "2.500"], ["1.250", "2.500"]),
+        (";", ["1234,567", "1,500"], ["1234.567", "1.500"]),
+        # What is no number by the mark that others tell stays, and is refused as one.
+        (",", ["0.5", "1,000"], ["0.5", "1,000"]),
+    ],
+)
+def test_one_number_that_tells_settles_the_marks(
+    delimiter: str, cells: list[str], read: list[str], tmp_path: Path
+) -> None:
+    assert masses(tmp_path / "a.csv", table(delimiter, *cells)) == read
+
+
+def test_a_name_settles_nothing(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("trial;mass_g\n0,5;1,000\n0,5;1,500\n")
+    with pytest.raises(InputError, match="mass_g"):
+        read_cells(tmp_path / "a.csv", [])
+
+
+def test_recordings_too(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("n;a\n" + "".join(f"{n};{n % 9 + 1},250\n" for n in range(300)))
+    with pytest.raises(InputError, match=r"1,250.*one way"):
+        read_table(path, "a.csv", numbers=None, remedy="")
+    read = read_table(path, "a.csv", numbers=None, remedy="", stated=Stated(decimal="comma"))
+    assert read.numbers["a"].array[:2].tolist() == [1.25, 2.25]
+    path.write_text(path.read_text() + "300;0,250\n")
+    assert read_table(path, "a.csv", numbers=None, remedy="").numbers["a"].array[0] == 1.25
+
+
+def test_a_fact_of_an_option_or_a_name() -> None:
+    with pytest.raises(InputError, match=r"1000, or 1\.000"):
+        columns({"mass_g": "1,000"}, "--set")
+    assert columns({"mass_g": "1,25"}, "a.csv") == {"mass_kg": 0.00125}
+
+
+@pytest.mark.parametrize("column", ["mass_kg", "velocity_m_s", "drop_height_m"])
+@pytest.mark.parametrize("factor", [1e-3, 1e3])
+def test_a_thousandth_of_the_others_is_never_fine(column: str, factor: float) -> None:
+    table = pd.DataFrame(
+        {"impact": ["a", "b", "c"], "subject": "s", "trial": "t", "mass_kg": [0.5, 0.8, 0.9]}
+        | {"velocity_m_s": [1.0, 1.1, 1.2], "drop_height_m": [0.05, 0.06, 0.07]}
+    )
+    table.loc[1, column] *= factor
+    said = impact_table(table.astype(str), np.arange(2, 5), needs_velocity=True)
+    # What lies outside the usual limits too is named by these alone.
+    assert [(w.row, w.column) for w in (*said.problems, *said.warnings)] == [(3, column)]
