@@ -31,12 +31,8 @@ def sums_over_frequencies(terms: tuple[Array, ...]) -> tuple[Array, ...]:
     the lanes in vector registers. One reduction of several operands is one loop, several are several.
 
     Args:
-        terms: each [block, impact, lane].
+        terms: two or more, each [block, impact, lane].
     """
-    if len(terms) == 1:
-        blocks = [terms[0][block] for block in range(terms[0].shape[0])]
-        # The two sums would otherwise be made one again, which runs over scalars.
-        return (jax.lax.optimization_barrier(sum(blocks[1:], blocks[0])).sum(-1),)
     zeros = (jnp.zeros((), terms[0].dtype),) * len(terms)
     lanes = tuple(jax.lax.reduce(terms, zeros, _plus, (0,)))
     return tuple(jax.lax.reduce(lanes, zeros, _plus, (1,)))

@@ -52,10 +52,6 @@ class NoiseParameters(NamedTuple):
     log_force_sigma: Float[Array, " impact"] | None = None
     log_force_ratio: Float[Array, " impact"] | None = None
 
-    def noise(self, record: DecelerationRecord) -> noise.Noise:
-        """The noise on the record's samples."""
-        return noise.noise_of(record, self.ratio())
-
     def ratio(self) -> Float[Array, " impact"]:
         """The discrepancy's rms over sigma."""
         if self.log_discrepancy is None:
@@ -78,7 +74,7 @@ def _densities(
 
 def _products(predicted: Response, parameters: NoiseParameters, record: DecelerationRecord) -> Products:
     """Of the residual and the errors' columns, in all channels."""
-    products = contact.products(predicted, record, parameters.noise(record))
+    products = contact.products(predicted, record, noise.noise_of(record, parameters.ratio()))
     if parameters.log_force_sigma is None or parameters.log_force_ratio is None:
         return products
     sigmas = parameters.log_sigma, parameters.log_force_sigma
