@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from bayestissue.declarations import general
 from bayestissue.errors import Coded
 from bayestissue.outline import counted
 from bayestissue.planning.settings import PLAN as SETTINGS
@@ -96,7 +97,7 @@ def _limited(sensors: Content, content: Content) -> list[str]:
             left.append(f"{texts[name]} undecided in {percent(goal['undecided'])} of the studies")
         elif goal["width"] is not None:
             wanted = precision[name]
-            width = percent(goal["width"]) if wanted.get("relative") else f"{goal['width']:.2g}"
+            width = percent(goal["width"]) if wanted.get("relative") else general(goal["width"], 2)
             left.append(f"± {width} of {wanted['of']} (wanted: ± {half_width(wanted)})")
     return left
 
@@ -275,6 +276,6 @@ def _of_goal(name: str, goal: Content) -> str:
     said = f"the assurance{suffix} is {number(goal['answered'], 2)} (standard error {number(goal['se'], 2)})"
     if goal["misleads"] is None:
         width = goal["width"]
-        return said if width is None else f"{said}, with a half width of {width:.2g} on average"
+        return said if width is None else f"{said}, with a half width of {general(width, 2)} on average"
     undecided, misleads = number(goal["undecided"], 2), number(goal["misleads"], 2)
     return f"{said}, with {undecided} of them undecided and {misleads} answered wrongly"
