@@ -248,7 +248,7 @@ class RecordedForce(Table):
         return self
 
 
-class Recording(Table):
+class RecordedDeceleration(Table):
     """The measuring chain. Standard deviations of 0 and an absent ``bits`` mean a perfect one.
 
     What is recorded of mass and velocity is the design's; the true values scatter about it. The recorder
@@ -267,9 +267,7 @@ class Recording(Table):
         relative_gain_sd: standard deviation of the sensitivity, as a fraction of it.
         velocity_sd_m_s: standard deviation of the velocity at contact about the stated one.
         relative_mass_sd: standard deviation of the mass about the stated one, as a fraction of it, below 0.3.
-            Of a mass that a hammer taps, of its logarithm, below 2.
         mass_factor: what all stated masses are to be multiplied by: 1.1 makes them 10 % too small.
-        force: a table [recording.force]: a force beside the deceleration.
         range_m_s2: the recorder clips beyond this, either way; left out, it does not.
         bits: the range has 2 to this power steps; left out, it has none.
     """
@@ -283,11 +281,33 @@ class Recording(Table):
     offset_sd_m_s2: Spread = 0.0
     relative_gain_sd: Annotated[float, Field(ge=0, lt=0.3)] = 0.0
     velocity_sd_m_s: Spread = 0.0
-    relative_mass_sd: Annotated[float, Field(ge=0, lt=PLAUSIBLE.most_guess_sd)] = 0.0
+    relative_mass_sd: Annotated[float, Field(ge=0, lt=_MOST_MASS_SD)] = 0.0
     mass_factor: Positive = 1.0
-    force: RecordedForce | None = None
     range_m_s2: Positive | None = None
     bits: Annotated[int, Field(ge=6, le=32)] | None = None
+
+    @model_validator(mode="after")
+    def _range_of_bits(self) -> Self:
+        if self.bits is not None and self.range_m_s2 is None:
+            raise ValueError("range_m_s2 beside bits, since the steps divide the range")
+        return self
+
+
+class Recording(RecordedDeceleration):
+    """The measuring chain. Standard deviations of 0 and an absent ``bits`` mean a perfect one.
+
+    What is recorded of mass and velocity is the design's; the true values scatter about it. The recorder
+    samples at a phase of its own, so that contact falls anywhere within a sampling interval, unless it is
+    triggered.
+
+    Attributes:
+        relative_mass_sd: standard deviation of the mass about the stated one, as a fraction of it, below 0.3.
+            Of a mass that a hammer taps, of its logarithm, below 2.
+        force: a table [recording.force]: a force beside the deceleration.
+    """
+
+    relative_mass_sd: Annotated[float, Field(ge=0, lt=PLAUSIBLE.most_guess_sd)] = 0.0
+    force: RecordedForce | None = None
 
     @property
     def tapped(self) -> bool:
@@ -300,14 +320,8 @@ class Recording(Table):
             raise ValueError(f'relative_mass_sd below {_MOST_MASS_SD:g} without force.place = "hammer"')
         return self
 
-    @model_validator(mode="after")
-    def _range_of_bits(self) -> Self:
-        if self.bits is not None and self.range_m_s2 is None:
-            raise ValueError("range_m_s2 beside bits, since the steps divide the range")
-        return self
 
-
-def require_samples_to_filter(recorder: RecorderSettings | None, recording: Recording) -> None:
+def require_samples_to_filter(recorder: RecorderSettings | None, recording: RecordedDeceleration) -> None:
     """Raise a ValueError where a digital low-pass has its corner above half of the sampling rate."""
     low_pass, most = recorder and recorder.values(), recording.sampling_rate_hz / 2
     if low_pass and low_pass.digital and low_pass.low_pass_hz >= most:
