@@ -13,6 +13,7 @@ from bayestissue.errors import InputError
 from bayestissue.inference.comparing import same_questions
 from bayestissue.report import write_report
 from bayestissue.report.comparison import answers_figure, answers_table
+from bayestissue.runtime import FORMAT
 from make_fit_run import make_fit_run
 from make_scored_run import make_scored_run
 from page_reader import Reader, figures
@@ -166,6 +167,6 @@ def test_what_lacks_is_named(folder, tmp_path):
     with pytest.raises(InputError, match=r"posteriors\.csv"):
         write_report(out)
     (out / ".bayestissue.json").unlink()
-    (out / "run.json").write_text('{"kind": "comparison"}')
+    (out / "run.json").write_text(json.dumps({"kind": "comparison", "format": FORMAT}))
     with pytest.raises(InputError, match="runs"):
         write_report(out)

@@ -20,6 +20,7 @@ from bayestissue.outline import short
 from bayestissue.remedies import Code
 from bayestissue.results import damaged, whole_file
 from bayestissue.results.tables import AGAIN, HELD, wrong_in
+from bayestissue.runtime import FORMAT
 
 # Of every run with a posterior.
 POSTERIOR_TABLES = ("summary", "hypotheses", "sensitivity")
@@ -69,8 +70,8 @@ def read_about(folder: Path) -> dict[str, Any]:
     """The content of ``run.json``, which every finished run holds.
 
     Raises:
-        InputError: the folder or the file is missing, it isn't the JSON object that a run writes, or a file
-            of the run is not as it was written.
+        InputError: the folder or the file is missing, it isn't the JSON object that a run writes, a version
+            wrote it whose files this one does not read, or a file of the run is not as it was written.
     """
     path = folder / "run.json"
     if not path.is_file():
@@ -85,6 +86,10 @@ def read_about(folder: Path) -> dict[str, Any]:
     if not isinstance(record.get("kind"), str):
         keys = ", ".join(record) or "no keys"
         raise InputError(wrong_in(path, 'the key "kind"', value=keys, code="not-a-run"))
+    if record.get("format") != FORMAT:
+        command = "fit DATASET" if record["kind"] == "fit" else f"{record.get('command', record['kind'])} ..."
+        where = str(path), None, "format", record.get("format", "none")
+        raise InputError.stated("another-version", *where, format=FORMAT, command=command)
     return record
 
 
