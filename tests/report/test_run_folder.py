@@ -114,3 +114,18 @@ def test_a_run_of_another_version_is_refused_with_how_to_make_it_anew(
     assert (problem.column, problem.value) == ("format", "none" if written is None else written)
     assert "`bayestissue fit DATASET --out DIR`" in problem.remedy
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("words", ["report RUN", "ask RUN peak_force", "export RUN --out out", "open RUN"])
+def test_a_run_of_an_element_that_this_version_lacks_is_refused(
+    words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = make_fit_run(tmp_path / "run")
+    about = json.loads((run / "run.json").read_text())
+    about["model"]["element"] = "soap"
+    (run / "run.json").write_text(json.dumps(about))
+    monkeypatch.chdir(tmp_path)
+    told = CliRunner().invoke(app, [{"RUN": str(run)}.get(word, word) for word in words.split()])
+    (problem,) = told.exception.problems
+    assert (problem.code, problem.column, problem.value) == ("another-version", "model.element", "soap")
+    assert "kelvin_voigt" in problem.expected
