@@ -15,7 +15,7 @@ HOW := the commands: $(BIN)/bayestissue --help, or make shell and then bayestiss
 REPORTS := reports
 
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-dev shell report report-example report-arma report-published test test-all run-tests run-slow-tests check-code docs docs-outputs test-long release-check evidence evidence-check evidence-status evidence-pages evidence-peers lock clean
+.PHONY: help setup setup-dev shell report report-example report-arma report-published test test-all run-tests run-slow-tests check-code docs docs-reports docs-outputs test-long release-check evidence evidence-check evidence-status evidence-pages evidence-peers lock clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-16s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -93,7 +93,10 @@ docs: $(READY_FOR_DOCS)  ## the manual, in docs/_build/html
 	@$(DOCS) docs docs/_build/html
 	@echo "open docs/_build/html/index.html"
 
-docs-outputs: $(READY_FOR_TESTS)  ## what the manual's commands print, its pictures, figures and notebook, made anew
+docs-reports: $(READY)  ## the reports that the manual shows, made anew in docs/reports
+	@$(MAKE) --no-print-directory report-example report-published REPORTS=docs/reports
+
+docs-outputs: $(READY_FOR_TESTS) docs-reports  ## these, the manual's pictures, figures and notebook, and what its commands print
 	@$(BIN)/python tests/docs/refresh.py
 	@$(BIN)/python docs/explanation/figures.py
 

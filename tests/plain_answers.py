@@ -44,7 +44,6 @@ from bayestissue.likelihood.arma.arma21 import log_likelihood as series_log_like
 from bayestissue.padding import bucket, padded_impacts
 from bayestissue.resources import shared
 from bayestissue.simulation import Simulation, simulate
-from bayestissue.simulation.driven import Driven, driven
 from make_fit_run import write_fit_run
 
 Numbers = dict[str, Any]
@@ -96,11 +95,6 @@ def filled_up() -> Dataset:
 def as_it_is() -> Dataset:
     """Twelve impacts, which no fast path fills up; their samples it does."""
     return campaign(4, (0.4, 0.8, 1.3))
-
-
-def heels(people: int) -> Dataset:
-    """Pushed by something, not hit: twelve recordings of each person."""
-    return driven(Driven(seed=5, subjects=people, repeats=3))[0]
 
 
 def prepared_of(dataset: Dataset, model: Any) -> Prepared:
@@ -215,7 +209,6 @@ QUICK: Mapping[str, Callable[[], Numbers]] = {
     "log density of impact": partial(density, filled_up, MODEL),
     "log density of arma": partial(density, filled_up, "arma"),
     "log density of a2": partial(density, filled_up, "a2"),
-    "log density of driven": partial(density, partial(heels, 1), "driven"),
     "log density of series": series,
     "question": question,
     "prediction": prediction,
@@ -229,7 +222,6 @@ SLOW: Mapping[str, Callable[[], Numbers]] = {
 FITS: Mapping[str, Callable[[], Numbers]] = {
     "fit by impact": partial(fit, as_it_is, "impact"),
     "fit by arma": partial(fit, as_it_is, "arma"),
-    "fit of driven": partial(fit, partial(heels, 2), "driven"),
 }
 
 

@@ -139,7 +139,7 @@ def _raised(data: Dataset, signal: Displacements, findings: Sequence[Finding]) -
         wrong = partial(Problem, "recording", kind.expected, kind.advice, code=kind.flag.code)
         pairs = zip(names, words, strict=True)
         yield from (wrong(value=value, impact=impact) for impact, value in pairs if value)
-    if data.recorder is None and data.quantity != "displacement" and not data.tapped:
+    if data.recorder is None and data.quantity != "displacement":
         yield from _undeclared(names, signal)
 
 

@@ -21,7 +21,8 @@ class _Sentences(string.Formatter):
     def format_field(self, value: Any, format_spec: str) -> str:
         """``value`` as its place in the sentence has it."""
         text = format(value, format_spec)
-        if "e+" in text and format_spec.endswith("g") and isinstance(value, Real) and abs(value) < _LARGE:
+        is_general = "e+" in text and format_spec.endswith("g") and isinstance(value, Real)
+        if is_general and abs(float(value)) < _LARGE:
             return f"{float(text):.0f}"
         return text
 

@@ -28,7 +28,6 @@ from bayestissue.hierarchy.untried import untried
 from bayestissue.inference.answers.agreement import agreement
 from bayestissue.inference.chain.results import ChainEnd
 from bayestissue.inference.checking import model_form
-from bayestissue.inference.checking.clock import judge_clock
 from bayestissue.inference.checking.force import judge_force
 from bayestissue.inference.checking.measuring_chain import judge
 from bayestissue.inference.checking.recorded_peak import judge_peaks
@@ -162,7 +161,7 @@ def fit_job(
     Raises:
         InputError: as of `fit`.
     """
-    specification, source = resolve(model, dataset.recorded, formulas=formulas_of(K, C), questions=ask)
+    specification, source = resolve(model, dataset.quantity, formulas=formulas_of(K, C), questions=ask)
     resolved(specification)
     if skip_short:
         dataset = without_short(dataset, specification, source)
@@ -197,7 +196,7 @@ def numpyro_model(
     from bayestissue.dataset import as_dataset
 
     dataset = as_dataset(dataset)
-    specification, source = resolve(model, dataset.recorded, formulas=formulas_of(K, C))
+    specification, source = resolve(model, dataset.quantity, formulas=formulas_of(K, C))
     _, prepared = prepare_without_phantoms(dataset, specification, source=source)
     return named_model(prepared)
 
@@ -216,11 +215,8 @@ def formulas_of(K: str | None, C: str | None) -> dict[str, str]:
 
 
 def default_model(quantity: str) -> str:
-    """The model of what was `Dataset.recorded`: decelerations of either sign, displacements, or both motions.
-
-    Of a driven tissue it is that of displacement and force together, and of taps that of how a mass rings.
-    """
-    return {"displacement": "arma", "driven": "driven", "tapped": "tapped"}.get(quantity, "impact")
+    """The model of a recorded quantity: decelerations of either sign, or displacements."""
+    return "arma" if quantity == "displacement" else "impact"
 
 
 def resolve(
@@ -370,8 +366,7 @@ def fit_prepared(
         dataset, specification, prepared, expansions, seed, say, checkpoints=checkpoints, earlier=earlier
     )
     points = point_estimates(dataset, specification.signal, prepared.signal)
-    asked = dataset.quantity != "displacement" and not dataset.tapped
-    chain = judge(plain, expansions) if asked else {}
+    chain = judge(plain, expansions) if dataset.quantity != "displacement" else {}
     diagnostics = analysis.diagnostics | _of_recordings(dataset, prepared, analysis, points["exact"], chain)
     analysis = replace(analysis, diagnostics=diagnostics, summary=noted(analysis.summary, diagnostics))
     return finished_fit(dataset, specification, prepared, analysis, points, seed, start.time, start.seconds)
@@ -416,7 +411,7 @@ def _first_or_second(
             return prepared, first
     wider = with_discrepancy(dataset, specification, prepared)
     second = _second_fit(wider, specification, seed, say, checkpoints, end)
-    of_both = model_form.with_discrepancy(form, second.tree, model_form.shown_by(wider.model.kind))
+    of_both = model_form.with_discrepancy(form, second.tree)
     of_both |= {"impacts": second.diagnostics.get("model_form", {}).get("impacts", {})}
     return wider, replace(second, diagnostics=second.diagnostics | {"model_form": of_both})
 
@@ -450,33 +445,16 @@ def _of_recordings(
         "clipped": clipped_recordings(names, limited.tolist()),
         "channels": _of_channels(dataset, prepared, analysis),
         "reference": prepared.reference and judge_reference(prepared.reference),
-        "clock": _of_clock(dataset, analysis),
     }
     return {name: entry for name, entry in entries.items() if entry}
 
 
-def _of_clock(dataset: Dataset, analysis: TraceAnalysis) -> dict[str, Any]:
-    """Whether the force of a driven tissue is late, where its law describes it."""
-    clock = analysis.diagnostics.get("clock")
-    if clock is None or analysis.diagnostics["model_form"].get("undescribed"):
-        return {}
-    return judge_clock(dataset.channels[0].name, clock)
-
-
 def _of_channels(dataset: Dataset, prepared: Prepared, analysis: TraceAnalysis) -> dict[str, Any]:
     """What a force beside the deceleration says, or why it was not used."""
-    posterior = analysis.tree["posterior"].dataset
     if prepared.force:
-        form, below = analysis.diagnostics["channels"]["form"], prepared.force.rows.below
-        return judge_force(
-            prepared.force, dataset.channels[0].name, posterior, prepared.signal.mass, form, below=below
-        )
-    if prepared.tap:
-        return judge_force(prepared.tap, dataset.channels[0].name, posterior, prepared.signal.mass)
-    if not (dataset.channels and dataset.free):
-        return {}
-    displaced = dataset.quantity == "displacement"
-    return {"words": unused_channels(dataset.channels, prepared.force_unused, displaced=displaced)}
+        posterior, form = analysis.tree["posterior"].dataset, analysis.diagnostics["channels"]["form"]
+        return judge_force(prepared.force, posterior, prepared.signal.mass, form)
+    return {"words": unused_channels(dataset.channels, prepared.force_unused)} if dataset.channels else {}
 
 
 def finished_fit(

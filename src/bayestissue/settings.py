@@ -115,11 +115,10 @@ def checked[Schema: BaseModel](
     file: str,
     within: Sequence[str] = (),
     text: str = "",
-    context: Mapping[str, Any] | None = None,
 ) -> Schema:
     """``content`` as a ``schema``; ``within`` names the table of ``file`` that holds it.
 
-    With the ``text`` of the file, problems name their rows. Validators that ask for a ``context`` have it.
+    With the ``text`` of the file, problems name their rows.
 
     Raises:
         InputError: every key that is unknown, missing or has a wrong value, with what is allowed.
@@ -127,7 +126,7 @@ def checked[Schema: BaseModel](
     from pydantic import ValidationError
 
     try:
-        return schema.model_validate(dict(content), context=context)
+        return schema.model_validate(dict(content))
     except ValidationError as error:
         details = _causes(error.errors())
         problems = _merged([_problem(detail, schema, file, tuple(within)) for detail in details])

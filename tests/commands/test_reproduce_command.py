@@ -1,18 +1,15 @@
 from __future__ import annotations
 
 import os
-import shutil
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
 
-import pandas as pd
 import pytest
 
 from bayestissue import cli, runtime
-from bayestissue.resources import shared
 
 HEAD = 'name = "mine"\nlikelihood = "published-estimates"\n'
 
@@ -72,35 +69,6 @@ def test_a_wrong_model_is_refused_in_its_own_terms(refused, model: str, words: l
     said = refused(model)
     for word in words:
         assert word in said, word
-
-
-def published_with(folder: Path, **changed: pd.DataFrame) -> Path:
-    shutil.copytree(shared("data", "published"), folder)
-    for name, table in changed.items():
-        table.to_csv(folder / f"{name}.csv", index=False)
-    return folder
-
-
-def printed(name: str) -> pd.DataFrame:
-    return pd.read_csv(shared("data", "published") / f"{name}.csv", dtype=str)
-
-
-def test_a_trial_effect_is_refused_where_each_trial_has_one_impact(refused, tmp_path: Path) -> None:
-    estimates = printed("estimates")
-    folder = published_with(tmp_path / "tables", estimates=estimates[estimates["subject"] == "1"])
-    said = refused("[formula]\nK = 'log(mass_kg) + (1|trial)'\nC = '1'\n", "--published", str(folder))
-    assert "formula.K" in said
-    assert "several impacts for at least one trial" in said
-
-
-def test_the_exponent_of_a_mass_that_never_varies_is_refused(refused, tmp_path: Path) -> None:
-    constant = {name: printed(name).assign(mass_kg="0.5") for name in ("estimates", "averages")}
-    folder = published_with(tmp_path / "tables", **constant)
-    formula = "'log(mass_kg) + (1|subject) + (1|trial)'"
-    said = refused(f"[formula]\nK = {formula}\nC = {formula}\n", "--published", str(folder))
-    assert "formula.K" in said
-    assert "formula.C" in said
-    assert "mass that varies" in said
 
 
 def test_a_full_result_folder_is_refused_before_anything_else(refused, tmp_path: Path) -> None:

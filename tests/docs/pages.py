@@ -12,7 +12,8 @@ A page is Markdown. What the runner takes from it:
   `<!-- takes long: REASON -->` does too, unless all of the page is asked for,
   `<!-- stays: REASON -->` also, and its commands then run in the background until the page ends,
   `<!-- exit status: 2 -->` is what the last command of the block ends with, and
-  `<!-- picture of: PAGE.html, WIDTHxHEIGHT -->` says of what refresh.py takes the picture.
+  `<!-- picture of: PAGE.html, WIDTHxHEIGHT -->` says of what refresh.py takes the picture: a page that the
+  commands before it wrote, or a report that docs/reports keeps.
 
 Numbers may differ by a tenth, as they do between machines and compilers; a line `...` stands for any lines.
 """
@@ -42,7 +43,9 @@ from bayestissue.hierarchy.trace_data import prepare
 from command_line import bayestissue
 
 ROOT = Path(__file__).resolve().parents[2]
-DOCS = ROOT / "docs"
+DOCS, README = ROOT / "docs", ROOT / "README.md"
+# Where reports of this version are kept, and the name by which a picture states the SHA-256 of what it shows.
+KEPT, OF = "docs/reports/", "of"
 NOTEBOOKS = {"notebook.ipynb": ROOT / "notebooks" / "traces.py"}
 WIDTH = "96"
 SHARED = ("data", "models")
@@ -220,7 +223,7 @@ def parse(block: Block) -> None:
                 data, model = read_dataset(words[1]), given.get("--model")
                 formulas = formulas_of(given.get("--K"), None)
                 asked = [given["--ask"]] if "--ask" in given else []
-                specification, source = resolve(model, data.recorded, formulas=formulas, questions=asked)
+                specification, source = resolve(model, data.quantity, formulas=formulas, questions=asked)
                 prepared = prepare(data, specification, source=source)
                 require_answerable(prepared, specification, source)
 

@@ -1,8 +1,9 @@
 """Outputs and pictures of the manual's pages, made anew: `python tests/docs/refresh.py [PAGE ...]`.
 
-Every page is run in an empty folder, as in the tests. What its commands print is written into it, but where
-the page leaves lines out by `...`. The pictures that it names are taken by Chromium of the pages that the
-commands wrote. A page that ends in .ipynb is its notebook, which notebooks/ keeps as text, without outputs.
+Every page is run in an empty folder, as in the tests; of the README, whose picture needs its fit, all. What
+its commands print is written into it, but where the page leaves lines out by `...`. Pictures are taken by
+Chromium of the pages that the commands wrote, or of the reports that docs/reports keeps. A page that ends in
+.ipynb is its notebook, which notebooks/ keeps as text, without outputs.
 """
 
 from __future__ import annotations
@@ -22,8 +23,9 @@ import jupytext  # noqa: E402
 import nbformat  # noqa: E402
 import preparations  # noqa: E402
 from nbclient import NotebookClient  # noqa: E402
-from pages import DOCS, NOTEBOOKS, Block, Command, commands, run  # noqa: E402
+from pages import DOCS, KEPT, NOTEBOOKS, OF, README, ROOT, Block, Command, commands, run  # noqa: E402
 from PIL import Image  # noqa: E402
+from PIL.PngImagePlugin import PngInfo  # noqa: E402
 
 from bayestissue import runtime  # noqa: E402
 from browser import DRAWN, Browser  # noqa: E402
@@ -47,7 +49,7 @@ def refresh(page: Path) -> None:
         printed.setdefault(block.line, []).extend([*asked, *_shown(shown, out)])
 
     with tempfile.TemporaryDirectory() as folder:
-        run(page, Path(folder), preparations, told)
+        run(page, Path(folder), preparations, told, whole=page == README)
     text = page.read_text(encoding="utf-8").splitlines()
     for line in sorted(changed, reverse=True):
         end = text.index("```", line)
@@ -80,10 +82,14 @@ def _picture(said: str, out: Path) -> None:
     source, _, size = said.partition(", ")
     out.parent.mkdir(exist_ok=True)
     width, height = map(int, size.split("x"))
+    shown = (ROOT if source.startswith(KEPT) else Path.cwd()) / source
     with Browser() as tab:
-        tab.open(Path(source).resolve(), width, height=height)
+        tab.open(shown, width, height=height)
         tab.until(DRAWN)
-        _few_colours(Image.open(io.BytesIO(tab.picture()))).save(out, optimize=True)
+        small = _few_colours(Image.open(io.BytesIO(tab.picture())))
+    stated = PngInfo()
+    stated.add_text(OF, hashlib.sha256(shown.read_bytes()).hexdigest())
+    small.save(out, optimize=True, pnginfo=stated)
 
 
 def render(page: Path) -> None:
@@ -118,5 +124,6 @@ def _few_colours(picture: Image.Image) -> Image.Image:
 if __name__ == "__main__":
     runtime.configure()
     pages = [Path(name).resolve() for name in sys.argv[1:]]
-    for each in pages or [*DOCS.glob("[th]*/*.md"), *map((DOCS / "tutorial").joinpath, NOTEBOOKS)]:
+    every = [README, *DOCS.glob("[th]*/*.md"), DOCS / "explanation" / "thesis.md"]
+    for each in pages or [*every, *map((DOCS / "tutorial").joinpath, NOTEBOOKS)]:
         (render if each.suffix == ".ipynb" else refresh)(each)

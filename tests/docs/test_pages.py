@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 import runpy
 from pathlib import Path
@@ -11,7 +12,23 @@ import jupytext
 import pandas as pd
 import preparations
 import pytest
-from pages import DOCS, LONG, NOTEBOOKS, ROOT, Block, blocks, commands, compare, parse, run, same
+from pages import (
+    DOCS,
+    KEPT,
+    LONG,
+    NOTEBOOKS,
+    OF,
+    README,
+    ROOT,
+    Block,
+    blocks,
+    commands,
+    compare,
+    parse,
+    run,
+    same,
+)
+from PIL import Image
 
 PAGES = sorted(
     page
@@ -106,6 +123,30 @@ def test_a_rendered_notebook_is_the_one_that_is_kept_as_text(name: str) -> None:
     rendered, kept = jupytext.read(DOCS / "tutorial" / name), jupytext.read(NOTEBOOKS[name])
     assert [(c.cell_type, c.source) for c in rendered.cells] == [(c.cell_type, c.source) for c in kept.cells]
     assert any(cell.get("outputs") for cell in rendered.cells)
+
+
+PICTURES = {
+    page.parent / block.text: block.notes.get("picture of", "").partition(", ")[0]
+    for page in (README, *DOCS.glob("*/*.md"))
+    for block in blocks(page.read_text(encoding="utf-8"))
+    if block.language == "picture" and block.text.endswith(".png")
+}
+
+
+def test_every_picture_names_the_page_that_it_is_of() -> None:
+    assert [picture for picture, shown in PICTURES.items() if not shown] == []
+    kept = [*(DOCS / "pictures").iterdir(), *(DOCS / "tutorial" / "pictures").iterdir()]
+    assert sorted(kept) == sorted(picture.resolve() for picture in PICTURES)
+
+
+@pytest.mark.parametrize(
+    ("picture", "shown"),
+    [pytest.param(*pair, id=pair[1]) for pair in PICTURES.items() if pair[1].startswith(KEPT)],
+)
+def test_a_picture_is_of_the_report_that_is_kept(picture: Path, shown: str) -> None:
+    """Both are made by one command, `make docs-outputs`, of which no half is kept."""
+    of = hashlib.sha256((ROOT / shown).read_bytes()).hexdigest()
+    assert Image.open(picture).text[OF] == of, "run make docs-outputs"
 
 
 def test_every_figure_of_the_explanations_is_one_that_their_script_makes() -> None:

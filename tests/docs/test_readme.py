@@ -6,9 +6,8 @@ import re
 from pathlib import Path
 
 import pytest
-from pages import ROOT, run
+from pages import README, ROOT, run
 
-README = ROOT / "README.md"
 TEXT = README.read_text(encoding="utf-8")
 
 

@@ -230,7 +230,7 @@ def test_the_verdict_names_the_size(heavier: Dataset, mass_sd: float, passed: bo
     declared = heavier.impacts["mass_kg"].to_numpy()
     mass = factor[..., None] * declared * np.exp(0.002 * random.standard_normal((1, 1, len(declared))))
     posterior["mass"] = ("chain", "draw", "impact"), mass
-    account = judge_force(force, "force", posterior, declared, NOISE_ALONE)
+    account = judge_force(force, posterior, declared, NOISE_ALONE)
     assert account["slope"] == 0
     assert account["passed"] is passed
     assert words in headline({"passed": True, "channels": account})
@@ -247,7 +247,7 @@ def test_masses_that_lack_one_arm_are_not_off_by_one_factor(heavier: Dataset) ->
             "mass": (("chain", "draw", "impact"), declared * np.exp(off)),
         }
     )
-    account = judge_force(force, "force", posterior, declared, NOISE_ALONE)
+    account = judge_force(force, posterior, declared, NOISE_ALONE)
     # From 0.4 to 1.3 kg an arm of 0.05 kg is 12 to 4 %.
     slope = (np.log1p(0.05 / 1.3) - np.log1p(0.05 / 0.4)) / np.log(1.3 / 0.4)
     assert account["slope"] == pytest.approx(slope, rel=0.1)

@@ -62,30 +62,6 @@ def test_the_worst_findings_stand_on_the_first_screen_and_are_escaped(html):
     assert "energy &lt;is&gt; not" in first
 
 
-def test_tables_that_a_run_carries_along_are_the_ones_drawn(published_run_folder, tmp_path):
-    from bayestissue.resources import shared
-
-    folder = shutil.copytree(published_run_folder, tmp_path / "run")
-    shutil.copytree(shared("data", "published"), folder / "published")
-    regressions = folder / "published" / "regressions.csv"
-    regressions.write_text(regressions.read_text().replace("23.21", "99.99"))
-    assert '<td class="number">99.99</td>' in write_report(folder).read_text(encoding="utf-8")
-
-
-@pytest.mark.slow
-def test_a_run_whose_rows_all_survive_gets_a_page(published_run_folder, tmp_path):
-    import xarray as xr
-
-    folder = shutil.copytree(published_run_folder, tmp_path / "run")
-    with xr.open_datatree(folder / "posterior.nc", engine="h5netcdf") as tree:
-        tree.load()
-    observed = tree["observed_data"].to_dataset()
-    tree["observed_data"] = xr.DataTree(observed.drop_dims("averaged_trial"))
-    tree.to_netcdf(folder / "posterior.nc", engine="h5netcdf")
-    html = write_report(folder).read_text(encoding="utf-8")
-    assert "mean ± sd, rows lost" not in html
-
-
 @pytest.mark.slow
 def test_a_failed_run_is_loud_on_the_first_screen(tmp_path):
     html = write_report(make_published_run(tmp_path, passed=False)).read_text(encoding="utf-8")

@@ -26,8 +26,6 @@ class Lab:
     gravity: float = 0.0
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
     contact: Contact | None = None
-    free: bool = True
-    tapped: bool = False
 
     def part(self, rows: slice) -> Lab:
         return replace(self, impacts=self.impacts.iloc[rows], traces=self.traces[rows])

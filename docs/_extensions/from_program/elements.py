@@ -17,8 +17,8 @@ def models() -> str:
 
 
 def laws() -> str:
-    """The force of each."""
-    return table(["model", "force"], ((code(name), f"${met.law}$") for name, met in _models()))
+    """The model of each force: a law that exists is found by it."""
+    return table(["force", "model"], ((f"${met.law}$", code(name)) for name, met in _models()))
 
 
 def _models() -> Iterator[tuple[str, Element]]:

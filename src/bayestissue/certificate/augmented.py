@@ -44,9 +44,7 @@ def reason_against(prepared: Prepared) -> str:
     record = prepared.data.record
     if len(prepared.impacts) > FEW:
         return f"there are more than {FEW} impacts"
-    if prepared.model.kind == "driven":
-        return "the motion of what something pushes is of any shape, and is not drawn"
-    if prepared.factor is not None:
+    if prepared.force is not None:
         return "a force was recorded beside the deceleration, which is not drawn"
     if isinstance(record, DecelerationRecord):
         if record.contact.reach:

@@ -104,8 +104,6 @@ def _summary(checked: Check) -> list[tuple[str, str]]:
 
     data, quality, impacts = checked.dataset, checked.quality, checked.dataset.impacts
     noise = quality["noise_to_peak"]
-    window = "rows of ringing" if data.tapped else "samples until the peak"
-    has_contact = data.quantity != "displacement" and not data.tapped
     return [
         ("impacts", counts(impacts)),
         ("recorded", data.quantity),
@@ -113,17 +111,13 @@ def _summary(checked: Check) -> list[tuple[str, str]]:
         *([("force", checked.force.words)] if checked.force else []),
         *([("gravity along the motion", f"{data.gravity:.4g} m/s²")] if data.gravity else []),
         *([("low-pass", str(data.recorder)), ("noise entered", _entry(checked))] if data.recorder else []),
-        *([("contact", checked.signal.phase.words)] if has_contact else []),
+        *([("contact", checked.signal.phase.words)] if data.quantity != "displacement" else []),
         ("samples per impact", _range(quality["n_samples"], "")),
         ("sampling rate", _range(quality["sampling_rate_hz"], " Hz")),
-        ("mass", _range(impacts["mass_kg"], " kg"))
-        if data.free
-        else ("motion", "driven: no free mass, K and C of force over depth"),
-        ("motion", "tapped by a hammer, from rest")
-        if data.tapped
-        else ("velocity at contact", _range(impacts["velocity_m_s"], " m/s", digits=4)),
+        ("mass", _range(impacts["mass_kg"], " kg")),
+        ("velocity at contact", _range(impacts["velocity_m_s"], " m/s", digits=4)),
         ("time to peak", _range(quality["time_to_peak_s"] * 1e3, " ms", digits=3)),
-        (window, _range(quality["samples_in_window"], "")),
+        ("samples until the peak", _range(quality["samples_in_window"], "")),
         ("noise", f"{noise.median():.2g} of the peak, at worst {noise.max():.2g}"),
     ]
 

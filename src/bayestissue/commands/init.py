@@ -42,7 +42,6 @@ def run(
     text: Annotated[list[str] | None, typer.Option(metavar="KEY=VALUE")] = None,
     uncertainty: Annotated[list[str] | None, typer.Option(metavar="NAME=SD")] = None,
     force: Annotated[list[str] | None, typer.Option(metavar="KEY=VALUE|none")] = None,
-    driven: bool = False,
     gravity: Annotated[str | None, typer.Option(metavar="none|drop|M_S2")] = None,
     zero: Literal["free_fall", "rest"] | None = None,
     several: bool = False,
@@ -93,11 +92,8 @@ def run(
         uncertainty: How well the measuring chain is known, as a standard deviation: mass and gain as a
             fraction, velocity in m/s, offset in m/s^2, such as velocity=0.01; may be repeated.
         force: An entry of the table [[channel]] of a force beside the motion: value_column, place
-            (impactor, base, or hammer: taps, whose impactor has no velocity), unit, scale, tip_mass_kg,
-            relative_gain_sd, time_offset_s, time_offset_sd_s; may be repeated. The only channel with a unit
-            of force is taken unless given; none leaves it out.
-        driven: Something goes on pushing on the tissue, as a leg does on a heel: displacement and force are
-            recorded, and no mass need be known.
+            (impactor or base), unit, scale, tip_mass_kg, relative_gain_sd, time_offset_s; may be repeated.
+            The only channel with a unit of force is taken unless given; none leaves it out.
         gravity: The part of gravity along the motion: none (a pendulum at its lowest point), drop (straight
             down), or a number of m/s², positive into the tissue. Asked for where a drop height is given.
         zero: Where an accelerometer read 0; in free fall unless stated.
@@ -112,7 +108,7 @@ def run(
     choices = Choices(
         channel=channel, quantity=quantity, unit=unit, time=time, time_unit=time_unit, rate_hz=rate_hz,
         scale=scale, offset=offset, crop=crop, pattern=pattern, table=table, zero=zero,
-        driven=driven, gravity=_gravity(gravity),
+        gravity=_gravity(gravity),
         shared=_facts(shared or []),
         recorder=_entries(recorder or [], "--recorder", "sae_class=180"),
         text=_entries(text or [], "--text", "decimal=comma"),

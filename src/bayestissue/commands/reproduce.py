@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
-from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -19,7 +17,6 @@ if TYPE_CHECKING:
 def run(
     out: Out,
     model: Annotated[str | None, typer.Option(metavar="NAME|FILE")] = None,
-    published: Path | None = None,
     seed: Seed = 0,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
@@ -28,10 +25,8 @@ def run(
 
     Args:
         model: Model of the re-analysis; published unless given.
-        published: Folder of published tables; the thesis's own unless given.
     """
-    inputs = (model, published)
-    with results.claim(out, overwrite=overwrite, command="reproduce", inputs=inputs) as target:
+    with results.claim(out, overwrite=overwrite, command="reproduce", inputs=(model,)) as target:
         runtime.configure()
         from bayestissue.commands.console import Stages, echo, explained
         from bayestissue.dataset.published import read_published
@@ -49,7 +44,7 @@ def run(
             lambda content: content.get("likelihood") == "published-estimates",
         )
         specification = read_specification(file)
-        tables = read_published(published)
+        tables = read_published()
         observations = published_observations(tables)
         design = published_design(observations, specification, source=str(file))
         competing = competing_designs(observations, specification, str(file))
@@ -61,9 +56,6 @@ def run(
             analysis = analyse(observations, design, competing, specification, seed, say)
             say("writing the results", 0, 1)
             results.write_tree(analysis.tree, folder / "posterior.nc")
-            if published is not None:
-                # The report draws these tables; without them it would draw the thesis's own.
-                shutil.copytree(tables.folder, folder / "published", ignore=_all_but(tables.paths))
             for name in ("summary", "hypotheses", "comparison", "sensitivity", "predictive_checks"):
                 _write(getattr(analysis, name), folder / f"{name}.csv")
             results.write_json(analysis.diagnostics, folder / "diagnostics.json")
@@ -85,11 +77,6 @@ def run(
             echo(f"wrote {target.path / 'report.html'}")
         if not analysis.diagnostics["passed"]:
             raise typer.Exit(FAILED_DIAGNOSTICS)
-
-
-def _all_but(paths: Iterable[Path]) -> Callable[[str, list[str]], list[str]]:
-    names = {path.name for path in paths}
-    return lambda folder, entries: [entry for entry in entries if entry not in names]
 
 
 def _write(table: pd.DataFrame, path: Path) -> None:

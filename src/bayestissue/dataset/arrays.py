@@ -81,7 +81,7 @@ def dataset(
 
     Args:
         impacts: one row per impact, with the columns of ``impacts.csv``: ``impact``, ``subject``, ``trial``,
-            ``mass_kg``, ``velocity_m_s`` (not needed of a displacement, not read beside a hammer), and
+            ``mass_kg``, ``velocity_m_s`` (not needed of a displacement), and
             covariates. A table, columns by name, or records. A column ``trace`` is left out: recordings are
             ``traces``.
         traces: the recordings: one long table with a column ``impact`` beside the time and the value column;
@@ -144,11 +144,11 @@ def dataset(
         if channels:
             content["channel"] = _stated_channels(channels, value_column)
         settings = parse_settings(content)
-        known: Any = {"needs_velocity": settings.needs_velocity, "ignored": settings.ignored_columns}
+        needs_velocity = settings.needs_velocity
         names, body = _texts(impacts)
         numbers = range(FIRST_ROW, len(body) + FIRST_ROW)
-        cells, rows = cells_of(names, body, numbers, wanted(**known))
-        table = impact_table(cells, rows, **known)
+        cells, rows = cells_of(names, body, numbers, wanted(needs_velocity=needs_velocity))
+        table = impact_table(cells, rows, needs_velocity=needs_velocity)
         listed = cells["impact"].tolist()
         with along_with(table.problems):
             label, recorded, sample_rows = _columns(traces, listed, settings.signal)

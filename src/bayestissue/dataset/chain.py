@@ -8,9 +8,7 @@ from typing import Any, Literal
 Quantity = Literal["deceleration", "acceleration", "displacement"]
 Contact = Literal["between", "on_sample"]
 ChannelQuantity = Literal["force"]
-Place = Literal["impactor", "base", "hammer"]
-# The place of a sensor in an instrumented hammer.
-HAMMER: Place = "hammer"
+Place = Literal["impactor", "base"]
 STANDARD_GRAVITY = 9.80665
 
 

@@ -8,19 +8,16 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Bool, Float64
+from jaxtyping import Float64
 
-from bayestissue.dataset.chain import HAMMER, Place
 from bayestissue.dataset.checks import check_samples
 from bayestissue.dataset.impacts import ImpactTable
 from bayestissue.dataset.limits import at_limit
 from bayestissue.dataset.model import Channel, Trace
-from bayestissue.dataset.plausible import PLAUSIBLE
 from bayestissue.dataset.recordings import (
     MIN_SAMPLES,
     Reading,
     Recordings,
-    Samples,
     Windows,
     crop,
     interpolated,
@@ -69,7 +66,7 @@ def checked_channel(
     """The channel's recordings with all that is wrong with them.
 
     Samples and clocks as of the first channel, times that do not meet the first channel's, a channel that
-    never changes, and a force of the wrong sign. Of a hammer also a recording that begins with its pulse.
+    never changes, and a force of the wrong sign.
 
     Args:
         channel: what ``dataset.toml`` says of it.
@@ -90,18 +87,18 @@ def checked_channel(
     return replace(
         reading,
         samples=samples,
-        problems=[*reading.problems, *problems, *of_samples, *_unfit(sound, first, channel.place)],
+        problems=[*reading.problems, *problems, *of_samples, *_unfit(sound, first)],
     )
 
 
 def declared(channel: ChannelSettings, traces: list[Trace]) -> Channel:
     """The channel as a `Dataset` carries it."""
     recorder = channel.recorder.values() if channel.recorder else None
-    known = channel.relative_gain_sd, channel.tip_mass_kg, recorder, channel.time_offset_sd_s
+    known = channel.relative_gain_sd, channel.tip_mass_kg, recorder
     return Channel(channel.name, channel.quantity, channel.place, traces, *known)
 
 
-def _unfit(recordings: Recordings, first: Recordings, place: Place) -> Iterator[Problem]:
+def _unfit(recordings: Recordings, first: Recordings) -> Iterator[Problem]:
     """What the first channel says against recordings whose samples and clocks are sound."""
     recordings = recordings.of_impacts(first.name)
     if not recordings.name.size:
@@ -117,9 +114,7 @@ def _unfit(recordings: Recordings, first: Recordings, place: Place) -> Iterator[
     apart = count < MIN_SAMPLES
     words = "{} of its samples while the first channel was recorded"
     yield from recordings.where(apart, "channel-unfit.apart", words, count, least=MIN_SAMPLES)
-    tapped = place == HAMMER
-    # A hammer's force speeds the mass up, any other slows it.
-    sign = -1.0 if (first.quantity == "acceleration") != tapped else 1.0
+    sign = -1.0 if first.quantity == "acceleration" else 1.0
 
     def centred(values: Float64[np.ndarray, " sample"]) -> Float64[np.ndarray, " sample"]:
         values = np.where(inside, values, 0.0)
@@ -129,36 +124,8 @@ def _unfit(recordings: Recordings, first: Recordings, place: Place) -> Iterator[
     force, compared = centred(samples.value), sign * centred(recorded)
     dead = ~apart & (np.maximum.reduceat(np.abs(force), samples.begin) == 0)
     yield from recordings.where(dead, "constant-signal", "{:g} in every sample", samples.value[samples.begin])
-    if tapped:
-        pulse, before = _pulse(samples, np.abs(force))
-        quiet = np.add.reduceat((inside & before).astype(int), samples.begin)
-        late = ~apart & ~dead & (quiet < MIN_SAMPLES)
-        words = "{} samples of both channels before the hammer's pulse"
-        yield from recordings.where(late, "channel-unfit.quiet", words, quiet, least=MIN_SAMPLES)
-        dead |= late
-        pulls = ~apart & ~dead & (np.add.reduceat(np.where(pulse, force, 0.0), samples.begin) < 0)
-        words = "one that is negative in its pulse"
-        yield from recordings.where(pulls, "channel-unfit.pull", words, quiet)
-        # What rings on has either sign.
-        force, compared = np.where(pulse, np.abs(force), 0.0), np.where(pulse, compared, 0.0)
     together = np.add.reduceat(force * compared, samples.begin)
     sizes = [np.sqrt(np.add.reduceat(one**2, samples.begin)) for one in (force, compared)]
     correlation = together / np.maximum(sizes[0] * sizes[1], np.finfo(float).tiny)
     wrong = ~apart & ~dead & (correlation < 0)
-    key = "channel-unfit.tap" if tapped else "channel-unfit.sign"
-    yield from recordings.where(wrong, key, "a correlation of {:.2f}", correlation)
-
-
-def _pulse(
-    samples: Samples, size: Float64[np.ndarray, " sample"]
-) -> tuple[Bool[np.ndarray, " sample"], Bool[np.ndarray, " sample"]]:
-    """Which samples are the pulse about the greatest ``size``, above a tenth of it, and which come before."""
-    owner, position = samples.owner, np.arange(size.size)
-    greatest = np.maximum.reduceat(size, samples.begin)[owner]
-    peak = np.minimum.reduceat(np.where(size == greatest, position, size.size), samples.begin)[owner]
-    low = size <= PLAUSIBLE.pulse * greatest
-    earlier = np.where(low & (position < peak), position, samples.begin[owner] - 1)
-    later = np.where(low & (position > peak), position, samples.end[owner])
-    first = np.maximum.reduceat(earlier, samples.begin)[owner] + 1
-    last = np.minimum.reduceat(later, samples.begin)[owner] - 1
-    return (first <= position) & (position <= last), position < first
+    yield from recordings.where(wrong, "channel-unfit.sign", "a correlation of {:.2f}", correlation)

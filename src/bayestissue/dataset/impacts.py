@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -52,19 +51,18 @@ class ImpactTable:
     warnings: list[Problem]
 
 
-def read_impacts(path: Path, *, needs_velocity: bool, ignored: Collection[str] = ()) -> ImpactTable:
+def read_impacts(path: Path, *, needs_velocity: bool) -> ImpactTable:
     """Read and check ``impacts.csv``.
 
     Args:
         path: the file.
         needs_velocity: whether every impact must state its velocity at contact.
-        ignored: columns that say nothing of these recordings, and are not read.
 
     Raises:
         InputError: the file as a whole can't be used: missing, not UTF-8, no table, columns missing.
     """
-    cells, rows = read_cells(path, wanted(needs_velocity=needs_velocity, ignored=ignored))
-    return impact_table(cells, rows, needs_velocity=needs_velocity, ignored=ignored)
+    cells, rows = read_cells(path, wanted(needs_velocity=needs_velocity))
+    return impact_table(cells, rows, needs_velocity=needs_velocity)
 
 
 def of_phantoms(impacts: pd.DataFrame) -> Bool[np.ndarray, " impact"]:
@@ -88,18 +86,13 @@ def counts(impacts: pd.DataFrame) -> str:
     return f"{len(impacts)}; subjects: {people}, trials: {trials}{phantoms}"
 
 
-def wanted(*, needs_velocity: bool, ignored: Collection[str] = ()) -> list[str]:
+def wanted(*, needs_velocity: bool) -> list[str]:
     """The columns that a table of impacts must have."""
-    needed = {"mass_kg": True, "velocity_m_s": needs_velocity}
-    measured = [name for name, is_needed in needed.items() if is_needed and name not in ignored]
-    return ["impact", "subject", *measured]
+    return ["impact", "subject", "mass_kg", *(["velocity_m_s"] if needs_velocity else [])]
 
 
-def impact_table(
-    cells: pd.DataFrame, rows: np.ndarray, *, needs_velocity: bool, ignored: Collection[str] = ()
-) -> ImpactTable:
+def impact_table(cells: pd.DataFrame, rows: np.ndarray, *, needs_velocity: bool) -> ImpactTable:
     """The table of impacts from cells of `read_cells`; without ``trial`` masses and velocities name it."""
-    cells = cells.drop(columns=list(ignored), errors="ignore")
     if "trial" not in cells:
         cells = cells.assign(trial=_conditions(cells))
     columns = {
@@ -116,7 +109,7 @@ def impact_table(
     for name, column in columns.items():
         content[name] = column.texts
         if "unit" in _DECLARED.get(name, {}):
-            optional = name not in wanted(needs_velocity=needs_velocity, ignored=ignored)
+            optional = name not in wanted(needs_velocity=needs_velocity)
             content[name], wrong = column.measured(optional=optional)
             problems += wrong
         elif name in CROP:

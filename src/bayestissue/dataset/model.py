@@ -13,7 +13,6 @@ from jaxtyping import Bool, Float64, Int8
 
 from bayestissue.dataset.cells import FILE as IMPACTS
 from bayestissue.dataset.chain import (
-    HAMMER,
     ChannelQuantity,
     Contact,
     Place,
@@ -53,20 +52,18 @@ class Channel:
 
     A force F is that on what lies behind the sensor: of an impactor of mass M with the sensor behind a tip of
     mass m, F = (M - m) d; below the tissue, F = M d. d is the deceleration that `Dataset.traces` have, which
-    along gravity is force over mass. The force of a hammer is that on the mass that it taps,
-    M x'' + C x' + K x = F, of which `Dataset.traces` have the acceleration x''.
+    along gravity is force over mass.
 
     Attributes:
         name: what pages and messages call it.
         quantity: what was recorded.
-        place: where: "impactor", "base" or "hammer".
+        place: where: "impactor" or "base".
         traces: the recordings, in the order of the dataset's impacts, on the first channel's clock; a force
-            in N, positive while the impactor slows or the hammer pushes.
+            in N, positive while the impactor slows.
         relative_gain_sd: standard deviation of its sensitivity, as a fraction of it; one error for all
             impacts.
         tip_mass_kg: m.
         recorder: a known low-pass that it went through; None where nothing was declared.
-        time_offset_sd_s: standard deviation of what its clock is late [s], one error of all impacts.
     """
 
     name: str
@@ -76,7 +73,6 @@ class Channel:
     relative_gain_sd: float = 0.0
     tip_mass_kg: float = 0.0
     recorder: Recorder | None = None
-    time_offset_sd_s: float = 0.0
 
     def part(self, rows: slice | list[int]) -> Channel:
         """Of some of the impacts."""
@@ -100,7 +96,7 @@ class Dataset(Outlined):
         name: what ``dataset.toml`` calls it.
         description: free text.
         impacts: one row per impact: ``impact``, ``subject``, ``trial``, ``mass_kg``, ``velocity_m_s``
-            (missing where a displacement was recorded without one, or a hammer taps) and the covariates.
+            (missing where a displacement was recorded without one) and the covariates.
         traces: the recordings, in the order of ``impacts``.
         quantity: what was recorded; the sign of ``traces`` follows from it.
         uncertainty: of the measuring chain.
@@ -120,8 +116,6 @@ class Dataset(Outlined):
             which is 0 in free fall; an acceleration is its negative. A sensor whose zero is at rest reads
             g less of it, which was added as the recordings were read.
         headform: whether the impactor stands for a head.
-        free: whether the impactor is a free mass; else something pushes on, ``mass_kg`` is NaN, and
-            displacement and force are both measured.
         contact: where contact falls, "between" samples or "on_sample"; None where nothing was declared.
         table: what messages call the table that ``impacts`` was read from.
         rows: of each impact, by its name, the row there; none where it was read from no table.
@@ -144,25 +138,12 @@ class Dataset(Outlined):
     recorder: Recorder | None = None
     gravity: float = 0.0
     headform: bool = False
-    free: bool = True
     whole_hash: str = ""
     words: Mapping[str, str] = field(default_factory=dict)
     contact: Contact | None = None
     table: str = IMPACTS
     rows: Mapping[str, int] = field(default_factory=dict)
     channels: tuple[Channel, ...] = ()
-
-    @property
-    def recorded(self) -> str:
-        """What a model is chosen by: `quantity`, "driven" without a free mass, "tapped" of a tapped mass."""
-        if self.tapped:
-            return "tapped"
-        return self.quantity if self.free else "driven"
-
-    @property
-    def tapped(self) -> bool:
-        """Whether an instrumented hammer taps a mass that rests on the tissue; see `Channel`."""
-        return any(channel.place == HAMMER for channel in self.channels)
 
     def part(self, rows: slice | list[int]) -> Dataset:
         """The dataset of some of its impacts, by their position."""
@@ -223,8 +204,6 @@ class Dataset(Outlined):
             "signal": {"quantity": self.quantity, "unit": unit, "gravity": self.gravity or "none"},
             "uncertainty": self.uncertainty.settings(),
         }
-        if not self.free:
-            settings["motion"] = {"free": False}
         if self.headform:
             settings["impactor"] = {"headform": True}
         if self.words:
@@ -269,16 +248,8 @@ class Dataset(Outlined):
             *([("gravity along the motion", f"{self.gravity:.4g} m/s²")] if self.gravity else []),
             *([("site", self.site)] if self.site else []),
             *([("impactor", "a headform")] if self.headform else []),
-            (
-                ("mass", span(self.impacts["mass_kg"], "kg"))
-                if self.free
-                else ("motion", "driven: displacement and force are both measured, no mass")
-            ),
-            (
-                ("motion", "tapped by a hammer, from rest")
-                if self.tapped
-                else ("velocity", span(self.impacts["velocity_m_s"], "m/s"))
-            ),
+            ("mass", span(self.impacts["mass_kg"], "kg")),
+            ("velocity", span(self.impacts["velocity_m_s"], "m/s")),
         ]
         return f"Dataset {short(self.name)}", [*rows, *([("look at", ", ".join(said))] if said else [])]
 
@@ -303,7 +274,7 @@ def long_table(impacts: pd.Index, traces: Sequence[Trace]) -> pd.DataFrame:
 
 def channel_settings(channel: Channel) -> dict[str, Any]:
     """The keys of a table ``[[channel]]``, but for where its values stand."""
-    known = {name: getattr(channel, name) for name in ("relative_gain_sd", "tip_mass_kg", "time_offset_sd_s")}
+    known = {name: getattr(channel, name) for name in ("relative_gain_sd", "tip_mass_kg")}
     stated = {"name": channel.name, "quantity": channel.quantity, "place": channel.place, "unit": "N"}
     recorder = {} if channel.recorder is None else {"recorder": channel.recorder.settings()}
     return stated | _limit(channel.traces) | {n: value for n, value in known.items() if value} | recorder

@@ -12,7 +12,6 @@ class PlausibleSettings:
     Attributes:
         most_sd: of a quantity: with half of it as its standard deviation, none of it at all lies within two
             of them.
-        most_guess_sd: the same of a mass that a hammer's force tells, so that it may be a guess.
         most_gravity: more than gravity is anywhere on Earth, m/s²: a greater number has another unit.
         largest_covariate: a model squares what it is given.
         begins: a recording has begun to go somewhere where it is this share of its farthest way from where it
@@ -34,7 +33,6 @@ class PlausibleSettings:
     """
 
     most_sd: float = 0.5
-    most_guess_sd: float = 2.0
     most_gravity: float = 9.9
     largest_covariate: float = 1e30
     begins: float = 0.1

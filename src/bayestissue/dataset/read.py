@@ -181,7 +181,6 @@ def checked_dataset(
         source=settings.source,
         site=settings.site,
         headform=settings.impactor.headform,
-        free=settings.motion.free,
         words=settings.words.values(),
         contact=signal.contact,
         rows=dict(zip(impacts["impact"], map(int, table.row), strict=True)),
@@ -221,9 +220,8 @@ def _tables(folder: Path, impacts: Path) -> tuple[Settings, ImpactTable]:
     with collected(problems):
         settings = read_settings(folder / SETTINGS)
     needs_velocity = settings is not None and settings.needs_velocity
-    ignored = [] if settings is None else settings.ignored_columns
     with collected(problems):
-        table = read_impacts(impacts, needs_velocity=needs_velocity, ignored=ignored)
+        table = read_impacts(impacts, needs_velocity=needs_velocity)
     if settings is None or table is None:
         raise InputError(problems + (table.problems if table else []))
     return settings, table

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -11,12 +11,10 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
-    ValidationInfo,
     model_validator,
 )
 
 from bayestissue.dataset.chain import (
-    HAMMER,
     STANDARD_GRAVITY,
     Applied,
     ChannelQuantity,
@@ -70,21 +68,12 @@ def _on_earth(value: float) -> float:
     return value
 
 
-def _below(value: float, most: float) -> float:
+def _fraction(value: float) -> float:
+    most = PLAUSIBLE.most_sd
     if value >= most:
         meant = f"; {value:g} %, if that is meant, is {value / 100:g}" if value < 100 * most else ""
         raise ValueError(f"a fraction below {most:g}{meant}")
     return value
-
-
-def _fraction(value: float) -> float:
-    return _below(value, PLAUSIBLE.most_sd)
-
-
-def _fraction_of_mass(value: float, info: ValidationInfo) -> float:
-    # The force of a hammer tells the mass, so that it may be a guess.
-    guessed = info.context is not None and info.context["tapped"]
-    return _below(value, PLAUSIBLE.most_guess_sd if guessed else PLAUSIBLE.most_sd)
 
 
 def _known_site(value: str) -> str:
@@ -121,7 +110,6 @@ Noun = Annotated[Name, Field(max_length=40), AfterValidator(_plain)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Spread = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Fraction = Annotated[Spread, AfterValidator(_fraction)]
-MassFraction = Annotated[Spread, AfterValidator(_fraction_of_mass)]
 Gravity = Literal["none", "drop"] | Annotated[Finite, AfterValidator(_on_earth)]
 Zero = Literal["free_fall", "rest"]
 
@@ -249,26 +237,13 @@ class RecorderSettings(_Table):
         return Recorder(self.low_pass_hz, self.order, self.kind, self.zero_phase, **stated)
 
 
-class MotionSettings(_Table):
-    """The table ``[motion]``: what moves the impactor.
-
-    Attributes:
-        free: true where a free mass meets the tissue, and the tissue alone slows it. false where something
-            pushes on: a leg, a hand, a test machine. The motion and the force are both measured, as quantity
-            = displacement and a [[channel]] force, and no mass is asked for.
-    """
-
-    free: bool = True
-
-
 class ChannelSettings(_Table):
     """A table ``[[channel]]``: a further channel of the same impacts; ``[signal]`` is the first.
 
     Attributes:
         name: what pages and messages call it.
-        quantity: what it recorded. force: positive while the impactor slows; of a hammer, while it pushes.
-        place: where the sensor is: impactor (between the impactor and its tip), base (below the tissue), or
-            hammer (in a hammer that taps the mass, which rests on the tissue and stays there).
+        quantity: what it recorded. force: positive while the impactor slows.
+        place: where the sensor is: impactor (between the impactor and its tip), or base (below the tissue).
         unit: the unit of its values after scale and offset: N, kN ...
         file: a long table of its own in the dataset's folder, such as force.csv; left out, its values stand
             beside those of the first channel, in the same table or files.
@@ -277,8 +252,6 @@ class ChannelSettings(_Table):
         offset: is added to them after that.
         limit: the sensor's range in that unit, as signal.limit; samples there are left out.
         time_offset_s: is added to its times, in s: they are then those of the first channel's clock.
-        time_offset_sd_s: the standard deviation of that, one error of all impacts. Beside motion.free =
-            false; a free mass tells it.
         relative_gain_sd: of its sensitivity, as a fraction of it, below 0.5; one for all impacts.
         tip_mass_kg: what of the mass in impacts.csv lies between an impactor's sensor and the tissue: the
             sensor reads the force on the rest.
@@ -296,7 +269,6 @@ class ChannelSettings(_Table):
     offset: Finite = 0.0
     limit: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
     time_offset_s: Finite = 0.0
-    time_offset_sd_s: Spread = 0.0
     relative_gain_sd: Fraction = 0.0
     tip_mass_kg: Spread = 0.0
     recorder: RecorderSettings | None = None
@@ -327,14 +299,13 @@ class UncertaintySettings(_Table):
     """The table ``[uncertainty]``: standard deviations of the measuring chain, in SI units.
 
     Attributes:
-        relative_mass_sd: of the mass, as a fraction of it, below 0.5: 0.05 is 5 %. Beside a hammer, whose
-            force tells the mass, below 2: a guess.
+        relative_mass_sd: of the mass, as a fraction of it, below 0.5: 0.05 is 5 %.
         velocity_sd_m_s: of the velocity at contact; below half the median velocity.
         relative_gain_sd: of the recorder's sensitivity, as a fraction of it, below 0.5.
         offset_sd: of the recorder's zero, in m/s² or, of displacements, in m; below half the median peak.
     """
 
-    relative_mass_sd: MassFraction = 0.0
+    relative_mass_sd: Fraction = 0.0
     velocity_sd_m_s: Spread = 0.0
     relative_gain_sd: Fraction = 0.0
     offset_sd: Spread = 0.0
@@ -398,7 +369,6 @@ class Settings(_Table):
         channel: a table [[channel]]: one further channel of the same impacts.
         uncertainty: standard deviations of the measuring chain; a fit carries each into its intervals.
         recorder: a table [recorder] with low_pass_hz, or with sae_class
-        motion: what moves the impactor.
         impactor: what hits.
         words: what pages, papers and messages call the units of the study.
     """
@@ -417,51 +387,19 @@ class Settings(_Table):
     channel: Annotated[tuple[ChannelSettings, ...], BeforeValidator(_listed), AfterValidator(_one)] = ()
     uncertainty: UncertaintySettings = UncertaintySettings()
     recorder: RecorderSettings | None = None
-    motion: MotionSettings = MotionSettings()
     impactor: ImpactorSettings = ImpactorSettings()
     words: WordSettings = WordSettings()
 
     @property
-    def tapped(self) -> bool:
-        """Whether a mass that rests on the tissue is tapped by an instrumented hammer."""
-        return any(channel.place == HAMMER for channel in self.channel)
-
-    @property
     def needs_velocity(self) -> bool:
         """Whether every impact must state its velocity at contact."""
-        return self.signal.quantity != "displacement" and not self.tapped
-
-    @property
-    def ignored_columns(self) -> list[str]:
-        """Columns of `impacts.csv` that say nothing of the recordings, and are not read."""
-        ignored = {"mass_kg": not self.motion.free, "velocity_m_s": self.tapped}
-        return [name for name, is_ignored in ignored.items() if is_ignored]
+        return self.signal.quantity != "displacement"
 
     @model_validator(mode="after")
     def _of_decelerations(self) -> Self:
         if self.recorder is not None and self.signal.quantity == "displacement":
             raise ValueError(
                 "no table [recorder] beside displacements, whose likelihoods have no place for a low-pass"
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _both_measured(self) -> Self:
-        if self.motion.free:
-            if any(channel.time_offset_sd_s for channel in self.channel):
-                raise ValueError(
-                    "time_offset_sd_s only beside motion.free = false: of a free mass force and deceleration "
-                    "tell what one is behind the other, and time_offset_s corrects it"
-                )
-            return self
-        if self.signal.quantity != "displacement" or not self.channel:
-            raise ValueError(
-                'signal.quantity = "displacement" and a table [[channel]] with quantity = "force" beside '
-                "motion.free = false: without a free mass K and C are those of force over depth"
-            )
-        if self.channel[0].tip_mass_kg:
-            raise ValueError(
-                "no tip_mass_kg beside motion.free = false: what accelerates a tip is not taken off the force"
             )
         return self
 
@@ -489,46 +427,10 @@ def parse_settings(raw: dict[str, Any], text: str = "") -> Settings:
         InputError: every unknown, missing or wrong entry.
     """
     problems: list[Problem] = []
-    hammers = [number for number, channel in _channels(raw) if channel.get("place") == HAMMER]
     with collected(problems):
-        settings = checked(raw, Settings, file=FILE, text=text, context={"tapped": bool(hammers)})
-    problems += [*_unit_problems(raw.get("signal"), text), *_channel_units(raw, text)]
-    refuse([*problems, *(wrong for number in hammers for wrong in _beside_hammer(raw, str(number), text))])
+        settings = checked(raw, Settings, file=FILE, text=text)
+    refuse([*problems, *_unit_problems(raw.get("signal"), text), *_channel_units(raw, text)])
     return settings
-
-
-def _channels(raw: Mapping[str, Any]) -> Iterator[tuple[int, Mapping[str, Any]]]:
-    """The tables ``[[channel]]`` with their numbers."""
-    channels = raw.get("channel")
-    for number, channel in enumerate(channels if isinstance(channels, list) else []):
-        yield number, channel if isinstance(channel, dict) else {}
-
-
-def _beside_hammer(raw: Mapping[str, Any], number: str, text: str) -> Iterator[Problem]:
-    """Keys that do not go with the hammer of the channel of this number."""
-    allowed: dict[tuple[str, ...], tuple[Any, ...]] = {
-        ("signal", "quantity"): ("acceleration",),
-        ("signal", "gravity"): ("none", 0),
-        ("motion", "free"): (True,),
-        ("impactor", "headform"): (False,),
-        ("recorder",): (),
-        ("channel", number, "recorder"): (),
-        ("channel", number, "tip_mass_kg"): (0,),
-    }
-    for key, values in allowed.items():
-        value = _entry(raw, key)
-        if value is not None and value not in values:
-            shown = "a table" if isinstance(value, dict) else value
-            yield Problem.stated(f"hammer-unfit.{key[-1]}", FILE, row_of(text, key), ".".join(key), shown)
-
-
-def _entry(content: Any, key: Sequence[str]) -> Any:
-    """What a key holds, the number of a table of a list being part of it; None where there is no such key."""
-    for part in key:
-        if isinstance(content, list):
-            content = {str(number): entry for number, entry in enumerate(content)}
-        content = content.get(part) if isinstance(content, dict) else None
-    return content
 
 
 def _unit_problems(signal: Any, text: str) -> Iterator[Problem]:
@@ -543,7 +445,9 @@ def _unit_problems(signal: Any, text: str) -> Iterator[Problem]:
 
 def _channel_units(raw: Mapping[str, Any], text: str) -> Iterator[Problem]:
     """The same of the tables ``[[channel]]``."""
-    for number, channel in _channels(raw):
+    channels = raw.get("channel")
+    for number, channel in enumerate(channels if isinstance(channels, list) else []):
+        channel = channel if isinstance(channel, dict) else {}
         if dimension := CHANNEL_DIMENSIONS.get(str(channel.get("quantity"))):
             key = ("channel", str(number), "unit")
             yield from _wrong_unit("channel", channel.get("unit"), dimension, key, text)

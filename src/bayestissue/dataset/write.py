@@ -47,9 +47,7 @@ def write_dataset(
     """
     parsed = parse_settings(settings)
     signal = parsed.signal
-    impacts = impacts.drop(columns=parsed.ignored_columns, errors="ignore")
-    required = ("impact", "subject", "trial", *(["mass_kg"] if parsed.motion.free else []))
-    first = [name for name in required if name != "trial" or name in impacts]
+    first = [name for name in ("impact", "subject", "trial", "mass_kg") if name != "trial" or name in impacts]
     impacts = impacts[list(dict.fromkeys([*first, *impacts.columns]))]
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "dataset.toml").write_text(settings_text(settings), encoding="utf-8")

@@ -43,10 +43,8 @@ class Parameter:
         return self.unit.split("/")[0].split()[0] in ("N", "kg")
 
 
-STIFFNESS = "K"
 # Beside an element's parameters, where it is not 0: the part of gravity along the motion [m/s^2].
 GRAVITY = "gravity_m_s2"
-DAMPING = "C"
 
 
 def unchanged(K: Array, C: Array, mass: Array) -> tuple[Array, Array]:

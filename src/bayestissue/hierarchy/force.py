@@ -61,14 +61,6 @@ class CommonFactor:
         return self.share * a + sd * standard
 
 
-def declared_of(dataset: Dataset) -> CommonFactor:
-    """What is declared of the factor of all masses, and of both gains."""
-    (channel,) = dataset.channels
-    chain = dataset.uncertainty
-    gain_sd = float(np.hypot(chain.relative_gain_sd, channel.relative_gain_sd))
-    return CommonFactor(mass_sd=float(chain.relative_mass_sd), gain_sd=gain_sd)
-
-
 @dataclass(frozen=True, kw_only=True)
 class PreparedForce(CommonFactor):
     """The rows of a force, and what is declared of it.
@@ -154,14 +146,17 @@ class RowsWithin:
 
 
 def rows_within(
-    recorded: Recordings, signal: Displacements, earlier_s: Any = 0.0, later_s: Any = 0.0
+    recorded: Recordings,
+    signal: Displacements,
+    earlier_s: Float[np.ndarray, " impact"],
+    later_s: Float[np.ndarray, " impact"],
 ) -> RowsWithin:
     """The rows of a force, and the quiet part that ends three intervals before the first in contact.
 
     Args:
         recorded: the force.
         signal: the windows.
-        earlier_s: by how much earlier the force may begin [s], one for all or each impact's.
+        earlier_s: by how much earlier each impact's force may begin [s].
         later_s: by how much later the windows begin [s].
     """
     first = signal.contact_time_s + signal.first_sample_s
@@ -263,7 +258,8 @@ def prepared_force(
         clock_sd=_CLOCK * dt,
         log_noise=np.log(noise),
         log_ratio=np.log(np.maximum(comparison.ratio * (1 - in_front) + in_front, 1e-3)),
-        **vars(declared_of(dataset)),
+        mass_sd=float(dataset.uncertainty.relative_mass_sd),
+        gain_sd=float(np.hypot(dataset.uncertainty.relative_gain_sd, channel.relative_gain_sd)),
     )
 
 

@@ -175,11 +175,6 @@ class Priors(Table):
             a fraction of the deceleration's peak. Of a dataset with a force beside the deceleration, as the
             next three.
         sd_noise_force: standard deviation between impacts of that.
-        roughness: mean over impacts of the log of how rough a driven motion is: of the intensity of its jerk,
-            over the greatest displacement and with the window as unit of time. Of the likelihood driven.
-        sd_roughness: standard deviation between impacts of that.
-        force_clock: mean over impacts of what a driven force is late, over the standard deviation of that.
-        sd_force_clock: standard deviation between impacts of that.
         log_force_ratio: mean over impacts of the log of force over mass times deceleration, the errors of all
             masses and of both gains together; what the dataset declares of these divides it.
         sd_log_force_ratio: standard deviation between impacts of that.
@@ -211,10 +206,6 @@ class Priors(Table):
     sd_discrepancy: Scale = half_normal(1.0)
     noise_force: Normal = normal(-10.0, 5.0)
     sd_noise_force: Scale = half_normal(1.0)
-    roughness: Normal = normal(2.0, 2.0)
-    sd_roughness: Scale = half_normal(1.0)
-    force_clock: Normal = normal(0.0, 1.0)
-    sd_force_clock: Scale = half_normal(0.1)
     log_force_ratio: Normal = normal(0.0, 0.3)
     sd_log_force_ratio: Scale = half_normal(0.03)
     element: dict[str, ElementPrior] = Field(default_factory=dict)

@@ -24,12 +24,10 @@ from bayestissue.resources import model_content
 from bayestissue.settings import Table, checked, read_text
 from bayestissue.signal import SignalOptions
 
-Likelihood = Literal["published-estimates", "arma", "a2", "impact", "driven", "tapped"]
+Likelihood = Literal["published-estimates", "arma", "a2", "impact"]
 Discrepancy = Literal["automatic", "none", "always"]
 Noise = Literal["white", "autoregressive"]
 MassError = Literal["impact", "mass", "subject", "all"]
-# Of an element, beside which a smooth force of unknown shape can stand.
-OF_ELEMENTS = ("impact", "driven")
 REACH_PEAK = ("peak", "rebound")
 
 
@@ -110,13 +108,11 @@ class ModelSpecification(Table):
         description: free text, shown on the page.
         likelihood: what of a recording is modelled. impact: the deceleration of a mass on an element, seen
             through the measuring chain. arma: the displacement as an ARMA(2,1). a2: the displacement as a
-            sampled second-order process. driven: displacement and force together, of tissue that no free mass
-            meets (motion.free = false). tapped: how a mass rings that a hammer of known force taps (place =
-            "hammer"). published-estimates: printed K and C, of `bayestissue reproduce`
+            sampled second-order process. published-estimates: printed K and C, of `bayestissue reproduce`
             alone.
         signal: how a displacement is made from the recording, and which part of it is used.
         discrepancy: a smooth force of unknown shape beside the element's. automatic: where the residuals of a
-            fit without it are plainly structured. Of the likelihoods impact and driven alone.
+            fit without it are plainly structured. Of the impact likelihood alone.
         noise: of the recorder. autoregressive: of first order, with no discrepancy beside it. Of the impact
             likelihood alone.
         reference_mass_kg: the mass that K and C of people are given at. Left out: the geometric mean of the
@@ -141,8 +137,7 @@ class ModelSpecification(Table):
     likelihood: Likelihood
     element: str = Field(
         default=SIDE_BY_SIDE,
-        description=f"what the impactor meets: {', '.join(element_names())}. Of the likelihoods impact "
-        "and driven alone.",
+        description=f"what the impactor meets: {', '.join(element_names())}. Of the impact likelihood alone.",
     )
     signal: SignalOptions = SignalOptions()
     discrepancy: Discrepancy = "automatic"
@@ -160,17 +155,15 @@ class ModelSpecification(Table):
     @model_validator(mode="before")
     @classmethod
     def _none_of_displacements(cls, content: Any) -> Any:
-        if isinstance(content, dict) and content.get("likelihood") not in OF_ELEMENTS:
+        if isinstance(content, dict) and content.get("likelihood") != "impact":
             return {"discrepancy": "none", **content}
         return content
 
     @field_validator("discrepancy")
     @classmethod
     def _possible(cls, choice: str, info: ValidationInfo) -> str:
-        if choice != "none" and info.data.get("likelihood") not in OF_ELEMENTS:
-            raise ValueError(
-                '"none", or the key left out: only likelihood = "impact" or "driven" can have a discrepancy'
-            )
+        if choice != "none" and info.data.get("likelihood") != "impact":
+            raise ValueError('"none", or the key left out: only likelihood = "impact" can have a discrepancy')
         signal = info.data.get("signal")
         if choice == "always" and signal is not None and signal.window not in REACH_PEAK:
             raise ValueError(
@@ -227,16 +220,8 @@ class ModelSpecification(Table):
                 f"priors.element of {', '.join(extra) or 'nothing'}, all that {self.element} has besides K "
                 f"and C, without {', '.join(strange)}"
             )
-        if self.likelihood not in OF_ELEMENTS and self.element != SIDE_BY_SIDE:
-            raise ValueError(
-                'likelihood = "impact" or "driven" beside element: the others are of spring and damper'
-            )
-        which = element(self.element)
-        if self.likelihood == "driven" and which.states and not which.linear:
-            raise ValueError(
-                "an element that is linear, or that remembers nothing, beside this likelihood, which takes "
-                f"the force along a motion; {self.element} is neither"
-            )
+        if self.likelihood != "impact" and self.element != SIDE_BY_SIDE:
+            raise ValueError('likelihood = "impact" beside element: the others are of spring and damper')
         return self
 
     def group_terms(self) -> tuple[GroupTerm, ...]:

@@ -20,24 +20,19 @@ from bayestissue.elements.element import GRAVITY, REFERENCE_DIAMETER_M
 from bayestissue.errors import InputError, Problem, along_with
 from bayestissue.hierarchy import SIDE_BY_SIDE
 from bayestissue.hierarchy.design import Design, build_design
-from bayestissue.hierarchy.driven import driven_rows
 from bayestissue.hierarchy.effects import RESPONSES, parameter_of
 from bayestissue.hierarchy.force import (
-    CommonFactor,
     PreparedForce,
-    declared_of,
     prepared_force,
     tells_added_mass,
 )
 from bayestissue.hierarchy.formulas.formula import terms_of
-from bayestissue.hierarchy.formulas.group_terms import MASS_TERM
 from bayestissue.hierarchy.formulas.identifiability import missing
 from bayestissue.hierarchy.population import SharedMasses, population_design, whose_errors
 from bayestissue.hierarchy.priors import normal
 from bayestissue.hierarchy.recorder import filtered_noise, low_pass_of
 from bayestissue.hierarchy.reference import Reference
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
-from bayestissue.hierarchy.tapped import tap_record
 from bayestissue.hierarchy.traces import Kind, Record, TraceData, TraceModel, nuisance_of
 from bayestissue.likelihood.arma.displacement import displacement_record
 from bayestissue.likelihood.element.noise import discrepancy_modes
@@ -51,7 +46,7 @@ from bayestissue.signal.recorder_noise import white_share
 
 # Of the log of force over mass times deceleration, where nothing is declared of masses and gains.
 _LEAST_RATIO_SD = 1e-3
-KINDS: tuple[Kind, ...] = ("arma", "a2", "impact", "driven", "tapped")
+KINDS: tuple[Kind, ...] = ("arma", "a2", "impact")
 
 
 @dataclass(frozen=True)
@@ -66,13 +61,10 @@ class Prepared:
         impacts: their table.
         force: recorded beside the decelerations, if the fit is of it too.
         force_unused: else why not.
-        gain_sd: of driven impacts the standard deviations of the logs of the displacement's and of the
-            force's gain, errors that all impacts have in common.
         reference: what phantoms of known stiffness say of all masses, if there were any.
         common_mass_sd: standard deviation of the log of a factor that all masses have in common, where the
             model file says so and nothing recorded tells it; 0 where each mass errs by itself.
         mass_group: of each impact, which error of its mass it has, where impacts share these.
-        tap: what is declared of masses and gains where a hammer's force tells the mass.
     """
 
     model: TraceModel
@@ -82,16 +74,9 @@ class Prepared:
     impacts: pd.DataFrame
     force: PreparedForce | None = None
     force_unused: str = ""
-    gain_sd: tuple[float, float] = (0.0, 0.0)
     reference: Reference | None = None
     common_mass_sd: float = 0.0
     mass_group: Int[np.ndarray, " impact"] | None = None
-    tap: CommonFactor | None = None
-
-    @property
-    def factor(self) -> CommonFactor | None:
-        """What is declared of the factor of all masses where a force tells it."""
-        return self.force or self.tap
 
 
 def prepare(dataset: Dataset, specification: ModelSpecification, *, source: str) -> Prepared:
@@ -109,30 +94,18 @@ def prepare(dataset: Dataset, specification: ModelSpecification, *, source: str)
     with along_with(_empty_cells(dataset, specification.formula)):
         design = build_design(
             specification.formula,
-            dataset.impacts if dataset.free else dataset.impacts.assign(mass_kg=1.0),
+            dataset.impacts,
             reference_mass_kg=specification.reference_mass_kg,
             source=source,
         )
-    if not dataset.free:
-        design = _without_mass(design)
     signal = displacements(dataset, specification.signal)
     problems = too_short(dataset, signal, source)
     if problems:
         raise InputError(problems)
-    has_force = dataset.channels and dataset.free and not dataset.tapped
-    force = _force(dataset, specification, signal) if has_force else None
+    force = _force(dataset, specification, signal) if dataset.channels else None
     if isinstance(force, str):
         return replace(assemble(dataset, specification, design, signal), force_unused=force)
     return assemble(dataset, specification, design, signal, force)
-
-
-def _without_mass(design: Design) -> Design:
-    """The design of no mass, whose formulas never had one to leave out."""
-    left_out = {
-        q: tuple(fault for fault in faults if fault.term != MASS_TERM)
-        for q, faults in design.left_out.items()
-    }
-    return replace(design, left_out=left_out)
 
 
 def _force(dataset: Dataset, specification: ModelSpecification, signal: Displacements) -> PreparedForce | str:
@@ -193,18 +166,15 @@ def assemble(
         declared = max(float(np.hypot(force.mass_sd, force.gain_sd)), _LEAST_RATIO_SD)
         priors = priors.model_copy(update={"log_force_ratio": normal(0.0, declared)})
     autoregressive = specification.noise == "autoregressive"
-    clock = not dataset.free and dataset.channels[0].time_offset_sd_s > 0
     nuisance = nuisance_of(
         kind,
         specification.element,
         discrepancy=discrepancy,
         autoregressive=autoregressive,
         force=force is not None,
-        clock=clock,
     )
     # With a force the errors of mass are what it is over mass times deceleration.
-    of_mass = force is None and dataset.free and not dataset.tapped
-    relative_mass_sd = float(dataset.uncertainty.relative_mass_sd) if of_mass else 0.0
+    relative_mass_sd = float(dataset.uncertainty.relative_mass_sd) if force is None else 0.0
     whose, common_mass_sd = whose_errors(specification.mass_error, signal.mass), 0.0
     if whose == "all":
         common_mass_sd, relative_mass_sd = relative_mass_sd, 0.0
@@ -223,17 +193,16 @@ def assemble(
         autoregressive,
         dataset.headform,
         force is not None,
-        clock,
     )
     record, peak = _record(dataset, specification, signal, force)
     data = TraceData(
         record,
         jax.device_put(columns),
         jax.device_put(effects.mean),
-        jax.device_put(np.log(signal.mass) if dataset.free else np.zeros(len(signal.mass))),
+        jax.device_put(np.log(signal.mass)),
         jax.device_put(np.log(peak)),
     )
-    prepared = Prepared(
+    return Prepared(
         model,
         data,
         design,
@@ -242,12 +211,7 @@ def assemble(
         force,
         common_mass_sd=common_mass_sd,
         mass_group=masses and masses.code,
-        tap=declared_of(dataset) if dataset.tapped else None,
     )
-    if dataset.free:
-        return prepared
-    (channel,) = dataset.channels
-    return replace(prepared, gain_sd=(dataset.uncertainty.relative_gain_sd, channel.relative_gain_sd))
 
 
 def in_proportion_to_mass(of_element: str) -> tuple[str, ...]:
@@ -277,24 +241,7 @@ def unsuited(dataset: Dataset, specification: ModelSpecification, source: str) -
             "`bayestissue reproduce`.",
         ),
         (
-            of_traces and (likelihood == "driven") == dataset.free,
-            ("likelihood", likelihood, "unsuited-likelihood"),
-            '"arma" or another of a free mass, since dataset.toml does not say motion.free = false'
-            if dataset.free
-            else '"driven", since dataset.toml says motion.free = false: no mass meets the tissue freely',
-            "Use models/driven.toml of displacement and force without a free mass, and no other of them. "
-            'A model file of like = "driven" and element = "stiffening", say, has another element.',
-        ),
-        (
-            of_traces and dataset.free and (likelihood == "tapped") != dataset.tapped,
-            ("likelihood", likelihood, "unsuited-likelihood"),
-            '"tapped", since the force is a hammer\'s: the mass is tapped and rings'
-            if dataset.tapped
-            else '"impact" or another of an impact, since no channel says place = "hammer"',
-            "Use models/tapped.toml of taps, and no other of them.",
-        ),
-        (
-            dataset.free and of_decelerations and dataset.quantity == "displacement",
+            of_decelerations and dataset.quantity == "displacement",
             ("likelihood", likelihood, "unsuited-likelihood"),
             '"arma" or "a2", since this dataset holds displacements',
             "Use models/arma.toml: the impact likelihood reads recorded decelerations.",
@@ -319,12 +266,6 @@ def unsuited(dataset: Dataset, specification: ModelSpecification, source: str) -
         for applies, (column, value, code), expected, remedy in checks
         if applies
     ]
-    if not dataset.free:
-        problems += [
-            Problem.stated("no-free-mass.formula", source, None, f"formula.{q}", formula)
-            for q, formula in specification.formula
-            if formula is not None and "mass_kg" in terms_of(formula).columns
-        ]
     if of_traces and not problems:
         if not of_decelerations:
             problems += only_by_impact(dataset, source, "likelihood", likelihood)
@@ -378,20 +319,6 @@ def _record(
     force: PreparedForce | None,
 ) -> tuple[Record, np.ndarray]:
     """The traces with the standard deviations of their linear errors, and each trace's peak."""
-    if specification.likelihood == "driven":
-        discrepancy = specification.discrepancy == "always"
-        rows = driven_rows(
-            dataset,
-            signal,
-            discrepancy=discrepancy,
-            surroundings=_diameters(dataset),
-            common_depth=common_depth(signal),
-            source=f"model {specification.name}",
-        )
-        return rows, np.asarray(rows.unit)[:, 0]
-    if specification.likelihood == "tapped":
-        taps = tap_record(dataset, specification.signal)
-        return taps, np.abs(np.asarray(taps.y)).max(axis=1)
     chain = dataset.uncertainty
     velocity_sd = np.hypot(chain.velocity_sd_m_s, chain.relative_gain_sd * signal.velocity)
     # What a quiet part before contact tells of the offset replaces what was declared of it.

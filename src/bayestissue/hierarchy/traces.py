@@ -34,29 +34,23 @@ from bayestissue.hierarchy.population import (
 )
 from bayestissue.hierarchy.priors import HalfNormal, Priors
 from bayestissue.likelihood.arma.displacement import DisplacementRecord, MeasuredDisplacement
-from bayestissue.likelihood.driven.measured import DrivenRecord, MeasuredDriven
 from bayestissue.likelihood.element.impact import MeasuredImpact, NoiseParameters
 from bayestissue.likelihood.element.record import DecelerationRecord
-from bayestissue.likelihood.tapped.measured import MeasuredTap, TapRecord
 from bayestissue.padding import padded_rows
 
-Kind = Literal["arma", "a2", "impact", "driven", "tapped"]
+Kind = Literal["arma", "a2", "impact"]
 NUISANCE: dict[str, tuple[str, ...]] = {
     "arma": ("noise", "atanh_theta1"),
     "a2": ("noise",),
     "impact": ("noise",),
-    "driven": ("noise", "noise_force", "roughness"),
-    "tapped": ("noise", "log_force_ratio"),
 }
-# What a driven force is late, over the standard deviation of that.
-CLOCK = "force_clock"
 # Of a force beside the deceleration: its noise, and it over mass times deceleration.
 FORCE = ("noise_force", "log_force_ratio")
-Record = DisplacementRecord | DecelerationRecord | DrivenRecord | TapRecord
+Record = DisplacementRecord | DecelerationRecord
 LOG_2 = 0.6931471805599453
 _SHAPE_OF_MODEL = [
     *("kind", "locations", "priors", "correlated"),
-    *("element", "discrepancy", "autoregressive", "headform", "force", "clock"),
+    *("element", "discrepancy", "autoregressive", "headform", "force"),
 ]
 
 
@@ -145,7 +139,7 @@ class TraceModel(Hierarchy):
     Whether impacts share the errors of their masses, ``locations`` says. ``element`` is what the impactor
     meets, ``discrepancy`` whether it meets something else besides, ``autoregressive`` whether the recorder's
     noise is that instead of white, ``headform`` whether what hits stands for a head, ``force`` whether a
-    force was recorded beside the deceleration, ``clock`` whether that of a driven force may be late.
+    force was recorded beside the deceleration.
     """
 
     kind: Kind
@@ -158,13 +152,12 @@ class TraceModel(Hierarchy):
     autoregressive: bool = False
     headform: bool = False
     force: bool = False
-    clock: bool = False
 
     @property
     def nuisance(self) -> tuple[str, ...]:
         """Names of an impact's parameters besides log K and log C."""
         noise_model = {"discrepancy": self.discrepancy, "autoregressive": self.autoregressive}
-        noise_model |= {"force": self.force, "clock": self.clock}
+        noise_model |= {"force": self.force}
         return nuisance_of(self.kind, self.element, **noise_model)
 
     @property
@@ -226,29 +219,24 @@ def nuisance_of(
     discrepancy: bool = False,
     autoregressive: bool = False,
     force: bool = False,
-    clock: bool = False,
 ) -> tuple[str, ...]:
     """Names of an impact's parameters besides log K and log C.
 
-    A discrepancy's, a correlation's or a force's come last, a clock's before them.
+    A discrepancy's, a correlation's or a force's come last.
     """
     which = element_named(element)
     element_logs = [f"log_{parameter.name}" for parameter in which.extra]
-    last = [CLOCK] * clock + ["discrepancy"] * discrepancy + ["atanh_noise_correlation"] * autoregressive
+    last = ["discrepancy"] * discrepancy + ["atanh_noise_correlation"] * autoregressive
     last += [*FORCE] * force
     return (*NUISANCE[kind], *element_logs, *last)
 
 
 def trace_likelihood(
     model: TraceModel, data: TraceData, u: list[Array]
-) -> MeasuredDisplacement | MeasuredImpact | MeasuredDriven | MeasuredTap:
+) -> MeasuredDisplacement | MeasuredImpact:
     """The likelihood of every impact's trace."""
     if model.kind == "impact":
         return impact_likelihood(model, data, u)
-    if model.kind == "driven":
-        return driven_likelihood(model, data, u)
-    if model.kind == "tapped":
-        return tapped_likelihood(model, data, u)
     at, record = physical(model, data, u), cast(DisplacementRecord, data.record)
     return MeasuredDisplacement(at.omega_n, at.zeta, at.theta1, at.log_sigma, record)
 
@@ -261,23 +249,6 @@ def impact_likelihood(model: TraceModel, data: TraceData, u: list[Array]) -> Mea
     noise = NoiseParameters(physical(model, data, u).log_sigma, log_discrepancy, atanh_correlation, *of_force)
     record = cast(DecelerationRecord, data.record)
     return MeasuredImpact(element_named(model.element), element_parameters(model, u), noise, record)
-
-
-def driven_likelihood(model: TraceModel, data: TraceData, u: list[Array]) -> MeasuredDriven:
-    """The likelihood of every impact's displacement and force; ``log_peak`` is the displacement's."""
-    record = cast(DrivenRecord, data.record)
-    log_force = jnp.log(record.unit[:, 1])
-    discrepancy = u[-1] if model.discrepancy else None
-    noises = u[2] + data.log_peak, u[3] + log_force
-    clock = u[2 + model.nuisance.index(CLOCK)] if model.clock else None
-    which = element_named(model.element)
-    return MeasuredDriven(which, element_parameters(model, u), *noises, u[4], clock, discrepancy, record)
-
-
-def tapped_likelihood(model: TraceModel, data: TraceData, u: list[Array]) -> MeasuredTap:
-    """The likelihood of every tap's ringing."""
-    at, record = physical(model, data, u), cast(TapRecord, data.record)
-    return MeasuredTap(at.omega_n, at.zeta, at.log_sigma, u[3], record)
 
 
 def log_likelihood(model: TraceModel, data: TraceData, u: list[Array]) -> Float[Array, " impact"]:

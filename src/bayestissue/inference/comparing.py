@@ -135,9 +135,8 @@ def _standard_errors(values: Float[np.ndarray, "model element"]) -> Float[np.nda
 
 
 def observed_by(likelihood: str) -> str:
-    """What a likelihood is a density of, as observed_data names it; of a driven tissue the force."""
-    of_others = {"arma": "displacement", "a2": "displacement", "driven": "force"}
-    return of_others.get(likelihood, "deceleration")
+    """What a likelihood is a density of, as observed_data names it."""
+    return "displacement" if likelihood in ("arma", "a2") else "deceleration"
 
 
 @dataclass(frozen=True)

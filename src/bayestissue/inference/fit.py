@@ -12,7 +12,6 @@ import jax
 import numpy as np
 import pandas as pd
 import xarray as xr
-from jaxtyping import Float
 
 from bayestissue.elements import element
 from bayestissue.elements.element import GRAVITY
@@ -38,15 +37,13 @@ from bayestissue.inference.checking.added_mass import judge_added_mass
 from bayestissue.inference.checking.model_form import (
     described,
     model_form,
-    of_one_fit,
-    shown_by,
     with_impacts,
 )
 from bayestissue.inference.checking.pooled_parameters import pooled_parameters
 from bayestissue.inference.checking.straight_lines import straight_lines
 from bayestissue.inference.execution.kept import kept_draws, some_impacts, some_of
 from bayestissue.inference.factors.expansions import expanded
-from bayestissue.inference.factors.noise_left import force_lag, noise_p, noise_p_of_both
+from bayestissue.inference.factors.noise_left import noise_p, noise_p_of_both
 from bayestissue.inference.factors.scores import log_densities
 from bayestissue.inference.quantities.draws import Draws, posterior_draws
 from bayestissue.inference.quantities.impacts import COMMON_DEPTH
@@ -226,12 +223,11 @@ def _diagnostics(
 def _comparison(prepared: Prepared, specification: ModelSpecification, tree: xr.DataTree) -> Comparison:
     """What is compared between levels, by the law of force where there is one."""
     gravity = float(tree["constant_data"].dataset.get(GRAVITY, 0.0))
-    lawless = prepared.model.discrepancy or prepared.model.kind in ("driven", "tapped")
     return Comparison(
         draws=tree["posterior"].dataset,
         recorded=prepared.design.recorded,
         responses=tuple(prepared.design.responses),
-        law=None if lawless else Law(specification.element, gravity),
+        law=None if prepared.model.discrepancy else Law(specification.element, gravity),
     )
 
 
@@ -258,15 +254,9 @@ def of_persons(prepared: Prepared) -> bool:
     return pairs == people.max() + 1 == prepared.mass_group.max() + 1
 
 
-def _clock(prepared: Prepared, u: Float[np.ndarray, "impact parameter"]) -> dict[str, float]:
-    """What the force of a driven tissue is late at a point of each impact's posterior."""
-    lag, se = force_lag(prepared.model, prepared.data, u)
-    return {"lag_s": lag, "se_s": se, "interval_s": float(np.median(prepared.signal.dt))}
-
-
 def _form(prepared: Prepared, draws: Draws, tree: xr.DataTree) -> dict[str, Any]:
-    """What the residuals say of the model, where it is one of recorded decelerations or forces."""
-    if prepared.model.kind not in ("impact", "driven", "tapped"):
+    """What the residuals say of the model, where it is one of recorded decelerations."""
+    if prepared.model.kind != "impact":
         return {}
     parameters = draws.impacts["parameters"]
     rows = np.arange(parameters.shape[2])
@@ -276,15 +266,13 @@ def _form(prepared: Prepared, draws: Draws, tree: xr.DataTree) -> dict[str, Any]
     chosen = some_of(prepared, rows)
     names = chosen.impacts["impact"].astype(str).tolist()
     p = noise_p(chosen.model, chosen.data, middle)
-    form = with_impacts(model_form(tree, shown_by(prepared.model.kind)), names, p)
+    form = with_impacts(model_form(tree, "deceleration"), names, p)
     if prepared.force:
         p = noise_p_of_both(chosen.model, chosen.data, middle)
         of_force = with_impacts(model_form(tree, "force"), names, p, together=True)
         return {"model_form": form, "channels": {"form": of_force}}
     if not prepared.model.discrepancy:
-        form = of_one_fit(form, prepared.model.kind, prepared.model.element)
-        driven = prepared.model.kind == "driven" and not prepared.model.clock
-        return {"model_form": form} | ({"clock": _clock(chosen, middle)} if driven else {})
+        return {"model_form": form}
     undescribed = described(tree)
     return {
         "model_form": form

@@ -171,7 +171,6 @@ def _settings(choices: Choices, name: str, files: int) -> dict[str, Any]:
         "name": name,
         "source": f"bayestissue init, from {files} recorder file{'s' if files > 1 else ''}{names}",
         "signal": choices.signal(),
-        **({"motion": {"free": False}} if choices.driven else {}),
         **({"channel": [choices.force_channel]} if choices.force_channel else {}),
         **stated,
     }
@@ -229,16 +228,11 @@ def _in_terms_of_init(problem: Problem) -> Problem:
 
 
 def _notes(dataset: Dataset, cutting: Cutting | None, choices: Choices) -> tuple[str, ...]:
-    chain = {"tapped": "mass_and_gains", "driven": "gains"}.get(dataset.recorded, "chain")
-    notes = [] if any(asdict(dataset.uncertainty).values()) else [said(f"notes.{chain}")]
+    notes = [] if any(asdict(dataset.uncertainty).values()) else [said("notes.chain")]
     if choices.force_channel and not choices.force:
         force = choices.force_channel
-        which = "force" if dataset.free else "pushes"
-        words = said(f"notes.{which}", channel=force["value_column"], place=force["place"])
+        words = said("notes.force", channel=force["value_column"], place=force["place"])
         notes.append(words + (said("notes.turned") if "scale" in force else ""))
-    if dataset.tapped or not dataset.free:
-        # What rings on, or is pressed on, is no further impact.
-        return tuple(notes)
     sign = -1.0 if dataset.quantity == "acceleration" else 1.0
     oriented = [Trace(trace.time_s, sign * trace.value) for trace in dataset.traces]
     traces = dict(zip(map(str, dataset.impacts["impact"]), oriented, strict=True))

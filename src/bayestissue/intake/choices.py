@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from bayestissue.dataset.chain import HAMMER
 from bayestissue.dataset.recordings import MIN_SAMPLES, RATE_WITHIN
 from bayestissue.dataset.settings import DIMENSIONS
 from bayestissue.dataset.units import EXAMPLES, Dimension, dimension_of, to_si
@@ -30,14 +29,9 @@ _FALLS = (
     "how it moves at contact: straight down (drop), or across gravity, as a pendulum at its lowest point "
     "does (none)"
 )
-# What a force can stand beside, and names of sensors below the tissue.
+# What a force can stand beside, and names of channels of a sensor below the tissue.
 BESIDE_FORCE = ("deceleration", "acceleration")
-# Where a force was recorded, by the name of its channel; at the impactor, by any other.
-_PLACES = {
-    "base": re.compile(r"base|plate|platform|floor|ground|below", re.IGNORECASE),
-    HAMMER: re.compile(HAMMER, re.IGNORECASE),
-}
-_FORCE_COLUMN = "--force value_column="
+_BELOW = re.compile(r"base|plate|platform|floor|ground|below", re.IGNORECASE)
 _ALIKE = "for all recordings alike, or of each by --pattern or --table"
 
 
@@ -66,7 +60,6 @@ class Choices:
         force: entries of the table ``[[channel]]`` of a force beside the motion; "none" for none. The
             only channel with a unit of force is taken where nothing is said.
         force_channel: the whole of that table, as `settle` has it; empty without a force.
-        driven: whether something goes on pushing, ``[motion] free = false``.
     """
 
     channel: str | None = None
@@ -88,7 +81,6 @@ class Choices:
     uncertainty: dict[str, Any] = field(default_factory=dict)
     force: dict[str, Any] | Literal["none"] = field(default_factory=dict)
     force_channel: dict[str, Any] = field(default_factory=dict)
-    driven: bool = False
 
     def signal(self) -> dict[str, Any]:
         """The table ``[signal]`` of ``dataset.toml``."""
@@ -145,9 +137,6 @@ class Question:
         if self.option.startswith("--set"):
             name = self.option.removeprefix("--set ").removesuffix("=")
             return replace(choices, shared={**choices.shared, name: text})
-        if self.option == _FORCE_COLUMN:
-            known = {} if choices.force == "none" else choices.force
-            return replace(choices, force={**known, "value_column": text})
         name = self.option.removeprefix("--").replace("-", "_")
         if name != "rate_hz":
             said: dict[str, Any] = {name: text}
@@ -208,10 +197,6 @@ def settle(
     kind = _stated_kind(choices, units)
     possible = [name for name in DIMENSIONS if kind not in DIMENSIONS.values() or DIMENSIONS[name] == kind]
     force = _force_channel(choices, recordings)
-    tapped = force.get("place") == HAMMER
-    only = "displacement" if choices.driven else "acceleration" if tapped else None
-    if choices.quantity is None and only in possible:
-        possible = [only]
     if choices.quantity is None:
         what = "what it recorded (a deceleration is positive while the impactor slows)"
         take("quantity", _one_of(possible, "--quantity", what))
@@ -228,24 +213,15 @@ def settle(
     elif choices.unit is None and choices.channel is not None and choices.quantity is not None:
         choices = replace(choices, unit=unit)
 
-    ignored = {
-        "mass_kg": choices.driven,
-        "velocity_m_s": choices.driven or tapped or choices.quantity == "displacement",
-    }
+    optional = ["velocity_m_s"] if choices.quantity == "displacement" else []
     questions += [
         Question(f"--set {name}=", f"{what}, {_ALIKE}", (), example)
         for name, (what, example) in _NEEDED.items()
-        if name not in facts and not ignored.get(name, False)
+        if name not in facts and name not in optional
     ]
     if choices.gravity is None and any(map(is_height, facts)):
         questions.append(Question("--gravity", _FALLS, ("drop", "none"), "drop"))
-    if choices.driven and not force:
-        others = forces_among(recordings) or [name for name in values if name != choices.channel]
-        questions.append(
-            Question(_FORCE_COLUMN, "the channel with the force on the tissue", tuple(others), "Force")
-        )
-    with_force = choices.driven or choices.quantity in BESIDE_FORCE
-    return replace(choices, force_channel=force if with_force else {}), questions
+    return replace(choices, force_channel=force if choices.quantity in BESIDE_FORCE else {}), questions
 
 
 def _one_of(answers: Sequence[str], option: str, what: str) -> str | Question:
@@ -316,7 +292,7 @@ def forces_among(recordings: RecorderFolder) -> list[str]:
 def _force_channel(choices: Choices, recordings: RecorderFolder) -> dict[str, Any]:
     """The table ``[[channel]]`` of a force beside the motion, by its unit or as was said."""
     said = choices.force
-    if said == "none" or not (choices.driven or choices.quantity in (None, *BESIDE_FORCE)):
+    if said == "none" or choices.quantity not in (None, *BESIDE_FORCE):
         return {}
     candidates = recordings.candidates()
     forces = [name for name in forces_among(recordings) if name != choices.channel]
@@ -328,16 +304,10 @@ def _force_channel(choices: Choices, recordings: RecorderFolder) -> dict[str, An
             return {}
         value = name or "no value_column"
         raise InputError.stated("no-channel.option", "--force", value=value, names=", ".join(candidates))
-    # Without a free mass nothing accelerates between the sensor and the tissue.
-    location = "base" if choices.driven else _place_named(name)
-    defaults = {"name": "force", "quantity": "force", "place": location}
+    place = "base" if _BELOW.search(name) else "impactor"
+    defaults = {"name": "force", "quantity": "force", "place": place}
     unit = _unit(candidates[name], ["force"])
     return defaults | ({"unit": unit} if unit else {}) | said | {"value_column": name}
-
-
-def _place_named(name: str) -> str:
-    """Where the force of a channel of this name was recorded."""
-    return next((known for known, words in _PLACES.items() if words.search(name)), "impactor")
 
 
 def _in_full(name: str | None, names: Collection[str]) -> str | None:

@@ -257,7 +257,6 @@ def init_dataset(
     zero: Zero | None = None,
     uncertainty: Mapping[str, float] | Uncertainty | None = None,
     force: Mapping[str, Any] | Literal["none"] | None = None,
-    driven: bool = False,
     name: str = "",
     several: bool = False,
     threshold: float = Cutting.threshold,
@@ -300,8 +299,6 @@ def init_dataset(
         force: of a force beside the motion, entries of ``[[channel]]`` in ``dataset.toml``, such as
             ``{"place": "base"}``; ``"none"`` for none. The only channel with a unit of force is taken as one
             unless given.
-        driven: something goes on pushing on the tissue, as a leg does on a heel: displacement and force are
-            recorded, and no mass need be known (``[motion] free = false`` in ``dataset.toml``).
         name: of the dataset; that of its folder if empty.
         several: a recording may hold several impacts, which are cut apart.
         threshold: how many standard deviations of the noise an impact rises above.
@@ -321,7 +318,6 @@ def init_dataset(
         text=dict(text or {}),
         uncertainty=dict(stated_table(uncertainty or {})),
         force="none" if force == "none" else dict(force or {}),
-        driven=driven,
     )  # fmt: skip
     out = default_out(folder) if out is None else out
     write(

@@ -79,7 +79,7 @@ def text_of(run: FitRun, finished: Finished | None = None) -> Text:
     sound = verdict.get("passed", True) and not verdict.get("warned") and not run.undescribed
     doubt = "" if sound else f"These results are in doubt: {_verdict(run)}"
     if run.undescribed:
-        text.add("Results", doubt, f"No K or C is stated: {run.undescribed_words}.")
+        text.add("Results", doubt, "No K or C is stated: no element of this program describes these traces.")
         return text
     text.add(
         "Results",
@@ -109,11 +109,6 @@ def _measurements(run: FitRun) -> str:
         f"{counted(len(run.impacts), 'impact')} on {counted(run.people_count, 'person', 'people')} in "
         f"{counted(trials, 'condition')} were analysed."
     )
-    if not run.free:
-        return (
-            f"{analysed} Displacement and force of tissue that something pushes were recorded, the force at "
-            f"{_range(rate)} kHz."
-        )
     return (
         f"{analysed} The impactor had a mass of {_range(run.constant('mass_kg'))} kg and met the tissue at "
         f"{_range(run.constant('velocity_m_s'))} m/s; its {run.shown} was recorded at {_range(rate)} kHz."
@@ -163,7 +158,7 @@ def _left_out(run: FitRun) -> str:
 def _formulas(run: FitRun) -> str:
     model = run.record["model"]
     formulas = listed([f"log {name} ~ {formula}" for name, formula in model["formula"].items()])
-    stated = f" Numbers are stated at a mass of {run.reference_mass:.3g} kg." if run.free else ""
+    stated = f" Numbers are stated at a mass of {run.reference_mass:.3g} kg."
     return (
         f"In R's notation {formulas}; a term such as (1|subject) stands for normally distributed differences "
         f"of people.{stated} The model file is "

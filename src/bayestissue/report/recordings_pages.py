@@ -70,8 +70,6 @@ def sheets(
 
 
 MOST_CHECK_PANELS = 216
-# Times to the greatest displacement, a fourth of a period, for which the ringing after a tap is shown.
-_RINGS = 12
 # Axes and caption of a force against what is expected.
 _OF_FORCES = ("M a (N)", "recorded force (N)", "The recorded force against mass times deceleration.")
 _OF_IMPULSES = (
@@ -127,15 +125,14 @@ def quality_table(
 
 
 def _upwards(dataset: Dataset, row: int, offset: float = 0.0) -> np.ndarray:
-    """A recording, its peak pointing up: what meets tissue slows down, what is tapped speeds up.
+    """A recording, its peak pointing up.
 
     Args:
         dataset: of the recordings.
         row: of its impact.
         offset: what the recorder shows of no deceleration, to be taken off.
     """
-    slows = (-1.0 if dataset.quantity == "acceleration" else 1.0) * dataset.traces[row].value - offset
-    return -slows if dataset.tapped else slows
+    return (-1.0 if dataset.quantity == "acceleration" else 1.0) * dataset.traces[row].value - offset
 
 
 def _force_columns(force: Force | None) -> dict[str, np.ndarray]:
@@ -175,8 +172,8 @@ def check_page(
             partial(_check_panel, dataset=dataset, signal=signal),
             "since contact (ms)",
             "share of greatest",
-            "Recordings over time" if dataset.tapped else "Recording, velocity and displacement over time",
-            domain=(-0.6 if dataset.tapped else -0.4, 1.15),
+            "Recording, velocity and displacement over time",
+            domain=(-0.4, 1.15),
         ),
         force=None if force is None else _force_figure(force, names.to_list(), shown),
         impulse=force is not None and force.impulse,
@@ -202,15 +199,14 @@ def _check_panel(index: int, *, dataset: Dataset, signal: Displacements) -> Pane
     time = 1e3 * (trace.time_s - signal.contact_time_s[index])
     inside = 1e3 * signal.since_contact_s[index, :n]
     to_peak = 1e3 * signal.time_to_peak[index]
-    last = _RINGS * to_peak if dataset.tapped else 3 * to_peak
+    last = 3 * to_peak
     near = (time > -to_peak) & (time < last)
     near = near if near.any() else np.ones_like(near)
-    curves = {f"recorded {dataset.quantity}": (time[near], raw[near])}
-    if not dataset.tapped:
-        curves |= {
-            "velocity": (inside, signal.v[index, :n]),
-            "displacement": (inside, signal.x[index, :n]),
-        }
+    curves = {
+        f"recorded {dataset.quantity}": (time[near], raw[near]),
+        "velocity": (inside, signal.v[index, :n]),
+        "displacement": (inside, signal.x[index, :n]),
+    }
     for channel in dataset.channels:
         recorded = channel.traces[index]
         since = 1e3 * (recorded.time_s - signal.contact_time_s[index])
@@ -220,8 +216,7 @@ def _check_panel(index: int, *, dataset: Dataset, signal: Displacements) -> Pane
         kind: (times, values / (np.abs(values).max(initial=0) or 1))
         for kind, (times, values) in curves.items()
     }
-    turns: Panel = {} if dataset.tapped else {TURN: (to_peak, 0.0)}
-    return shown | {CONTACT: (0.0, 0.0)} | turns
+    return shown | {CONTACT: (0.0, 0.0), TURN: (to_peak, 0.0)}
 
 
 def _control_chart(phantoms: pd.DataFrame) -> Figure:
@@ -334,7 +329,7 @@ def _nouns(dataset: Dataset) -> Words:
 def _init_axis(dataset: Dataset) -> str:
     if dataset.quantity == "displacement":
         return "displacement (mm)"
-    return f"{'acceleration' if dataset.tapped else 'deceleration'} (m/s²)"
+    return "deceleration (m/s²)"
 
 
 def _init_panel(index: int, *, dataset: Dataset, signal: Displacements) -> Panel:
@@ -344,18 +339,12 @@ def _init_panel(index: int, *, dataset: Dataset, signal: Displacements) -> Panel
     contact, to_peak = 1e3 * signal.contact_time_s[index], 1e3 * signal.time_to_peak[index]
     near = (time > contact - 2 * to_peak) & (time < contact + 4 * to_peak)
     near = near if near.any() else np.ones_like(near)
-    # Of what is pressed on and on the greatest depth may come long after the first.
-    peak = int(np.argmax(value if dataset.free else np.where(near, value, -np.inf)))
+    peak = int(np.argmax(value))
     shown: Panel = {"recorded": (time[near], value[near])}
-    for channel in dataset.channels if dataset.quantity != "displacement" or not dataset.free else ():
+    for channel in dataset.channels if dataset.quantity != "displacement" else ():
         force_trace = channel.traces[index]
         then = 1e3 * force_trace.time_s
         around = (then >= time[near][0]) & (then <= time[near][-1])
-        force = force_trace.value[around]
-        if dataset.free:
-            behind = float(signal.mass[index]) - channel.tip_mass_kg
-            shown["force over mass"] = (then[around], force / behind)
-        else:
-            scale = np.abs(value[near]).max(initial=0.0) / max(np.abs(force).max(initial=0.0), 1e-300)
-            shown["force, as high as the displacement"] = (then[around], force * scale)
+        behind = float(signal.mass[index]) - channel.tip_mass_kg
+        shown["force over mass"] = (then[around], force_trace.value[around] / behind)
     return shown | {CONTACT: (contact, 0.0), PEAK: (time[peak], value[peak])}

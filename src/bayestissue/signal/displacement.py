@@ -11,14 +11,13 @@ import numpy as np
 from bayestissue.dataset.model import Dataset
 from bayestissue.errors import Coded
 from bayestissue.signal.beyond_limit import beyond_limit
-from bayestissue.signal.contact import Onset, displacement_contact, find_onset, from_time_zero
+from bayestissue.signal.contact import Onset, displacement_contact, find_onset
 from bayestissue.signal.filters import ahead_s, low_pass
 from bayestissue.signal.integration import clear_velocity, cumulative, derivatives
 from bayestissue.signal.options import SignalOptions
 from bayestissue.signal.phase import BETWEEN, ContactEvidence, Phase, phase_of
 from bayestissue.signal.settings import CONTACT, WINDOW
 from bayestissue.signal.start import Start, find_start
-from bayestissue.signal.tapped import Taps, taps
 from bayestissue.signal.traces import (
     Column,
     Index,
@@ -151,8 +150,6 @@ def displacements(dataset: Dataset, options: SignalOptions | None = None) -> Dis
     """
     options = options or SignalOptions()
     mass, velocity = (dataset.impacts[name].to_numpy(dtype=float) for name in ("mass_kg", "velocity_m_s"))
-    if dataset.tapped:
-        return _rung(taps(dataset, options), mass)
     gravity = np.full(len(mass), dataset.gravity)
     sign = -1.0 if dataset.quantity == "acceleration" else 1.0
     blocks = _blocks(len(mass), max(len(trace.value) for trace in dataset.traces))
@@ -163,9 +160,7 @@ def displacements(dataset: Dataset, options: SignalOptions | None = None) -> Dis
         return _Met(stacked, mass[rows], velocity[rows], gravity[rows])
 
     if dataset.quantity == "displacement":
-        if dataset.free:
-            return _joined([_recorded(met(rows), options) for rows in blocks])
-        return _joined([_recorded(met(rows), options, _pushed(dataset, rows, options)) for rows in blocks])
+        return _joined([_recorded(met(rows), options) for rows in blocks])
     signals, evidence = zip(*(_integrated(met(rows), options) for rows in blocks), strict=True)
     if dataset.recorder is not None:
         # No force jumps behind a low-pass, and contact has no interval of its own.
@@ -252,33 +247,20 @@ def _before(recordings: Recordings, onset: Onset, offset: Column, removed: Mask)
     }
 
 
-def _pushed(dataset: Dataset, rows: slice, options: SignalOptions) -> tuple[Column, Column]:
-    """When a force began, on the recordings' clock, and the standard deviation of that [s]."""
-    forces = stack(dataset.channels[0].traces[rows])
-    onset = find_onset(forces, options)
-    first = forces.start + forces.sample_number_of(onset.first) * forces.dt
-    return first - (onset.least + onset.most) / 2, (onset.most - onset.least) / np.sqrt(12)
-
-
-def _recorded(
-    met: _Met, options: SignalOptions, contact: tuple[Column, Column] | None = None
-) -> Displacements:
-    """Of recorded displacements; ``contact`` is when another channel has it, with its error [s]."""
+def _recorded(met: _Met, options: SignalOptions) -> Displacements:
+    """Of recorded displacements."""
     recordings, mass, velocity, gravity = met
     noise = noise_sd(recordings)
     if options.filter != "none":
         whole = from_sample(recordings, np.zeros_like(recordings.n))
         recordings = replace(recordings, value=low_pass(whole.value, whole.dt, options.filter))
-    if contact is None:
-        first, since_contact = displacement_contact(recordings, options)
-    else:
-        first, since_contact = from_time_zero(replace(recordings, start=recordings.start - contact[0]))
+    first, since_contact = displacement_contact(recordings, options)
     share = since_contact / recordings.dt
     level = at(recordings.value, first)
     at_contact = np.where(first > 0, level - share * (level - at(recordings.value, first - 1)), level)
     part = from_sample(recordings, first)
     velocities, curvatures = derivatives(recordings)
-    clear, half_width = clear_velocity(recordings, velocities, noise)
+    clear = clear_velocity(recordings, velocities, noise)
     v, d, clear = (
         from_sample(replace(recordings, value=rows), first).value for rows in (velocities, curvatures, clear)
     )
@@ -287,62 +269,19 @@ def _recorded(
     stop = slowest(replace(part, value=x), clear, velocity)
     slowest_words = "velocity does not reach zero: the window ends where it is least"
     greatest = np.where(recordings.inside, recordings.value, -np.inf).max(axis=1)
-    below = (greatest <= 0) & (options.contact != "time-zero") & (contact is None)
+    below = (greatest <= 0) & (options.contact != "time-zero")
     flags = {BELOW_ZERO: below, Coded(slowest_words, "no-zero-velocity"): ~stop.reached & ~below}
     sd = np.where(options.contact == "time-zero", 0, noise / np.maximum(velocity, 1e-12))
-    sd = sd if contact is None else contact[1]
     nothing, known = np.zeros_like(sd), np.zeros(len(sd), bool)
     free = (since_contact, sd, nothing)
     start = Start(since_contact, sd, since_contact, sd, known, *free, x[:, 0], v[:, 0])
     return _windowed(
         part, (x, v, d), np.zeros_like(x), stop, start, options, flags, {},
-        beyond=0 if contact is None else half_width,
         mass=mass, velocity=velocity, gravity=gravity, offset=at_contact, offset_sd=nothing * np.nan,
         noise_sd=noise, before=np.zeros((len(sd), BEFORE)), before_s=np.zeros((len(sd), BEFORE)),
         n_before=nothing.astype(int), n_since_quiet=nothing.astype(int), reach_s=nothing,
         blurred=nothing.astype(bool),
     )  # fmt: skip
-
-
-def _rung(tapped: Taps, mass: Column) -> Displacements:
-    """Of masses that were tapped, from when the hammer is off; contact is the beginning of the tap."""
-    ringing, n = tapped.ringing, tapped.n_samples
-    nothing, known = np.zeros(len(n)), np.zeros(len(n), bool)
-    used = np.arange(tapped.x.shape[1]) < n[:, None]
-    before = np.zeros((len(n), BEFORE))
-    return Displacements(
-        x=tapped.x,
-        v=tapped.v,
-        deceleration=np.where(used, ringing.value[:, : used.shape[1]], 0.0),
-        n_samples=n,
-        dt=ringing.dt,
-        sample_number=ringing.sample_numbers[:, : used.shape[1]],
-        uneven=ringing.uneven,
-        clipped=np.zeros_like(tapped.x),
-        mass=mass,
-        velocity=nothing,
-        gravity=nothing,
-        equilibrium=nothing,
-        contact_time_s=tapped.begin,
-        contact_time_sd=nothing,
-        first_sample_s=tapped.first_time,
-        bracket_s=tapped.first_time,
-        bracket_sd=nothing,
-        bracket_uniform=known,
-        time_to_peak=tapped.peak_time,
-        peak_displacement=tapped.peak_depth,
-        offset=tapped.zero,
-        offset_sd=tapped.zero_sd,
-        noise_sd=tapped.noise_sd,
-        before=before,
-        before_s=before,
-        n_before=nothing.astype(int),
-        n_since_quiet=nothing.astype(int),
-        reach_s=nothing,
-        blurred=known,
-        flags=_raised({**tapped.flags, TOO_FEW: n < FEWEST_SAMPLES}, len(n)),
-        notes=_raised({}, len(n)),
-    )
 
 
 def _windowed(
@@ -354,19 +293,13 @@ def _windowed(
     options: SignalOptions,
     flags: dict[Coded, Mask],
     notes: dict[Coded, Mask],
-    beyond: Index | int = 0,
     **columns: Any,
 ) -> Displacements:
-    """The motion (x, v and deceleration) over the window.
-
-    A window to zero velocity goes on for ``beyond`` samples; ``columns`` are attributes as they are.
-    """
+    """The motion (x, v and deceleration) over the window; ``columns`` are attributes as they are."""
     x, _, deceleration = motion
     since_contact, noise = start.since_contact, columns["noise_sd"]
     moved = since_contact, replace(part, value=deceleration), x, noise
     n = samples_in(options.window, stop, *moved)
-    if options.window == "peak":
-        n = np.minimum(n + beyond, part.n)
     at_limit = clipped != 0
     below = (at_limit[:, : int(n.max())] & (np.arange(int(n.max())) < n[:, None])).sum(axis=1)
     longer = at_limit.any(axis=1) & (n - below < WINDOW.few_below)

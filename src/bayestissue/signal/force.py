@@ -133,8 +133,7 @@ def force_beside(dataset: Dataset, signal: Displacements) -> Force | None:
         dataset: the recordings.
         signal: what the signal chain made of the decelerations or displacements.
     """
-    # A hammer's force and what the tissue adds to it move the mass: it is no mass times acceleration.
-    if not dataset.channels or not dataset.free or dataset.tapped:
+    if not dataset.channels:
         return None
     (channel,) = dataset.channels
     return (

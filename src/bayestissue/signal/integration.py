@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bayestissue.signal.settings import WINDOW
-from bayestissue.signal.traces import Column, Index, Recordings, Rows
+from bayestissue.signal.traces import Column, Recordings, Rows
 
 type Rule = Literal["trapezoidal", "quintic"]
 
@@ -80,12 +80,11 @@ def _extended(recordings: Recordings) -> Rows:
     return padded
 
 
-def clear_velocity(recordings: Recordings, velocity: Rows, noise_sd: Column) -> tuple[Rows, Index]:
+def clear_velocity(recordings: Recordings, velocity: Rows, noise_sd: Column) -> Rows:
     """Velocity (m/s) of displacements in which the noise is but a few per cent of the greatest.
 
-    Slope of parabolas fitted over 5 ms, or over twice or four times as long where noise asks for it; and how
-    many samples on either side of one these have. Where a noisy velocity first reaches 0 is where the noise
-    has made it: samples of the parabola before its middle are too great, as many after it too small.
+    Slope of parabolas fitted over 5 ms, or over twice or four times as long where noise asks for it. Where a
+    noisy velocity first reaches 0 is where the noise has made it.
 
     Args:
         recordings: displacements, m.
@@ -94,7 +93,6 @@ def clear_velocity(recordings: Recordings, velocity: Rows, noise_sd: Column) -> 
     """
     greatest = np.where(recordings.inside, velocity, 0.0).max(axis=1)
     over_s, n = WINDOW.smoothing_s, _parabola(recordings, WINDOW.smoothing_s)
-    half_width = np.full(len(velocity), n // 2)
     for _ in range(2):
         # Of the slope of a straight line through n samples; fewer than three have none.
         of_noise = noise_sd * np.sqrt(12 / max(n * (n**2 - 1), 24)) / recordings.dt
@@ -104,8 +102,7 @@ def clear_velocity(recordings: Recordings, velocity: Rows, noise_sd: Column) -> 
         over_s *= 2
         n = _parabola(recordings, over_s)
         velocity = np.where(noisy[:, None], derivatives(recordings, over_s)[0], velocity)
-        half_width = np.where(noisy, n // 2, half_width)
-    return velocity, half_width
+    return velocity
 
 
 def _parabola(recordings: Recordings, over_s: float) -> int:

@@ -12,7 +12,7 @@ import pandas as pd
 from jaxtyping import Bool, Float, Int
 
 from bayestissue.dataset import write_dataset
-from bayestissue.dataset.chain import Quantity, Recorder, Uncertainty
+from bayestissue.dataset.chain import Recorder, Uncertainty
 from bayestissue.dataset.impacts import REFERENCE
 from bayestissue.dataset.model import Channel, Dataset, Trace, channel_settings
 from bayestissue.dataset.settings import gravity_m_s2
@@ -20,7 +20,6 @@ from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, grouping_of
 from bayestissue.signal.filters import decay, on_even_grid
 from bayestissue.simulation.contact import deceleration, leaves, tissue_force, what_is_met
 from bayestissue.simulation.specification import Phantom, RecordedForce, Recording, Simulation, Tissue
-from bayestissue.simulation.tap import acceleration, hammer_force, rings, what_rings
 
 # Of the trace table, beside ``value``.
 FORCE_COLUMN = "force_N"
@@ -38,12 +37,11 @@ class Campaign:
 
     Attributes:
         impacts: the table that a lab would have: ``impact``, ``subject``, ``trial``, ``mass_kg``,
-            ``velocity_m_s``, ``energy_J``, ``sampling_rate_hz``, and the design's further factors. Of tapped
-            masses the velocity is missing, and there is no ``energy_J``.
+            ``velocity_m_s``, ``energy_J``, ``sampling_rate_hz``, and the design's further factors.
         truth: one row per impact, with what the lab would like to know.
         n_samples: [impact], samples of each recording.
         time: [sample], s, all recordings one after another; each recorder's clock starts at 0.
-        value: [sample], recorded deceleration, m/s²; of a tapped mass its acceleration.
+        value: [sample], recorded deceleration, m/s².
         uncertainty: standard deviations of the measuring chain.
         recorder: the low-pass that the recordings went through, if any.
         gravity: along the motion, m/s²; what is recorded is then force over mass.
@@ -51,7 +49,6 @@ class Campaign:
         force: [sample], recorded beside it, N; None where none was.
         force_channel: what is declared of it, without recordings.
         force_limit: its sensor's, N.
-        quantity: what was recorded: "deceleration", or of a tapped mass "acceleration".
     """
 
     impacts: pd.DataFrame
@@ -66,7 +63,6 @@ class Campaign:
     force: Float[np.ndarray, " sample"] | None = None
     force_channel: Channel | None = None
     force_limit: float = np.inf
-    quantity: Quantity = "deceleration"
 
     def traces(self) -> pd.DataFrame:
         """The long trace table: ``impact``, ``time_s``, ``value`` and, where it was recorded, ``force_N``."""
@@ -91,7 +87,7 @@ class Campaign:
             description="",
             impacts=self.impacts,
             traces=[Trace(time, value) for time, value in pairs],
-            quantity=self.quantity,
+            quantity="deceleration",
             uncertainty=self.uncertainty,
             warnings=(),
             left_out=(),
@@ -108,9 +104,7 @@ def simulate(simulation: Simulation, seed: int | None = None) -> Campaign:
     """Draw the truth of every impact and record it; the same seed gives the same numbers.
 
     The motion is that of a mass M that meets the tissue's element at V; the tissue can push but not pull, so
-    the recording is at rest again from when the force is 0. With a hammer it is that of a mass that rests on
-    the tissue, is tapped, and rings: see `bayestissue.simulation.tap`.
-    A recorder's low-pass takes the motion as it is
+    the recording is at rest again from when the force is 0. A recorder's low-pass takes the motion as it is
     between the samples, a digital one the samples; range and steps are those of what comes after it, and so
     is noise unless it says otherwise.
     Tissue, chain and noise have random streams of their own: more noise leaves the truth as it is. Needs
@@ -158,8 +152,7 @@ def _simulated(simulation: Simulation, seed: int | tuple[int, ...]) -> Campaign:
     impacts = _impacts(simulation, factors)
     truth = _truth(simulation, impacts, tissue, chain, further, groups)
     rate = simulation.recording.sampling_rate_hz
-    lasts = leaves(truth) if simulation.tap is None else rings(simulation.tap, truth)
-    end = truth["contact_time_s"].to_numpy() + lasts
+    end = truth["contact_time_s"].to_numpy() + leaves(truth)
     n = np.ceil((end + simulation.recording.after_contact_s) * rate).astype(int) + 1
     sample = np.arange(n.sum()) - np.repeat(np.cumsum(n) - n, n)
     if simulation.recording.force is not None:
@@ -191,7 +184,6 @@ def _simulated(simulation: Simulation, seed: int | tuple[int, ...]) -> Campaign:
         np.concatenate(of_force),
         _channel(recording.force),
         recording.force.limit_N or np.inf,
-        "acceleration" if recording.tapped else "deceleration",
     )
 
 
@@ -236,7 +228,7 @@ def _impacts(simulation: Simulation, random: np.random.Generator) -> pd.DataFram
         *factors,
         "mass_kg",
         "velocity_m_s",
-        *([] if simulation.tap else ["energy_J"]),
+        "energy_J",
         "sampling_rate_hz",
     ]
     return table[columns + ["diameter_m"] * ("diameter_m" in table)]
@@ -252,9 +244,7 @@ def _truth(
 ) -> pd.DataFrame:
     recording, count = simulation.recording, len(impacts)
     stated = impacts["mass_kg"].to_numpy() * recording.mass_factor
-    scatter = recording.relative_mass_sd * chain.standard_normal(count)
-    # That of a tapped mass may be large, and no mass is negative.
-    mass = stated * (np.exp(scatter) if simulation.tap else 1 + scatter)
+    mass = stated * (1 + recording.relative_mass_sd * chain.standard_normal(count))
     velocity = impacts["velocity_m_s"].to_numpy() + recording.velocity_sd_m_s * chain.standard_normal(count)
     gain = 1 + recording.relative_gain_sd * chain.standard_normal(count)
     offset = recording.offset_sd_m_s2 * chain.standard_normal(count)
@@ -273,11 +263,7 @@ def _truth(
     )
     responses = ("K", "C", *simulation.tissue.parameters)
     motion = (mass, velocity, gravity_m_s2(simulation.gravity), simulation.headform)
-    if simulation.tap is None:
-        met = what_is_met(simulation.tissue, impacts, stiffness, damping, *motion, further, effects)
-    else:
-        impulse = impacts["trial"].map(simulation.conditions().set_index("trial")["impulse_N_s"])
-        met = what_rings(stiffness, damping, mass, impulse.to_numpy())
+    met = what_is_met(simulation.tissue, impacts, stiffness, damping, *motion, further, effects)
     return pd.DataFrame(
         {
             "impact": impacts["impact"],
@@ -285,7 +271,7 @@ def _truth(
             "C_N_s_per_m": damping,
             **{name: met.pop(name) for name in ("omega_n_rad_s", "zeta")},
             "mass_kg": mass,
-            **({} if simulation.tap else {"velocity_m_s": velocity}),
+            "velocity_m_s": velocity,
             "gain": gain,
             "offset_m_s2": offset,
             "contact_time_s": contact,
@@ -355,6 +341,7 @@ def _recorded(
     """Recorded values, and forces where there are any, in blocks of impacts that bound the memory in use."""
     recording = simulation.recording
     rate, finer, ring = recording.sampling_rate_hz, 1, 0
+    gravity = gravity_m_s2(simulation.gravity)
     recorder, force_recorder = (
         settings.values() if settings else None
         for settings in (simulation.recorder, recording.force and recording.force.recorder)
@@ -370,27 +357,18 @@ def _recorded(
         # Every block has the same number of rows, so that one compilation serves them all.
         index = np.minimum(np.arange(begin, begin + rows), len(n) - 1)
         part = slice(begin, min(begin + rows, len(n)))
-        moved = _motion(simulation, truth.iloc[index], time)[: part.stop - begin]
+        met = deceleration(simulation.tissue.element, truth.iloc[index], time, gravity)
+        moved = np.asarray(met)[: part.stop - begin]
         d = _passed(moved, recorder, rate, finer, ring)
         recorded = np.arange(d.shape[1]) < n[part, None]
         noise = _noise(recorder, rate, ring, recorded, random)
         force = np.empty(0)
         if recording.force is not None:
-            pushes = _force(simulation, recording.force, truth.iloc[part], moved, time)
+            pushes = _force(simulation, recording.force, truth.iloc[part], moved)
             behind = _passed(pushes, force_recorder, rate, finer, ring)
             noise_of_force = _noise(force_recorder, rate, ring, recorded, of_force)
             force = _recorded_force(recording.force, truth.iloc[part], behind, recorded, noise_of_force)
         yield _through_chain(recording, truth.iloc[part], d, recorded, noise), force
-
-
-def _motion(
-    simulation: Simulation, truth: pd.DataFrame, time: Float[np.ndarray, " step"]
-) -> Float[np.ndarray, "impact step"]:
-    """Deceleration at these times [s] or, of a tapped mass, acceleration [m/s^2], before it is recorded."""
-    if simulation.tap is not None:
-        return acceleration(simulation.tap, truth, time)
-    gravity = gravity_m_s2(simulation.gravity)
-    return np.asarray(deceleration(simulation.tissue.element, truth, time, gravity))
 
 
 def _passed(
@@ -421,14 +399,10 @@ def _force(
     force: RecordedForce,
     truth: pd.DataFrame,
     motion: Float[np.ndarray, "impact step"],
-    time: Float[np.ndarray, " step"],
 ) -> Float[np.ndarray, "impact step"]:
-    """What the sensor feels [N]: the tissue's force below it, at the impactor (M - m) d, or the hammer's."""
-    if simulation.tap is not None:
-        return hammer_force(simulation.tap, truth, time - force.delay_s)
+    """What the sensor feels [N]: the tissue's force below it, or at the impactor (M - m) d."""
     if force.place == "base":
-        gravity = gravity_m_s2(simulation.gravity)
-        return tissue_force(simulation.tissue.element, truth, motion, gravity)
+        return tissue_force(simulation.tissue.element, truth, motion, gravity_m_s2(simulation.gravity))
     return (truth["mass_kg"].to_numpy()[:, None] - force.tip_mass_kg) * motion
 
 
@@ -494,7 +468,7 @@ def write_campaign(folder: Path, campaign: Campaign, simulation: Simulation) -> 
         "name": simulation.name,
         "description": simulation.description or "Simulated; truth.csv holds what it was made from.",
         "source": "bayestissue simulate",
-        "signal": {"quantity": campaign.quantity, "unit": "m/s^2"},
+        "signal": {"quantity": "deceleration", "unit": "m/s^2"},
         "uncertainty": asdict(campaign.uncertainty),
     }
     if campaign.gravity:

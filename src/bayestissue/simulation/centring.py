@@ -13,14 +13,14 @@ MASSES_KG = (0.375, 0.666, 1.0, 1.333)
 _K, _C = 3000.0, 25.0
 
 
-def one_tissue(sampling_rate: float = 10_000.0) -> Dataset:
-    """Noise-free impacts of `MASSES_KG` on one and the same tissue, sampled at this rate [Hz]."""
+def one_tissue() -> Dataset:
+    """Noise-free impacts of `MASSES_KG` on one and the same tissue."""
     conditions = tuple(Condition(trial=f"{mass:g} kg", mass_kg=mass, velocity_m_s=1.5) for mass in MASSES_KG)
     simulation = Simulation(
         name="one tissue",
         design=Design(conditions=conditions, subjects=1),
         tissue=Tissue(K_N_per_m=_K, C_N_s_per_m=_C),
-        recording=Recording(sampling_rate_hz=sampling_rate),
+        recording=Recording(sampling_rate_hz=10_000.0),
     )
     return simulate(simulation).dataset(simulation.name)
 

@@ -10,16 +10,13 @@ import pandas as pd
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from bayestissue import runtime
-from bayestissue.dataset.chain import HAMMER, Contact, Place
-from bayestissue.dataset.plausible import PLAUSIBLE
-from bayestissue.dataset.settings import Finite, Gravity, RecorderSettings, Spread, gravity_m_s2
-from bayestissue.hierarchy import SIDE_BY_SIDE
+from bayestissue.dataset.chain import Contact, Place
+from bayestissue.dataset.settings import Finite, Gravity, RecorderSettings, Spread
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, GroupTerm
 from bayestissue.hierarchy.priors import term_of_group, term_of_slope
 from bayestissue.settings import Table, checked, read_toml
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-_MOST_MASS_SD = 0.3
 _NUMBERS = ("mass_kg", "velocity_m_s", "energy_J")
 _COLUMNS = ("impact", "subject", "trial", *_NUMBERS, "sampling_rate_hz", "diameter_m", "trace")
 
@@ -33,7 +30,6 @@ class Condition(Table):
         velocity_m_s: at contact.
         energy_J: at contact, E = ½MV². Two of mass, velocity and energy are given.
         diameter_m: of the impactor, for the element hunt_crossley.
-        impulse_N_s: of a hammer that taps the mass, which is at rest before, instead of velocity and energy.
     """
 
     trial: Annotated[str, Field(min_length=1)]
@@ -41,22 +37,15 @@ class Condition(Table):
     velocity_m_s: Positive | None = None
     energy_J: Positive | None = None
     diameter_m: Positive | None = None
-    impulse_N_s: Positive | None = None
 
     @model_validator(mode="after")
     def _two_of_three(self) -> Self:
-        if self.impulse_N_s is not None:
-            if self.mass_kg is None or self.velocity_m_s is not None or self.energy_J is not None:
-                raise ValueError("mass_kg alone beside impulse_N_s, as a tapped mass is at rest before")
-            return self
         if sum(value is None for value in (self.mass_kg, self.velocity_m_s, self.energy_J)) != 1:
             raise ValueError("two of mass_kg, velocity_m_s and energy_J, as the third follows from E = ½MV²")
         return self
 
     def mass_and_velocity(self) -> tuple[float, float]:
-        """M in kg and V in m/s; of a tapped mass V is nan, for it comes with none."""
-        if self.mass_kg and self.impulse_N_s:
-            return self.mass_kg, float("nan")
+        """M in kg and V in m/s."""
         if self.mass_kg and self.velocity_m_s:
             return self.mass_kg, self.velocity_m_s
         energy = self.energy_J or 0.0
@@ -218,14 +207,12 @@ class RecordedForce(Table):
     A low-pass of the decelerations is not one of the force, whose own acts before its gain and limit.
 
     Attributes:
-        place: as of a [[channel]] of dataset.toml: impactor, base (below the tissue), or hammer (see [tap]).
+        place: as of a [[channel]] of dataset.toml: impactor, or base (below the tissue).
         tip_mass_kg: of the true mass, what lies between an impactor's sensor and the tissue.
         noise_sd_N: standard deviation of its noise.
         noise_relative_to_peak: the same as a fraction of the force's peak; variances add up.
         offset_sd_N: standard deviation of its zero, another in every impact.
         relative_gain_sd: standard deviation of its sensitivity, as a fraction of it; one for all impacts.
-        delay_s: of a hammer: its samples show the force so much later than those beside them show the
-            acceleration, which no lab knows; negative: earlier.
         limit_N: the sensor clips beyond this, either way; left out, it does not.
         recorder: a table [recording.force.recorder] with the keys of [recorder]: the force's own low-pass.
             Noise enters as it says there.
@@ -237,15 +224,8 @@ class RecordedForce(Table):
     noise_relative_to_peak: Spread = 0.0
     offset_sd_N: Spread = 0.0
     relative_gain_sd: Annotated[float, Field(ge=0, lt=0.3)] = 0.0
-    delay_s: Finite = 0.0
     limit_N: Positive | None = None
     recorder: RecorderSettings | None = None
-
-    @model_validator(mode="after")
-    def _of_a_place(self) -> Self:
-        if self.delay_s and self.place != HAMMER:
-            raise ValueError('delay_s only beside place = "hammer"')
-        return self
 
 
 class RecordedDeceleration(Table):
@@ -281,7 +261,7 @@ class RecordedDeceleration(Table):
     offset_sd_m_s2: Spread = 0.0
     relative_gain_sd: Annotated[float, Field(ge=0, lt=0.3)] = 0.0
     velocity_sd_m_s: Spread = 0.0
-    relative_mass_sd: Annotated[float, Field(ge=0, lt=_MOST_MASS_SD)] = 0.0
+    relative_mass_sd: Annotated[float, Field(ge=0, lt=0.3)] = 0.0
     mass_factor: Positive = 1.0
     range_m_s2: Positive | None = None
     bits: Annotated[int, Field(ge=6, le=32)] | None = None
@@ -301,24 +281,10 @@ class Recording(RecordedDeceleration):
     triggered.
 
     Attributes:
-        relative_mass_sd: standard deviation of the mass about the stated one, as a fraction of it, below 0.3.
-            Of a mass that a hammer taps, of its logarithm, below 2.
         force: a table [recording.force]: a force beside the deceleration.
     """
 
-    relative_mass_sd: Annotated[float, Field(ge=0, lt=PLAUSIBLE.most_guess_sd)] = 0.0
     force: RecordedForce | None = None
-
-    @property
-    def tapped(self) -> bool:
-        """Whether the force is that of a hammer."""
-        return self.force is not None and self.force.place == HAMMER
-
-    @model_validator(mode="after")
-    def _known_mass(self) -> Self:
-        if self.relative_mass_sd >= _MOST_MASS_SD and not self.tapped:
-            raise ValueError(f'relative_mass_sd below {_MOST_MASS_SD:g} without force.place = "hammer"')
-        return self
 
 
 def require_samples_to_filter(recorder: RecorderSettings | None, recording: RecordedDeceleration) -> None:
@@ -329,22 +295,6 @@ def require_samples_to_filter(recorder: RecorderSettings | None, recording: Reco
             f'a digital low-pass below {most:g} Hz, half of the sampling rate, or applied = "analog", '
             f"beside its corner of {low_pass.low_pass_hz:g} Hz"
         )
-
-
-class Tap(Table):
-    """A tap by an instrumented hammer: half a sine, of each condition's impulse.
-
-    The mass is at rest on a spring and damper before, and rings with it ever after: it is never left. The
-    hammer is [recording.force] with place = "hammer"; beside it the acceleration of the mass is recorded.
-
-    Attributes:
-        duration_s: how long the hammer pushes.
-        ringing_s: how long is recorded after that; left out, until the ringing has fallen to a hundredth, but
-            not longer than 2 s. recording.after_contact_s comes on top.
-    """
-
-    duration_s: Positive
-    ringing_s: Positive | None = None
 
 
 class Output(Table):
@@ -394,7 +344,6 @@ class Simulation(Table):
         tissue: a typical person's K and C, and how they vary.
         phantom: a table [phantom]: a spring of known stiffness beside the people.
         recording: the measuring chain.
-        tap: a table [tap]: a hammer taps masses at rest, instead of masses that hit.
         gravity: the part of gravity along the motion, as signal.gravity of dataset.toml: none, drop, or a
             number of m/s². What is recorded is force over mass, 0 in free fall.
         headform: whether the impactor stands for a head, as impactor.headform of dataset.toml.
@@ -410,7 +359,6 @@ class Simulation(Table):
     tissue: Tissue
     phantom: Phantom | None = None
     recording: Recording = Recording()
-    tap: Tap | None = None
     gravity: Gravity = "none"
     headform: bool = False
     recorder: RecorderSettings | None = None
@@ -421,34 +369,6 @@ class Simulation(Table):
         force = self.recording.force
         for recorder in (self.recorder, None if force is None else force.recorder):
             require_samples_to_filter(recorder, self.recording)
-        return self
-
-    @model_validator(mode="after")
-    def _of_taps(self) -> Self:
-        impulses = [condition.impulse_N_s is not None for condition in self.design.conditions or ()]
-        parts = (self.tap is not None, self.recording.tapped, *(impulses or [False]))
-        if any(parts) and not all(parts):
-            raise ValueError(
-                '[tap], [recording.force] with place = "hammer", and impulse_N_s in each of '
-                "[[design.conditions]]: all of these, or none"
-            )
-        force = self.recording.force
-        if force is None or not self.recording.tapped:
-            return self
-        numbers = {term.slope for term in self.tissue.spreads()} & {"velocity_m_s", "energy_J"}
-        beside = {
-            "tissue.element, which is a spring and damper side by side": self.tissue.element != SIDE_BY_SIDE,
-            "gravity": gravity_m_s2(self.gravity) != 0,
-            "headform": self.headform,
-            "[recorder]": self.recorder is not None,
-            "[recording.force.recorder]": force.recorder is not None,
-            "recording.force.tip_mass_kg": force.tip_mass_kg != 0,
-            "recording.velocity_sd_m_s": self.recording.velocity_sd_m_s != 0,
-            "recording.contact": self.recording.contact != "between",
-            "tissue.sd_slope on velocity or energy": bool(numbers),
-        }
-        if wrong := [name for name, is_there in beside.items() if is_there]:
-            raise ValueError(f"[tap] without {'; '.join(wrong)}")
         return self
 
     @model_validator(mode="after")
@@ -474,16 +394,14 @@ class Simulation(Table):
         return self
 
     def conditions(self) -> pd.DataFrame:
-        """One row per condition: ``trial``, ``mass_kg``, ``velocity_m_s``; of taps ``impulse_N_s`` too."""
+        """One row per condition: ``trial``, ``mass_kg``, ``velocity_m_s``."""
         if self.design.conditions is None:
             return published_conditions()
         pairs = [condition.mass_and_velocity() for condition in self.design.conditions]
         names = [condition.trial for condition in self.design.conditions]
         table = pd.DataFrame(pairs, columns=["mass_kg", "velocity_m_s"]).assign(trial=names)
-        for name in ("diameter_m", "impulse_N_s"):
-            column = [getattr(condition, name) for condition in self.design.conditions]
-            table = table if None in column else table.assign(**{name: np.array(column, float)})
-        return table
+        diameter = [condition.diameter_m for condition in self.design.conditions]
+        return table if None in diameter else table.assign(diameter_m=np.array(diameter, float))
 
 
 def published_conditions() -> pd.DataFrame:

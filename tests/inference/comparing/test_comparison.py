@@ -24,10 +24,9 @@ from bayestissue.inference.results.cross_validation import prior_sensitivity
 
 @pytest.mark.parametrize(
     ("likelihood", "name"),
-    [("impact", "deceleration"), ("tapped", "deceleration"), ("arma", "displacement"), ("driven", "force")],
+    [("impact", "deceleration"), ("arma", "displacement")],
 )
 def test_runs_are_held_side_by_side_by_what_their_likelihood_is_of(likelihood: str, name: str) -> None:
-    # A driven tissue's run has no other observed data than the force.
     observed = xr.Dataset({name: (("impact", "sample"), np.ones((2, 3)))})
     tree = xr.DataTree.from_dict({"observed_data": observed})
     finished = Finished(xr.Dataset(), None, Recorded(pd.DataFrame(), {}, 1.0))

@@ -53,9 +53,7 @@ def test_clipped_recordings_are_named_beside_the_flagged() -> None:
     assert headline(SOUND | found) == "Diagnostics passed."
 
 
-def test_beside_a_displacement_a_fit_of_both_is_named() -> None:
-    plate = [Channel("plate", "force", "base", [])]
-    assert unused_channels(plate, "why").endswith("`bayestissue check` compares the two.")
-    words = unused_channels(plate, "why", displaced=True)
-    assert "`bayestissue check` compares the two." in words
-    assert "write `free = false` in `[motion]`" in words
+def test_a_channel_that_is_not_used_is_named_with_why() -> None:
+    words = unused_channels([Channel("plate", "force", "base", [])], "why")
+    assert words.startswith("The further channel plate (force) is not used here: why.")
+    assert words.endswith("`bayestissue check` compares the two.")

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from bayestissue.dataset import published as tables_of_the_thesis
 from bayestissue.dataset.published import PublishedTables, read_published
 from bayestissue.resources import shared
 
@@ -27,7 +28,7 @@ class Printed:
 
 
 @pytest.fixture
-def print_tables(tmp_path: Path) -> Callable[[int], Printed]:
+def print_tables(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[int], Printed]:
     """Simulate 90 impacts, print them as the thesis did (three decimals, trials 7 and 25 lost), read them."""
 
     def simulate(seed: int) -> Printed:
@@ -56,6 +57,8 @@ def print_tables(tmp_path: Path) -> Callable[[int], Printed]:
                 averages.loc[here, name] = averages.loc[here, "trial"].map(value.map("{:.3f}".format))
         averages.to_csv(folder / "averages.csv", index=False)
         numbers = dict.fromkeys(("energy_J", "velocity_m_s", "mass_kg"), float)
-        return Printed(impacts.astype({**numbers, "trial": int}), read_published(folder))
+        with monkeypatch.context() as patch:
+            patch.setattr(tables_of_the_thesis, "shared", lambda *parts: folder / parts[-1])
+            return Printed(impacts.astype({**numbers, "trial": int}), read_published())
 
     return simulate

@@ -30,7 +30,6 @@ class Finished:
         discrepancy: whether a force of unknown shape acts beside the element's.
         gravity: along the motion [m/s^2].
         headform: whether what hits stands for a head.
-        free: whether it is a free mass; nothing follows of the motion of what is driven.
     """
 
     posterior: xr.Dataset
@@ -40,7 +39,6 @@ class Finished:
     discrepancy: bool = False
     gravity: float = 0.0
     headform: bool = False
-    free: bool = True
 
     @property
     def element_alone(self) -> bool:
@@ -49,8 +47,8 @@ class Finished:
 
     @property
     def law(self) -> Law | None:
-        """What outcomes at given levels follow; beside a discrepancy, or of no free mass, there is none."""
-        return None if self.discrepancy or not self.free else Law(self.element, self.gravity, self.headform)
+        """What outcomes at given levels follow; beside a discrepancy there is none."""
+        return None if self.discrepancy else Law(self.element, self.gravity, self.headform)
 
     @classmethod
     def from_tree(cls, tree: xr.DataTree, model: Mapping[str, Any]) -> Finished:
@@ -66,5 +64,4 @@ class Finished:
             "discrepancy_mean" in posterior,
             float(constants[GRAVITY]) if GRAVITY in constants else 0.0,
             HEADFORM in constants,
-            model.get("likelihood") not in ("driven", "tapped"),
         )

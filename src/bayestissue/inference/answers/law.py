@@ -25,9 +25,7 @@ from bayestissue.hierarchy.recorded import Condition, Recorded, label_of
 from bayestissue.inference.answers.settings import SETTINGS
 from bayestissue.inference.results.meanings import REFERENCE_OUTCOMES
 
-NO_LAW = Coded(
-    "no peaks: beside a discrepancy, or without a free mass, there is no law to simulate by", "not-simulated"
-)
+NO_LAW = Coded("no peaks: beside a discrepancy there is no law to simulate by", "not-simulated")
 DROP_HEIGHT = "drop_height_cm"
 # Of an impact, beside the tissue that it meets.
 MET = ("mass_kg", "velocity_m_s", "diameter_m")

@@ -9,7 +9,7 @@ import xarray as xr
 from jaxtyping import Float
 from scipy.special import stdtrit
 
-from bayestissue.hierarchy.force import CommonFactor
+from bayestissue.hierarchy.force import PreparedForce
 from bayestissue.inference.checking import sentence
 from bayestissue.inference.checking.model_form import NAMED, SMALL_P
 from bayestissue.outline import first_of
@@ -23,13 +23,10 @@ _INTERVAL = (0.05, 0.5, 0.95)
 
 
 def judge_force(
-    force: CommonFactor,
-    channel: str,
+    force: PreparedForce,
     posterior: xr.Dataset,
     declared_kg: Float[np.ndarray, " impact"],
-    form: dict[str, Any] | None = None,
-    *,
-    below: bool = False,
+    form: dict[str, Any],
 ) -> dict[str, Any]:
     """The entry ``channels`` of ``diagnostics.json``, of a fit with a force.
 
@@ -38,13 +35,11 @@ def judge_force(
     m / (D^2 + v^2)^1/2 is standard normal under the right declaration.
 
     Args:
-        force: what is declared of masses and gains.
-        channel: the force's.
+        force: with what is declared of masses and gains.
         posterior: of the fit.
         declared_kg: mass of each impact.
         form: what the force's residuals say, as `bayestissue.inference.checking.model_form.with_impacts`
-            has it; of a hammer's, which the ringing does not repeat, none.
-        below: whether the force was recorded below the tissue.
+            has it.
 
     Returns:
         ``passed``: whether it is below 3, the masses are off by one factor, and the force follows the law of
@@ -55,19 +50,19 @@ def judge_force(
         deviation; ``declared_sd``, D; ``mass_factor``, its 90 % interval about the median; ``first``, what
         the first line of the run is to say, if anything; ``words``.
     """
-    a = posterior["log_force_ratio_mean"].to_numpy()
+    channel, a = force.comparison.channel.name, posterior["log_force_ratio_mean"].to_numpy()
     low, middle, high = np.quantile(posterior["mass_factor"].to_numpy(), _INTERVAL)
     declared = float(np.hypot(force.mass_sd, force.gain_sd))
     mean, sd = float(a.mean()), float(a.std())
     slope = _slope(posterior, declared_kg) if force.share else 0.0
     agrees = abs(mean) <= _LIMIT * np.hypot(declared, sd) and not slope
-    follows = form is None or not (form["structured"] or form["impacts"]["structured"])
+    follows = not (form["structured"] or form["impacts"]["structured"])
     account = {
         "channel": channel,
         "passed": bool(agrees and follows),
         "agrees": bool(agrees),
         "follows": follows,
-        **({} if form is None else {"form": form | {"words": _form_words(channel, form)}}),
+        "form": form | {"words": _form_words(channel, form)},
         "slope": slope,
         "ratio": float(np.exp(mean)),
         "ratio_sd": sd,
@@ -75,7 +70,7 @@ def judge_force(
         "mass_factor": [float(low), float(middle), float(high)],
     }
     first, words = _sentences(account, of_mass=force.mass_sd > 0)
-    if not agrees and below:
+    if not agrees and force.rows.below:
         words = f"{words} {sentence('force.below')}"
     return account | {"first": first, "words": words}
 

@@ -18,15 +18,13 @@ from jax import Array
 from jaxtyping import Float
 from scipy.stats import binom, combine_pvalues
 
-from bayestissue.elements import element_names
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import Kind, TraceData
+from bayestissue.hierarchy.traces import TraceData
 from bayestissue.inference.checking import sentence
 from bayestissue.inference.execution.kept import some_impacts, some_of
 from bayestissue.inference.points.whiteness import autocorrelation
 from bayestissue.inference.results.predictions import PREDICTIVE_DRAWS, replicates
-from bayestissue.likelihood.driven.measured import DrivenRecord
 from bayestissue.outline import first_of
 
 # An impact's p-value that is counted.
@@ -129,13 +127,12 @@ def _fisher(p: list[float]) -> float:
     return float(f"{combine_pvalues(np.maximum(p, _LEAST_P)).pvalue:.4g}")
 
 
-def with_discrepancy(first: dict[str, Any], tree: xr.DataTree, shown: str = "deceleration") -> dict[str, Any]:
+def with_discrepancy(first: dict[str, Any], tree: xr.DataTree) -> dict[str, Any]:
     """What `model_form` said of a fit without a discrepancy, after one with it.
 
     Args:
         first: of the fit without.
         tree: the fit with it.
-        shown: the recorded quantity; see `shown_by`.
 
     Returns:
         ``score`` and ``structured`` as they were, ``discrepancy``, the discrepancy's rms as a fraction of the
@@ -158,29 +155,10 @@ def with_discrepancy(first: dict[str, Any], tree: xr.DataTree, shown: str = "dec
     )
     apart = apart if len(larger) else ""
     words = _words("form.discrepancy", first["score"], size=100 * size, sure=100 * sure, apart=apart)
-    left = model_form(tree, shown)["score"]
+    left = model_form(tree, "deceleration")["score"]
     if discrepancy["undescribed"]:
         words = f"{sentence('form.score', score=first['score'])}. {discrepancy['words']}"
     return first | discrepancy | {"apart": list(larger.index), "left": left, "words": words}
-
-
-def shown_by(kind: Kind) -> str:
-    """The recorded quantity whose residuals tell the form of a model."""
-    return "force" if kind == "driven" else "deceleration"
-
-
-def of_one_fit(form: dict[str, Any], kind: Kind, element: str) -> dict[str, Any]:
-    """The form of a model that has no second fit with a discrepancy that would widen intervals.
-
-    Where residuals are structured there is no interval of K and C: see `described`. That is said of
-    the fitted ``element`` and of no other.
-    """
-    if kind == "impact" or not form["structured"]:
-        return form
-    others = ", ".join(name for name in element_names() if name != element)
-    of_law = sentence(f"form.{kind}", element=element, others=others)
-    words = f"{sentence('form.score', score=form['score'])}. {of_law}"
-    return form | {"undescribed": True, "element": element, "words": words}
 
 
 def described(tree: xr.DataTree) -> dict[str, Any]:
@@ -256,15 +234,14 @@ def misfit_precheck(prepared: Prepared, expansions: GaussianFactor, seed: int) -
     residuals have in common. Of very many impacts some are asked.
 
     Args:
-        prepared: the model and its data, decelerations or driven forces.
+        prepared: the model and its data.
         expansions: each trace's own, as `bayestissue.inference.factors.expansions.expanded` finds them.
         seed: of the replicates.
     """
     rows = some_impacts(len(prepared.impacts))
     prepared, best = some_of(prepared, rows), np.asarray(expansions.centre)[rows]
     noise = np.exp(best[:, 2] + np.asarray(prepared.data.log_peak))
-    driven = prepared.model.kind == "driven"
-    if not driven and np.median(noise / np.maximum(prepared.signal.noise_sd, 1e-12)) < _SUSPICIOUS:
+    if np.median(noise / np.maximum(prepared.signal.noise_sd, 1e-12)) < _SUSPICIOUS:
         return None
     key = jax.random.fold_in(jax.random.PRNGKey(seed), 31)
     verdict = judged_at(prepared, prepared.data, best, key)
@@ -282,8 +259,6 @@ def judged_at(
     keys = jax.random.split(key, PREDICTIVE_DRAWS)
     draws = np.broadcast_to(u, (PREDICTIVE_DRAWS, *u.shape))
     of_each = replicates(prepared.model, data, draws, keys)
-    if isinstance(data.record, DrivenRecord):
-        return judged(np.where(data.record.inside(), data.record.y, np.nan) - offset, of_each["force"])
     replicated, signal = of_each["deceleration"], prepared.signal
     # An offset does not move samples at the sensor's limit.
     used = (np.arange(replicated.shape[-1]) < signal.n_samples[:, None]) & (signal.clipped == 0)

@@ -3,25 +3,20 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import cast
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from bayestissue.elements import element
-from bayestissue.hierarchy.driven import first_guess as driven_guess
 from bayestissue.hierarchy.force import tells_added_mass
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
-from bayestissue.hierarchy.tapped import first_guess as tapped_guess
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, with_normal_errors
 from bayestissue.inference.execution.chunks import Progress, map_impacts, silent
 from bayestissue.inference.factors.conditional import ConditionalPrior
 from bayestissue.inference.factors.sites import laplace_sites, weak_prior
 from bayestissue.inference.points.fit import PointFit, fit_points
-from bayestissue.likelihood.driven.measured import DrivenRecord
-from bayestissue.likelihood.tapped.measured import TapRecord
 from bayestissue.signal import Displacements
 
 # What keeps artanh theta1 finite.
@@ -33,10 +28,6 @@ def first_guess(prepared: Prepared) -> Float[np.ndarray, "impact parameter"]:
 
     Where these give no K it is from the time to peak, and where they give no C that of light damping.
     """
-    if prepared.model.kind == "driven":
-        return _driven(prepared)
-    if prepared.model.kind == "tapped":
-        return _tapped(prepared)
     signal, which = prepared.signal, element(prepared.model.element)
     if prepared.model.kind == "impact":
         (K, C), fit = _of_motion(signal), None
@@ -62,21 +53,6 @@ def first_guess(prepared: Prepared) -> Float[np.ndarray, "impact parameter"]:
         # artanh has no value at -1 and 1, where point estimates like to lie.
         columns.append(np.arctanh(np.clip(fit.theta1, -_NEAREST, _NEAREST)))
     return np.stack(columns, axis=1)
-
-
-def _driven(prepared: Prepared) -> Float[np.ndarray, "impact parameter"]:
-    """Of displacement and force, by least squares of the one on the other."""
-    guess = driven_guess(cast(DrivenRecord, prepared.data.record), element(prepared.model.element))
-    names = ("K", "C", *prepared.model.nuisance)
-    middle = np.full(len(guess["K"]), prepared.model.priors.discrepancy.mean)
-    return np.stack([guess.get(name, middle) for name in names], axis=1)
-
-
-def _tapped(prepared: Prepared) -> Float[np.ndarray, "impact parameter"]:
-    """Of how a mass rings, by least squares."""
-    guess = tapped_guess(cast(TapRecord, prepared.data.record), prepared.signal.mass)
-    guess["noise"] -= np.asarray(prepared.data.log_peak)
-    return np.stack([guess[name] for name in ("K", "C", *prepared.model.nuisance)], axis=1)
 
 
 def _of_motion(signal: Displacements) -> Float[np.ndarray, "2 impact"]:

@@ -22,10 +22,8 @@ from jaxtyping import Bool, Float, Int
 from bayestissue.hierarchy.traces import (
     TraceData,
     TraceModel,
-    driven_likelihood,
     impact_likelihood,
     of_the_element,
-    tapped_likelihood,
 )
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.points.whiteness import projected_portmanteau
@@ -43,8 +41,7 @@ def noise_p(
         data: the traces.
         u: a point of each impact's posterior.
     """
-    of_likelihood = {"driven": _left_of_driven, "tapped": _left_of_tapped}.get(model.kind, _left)
-    parts = of_likelihood(model, data.padded, padded_impacts(u))
+    parts = _left(model, data.padded, padded_impacts(u))
     left, fitted, size = (np.asarray(part)[: len(u)] for part in parts)
     return projected_portmanteau(left, fitted, size)
 
@@ -136,76 +133,6 @@ def _left(
     left, size = event.innovations(event.residuals(none))
     white = _whitened(jnp.stack(shared, axis=-1) / event.sigma[:, None, None], [left, *fitted])
     return white[:, 0], white[:, 1:], size
-
-
-@compiled_quickly
-def _left_of_driven(
-    model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]
-) -> tuple[Float[Array, "impact row"], Float[Array, "impact parameter row"], Int[Array, " impact"]]:
-    """The same of a driven tissue, the displacement's samples behind the force's.
-
-    The weights of its motion are errors of both channels. Those that the recordings tell count as fitted: the
-    motion need not be as rough in each of its modes as all of them together say.
-    """
-    event = driven_likelihood(model, data, list(u.T))
-    values, A = event.standardised()
-    identified = jnp.where((A**2).sum(1, keepdims=True) > 1, A, 0.0)
-    fitted = jnp.concatenate([event.slopes(), identified], axis=-1)
-    columns = jnp.concatenate([values[..., None], fitted], axis=-1)
-    white = jax.vmap(_without)(A, jnp.swapaxes(columns, 1, 2))
-    record, index = event.record, jnp.arange(white.shape[-1])
-    n_F, size = record.n_samples[:, None], record.n_samples + record.n_displacements
-    # Without a gap between the two.
-    at = jnp.where(index < n_F, index, jnp.minimum(index - n_F + record.y.shape[1], len(index) - 1))
-    white = jnp.where(index < size[:, None, None], jnp.take_along_axis(white, at[:, None], axis=-1), 0.0)
-    return white[:, 0], white[:, 1:], size
-
-
-def force_lag(
-    model: TraceModel, data: TraceData, u: Float[np.ndarray, "impact parameter"]
-) -> tuple[float, float]:
-    """What a driven force is behind the displacement in all impacts, and its standard error [s].
-
-    Of a fit that takes both clocks for one: with d what a unit of the delay adds to what is left, r, both
-    white as of `noise_p` and less what the element's parameters make of them, it is sum d'r / sum d'd, and
-    its standard error (sum d'd)^-1/2.
-
-    Args:
-        model: of driven tissue, without a clock of its own.
-        data: the recordings.
-        u: a point of each impact's posterior.
-    """
-    score, information = _lag(model, data.padded, padded_impacts(u))
-    total = float(np.asarray(information)[: len(u)].sum())
-    return float(np.asarray(score)[: len(u)].sum()) / total, total**-0.5
-
-
-@compiled_quickly
-def _lag(
-    model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]
-) -> tuple[Float[Array, " impact"], Float[Array, " impact"]]:
-    """Score and information of each impact, the delay in s."""
-    event, unit = driven_likelihood(model, data, list(u.T)), jnp.ones_like(data.log_peak)
-    event = replace(event, clock=0 * unit, record=event.record._replace(clock_sd=unit))
-    values, A = event.standardised()
-    white = _whitened(A, [values, *jnp.moveaxis(event.slopes(), -1, 0)])
-    left, fitted, delay = white[:, 0], white[:, 1:-1], white[:, -1]
-    gram = jnp.einsum("ipk,iqk->ipq", fitted, fitted)
-    along = jnp.linalg.solve(gram, jnp.einsum("ipk,ik->ip", fitted, delay)[..., None])
-    delay -= jnp.einsum("ipk,ip->ik", fitted, along[..., 0])
-    return (delay * left).sum(1), (delay**2).sum(1)
-
-
-@compiled_quickly
-def _left_of_tapped(
-    model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]
-) -> tuple[Float[Array, "impact row"], Float[Array, "impact parameter row"], Int[Array, " impact"]]:
-    """The same of the ringing after a tap."""
-    event = tapped_likelihood(model, data, list(u.T))
-    left, A = event.standardised()
-    fitted = [event.slopes()[..., i] for i in range(3)]
-    white = _whitened(A, [left, *fitted])
-    return white[:, 0], white[:, 1:], event.record.n_samples
 
 
 def _without(A: Float[Array, "shock error"], rows: Float[Array, "row shock"]) -> Float[Array, "row shock"]:

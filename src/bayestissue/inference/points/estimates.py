@@ -17,7 +17,6 @@ from bayestissue.inference.points.notes import (
     ARCCOS,
     AT_A_LIMIT,
     NO_ANSWER,
-    NO_FREE_MASS,
     NO_OSCILLATOR,
     NOISELESS,
     NOT_FILTERED,
@@ -25,7 +24,6 @@ from bayestissue.inference.points.notes import (
     NOT_WHITE,
     PHANTOM,
     STRUCTURED,
-    TAPPED,
     THETA1,
     UNUSED,
 )
@@ -69,8 +67,6 @@ def estimates_table(
         method: "exact" or "dds".
         findings: what `bayestissue.signal.quality.inspect` found; flagged.
     """
-    if not dataset.free or dataset.tapped:
-        return _none(dataset, signal, TAPPED if dataset.tapped else NO_FREE_MASS)
     long_enough = (signal.n_samples >= FEWEST_SAMPLES) & ~signal.uneven & ~signal.clipped.any(axis=1)
     fit = fit_points(
         signal.x[long_enough],
@@ -94,16 +90,6 @@ def estimates_table(
     }
     flags, notes = flagged(dataset, signal, whole, findings, method)
     return table_of(dataset, signal, whole._replace(K_se=K_se, C_se=C_se), ends, flags, notes)
-
-
-def _none(dataset: Dataset, signal: Displacements, why: Coded) -> pd.DataFrame:
-    """The table without K and C, with a note that says why: both methods are of a mass that hits."""
-    unknown, no = np.full(len(signal.dt), np.nan), np.zeros(len(signal.dt), bool)
-    columns = dict.fromkeys(PointFit._fields, unknown)
-    fit = PointFit(**columns | {"branch": no, "noiseless": no, "theta1_at_limit": no})
-    ends = dict.fromkeys(("K", "C"), (unknown, unknown))
-    noted = [[*notes, why] for notes in signal.notes]
-    return table_of(dataset, signal, fit, ends, signal.flags, noted)
 
 
 def in_rows(column: np.ndarray, rows: np.ndarray) -> np.ndarray:

@@ -22,8 +22,6 @@ ARCCOS = Coded("theta1 asks for another value of arccos", "theta1-branch")
 NOT_FILTERED = Coded("the declared low-pass is not in this method", "low-pass-not-applied")
 NOISELESS = Coded("no noise beyond rounding: no standard errors", "noiseless")
 ANOTHER_PEAK = Coded("K and C imply another peak displacement than recorded", "peak-disagrees")
-NO_FREE_MASS = Coded("no free mass: point estimates are of one", "no-free-mass")
-TAPPED = Coded("a tap: point estimates are of impacts", "tapped")
 PHANTOM = Coded("a spring or phantom of known stiffness", "known-stiffness")
 UNUSED = Coded("the further channel is not used here", "channel-unused")
 # Flags of the method "impact": its intervals then promise nothing.
@@ -49,7 +47,7 @@ _NAMED = 5
 # What `said_once` may meet in the column ``notes``.
 _NOTES = (
     *(THETA1, NOT_WHITE, ARCCOS, NOT_FILTERED, NOISELESS, NO_ANSWER, ANOTHER_PEAK, UNUSED, PHANTOM),
-    *(NO_FREE_MASS, TAPPED, NO_OFFSET, ON_SAMPLE, UNEVEN, LONGER),
+    *(NO_OFFSET, ON_SAMPLE, UNEVEN, LONGER),
     KINDS["contact-earlier"].flag,
     KINDS["at-limit"].flag,
 )
@@ -111,22 +109,17 @@ def clipped_recordings(impacts: Sequence[str], clipped: Sequence[bool]) -> dict[
     return {"impacts": named, "of": len(impacts), "words": words}
 
 
-def unused_channels(channels: Sequence[Channel], why: str, *, displaced: bool = False) -> str:
+def unused_channels(channels: Sequence[Channel], why: str) -> str:
     """Sentences on further channels that a fit is not of.
 
     Args:
         channels: the further ones.
         why: they are not used.
-        displaced: whether the first channel is a displacement.
     """
     named = first_of([f"{channel.name} ({channel.quantity})" for channel in channels], _NAMED)
-    driven = (
-        " If no free mass hits, write `free = false` in `[motion]` for a fit of both." if displaced else ""
-    )
-    compared = f"`bayestissue check` compares the two.{driven}"
     return (
         f"The further channel {named} is not used here: {why}. K and C are those of the first one, at the "
-        f"declared mass. {compared}"
+        "declared mass. `bayestissue check` compares the two."
     )
 
 

@@ -30,7 +30,6 @@ from bayestissue.inference.quantities.masses import (
     common_factors,
     common_log_factor,
     declared_common_sd,
-    driven_gains,
     mass_errors,
     of_heavier_impactors,
     own_log_factor,
@@ -84,16 +83,11 @@ def posterior_draws(
     # In numpy: jax compiles each step of choosing some of them anew for every number of draws.
     keys = np.asarray(jax.random.split(jax.random.fold_in(key, 11), shape))
     of_kept, keys_of_kept = jax.tree.map(lambda values: values[:, kept_numbers], (population, keys))
-    gains, log_factor = None, common_log_factor(prepared, population, key)
-    if model.kind == "driven":
-        gains = driven_gains(prepared, shape, key)
-        log_factor = gains[..., 1] - gains[..., 0]
+    log_factor = common_log_factor(prepared, population, key)
 
     def errors_and_keys(rows: np.ndarray, u: np.ndarray) -> tuple[Any, Any]:
         of_block = _each(partial(jax.random.fold_in, data=rows[0]), keys_of_kept)
         of_errors, of_mass = np.moveaxis(_each(jax.random.split, of_block), 2, 0)
-        if gains is not None:
-            return np.broadcast_to(gains[:, kept_numbers, None], (*u.shape[:-1], 2)), of_errors
         if log_factor is not None:
             return log_factor[:, kept_numbers, None] + own_log_factor(prepared, of_kept, u), of_errors
         # Of the design X b of these impacts is asked alone.
@@ -104,7 +98,7 @@ def posterior_draws(
     b, factor = population.b, {}
     if log_factor is not None:
         b = of_heavier_impactors(model, b, log_factor)
-        factor = common_factors(prepared, population, log_factor) if gains is None else {}
+        factor = common_factors(prepared, population, log_factor)
     effects = derived.effects_by_name(model.locations, prepared.design, b)
     numbers = None if whole else kept_numbers
     return Draws(population.hyperparameters | effects | factor, impacts, log_likelihood, numbers)
@@ -122,14 +116,11 @@ def prior_draws(prepared: Prepared, seed: int, rng: np.random.Generator) -> Draw
         error = np.broadcast_to(common_sd * rng.standard_normal(u.shape[:2])[..., None], u.shape[:-1])
         drawn["locations"] = of_heavier_impactors(model, drawn["locations"], error[..., 0])
         factor = {MASS_FACTOR: np.exp(error[..., 0])}
-        if prepared.factor is not None:
-            gain = prepared.factor.gain_sd * np.asarray(
+        if prepared.force is not None:
+            gain = prepared.force.gain_sd * np.asarray(
                 jax.random.normal(jax.random.fold_in(key, 2), u.shape[:2])
             )
             factor[GAIN_FACTOR] = np.exp(gain)
-    elif model.kind == "driven":
-        gains = np.asarray(prepared.gain_sd) * rng.standard_normal((*u.shape[:2], 1, 2))
-        error = np.broadcast_to(gains, (*u.shape[:-1], 2))
     else:
         error = model.log_mass_sd * rng.standard_normal(u.shape[:-1])
     keys = np.asarray(jax.random.split(jax.random.fold_in(key, 1), u.shape[:2]))
@@ -192,13 +183,10 @@ def drawn_impacts(
     data: TraceData,
     recorded: bool,
     u: Float[Array, "impact parameter"],
-    mass_error: Float[Array, " impact *gain"],
+    mass_error: Float[Array, " impact"],
     key: Array,
 ) -> dict[str, Float[Array, "impact ..."]]:
-    """Every impact's quantities, as what was recorded has them or the priors alone; compiled for both.
-
-    ``mass_error`` is as of `Impacts.drawn`.
-    """
+    """Every impact's quantities, as what was recorded has them or the priors alone; compiled for both."""
     return impact_quantities(Impacts.drawn(model, data, list(u.T), mass_error, key, jnp.asarray(recorded)))
 
 

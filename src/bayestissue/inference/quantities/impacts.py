@@ -23,7 +23,6 @@ from bayestissue.hierarchy.traces import (
     Physical,
     TraceData,
     TraceModel,
-    driven_likelihood,
     element_parameters,
     impact_likelihood,
     physical,
@@ -31,7 +30,6 @@ from bayestissue.hierarchy.traces import (
 )
 from bayestissue.inference.quantities.common_depth import at_common_depth, whole_at_common_depth
 from bayestissue.inference.quantities.whole import Whole, whole_impact
-from bayestissue.likelihood.driven.measured import DrivenOutcomes, DrivenRecord
 from bayestissue.likelihood.element.impact import MeasuredImpact
 from bayestissue.likelihood.element.record import CONTACT, DecelerationRecord
 
@@ -55,8 +53,6 @@ class Impacts:
         velocity_error: that of the recorded velocity [m/s]; None where none is recorded.
         measured: beside a discrepancy, the traces' likelihood with contact where the errors put it.
         discrepancy: the force beside the element's, over mass [m/s^2].
-        gain_error: of driven impacts, of the logs of the displacement's and of the force's gain.
-        driven: what driven impacts come to, as the sensors read it.
     """
 
     model: TraceModel
@@ -67,8 +63,6 @@ class Impacts:
     velocity_error: Float[Array, " impact"] | None
     measured: MeasuredImpact | None = None
     discrepancy: Float[Array, "impact sample"] | None = None
-    gain_error: Float[Array, "impact 2"] | None = None
-    driven: DrivenOutcomes | None = None
 
     @classmethod
     def drawn(
@@ -76,7 +70,7 @@ class Impacts:
         model: TraceModel,
         data: TraceData,
         u: list[Array],
-        mass_error: Float[Array, " impact *gain"],
+        mass_error: Float[Array, " impact"],
         key: Array,
         recorded: Bool[Array, ""],
     ) -> Self:
@@ -86,20 +80,11 @@ class Impacts:
             model: what is assumed.
             data: the recordings.
             u: each impact's parameters.
-            mass_error: of the log mass; of driven impacts ``gain_error``, whose difference moves K and C
-                likewise.
+            mass_error: of the log mass.
             key: of the draw.
             recorded: whether it is given what was recorded, else as nothing but the priors has it.
         """
         velocity_key = jax.random.fold_in(key, 5)
-        if model.kind == "driven":
-            pushed = driven_likelihood(model, data, u)
-            # What the priors alone say is along the motion that the displacement shows.
-            weights = jax.lax.cond(recorded, pushed.weights, lambda _: pushed.shown, key)
-            errors = jnp.where(recorded, pushed.errors_of(weights), pushed.prior_errors(key))
-            heavier = mass_error[:, 1] - mass_error[:, 0]
-            outcomes = pushed.outcomes(weights)
-            return cls(model, data, u, heavier, errors, None, gain_error=mass_error, driven=outcomes)
         if not model.discrepancy:
             likelihood = trace_likelihood(model, data, u)
             errors = jax.lax.cond(recorded, likelihood.draw_errors, likelihood.prior_errors, key)
@@ -142,10 +127,6 @@ class Impacts:
     def parameters(self) -> dict[str, Float[Array, " impact"]]:
         """The element's parameters by name."""
         true = {"K": jnp.exp(self.u[0] + self.mass_error), "C": jnp.exp(self.u[1] + self.mass_error)}
-        if self.gain_error is not None:
-            deeper = jnp.exp(self.gain_error[:, 0])
-            lengths = [one.name for one in self.element.extra if one.unit in ("m", "m/s")]
-            true |= {name: self.recorded_parameters[name] * deeper for name in lengths}
         masses = (one.name for one in self.element.extra if one.of_mass)
         true |= {name: self.recorded_parameters[name] * jnp.exp(self.mass_error) for name in masses}
         return self.recorded_parameters | true
@@ -169,15 +150,13 @@ class Impacts:
         return whole_impact(self.measured, self.discrepancy, self.velocity_error)
 
     @cached_property
-    def outcomes(self) -> Outcomes | DrivenOutcomes | None:
-        """What each impact comes to; None where no velocity is recorded, unless force and depth both are.
+    def outcomes(self) -> Outcomes | None:
+        """What each impact comes to; None where no velocity is recorded.
 
         Beside a discrepancy the measured motion tells peaks and secant stiffness, and the rest is the
         element's own.
         """
         record = self.data.record
-        if self.driven is not None and self.gain_error is not None:
-            return self.driven.scaled(*self.gain_error.T)
         if self.velocity_error is None or record.velocity is None:
             return None
         p, velocity = self.parameters | record.surroundings, record.velocity + self.velocity_error
@@ -197,9 +176,7 @@ class Impacts:
         """Static force over depth at the one depth that every impact reaches [N/m]."""
         if self.side_by_side or not self.model.depends_on_depth:
             return None
-        if self.driven is not None and self.model.discrepancy:
-            return None
-        record, heavier = cast(DecelerationRecord | DrivenRecord, self.data.record), jnp.exp(self.mass_error)
+        record, heavier = cast(DecelerationRecord, self.data.record), jnp.exp(self.mass_error)
         if self.measured is not None and self.whole is not None:
             return whole_at_common_depth(self.measured, self.whole, record.common_depth) * heavier
         arguments = self.recorded_parameters | record.surroundings
@@ -231,18 +208,9 @@ class Impacts:
         return self.outcomes.C_equivalent / (2 * jnp.sqrt(self.outcomes.K_secant * self.inertia))
 
 
-def _of_free_mass(impacts: Impacts, quantity: Callable[[Impacts], Array]) -> Array | None:
-    """What a motion that is measured and driven says nothing of."""
-    return None if impacts.model.kind == "driven" else quantity(impacts)
-
-
 def _comparable(impacts: Impacts, name: str) -> Array | None:
-    """Of spring and damper side by side alone these are K and C themselves.
-
-    Beside a discrepancy a driven motion tells the secant stiffness, and what is lost in neither of the two.
-    """
-    beside = impacts.driven is not None and impacts.model.discrepancy and name != "K_secant"
-    return None if impacts.side_by_side or beside else getattr(impacts.outcomes, name, None)
+    """Of spring and damper side by side alone these are K and C themselves."""
+    return None if impacts.side_by_side else getattr(impacts.outcomes, name, None)
 
 
 def _outcome(impacts: Impacts, name: str) -> Array | None:
@@ -259,15 +227,12 @@ def _outcome(impacts: Impacts, name: str) -> Array | None:
 QUANTITIES: dict[str, Callable[[Impacts], Array | None]] = {
     "K": lambda impacts: impacts.parameters["K"],
     "C": lambda impacts: impacts.parameters["C"],
-    "omega_n": partial(_of_free_mass, quantity=Impacts.omega_n),
-    "zeta": partial(_of_free_mass, quantity=Impacts.zeta),
+    "omega_n": Impacts.omega_n,
+    "zeta": Impacts.zeta,
     "theta1": lambda impacts: impacts.noise.get("theta1"),
     "sigma_a": lambda impacts: impacts.noise.get("sigma_a"),
     "sigma_d": lambda impacts: impacts.noise.get("sigma_d"),
-    "sigma_x": lambda impacts: impacts.noise.get("sigma_x"),
-    "sigma_F": lambda impacts: impacts.noise.get("sigma_F"),
-    "force_clock_error": lambda impacts: impacts.noise.get("force_clock_error"),
-    "mass": partial(_of_free_mass, quantity=lambda impacts: impacts.mass),
+    "mass": lambda impacts: impacts.mass,
     "K_tangent": partial(_comparable, name="K_tangent"),
     "K_secant": partial(_comparable, name="K_secant"),
     "C_equivalent": partial(_comparable, name="C_equivalent"),

@@ -32,7 +32,7 @@ def common_log_factor(
 
     A force beside the deceleration tells it, or phantoms of known stiffness, or it is as declared.
     """
-    force, reference = prepared.factor, prepared.reference
+    force, reference = prepared.force, prepared.reference
     if declared_common_sd(prepared) is None:
         return None
     standard = np.asarray(jax.random.normal(jax.random.fold_in(key, 12), population.b.shape[:2]))
@@ -48,7 +48,7 @@ def common_factors(
 ) -> dict[str, np.ndarray]:
     """What all masses are to be multiplied by, and both gains where a force is recorded, by name."""
     factors = {MASS_FACTOR: np.exp(log_factor)}
-    if prepared.factor is not None:
+    if prepared.force is not None:
         a = population.b[..., force_ratio(prepared.model.locations)]
         factors[GAIN_FACTOR] = np.exp(a - log_factor)
     return factors
@@ -56,16 +56,8 @@ def common_factors(
 
 def declared_common_sd(prepared: Prepared) -> float | None:
     """Of the log of a factor that all masses have in common, as declared; None where each errs by itself."""
-    known = prepared.factor or prepared.reference
+    known = prepared.force or prepared.reference
     return (prepared.common_mass_sd or None) if known is None else known.mass_sd
-
-
-def driven_gains(
-    prepared: Prepared, shape: tuple[int, int], key: Array
-) -> Float[np.ndarray, "chain draw channel"]:
-    """Logs of the gains of displacement and force, one pair of all impacts of a driven tissue."""
-    standard = np.asarray(jax.random.normal(jax.random.fold_in(key, 14), (*shape, 2)))
-    return np.asarray(prepared.gain_sd) * standard
 
 
 def of_heavier_impactors(
@@ -81,7 +73,7 @@ def own_log_factor(
     prepared: Prepared, population: Population, u: Float[np.ndarray, "chain draw impact parameter"]
 ) -> Float[np.ndarray, "chain draw impact"]:
     """What an impact's own mass errs by beside `common_log_factor`, by a force's ratio to its mean."""
-    if prepared.factor is None or not prepared.factor.share:
+    if prepared.force is None or not prepared.force.share:
         return np.zeros(u.shape[:-1])
     return u[..., -1] - population.b[..., force_ratio(prepared.model.locations)][..., None]
 

@@ -19,26 +19,22 @@ from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import (
     TraceData,
     TraceModel,
-    driven_likelihood,
     impact_likelihood,
-    tapped_likelihood,
     with_normal_errors,
 )
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.factors.sites import laplace_sites, weak_prior
 from bayestissue.inference.results.predictions import replicates
-from bayestissue.likelihood.driven.measured import DrivenRecord
 from bayestissue.likelihood.element.force import force_of
 from bayestissue.likelihood.element.record import DecelerationRecord
 from bayestissue.likelihood.element.response import response
-from bayestissue.likelihood.tapped.measured import TapRecord
 from bayestissue.padding import padded_impacts
 
 NOISE, ELEMENT = "noise", "element"
 # Of log s_a^2: the derivative's own error is this squared over 24.
 STEP = 0.1
 # What the mean of a trace does not depend on: told apart from K and C, and as small as to be nothing.
-_OF_NOISE = ("noise", "atanh_theta1", "discrepancy", "atanh_noise_correlation", "noise_force", "roughness")
+_OF_NOISE = ("noise", "atanh_theta1", "discrepancy", "atanh_noise_correlation", "noise_force")
 _CORRELATIONS = ("atanh_theta1", "atanh_noise_correlation")
 _NOTHING = -60.0
 
@@ -118,17 +114,6 @@ def as_expected(prepared: Prepared, u: Float[np.ndarray, "impact parameter"]) ->
             record = record._replace(force=record.force._replace(y=y))
         # Only a known contact has an error that can be made normal.
         return with_normal_errors(replace(prepared.data, record=record))
-    if isinstance(prepared.data.record, DrivenRecord):
-        x, y = (
-            np.asarray(part)[: len(u)]
-            for part in _of_driven(prepared.model, prepared.data.padded, padded_impacts(u))
-        )
-        return replace(prepared.data, record=prepared.data.record.with_channels(x, y))
-    if isinstance(prepared.data.record, TapRecord):
-        traces = np.asarray(_of_taps(prepared.model, prepared.data.padded, padded_impacts(u)))
-        taps = prepared.data.record
-        known = traces[: len(u), : taps.y.shape[1]]
-        return replace(prepared.data, record=taps.with_traces(known, np.asarray(taps.n_samples)))
     data = with_normal_errors(prepared.data)
     quiet = np.where(_named(prepared, _OF_NOISE) & ~_named(prepared, _CORRELATIONS), _NOTHING, u)
     bare = data.record._replace(error_sd=jax.device_put(np.zeros(data.record.error_sd.shape)))
@@ -137,24 +122,6 @@ def as_expected(prepared: Prepared, u: Float[np.ndarray, "impact parameter"]) ->
     )
     trace = np.nan_to_num(np.asarray(replicated["displacement"][0]))
     return replace(data, record=data.record.with_traces(trace, np.asarray(data.record.n_samples)))
-
-
-@compiled_quickly
-def _of_driven(
-    model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]
-) -> tuple[Float[Array, "impact sample"], Float[Array, "impact row"]]:
-    """Displacement and force of the likeliest motion."""
-    likelihood = driven_likelihood(model, data, list(u.T))
-    weights = likelihood.weights()
-    return likelihood.displacement(weights), likelihood.force(weights)
-
-
-@compiled_quickly
-def _of_taps(
-    model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]
-) -> Float[Array, "impact row"]:
-    """How the masses ring."""
-    return tapped_likelihood(model, data, list(u.T)).expected()
 
 
 @compiled_quickly

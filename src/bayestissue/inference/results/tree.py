@@ -32,7 +32,6 @@ from bayestissue.inference.results.labels import (
     of_one_person,
 )
 from bayestissue.inference.results.predictions import PRIOR_PREDICTIVE_DRAWS, predicted, replicates
-from bayestissue.likelihood.driven.measured import DrivenRecord
 
 
 def posterior_tree(
@@ -114,9 +113,6 @@ def dimensions(
 
 
 def _observed(prepared: Prepared) -> dict[str, np.ndarray]:
-    record = prepared.data.record
-    if isinstance(record, DrivenRecord):
-        return {"force": np.where(record.inside(), record.y, np.nan)}
     signal = prepared.signal
     inside = np.arange(signal.x.shape[1]) < signal.n_samples[:, None]
     return {
@@ -131,22 +127,16 @@ def _constants(prepared: Prepared) -> dict[str, np.ndarray]:
     error_sd, first = np.asarray(record.error_sd), np.asarray(record.first_time)
     time = first[:, None] + signal.sample_number * signal.dt[:, None]
     inside = np.arange(signal.x.shape[1]) < signal.n_samples[:, None]
-    number = signal.n_samples
-    if isinstance(record, DrivenRecord):
-        # The force is what is shown, at its own times.
-        rows = np.arange(record.y.shape[1])
-        time, inside = first[:, None] + rows * np.asarray(record.dt)[:, None], np.asarray(record.inside())
-        number = np.asarray(record.n_samples)
     has_depth = prepared.model.depends_on_depth
     return {
         **({"common_depth_m": common_depth(signal)} if has_depth else {}),
         **({GRAVITY: signal.gravity[0]} if signal.gravity.any() else {}),
         **({"force_time": prepared.force.time} if prepared.force else {}),
         **({HEADFORM: 1} if prepared.model.headform else {}),
-        "force_time" if isinstance(record, DrivenRecord) else "time": np.where(inside, time, np.nan),
+        "time": np.where(inside, time, np.nan),
         "mass_kg": signal.mass,
         "velocity_m_s": signal.velocity,
-        "n_samples": number,
+        "n_samples": signal.n_samples,
         "sampling_interval_s": np.asarray(record.dt),
         "first_sample_s": first,
         **{

@@ -59,8 +59,6 @@ _NUISANCE = {
     "atanh_noise_correlation": NOISE,
     "discrepancy": ELEMENT,
     "noise_force": NOISE,
-    "roughness": NOISE,
-    "force_clock": "force's clock",
     "log_force_ratio": NOISE,
 }
 

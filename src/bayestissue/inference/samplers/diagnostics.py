@@ -22,13 +22,9 @@ _DECLARED = declared(__package__, "checks.toml")
 OF_RECORDINGS = ("recordings", "clipped", "channels", "reference", "added_mass")
 # Notes of a summary's rows.
 NO_INTERVAL = Coded("not an interval: no element describes these traces", "undescribed")
-NO_INTERVAL_OF_DRIVEN = Coded(
-    "not an interval: the element does not describe these recordings", "undescribed-driven"
-)
 CONTRADICTED = Coded("the traces contradict the measuring chain", "measuring-chain")
 FORCE_CONTRADICTS = Coded("the force contradicts mass times deceleration", "channels-disagree")
 FORCE_OTHER_LAW = Coded("the force follows another law than the deceleration", "force-form")
-FORCE_LATE = Coded("the force is late, or early", "force-late")
 PEAK_MISSED = Coded("the recorded peak is outside the interval of peak_deceleration", "peak-missed")
 ELEMENT_ALONE = Coded(
     "the element's own part of the force; the tissue's stiffness is K_secant", "element-alone"
@@ -120,16 +116,13 @@ def warnings(diagnostics: dict[str, Any]) -> list[Coded]:
     lines, velocity = diagnostics.get("straight_lines", {}), _velocity(diagnostics)
     force, reference = diagnostics.get("channels", {}), diagnostics.get("reference", {})
     peaks, added = diagnostics.get("recorded_peak", {}), diagnostics.get("added_mass", {})
-    clock = diagnostics.get("clock", {})
-    of_all: Code = "undescribed-driven" if "element" in form else "undescribed"
-    law: Code = of_all if form.get("undescribed") else "model-form"
+    law: Code = "undescribed" if form.get("undescribed") else "model-form"
     if not _against_all(form):
         law = "structured-residuals"
     doubts: list[tuple[dict[str, Any], bool, Code]] = [
         (chain, chain.get("passed") is False, "measuring-chain"),
         (force, force.get("passed") is False, _of_force(force)),
         (reference, reference.get("passed") is False, "reference-contradicted"),
-        (clock, clock.get("passed") is False, "force-late"),
         ({"words": velocity}, bool(velocity), "velocity-contradicted"),
         (form, _against_all(form) or _against_some(form), law),
         (peaks, bool(peaks), "peak-missed"),
@@ -185,21 +178,12 @@ def noted(summary: pd.DataFrame, diagnostics: dict[str, Any]) -> pd.DataFrame:
         exponents = summary["variable"].str.startswith("mass_exponent").to_numpy(bool)
         words = FORCE_CONTRADICTS if force["agrees"] is False else FORCE_OTHER_LAW
         note[exponents if force["slope"] and force["follows"] else all_rows] = words
-    if diagnostics.get("clock", {}).get("passed") is False:
-        note[all_rows] = FORCE_LATE
     if chain.get("passed") is False:
         whole = len(chain["impacts"]) == chain["of"]
         note[all_rows if whole else label.isin(chain["impacts"])] = CONTRADICTED
     undescribed = all_rows if form.get("undescribed") else label.isin(form.get("undescribed_impacts", []))
-    note[undescribed] = NO_INTERVAL_OF_DRIVEN if "element" in form else NO_INTERVAL
+    note[undescribed] = NO_INTERVAL
     return summary.assign(note=note)
-
-
-def undescribed_words(form: dict[str, Any]) -> str:
-    """What does not describe the traces: of driven tissue the element that was fitted, and else none does."""
-    if "element" in form:
-        return f"the element {form['element']} does not describe these recordings"
-    return "no element of this program describes these traces"
 
 
 def headline(diagnostics: dict[str, Any]) -> str:
@@ -208,12 +192,11 @@ def headline(diagnostics: dict[str, Any]) -> str:
     if not diagnostics["passed"]:
         return "DIAGNOSTICS FAILED: do not use these numbers."
     if form.get("undescribed"):
-        nothing = undescribed_words(form)
-        return f"{nothing[0].upper()}{nothing[1:]}: there are no intervals of K and C."
+        return "No element of this program describes these traces: there are no intervals of K and C."
     if chain.get("passed") is False:
         return "The sampler passed, but the traces contradict the measuring chain."
-    force, reference, clock = (diagnostics.get(name, {}) for name in ("channels", "reference", "clock"))
-    for account in (force, reference, clock):
+    force, reference = diagnostics.get("channels", {}), diagnostics.get("reference", {})
+    for account in (force, reference):
         if account.get("passed") is False:
             return f"The sampler passed, but {account['first']}."
     if _velocity(diagnostics):

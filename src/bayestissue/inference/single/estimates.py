@@ -10,9 +10,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from bayestissue.dataset import as_dataset
-from bayestissue.dataset.chain import HAMMER
 from bayestissue.dataset.impacts import of_phantoms
-from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.elements.outcomes import NEVER, OUTCOMES
 from bayestissue.errors import InputError
 from bayestissue.hierarchy.design import build_design
@@ -122,10 +120,6 @@ def estimate(
         ValueError: there is no such method.
     """
     dataset = as_dataset(dataset)
-    if not dataset.free:
-        raise InputError.stated("no-free-mass.estimate", SETTINGS, None, "motion.free", value=False)
-    if dataset.tapped:
-        raise InputError.stated("tapped.estimate", SETTINGS, None, "channel.place", value=HAMMER)
     method = method or method_for(dataset, options)
     options = options or default_options("dds" if method == "dds" else "exact")
     findings = inspect(dataset, options)

@@ -106,13 +106,13 @@ def estimates_table(run: FitRun) -> Table:
     """Posterior beside the point estimates and, where known, the truth, of the first 300 impacts."""
     fields = [
         *map(Field, ("impact", "person", "condition")),
-        *[number_field("M (kg)", "mass_kg", "{:.3f}".format)] * run.free,
+        number_field("M (kg)", "mass_kg", "{:.3f}".format),
     ]
     table = run.impacts_table[["impact", "person", "condition", "mass_kg"]].assign(none=no_interval(run))
     for q, values in run.estimates_by_method.items():
         symbol = run.symbols[q]
         table = table.join(values.add_prefix(f"{q} ").reset_index(drop=True))
-        points = {f"{q} {method}": f"{q} {method}" for method in ("exact", "dds") if run.free}
+        points = {f"{q} {method}": f"{q} {method}" for method in ("exact", "dds")}
         points |= {} if run.truth.empty else {f"true {symbol}": f"{q} truth"}
         fields += [
             Field(f"{symbol} ({UNITS[q]})", partial(_value, q), "number"),

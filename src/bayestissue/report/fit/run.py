@@ -18,7 +18,6 @@ from bayestissue.figures.impacts import end
 from bayestissue.hierarchy import SIDE_BY_SIDE
 from bayestissue.hierarchy.formulas.group_terms import stem_of
 from bayestissue.inference.results.meanings import COLUMNS, NAMES, element_alone, symbols
-from bayestissue.inference.samplers.diagnostics import undescribed_words
 from bayestissue.report.run_folder import (
     POSTERIOR_TABLES,
     PosteriorRun,
@@ -53,11 +52,6 @@ _NEEDED = {
     "posterior_predictive": ("deceleration",),
     "observed_data": ("displacement", "deceleration"),
     "constant_data": ("time", "mass_kg", "velocity_m_s", "impact_subject", "impact_trial"),
-}
-_DRIVEN = {
-    "posterior_predictive": ("force",),
-    "observed_data": ("force",),
-    "constant_data": ("force_time", *_NEEDED["constant_data"][1:]),
 }
 _AGAIN = "Make the run anew with `bayestissue fit`."
 
@@ -214,11 +208,6 @@ class FitRun(PosteriorRun):
         return bool(self.diagnostics.get("model_form", {}).get("undescribed", False))
 
     @property
-    def undescribed_words(self) -> str:
-        """What does not describe them, such as "no element of this program describes these traces"."""
-        return undescribed_words(self.diagnostics["model_form"])
-
-    @property
     def tested(self) -> dict[str, float]:
         """p-values of each impact's residuals being the model's noise; empty where the fit tested none."""
         return dict(self.diagnostics.get("model_form", {}).get("impacts", {}).get("p", {}))
@@ -245,19 +234,12 @@ class FitRun(PosteriorRun):
 
     @property
     def likelihood(self) -> str:
-        """``"arma"``, ``"a2"``, ``"impact"``, ``"driven"`` or ``"tapped"``."""
+        """``"arma"``, ``"a2"`` or ``"impact"``."""
         return str(self.record.get("model", {}).get("likelihood", ""))
 
     @property
-    def free(self) -> bool:
-        """Whether a free mass met the tissue: else nothing is said of a mass."""
-        return self.likelihood != "driven"
-
-    @property
     def shown(self) -> str:
-        """Which of ``"deceleration"``, ``"displacement"`` and, of a driven tissue, ``"force"`` is drawn."""
-        if self.likelihood == "driven":
-            return "force"
+        """Which of ``"deceleration"`` and ``"displacement"`` is drawn."""
         return "displacement" if self.record.get("quantity") == "displacement" else "deceleration"
 
     def times(self, what: str | None = None) -> np.ndarray:
@@ -291,17 +273,11 @@ def read_fit_run(folder: Path, record: dict[str, Any]) -> FitRun:
     record = record | {"dataset": record.get("dataset") or folder.name}
     readers: tuple[Callable[[], Any], ...] = (
         lambda: read_tables(folder, TABLES, FURTHER_TABLES),
-        lambda: read_groups(folder / "posterior.nc", _needed(record), _AGAIN, of_impacts=()),
+        lambda: read_groups(folder / "posterior.nc", _NEEDED, _AGAIN, of_impacts=()),
         lambda: _read_diagnostics(folder / "diagnostics.json"),
     )
     tables, groups, diagnostics = all_of(lambda read: read(), readers)
     return FitRun(record=record, diagnostics=diagnostics, groups=groups, **(tables | _further(tables)))
-
-
-def _needed(record: dict[str, Any]) -> dict[str, tuple[str, ...]]:
-    """What the page can't do without, of the run that ``run.json`` describes."""
-    is_driven = record.get("model", {}).get("likelihood") == "driven"
-    return _NEEDED | (_DRIVEN if is_driven else {})
 
 
 def _further(tables: Mapping[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:

@@ -34,10 +34,7 @@ def likelihood_words(run: FitRun) -> str:
         met = element(name)
         meanings = "; ".join(f"{one.name} ({one.unit}): {one.meaning}" for one in met.parameters)
         other = {"title": met.title, "meanings": meanings}
-    if not run.free:
-        along = said("model.along", **other) if other else said("model.side_by_side")
-        law = said("likelihoods.driven", law=along)
-    elif other:
+    if other:
         law = said("model.element", noise=noise, **other)
     else:
         law = said(f"likelihoods.{run.likelihood}", noise=noise)
@@ -61,12 +58,6 @@ def _element(run: FitRun) -> str:
 def unused_priors(run: FitRun) -> tuple[str, ...]:
     """Priors that the model file may set and this likelihood has no use for."""
     unused: tuple[str, ...] = () if run.likelihood == "arma" else ("atanh_theta1", "sd_atanh_theta1")
-    if run.free:
-        unused = (*unused, "roughness", "sd_roughness")
-    else:
-        unused = (*unused, "log_force_ratio", "sd_log_force_ratio")
-    if "force_clock_mean" not in run.groups["posterior"]:
-        unused = (*unused, "force_clock", "sd_force_clock")
     if not has_discrepancy(run):
         unused = (*unused, "discrepancy", "sd_discrepancy")
     if recorder_noise(run) == "white":
@@ -79,10 +70,8 @@ def signal_words(run: FitRun) -> str:
     signal = run.record.get("model", {}).get("signal", {})
     window, zero = str(signal.get("window", "peak")), str(signal.get("equilibrium", "rest"))
     until = SENTENCES["windows"].get(window, f"from contact to {window} of the time to zero velocity")
-    if run.likelihood == "tapped":
-        return said("model.ringing")
     text = f"The window goes {until}."
-    if run.likelihood in ("impact", "driven"):
+    if run.likelihood == "impact":
         return text
     return f"{text} The zero of x is {SENTENCES['equilibria'].get(zero, zero)}."
 

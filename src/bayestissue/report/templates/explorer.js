@@ -50,10 +50,7 @@
     const far = part.querySelector(row.unlike >= 3.5 ? "#far-words" : "#near-words").textContent;
     facts.replaceChildren(
       ...data.factors.slice().reverse().flatMap(name => line(name, row[name])),
-      // Of a driven tissue there is no mass that arrives with a velocity, and a mass that is tapped rests.
-      ...(Number.isFinite(row.mass_kg) && row.velocity_m_s > 0
-        ? line("mass, velocity", `${digits(row.mass_kg, 0.01)} kg, ${digits(row.velocity_m_s, 0.01)} m/s`)
-        : Number.isFinite(row.mass_kg) ? line("mass", `${digits(row.mass_kg, 0.01)} kg`) : []),
+      ...line("mass, velocity", `${digits(row.mass_kg, 0.01)} kg, ${digits(row.velocity_m_s, 0.01)} m/s`),
       ...[["K", "N_per_m", "N/m", "stiffness"], ["C", "N_s_per_m", "N s/m", "damping"]].flatMap(([q, unit, words, what]) => {
         const [value, interval] = range(row, q, unit);
         return line(`${what} ${q}`, `${value} ${words} (${interval});`, `rank ${rank(row, `${q}_${unit}`)} of ${names.length}, 1 the greatest`);

@@ -84,13 +84,10 @@ def inspect(dataset: Dataset, options: SignalOptions | None = None) -> list[Find
             contact.
 
     Where a low-pass is declared, noise that it may have slowed and laws that it changes are not asked.
-    Of taps nothing is asked: all detectors are of impacts.
 
     Returns:
         One finding for each kind that some impact has.
     """
-    if dataset.tapped:
-        return []
     options = options or SignalOptions()
     longest = max((len(trace.value) for trace in dataset.traces), default=1)
     size, joined = max(1, min(PULSE.most, PULSE.block // longest)), dict[Kind, list[str]]()

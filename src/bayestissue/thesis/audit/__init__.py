@@ -1,8 +1,7 @@
 """The audit: the program finds what does not hold together, and says why.
 
 A check is a function that yields the numbers of everything it does not believe; ``findings.toml`` has what is
-said of them. It is registered with ``@GENERAL.check`` if it needs no more than a table of estimates, with
-``@PUBLISHED.check`` if it is about a publication, in a module that is imported below.
+said of them.
 """
 
 from __future__ import annotations
@@ -10,54 +9,53 @@ from __future__ import annotations
 import pandas as pd
 
 from bayestissue.dataset.published import PublishedTables
-from bayestissue.thesis.audit import (  # noqa: F401 - importing a module registers its checks
-    estimates,
-    people,
-    printed,
-    reasoning,
-)
+from bayestissue.thesis.audit import estimates, people, printed, reasoning
 from bayestissue.thesis.audit.findings import (
-    GENERAL,
-    PUBLISHED,
+    Check,
+    Impacts,
+    Publication,
     as_table,
-    read_impacts,
-    read_publication,
-    thickness,
+    findings,
+    published_impacts,
 )
-from bayestissue.thesis.reproduction.agreement import decimals
 
-__all__ = ["GENERAL", "PUBLISHED", "audit_estimates", "audit_published"]
-
-
-def audit_estimates(frame: pd.DataFrame) -> pd.DataFrame:
-    """What does not hold together in a table of estimates, worst first.
-
-    Args:
-        frame: one row per impact: subject, trial, mass_kg, velocity_m_s, K (N/m; or K_N_per_m) and
-            C (N s/m; or C_N_s_per_m); optional energy_J, peak_displacement_m, time_to_peak_s. The
-            `estimates.csv` of a run of the program will do.
-
-    Returns:
-        columns where, what, published, implied, severity ("major", "minor", "note") and explanation.
-
-    Raises:
-        InputError: a column is missing, or fewer than two rows are usable.
-    """
-    return as_table(GENERAL.run(read_impacts(frame)))
+# Of the estimates by themselves, and of the publication: its tables against each other and against its text.
+CHECKS_OF_IMPACTS: tuple[Check[Impacts], ...] = (
+    estimates.constant_natural_frequency,
+    estimates.frequency_and_damping_on_one_curve,
+    estimates.equal_masses_at_other_energies,
+    estimates.frequency_of_the_window,
+    estimates.implied_penetration,
+    estimates.kinetic_energy,
+    people.people_not_told_apart,
+    people.damping_without_bounds,
+    people.unequal_scatter,
+    people.rows_that_stand_twice,
+    people.estimates_in_two_trials,
+)
+CHECKS_OF_PUBLICATION: tuple[Check[Publication], ...] = (
+    printed.claims_that_contradict,
+    printed.arithmetic_of_claims,
+    printed.figures_that_do_not_follow,
+    printed.masses_behind_the_regression,
+    printed.impossible_spread,
+    reasoning.r_squared_of_averages,
+    reasoning.not_significant_after_all,
+    reasoning.not_the_only_one,
+    reasoning.correlation_with_a_sum,
+    reasoning.personal_factors_of_averages,
+    reasoning.sign_of_a_personal_factor,
+)
 
 
 def audit_published(published: PublishedTables) -> pd.DataFrame:
     """What does not hold together in the published tables and the text about them, worst first.
 
     Returns:
-        columns as `audit_estimates`.
+        columns where, what, published, implied, severity ("major", "minor", "note") and explanation.
     """
-    names = list(published.estimates["table"].unique())
-    impacts = read_impacts(
-        published.estimates,
-        conditions=published.averages.drop_duplicates("trial").set_index("trial"),
-        where=f"Tables {names[0]} to {names[-1]}" if len(names) > 1 else f"Table {names[0]}",
-        tissue_m=thickness(published.claims)[0] or None,
-        digits=int(published.estimates["K_text"].map(decimals).max()),
+    names = published.estimates["table"].unique()
+    of_impacts = findings(
+        CHECKS_OF_IMPACTS, published_impacts(published), f"Tables {names[0]} to {names[-1]}"
     )
-    return as_table([*GENERAL.run(impacts), *PUBLISHED.run(read_publication(published))])
+    return as_table([*of_impacts, *findings(CHECKS_OF_PUBLICATION, Publication(published))])

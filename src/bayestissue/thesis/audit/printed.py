@@ -8,8 +8,6 @@ import numpy as np
 import pandas as pd
 
 from bayestissue.thesis.audit.findings import (
-    PUBLISHED,
-    SEVERITIES,
     Numbers,
     Publication,
     named_rows,
@@ -23,7 +21,6 @@ from bayestissue.thesis.reproduction.relations import straight_line
 _SMALL = 0.01
 
 
-@PUBLISHED.check
 def claims_that_contradict(publication: Publication) -> Iterator[Numbers]:
     """One figure stated in several places with different values.
 
@@ -55,7 +52,6 @@ def claims_that_contradict(publication: Publication) -> Iterator[Numbers]:
         }
 
 
-@PUBLISHED.check
 def arithmetic_of_claims(publication: Publication) -> Iterator[Numbers]:
     """Range and ratio beside the smallest and largest value stated in the same section.
 
@@ -64,8 +60,10 @@ def arithmetic_of_claims(publication: Publication) -> Iterator[Numbers]:
 
     Minor: the section refutes itself, whatever the data.
     """
-    for (_, quantity), claims in publication.tables.claims.groupby(["section", "quantity"], sort=False):
-        said = {str(name): rows for name, rows in claims.groupby("statistic")}
+    claims = publication.tables.claims
+    values = dict(claims.groupby(["quantity", "statistic"])["value"].nunique())
+    for (_, quantity), of_section in claims.groupby(["section", "quantity"], sort=False):
+        said = {str(name): rows for name, rows in of_section.groupby("statistic")}
         for name, (low_name, high_name, rule) in _DERIVED.items():
             if not {name, low_name, high_name} <= set(said):
                 continue
@@ -74,8 +72,7 @@ def arithmetic_of_claims(publication: Publication) -> Iterator[Numbers]:
             stated = said[name].drop_duplicates("value")
             slack = rounding + stated["value_text"].map(half_unit).astype("float64")
             wrong = stated[(stated["value"] - implied).abs() > slack + 1e-9]
-            several = len(publication.claims(str(quantity), name)["value"].unique()) > len(stated)
-            if wrong.empty or several:
+            if wrong.empty or values[quantity, name] > len(stated):
                 continue
             least = high["value"] / wrong["value"].iloc[0]
             needed = f" That ratio needs a smallest value of {least:.3g}." if rule is ratio else ""
@@ -92,30 +89,6 @@ _DERIVED = {
 }
 
 
-@PUBLISHED.check
-def statements_that_contradict(publication: Publication) -> Iterator[Numbers]:
-    """Two positions on one topic.
-
-    Minor: a conclusion that another chapter denies can't be quoted.
-    """
-    for _, said in publication.statements.groupby("topic", sort=False):
-        positions = said.groupby("position", sort=False)["place"].agg(list)
-        if len(positions) < 2:
-            continue
-        first, last = said.iloc[0], said[said["position"] != said["position"].iloc[0]].iloc[0]
-        yield {
-            "places": ", ".join(said["place"].map(_location).unique()),
-            "positions": " / ".join(map(str, positions.index)),
-            "words": "; ".join(
-                f"{' and '.join(map(_location, places))}: {position}"
-                for position, places in positions.items()
-            ),
-            "first": first,
-            "last": last,
-            "severity": first["weight"] if first["weight"] in SEVERITIES else None,
-        }
-
-
 def _recomputed(publication: Publication, claims: pd.DataFrame) -> str:
     """The figure that the tables give for the first of ``claims``, with one digit more than the claim."""
     first = claims.iloc[0]
@@ -125,10 +98,6 @@ def _recomputed(publication: Publication, claims: pd.DataFrame) -> str:
     return "" if value.empty else f"{value.iloc[0]:.{claims['value_text'].map(decimals).max() + 1}f}"
 
 
-def _location(location: str) -> str:
-    return f"section {location}" if location[:1].isdigit() else location
-
-
 def _difference(low: float, high: float) -> str:
     """In per cent of the smaller, or as a factor where that is large."""
     if low <= 0:
@@ -136,54 +105,34 @@ def _difference(low: float, high: float) -> str:
     return f"a factor of {high / low:.2g}" if high > 1.5 * low else f"{high / low - 1:.1%}"
 
 
-@PUBLISHED.check
 def figures_that_do_not_follow(publication: Publication) -> Iterator[Numbers]:
     """Figures that differ from the recomputed ones by more than one unit of the last digit.
 
-    Those of the running text are left to `claims_that_contradict` where it gives several values, and counts
-    of variables to the checks in `significance` and `models`.
+    Masses are left to `kinetic_energy`, figures of the running text to `claims_that_contradict` where it
+    gives several values; counts of variables are left out.
 
     Minor: the figure does not follow from its rows, though no conclusion rests on it; under 1 % is a
     note.
     """
-    disagreements = _disagreements(publication)
-    claims = publication.tables.claims
+    lines, claims = publication.reproduction, publication.tables.claims
+    lines = lines[lines["agrees"].eq(False).fillna(False) & ~lines["quantity"].str.startswith("mass, trial")]
+    lines = lines.assign(
+        printed=pd.to_numeric(lines["published"], errors="coerce"),
+        value=pd.to_numeric(lines["reproduced"], errors="coerce"),
+    ).dropna(subset=["printed", "value"])
+    unit = 2 * lines["published"].map(half_unit).astype("float64")
+    last_digit = (lines["printed"] - lines["value"]).abs() <= unit + 1e-9
     several = claims.groupby(["quantity", "statistic"])["value"].transform("nunique") > 1
     elsewhere = claims.loc[several | claims["statistic"].str.startswith("number of"), "claim"]
-    disagreements = disagreements[
-        ~disagreements["last_digit"] & ~(disagreements["of_text"] & disagreements["row"].isin(elsewhere))
-    ]
-    for row in named_rows(disagreements):
-        words = {"place": table_words(row.table), "hint": _hint(row.note)}
+    of_text = lines["table"].str.startswith("section")
+    for row in named_rows(lines[~last_digit & ~(of_text & lines["row"].isin(elsewhere))]):
+        words = {"place": _table_words(row.table), "hint": _hint(row.note)}
         implied = f"{row.value:.{decimals(row.published) + 1}f}"
         words["difference"] = _difference_words(row.printed, row.value)
         severity = "note" if abs(row.printed - row.value) < _SMALL * abs(row.value) else None
         yield {"row": row, "implied": implied, "severity": severity, **words}
 
 
-@PUBLISHED.check
-def last_digits(publication: Publication) -> Iterator[Numbers]:
-    """Figures of tables and equations one unit off in the last digit.
-
-    Note: nothing depends on the last digit, but a reader who recomputes it should know.
-    """
-    reproduction = publication.reproduction
-    disagreements = _disagreements(publication)
-    disagreements = disagreements[disagreements["last_digit"] & ~disagreements["of_text"]]
-    if disagreements.empty:
-        return
-    tables = {table_words(str(name)): len(rows) for name, rows in disagreements.groupby("table", sort=False)}
-    of_tables = ~reproduction["table"].str.startswith("section")
-    yield {
-        "places": ", ".join(tables),
-        "off": len(disagreements),
-        "compared": int((reproduction["agrees"].notna() & of_tables).sum()),
-        "towards_zero": int((disagreements["printed"].abs() < disagreements["value"].abs()).sum()),
-        "counts": ", ".join(f"{count} in {name}" for name, count in tables.items()),
-    }
-
-
-@PUBLISHED.check
 def masses_behind_the_regression(publication: Publication) -> Iterator[Numbers]:
     """An equation that follows from E = ½MV² at higher velocities, not from the printed masses.
 
@@ -192,8 +141,6 @@ def masses_behind_the_regression(publication: Publication) -> Iterator[Numbers]:
     for quantity in QUANTITIES:
         terms, table = publication.equation(quantity)
         exact = unrounded_mass(table)
-        if exact is None:
-            return
         printed, unrounded = (straight_line(table, mass).params["const"] for mass in (None, exact))
         text = terms[terms["term"] == "constant"].iloc[0]["coefficient_text"]
         if not agrees(text, printed) and agrees(text, unrounded):
@@ -202,7 +149,6 @@ def masses_behind_the_regression(publication: Publication) -> Iterator[Numbers]:
             yield {"quantity": quantity, "velocities": number_list(velocity), **constant}
 
 
-@PUBLISHED.check
 def impossible_spread(publication: Publication) -> Iterator[Numbers]:
     """A standard deviation that does not fit the range beside it, where the rows are lost.
 
@@ -218,44 +164,10 @@ def impossible_spread(publication: Publication) -> Iterator[Numbers]:
             slack = half_unit(row["sd_text"]) + half_unit(row["range_text"])
             low, high = row["range"] / (2 * (n - 1)) ** 0.5, row["range"] / 2 * (n / (n - 1)) ** 0.5
             if not low - slack <= row["sd"] <= high + slack:
-                yield {"place": table_words(row["table"]), "row": row, "low": low, "high": high}
+                yield {"place": _table_words(row["table"]), "row": row, "low": low, "high": high}
 
 
-@PUBLISHED.check
-def uneven_digits(publication: Publication) -> Iterator[Numbers]:
-    """Columns whose figures are printed with different numbers of decimals.
-
-    Note: it hides how exactly the figures were known, no more.
-    """
-    tables = publication.tables
-    for frame, columns in ((tables.estimates, ("K", "C")), (tables.averages, ("average", "sd", "range"))):
-        for table, rows in frame.groupby("table", sort=False):
-            for column in columns:
-                digits = rows[f"{column}_text"].map(decimals)
-                usual = int(digits.mode().iloc[0])
-                odd = ", ".join(rows.loc[digits != usual, f"{column}_text"])
-                if odd:
-                    yield {"place": table_words(str(table)), "column": column, "odd": odd, "usual": usual}
-
-
-def _disagreements(publication: Publication) -> pd.DataFrame:
-    """The numeric disagreements of the reproduction, without the masses, which `kinetic_energy` explains.
-
-    Added are ``printed`` and ``value`` as numbers, ``last_digit`` (no more than one unit of the last printed
-    digit off) and ``of_text`` (the running text, not a table).
-    """
-    lines = publication.reproduction
-    lines = lines[lines["agrees"].eq(False).fillna(False) & ~lines["quantity"].str.startswith("mass, trial")]
-    lines = lines.assign(
-        printed=pd.to_numeric(lines["published"], errors="coerce"),
-        value=pd.to_numeric(lines["reproduced"], errors="coerce"),
-        of_text=lines["table"].str.startswith("section"),
-    ).dropna(subset=["printed", "value"])
-    unit = 2 * lines["published"].map(half_unit).astype("float64")
-    return lines.assign(last_digit=(lines["printed"] - lines["value"]).abs() <= unit + 1e-9)
-
-
-def table_words(table: str) -> str:
+def _table_words(table: str) -> str:
     """Where ``table`` of the reproduction stands, in words."""
     if table.startswith("equation"):
         return f"the {table}"

@@ -70,29 +70,25 @@ def predictive_figure(run: PublishedRun, quantity: str) -> Figure:
     )
 
 
-def posterior_mass_figure(run: PublishedRun, quantity: str, line: tuple[float, float] | None) -> Figure:
+def posterior_mass_figure(run: PublishedRun, quantity: str, line: tuple[float, float]) -> Figure:
     """K (or C) over mass: published estimates, the typical person with its band, and the thesis's line.
 
-    ``line`` is the thesis's intercept and slope over mass, or None if it printed none.
+    ``line`` is the thesis's intercept and slope over mass.
     """
     mass, trials = run.constant("mass_kg"), run.labels("trial")
     curve = mass_curve(run, quantity, mass, run.reference_mass)
-    if line is not None:
-        straight = line[0] + line[1] * curve["mass_kg"]
-        curve[_THESIS] = straight.where(straight > 0)
-    lost = [str(trial) for trial in np.asarray(run.groups["observed_data"].get("averaged_trial", []))]
-    averages = []
-    if lost:
-        value, sd = run.observed(f"{quantity}_average"), run.observed(f"{quantity}_sd")
-        printed = {"value": value, "low": value - sd, "high": value + sd, "kind": "mean ± sd, rows lost"}
-        averages.append(pd.DataFrame({"mass_kg": mass[[trials.index(trial) for trial in lost]], **printed}))
+    straight = line[0] + line[1] * curve["mass_kg"]
+    curve[_THESIS] = straight.where(straight > 0)
+    lost = [trials.index(str(trial)) for trial in run.observed("averaged_trial")]
+    value, sd = run.observed(f"{quantity}_average"), run.observed(f"{quantity}_sd")
+    printed = {"value": value, "low": value - sd, "high": value + sd, "kind": "mean ± sd, rows lost"}
     return over_mass(
         _impacts(run).assign(**{COLUMNS[quantity]: run.observed(f"{quantity}_observed")}),
         quantiles(run.draws(f"{quantity}_trial"), trials).assign(mass_kg=mass),
         curve,
         quantity,
         said("figures.over_mass", name=NAMES[quantity]),
-        others=averages,
+        others=[pd.DataFrame({"mass_kg": mass[lost], **printed})],
     )
 
 
@@ -163,6 +159,5 @@ def mass_plot(published: PublishedTables, quantity: Quantity) -> Figure:
         lines=pd.concat(
             pd.DataFrame({"mass_kg": ends, column: pair[0] + pair[1] * ends, "line": name})
             for name, pair in lines.items()
-            if pair is not None
         ),
     )

@@ -97,9 +97,7 @@ def published_page(folder: Path, record: dict[str, Any]) -> str:
         InputError: a file of the run lacks or isn't what a run writes.
     """
     run = read_published_run(folder, record)
-    # A run of other tables than the thesis's own carries them along.
-    own_tables = folder / "published"
-    published = read_published(own_tables if own_tables.is_dir() else None)
+    published = read_published()
     lines = {quantity: printed_line(published, quantity) for quantity in QUANTITIES}
     return render_page(
         "published.html",
@@ -132,7 +130,7 @@ def effects_figures(run: PublishedRun, level: str) -> list[Figure]:
     return [posterior.effects_figure(run, q, level) for q in QUANTITIES if run.has(f"{level}_effect_{q}")]
 
 
-def mass_figures(run: PublishedRun, lines: Mapping[Quantity, tuple[float, float] | None]) -> list[Figure]:
+def mass_figures(run: PublishedRun, lines: Mapping[Quantity, tuple[float, float]]) -> list[Figure]:
     """K and C over the mass, each with the thesis's line."""
     return [published_figures.posterior_mass_figure(run, q, lines[q]) for q in QUANTITIES]
 

@@ -108,7 +108,7 @@ def estimates_table(run: PublishedRun) -> Table:
     return Table(columns(*titles, number=titles[1:]), [Row(row) for row in zip(*cells, strict=True)])
 
 
-def lines_table(run: PublishedRun, printed: Mapping[Quantity, tuple[float, float] | None]) -> Table:
+def lines_table(run: PublishedRun, printed: Mapping[Quantity, tuple[float, float]]) -> Table:
     """The thesis's regression lines over mass beside those through the posterior means."""
     rows = []
     for quantity in QUANTITIES:
@@ -122,10 +122,10 @@ def lines_table(run: PublishedRun, printed: Mapping[Quantity, tuple[float, float
                 Row(
                     (
                         f"{name} of {quantity} ({UNITS[quantity]}{per})",
-                        "" if line is None else f"{line[index]:g}".replace("-", "−"),
+                        f"{line[index]:g}".replace("-", "−"),
                         coefficient.value,
                         coefficient.range,
-                        "" if line is None else "yes" if coefficient.holds(line[index]) else "no",
+                        "yes" if coefficient.holds(line[index]) else "no",
                     )
                 )
             )

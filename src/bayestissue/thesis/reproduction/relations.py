@@ -16,7 +16,6 @@ from bayestissue.dataset.published import PublishedTables
 from bayestissue.thesis.reproduction.agreement import Line, Recomputed, half_unit, line, line_of
 from bayestissue.thesis.reproduction.conditions import (
     NEVER_TABULATED,
-    NEVER_VARIES,
     QUANTITIES,
     Quantity,
     between_sum_of_squares,
@@ -47,8 +46,6 @@ def correlation_of_averages(name: str, table: pd.DataFrame) -> Recomputed:
             None,
             note=f"{NEVER_TABULATED}; over the same ten people their averages can't differ between trials",
         )
-    if np.ptp(x) == 0:
-        return Recomputed(None, note=NEVER_VARIES)
     y = table["average"].to_numpy()
     norm = float(np.linalg.norm(y - y.mean()))
     error = float(np.linalg.norm(table["average_rounding"]))
@@ -67,8 +64,6 @@ def correlation_of_impacts(name: str, table: pd.DataFrame) -> Recomputed:
         return Recomputed(None, note=NEVER_TABULATED)
     n, y = table["impacts"].to_numpy(float), table["average"].to_numpy()
     deviation = x - np.average(x, weights=n)
-    if np.ptp(x) == 0:
-        return Recomputed(None, note=NEVER_VARIES)
     total = between_sum_of_squares(table) + within_sum_of_squares(table)
     r = float((n * deviation * (y - np.average(y, weights=n))).sum())
     r /= float(np.sqrt((n * deviation**2).sum() * total))
@@ -252,11 +247,9 @@ def stepwise_lines(published: PublishedTables) -> list[Line]:
     return lines
 
 
-def printed_line(published: PublishedTables, quantity: Quantity) -> tuple[float, float] | None:
-    """The thesis's constant and slope over mass (section 5.4), or None if it printed none."""
+def printed_line(published: PublishedTables, quantity: Quantity) -> tuple[float, float]:
+    """The thesis's constant and slope over mass (section 5.4)."""
     terms = published.regressions.query("quantity == @quantity").set_index("term")["coefficient"]
-    if not {"constant", "Mass"} <= set(terms.index):
-        return None
     return float(terms["constant"]), float(terms["Mass"])
 
 
@@ -267,11 +260,10 @@ def _equation(table: pd.DataFrame, printed: pd.DataFrame) -> dict[str, Recompute
     angle = _angle(error, float(np.linalg.norm(average - average.mean())))
     extra = [term for term in printed["term"] if term not in ("constant", "Mass")]
     without = f"fitted without {', '.join(extra)}: {NEVER_TABULATED}" if extra else ""
-    full = unrounded_mass(table)
-    unrounded = None if full is None else straight_line(table, full).params
+    unrounded = straight_line(table, unrounded_mass(table)).params
 
     def hint(term: str) -> str:
-        return "" if unrounded is None else f"{unrounded[term]:.5g} with masses not cut to three decimals"
+        return f"{unrounded[term]:.5g} with masses not cut to three decimals"
 
     of_constant = error * float(np.sqrt(1 / len(mass) + (mass.mean() / spread) ** 2))
     coefficients = {
