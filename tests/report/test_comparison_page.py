@@ -13,6 +13,7 @@ from bayestissue.errors import InputError
 from bayestissue.inference.comparing import same_questions
 from bayestissue.report import write_report
 from bayestissue.report.comparison import answers_figure, answers_table
+from bayestissue.results.tables import table_of_rows
 from bayestissue.runtime import FORMAT
 from make_fit_run import make_fit_run
 from make_scored_run import make_scored_run
@@ -138,17 +139,7 @@ def test_runs_answer_the_same_questions_side_by_side(tmp_path) -> None:
         make_fit_run(tmp_path / name, two_sides=True, seed=seed) for name, seed in (("one", 1), ("two", 2))
     ]
     tables = {path.name: {"contrasts": pd.read_csv(path / "contrasts.csv")} for path in paths}
-    asked = pd.DataFrame(
-        {
-            "question": ["K > 1"],
-            "posterior": [0.9],
-            "median": [np.nan],
-            "low": [np.nan],
-            "high": [np.nan],
-            "unit": [""],
-        }
-    )
-    tables["two"]["questions"] = asked
+    tables["two"]["questions"] = table_of_rows("questions", [{"question": "K > 1", "posterior": 0.9}])
     answers = same_questions(tables)
     table = answers_table(answers, ["one", "two"])
     cells = {row.cells[0]: row.cells[1:] for row in table.rows}
