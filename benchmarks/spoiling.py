@@ -13,7 +13,6 @@ from bayestissue.dataset.chain import Quantity
 from bayestissue.dataset.checks import check_recordings
 from bayestissue.dataset.model import Dataset, Trace
 from bayestissue.dataset.recordings import Recordings, Samples
-from bayestissue.inference.points.notes import FAILED, NO_ANSWER
 from bayestissue.inference.single.estimates import estimate
 from bayestissue.signal.quality import inspection
 
@@ -322,30 +321,30 @@ def spoilt_ones(kind: str, impacts: list[Impact], count: int, seed: int = 0) -> 
     return Recorded(chosen, chains, traces, quantity)
 
 
-def judged(recorded: Recorded) -> pd.DataFrame:
+def judged(recorded: Recorded, *, sound: bool = False) -> pd.DataFrame:
     """What is said of recordings, and how far their K and C are off.
 
+    Args:
+        recorded: the recordings.
+        sound: that nothing has spoilt them, so that nothing is off.
+
     Returns:
-        One row per impact: ``flags``, what `check` refuses or warns of or `estimate` flags, joined by "; ";
-        ``K_off`` and ``C_off``, how far the point estimates are from those of the same impact recorded with
-        the same chain and noise and not spoilt, as fractions (infinite where there is none); ``off``, the
-        greater; ``no_answer``, whether the point fit came to none; ``noted``, whether a note says that
+        One row per impact: ``flags``, what `check` refuses or warns of or point estimates flag, joined by
+        "; ": whether the element is the tissue's is not asked; ``K_off`` and ``C_off``, how far `estimate` is
+        from what it has of the same impact recorded with the same chain and noise and not spoilt, as
+        fractions (infinite where there is none); ``off``, the greater; ``noted``, whether a note says that
         contact may have come earlier.
     """
     data = dataset(recorded.impacts, recorded.traces, recorded.quantity)
-    whole = _sound(recorded.impacts, recorded.chains, recorded.quantity)
-    reference = estimate(dataset(recorded.impacts, whole, recorded.quantity))
-    table = estimate(data)
-    off = {
-        name: np.abs(table[column] / reference[column] - 1).fillna(np.inf)
-        for name, column in (("K_off", "K_N_per_m"), ("C_off", "C_N_s_per_m"))
-    }
-    said = table["flags"] + "; " + table["notes"]
-    no_answer = [bool({*FAILED, NO_ANSWER} & set(text.split("; "))) for text in said]
-    greater = np.maximum(off["K_off"], off["C_off"])
+    table = estimate(data, method="dds")
     noted = table["notes"].str.contains(inspection.KINDS["contact-earlier"].flag, regex=False)
-    flags = _said(data, table)
-    return pd.DataFrame({"flags": flags, **off, "off": greater, "no_answer": no_answer, "noted": noted})
+    found = pd.DataFrame({"flags": _said(data, table), "K_off": 0.0, "C_off": 0.0, "noted": noted})
+    if not sound:
+        whole = _sound(recorded.impacts, recorded.chains, recorded.quantity)
+        now, reference = estimate(data), estimate(dataset(recorded.impacts, whole, recorded.quantity))
+        for name, column in (("K_off", "K_N_per_m"), ("C_off", "C_N_s_per_m")):
+            found[name] = np.abs(now[column] / reference[column] - 1).fillna(np.inf)
+    return found.assign(off=found[["K_off", "C_off"]].max(axis=1))
 
 
 def _drawn(

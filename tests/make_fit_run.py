@@ -244,8 +244,7 @@ def _traces(rng, impacts, true, coloured, likelihood) -> dict[str, xr.Dataset]:
 
 
 def _tables(rng, impacts, true, posterior, exponent) -> dict[str, pd.DataFrame]:
-    own = impacts[["impact", "subject", "trial", "mass_kg"]].assign(flags="", whiteness_p=0.5)
-    exact = own.assign(**{COLUMN[q]: true[q] * (1 + 0.01 * rng.standard_normal(len(own))) for q in true})
+    own = impacts[["impact", "subject", "trial", "mass_kg"]].assign(flags="")
     # As the thesis's method does: too large, and C growing with the mass.
     dds = own.assign(K_N_per_m=2 * true["K"], C_N_s_per_m=3 * true["C"] * own["mass_kg"] ** 0.5)
     every = ("K", "C", "K_common_depth", "K_secant") if exponent is not None else ()
@@ -265,7 +264,6 @@ def _tables(rng, impacts, true, posterior, exponent) -> dict[str, pd.DataFrame]:
     ]  # fmt: skip
     return {
         "summary": _summary(posterior),
-        "estimates_exact": exact,
         "estimates_dds": dds,
         "hypotheses": pd.DataFrame(
             hypotheses, columns=["quantity", "hypothesis", "value", "rope_low", "rope_high", "probability"]

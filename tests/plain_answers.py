@@ -204,7 +204,6 @@ def plan() -> Numbers:
 # Those of the default tests, those that take long to compile, and fits, whose means have Monte Carlo errors.
 QUICK: Mapping[str, Callable[[], Numbers]] = {
     "estimate of one impact": one_impact,
-    "point estimates, exact": partial(estimates, filled_up, method="exact"),
     "point estimates, dds": partial(estimates, filled_up, method="dds"),
     "log density of impact": partial(density, filled_up, MODEL),
     "log density of arma": partial(density, filled_up, "arma"),

@@ -32,7 +32,7 @@ def test_every_model_of_the_program_goes_by_its_name():
     names = {path.stem for path in shared("models").glob("*.toml")}
     for name in names:
         assert model_file(name, lambda _: True) == shared("models", f"{name}.toml")
-    for name in names - {"dds", "exact", "plan-thesis", "published"}:
+    for name in names - {"dds", "plan-thesis", "published"}:
         specification, source = fitting.resolve(name)
         assert source == str(shared("models", f"{name}.toml"))
         assert specification.name == name
@@ -66,7 +66,7 @@ def test_a_wrong_name_lists_the_right_ones_the_nearest_first(wrong: str, says: s
 BASE = """
 name = "base"
 likelihood = "impact"  # of what
-noise = "white"
+discrepancy = "none"
 
 [priors]
 # By this much.
@@ -93,7 +93,7 @@ def test_a_file_says_how_it_differs_from_another(elsewhere: Path):
     (elsewhere / "own.toml").write_text(OWN)
     content = model_content(elsewhere / "own.toml")
     assert content["name"] == "own"
-    assert (content["likelihood"], content["noise"], content["element"]) == ("impact", "white", "wall")
+    assert (content["likelihood"], content["discrepancy"], content["element"]) == ("impact", "none", "wall")
     # A distribution is one thing: none of the other's keys are left in it.
     assert content["priors"]["intercept"]["K"] == {"distribution": "half-student-t", "df": 3}
     assert content["priors"]["intercept"]["C"]["mean"] == 3.0

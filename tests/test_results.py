@@ -339,7 +339,7 @@ def test_parts_of_another_job_are_not_taken_for_ones_own(tmp_path: Path) -> None
         raise RuntimeError
     with parts_of("two", tmp_path / "run") as parts:
         assert names(parts) == []
-        assert names(parts.parent) == ["two"]
+        assert names(parts.parent) == [".bayestissue.json", "two"]
 
 
 def test_without_parts_nothing_is_left_and_nothing_promised(tmp_path: Path) -> None:
@@ -382,3 +382,79 @@ def test_a_whole_file_appears_only_when_its_block_ends_well(tmp_path: Path) -> N
         staging.write_text("whole")
     assert names(tmp_path) == ["page.html"]
     assert path.read_text() == "whole"
+
+
+def a_persons_own(folder: Path) -> Path:
+    folder.mkdir(parents=True)
+    (folder / "thesis.txt").write_text("mine")
+    return folder
+
+
+@pytest.mark.parametrize("linked", [True, False])
+@pytest.mark.parametrize("inside", ["", "one"])
+def test_what_no_job_left_is_refused_where_parts_go_and_stays(
+    tmp_path: Path, linked: bool, inside: str
+) -> None:
+    """Links and a person's own folders, whatever they are called."""
+    out, parts = tmp_path / "run", tmp_path / ".run.unfinished"
+    mine = a_persons_own((tmp_path / "mine" if linked else parts) / inside)
+    if linked:
+        parts.symlink_to(tmp_path / "mine")
+    with (
+        pytest.raises(InputError, match="a link" if linked else "no command") as raised,
+        parts_of("one", out),
+    ):
+        pytest.fail("the block must not run")
+    assert raised.value.problems[0].code == "out-taken"
+    assert names(mine) == ["thesis.txt"]
+
+
+def test_links_among_parts_are_removed_and_not_what_they_lead_to(tmp_path: Path) -> None:
+    out, mine = tmp_path / "run", a_persons_own(tmp_path / "mine")
+    with pytest.raises(RuntimeError), parts_of("one", out) as parts:  # noqa: PT012 - it fails half way
+        (parts / "segment").write_text("1")
+        raise RuntimeError
+    (parts.parent / "two").symlink_to(mine)
+    (parts.parent / "three").symlink_to(mine)
+    with parts_of("two", out) as parts:
+        assert names(parts) == []
+        (parts / "thesis.txt").write_text("a part")
+    assert names(tmp_path) == ["mine"]
+    assert (mine / "thesis.txt").read_text() == "mine"
+
+
+@pytest.mark.parametrize("kind", ["partial", "replaced"])
+@pytest.mark.parametrize("linked", [True, False])
+def test_a_persons_own_beside_results_is_left_as_it_is(tmp_path: Path, kind: str, linked: bool) -> None:
+    out, beside = tmp_path / "run", tmp_path / f".run.{kind}-0123abcd"
+    mine = a_persons_own(tmp_path / "mine" if linked else beside)
+    if linked:
+        beside.symlink_to(mine)
+    write(out, "new")
+    write(out, "newer", overwrite=True)
+    assert names(mine) == ["thesis.txt"]
+    assert beside.is_symlink() == linked
+    assert (out / "table.csv").read_text() == "newer"
+
+
+@pytest.mark.parametrize("linked", [True, False])
+def test_a_lock_is_no_file_of_a_person(tmp_path: Path, linked: bool) -> None:
+    lock, mine = tmp_path / ".run.lock", tmp_path / "mine"
+    (mine if linked else lock).write_text("mine")
+    if linked:
+        lock.symlink_to(mine)
+    assert "a link" if linked else "no command" in refused(tmp_path / "run")
+    assert lock.read_text() == "mine"
+
+
+def test_what_a_killed_command_left_is_removed_in_whatever_state(tmp_path: Path) -> None:
+    """Staged and not marked yet, whole, or half removed."""
+    out = tmp_path / "run"
+    write(out, "old")
+    out.rename(tmp_path / ".run.partial-00000001")
+    (tmp_path / ".run.partial-00000002").mkdir()
+    write(out, "old")
+    (out / "table.csv").unlink()
+    out.rename(tmp_path / ".run.partial-00000003")
+    write(out, "new")
+    assert names(tmp_path) == ["run"]

@@ -11,6 +11,7 @@ import os
 import sys
 from collections.abc import Callable
 from contextlib import suppress
+from itertools import pairwise
 from typing import Annotated, Any, NoReturn
 
 import typer
@@ -52,14 +53,15 @@ STATUSES = {
 
 
 class _Command(typer.core.TyperCommand):
-    """A command that says of an option of an earlier version what to use instead."""
+    """A command that says of an option, or its value, of an earlier version what to use instead."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        options = [arg.partition("=")[0] for arg in args if arg.startswith("--")]
         known = {name for option in self.get_params(ctx) for name in option.opts}
-        for name in dict.fromkeys(name for name in options if name not in known):
-            for gone in (f"{self.name} {name}", name):
+        for arg, following in pairwise([*args, ""]):
+            name, _, value = arg.partition("=")
+            for gone in (f"{self.name} {name}", name) if name.startswith("--") and name not in known else ():
                 _refuse_retired("option", gone)
+            _refuse_retired("option", f"{self.name} {name} {value or following}")
         return super().parse_args(ctx, args)
 
 

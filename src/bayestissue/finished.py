@@ -40,10 +40,9 @@ TABLES = (
     *("summary", "hypotheses", "cross_validation", "sensitivity", "interval_sources"),
     *("contrasts", "levels", "loops", "curves", "reliability"),
 )
-METHODS = ("exact", "dds")
 # Where its chains ended.
 CHAIN = "chain.npz"
-_FURTHER = ("agreement", *(f"estimates_{method}" for method in METHODS))
+_FURTHER = ("agreement", "estimates_dds")
 _AGAIN = "Give the folder of a finished run of `bayestissue fit`."
 
 
@@ -126,9 +125,9 @@ class Fit(Outlined):
         return specification_of(self.about["model"], "run.json")
 
     @property
-    def point_estimates(self) -> dict[str, pd.DataFrame]:
-        """Of every impact by the methods "exact" and "dds", as `estimate` has them."""
-        return {method: self.table(f"estimates_{method}") for method in METHODS}
+    def point_estimates(self) -> pd.DataFrame:
+        """Of every impact by the thesis's method, "dds" of `estimate`: ``estimates_dds.csv``."""
+        return self.table("estimates_dds")
 
     @property
     def questions(self) -> pd.DataFrame:
@@ -172,7 +171,7 @@ class Fit(Outlined):
 
     @property
     def agreement(self) -> pd.DataFrame:
-        """Ratios of the thesis's method, the exact point fit and the posterior: ``agreement.csv``.
+        """Ratios of the thesis's method and the posterior: ``agreement.csv``.
 
         See `bayestissue.inference.answers.agreement`.
         """

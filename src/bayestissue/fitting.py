@@ -18,7 +18,7 @@ import xarray as xr
 
 from bayestissue import resources, runtime
 from bayestissue.dataset.left_out import reason_of
-from bayestissue.errors import InputError, Problem
+from bayestissue.errors import Coded, InputError, Problem
 from bayestissue.finished import TABLES, Fit, read_run
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.named_model import named_model
@@ -365,9 +365,9 @@ def fit_prepared(
     prepared, analysis = _first_or_second(
         dataset, specification, prepared, expansions, seed, say, checkpoints=checkpoints, earlier=earlier
     )
-    points = point_estimates(dataset, specification.signal, prepared.signal)
+    points, flags = _points_and_flags(dataset, specification.signal, prepared.signal)
     chain = judge(plain, expansions) if dataset.quantity != "displacement" else {}
-    diagnostics = analysis.diagnostics | _of_recordings(dataset, prepared, analysis, points["exact"], chain)
+    diagnostics = analysis.diagnostics | _of_recordings(dataset, prepared, analysis, flags, chain)
     analysis = replace(analysis, diagnostics=diagnostics, summary=noted(analysis.summary, diagnostics))
     return finished_fit(dataset, specification, prepared, analysis, points, seed, start.time, start.seconds)
 
@@ -420,7 +420,7 @@ def _of_recordings(
     dataset: Dataset,
     prepared: Prepared,
     analysis: TraceAnalysis,
-    estimates: pd.DataFrame,
+    flags: list[list[Coded]],
     chain: dict[str, Any],
 ) -> dict[str, Any]:
     """What recordings add to ``diagnostics.json``: entries beside, or in place of, those of the draws.
@@ -429,19 +429,18 @@ def _of_recordings(
         dataset: what was recorded.
         prepared: the fit.
         analysis: its results.
-        estimates: of each impact by the exact method.
+        flags: what is wrong with the recording of each impact.
         chain: what the traces say of their measuring chain.
     """
     form = analysis.diagnostics.get("model_form")
     names, limited = prepared.impacts["impact"].astype(str).tolist(), prepared.signal.clipped.any(axis=1)
-    impacts, flags = (estimates[column].tolist() for column in ("impact", "flags"))
     # Tissue that is taken along at contact leaves the impactor another velocity than the stated one.
     explained = (ANOTHER_VELOCITY,) if "added_mass" in analysis.diagnostics else ()
     entries = {
         "measuring_chain": chain,
         "model_form": model_form.with_chain(form, chain) if form and chain else form,
         "recorded_peak": judge_peaks(dataset, prepared, analysis.summary),
-        "recordings": flagged_recordings(impacts, flags, explained),
+        "recordings": flagged_recordings(names, flags, explained),
         "clipped": clipped_recordings(names, limited.tolist()),
         "channels": _of_channels(dataset, prepared, analysis),
         "reference": prepared.reference and judge_reference(prepared.reference),
@@ -462,14 +461,14 @@ def finished_fit(
     specification: ModelSpecification,
     prepared: Prepared,
     analysis: TraceAnalysis,
-    points: dict[str, pd.DataFrame],
+    points: pd.DataFrame,
     seed: int,
     started: datetime,
     wall_time_s: float,
 ) -> Fit:
-    """A fit of all that its run folder holds; ``points`` are the tables of `point_estimates`."""
+    """A fit of all that its run folder holds; ``points`` is the table of the thesis's method."""
     tables = {name: getattr(analysis, name) for name in TABLES}
-    tables |= {f"estimates_{method}": table for method, table in points.items()}
+    tables["estimates_dds"] = points
     tables["agreement"] = _agreement(points, analysis.summary)
     content = _provenance(dataset, specification, prepared, analysis, seed)
     record = runtime.run_record("fit", "fit", started, wall_time_s, **content)
@@ -490,33 +489,32 @@ def finished_fit(
     return finished
 
 
-def _agreement(points: dict[str, pd.DataFrame], summary: pd.DataFrame) -> pd.DataFrame:
+def _agreement(points: pd.DataFrame, summary: pd.DataFrame) -> pd.DataFrame:
     values = {}
     for q, quantity in symbols(set(summary["variable"])).items():
-        columns = {name: table.set_index("impact")[COLUMNS[q]] for name, table in points.items()}
         median = summary[summary["variable"] == quantity].set_index("label")["median"]
-        values[quantity] = pd.DataFrame(columns | {"posterior": median})
+        values[quantity] = pd.DataFrame({"dds": points.set_index("impact")[COLUMNS[q]], "posterior": median})
     return agreement(values)
 
 
-def point_estimates(
+def _points_and_flags(
     dataset: Dataset, options: SignalOptions, signal: Displacements
-) -> dict[str, pd.DataFrame]:
-    """The tables of `estimate` by both methods, of displacements made with these options where they serve.
+) -> tuple[pd.DataFrame, list[list[Coded]]]:
+    """The table of the thesis's method, and what is wrong with the recordings of each impact.
 
     Of `_MANY` impacts and more, spoilt recordings are left to `check`: to look for them would take as long as
     the fit.
     """
-    from bayestissue.inference.points.estimates import default_options, estimates_table
-    from bayestissue.signal import displacements
+    from bayestissue.inference.points.estimates import THESIS, flags_of, thesis_table
+    from bayestissue.signal import SignalOptions, displacements
     from bayestissue.signal.quality import inspect
 
-    findings, tables = inspect(dataset, options) if len(dataset.impacts) < _MANY else [], {}
-    for method in ("exact", "dds"):
-        method_options = default_options(method)
-        displaced = signal if method_options == options else displacements(dataset, method_options)
-        tables[method] = estimates_table(dataset, displaced, method, findings)
-    return tables
+    findings = inspect(dataset, options) if len(dataset.impacts) < _MANY else []
+    of_thesis, of_default = (
+        signal if chosen == options else displacements(dataset, chosen)
+        for chosen in (THESIS, SignalOptions())
+    )
+    return thesis_table(dataset, of_thesis, findings), flags_of(dataset, of_default, findings, {})
 
 
 def _second_fit(

@@ -13,14 +13,15 @@ from numpy.typing import ArrayLike
 from bayestissue.dataset.arrays import dataset as dataset_of
 from bayestissue.dataset.chain import Contact, Recorder, Uncertainty
 from bayestissue.dataset.model import Dataset
+from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.dataset.settings import Gravity, Zero
+from bayestissue.errors import InputError
 from bayestissue.figures.theme import Figure
 from bayestissue.figures.traces import recording
-from bayestissue.inference.points.estimates import default_options
 from bayestissue.inference.points.notes import said_once
 from bayestissue.inference.single.estimates import by_impact, outcomes_in
 from bayestissue.outline import Outlined, Rows
-from bayestissue.signal import displacements
+from bayestissue.signal import SignalOptions, displacements
 from bayestissue.signal.quality import inspect
 
 if TYPE_CHECKING:
@@ -171,14 +172,19 @@ def impact_of(data: Dataset) -> Impact:
     """The same of a dataset of one impact.
 
     Raises:
-        InputError: as of `bayestissue.estimate`.
+        InputError: as of `bayestissue.estimate`; it is a displacement.
     """
-    options = default_options("exact")
+    if data.quantity == "displacement":
+        raise InputError.stated("unsuited-likelihood.one", SETTINGS, None, "signal.quantity", data.quantity)
+    options = SignalOptions()
     signal = displacements(data, options)
     table, posteriors = by_impact(data, signal, options, inspect(data, options))
     inside = np.arange(signal.n_samples[0])
     recorded = signal.deceleration[0, inside]
-    left = np.full(len(inside), np.nan) if posteriors is None else posteriors.residuals[0, inside]
+    left = np.full(len(inside), np.nan)
+    # Too few samples have no posterior.
+    if posteriors is not None and posteriors.residuals is not None:
+        left = posteriors.residuals[0, inside]
     row = table.iloc[0]
     ends = [float(row[name]) for name in _ENDS]
     return Impact(

@@ -6,6 +6,7 @@ import gc
 import hashlib
 import os
 import platform
+import re
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -39,6 +40,8 @@ _CACHE = {
     "jax_compilation_cache_max_size": -1,
 }
 # Bytes in the folder with which a process may begin; of more, it keeps those of late use, so many.
+# What JAX calls an entry, wherever the folder is that somebody named.
+_ENTRY = re.compile(r".+-[0-9a-f]{64}-cache")
 _MOST_KEPT, _KEPT = 1_000_000_000, 800_000_000
 
 
@@ -210,7 +213,7 @@ def _remove_unused(folder: Path, most: int = _MOST_KEPT, target: int = _KEPT) ->
     with os.scandir(folder) as files:
         for entry in files:
             with suppress(OSError):
-                if entry.name.endswith("-cache"):
+                if _ENTRY.fullmatch(entry.name) and entry.is_file(follow_symlinks=False):
                     status = entry.stat()
                     used = max(status.st_atime_ns, status.st_mtime_ns)
                     entries.append((used, status.st_size, entry.path))

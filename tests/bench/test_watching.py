@@ -14,10 +14,12 @@ from written_drops import by_init, drop, plan_of_drops, write
 
 import bayestissue as bt
 from bayestissue.bench import drops as module
+from bayestissue.bench.campaign import read_campaign
 from bayestissue.bench.drops import Drops
 from bayestissue.bench.views import WatchView
 from bayestissue.bench.watching import TAKEN_BACK, Watch
 from bayestissue.checking import check
+from bayestissue.errors import InputError
 
 pytestmark = pytest.mark.slow
 
@@ -233,3 +235,16 @@ def test_drops_on_a_known_spring_are_no_persons(begin: Callable[[], Watch], reco
     assert state["used"] == 2
     data = bt.read_dataset(watch.drops.folder)
     assert len(data.people.impacts) == 1
+
+
+def test_a_persons_own_folder_is_not_taken_for_what_a_killed_watch_left(
+    begin: Callable[[], Watch], recorded: Path
+) -> None:
+    mine, incoming = recorded.parent / "mine", recorded.parent / "set" / "recordings" / ".incoming"
+    mine.mkdir()
+    (mine / "thesis.txt").write_text("mine")
+    Drops(recorded.parent / "set", read_campaign(recorded.parent / "campaign.toml")).write()
+    incoming.symlink_to(mine)
+    with pytest.raises(InputError, match="a link"):
+        begin()
+    assert (mine / "thesis.txt").read_text() == "mine"

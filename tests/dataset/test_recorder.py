@@ -90,7 +90,7 @@ def test_without_one_the_hash_of_arrays_is_as_it_was():
 @pytest.mark.slow
 def test_the_thesis_methods_say_that_they_leave_it_out(lab: Lab):
     declared(lab, "low_pass_hz = 500")
-    table = bt.estimate(bt.read_dataset(lab.folder), method="exact")
+    table = bt.estimate(bt.read_dataset(lab.folder), method="dds")
     assert table["notes"].str.contains("the declared low-pass is not in this method").all()
 
 

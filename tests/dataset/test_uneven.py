@@ -45,7 +45,7 @@ def test_what_needs_even_times_refuses() -> None:
     with pytest.raises(InputError, match="the declared low-pass"):
         of_times(bent(), recorder={"low_pass_hz": 500.0})
     with pytest.raises(InputError, match="evenly spaced"):
-        bt.estimate(of_times(bent()), method="exact")
+        bt.estimate(of_times(bent()), method="dds")
 
 
 def test_a_lost_sample_is_uneven_and_a_rounded_clock_is_not() -> None:

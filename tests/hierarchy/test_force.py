@@ -69,24 +69,22 @@ def test_its_rows_begin_with_contact_and_end_with_the_window(heavier: Dataset) -
     assert np.exp(ready.force.log_ratio) == pytest.approx(1.1, rel=0.03)
 
 
-def test_the_stretch_at_the_limit_is_left_out(heavier: Dataset) -> None:
+def test_a_force_at_its_limit_is_not_used(heavier: Dataset) -> None:
     (channel,) = heavier.channels
     limit = 0.8 * max(trace.value.max() for trace in channel.traces)
     traces = [
         replace(trace, value=np.minimum(trace.value, limit), clipped=(trace.value >= limit).astype(np.int8))
         for trace in channel.traces
     ]
-    rows = of_force(replace(heavier, channels=(replace(channel, traces=traces),))).rows
-    whole, counts = of_force(heavier).rows, np.asarray(rows.inside())
-    assert (counts.sum(axis=1) < rows.n_samples).any()
-    for row, count in enumerate(rows.n_samples):
-        out = np.flatnonzero(~counts[row, :count])
-        # One stretch, a sample longer than what stands at the limit on either side.
-        assert (np.diff(out) == 1).all()
-        if out.size:
-            middle = whole.y[row, out[1:-1]] * heavier.impacts["mass_kg"].iloc[row]
-            assert len(middle) == 0 or middle.max() > 0.9 * limit
-    np.testing.assert_allclose(rows.y[counts], whole.y[counts], rtol=1e-12)
+    ready = prepared(replace(heavier, channels=(replace(channel, traces=traces),)))
+    assert ready.force is None
+    reached = sum(bool((trace.value >= limit).any()) for trace in channel.traces)
+    assert ready.force_unused == f"it stands at its sensor's limit in {reached} of {len(traces)} impacts"
+    # What it lies at before and after the impact is no part of the window.
+    held = [
+        replace(trace, clipped=(np.arange(len(trace.value)) < 3).astype(np.int8)) for trace in channel.traces
+    ]
+    assert prepared(replace(heavier, channels=(replace(channel, traces=held),))).force is not None
 
 
 def test_a_gain_and_a_mass_share_the_ratio_by_what_is_declared(heavier: Dataset) -> None:
@@ -118,9 +116,9 @@ ELEMENT = {}, "hunt_crossley"
 FILTERS = [({"low_pass_hz": 400.0}, "impact"), ({"low_pass_hz": 400.0, "zero_phase": True}, "impact")]
 
 
-def without_a_known_contact(recorder: dict[str, Any], model: str) -> Prepared:
+def without_a_known_contact(recorder: dict[str, Any], model: str, force: dict[str, Any] = FORCE) -> Prepared:
     content = tomllib.loads(FOUR_BY_FOUR) | ({"recorder": recorder} if recorder else {})
-    content["recording"] |= {"force": FORCE}
+    content["recording"] |= {"force": force}
     if model != "impact":
         content["tissue"] |= {"element": model, "C_N_s_per_m": 60.0}
     return prepared(simulate(Simulation.model_validate(content)).dataset("made"), model)
@@ -150,23 +148,12 @@ def first_log_density(ready: Prepared) -> np.ndarray:
     return np.asarray(jax.jit(lambda u: at(list(u)).log_density())(first_guess(ready).T))
 
 
-@pytest.mark.parametrize("recorder", [None, {"low_pass_hz": 400.0, "noise": "before"}])
-def test_all_from_the_first_to_the_last_sample_at_its_limit_is_left_out(
-    recorder: dict[str, Any] | None,
-) -> None:
-    content = tomllib.loads(FOUR_BY_FOUR)
-    of_force = FORCE | {"limit_N": 60.0} | ({} if recorder is None else {"recorder": recorder})
-    content["recording"] |= {"sampling_rate_hz": 20_000.0, "force": of_force}
-    made = simulate(Simulation.model_validate(content))
-    ready = prepared(made.dataset("made"))
-    assert ready.force is not None
-    rows, counts = ready.force.rows, np.asarray(ready.force.rows.inside())
-    # The zero is known to some hundredths of a newton, and was taken off.
-    limit = 60.0 - made.truth["force_offset_N"].to_numpy()
-    highest = np.where(counts, rows.y * ready.signal.mass[:, None], 0.0).max(axis=1)
-    assert (highest < limit + 0.1).all()
-    assert (highest > limit - 5).any()
-    assert np.isfinite(first_log_density(ready)).all()
+@pytest.mark.parametrize(("recorder", "model"), [ELEMENT, *FILTERS])
+def test_behind_a_low_pass_of_its_own_it_is_then_not_used(recorder: dict[str, Any], model: str) -> None:
+    ready = without_a_known_contact(recorder, model, FORCE | {"recorder": {"low_pass_hz": 800.0}})
+    assert ready.force is None
+    assert "does not show when contact was" in ready.force_unused
+    assert not ready.model.force
 
 
 def test_a_force_that_lags_is_not_used(heavier: Dataset) -> None:

@@ -111,34 +111,6 @@ def test_a_discrepancy_is_the_impact_likelihood_s_alone(tmp_path: Path) -> None:
     assert read_specification(path).discrepancy == "none"
 
 
-def test_autoregressive_noise_is_the_impact_likelihood_s_and_has_no_discrepancy_beside_it(
-    tmp_path: Path,
-) -> None:
-    path = tmp_path / "model.toml"
-    path.write_text('name = "x"\nlikelihood = "impact"\nnoise = "autoregressive"\n', encoding="utf-8")
-    found = read_specification(path)
-    assert found.discrepancy == "automatic"
-    assert not found.may_add_discrepancy
-    white = read_specification(shared("models", "impact.toml"))
-    assert white.noise == "white"
-    assert white.may_add_discrepancy
-    for text, said in (
-        ('likelihood = "arma"\nnoise = "autoregressive"\n', "only likelihood"),
-        ('likelihood = "impact"\nnoise = "autoregressive"\ndiscrepancy = "always"\n', "white noise alone"),
-        ('likelihood = "impact"\nnoise = "pink"\n', "autoregressive"),
-    ):
-        path.write_text(f'name = "x"\n{text}', encoding="utf-8")
-        with pytest.raises(InputError, match=said) as refused:
-            read_specification(path)
-        (problem,) = refused.value.problems
-        assert (problem.column, problem.row) == ("noise", 3)
-    wrong = 'name = "x"\nlikelihood = "a2"\nnoise = "autoregressive"\ndiscrepancy = "always"\nkey = 1\n'
-    path.write_text(wrong, encoding="utf-8")
-    with pytest.raises(InputError) as refused:
-        read_specification(path)
-    assert {problem.column for problem in refused.value.problems} == {"noise", "discrepancy", "key"}
-
-
 def test_a_model_file_without_a_name_has_its_own(tmp_path: Path) -> None:
     path = tmp_path / "calves.toml"
     path.write_text('likelihood = "impact"\n', encoding="utf-8")

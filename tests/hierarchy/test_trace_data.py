@@ -183,22 +183,6 @@ def test_a_discrepancy_adds_a_parameter_and_the_modes_of_every_window() -> None:
     assert not other.data.record.contact.reach
 
 
-@pytest.mark.slow
-def test_autoregressive_noise_adds_its_correlation_and_marks_quiet_parts() -> None:
-    made = prepared("impact", noise="autoregressive")
-    assert made.model.nuisance == ("noise", "atanh_noise_correlation")
-    assert made.model.prior_of("sd_atanh_noise_correlation").scale == 0.3
-    assert "atanh_noise_correlation_mean" in made.model.locations.parts
-    record = made.data.record
-    assert isinstance(record, DecelerationRecord)
-    assert not record.discrepancy.basis.size
-    assert np.asarray(record.quiet).all()
-    bare = prepared("impact", noise="autoregressive", signal=SignalOptions(remove_offset=False))
-    assert not np.asarray(bare.data.record.quiet).any()
-    other = prepared("impact", element="hunt_crossley", noise="autoregressive")
-    assert other.model.nuisance == ("noise", "atanh_noise_correlation")
-
-
 def test_contact_that_does_not_show_may_be_in_any_of_some_cells() -> None:
     made = prepared("impact", element="hunt_crossley")
     record, signal = made.data.record, made.signal

@@ -154,12 +154,11 @@ def test_the_exact_estimator_is_apart_from_the_maximum_by_the_start_alone(name: 
     The step from one maximum to the other is what two values can tell: less than half a standard error.
     """
     published, _ = SERIES[name], series(name)
-    (fit, found), row = fitted("exact"), padded()[0].index(name)
+    (_, found), row = fitted("exact"), padded()[0].index(name)
     value, slope, curvature = expansion(name, found, "free")
     error = np.sqrt(np.diag(np.linalg.inv(curvature)))
     assert (np.linalg.eigvalsh(curvature) > 0).all()
     assert (np.abs(np.linalg.solve(curvature, slope)) < SEARCHED * error).all()
-    assert float(value) == pytest.approx(float(fit.log_likelihood[row]), abs=1e-9)
     assert float(value) > float(expansion(name, as_published(), "free")[0])
     assert (np.abs(found[row] - published.parameters) < 0.5 * error).all()
 

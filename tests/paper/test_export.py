@@ -254,7 +254,7 @@ def test_what_is_there_is_not_replaced(folder: Path, exported: Path) -> None:
 
 
 def test_flagged_recordings_are_said_as_a_paper_would(run: FitRun) -> None:
-    recordings = flagged_recordings([f"i{n}" for n in range(1, 10)], ["", "", "spikes", *[""] * 6])
+    recordings = flagged_recordings([f"i{n}" for n in range(1, 10)], [[], [], ["spikes"], *[[]] * 6])
     clipped = clipped_recordings(["i1", "i2"], [True, False])
     words = f"R-hat at most 1.0, no divergences. {recordings['words']} {clipped['words']}"
     verdict = {"passed": True, "headline": "Diagnostics passed.", "words": words, "warned": False}

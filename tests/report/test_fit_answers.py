@@ -125,21 +125,18 @@ def test_a_trend_that_the_posterior_shares_is_not_called_made_by_the_method(run,
 
 def test_noise_that_is_not_the_models_is_told(run, arma):
     white, coloured = traces.residuals(run), traces.residuals(arma)
-    said = [
-        " ".join(traces.residual_words(each, left, np.full(12, np.nan)))
-        for each, left in ((run, white), (arma, coloured))
-    ]
+    said = [" ".join(traces.residual_words(each, left)) for each, left in ((run, white), (arma, coloured))]
     assert "is not the noise that was recorded" not in said[0]
     assert "is not the noise that was recorded" in said[1]
 
 
 def test_what_the_fit_tested_is_the_pages_one_verdict(run, arma):
-    """No other test of the same residuals, and no ARMA(2,1) that the fit did not ask for."""
+    """No other test of the same residuals."""
     coloured = traces.residuals(arma)
     form = {"words": "Nothing against the model.", "impacts": {"p": dict.fromkeys(run.impacts, 0.5)}}
     about = run.record | {"model": run.record["model"] | {"likelihood": "impact"}}
     tested = replace(run, record=about, diagnostics=run.diagnostics | {"model_form": form})
-    assert traces.residual_words(tested, coloured, traces.one_step_p(tested))[1:] == [form["words"]]
+    assert traces.residual_words(tested, coloured)[1:] == [form["words"]]
     assert not traces.other_noise(tested, coloured)
 
 
@@ -210,18 +207,3 @@ def test_a_discrepancy_is_told_and_the_coverage_of_fits_without_one_is_not(run):
     assert "a smooth force" not in words.likelihood_words(plain)
     assert words.coverage_table(plain) is not None
     assert words.coverage_table(wider) is None
-
-
-def test_autoregressive_noise_is_told(run):
-    model = run.record["model"] | {"likelihood": "impact"}
-    white, other = (
-        replace(run, record=run.record | {"model": model | more})
-        for more in ({}, {"noise": "autoregressive"})
-    )
-    assert "accelerometer with white noise" in words.likelihood_words(white)
-    assert "accelerometer with first-order autoregressive noise" in words.likelihood_words(other)
-    assert "atanh_noise_correlation" in words.unused_priors(white)
-    assert "atanh_noise_correlation" not in words.unused_priors(other)
-    assert words.coverage_table(other) is None
-    assert "may take up what another law leaves" in " ".join(words.limits(other))
-    assert words.limits(white) == words.limits(other)[:1]

@@ -56,8 +56,6 @@ def test_impacts_show_it_beside_point_estimates_and_truth(run: FitRun) -> None:
     table = run.estimates_by_method["K"]
     np.testing.assert_array_equal(table["median"], rows["median"].reindex(table.index))
     assert list(estimates.held_by_intervals(run)["quantity"]) == ["K_secant", "K_secant", "C", "C"]
-    # The made-up point estimates lie about the truth, by 1 % like the medians.
-    assert np.abs(np.log(table["exact"] / table["median"])).max() < 0.1
     assert estimates.dds_ratio(run, "K") == pytest.approx(2, rel=0.05)
     titles = [column.title for column in estimates.estimates_table(run).columns]
     assert {"K_secant (N/m)", "true K_secant"} <= set(titles)

@@ -135,8 +135,8 @@ def test_what_the_data_leave_to_the_prior_is_said(tmp_path) -> None:
 
 def test_methods_stand_side_by_side_with_limits_of_agreement(html) -> None:
     part = section(html, "agreement")
-    # Three pairs of methods, of K and of C.
-    assert part.count('class="chart"') == 6
+    # Of K and of C.
+    assert part.count('class="chart"') == 2
     # The made-up thesis's K is twice the truth.
     found = re.search(r"thesis&#39;s method over posterior median</td><td[^>]*>(\d\.\d+)", part)
     assert found is not None

@@ -10,8 +10,7 @@ from impacts_bench import Impact, Lab, Recorded, record
 from scipy.integrate import solve_ivp
 
 import bayestissue as bt
-from bayestissue.fitting import point_estimates
-from bayestissue.inference.points.estimates import default_options
+from bayestissue.inference.points.estimates import flags_of
 from bayestissue.inference.points.notes import flagged_recordings
 from bayestissue.inference.samplers.diagnostics import warnings
 from bayestissue.signal import displacements
@@ -110,9 +109,8 @@ def test_a_fit_warns_of_another_velocity_where_its_own_test_is_blind(ratio):
     traces = [(trace.time_s, trace.value) for trace in here.traces]
     table = here.impacts.assign(subject="s", impact=[f"i{n}" for n in range(NUMBER)], mass_kg=0.5)
     data = bt.dataset(table, traces, quantity="deceleration", unit="m/s^2")
-    options = default_options("exact")
-    points = point_estimates(data, options, displacements(data, options))["exact"]
-    recordings = flagged_recordings(points["impact"].tolist(), points["flags"].tolist())
+    flags = flags_of(data, displacements(data), inspect(data), {})
+    recordings = flagged_recordings(data.impacts["impact"].tolist(), flags)
     warned = [warning.code for warning in warnings({"recordings": recordings})]
     assert warned == ([] if ratio == 1 else ["velocity-contradicted"])
     # Where the measuring chain's own test speaks, it does so alone.

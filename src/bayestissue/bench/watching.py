@@ -40,6 +40,7 @@ from bayestissue.one_impact import impact as one_impact
 from bayestissue.report.wording import PREDICTED
 from bayestissue.results import put
 from bayestissue.results.files import file_sha256
+from bayestissue.results.mark import discard, require_left_over, start_job
 from bayestissue.signal.quality.inspection import KINDS, inspect
 from bayestissue.words import Words
 
@@ -92,7 +93,10 @@ class Watch:
         self._decided: dict[str, str] = {}
         order.require_same(drops.order, drops.rows)
         drops.order = list(order.rows) or drops.order
-        shutil.rmtree(drops.folder / _INCOMING, ignore_errors=True)
+        self._incoming = drops.folder / _INCOMING
+        require_left_over(self._incoming)
+        if self._incoming.exists():
+            discard(self._incoming)
         if self.drops.chosen:
             self.drops.notes.append(f"set on the page: {facts_words(dict(self.drops.chosen))}")
 
@@ -319,8 +323,10 @@ class Watch:
         return first
 
     def _take(self, name: str) -> None:
-        source, incoming = self.recordings / name, self.drops.folder / _INCOMING / name
+        source, incoming = self.recordings / name, self._incoming / name
         try:
+            if not self._incoming.exists():
+                start_job(self._incoming)
             incoming.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(source, incoming)
             self._take_whole(name, incoming, file_sha256(incoming))

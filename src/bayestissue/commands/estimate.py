@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 def run(
     dataset: DatasetFolder,
     out: Out,
-    method: Literal["impact", "exact", "dds"] | None = None,
+    method: Literal["impact", "dds"] = "impact",
     model: Annotated[str | None, typer.Option(metavar="NAME|FILE")] = None,
     vary: list[str] | None = None,
     scheduler: Scheduler = None,
@@ -35,13 +35,11 @@ def run(
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
-    """K and C of every impact by itself, with 90 % intervals; --method dds is the thesis's own chain.
+    """K and C of every impact by itself, with 90 % intervals; --method dds has the thesis's own points.
 
     Args:
-        method: impact: each deceleration by itself under the impact likelihood with its measuring chain; its
-            intervals hold. exact: maximum likelihood of an ARMA(2,1) about the rest position. dds: the
-            thesis's conditional fit about the sample mean. Unless given: impact, and exact for displacements
-            and where [signal] filters, centres or integrates otherwise.
+        method: impact: the posterior of each impact given its own trace and its measuring chain. dds: the
+            thesis's conditional fit about the sample mean, without intervals.
         model: A model, by name or as a file, as in fit; its [signal] table says how x is made from the
             recording.
         vary: Also tabulate K and C over the values of a signal choice: window, contact, filter.
@@ -52,20 +50,19 @@ def run(
         from bayestissue.commands.console import Stages, echo
         from bayestissue.dataset import read_dataset
         from bayestissue.inference.execution.workers import on_cluster
-        from bayestissue.inference.points.estimates import default_options
-        from bayestissue.inference.single.estimates import estimate, method_for
+        from bayestissue.inference.points.estimates import THESIS
+        from bayestissue.inference.single.estimates import estimate
         from bayestissue.report.estimates_page import page_of
         from bayestissue.report.run_folder import draw_page
-        from bayestissue.signal import alternatives, displacements, read_signal_options
+        from bayestissue.signal import SignalOptions, alternatives, displacements, read_signal_options
         from bayestissue.simulation.centring import centring_table
 
         file = None if model is None else model_file(model, lambda content: "signal" in content)
-        options = (
-            read_signal_options(file) if file else default_options("dds" if method == "dds" else "exact")
-        )
+        options = THESIS if method == "dds" else SignalOptions()
+        if file:
+            options = read_signal_options(file)
         choices = {choice: alternatives(choice, options) for choice in vary or ()}
         data = read_dataset(dataset, skip_bad=skip_bad)
-        method = method or method_for(data, options)
         with on_cluster(scheduler), Stages(quiet=quiet, patience_s=30.0) as say:
             table = estimate(data, method=method, options=options, say=say)
             varied = _varied(data, method, choices) if choices else None

@@ -52,11 +52,11 @@ def transition(
     inside = jnp.where(time > 0, time, 1.0)
     scaled = jnp.where(row == column, matrix * time, jnp.where(row, matrix * inside * time, matrix))
     scaled = jnp.where(~row & column & (time == 0), 0.0, scaled)
-    result = exponential(scaled)
+    result = _exponential(scaled)
     return jnp.where(row == column, result, jnp.where(row, result / inside, result * time))
 
 
-def exponential(matrix: Float[Array, "*batch state state"]) -> Float[Array, "*batch state state"]:
+def _exponential(matrix: Float[Array, "*batch state state"]) -> Float[Array, "*batch state state"]:
     """Exp of matrices: Taylor's polynomial of matrices halved until it is exact, then squared as often.
 
     Each as often as it needs: one that is beyond all bounds, or not finite, is no concern of the others.

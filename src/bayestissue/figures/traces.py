@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -151,17 +150,14 @@ def panels(
     return Figure(chart, words, rows)
 
 
-def sorted_p(sets: Mapping[str, np.ndarray], structured: float, words: str) -> Figure:
-    """Sorted p-values over those that the model's noise would give, on log scales, by kind of test.
+def sorted_p(values: np.ndarray, structured: float, words: str) -> Figure:
+    """Sorted p-values over those that the model's noise would give, on log scales.
 
     ``structured`` is the p-value below which an impact's residuals count as structured.
     """
-    least = 1e-12
-    parts = [pd.DataFrame({"expected": [], "p": [], "kind": []})]
-    for kind, values in sets.items():
-        p = np.sort(np.maximum(values[np.isfinite(values)], least))
-        parts.append(pd.DataFrame({"expected": (np.arange(p.size) + 0.5) / p.size, "p": p, "kind": kind}))
-    rows = pd.concat([part for part in parts if len(part)] or parts[:1], ignore_index=True)
+    p = np.sort(np.maximum(values[np.isfinite(values)], 1e-12))
+    expected = (np.arange(p.size) + 0.5) / p.size
+    rows = pd.DataFrame({"expected": expected, "p": p, "kind": "what the fit leaves"})
     log: Specification = {"type": "log", "nice": False}
     lines = {"the model's noise": (1e-3, 1.0), "structured": (structured, structured)}
     return points(

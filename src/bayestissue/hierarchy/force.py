@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from bayestissue.dataset.chain import Recorder
 from bayestissue.dataset.model import Dataset
 from bayestissue.elements import element
-from bayestissue.hierarchy.recorder import CONTACT_CELLS, filtered_noise, low_pass_of
+from bayestissue.hierarchy.recorder import filtered_noise, low_pass_of
 from bayestissue.likelihood.element.record import ForceRows
 from bayestissue.likelihood.element.recorder import LowPass
 from bayestissue.signal import Displacements
@@ -182,7 +181,7 @@ def tells_added_mass(force: PreparedForce, name: str) -> bool:
 
 
 def prepared_force(
-    dataset: Dataset, signal: Displacements, low_pass: LowPass | None, reach: int, *, jumps: bool
+    dataset: Dataset, signal: Displacements, low_pass: LowPass | None, reach: int
 ) -> PreparedForce | str:
     """The force of a dataset that has one; or why these recordings keep a fit from using it.
 
@@ -192,7 +191,6 @@ def prepared_force(
         low_pass: of the decelerations.
         reach: in how many of their sampling intervals before the first sample contact may be; 0 where it is
             known.
-        jumps: whether the element's force is not 0 at contact.
     """
     comparison = force_beside(dataset, signal)
     assert comparison is not None  # noqa: S101 - the callers ask
@@ -210,16 +208,15 @@ def prepared_force(
         hidden = np.where(np.isfinite(signal.offset_sd), quiet, earliest)
         hidden += delay(dataset.recorder) if dataset.recorder else 0.0
     rows = rows_within(recorded, signal, ahead_s(recorder, dt) + hidden, latest)
-    length = int(rows.number.max())
-    if reach:
-        length += 2 + int(np.ceil(((rows.first - first + earliest) / dt).max()))
-    of_filter = _filtered(dataset, signal, recorded, length) if recorder else {}
-    settled = 0.0 if recorder is None else -np.log(_SETTLED) / decay(recorder, dt)
-    usable = rows.used & ~_about_limit(recorded, rows.used, settled if "colour" in of_filter else 0.0)
-    if recorder is not None and not _resolved(recorder, rows, signal, low_pass, reach, jumps=jumps):
+    usable = rows.used
+    if recorder is not None:
         # What a filter makes of the jump at contact is not linear in when that was.
-        usable &= recorded.start[:, None] + recorded.time_s >= (first + latest + settled)[:, None]
+        settled = -np.log(_SETTLED) / decay(recorder, dt)
+        usable = usable & (recorded.start[:, None] + recorded.time_s >= (first + settled)[:, None])
+    at_limit = 0 if recorded.clipped is None else (rows.used & (recorded.clipped != 0)).any(axis=1).sum()
     for wrong, words in (
+        (at_limit, f"it stands at its sensor's limit in {at_limit} of {len(dt)} impacts"),
+        (recorder and reach, "it is behind a low-pass, and the deceleration does not show when contact was"),
         (recorded.uneven.any() or signal.uneven.any(), "times are uneven"),
         (signal.clipped.any(), "the deceleration is clipped"),
         (
@@ -234,6 +231,10 @@ def prepared_force(
     ):
         if wrong:
             return words
+    length = int(rows.number.max())
+    if reach:
+        length += 2 + int(np.ceil(((rows.first - first + earliest) / dt).max()))
+    of_filter = _filtered(dataset, signal, recorded, length) if recorder else {}
     mass = signal.mass
     counts = rows.within(usable) & (np.arange(rows.number.max()) < rows.number[:, None])
     longer = ((0, 0), (0, length - counts.shape[1]))
@@ -279,50 +280,3 @@ def _filtered(dataset: Dataset, signal: Displacements, recorded: Recordings, row
         return {"low_pass": low_pass}
     noise = zip(("colour", "rate", "longer"), filtered_noise(recorder, share, rows, recorded.dt), strict=True)
     return {"low_pass": low_pass, **dict(noise)}
-
-
-def _resolved(
-    recorder: Recorder,
-    rows: RowsWithin,
-    signal: Displacements,
-    low_pass: LowPass | None,
-    reach: int,
-    *,
-    jumps: bool,
-) -> bool:
-    """Whether what the force's low-pass makes of an impact is linear in the moment of contact in each cell.
-
-    Behind an analog filter it is where cells are as narrow as `ContactCells` has them. A digital one knows
-    nothing of what happens between two samples, and where both channels have the same times, no cell has one
-    of the force's inside. Arguments as of `prepared_force`.
-    """
-    if not reach:
-        return False
-    if not jumps:
-        return True
-    if recorder.digital:
-        first = signal.contact_time_s + signal.first_sample_s
-        apart = np.abs((rows.first - first + rows.dt / 2) % rows.dt - rows.dt / 2)
-        same_clock = np.maximum(apart, np.abs(rows.dt - signal.dt)) < _NEARLY * rows.dt
-        return bool(same_clock.all())
-    cells = 1 if low_pass is None else len(low_pass.phase)
-    return bool((2 * np.pi * recorder.low_pass_hz * signal.dt / cells <= CONTACT_CELLS.phase).all())
-
-
-def _about_limit(
-    recorded: Recordings, used: Bool[np.ndarray, "impact sample"], settled: Any
-) -> Bool[np.ndarray, "impact sample"]:
-    """Of used samples from before the first at the sensor's limit until so long after the last [s].
-
-    What is left out goes by time, not by value: to leave out single high readings would make the rest low.
-    Noise that went through a filter shares nothing with that before, once it has ``settled``.
-    """
-    if recorded.clipped is None:
-        return np.zeros(recorded.value.shape, bool)
-    at_limit = used & (recorded.clipped != 0)
-    near = np.pad(at_limit, ((0, 0), (1, 1)))
-    near = near[:, 2:] | near[:, :-2] | at_limit
-    reached, still = np.cumsum(near, axis=1) > 0, np.cumsum(near[:, ::-1], axis=1)[:, ::-1] > 0
-    between = reached & still
-    last = np.where(between, recorded.time_s, -np.inf).max(axis=1)
-    return between | (reached & (recorded.time_s <= (last + settled)[:, None]))

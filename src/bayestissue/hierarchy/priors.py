@@ -165,9 +165,6 @@ class Priors(Table):
         atanh_theta1: mean over impacts of artanh theta1, the moving-average coefficient. Of the likelihood
             arma.
         sd_atanh_theta1: standard deviation between impacts of artanh theta1.
-        atanh_noise_correlation: mean over impacts of artanh of the noise's correlation from sample to sample.
-            Of noise = "autoregressive".
-        sd_atanh_noise_correlation: standard deviation between impacts of that.
         discrepancy: mean over impacts of the log of the rms of the force beside the element's, as a fraction
             of the trace's peak.
         sd_discrepancy: standard deviation between impacts of that.
@@ -200,8 +197,6 @@ class Priors(Table):
     sd_noise: Scale = half_normal(1.0)
     atanh_theta1: Normal = normal(0.0, 1.5)
     sd_atanh_theta1: Scale = half_normal(0.5)
-    atanh_noise_correlation: Normal = normal(0.0, 1.0)
-    sd_atanh_noise_correlation: Scale = half_normal(0.3)
     discrepancy: Normal = normal(-4.0, 2.0)
     sd_discrepancy: Scale = half_normal(1.0)
     noise_force: Normal = normal(-10.0, 5.0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -13,6 +12,12 @@ from bayestissue.likelihood.element.noise import colour_of
 from bayestissue.likelihood.element.recorder import Colour, LowPass
 from bayestissue.signal.filters import ahead_s, autocorrelation
 from bayestissue.signal.filters import modes as filter_modes
+
+# At the filter's corner over a cell of contact [rad]: a trace is then linear in the moment of contact but for
+# 1 % of the force's jump at the cell's ends.
+_PHASE = 0.35
+# Between two samples, at the most.
+_MOST_CELLS = 24
 
 
 def filtered_noise(
@@ -28,29 +33,12 @@ def filtered_noise(
     return colour_of(white, of_lags, rows), rate, np.sqrt(np.maximum(sums, white))[rate]
 
 
-class ContactCells(NamedTuple):
-    """How finely a filtered trace is told when between two samples contact was.
-
-    Attributes:
-        phase: at the filter's corner over a cell, in rad: a trace is then linear in the moment of contact but
-            for 1 % of the force's jump at the cell's ends.
-        most: cells between two samples.
-    """
-
-    phase: float = 0.35
-    most: int = 24
-
-
-CONTACT_CELLS = ContactCells()
-
-
 def low_pass_of(recorder: Recorder, dt: np.ndarray) -> LowPass:
     """The recorder's filter as the likelihood takes it, and how it is told in samples this far apart."""
     poles, weights = filter_modes(recorder)
     corner = 2 * np.pi * recorder.low_pass_hz
     # Between two samples nothing happens to those that a digital filter ran over.
-    phase, most = CONTACT_CELLS
-    finer = 1 if recorder.digital else int(np.clip(np.ceil(corner * dt.max() / phase), 1, most))
+    finer = 1 if recorder.digital else int(np.clip(np.ceil(corner * dt.max() / _PHASE), 1, _MOST_CELLS))
     ahead = None
     if recorder.zero_phase:
         ahead = jnp.zeros(int(np.ceil((ahead_s(recorder, dt) / dt).max())))

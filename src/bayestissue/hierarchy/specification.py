@@ -26,7 +26,6 @@ from bayestissue.signal import SignalOptions
 
 Likelihood = Literal["published-estimates", "arma", "a2", "impact"]
 Discrepancy = Literal["automatic", "none", "always"]
-Noise = Literal["white", "autoregressive"]
 MassError = Literal["impact", "mass", "subject", "all"]
 REACH_PEAK = ("peak", "rebound")
 
@@ -113,8 +112,6 @@ class ModelSpecification(Table):
         signal: how a displacement is made from the recording, and which part of it is used.
         discrepancy: a smooth force of unknown shape beside the element's. automatic: where the residuals of a
             fit without it are plainly structured. Of the impact likelihood alone.
-        noise: of the recorder. autoregressive: of first order, with no discrepancy beside it. Of the impact
-            likelihood alone.
         reference_mass_kg: the mass that K and C of people are given at. Left out: the geometric mean of the
             impacts' masses.
         formula: what log K and log C depend on, in the notation of R; also the log of an element's further
@@ -141,7 +138,6 @@ class ModelSpecification(Table):
     )
     signal: SignalOptions = SignalOptions()
     discrepancy: Discrepancy = "automatic"
-    noise: Noise = "white"
     reference_mass_kg: Annotated[float, Field(gt=0)] | None = None
     formula: Formulas = Formulas()
     residual_correlation: bool = True
@@ -170,18 +166,6 @@ class ModelSpecification(Table):
                 '"none" or "automatic" beside this signal.window: with a discrepancy the stiffness is that '
                 'at the greatest penetration, and only the windows "peak" and "rebound" hold it'
             )
-        return choice
-
-    @field_validator("noise")
-    @classmethod
-    def _alone(cls, choice: str, info: ValidationInfo) -> str:
-        wrong = []
-        if choice == "autoregressive" and info.data.get("likelihood", "impact") != "impact":
-            wrong.append('only likelihood = "impact" can have another noise')
-        if choice == "autoregressive" and info.data.get("discrepancy") == "always":
-            wrong.append('discrepancy = "always" is told from white noise alone')
-        if wrong:
-            raise ValueError(f'"white", or the key left out: {"; ".join(wrong)}')
         return choice
 
     @field_validator("questions")
@@ -250,8 +234,8 @@ class ModelSpecification(Table):
 
     @property
     def may_add_discrepancy(self) -> bool:
-        """Whether the program may add a discrepancy: a window that reaches the peak, noise that is white."""
-        return self.discrepancy == "automatic" and self.reaches_peak and self.noise == "white"
+        """Whether the program may add a discrepancy: only to a window that reaches the peak."""
+        return self.discrepancy == "automatic" and self.reaches_peak
 
     @property
     def reaches_peak(self) -> bool:

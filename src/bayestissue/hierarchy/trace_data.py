@@ -113,20 +113,14 @@ def _force(dataset: Dataset, specification: ModelSpecification, signal: Displace
     if words := no_force(specification):
         return words
     low_pass, reach = _low_pass_and_reach(dataset, specification, signal)
-    return prepared_force(dataset, signal, low_pass, reach, jumps=element(specification.element).jumps)
+    return prepared_force(dataset, signal, low_pass, reach)
 
 
 def no_force(specification: ModelSpecification) -> str:
     """Why a fit by a model can't be of a force too, whatever was recorded; empty where it can."""
     if specification.likelihood != "impact":
         return f"the likelihood {specification.likelihood} has no place for it"
-    for wrong, words in (
-        (specification.noise != "white", "the model's noise is autoregressive"),
-        (specification.discrepancy == "always", "the model has a discrepancy"),
-    ):
-        if wrong:
-            return words
-    return ""
+    return "the model has a discrepancy" if specification.discrepancy == "always" else ""
 
 
 def too_short(dataset: Dataset, signal: Displacements, source: str) -> list[Problem]:
@@ -165,12 +159,10 @@ def assemble(
     if force is not None and tells_added_mass(force, specification.element):
         declared = max(float(np.hypot(force.mass_sd, force.gain_sd)), _LEAST_RATIO_SD)
         priors = priors.model_copy(update={"log_force_ratio": normal(0.0, declared)})
-    autoregressive = specification.noise == "autoregressive"
     nuisance = nuisance_of(
         kind,
         specification.element,
         discrepancy=discrepancy,
-        autoregressive=autoregressive,
         force=force is not None,
     )
     # With a force the errors of mass are what it is over mass times deceleration.
@@ -190,7 +182,6 @@ def assemble(
         relative_mass_sd,
         specification.element,
         discrepancy,
-        autoregressive,
         dataset.headform,
         force is not None,
     )
@@ -257,7 +248,7 @@ def unsuited(dataset: Dataset, specification: ModelSpecification, source: str) -
         (
             of_decelerations and smoothing != "none",
             ("signal.filter", smoothing, "unsuited-likelihood"),
-            '"none", since a filter leaves noise that is neither white nor autoregressive',
+            '"none", since a filter leaves noise that is not white',
             "Take signal.filter out: the likelihood itself tells impact from noise.",
         ),
     ]
@@ -266,11 +257,8 @@ def unsuited(dataset: Dataset, specification: ModelSpecification, source: str) -
         for applies, (column, value, code), expected, remedy in checks
         if applies
     ]
-    if of_traces and not problems:
-        if not of_decelerations:
-            problems += only_by_impact(dataset, source, "likelihood", likelihood)
-        elif specification.noise != "white":
-            problems += only_by_impact(dataset, source, "noise", specification.noise)
+    if of_traces and not problems and not of_decelerations:
+        problems += only_by_impact(dataset, source, "likelihood", likelihood)
     return problems
 
 
@@ -405,7 +393,6 @@ def _deceleration_record(
     return record._replace(
         shared_by=jnp.full(len(signal.dt), float(len(signal.dt))) if shared else None,
         velocity_share=jnp.asarray(velocity_share),
-        quiet=jnp.asarray(np.isfinite(signal.offset_sd)),
         common_depth=jnp.asarray(np.full(len(signal.dt), common_depth(signal))),
         low_pass=low_pass,
         uneven=_uneven_times(signal, reach),
@@ -443,21 +430,21 @@ def _in_cells(
     are of one sampling interval: over three a trace is not linear in the moment, and of traces of sixty
     samples 90 % intervals of Hunt and Crossley's C then held 85 %.
     """
-    recorder, white = dataset.recorder, specification.noise == "white"
+    recorder = dataset.recorder
     contact_sd = reach * signal.dt / np.sqrt(12)
     before = np.pad(signal.before, ((0, 0), (max(0, reach - BEFORE), 0)))
     before = before[:, before.shape[1] - reach :]
     n_before = np.minimum(signal.n_before, reach)
     n_quiet = np.maximum(n_before - signal.n_since_quiet, 0)
     sample = signal.phase.before if signal.phase.known else None
-    share = white_share(dataset, signal) if recorder is not None and white else 1.0
+    share = white_share(dataset, signal) if recorder is not None else 1.0
     if recorder is not None and share < 1:
         rows = reach + signal.deceleration.shape[1]
         colour, rate, longer = filtered_noise(recorder, share, rows, signal.dt)
         offset_sd = np.where(np.isfinite(signal.offset_sd), longer * offset_sd, offset_sd)
         contact = Contact.anywhere(before, n_before, n_quiet=n_quiet)
         return _Beginning(contact, contact_sd, offset_sd, (colour, rate))
-    if white and specification.discrepancy != "always":
+    if specification.discrepancy != "always":
         contact = Contact.anywhere(before, n_before, np.maximum(signal.noise_sd, 1e-12), sample, n_quiet)
     else:
         contact = Contact.anywhere(before, np.zeros_like(n_before), sample=sample)
@@ -480,12 +467,12 @@ def _errors(
     """
     chain, number = dataset.uncertainty, len(signal.dt)
     of_contact = [begin.offset_sd, begin.contact_sd]
-    side_by_side, white = specification.element == SIDE_BY_SIDE, specification.noise == "white"
+    side_by_side = specification.element == SIDE_BY_SIDE
     discrepancy, recorder = specification.discrepancy == "always", dataset.recorder
     share = _share(chain.velocity_sd_m_s, velocity_sd)
     # Of an impact along gravity an error of the gain is not one of the velocity.
     separate = recorder or discrepancy or reach or force or (dataset.gravity and chain.relative_gain_sd)
-    if side_by_side and white and not separate:
+    if side_by_side and not separate:
         return [velocity_sd, *of_contact], share
     if side_by_side and recorder is not None and not dataset.gravity and force is None:
         return [velocity_sd, np.zeros(number), *of_contact], share

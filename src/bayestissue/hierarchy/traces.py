@@ -50,7 +50,7 @@ Record = DisplacementRecord | DecelerationRecord
 LOG_2 = 0.6931471805599453
 _SHAPE_OF_MODEL = [
     *("kind", "locations", "priors", "correlated"),
-    *("element", "discrepancy", "autoregressive", "headform", "force"),
+    *("element", "discrepancy", "headform", "force"),
 ]
 
 
@@ -137,9 +137,8 @@ class TraceModel(Hierarchy):
     is compiled for one dataset serves every other of the same model file and sizes.
 
     Whether impacts share the errors of their masses, ``locations`` says. ``element`` is what the impactor
-    meets, ``discrepancy`` whether it meets something else besides, ``autoregressive`` whether the recorder's
-    noise is that instead of white, ``headform`` whether what hits stands for a head, ``force`` whether a
-    force was recorded beside the deceleration.
+    meets, ``discrepancy`` whether it meets something else besides, ``headform`` whether what hits stands for
+    a head, ``force`` whether a force was recorded beside the deceleration.
     """
 
     kind: Kind
@@ -149,16 +148,13 @@ class TraceModel(Hierarchy):
     log_mass_sd: float
     element: str = SIDE_BY_SIDE
     discrepancy: bool = False
-    autoregressive: bool = False
     headform: bool = False
     force: bool = False
 
     @property
     def nuisance(self) -> tuple[str, ...]:
         """Names of an impact's parameters besides log K and log C."""
-        noise_model = {"discrepancy": self.discrepancy, "autoregressive": self.autoregressive}
-        noise_model |= {"force": self.force}
-        return nuisance_of(self.kind, self.element, **noise_model)
+        return nuisance_of(self.kind, self.element, discrepancy=self.discrepancy, force=self.force)
 
     @property
     def depends_on_depth(self) -> bool:
@@ -180,8 +176,7 @@ def physical(model: TraceModel, data: TraceData, u: list[Array]) -> Physical:
     """omega_n = sqrt(K / M), zeta = C / (2 omega_n M), theta1 and the noise.
 
     For "arma" the noise parameter is log s with s^2 = sigma_a^2 (1 + theta1^2), the variance of
-    a_t - theta1 a_{t-1}, which the data tell whatever theta1 is; sigma_a alone would follow theta1. For
-    autoregressive noise it is that of its shocks: see `bayestissue.likelihood.element.noise`.
+    a_t - theta1 a_{t-1}, which the data tell whatever theta1 is; sigma_a alone would follow theta1.
     """
     omega_n = jnp.exp((u[0] - data.log_mass) / 2)
     zeta = jnp.exp(u[1] - data.log_mass - LOG_2) / omega_n
@@ -217,17 +212,15 @@ def nuisance_of(
     element: str,
     *,
     discrepancy: bool = False,
-    autoregressive: bool = False,
     force: bool = False,
 ) -> tuple[str, ...]:
     """Names of an impact's parameters besides log K and log C.
 
-    A discrepancy's, a correlation's or a force's come last.
+    A discrepancy's or a force's come last.
     """
     which = element_named(element)
     element_logs = [f"log_{parameter.name}" for parameter in which.extra]
-    last = ["discrepancy"] * discrepancy + ["atanh_noise_correlation"] * autoregressive
-    last += [*FORCE] * force
+    last = ["discrepancy"] * discrepancy + [*FORCE] * force
     return (*NUISANCE[kind], *element_logs, *last)
 
 
@@ -244,9 +237,8 @@ def trace_likelihood(
 def impact_likelihood(model: TraceModel, data: TraceData, u: list[Array]) -> MeasuredImpact:
     """The likelihood of every impact's trace, of recorded decelerations."""
     log_discrepancy = u[-1] + data.log_peak if model.discrepancy else None
-    atanh_correlation = u[-1] if model.autoregressive else None
     of_force = (u[-2] + data.log_peak, u[-1]) if model.force else (None, None)
-    noise = NoiseParameters(physical(model, data, u).log_sigma, log_discrepancy, atanh_correlation, *of_force)
+    noise = NoiseParameters(physical(model, data, u).log_sigma, log_discrepancy, *of_force)
     record = cast(DecelerationRecord, data.record)
     return MeasuredImpact(element_named(model.element), element_parameters(model, u), noise, record)
 

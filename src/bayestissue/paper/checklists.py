@@ -88,5 +88,5 @@ def _answers(run: FitRun, certified: Mapping[str, Any]) -> dict[str, str]:
         f"{record.get('input_hash', '')}; versions above. {certified.get('words', '')}".strip(),
         "numbers": f"{counted(people, 'person', 'people')}, {counted(len(run.impacts), 'impact')}, "
         f"{of_person} of each person.",
-        "detailed": "estimates_exact.csv and summary.csv have every impact and every quantity.",
+        "detailed": "summary.csv has every impact and every quantity.",
     }

@@ -28,10 +28,9 @@ _RECORDED = {"mass_kg": "M (kg)", "velocity_m_s": "V (m/s)"}
 _HEADINGS = {
     **_RECORDED,
     **{"omega_n_rad_s": "ωₙ (rad/s)", "zeta": "ζ"},
-    **{"K_N_per_m": "K (N/m)", "K_se_N_per_m": "standard error"},
-    **{"C_N_s_per_m": "C (N s/m)", "C_se_N_s_per_m": "standard error"},
+    **{"K_N_per_m": "K (N/m)", "C_N_s_per_m": "C (N s/m)"},
 }
-# Of the method "impact", whose intervals hold.
+# Of the method "impact".
 _CAME_TO = {"peak_force_N": "peak force (N)", "peak_depth_m": "peak depth (m)"}
 _OF_POSTERIORS = _RECORDED | {"zeta": "ζ"} | INTERVALS | _CAME_TO
 _FURTHER_HEADINGS = {

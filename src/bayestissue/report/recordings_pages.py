@@ -313,7 +313,7 @@ def init_page(
             which,
             partial(_init_panel, dataset=dataset, signal=signal),
             "recorder's clock (ms)",
-            _init_axis(dataset),
+            "displacement (mm)" if dataset.quantity == "displacement" else "deceleration (m/s²)",
             "Recording with contact and peak",
         ),
         impacts=frame_table(dataset.impacts.dropna(axis="columns", how="all"), _cell_words(6)),
@@ -324,12 +324,6 @@ def _nouns(dataset: Dataset) -> Words:
     names = dataset.impacts.select_dtypes(exclude="number")
     labels = {str(value) for name in names for value in names[name].unique()}
     return Words(dataset.words, {dataset.name, dataset.description, *labels})
-
-
-def _init_axis(dataset: Dataset) -> str:
-    if dataset.quantity == "displacement":
-        return "displacement (mm)"
-    return "deceleration (m/s²)"
 
 
 def _init_panel(index: int, *, dataset: Dataset, signal: Displacements) -> Panel:

@@ -49,7 +49,6 @@ class Worth:
     Attributes:
         masses: ratio of the greatest to the least mass from which on mass varies: balances differ by less.
         slope: of point estimates, off zero, from which on a trend of theirs is called the method's making.
-        structured_share: of impacts with small p-values, of which one in a hundred is chance's.
         correction: of an error, in its standard deviations before the fit: the greatest of even 10,000 normal
             errors is seldom beyond.
         source: share of the variance from which on a source of an interval is named.
@@ -59,7 +58,6 @@ class Worth:
 
     masses: float = 1.01
     slope: float = 0.1
-    structured_share: float = 0.05
     correction: float = 4.5
     source: float = 0.1
     share: float = 0.01

@@ -126,11 +126,12 @@ def scratch() -> Iterator[Path]:
 def passing(path: Path) -> Iterator[None]:
     """What the block makes at ``path`` is gone after it, also where the process is asked to stop."""
     # Known before it is there, so that no moment of interruption leaves it behind.
-    with stopping.ended_by(lambda: _remove(path)):
+    with stopping.ended_by(lambda: remove(path)):
         yield
 
 
-def _remove(path: Path) -> None:
+def remove(path: Path) -> None:
+    """Remove a file, a link or a folder with all that it holds, if it is there and this can be done."""
     shutil.rmtree(path, ignore_errors=True)
     try:
         path.unlink(missing_ok=True)

@@ -16,7 +16,7 @@ from typing import Any
 from bayestissue import runtime
 from bayestissue.errors import InputError
 from bayestissue.outline import first_of
-from bayestissue.results.files import file_sha256
+from bayestissue.results.files import file_sha256, remove
 
 MARK = ".bayestissue.json"
 # Pages are drawn, and drawn anew, after the mark was written.
@@ -35,6 +35,44 @@ def write_mark(folder: Path, command: str) -> None:
     else:
         content["sha256"] = {name: file_sha256(folder / name) for name in files if name not in _PAGES}
     (folder / MARK).write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+
+
+def start_job(folder: Path) -> None:
+    """Make a folder for what a job has not finished, marked so that a later one may remove it."""
+    folder.mkdir(mode=0o700)
+    (folder / MARK).write_text(json.dumps({"program": "bayestissue", "unfinished": True}), encoding="utf-8")
+
+
+def is_left_over(folder: Path) -> bool:
+    """Whether a folder is what a job left when it was killed: no link, and nothing that a person made.
+
+    That is one that `start_job` made, one that is empty, or results and nothing else.
+    """
+    if folder.is_symlink() or not folder.is_dir():
+        return False
+    try:
+        return not any(folder.iterdir()) or "unfinished" in _read(folder / MARK) or not foreign(folder)
+    except OSError:
+        return False
+
+
+def require_left_over(path: Path) -> None:
+    """Refuse a hidden name that a job needs where something has it that no job left.
+
+    Raises:
+        InputError: a link, or a person's own.
+    """
+    if path.is_symlink() or (path.exists() and not is_left_over(path)):
+        kind = "a link" if path.is_symlink() else "something that no command of bayestissue left"
+        raise InputError.stated("out-taken.hidden", str(path), value=kind)
+
+
+def discard(folder: Path) -> None:
+    """Remove a folder of a job; its mark goes last, for whoever goes on where this was killed."""
+    for entry in folder.iterdir():
+        if entry.name != MARK:
+            remove(entry)
+    remove(folder)
 
 
 def is_result(folder: Path) -> bool:

@@ -7,7 +7,6 @@ import os
 import platform
 import re
 import secrets
-import shutil
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
@@ -16,14 +15,24 @@ from pathlib import Path
 
 from bayestissue import stopping
 from bayestissue.errors import InputError, PartialResultError, Problem, printable
-from bayestissue.results.files import passing
-from bayestissue.results.mark import require_free, require_place, write_mark
+from bayestissue.results.files import passing, remove
+from bayestissue.results.mark import (
+    MARK,
+    discard,
+    is_left_over,
+    require_free,
+    require_left_over,
+    require_place,
+    start_job,
+    write_mark,
+)
 
 # A wish that can't be met on this machine whatever its state; a full disk, say, is none.
 _NO_SUCH_PLACE = frozenset(
     {errno.ENOTDIR, errno.ENAMETOOLONG, errno.EACCES, errno.EPERM, errno.EROFS, errno.EINVAL}
     | {errno.EEXIST, errno.EISDIR, errno.ENOENT, errno.ELOOP}
 )
+_LOCK = re.compile(r"process \d+ on .* since [\d :-]+")
 _LONGEST = ".replaced-01234567"
 
 
@@ -61,6 +70,8 @@ def locked(out: Path) -> Iterator[None]:
     from filelock import FileLock, Timeout
 
     path = _hidden(out, "lock")
+    if path.is_symlink() or (_said_of(path) and not _LOCK.fullmatch(_said_of(path))):
+        require_left_over(path)
     # A moment's patience, since a command that is just ending removes its file.
     lock = FileLock(path, timeout=0.2)
     try:
@@ -80,11 +91,15 @@ def locked(out: Path) -> Iterator[None]:
 
 
 def _in_use(out: Path, path: Path) -> Problem:
+    words = _said_of(path) or "another command"
+    return Problem.stated("out-in-use", str(out), value=f"a folder in use by {words}")
+
+
+def _said_of(path: Path) -> str:
     try:
-        words = path.read_text(encoding="utf-8").strip()
-    except (OSError, UnicodeDecodeError):
-        words = ""
-    return Problem.stated("out-in-use", str(out), value=f"a folder in use by {words or 'another command'}")
+        return path.read_bytes().decode(errors="replace").strip()
+    except OSError:
+        return ""
 
 
 @contextmanager
@@ -136,7 +151,7 @@ class Place:
         """
         staging = _sibling(self._out, "partial")
         with passing(staging):
-            staging.mkdir(mode=0o700)
+            start_job(staging)
             try:
                 yield staging
                 write_mark(staging, self._command)
@@ -155,21 +170,28 @@ class Place:
 
         Args:
             job: a fingerprint of everything that the parts depend on, by which their folder is named.
+
+        Raises:
+            InputError: a link, or something that no job left, has the name of the folder.
         """
         parts = _hidden(self._out, "unfinished")
         folder = parts / job[:32]
-        for entry in parts.iterdir() if parts.is_dir() else ():
-            if entry != folder:
-                shutil.rmtree(entry) if entry.is_dir() else entry.unlink()
+        require_left_over(parts)
+        for entry in parts.iterdir() if parts.exists() else ():
+            if entry.is_symlink() or entry not in {folder, parts / MARK}:
+                remove(entry)
         with stopping.explained(lambda: _kept_words(parts)):
             try:
-                folder.mkdir(parents=True, exist_ok=True)
+                if not (parts / MARK).is_file():
+                    remove(parts)
+                    start_job(parts)
+                folder.mkdir(exist_ok=True)
                 yield folder
             except BaseException as error:
                 if words := _kept_words(parts):
                     error.add_note(words)
                 raise
-            shutil.rmtree(parts, ignore_errors=True)
+            discard(parts)
 
     def _put(self, staging: Path) -> None:
         try:
@@ -238,13 +260,14 @@ def _replace(staging: Path, out: Path) -> None:
         remains = _sibling(out, "partial")
         with suppress(OSError):
             retired.rename(remains)
-    shutil.rmtree(remains, ignore_errors=True)
+    with suppress(OSError):
+        discard(remains)
 
 
 def _recover(out: Path) -> None:
     """Clear away what a killed command left beside ``out``, and put back what it was about to replace."""
     for path in _siblings(out, "partial"):
-        shutil.rmtree(path, ignore_errors=True)
+        discard(path)
     replaced = sorted(_siblings(out, "replaced"), key=lambda path: path.stat().st_mtime)
     if replaced and not out.exists():
         replaced.pop().rename(out)
@@ -262,12 +285,14 @@ def _kept_words(folder: Path) -> str:
     parts = False
     for parent, _, names in os.walk(folder):
         for name in names:
+            if name == MARK:
+                continue
             if ".partial-" in name:
                 (Path(parent) / name).unlink(missing_ok=True)
             else:
                 parts = True
     if not parts:
-        shutil.rmtree(folder, ignore_errors=True)
+        remove(folder)
     return GO_ON if parts else ""
 
 
@@ -304,7 +329,7 @@ def _sibling(out: Path, kind: str) -> Path:
 
 def _siblings(out: Path, kind: str) -> list[Path]:
     pattern = re.compile(rf"\.{re.escape(out.name)}\.{kind}-[0-9a-f]{{8}}")
-    return [path for path in out.parent.iterdir() if pattern.fullmatch(path.name)]
+    return [path for path in out.parent.iterdir() if pattern.fullmatch(path.name) and is_left_over(path)]
 
 
 def _free_beside(out: Path) -> Path:

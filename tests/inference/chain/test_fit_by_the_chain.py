@@ -66,7 +66,7 @@ def test_one_impact_has_every_result():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("model", [{}, {"noise": "autoregressive"}, {"discrepancy": "always"}])
+@pytest.mark.parametrize("model", [{}, {"discrepancy": "always"}])
 def test_it_draws_from_the_posterior_that_trajectories_find(model):
     """The referee: No-U-Turn on hyperparameters, effects and impacts, from gradients of the traces."""
     here = campaign(3, (0.5, 0.8, 1.2))

@@ -185,9 +185,8 @@ def test_another_law_is_not_blamed_on_the_chain(impact: Prepare) -> None:
     [
         {"likelihood": "arma", "signal": {"equilibrium": "sample-mean"}},
         {"likelihood": "impact", "element": "standard_linear"},
-        {"likelihood": "impact", "noise": "autoregressive"},
     ],
-    ids=["from their own mean", "another element", "autoregressive noise"],
+    ids=["from their own mean", "another element"],
 )
 def test_what_has_no_known_rate_of_false_alarms_is_not_asked(good: Dataset, made: dict) -> None:
     specification = ModelSpecification.model_validate({"name": "m", **made})

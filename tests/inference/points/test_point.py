@@ -7,27 +7,20 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.optimize import minimize
-from statsmodels.stats.diagnostic import acorr_ljungbox
 
 from bayestissue.inference.points.fit import _fit_batch, fit_points
-from bayestissue.inference.points.whiteness import (
-    LAGS,
-    ljung_box,
-    projected_portmanteau,
-    residuals,
-    whiteness,
-)
+from bayestissue.inference.points.whiteness import LAGS, projected_portmanteau
 from bayestissue.likelihood import arma21_log_likelihood
 from bayestissue.likelihood.arma.arma21 import arma21_series
 from bayestissue.oscillator import impact_motion, spring_damper_inverse, time_to_peak, to_differences
 
 K, C, DT, VELOCITY = 3000.0, 25.0, 1e-4, 1.5
-Z90 = 1.6449
 # The slowest and the fastest recorder by default, each of a width of its own to compile; all in the long one.
 RATES = [2e3, pytest.param(1e4, marks=pytest.mark.long), 5e4]
 # Impacts simulated at once, whatever is asked for.
 MOST = 1000
 motion = jax.jit(impact_motion)
+exact = partial(fit_points, method="exact")
 
 
 def trace(
@@ -63,7 +56,7 @@ def test_noise_free_impacts_give_back_stiffness_and_damping(rate: float) -> None
     mass, zeta = (a.ravel() for a in np.meshgrid([0.1, 0.375, 1.0, 5.0], [0.02, 0.1, 0.5, 1.0, 1.5, 2.0]))
     damping = 2 * zeta * np.sqrt(K * mass)
     x, n = trace(np.full(24, K), damping, mass, rate)
-    fit = fit_points(x, n, np.full(24, 1 / rate), mass)
+    fit = exact(x, n, np.full(24, 1 / rate), mass)
     # the samples satisfy the recursion to 1e-16 of x; x'' is (omega dt)^2 > 1e-7 of it
     np.testing.assert_allclose(fit.K, K, rtol=1e-8)
     np.testing.assert_allclose(fit.C, damping, rtol=1e-8)
@@ -76,34 +69,20 @@ def test_noise_free_drops_give_back_stiffness_and_damping(rate: float) -> None:
     damping = 2 * zeta * np.sqrt(K * mass)
     x, n = trace(np.full(24, K), damping, mass, rate, 9.80665)
     given = (x, n, np.full(24, 1 / rate), mass)
-    fit, without = fit_points(*given, gravity=np.full(24, 9.80665)), fit_points(*given)
+    fit, without = exact(*given, gravity=np.full(24, 9.80665)), exact(*given)
     # As above; what each round leaves of an error of omega_n is some hundredths.
     np.testing.assert_allclose(fit.K, K, rtol=1e-6)
     np.testing.assert_allclose(fit.C, damping, rtol=1e-6)
     assert (np.abs(without.K / K - 1) > 0.01).all()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("theta1", [-0.27, 0.5, -1.0])
-def test_nine_in_ten_intervals_hold_the_truth_when_the_noise_is_as_assumed(theta1: float) -> None:
-    count = 500
-    x = driven(count, theta1, 1e-8)
-    fit = fit_points(x, np.full(count, x.shape[1]), np.full(count, DT), np.full(count, 0.666))
-    for found, error, truth in ((fit.K, fit.K_se, K), (fit.C, fit.C_se, C)):
-        covered = np.mean(np.abs(found - truth) < Z90 * error)
-        # three binomial standard errors of 500 intervals
-        assert covered == pytest.approx(0.9, abs=3 * np.sqrt(0.09 / count))
-    if theta1 == -1.0:
-        assert fit.theta1_at_limit.mean() > 0.5
-
-
 def test_exact_fit_is_the_maximum_of_the_likelihood() -> None:
     x = driven(1, -0.4, 1e-7)[0]
-    fit = fit_points(x[None], np.array([len(x)]), np.array([DT]), np.array([0.666]))
+    fit = exact(x[None], np.array([len(x)]), np.array([DT]), np.array([0.666]))
     at = np.array([fit.phi1[0], fit.phi2[0], fit.theta1[0], np.log(fit.sigma_a[0])])
     best = float(arma21_log_likelihood(x, *at[:3], np.exp(at[3])))
-    assert best == pytest.approx(fit.log_likelihood[0], rel=1e-9)
-    scales = np.array([fit.omega_n_se[0] * DT, fit.omega_n_se[0] * DT, 0.05, 0.05])
+    # Of about a standard error.
+    scales = np.array([1e-6, 1e-6, 0.05, 0.05])
 
     def loss(step: np.ndarray) -> float:
         p = at + step * scales
@@ -115,45 +94,6 @@ def test_exact_fit_is_the_maximum_of_the_likelihood() -> None:
 
 
 @pytest.mark.slow
-def test_standard_errors_are_those_of_the_observed_information() -> None:
-    x = driven(1, -0.4, 1e-7)[0]
-    fit = fit_points(x[None], np.array([len(x)]), np.array([DT]), np.array([0.666]))
-
-    def loss(p: jax.Array) -> jax.Array:
-        return -arma21_log_likelihood(x, p[0], p[1], p[2], jnp.exp(p[3]))
-
-    at = jnp.array([fit.phi1[0], fit.phi2[0], fit.theta1[0], np.log(fit.sigma_a[0])])
-    covariance = jnp.linalg.inv(jax.jit(jax.hessian(loss))(at))
-    inflation = (len(x) - 2) / (len(x) - 5)
-    assert fit.theta1_se[0] == pytest.approx(float(jnp.sqrt(covariance[2, 2] * inflation)), rel=1e-4)
-    # C = -M ln(-phi2) / dt
-    slope = 0.666 / DT / fit.phi2[0]
-    assert fit.C_se[0] == pytest.approx(float(abs(slope) * jnp.sqrt(covariance[1, 1] * inflation)), rel=1e-4)
-
-
-def test_standard_errors_of_stiffness_match_differences() -> None:
-    from bayestissue.inference.points.fit import _physical
-    from bayestissue.inference.points.profile import Covariance, Profile
-
-    zeta = jnp.array([0.05, 0.9, 1.0, 1.0 + 1e-9, 1.1, 3.0])
-    c1, c2, theta1 = to_differences(0.05, zeta, 1.0)
-    one, step = jnp.ones(6), 1e-8
-
-    @jax.jit
-    def physical(d1: float, d2: float, covariance: Covariance) -> dict[str, jax.Array]:
-        return _physical(Profile(c1 + d1, c2 + d2, theta1, one, one), covariance, one, one)
-
-    for d1, d2 in ((1.0, 0.0), (0.0, 1.0)):
-        covariance = Covariance(d1 * one, 0 * one, d2 * one, one)
-        ahead, here, behind = (
-            physical(sign * step * d1, sign * step * d2, covariance) for sign in (1, 0, -1)
-        )
-        for name in ("omega_n", "zeta", "K", "C"):
-            finite = np.abs(ahead[name] - behind[name]) / (2 * step)
-            np.testing.assert_allclose(here[f"{name}_se"], finite, rtol=1e-5, atol=1e-7)
-
-
-@pytest.mark.slow
 def test_centring_on_the_sample_mean_makes_a_mass_dependence() -> None:
     mass = np.array([0.375, 0.666, 1.0, 1.333])
     x, n = trace(np.full(4, K), np.full(4, C), mass, 1e4)
@@ -161,7 +101,7 @@ def test_centring_on_the_sample_mean_makes_a_mass_dependence() -> None:
     assert (centred.K > 2 * K).all()
     assert (np.diff(centred.C) > 0).all()
     assert (centred.C > 2 * C).all()
-    rest = fit_points(x, n, np.full(4, DT), mass, "exact")
+    rest = exact(x, n, np.full(4, DT), mass)
     np.testing.assert_allclose(rest.K, K, rtol=1e-8)
     np.testing.assert_allclose(rest.C, C, rtol=1e-8)
 
@@ -185,8 +125,8 @@ def test_conditional_fit_is_the_least_sum_of_squares() -> None:
 
 
 @pytest.mark.slow
-def test_accelerometer_noise_leaves_the_estimates_good_and_their_intervals_too_short() -> None:
-    # twice integrated white noise is no ARMA(2,1): theta1 runs to -1, and the residuals tell
+def test_accelerometer_noise_leaves_the_estimates_good() -> None:
+    # twice integrated white noise is no ARMA(2,1): theta1 runs to -1
     count, mass = 400, 0.666
     omega_n, zeta = spring_damper_inverse(K, C, mass)
     time = np.arange(int(time_to_peak(omega_n, zeta) / DT)) * DT
@@ -197,79 +137,40 @@ def test_accelerometer_noise_leaves_the_estimates_good_and_their_intervals_too_s
     velocity_error[:, 1:] = -np.cumsum((noisy[:, 1:] + noisy[:, :-1]) / 2, axis=1) * DT
     x_error[:, 1:] = np.cumsum((velocity_error[:, 1:] + velocity_error[:, :-1]) / 2, axis=1) * DT
     x = np.asarray(clean.displacement) + x_error
-    fit = fit_points(x, np.full(count, len(time)), np.full(count, DT), np.full(count, mass))
+    fit = exact(x, np.full(count, len(time)), np.full(count, DT), np.full(count, mass))
     assert np.median(np.abs(fit.K / K - 1)) < 0.01
     assert np.median(np.abs(fit.C / C - 1)) < 0.01
     assert np.mean(fit.theta1_at_limit) > 0.9
-    assert np.mean(fit.whiteness_p < 0.01) > 0.9
-    assert np.mean(np.abs(fit.K - K) < Z90 * fit.K_se) < 0.8
 
 
 @pytest.mark.slow
 def test_impacts_of_different_length_do_not_see_each_other() -> None:
     x = driven(4, -0.3, 1e-8)
     lengths = np.array([60, x.shape[1], 120, 90])
-    together = fit_points(x, lengths, np.full(4, DT), np.full(4, 0.666))
+    together = exact(x, lengths, np.full(4, DT), np.full(4, 0.666))
     for i, n in enumerate(lengths):
-        alone = fit_points(x[i : i + 1, :n], np.array([n]), np.array([DT]), np.array([0.666]))
+        alone = exact(x[i : i + 1, :n], np.array([n]), np.array([DT]), np.array([0.666]))
         assert together.K[i] == pytest.approx(alone.K[0], rel=1e-6)
-        assert together.K_se[i] == pytest.approx(alone.K_se[0], rel=1e-4)
 
 
 @pytest.mark.slow
 def test_many_impacts_compile_once() -> None:
     x = driven(600, -0.3, 1e-8)
     before = _fit_batch._cache_size()
-    fit_points(x, np.full(600, x.shape[1]), np.full(600, DT), np.full(600, 0.666))
+    exact(x, np.full(600, x.shape[1]), np.full(600, DT), np.full(600, 0.666))
     assert _fit_batch._cache_size() - before <= 1
 
 
-def test_residuals_of_the_true_model_are_white_five_times_in_a_hundred() -> None:
-    count = 1000
-    x = driven(count, -0.5, 1e-8)
-    fit = fit_points(x, np.full(count, x.shape[1]), np.full(count, DT), np.full(count, 0.666))
-    # three binomial standard errors, and the statistic's own error at 200 samples
-    assert np.mean(fit.whiteness_p < 0.05) == pytest.approx(0.05, abs=3 * np.sqrt(0.0475 / count) + 0.02)
-
-
-def test_residuals_have_the_shocks_variance() -> None:
-    x = driven(200, -1.0, 1e-8)
-    c1, c2, _ = to_differences(*spring_damper_inverse(K, C, 0.666), DT)
-    ones = np.ones(200)
-    shocks = residuals(x, np.full(200, x.shape[1]), ones * float(c1), ones * float(c2), -ones)
-    # relative standard error of a variance of m normal values is sqrt(2 / m)
-    assert shocks.var() == pytest.approx(1e-16, rel=4 * np.sqrt(2 / shocks.size))
-    assert np.isnan(whiteness(x[:, :15], np.full(200, 15), ones * 0.1, ones * 0.01, ones * 0.0)).all()
-
-
-@pytest.mark.parametrize("spent", [0, 1])
-def test_ljung_and_box_s_p_values_are_statsmodels_s(spent: int) -> None:
-    rng = np.random.default_rng(0)
-    size = np.array([19, 20, 57, 120])
-    shocks = np.zeros((size.max(), len(size)))
-    for place, count in enumerate(size):
-        row = rng.standard_normal(count)
-        shocks[:count, place] = row - row.mean()
-    expected = [
-        acorr_ljungbox(shocks[:count, place], lags=[LAGS], model_df=spent)["lb_pvalue"].iloc[0]
-        for place, count in enumerate(size)
-    ]
-    # The first has fewer than twenty residuals.
-    np.testing.assert_allclose(ljung_box(shocks, size, spent), [np.nan, *expected[1:]], rtol=1e-10)
-
-
-def test_too_short_or_an_unknown_method_is_refused() -> None:
+def test_too_short_is_refused() -> None:
     x = np.ones((1, 7))
     with pytest.raises(ValueError, match="eight samples"):
-        fit_points(x, np.array([7]), np.array([DT]), np.array([1.0]))
-    with pytest.raises(ValueError, match="exact"):
-        fit_points(np.ones((1, 9)), np.array([9]), np.array([DT]), np.array([1.0]), "best")  # type: ignore[arg-type]
+        exact(x, np.array([7]), np.array([DT]), np.array([1.0]))
 
 
 def test_no_impacts_and_no_motion_are_no_reason_to_fail() -> None:
-    none = fit_points(np.empty((0, 20)), np.empty(0, int), np.empty(0), np.empty(0))
+    none = exact(np.empty((0, 20)), np.empty(0, int), np.empty(0), np.empty(0))
     assert none.K.shape == (0,)
-    still = fit_points(np.zeros((2, 20)), np.array([20, 12]), np.full(2, DT), np.ones(2))
+    still = exact(np.zeros((2, 20)), np.array([20, 12]), np.full(2, DT), np.ones(2))
     assert np.isnan(still.K).all()
 
 

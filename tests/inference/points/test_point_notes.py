@@ -5,7 +5,6 @@ from __future__ import annotations
 from bayestissue.dataset.model import Channel
 from bayestissue.inference.points.notes import (
     ANOTHER_VELOCITY,
-    AT_A_LIMIT,
     clipped_recordings,
     flagged_recordings,
     unused_channels,
@@ -19,12 +18,12 @@ SOUND = {
 }
 
 
-def test_sound_recordings_and_failed_point_fits_are_not_spoken_of() -> None:
-    assert flagged_recordings(["a", "b"], ["", AT_A_LIMIT]) == {}
+def test_sound_recordings_are_not_spoken_of() -> None:
+    assert flagged_recordings(["a", "b"], [[], []]) == {}
 
 
 def test_flagged_recordings_are_named_in_the_verdict() -> None:
-    flags = ["a spike", "", f"{AT_A_LIMIT}; a spike; hum", *["hum"] * 6]
+    flags = [["a spike"], [], ["a spike", "hum"], *[["hum"]] * 6]
     found = flagged_recordings(list("abcdefghi"), flags)
     assert found["flagged"]["c"] == ["a spike", "hum"]
     words = verdict_in_words(SOUND | {"recordings": found})
@@ -34,7 +33,7 @@ def test_flagged_recordings_are_named_in_the_verdict() -> None:
 
 
 def test_another_velocity_is_a_warning_and_in_the_headline() -> None:
-    found = flagged_recordings(list("abc"), [ANOTHER_VELOCITY, ANOTHER_VELOCITY, ""])
+    found = flagged_recordings(list("abc"), [[ANOTHER_VELOCITY], [ANOTHER_VELOCITY], []])
     assert "WARNING: The recordings imply another velocity" in verdict_in_words(SOUND | {"recordings": found})
     assert "another velocity at contact" in headline(SOUND | {"recordings": found})
 
@@ -42,7 +41,7 @@ def test_another_velocity_is_a_warning_and_in_the_headline() -> None:
 def test_clipped_recordings_are_named_beside_the_flagged() -> None:
     assert clipped_recordings(["a", "b"], [False, False]) == {}
     found = {
-        "recordings": flagged_recordings(["a", "b"], ["hum", ""]),
+        "recordings": flagged_recordings(["a", "b"], [["hum"], []]),
         "clipped": clipped_recordings(["a", "b"], [False, True]),
     }
     words = verdict_in_words(SOUND | found)

@@ -108,10 +108,9 @@ def judge(prepared: Prepared, expansions: GaussianFactor | None = None) -> dict[
         expansions: `expanded` of the same, if it is at hand.
 
     Returns:
-        Nothing of an element with further parameters or of autoregressive noise, which may do much the same
-        to a trace as another velocity (of twenty good impacts on a standard linear solid z had a root mean
-        square of 1.4); nor where displacements are measured from their own mean, which makes K and C wrong
-        by itself.
+        Nothing of an element with further parameters, which may do much the same to a trace as another
+        velocity (of twenty good impacts on a standard linear solid z had a root mean square of 1.4); nor
+        where displacements are measured from their own mean, which makes K and C wrong by itself.
         Else ``passed`` and ``of`` how many impacts. If it is not true: ``error``, which the traces
         contradict; ``alike``, others that explain them as well or nearly, and their size; the ``kind`` of
         `Pattern`, whether one factor is ``common``, and the names of ``groups`` and ``impacts``;
@@ -135,9 +134,8 @@ def judge(prepared: Prepared, expansions: GaussianFactor | None = None) -> dict[
 
 
 def _rate_is_known(prepared: Prepared) -> bool:
-    """Whether the rate of false alarms is known: of a spring and damper side by side, beside white noise."""
-    model = prepared.model
-    return model.element == SIDE_BY_SIDE and not model.autoregressive and not model.discrepancy
+    """Whether the rate of false alarms is known: of a spring and damper side by side alone."""
+    return prepared.model.element == SIDE_BY_SIDE and not prepared.model.discrepancy
 
 
 def _groups(prepared: Prepared) -> Groups:

@@ -38,8 +38,8 @@ def missed_peaks(
     greatest of n independent normals is above z with a probability of at most n (1 - Phi(z)), which z makes
     one in 100,000. The noise is that of the recording, from its third differences, not the fitted one: what a
     wrong law leaves over counts as noise in the fit, and widens the interval. Below the interval the peak may
-    lie between two samples, and after the last one. Behind a low-pass, at the sensor's limit or under noise
-    that is not white nothing is said.
+    lie between two samples, and after the last one. Behind a low-pass or at the sensor's limit nothing is
+    said.
 
     Args:
         dataset: the recordings, of an impactor that moves freely.
@@ -48,7 +48,7 @@ def missed_peaks(
         high: its other end.
         jerk: the greatest that is credible [m/s^3]; infinite where it is not known.
     """
-    if prepared.model.kind != "impact" or prepared.model.autoregressive or dataset.recorder is not None:
+    if prepared.model.kind != "impact" or dataset.recorder is not None:
         return np.zeros(len(low), bool)
     signal, chain = prepared.signal, dataset.uncertainty
     recorded = np.exp(np.asarray(prepared.data.log_peak))

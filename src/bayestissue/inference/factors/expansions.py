@@ -34,7 +34,7 @@ def first_guess(prepared: Prepared) -> Float[np.ndarray, "impact parameter"]:
     else:
         centred = signal.equilibrium.any()
         gravity = None if centred else signal.gravity
-        fit = fit_points(signal.x, signal.n_samples, signal.dt, signal.mass, gravity=gravity)
+        fit = fit_points(signal.x, signal.n_samples, signal.dt, signal.mass, "exact", gravity=gravity)
         K, C = fit.K, fit.C
     stiffness = np.where(np.isfinite(K) & (K > 0), K, signal.mass * (np.pi / 2 / signal.time_to_peak) ** 2)
     lightly = 0.1 * np.sqrt(stiffness * signal.mass)
@@ -43,8 +43,6 @@ def first_guess(prepared: Prepared) -> Float[np.ndarray, "impact parameter"]:
     columns = [*(np.log(np.asarray(values)) for values in guess), _noise(prepared, fit)]
     columns += [np.full(len(stiffness), np.log(parameter.typical)) for parameter in which.extra]
     columns += [np.full(len(stiffness), prepared.model.priors.discrepancy.mean)] * prepared.model.discrepancy
-    correlation = prepared.model.priors.atanh_noise_correlation.mean
-    columns += [np.full(len(stiffness), correlation)] * prepared.model.autoregressive
     if prepared.force is not None:
         # Tissue that moves along accounts for what the force is more.
         ratio = prepared.force.log_ratio * (not tells_added_mass(prepared.force, which.name))

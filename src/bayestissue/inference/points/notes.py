@@ -17,14 +17,14 @@ if TYPE_CHECKING:
     import pandas as pd
 
 THETA1 = Coded("theta1 at its limit", "integrated-noise")
-NOT_WHITE = Coded("residuals are not white", "integrated-noise")
 ARCCOS = Coded("theta1 asks for another value of arccos", "theta1-branch")
 NOT_FILTERED = Coded("the declared low-pass is not in this method", "low-pass-not-applied")
 NOISELESS = Coded("no noise beyond rounding: no standard errors", "noiseless")
 ANOTHER_PEAK = Coded("K and C imply another peak displacement than recorded", "peak-disagrees")
 PHANTOM = Coded("a spring or phantom of known stiffness", "known-stiffness")
 UNUSED = Coded("the further channel is not used here", "channel-unused")
-# Flags of the method "impact": its intervals then promise nothing.
+TOO_DEEP = Coded("deeper than the tissue is thick", "too-deep")
+# Flags of posteriors: their intervals then promise nothing.
 STRUCTURED = Coded(
     "residuals are not the white noise of a spring and damper's impact: its interval may miss",
     "structured-residuals",
@@ -38,7 +38,6 @@ K_UNTOLD = Coded("the recording does not tell K: no estimate", "no-answer")
 C_UNTOLD = Coded("the recording does not tell C: no estimate", "no-answer")
 K_MOSTLY_UNTOLD = Coded("most recordings of its trial do not tell K: its interval may miss", "mostly-untold")
 C_MOSTLY_UNTOLD = Coded("most recordings of its trial do not tell C: its interval may miss", "mostly-untold")
-FAILED = (K_UNTOLD, C_UNTOLD, NO_OSCILLATOR, NOT_POSITIVE, AT_A_LIMIT, ANOTHER_PEAK)
 # The same of a displacement, where sound recordings come to it too.
 NO_ANSWER = Coded("the fit came to no answer", "sensor-noise")
 
@@ -46,47 +45,42 @@ ANOTHER_VELOCITY = KINDS["velocity-contradicted"].flag
 _NAMED = 5
 # What `said_once` may meet in the column ``notes``.
 _NOTES = (
-    *(THETA1, NOT_WHITE, ARCCOS, NOT_FILTERED, NOISELESS, NO_ANSWER, ANOTHER_PEAK, UNUSED, PHANTOM),
-    *(NO_OFFSET, ON_SAMPLE, UNEVEN, LONGER),
+    *(THETA1, ARCCOS, NOT_FILTERED, NOISELESS, NO_ANSWER, ANOTHER_PEAK, UNUSED, PHANTOM),
+    *(UNCORRECTED, K_MOSTLY_UNTOLD, C_MOSTLY_UNTOLD, NO_OFFSET, ON_SAMPLE, UNEVEN, LONGER),
     KINDS["contact-earlier"].flag,
     KINDS["at-limit"].flag,
 )
 
 
 def flagged_recordings(
-    impacts: Sequence[str], flags: Sequence[str], explained: Collection[str] = ()
+    impacts: Sequence[str], flags: Sequence[Sequence[str]], explained: Collection[str] = ()
 ) -> dict[str, Any]:
     """Recordings that the checks of single impacts name, for a fit's diagnostics; empty where none is.
 
-    What the point fit alone came to no answer at is left out: a fit has other ways.
-
     Args:
         impacts: their names.
-        flags: of each, joined by "; ", as in the column ``flags`` of `estimates.csv`.
+        flags: of each.
         explained: flags that the fit's own law accounts for.
 
     Returns:
         ``flagged``, the flags of each impact that has some; ``of`` how many; ``words``; and, where recordings
         imply another velocity at contact than was stated, ``velocity``, the words of a warning.
     """
-    flags_of = {
-        impact: [flag for flag in text.split("; ") if flag and flag not in (*FAILED, *explained)]
-        for impact, text in zip(impacts, flags, strict=True)
-    }
-    named = {impact: warnings for impact, warnings in flags_of.items() if warnings}
+    of_each = ([flag for flag in one if flag not in explained] for one in flags)
+    named = {impact: warnings for impact, warnings in zip(impacts, of_each, strict=True) if warnings}
     if not named:
         return {}
     counts = Counter(flag for warnings in named.values() for flag in warnings)
     commonest = ", ".join(f"{flag} ({count})" for flag, count in counts.most_common(3))
     are, their = ("is", "Its") if len(named) == 1 else ("are", "Their")
     words = (
-        f"NOTE: of {len(flags_of)} recordings {len(named)} {are} flagged: {commonest}; "
+        f"NOTE: of {len(impacts)} recordings {len(named)} {are} flagged: {commonest}; "
         f"{first_of(list(named), _NAMED)}. {their} K and C may be wrong. `bayestissue check` says what to do."
     )
-    note = {"flagged": named, "of": len(flags_of), "words": words}
+    note = {"flagged": named, "of": len(impacts), "words": words}
     if count := counts[ANOTHER_VELOCITY]:
         note["velocity"] = (
-            f"The recordings imply another velocity at contact than was stated: {count} of {len(flags_of)}. "
+            f"The recordings imply another velocity at contact than was stated: {count} of {len(impacts)}. "
             "Every error of the velocity is in K and C. `bayestissue check` says which velocity."
         )
     return note

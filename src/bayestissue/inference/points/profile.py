@@ -135,50 +135,15 @@ def _theta(eta: Array, reach: Array) -> Array:
     return jnp.tanh(eta) / jnp.tanh(reach)
 
 
-class Covariance(NamedTuple):
-    """Sampling variances of the coefficients; see `invert`."""
-
-    c1_c1: Array
-    c1_c2: Array
-    c2_c2: Array
-    theta1: Array
-
-
-def invert(linear: tuple[Array, ...], cross: tuple[Array, ...], theta1: Array, on_edge: Array) -> Covariance:
-    """Invert the information of (c1, c2, theta1), or of (c1, c2) alone where theta1 is on its edge.
-
-    Args:
-        linear: information of c1 with c1, c1 with c2, c2 with c2.
-        cross: of c1 with theta1, c2 with theta1.
-        theta1: of theta1; where it is not positive, theta1 is taken as given.
-        on_edge: where theta1 has no information of its own.
-    """
-    fixed = on_edge | ~(theta1 > 0)
-    x1, x2 = (jnp.where(fixed, 0.0, x) for x in cross)
-    theta1 = jnp.where(fixed, jnp.inf, theta1)
-    l11, l12, l22 = linear[0] - x1**2 / theta1, linear[1] - x1 * x2 / theta1, linear[2] - x2**2 / theta1
-    determinant = l11 * l22 - l12**2
-    v11, v12, v22 = l22 / determinant, -l12 / determinant, l11 / determinant
-    spill = (x1**2 * v11 + 2 * x1 * x2 * v12 + x2**2 * v22) / theta1**2
-    return Covariance(v11, v12, v22, jnp.where(fixed, jnp.nan, 1 / theta1 + spill))
-
-
-def fit_exact(data: SineTransforms) -> tuple[Profile, Covariance]:
-    """The maximum of the exact likelihood with a free start, and the covariance of its coefficients.
-
-    The covariance is the inverse of the observed information with sigma_a profiled out and the shock
-    variance taken over N - 3 degrees of freedom. Where theta1 lies on its boundary, or its curvature has
-    the wrong sign, the covariance is that of (c1, c2) at this theta1, and theta1 has none.
-    """
-    columns = (data.columns[0], data.columns[1], data.columns[2])
-    fit = profile_fit(
-        columns,
+def fit_exact(data: SineTransforms) -> Profile:
+    """The maximum of the exact likelihood with a free start."""
+    return profile_fit(
+        (data.columns[0], data.columns[1], data.columns[2]),
         data.size,
         partial(_exact_moments, spread=data.spread),
         lambda theta1: log_determinant(theta1, data.size),
         lambda c, c1, c2: c[0] + c1[:, None] * c[1] + c2[:, None] * c[2],
     )
-    return fit, _exact_covariance(fit, columns, data)
 
 
 def _exact_moments(columns: Columns, theta1: Array, *, spread: Array) -> Moments:
@@ -188,36 +153,12 @@ def _exact_moments(columns: Columns, theta1: Array, *, spread: Array) -> Moments
     return Moments(*sums_over_frequencies((y0 * z0, y1 * z0, y2 * z0, y1 * z1, y2 * z1, y2 * y2 * over)))
 
 
-def _exact_covariance(fit: Profile, columns: Columns, data: SineTransforms) -> Covariance:
-    """Second derivatives of (form / sigma_a^2 + log det) / 2, summed over frequencies in one pass."""
-    y0, y1, y2 = columns
-    edge = 1 - fit.theta1[:, None]
-    over = 1 / eigenvalues(1 - edge, data.spread)
-    w = (y0 + fit.c1[:, None] * y1 + fit.c2[:, None] * y2) * over
-    slope = data.spread - 2 * edge
-    bend = slope * over
-    terms = (y1 * y1 * over, y1 * y2 * over, y2 * y2 * over, w * y1 * bend, w * y2 * bend, w**2 * slope)
-    log_det = jnp.broadcast_to(2 * over - bend**2, y0.shape)
-    totals = sums_over_frequencies((*terms, w**2 * (slope * bend - 1), log_det))
-    m11, m12, m22, x1, x2, form_slope, form_bend, log_det_bend = totals
-    # Frequencies that only fill up a block count as a spread of 2.
-    filling = columns[0].shape[0] * columns[0].shape[2] - data.size
-    unit = 1 / (1 + fit.theta1**2)
-    log_det_bend = log_det_bend - filling * (2 * unit - (2 * fit.theta1 * unit) ** 2)
-    scale = fit.form / data.size
-    theta1 = form_bend / scale + log_det_bend / 2 - (form_slope / scale) ** 2 / (2 * data.size)
-    on_edge = jnp.abs(fit.theta1) > 1 - 1 / data.size
-    inverse = invert((m11 / scale, m12 / scale, m22 / scale), (-x1 / scale, -x2 / scale), theta1, on_edge)
-    return Covariance(*(v * data.size / (data.size - 3) for v in inverse))
-
-
-def fit_conditional(data: SineTransforms) -> tuple[Profile, Covariance]:
-    """The thesis's conditional least squares (section 2.3), and the covariance by Gauss and Newton.
+def fit_conditional(data: SineTransforms) -> Profile:
+    """The thesis's conditional least squares (section 2.3).
 
     The shocks are run forward as a_t = w_t + theta1 a_{t-1} from a_2 = 0, and their sum of squares is least.
 
     ``data.x`` holds deviations from whatever is taken for the equilibrium; its transforms are not used.
-    The shock variance in the covariance is taken over N - 3 degrees of freedom.
     """
     x = data.x
     counts = (jnp.arange(x.shape[1] - 2) < data.size[:, None]).T
@@ -225,14 +166,13 @@ def fit_conditional(data: SineTransforms) -> tuple[Profile, Covariance]:
     columns = tuple(
         jnp.where(counts, series.T, 0.0) for series in (jnp.diff(slope, axis=1), slope[:, :-1], x[:, :-2])
     )
-    fit = profile_fit(
+    return profile_fit(
         columns,  # type: ignore[arg-type]
         data.size,
         partial(_conditional_moments, counts=counts),
         jnp.zeros_like,
         lambda c, c1, c2: c[0] + c1 * c[1] + c2 * c[2],
     )
-    return fit, _conditional_covariance(fit, columns, counts, data.size)
 
 
 def _conditional_moments(columns: Columns, theta1: Array, *, counts: Array) -> Moments:
@@ -248,23 +188,3 @@ def _conditional_moments(columns: Columns, theta1: Array, *, counts: Array) -> M
     start = (jnp.zeros((3, len(theta1)), theta1.dtype), Moments(*(zero,) * 6))
     (_, totals), _ = jax.lax.scan(step, start, (*columns, counts))
     return totals
-
-
-def _conditional_covariance(
-    fit: Profile, columns: tuple[Array, ...], counts: Array, size: Array
-) -> Covariance:
-    w = columns[0] + fit.c1 * columns[1] + fit.c2 * columns[2]
-
-    def step(carry: tuple[Array, Array], part: tuple[Array, ...]) -> tuple[tuple[Array, Array], None]:
-        state, totals = carry
-        *values, now = part
-        a, by_c1, by_c2, by_theta = state
-        state = jnp.stack([*values, a]) + fit.theta1 * jnp.stack([a, by_c1, by_c2, by_theta])
-        state = jnp.where(now, state, 0.0)
-        return (state, totals + state[1:, None] * state[None, 1:]), None
-
-    start = (jnp.zeros((4, len(size)), w.dtype), jnp.zeros((3, 3, len(size)), w.dtype))
-    (_, totals), _ = jax.lax.scan(step, start, (w, columns[1], columns[2], counts))
-    i = totals * (size - 3) / fit.form
-    on_edge = jnp.abs(fit.theta1) > 1 - 1 / size
-    return invert((i[0, 0], i[0, 1], i[1, 1]), (i[0, 2], i[1, 2]), i[2, 2], on_edge)

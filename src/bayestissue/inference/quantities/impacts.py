@@ -184,11 +184,8 @@ class Impacts:
 
     @cached_property
     def noise(self) -> dict[str, Float[Array, " impact"]]:
-        """The parameters of each trace's noise by name; of autoregressive noise its standard deviation."""
-        if not self.model.autoregressive:
-            return trace_likelihood(self.model, self.data, self.u).noise_quantities()
-        sigma = jnp.exp(self.physical.log_sigma) * jnp.cosh(self.u[-1])
-        return {"sigma_d": sigma, "noise_correlation": jnp.tanh(self.u[-1])}
+        """The parameters of each trace's noise by name."""
+        return trace_likelihood(self.model, self.data, self.u).noise_quantities()
 
     @cached_property
     def inertia(self) -> Float[Array, " impact"]:

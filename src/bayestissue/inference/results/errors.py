@@ -34,8 +34,7 @@ NOISE, ELEMENT = "noise", "element"
 # Of log s_a^2: the derivative's own error is this squared over 24.
 STEP = 0.1
 # What the mean of a trace does not depend on: told apart from K and C, and as small as to be nothing.
-_OF_NOISE = ("noise", "atanh_theta1", "discrepancy", "atanh_noise_correlation", "noise_force")
-_CORRELATIONS = ("atanh_theta1", "atanh_noise_correlation")
+_OF_NOISE = ("noise", "atanh_theta1", "discrepancy", "noise_force")
 _NOTHING = -60.0
 
 Matrices = Float[np.ndarray, "impact parameter parameter"]
@@ -115,7 +114,7 @@ def as_expected(prepared: Prepared, u: Float[np.ndarray, "impact parameter"]) ->
         # Only a known contact has an error that can be made normal.
         return with_normal_errors(replace(prepared.data, record=record))
     data = with_normal_errors(prepared.data)
-    quiet = np.where(_named(prepared, _OF_NOISE) & ~_named(prepared, _CORRELATIONS), _NOTHING, u)
+    quiet = np.where(_named(prepared, ("noise",)), _NOTHING, u)
     bare = data.record._replace(error_sd=jax.device_put(np.zeros(data.record.error_sd.shape)))
     replicated = replicates(
         prepared.model, replace(data, record=bare), quiet[None], jax.random.PRNGKey(0)[None]

@@ -56,7 +56,6 @@ _TERMS = {SUBJECT: PEOPLE, TRIAL: CONDITIONS}
 _NUISANCE = {
     "noise": NOISE,
     "atanh_theta1": NOISE,
-    "atanh_noise_correlation": NOISE,
     "discrepancy": ELEMENT,
     "noise_force": NOISE,
     "log_force_ratio": NOISE,

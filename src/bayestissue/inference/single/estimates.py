@@ -1,10 +1,10 @@
-"""K and C of every impact by itself as a table, by any of the methods: `estimates.csv`."""
+"""K and C of every impact by itself as a table: `estimates.csv`."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from jaxtyping import Bool
@@ -12,25 +12,33 @@ from jaxtyping import Bool
 from bayestissue.dataset import as_dataset
 from bayestissue.dataset.impacts import of_phantoms
 from bayestissue.elements.outcomes import NEVER, OUTCOMES
-from bayestissue.errors import InputError
+from bayestissue.errors import Coded, InputError
 from bayestissue.hierarchy.design import build_design
 from bayestissue.hierarchy.specification import Formulas, read_specification
 from bayestissue.hierarchy.trace_data import Prepared, assemble, only_by_impact, unsuited
 from bayestissue.inference.checking.recorded_peak import missed_peaks
 from bayestissue.inference.execution.kept import some_of
 from bayestissue.inference.points.estimates import (
-    default_options,
-    estimates_table,
-    flagged,
+    THESIS,
+    always_noted,
+    another_peak,
+    at_a_limit,
+    flags_of,
     in_rows,
+    notes_of,
     table_of,
+    thesis_table,
 )
-from bayestissue.inference.points.fit import PointFit
 from bayestissue.inference.points.notes import (
+    ANOTHER_PEAK,
+    AT_A_LIMIT,
     C_MOSTLY_UNTOLD,
     C_UNTOLD,
     K_MOSTLY_UNTOLD,
     K_UNTOLD,
+    NO_ANSWER,
+    NOISELESS,
+    STRUCTURED,
     UNCORRECTED,
 )
 from bayestissue.inference.results.labels import element_attributes, outcome_column
@@ -48,41 +56,33 @@ if TYPE_CHECKING:
 
     from bayestissue.dataset import Dataset
 
-Method = Literal["impact", "exact", "dds"]
+Method = Literal["impact", "dds"]
 Say = Callable[[str, int, int], None]
-_METHODS = ("impact", "exact", "dds")
-# Of the peak: below it the likelihood's own approximations, to first order in the moment of contact, count.
-_LEAST_NOISE = 1e-5
+Told = Bool[np.ndarray, " impact"]
+# Of the peak: below it the likelihood's own approximations, to first order in the moment of contact, count;
+# of displacements rounding.
+_LEAST_NOISE = {"impact": 1e-5, "arma": 1e-9}
 # What an impact came to, and which number of its posterior; `time_to_peak_s` is the recorded one.
 OUTCOME_COLUMNS = {
     outcome_column(name, "" if which == "median" and name != "time_to_peak" else which): (name, which)
     for name in OUTCOMES
     for which in ("median", "low", "high")
 } | {f"{name}_never": (name, "never") for name in NEVER}
+_FURTHER = (
+    *("K_se_N_per_m", "K_low_N_per_m", "K_high_N_per_m", "C_se_N_s_per_m", "C_low_N_s_per_m"),
+    *("C_high_N_s_per_m", "omega_n_se_rad_s", "zeta_se", "whiteness_p", "noise_sd_m_s2", "pareto_k"),
+    *OUTCOME_COLUMNS,
+)
 # An interval whose ends are this many times apart leaves the order of magnitude open.
 _DECADE = 10.0
-
-
-def method_for(dataset: Dataset, options: SignalOptions | None = None) -> Method:
-    """The method unless told otherwise: "impact" of decelerations, "exact" of displacements.
-
-    "exact" too where the options choose what only an integrated displacement has: a filter, another rule of
-    integration, or an equilibrium other than rest.
-    """
-    default = SignalOptions()
-    chosen = options or default
-    only_displaced = ("filter", "integration", "equilibrium")
-    if dataset.quantity == "displacement" or any(
-        getattr(chosen, name) != getattr(default, name) for name in only_displaced
-    ):
-        return "exact"
-    return "impact"
+# A flag may be raised on one sound recording of a thousand, as in `bayestissue.signal.quality.inspect`.
+_STRUCTURED_BY_CHANCE = 0.001
 
 
 def estimate(
     dataset: Dataset | str | Path,
     *,
-    method: Method | None = None,
+    method: Method = "impact",
     options: SignalOptions | None = None,
     say: Say | None = None,
 ) -> pd.DataFrame:
@@ -90,38 +90,37 @@ def estimate(
 
     Args:
         dataset: as `bayestissue.read_dataset` or `bayestissue.dataset` returns it, or its folder.
-        method: "impact" for the posterior of each impact under the likelihood of its own deceleration, the
-            errors of its measuring chain integrated out, and weak priors (those of ``models/impact.toml`` on
-            the intercepts and the noise, and one of the damping ratio): medians and intervals that hold.
-            "exact" for maximum likelihood of
-            an ARMA(2,1) about the rest position; "dds" for the thesis's conditional least squares about the
-            sample mean. `method_for` unless given.
-        options: how the displacement is made from the recording; `default_options` unless given.
+        method: "impact" for the posterior of each impact under the likelihood of its own trace, the errors of
+            its measuring chain integrated out, and weak priors (those of ``models/impact.toml``, of
+            displacements ``models/arma.toml``, on the intercepts and the noise, and one of the damping
+            ratio). "dds" for points by the thesis's conditional least squares about the sample mean.
+        options: how the displacement is made from the recording; the method's own unless given.
         say: told the stage, how much of it is done, and its total.
 
     Returns:
         One row per impact with the columns of `estimates.csv`: the ARMA(2,1) coefficients, omega_n, zeta,
-        K and C, and ``flags``, what is wrong with the impact, joined by "; "; then standard errors and 90 %
-        intervals of K and C; and last ``notes``, what is not wrong with the impact but a property of the
-        method or of how it was recorded (see `bayestissue.inference.points.notes`). By "impact" K and C are
-        posterior medians, omega_n, zeta, phi1, phi2 and theta1 those of an oscillator of this K and C, errors
-        posterior standard deviations, and ``sigma_a`` is empty: the noise is the recorder's, in
-        ``noise_sd_m_s2``, and no shock drives the impact; ``pareto_k`` is of the importance weights. What the
-        impact came to follows, see `OUTCOME_COLUMNS`, the chain's errors in its intervals. K, or C,
-        is empty and flagged where its interval spans more than a factor of 10: the interval is then from 0
-        to an upper bound that holds with 95 %; and where nothing was found, which has no interval either.
-        Where that befalls most impacts of a trial its others are flagged too. By the
-        others intervals are from the trace and the relative standard deviation of the mass alone, and hold
-        when the noise is what an ARMA(2,1) assumes.
+        K and C, and ``flags``, what is wrong with the impact, joined by "; "; last ``notes``, what is not
+        wrong with the impact but a property of the method or of how it was recorded (see
+        `bayestissue.inference.points.notes`). By "impact" K and C are posterior medians, with posterior
+        standard deviations and 90 % intervals; omega_n, zeta, phi1 and phi2 are those of an oscillator of
+        this K and C; ``pareto_k`` is of the importance weights. Of decelerations theta1 is that oscillator's
+        too, the noise is the recorder's, in ``noise_sd_m_s2``, and what the impact came to follows, see
+        `OUTCOME_COLUMNS`, the chain's errors in its intervals; of displacements theta1 and ``sigma_a`` are
+        posterior medians of the ARMA(2,1), which a position sensor's noise is not: intervals of C may miss.
+        K, or C, is empty and flagged where its interval spans more than a factor of 10: the interval is then
+        from 0 to an upper bound that holds with 95 %; and where nothing was found, which has no interval
+        either. Where that befalls most impacts of a trial its others are flagged too. Of displacements, whose
+        sound recordings often come to it, these are notes.
 
     Raises:
-        InputError: the method or the options ask for what the recordings can't give, such as "exact" or "dds"
-            for even times.
+        InputError: the method or the recordings' times or limits ask for what can't be given, such as even
+            times.
         ValueError: there is no such method.
     """
+    if method not in ("impact", "dds"):
+        raise ValueError(f'method is "impact" or "dds", not {method!r}')
     dataset = as_dataset(dataset)
-    method = method or method_for(dataset, options)
-    options = options or default_options("dds" if method == "dds" else "exact")
+    options = options or (THESIS if method == "dds" else SignalOptions())
     findings = inspect(dataset, options)
     return estimates(dataset, displacements(dataset, options), method, options, findings, say=say)
 
@@ -147,13 +146,11 @@ def estimates(
         findings: what `bayestissue.signal.quality.inspect` found; flagged.
         say: as of `estimate`.
     """
-    if method not in _METHODS:
-        raise ValueError(f"method is one of {', '.join(_METHODS)}, not {method!r}")
-    if method != "impact":
-        if problems := only_by_impact(dataset, f"estimate --method {method}", "method", method):
-            raise InputError(problems)
-        return estimates_table(dataset, signal, method, findings)
-    return by_impact(dataset, signal, options, findings, say=say)[0]
+    if method == "impact":
+        return by_impact(dataset, signal, options, findings, say=say)[0]
+    if problems := only_by_impact(dataset, "estimate --method dds", "method", "dds"):
+        raise InputError(problems)
+    return thesis_table(dataset, signal, findings)
 
 
 def by_impact(
@@ -169,86 +166,128 @@ def by_impact(
     Arguments as of `estimates`; without any such impact there are no posteriors.
 
     Raises:
-        InputError: the recordings are displacements, or the options filter them.
+        InputError: displacements have uneven times, or a low-pass is declared of them.
     """
+    displaced = dataset.quantity == "displacement"
     alone: dict[str, object] = {"formula": Formulas(K="1", C="1"), "discrepancy": "none"}
     # Whoever shares an impact's error of mass, an impact alone has it.
     alone |= {"mass_error": "impact", "signal": options}
-    specification = read_specification(shared("models", "impact.toml")).model_copy(update=alone)
-    if problems := unsuited(dataset, specification, "estimate --method impact"):
+    file = shared("models", "arma.toml" if displaced else "impact.toml")
+    specification = read_specification(file).model_copy(update=alone)
+    if problems := unsuited(dataset, specification, "estimate"):
         raise InputError(problems)
     rows = signal.n_below_limit >= FEWEST_SAMPLES
+    noted = always_noted(dataset)
     if not rows.any():
         # Nothing to ask: the same columns without numbers.
-        table = estimates_table(dataset, signal, "exact", findings)
-        lacking = dict.fromkeys(["noise_sd_m_s2", "pareto_k", *OUTCOME_COLUMNS], np.nan)
-        return table.assign(**lacking, notes=table.pop("notes")), None
+        flags, notes = flags_of(dataset, signal, findings, {}), notes_of(signal, findings, noted)
+        none = dict.fromkeys(_FURTHER, np.full(len(rows), np.nan))
+        return table_of(dataset, signal, {}, flags, notes, none), None
     design = build_design(specification.formula, dataset.impacts, reference_mass_kg=None, source="estimate")
     prepared = some_of(assemble(dataset, specification, design, signal), np.flatnonzero(rows))
     posteriors = single_posteriors(prepared) if say is None else single_posteriors(prepared, say)
-    noiseless = posteriors.sigma.median < _LEAST_NOISE * np.exp(np.asarray(prepared.data.log_peak))
-    untold, bounded = _untold(posteriors, noiseless), posteriors.moved & ~noiseless
+    least_noise = _LEAST_NOISE[prepared.model.kind] * np.exp(np.asarray(prepared.data.log_peak))
+    noiseless = posteriors.sigma.median < least_noise
+    untold = _untold(posteriors, noiseless)
+    oscillator = _oscillator(prepared, posteriors, untold)
+    wrong = _wrong(dataset, prepared, posteriors, oscillator, untold, noiseless)
+    noted = {NOISELESS: in_rows(noiseless, rows), **noted}
+    if displaced:
+        # Sound recordings come to it too: the way of a position sensor's noise.
+        noted |= {
+            flag: in_rows(wrong[flag], rows) for flag in (UNCORRECTED, K_MOSTLY_UNTOLD, C_MOSTLY_UNTOLD)
+        }
+        no_answer = [wrong[flag] for flag in (AT_A_LIMIT, ANOTHER_PEAK, K_UNTOLD, C_UNTOLD)]
+        noted[NO_ANSWER], wrong = in_rows(np.any(no_answer, axis=0), rows), {}
 
-    def in_table(values: np.ndarray, stands: np.ndarray | bool = True) -> np.ndarray:
-        """Of all impacts of the dataset, without those whose value means nothing."""
-        return in_rows(np.where(stands, values, np.nan), rows)
+    def in_table(columns: Mapping[Any, np.ndarray]) -> dict[Any, np.ndarray]:
+        """Of all impacts of the dataset."""
+        return {name: in_rows(column, rows) for name, column in columns.items()}
 
-    # What is not told from below has the upper end of its interval as a bound.
-    ends = {
-        name: (
-            in_table(np.where(untold[name], 0.0, marginal.low), bounded),
-            in_table(marginal.high, bounded),
-        )
-        for name, marginal in (("K", posteriors.K), ("C", posteriors.C))
-    }
-    known = _told(_as_fit(posteriors, prepared.signal, noiseless), untold)
-    fit = PointFit(*(in_rows(column, rows) for column in known))
-    flags, notes = flagged(dataset, signal, fit, findings, "impact")
-    missed = _missed_peak(dataset, prepared, posteriors)
-    raised = {
-        UNCORRECTED: (posteriors.pareto_k > k_threshold(POINTS)) & ~noiseless,
-        PEAK_MISSED: bounded & missed,
-        **_untold_flags(prepared, untold),
-    }
-    for flag, impacts in raised.items():
-        for row in np.flatnonzero(rows)[impacts]:
-            flags[row].append(flag)
+    table = table_of(
+        dataset,
+        signal,
+        in_table(oscillator),
+        flags_of(dataset, signal, findings, in_table(wrong)),
+        notes_of(signal, findings, noted),
+        in_table(_of_posteriors(posteriors, untold, noiseless)),
+    )
+    return table, posteriors
+
+
+def _oscillator(
+    prepared: Prepared, posteriors: SinglePosteriors, untold: Mapping[str, Told]
+) -> dict[str, np.ndarray]:
+    """The posteriors' medians, and the sampled oscillator of this K and C: without what is not told."""
+    K, C, signal, either = (
+        posteriors.K.median,
+        posteriors.C.median,
+        prepared.signal,
+        untold["K"] | untold["C"],
+    )
+    omega_n, zeta = (np.asarray(values) for values in spring_damper_inverse(K, C, signal.mass))
+    phi1, phi2, theta1 = (np.asarray(values) for values in to_discrete(omega_n, zeta, signal.dt))
+    values = {"phi1": phi1, "phi2": phi2, "theta1": theta1, "omega_n": omega_n, "zeta": zeta, "K": K, "C": C}
+    if prepared.model.kind == "arma":
+        values |= {"theta1": np.tanh(posteriors.parameters[:, 3]), "sigma_a": posteriors.sigma.median}
+    needs = {"K": untold["K"], "omega_n": untold["K"], "C": untold["C"]}
+    return {name: np.where(needs.get(name, either), np.nan, column) for name, column in values.items()}
+
+
+def _of_posteriors(
+    posteriors: SinglePosteriors, untold: Mapping[str, Told], noiseless: Told
+) -> dict[str, np.ndarray]:
+    """The further columns: intervals, errors, and what the impacts came to."""
+    bounded, columns = posteriors.moved & ~noiseless, dict[str, np.ndarray]()
+    for name, unit, marginal in (("K", "N_per_m", posteriors.K), ("C", "N_s_per_m", posteriors.C)):
+        columns |= {
+            f"{name}_se_{unit}": np.where(untold[name] | noiseless, np.nan, marginal.sd),
+            # What is not told from below has the upper end of its interval as a bound.
+            f"{name}_low_{unit}": np.where(bounded, np.where(untold[name], 0.0, marginal.low), np.nan),
+            f"{name}_high_{unit}": np.where(bounded, marginal.high, np.nan),
+        }
+    columns["omega_n_se_rad_s"] = np.where(untold["K"] | noiseless, np.nan, posteriors.omega_n.sd)
+    either = untold["K"] | untold["C"]
+    columns["zeta_se"] = np.where(either | noiseless, np.nan, posteriors.zeta.sd)
+    if posteriors.noise_p is not None:
+        columns |= {"whiteness_p": posteriors.noise_p, "noise_sd_m_s2": posteriors.sigma.median}
+    columns["pareto_k"] = posteriors.pareto_k
     # Of what was not found, and of intervals that are none, there is no outcome either.
-    outcomes = {
-        column: in_table(getattr(outcome, which), posteriors.moved if which == "median" else bounded)
+    return columns | {
+        column: np.where(posteriors.moved if which == "median" else bounded, getattr(outcome, which), np.nan)
         for column, (name, which) in OUTCOME_COLUMNS.items()
         if (outcome := posteriors.outcomes.get(name)) is not None
     }
-    table = table_of(dataset, signal, fit, ends, flags, notes)
-    return table.assign(
-        noise_sd_m_s2=in_table(posteriors.sigma.median),
-        pareto_k=in_table(posteriors.pareto_k),
-        **outcomes,
-        notes=table.pop("notes"),
-    ), posteriors
 
 
-def _missed_peak(
-    dataset: Dataset, prepared: Prepared, posteriors: SinglePosteriors
-) -> Bool[np.ndarray, " impact"]:
-    """Whether the sensor's own peak is outside its interval."""
-    greatest, jerk = (posteriors.outcomes[name] for name in ("peak_deceleration", "peak_jerk"))
-    return missed_peaks(dataset, prepared, greatest.low, greatest.high, jerk.high)
-
-
-def _untold_flags(
-    prepared: Prepared, untold: dict[str, Bool[np.ndarray, " impact"]]
-) -> dict[str, Bool[np.ndarray, " impact"]]:
-    """By flag: impacts whose K or C is not told, and the others of a trial of which most are not.
-
-    The few of a trial that come out above the threshold are those that erred upwards.
-    """
-    flags: dict[str, np.ndarray] = {}
+def _wrong(
+    dataset: Dataset,
+    prepared: Prepared,
+    posteriors: SinglePosteriors,
+    oscillator: Mapping[str, np.ndarray],
+    untold: Mapping[str, Told],
+    noiseless: Told,
+) -> dict[Coded, Told]:
+    """What the posteriors say is wrong with each impact."""
+    wrong = {}
+    with np.errstate(invalid="ignore"):
+        if posteriors.noise_p is not None:
+            wrong[STRUCTURED] = (posteriors.noise_p < _STRUCTURED_BY_CHANCE) & ~noiseless
+        wrong[AT_A_LIMIT] = at_a_limit(oscillator["zeta"])
+    # What is integrated from behind a low-pass has contact, and so its peak, elsewhere.
+    another = another_peak(prepared.signal, oscillator["omega_n"], oscillator["zeta"])
+    wrong[ANOTHER_PEAK] = another & (dataset.recorder is None)
+    wrong[UNCORRECTED] = (posteriors.pareto_k > k_threshold(POINTS)) & ~noiseless
+    if posteriors.outcomes:
+        greatest, jerk = (posteriors.outcomes[name] for name in ("peak_deceleration", "peak_jerk"))
+        missed = missed_peaks(dataset, prepared, greatest.low, greatest.high, jerk.high)
+        wrong[PEAK_MISSED] = posteriors.moved & ~noiseless & missed
     for name, alone, among in (("K", K_UNTOLD, K_MOSTLY_UNTOLD), ("C", C_UNTOLD, C_MOSTLY_UNTOLD)):
         rows_of = prepared.impacts.assign(untold=untold[name], phantom=of_phantoms(prepared.impacts))
         share = rows_of.groupby(["trial", "phantom"])["untold"].transform("mean")
-        flags |= {alone: untold[name], among: (share.to_numpy() > 0.5) & ~untold[name]}
-    return flags
+        # The few of a trial that come out above the threshold are those that erred upwards.
+        wrong |= {alone: untold[name], among: (share.to_numpy() > 0.5) & ~untold[name]}
+    return wrong
 
 
 def outcomes_in(row: pd.Series) -> pd.DataFrame:
@@ -267,7 +306,7 @@ def outcomes_in(row: pd.Series) -> pd.DataFrame:
     return pd.DataFrame(rows).T[["median", "low", "high", "never", "unit"]].infer_objects()
 
 
-def _untold(posteriors: SinglePosteriors, noiseless: np.ndarray) -> dict[str, Bool[np.ndarray, " impact"]]:
+def _untold(posteriors: SinglePosteriors, noiseless: Told) -> dict[str, Told]:
     """Where the recording does not tell K, or C: its interval spans a decade, or nothing was found at all."""
     with np.errstate(all="ignore"):
         wide = {
@@ -275,51 +314,3 @@ def _untold(posteriors: SinglePosteriors, noiseless: np.ndarray) -> dict[str, Bo
             for name, marginal in (("K", posteriors.K), ("C", posteriors.C))
         }
     return {name: (~posteriors.moved | here) & ~noiseless for name, here in wide.items()}
-
-
-def _told(fit: PointFit, untold: dict[str, Bool[np.ndarray, " impact"]]) -> PointFit:
-    """The same without what the recordings do not tell; all but K, omega_n and C needs both K and C."""
-    always = {"log_likelihood", "whiteness_p", "branch", "noiseless", "theta1_at_limit"}
-    needs = dict.fromkeys(("K", "K_signed", "K_se", "omega_n", "omega_n_se"), untold["K"])
-    needs |= dict.fromkeys(("C", "C_signed", "C_se"), untold["C"])
-    either = untold["K"] | untold["C"]
-    return PointFit(
-        *(
-            column if name in always else np.where(needs.get(name, either), np.nan, column)
-            for name, column in zip(fit._fields, fit, strict=True)
-        )
-    )
-
-
-def _as_fit(posteriors: SinglePosteriors, signal: Displacements, noiseless: np.ndarray) -> PointFit:
-    """The posteriors' medians as point estimates, and the sampled oscillator of this K and C."""
-    K, C = posteriors.K.median, posteriors.C.median
-    omega_n, zeta = (np.asarray(values) for values in spring_damper_inverse(K, C, signal.mass))
-    phi1, phi2, theta1 = (np.asarray(values) for values in to_discrete(omega_n, zeta, signal.dt))
-    none = np.full(len(K), np.nan)
-    omega_n_se, zeta_se, K_se, C_se = (
-        np.where(noiseless, np.nan, marginal.sd)
-        for marginal in (posteriors.omega_n, posteriors.zeta, posteriors.K, posteriors.C)
-    )
-    return PointFit(
-        phi1=phi1,
-        phi2=phi2,
-        theta1=theta1,
-        sigma_a=none,
-        omega_n=omega_n,
-        zeta=zeta,
-        K=K,
-        C=C,
-        K_signed=K,
-        C_signed=C,
-        omega_n_se=omega_n_se,
-        zeta_se=zeta_se,
-        theta1_se=none,
-        K_se=K_se,
-        C_se=C_se,
-        log_likelihood=posteriors.log_likelihood,
-        whiteness_p=posteriors.noise_p,
-        branch=np.zeros(len(K), int),
-        noiseless=noiseless,
-        theta1_at_limit=np.zeros(len(K), bool),
-    )

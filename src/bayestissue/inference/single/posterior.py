@@ -1,7 +1,7 @@
 """The posterior of each impact's parameters given its own trace alone, under weak priors.
 
 p(u | trace) is in proportion to p(trace | u) N(u; m, D^-1) and a prior of the damping ratio, u being log K,
-log C and the log of the noise; the errors of the measuring chain are integrated out of the likelihood.
+log C and the parameters of the noise; the errors of the measuring chain are integrated out of the likelihood.
 Importance sampling: points of a multivariate t about the Gaussian site times the prior, whose tails are
 heavier than the posterior's, weighted by the posterior over their own density, the greatest weights
 smoothed (Vehtari et al. 2024). Points fill the space evenly (Sobol's sequence) and are the same of every
@@ -98,13 +98,14 @@ class SinglePosteriors(NamedTuple):
         C: damping [N s/m].
         omega_n: natural frequency [rad/s].
         zeta: damping ratio.
-        sigma: standard deviation of the recorder's noise [m/s^2].
-        outcomes: what the impact came to, by the names of `bayestissue.elements.outcomes.OUTCOMES`.
-        log_likelihood: log density of the trace at the medians.
+        sigma: standard deviation of the recorder's noise [m/s^2], or of a displacement's shocks [m].
+        outcomes: what the impact came to, by the names of `bayestissue.elements.outcomes.OUTCOMES`; empty of
+            displacements.
+        parameters: medians of log K, log C and the noise's parameters, K and C at the recorded mass.
         residuals: what the impact at the medians, and the chain's errors as the trace has them, leave of the
-            trace [m/s^2]; 0 past its end.
+            trace [m/s^2]; 0 past its end; None of displacements.
         noise_p: p-value of what is left being the recorder's noise: see
-            `bayestissue.inference.factors.noise_left`.
+            `bayestissue.inference.factors.noise_left`; None of displacements.
         moved: whether the search for the posterior's mode left the point that it started from.
         pareto_k: of the importance weights; above `bayestissue.inference.samplers.psis.k_threshold` nothing
             vouches for the medians and intervals.
@@ -116,9 +117,9 @@ class SinglePosteriors(NamedTuple):
     zeta: Marginal
     sigma: Marginal
     outcomes: dict[str, Outcome]
-    log_likelihood: Float[np.ndarray, " impact"]
-    residuals: Float[np.ndarray, "impact sample"]
-    noise_p: Float[np.ndarray, " impact"]
+    parameters: Float[np.ndarray, "impact parameter"]
+    residuals: Float[np.ndarray, "impact sample"] | None
+    noise_p: Float[np.ndarray, " impact"] | None
     moved: Bool[np.ndarray, " impact"]
     pareto_k: Float[np.ndarray, " impact"]
 
@@ -133,13 +134,15 @@ def single_posteriors(
     """The posterior of every impact by itself, all of them in one chunked, compiled map.
 
     Args:
-        prepared: recorded decelerations under the impact likelihood of a spring and damper with white noise;
-            of its population the priors of the intercepts and of the noise alone are used.
+        prepared: recorded decelerations under the impact likelihood of a spring and damper with white noise,
+            or displacements as ARMA(2,1); of its population the priors of the intercepts and of the noise
+            alone are used.
         say: told the stage, how much of it is done, and its total: points of the posteriors, or blocks of
             impacts where there are many.
     """
     priors = prepared.model.priors
-    normal = (priors.intercept.K, priors.intercept.C, priors.noise)
+    of_noise = (getattr(priors, name) for name in prepared.model.nuisance)
+    normal = (priors.intercept.K, priors.intercept.C, *of_noise)
     mean, sd = (np.array([getattr(prior, name) for prior in normal], float) for name in ("mean", "sd"))
     say("each impact's first guess", 0, 1)
     start = first_guess(prepared)
@@ -180,16 +183,17 @@ def _of_block(
     K, C, omega_n, zeta, sigma = (_marginal(values, weight) for values in quantities)
     # The mass's error, as likely up as down, moves no median.
     K, C = (marginal._replace(median=np.exp(middle[:, a])) for a, marginal in enumerate((K, C)))
+    recorded = model.kind == "impact"
     return SinglePosteriors(
         K,
         C,
         omega_n,
         zeta,
         sigma,
-        _outcomes(model, data, u, of_mass, weight),
-        log_likelihoods(model, data, middle[None])[0],
-        _residuals(model, data, middle),
-        noise_p(model, data, middle),
+        _outcomes(model, data, u, of_mass, weight) if recorded else {},
+        middle,
+        _residuals(model, data, middle) if recorded else None,
+        noise_p(model, data, middle) if recorded else None,
         np.any(np.abs(np.asarray(sites.centre) - start)[:, :2] > _MOVES, axis=1),
         pareto_k,
     )

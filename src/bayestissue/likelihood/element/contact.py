@@ -10,8 +10,8 @@ are its products with itself: a sum over a trace's samples then changes by the f
 those that leave at its beginning.
 
 Where noise is white, samples before the first count by how much likelier they are than a quiet part of the
-recorder's noise would make them, as elements that jump leave them out; of autoregressive noise, and beside a
-discrepancy, they do not count. Noise that went through a recorder's filter has them as it has the others.
+recorder's noise would make them, as elements that jump leave them out; beside a discrepancy they do not
+count. Noise that went through a recorder's filter has them as it has the others.
 
 Behind a recorder's low-pass every force rises from 0, and where the filter is fast beside the sampling, an
 interval is divided into as many cells as keep a trace linear in each.

@@ -77,15 +77,14 @@ def with_force(
     residual = jnp.where(force.inside()[:, None], force.y[:, None] - expected, 0.0)
     parts = jnp.concatenate([residual[:, :, None], columns], axis=2)
     weight = log_sigma - log_force_sigma
-    gram, count, log_determinant = jnp.zeros(()), jnp.zeros(len(force.y)), jnp.zeros(len(force.y))
-    if not (runs := noise_of_force(force)):
+    if (noise := noise_of_force(force)) is None:
         gram, count = jnp.einsum("icar,icbr->abci", parts, parts), force.inside().sum(1) + 0.0
-    in_cells = jax.vmap(Noise.gram, in_axes=(None, 0), out_axes=-1)
-    for run in runs:
-        thinned = jnp.where(run.inside[:, None, None], parts[..., :: noise_stride(force)], 0.0)
-        gram += jax.vmap(in_cells, out_axes=-1)(run, thinned)
-        log_determinant += jax.vmap(Noise.log_determinant)(run)
-        count += run.inside.sum(1)
+        log_determinant = jnp.zeros(len(force.y))
+    else:
+        thinned = jnp.where(noise.inside[:, None, None], parts[..., :: noise_stride(force)], 0.0)
+        in_cells = jax.vmap(Noise.gram, in_axes=(None, 0), out_axes=-1)
+        gram, count = jax.vmap(in_cells, out_axes=-1)(noise, thinned), noise.inside.sum(1)
+        log_determinant = jax.vmap(Noise.log_determinant)(noise)
     return Products(
         products.gram + gram * jnp.exp(2 * weight),
         products.log_determinant + log_determinant - 2 * count * weight,
@@ -98,20 +97,10 @@ def noise_stride(force: ForceRows) -> int:
     return 1 if force.colour is None else force.colour.stride
 
 
-def noise_of_force(force: ForceRows) -> tuple[Noise, ...]:
-    """Its noise over sigma, on the samples that are asked; nothing where that is white.
-
-    Of those before and of those after a gap of samples at the sensor's limit, which is as long as the filter
-    takes to settle: the two share nothing.
-    """
+def noise_of_force(force: ForceRows) -> Noise | None:
+    """Its noise over sigma, on the samples that are asked; None where that is white."""
     if force.colour is None or force.rate is None:
-        return ()
+        return None
     inside = force.inside()[:, :: noise_stride(force)]
-    runs = [inside]
-    if force.usable is not None:
-        begins = inside & ~jnp.pad(inside[:, :-1], ((0, 0), (1, 0)))
-        is_first = jnp.cumsum(begins, axis=1) == 1
-        runs = [inside & is_first, inside & ~is_first]
     none = jnp.zeros((len(inside), 0, inside.shape[1]))
-    of_filter = force.colour.first[force.rate], force.colour.predictor[force.rate]
-    return tuple(Noise(run, none, *of_filter) for run in runs)
+    return Noise(inside, none, force.colour.first[force.rate], force.colour.predictor[force.rate])

@@ -23,7 +23,7 @@ from bayestissue.elements import Element
 from bayestissue.elements.element import impactor_share
 from bayestissue.likelihood.element import clipped, contact, noise, spring_damper
 from bayestissue.likelihood.element.force import force_rows, noise_of_force, noise_stride, with_force
-from bayestissue.likelihood.element.record import CONTACT, OFFSET, DecelerationRecord
+from bayestissue.likelihood.element.record import CONTACT, DecelerationRecord
 from bayestissue.likelihood.element.response import Response, columns, response
 from bayestissue.likelihood.linear_errors import (
     Products,
@@ -42,22 +42,20 @@ class NoiseParameters(NamedTuple):
     """What the noise of each impact has for parameters.
 
     Attributes:
-        log_sigma: log of the standard deviation [m/s^2]; of autoregressive noise, of its shocks'.
+        log_sigma: log of the standard deviation [m/s^2].
         log_discrepancy: log of the discrepancy's rms [m/s^2]; None without one.
-        atanh_correlation: artanh of the noise's correlation from sample to sample; None where it has none.
         log_force_sigma: of the noise of a force over mass [m/s^2]; None without one.
         log_force_ratio: log of that force over recorded mass times deceleration; None without one.
     """
 
     log_sigma: Float[Array, " impact"]
     log_discrepancy: Float[Array, " impact"] | None = None
-    atanh_correlation: Float[Array, " impact"] | None = None
     log_force_sigma: Float[Array, " impact"] | None = None
     log_force_ratio: Float[Array, " impact"] | None = None
 
     def noise(self, record: DecelerationRecord) -> noise.Noise:
         """The noise on the record's samples."""
-        return noise.noise_of(record, self.ratio(), self.atanh_correlation)
+        return noise.noise_of(record, self.ratio())
 
     def ratio(self) -> Float[Array, " impact"]:
         """The discrepancy's rms over sigma."""
@@ -65,20 +63,12 @@ class NoiseParameters(NamedTuple):
             return jnp.zeros_like(self.log_sigma)
         return jnp.exp(self.log_discrepancy - self.log_sigma)
 
-    def error_sd(self, record: DecelerationRecord) -> Float[Array, "#cell impact error"]:
-        """Of the chain; that of a mean of many samples is ((1 + rho) / (1 - rho))^1/2 = e^a times larger."""
-        error_sd = contact.error_sd(record)
-        if self.atanh_correlation is None:
-            return error_sd
-        factor = jnp.where(record.quiet, jnp.exp(self.atanh_correlation), 1.0)
-        return error_sd.at[..., OFFSET].multiply(factor)
-
 
 def _densities(
     predicted: Response, products: Products, parameters: NoiseParameters, record: DecelerationRecord
 ) -> Array:
     """Log density of each trace by contact in each cell, [cell, impact]."""
-    error_sd = parameters.error_sd(record)
+    error_sd = contact.error_sd(record)
     density = marginal_log_likelihood(products, parameters.log_sigma, error_sd, record.contact.uniform)
     if record.clipped is not None:
         density = density + clipped.log_probability(
@@ -230,7 +220,7 @@ class MeasuredImpact:
             )[..., 0, :]
 
         products = products._replace(gram=chosen(products.gram))
-        error_sd = chosen(jnp.moveaxis(parameters.error_sd(record), -1, 0)).T
+        error_sd = chosen(jnp.moveaxis(contact.error_sd(record), -1, 0)).T
         errors = draw_errors(key, products, parameters.log_sigma, error_sd, record.contact.uniform)
         return errors.at[:, CONTACT].add(record.first_time - chosen(record.cells))
 
@@ -279,7 +269,7 @@ class MeasuredImpact:
         self, key: Array, sample_shape: tuple[int, ...] = ()
     ) -> Float[Array, "*batch impact error"]:
         """The chain's errors before any trace is seen; contact is known."""
-        record, error_sd = self.record, self.noise_parameters.error_sd(self.record)[0]
+        record, error_sd = self.record, contact.error_sd(self.record)[0]
         return prior_errors(key, (*sample_shape, len(record.d)), error_sd, record.contact.uniform)
 
     def prior_discrepancy(
@@ -298,11 +288,9 @@ class MeasuredImpact:
 
         Of coloured noise at the samples that it is asked at.
         """
-        record, a = self.record, self.noise_parameters.atanh_correlation
+        record = self.record
         inside = record.observed()[:, :: record.colour.stride]
-        if a is not None:
-            left = noise.whitened(left, a, record.inside())
-        elif not record.colour.is_white:
+        if not record.colour.is_white:
             left = noise.innovations(record.colour, record.rate, left[:, :: record.colour.stride])
         return jnp.where(inside, left, 0.0), inside.sum(-1)
 
@@ -328,12 +316,10 @@ class MeasuredImpact:
         """What is white of such residuals [m/s^2], and where there is any."""
         force = self.record.force
         assert force is not None  # noqa: S101 - for the type checker
-        if not (runs := noise_of_force(force)):
+        if (own := noise_of_force(force)) is None:
             return left, force.inside()
-        thinned, white = left[:, :: noise_stride(force)], jnp.zeros(())
-        for run in runs:
-            white += jax.vmap(noise.Noise.whitened)(run, jnp.where(run.inside, thinned, 0.0))
-        return white, force.inside()[:, :: noise_stride(force)]
+        thinned = jnp.where(own.inside, left[:, :: noise_stride(force)], 0.0)
+        return jax.vmap(noise.Noise.whitened)(own, thinned), own.inside
 
     def _replicated_force(self, key: Array) -> Float[Array, "impact row"]:
         """A force [N] of the impact and errors that `sample` has by this key; contact is known."""
@@ -363,8 +349,6 @@ class MeasuredImpact:
         shocks = jax.random.normal(key_of_noise, (*shape, record.d.shape[1]))
         if not record.colour.is_white:
             shocks = noise.drawn(record.colour, record.rate, jax.random.fold_in(key, 4), shocks.shape)
-        elif self.noise_parameters.atanh_correlation is not None:
-            shocks = noise.correlated(shocks, self.noise_parameters.atanh_correlation)
         delta = self.prior_discrepancy(jax.random.fold_in(key, 2), sample_shape)
         added = _added(errors, predicted, record) + self.sigma[:, None] * shocks
         return jnp.where(record.inside(), predicted.d + delta + added, 0.0)

@@ -1,30 +1,23 @@
 """A recorder's noise, and what a trace holds beside the impact and the chain's errors.
 
-The covariance of a trace, given impact and errors, is sigma^2 T with T = S + A A': white noise, one of a
-first-order autoregression or one that went through a filter, and a few modes A besides. By Woodbury's
-identity, with p~ = S^-1/2 p and M = 1 + A~' A~,
+The covariance of a trace, given impact and errors, is sigma^2 T with T = S + A A': white noise or one that
+went through a filter, and a few modes A besides. By Woodbury's identity, with p~ = S^-1/2 p and
+M = 1 + A~' A~,
 
     p' T^-1 q = p~'q~ - (A~'p~)' M^-1 (A~'q~),    log det T = log det S + log det M.
 
-Three things make modes and S:
+Two things make modes and S:
 
-Autoregressive noise, e_t = rho e_{t-1} + w_t, stationary, with independent w_t ~ N(0, sigma^2), so that
-S_st = rho^|s - t| / (1 - rho^2), whose inverse is tridiagonal and has the determinant 1 - rho^2 (Box and
-Jenkins, Time Series Analysis, section 7.4). sigma is that of w: what the data tell of it hardly depends on
-rho, since sigma and rho share no information but the first sample's 2 rho / (1 - rho^2) against 2 N for
-log sigma itself; the standard deviation of e, sigma / (1 - rho^2)^1/2, would follow rho. a = artanh rho
-stands for rho everywhere, since 1 - rho^2 = 1 / cosh^2 a loses no digits near rho = 1.
-
-Noise that went through the recorder's low-pass, beside a share f of white noise that entered behind it:
-S = f 1 + (1 - f) R, R being the correlations that the filter leaves (`bayestissue.signal.recorder_noise`). Of
-a sample the p before it say all, to rounding, that all before it do, p being some periods of the corner. So
+Noise that went through the recorder's low-pass, beside a share f of white noise that entered behind it: S = f
+1 + (1 - f) R, R being the correlations that the filter leaves (`bayestissue.signal.recorder_noise`). Of a
+sample the p before it say all, to rounding, that all before it do, p being some periods of the corner. So
 S^-1/2 = L^-1, S = L L', is a dense matrix for the first p samples of a trace, and from there on the same few
-weights at every sample (an autoregression of order p; Box and Jenkins, section 7.4): the work goes with the
-number of samples. Where next to no noise entered behind the filter, S has eigenvalues near 0, of what changes
-faster than the filter lets pass. A likelihood would believe those frequencies above all others, and whatever
-the filter's description leaves out there, and it would take the noise's size from them. So only every k-th
-sample is asked, as far apart as keeps the least eigenvalue of S at `LEAST_EIGENVALUE`: some four in a period
-of the corner.
+weights at every sample (an autoregression of order p; Box and Jenkins, Time Series Analysis, section 7.4):
+the work goes with the number of samples. Where next to no noise entered behind the filter, S has eigenvalues
+near 0, of what changes faster than the filter lets pass. A likelihood would believe those frequencies above
+all others, and whatever the filter's description leaves out there, and it would take the noise's size from
+them. So only every k-th sample is asked, as far apart as keeps the least eigenvalue of S at
+`LEAST_EIGENVALUE`: some four in a period of the corner.
 
 A discrepancy, a smooth force of unknown shape: delta(t), a Gaussian process on the force per mass (Kennedy
 and O'Hagan 2001), with the covariance s^2 exp(-(t - t')^2 / (2 l^2)) over the window's own time t in [0, 1]
@@ -64,7 +57,6 @@ LENGTH = 0.3
 MODES = 6
 # The kernel is a polynomial of this many terms in either time to rounding error.
 _NODES = 24
-_LOG_2 = 0.6931471805599453
 # At lags in samples.
 Correlation = Callable[[Int[np.ndarray, " lag"]], Float[np.ndarray, " lag"]]
 
@@ -77,19 +69,17 @@ class Noise(NamedTuple):
         modes: A', 0 where there is no sample; none without a discrepancy.
         first, predictor: as `Colour` has them, at the trace's own sampling rate; empty where no filter
             coloured the noise.
-        atanh_correlation: a; None where noise is not autoregressive.
     """
 
     inside: Bool[Array, " row"]
     modes: Float[Array, "mode row"]
     first: Float[Array, "first first"]
     predictor: Float[Array, " lag"]
-    atanh_correlation: Float[Array, ""] | None = None
 
     @property
     def is_white(self) -> bool:
         """Whether no sample shares anything with another."""
-        return not (self.modes.shape[-2] or self.is_filtered) and self.atanh_correlation is None
+        return not (self.modes.shape[-2] or self.is_filtered)
 
     @property
     def is_filtered(self) -> bool:
@@ -97,12 +87,8 @@ class Noise(NamedTuple):
         return bool(self.predictor.shape[-1])
 
     def whitened(self, parts: Float[Array, "*part row"]) -> Float[Array, "*part row"]:
-        """S^-1/2 p: of autoregressive noise (1 - rho^2)^1/2 p_0 and p_t - rho p_{t-1}."""
-        if self.is_filtered:
-            return self.completed(parts, filtered(parts, self.predictor))
-        if self.atanh_correlation is None:
-            return parts
-        return whitened(parts, self.atanh_correlation, self.inside)
+        """S^-1/2 p."""
+        return self.completed(parts, filtered(parts, self.predictor)) if self.is_filtered else parts
 
     def completed(
         self, parts: Float[Array, "*part row"], later: Float[Array, "*part row"]
@@ -136,8 +122,6 @@ class Noise(NamedTuple):
             size, count = len(self.first), self.inside.sum()
             of_first = jnp.where(jnp.arange(size) < count, jnp.log(jnp.diagonal(self.first)), 0.0).sum()
             total = -2 * (of_first + jnp.maximum(count - size, 0) * jnp.log(self.predictor[0]))
-        if self.atanh_correlation is not None:
-            total = total + log_determinant(self.atanh_correlation)
         if self.modes.shape[0]:
             total = total + 2 * jnp.log(jnp.diagonal(self._factor())).sum()
         return total
@@ -148,17 +132,12 @@ class Noise(NamedTuple):
         return jnp.linalg.cholesky(jnp.eye(len(modes)) + modes @ modes.T)
 
 
-def noise_of(
-    record: DecelerationRecord,
-    discrepancy_ratio: Float[Array, " impact"],
-    atanh_correlation: Float[Array, " impact"] | None = None,
-) -> Noise:
+def noise_of(record: DecelerationRecord, discrepancy_ratio: Float[Array, " impact"]) -> Noise:
     """The noise of every trace, on the samples that it is asked at, those before the first among them.
 
     Args:
         record: what was recorded.
         discrepancy_ratio: s / sigma; nothing without a discrepancy.
-        atanh_correlation: of autoregressive noise.
     """
     colour, contact, stride = record.colour, record.contact, record.colour.stride
     inside = jnp.concatenate([contact.counts, record.observed()], axis=1)[:, ::stride]
@@ -167,7 +146,7 @@ def noise_of(
         basis = jnp.where(inside[:, None], basis, 0.0)
     scale = discrepancy_ratio[:, None] * jnp.sqrt(record.discrepancy.share)
     first, predictor = colour.first[record.rate], colour.predictor[record.rate]
-    return Noise(inside, scale[..., None] * basis, first, predictor, atanh_correlation)
+    return Noise(inside, scale[..., None] * basis, first, predictor)
 
 
 def filtered(
@@ -179,45 +158,6 @@ def filtered(
     weights = jnp.zeros(length).at[: reach + 1 : stride].set(predictor)
     product = jnp.fft.rfft(parts, length) * jnp.fft.rfft(weights)
     return jnp.fft.irfft(product, length)[..., :rows]
-
-
-def whitened(
-    parts: Float[Array, "*part row"],
-    atanh_correlation: Float[Array, "*#part"],
-    inside: Bool[Array, "*#part row"],
-) -> Float[Array, "*part row"]:
-    """(1 - rho^2)^1/2 p of the first sample and p_t - rho p_{t-1} of all others.
-
-    Args:
-        parts: residual or error column, 0 where there is no sample.
-        atanh_correlation: a.
-        inside: where there is a sample.
-    """
-    a = jnp.asarray(atanh_correlation)[..., None]
-    before = jnp.pad(parts[..., :-1], [(0, 0)] * (parts.ndim - 1) + [(1, 0)])
-    first = inside & (jnp.cumsum(inside, axis=-1) == 1)
-    return jnp.where(inside, jnp.where(first, parts / jnp.cosh(a), parts - jnp.tanh(a) * before), 0.0)
-
-
-def log_determinant(atanh_correlation: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
-    """Of S: -log(1 - rho^2) = 2 log cosh a."""
-    size = jnp.abs(atanh_correlation)
-    return 2 * (size + jnp.log1p(jnp.exp(-2 * size)) - _LOG_2)
-
-
-def correlated(
-    standard: Float[Array, "*batch impact sample"], atanh_correlation: Float[Array, " impact"]
-) -> Float[Array, "*batch impact sample"]:
-    """Noise over sigma from standard normals, one a sample: the inverse of `whitened`."""
-    rho = jnp.tanh(atanh_correlation)
-    first = standard[..., 0] * jnp.cosh(atanh_correlation)
-
-    def follow(before: Array, shock: Array) -> tuple[Array, Array]:
-        now = rho * before + shock
-        return now, now
-
-    _, later = jax.lax.scan(follow, first, jnp.moveaxis(standard[..., 1:], -1, 0))
-    return jnp.concatenate([first[..., None], jnp.moveaxis(later, 0, -1)], axis=-1)
 
 
 def colour_of(white: float, correlations: Sequence[Correlation], rows: int) -> Colour:

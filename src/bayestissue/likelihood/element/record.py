@@ -164,8 +164,8 @@ class ForceRows(NamedTuple):
         dt: its sampling interval [s].
         tip: m / M, of what lies in front of the sensor; None of one below the tissue, which reads the
             tissue's own force and not the one on the impactor.
-        usable: where a sample counts, as those at the sensor's limit do not; None where all do.
-        low_pass: a filter that it went through; None where there is none.
+        usable: where a sample counts, as those before its filter has settled do not; None where all do.
+        low_pass: a filter that it went through, of known contact alone; None where there is none.
         colour, rate: as of `DecelerationRecord`; None where its noise is white.
     """
 
@@ -235,8 +235,6 @@ class DecelerationRecord(NamedTuple):
         discrepancy: its modes.
         colour: the part of the noise that went through the recorder's filter.
         rate: which of that noise's sampling rates each impact has.
-        quiet: where the offset was found as the mean of a quiet part, and its standard deviation is that
-            under white noise.
         common_depth: one depth that every impact reaches [m]; no part of the likelihood.
         low_pass: a filter that the traces went through; None where there is none.
         uneven: when the samples were, where some trace's times are not even; None where all are.
@@ -261,7 +259,6 @@ class DecelerationRecord(NamedTuple):
     discrepancy: Discrepancy
     colour: Colour
     rate: Int[Array, " impact"]
-    quiet: Bool[Array, " impact"]
     common_depth: Float[Array, " impact"]
     low_pass: LowPass | None = None
     uneven: UnevenTimes | None = None
@@ -295,7 +292,6 @@ class DecelerationRecord(NamedTuple):
             "velocity_share": np.ones(number),
             "mass": mass,
             "rate": np.zeros(number, int),
-            "quiet": np.zeros(number, bool),
             "common_depth": np.zeros(number),
         }
         modes: Any = (np.zeros((number, 0, samples)), np.zeros((number, 0)))

@@ -141,32 +141,25 @@ def _by_velocity(
 def _of_force(element: Element, parameters: Array, record: DecelerationRecord, force: ForceRows) -> Response:
     """The answer at the samples of the force.
 
-    Where it has to be in one go for contact in several cells, it is made on one even grid, of the force's
-    interval or behind an analog low-pass of a part of it, that begins after contact in the last cell. From
-    cell to cell the samples lie later on it by a time that all of them share: the cubic through deceleration
-    and jerk of the grid's points is there, with an error of (omega_n h)^4 / 384 of the motion.
+    Where it has to be in one go for contact in several cells, it is made on one even grid of the force's
+    interval that begins after contact in the last cell. From cell to cell the samples lie later on it by a
+    time that all of them share: the cubic through deceleration and jerk of the grid's points is there, with
+    an error of (omega_n h)^4 / 384 of the motion.
     """
-    low_pass, reading = force.low_pass, tissue_force_over_mass if force.below else deceleration_of
+    reading = tissue_force_over_mass if force.below else deceleration_of
     if not record.contact.reach:
         return response(element, parameters, at_force(record, force), reading)
     since = (force.first_time - record.first_time + record.cells).T
-    finer = 1 if low_pass is None else low_pass.phase.shape[0]
-    step = force.dt / finer
-    begin = since.min(1) % step
-    later = (since - begin[:, None]) / step[:, None]
+    begin = since.min(1) % force.dt
+    later = (since - begin[:, None]) / force.dt[:, None]
     whole = jnp.maximum(jnp.floor(later), 0.0)
-    index = whole.astype(int)[..., None] + finer * jnp.arange(force.y.shape[1])
-    grid = at_force(record, force)._replace(
-        d=jnp.zeros((len(begin), finer * force.y.shape[1])), first_time=begin, dt=step
-    )
-    grid = grid._replace(contact=Contact.known(jnp.zeros(len(begin), bool)))
-    if grid.low_pass is not None and grid.low_pass.ahead is not None:
-        ahead = jnp.repeat(grid.low_pass.ahead, finer)
-        grid = grid._replace(low_pass=grid.low_pass._replace(ahead=ahead))
+    index = whole.astype(int)[..., None] + jnp.arange(force.y.shape[1])
+    known = Contact.known(jnp.zeros(len(begin), bool))
+    grid = at_force(record, force)._replace(first_time=begin, contact=known)
 
     def shifted(velocity: Array) -> tuple[Array, Array]:
         d, jerk = _answer(element, parameters, velocity, grid, reading)
-        into, interval = (later - whole)[..., None], step[:, None, None]
+        into, interval = (later - whole)[..., None], force.dt[:, None, None]
 
         def at(values: Array, index: Array) -> Array:
             flat = jnp.minimum(index, values.shape[1] - 1).reshape(len(values), -1)

@@ -10,13 +10,16 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bayestissue.inference.answers.agreement import METHODS, agreement
+from bayestissue.inference.answers.agreement import agreement
 from bayestissue.inference.results.meanings import COLUMNS, UNITS
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.posterior import QUANTITIES, Spread
 from bayestissue.report.settings import LIMITS, WORTH
 from bayestissue.report.tables import Field, Table, number_field, table_of
 from bayestissue.report.wording import digits, interval, percent
+
+# What `agreement_table` has the ratio of.
+TITLE = "thesis's method over posterior median"
 
 
 def shown_rows(table: pd.DataFrame) -> pd.DataFrame:
@@ -112,7 +115,7 @@ def estimates_table(run: FitRun) -> Table:
     for q, values in run.estimates_by_method.items():
         symbol = run.symbols[q]
         table = table.join(values.add_prefix(f"{q} ").reset_index(drop=True))
-        points = {f"{q} {method}": f"{q} {method}" for method in ("exact", "dds")}
+        points = {f"{q} dds": f"{q} dds"}
         points |= {} if run.truth.empty else {f"true {symbol}": f"{q} truth"}
         fields += [
             Field(f"{symbol} ({UNITS[q]})", partial(_value, q), "number"),
@@ -135,17 +138,17 @@ def _range(quantity: str, row: Mapping[str, Any]) -> str:
 
 
 def method_values(run: FitRun, quantity: str) -> pd.DataFrame:
-    """The value of every impact by every method, [impact, method]."""
-    return run.estimates_by_method[quantity].rename(columns={"median": "posterior"})[list(METHODS)]
+    """The value of every impact by the thesis's method, ``dds``, and its ``posterior`` median."""
+    return run.estimates_by_method[quantity].rename(columns={"median": "posterior"})[["dds", "posterior"]]
 
 
 def agreement_table(run: FitRun) -> Table:
-    """The ratio of each method to each other with its limits of agreement."""
+    """The ratio of the two with its limits of agreement."""
     ratios = agreement({run.symbols[quantity]: method_values(run, quantity) for quantity in QUANTITIES})
     return table_of(
         ratios,
         Field("quantity"),
-        Field("methods", lambda row: f"{METHODS[row['method']]} over {METHODS[row['against']]}"),
+        Field("methods", lambda _: TITLE),
         number_field("ratio", missing="not known"),
         Field("95 % limits of agreement", _limits, "number"),
         Field("impacts", kind="number"),

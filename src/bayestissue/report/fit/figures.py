@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import combinations
 
 import numpy as np
 import pandas as pd
@@ -17,10 +16,9 @@ from bayestissue.figures.impacts import axis_title
 from bayestissue.figures.intervals import intervals, quantiles, with_ranks
 from bayestissue.figures.theme import Figure
 from bayestissue.hierarchy.formulas.group_terms import stem_of
-from bayestissue.inference.answers.agreement import METHODS
 from bayestissue.inference.results.meanings import COLUMNS, NAMES, UNITS
 from bayestissue.report.fit import outcomes, traces
-from bayestissue.report.fit.estimates import mass_varies, method_values, shown_rows
+from bayestissue.report.fit.estimates import TITLE, mass_varies, method_values, shown_rows
 from bayestissue.report.fit.population import OwnSlope, groupings, own_slopes
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.fit.sentences import said
@@ -95,12 +93,11 @@ def paired(run: FitRun, quantity: str = "K", factor: str = "side") -> Figure:
 
 
 def repeats(run: FitRun, quantity: str) -> pd.DataFrame:
-    """Two successive measurements of one person, by each trace alone: their ``ratio`` over their ``mean``.
+    """Two successive measurements of one person, by the thesis's method: their ``ratio`` over their ``mean``.
 
     In the same condition where people were hit again in it, else from condition to condition.
     """
-    values = run.estimates_exact.set_index("impact")[COLUMNS[quantity]].reindex(run.impacts)
-    table = run.impacts_table.assign(value=values.to_numpy())
+    table = run.impacts_table.assign(value=run.estimates_by_method[quantity]["dds"].to_numpy())
     table = table[table["value"] > 0]
     levels = of_impacts.factors(table)
     if not table.duplicated(levels).any():
@@ -127,20 +124,23 @@ def repeatability(run: FitRun, quantity: str = "K") -> Figure:
     )
 
 
-def methods(run: FitRun, quantity: str, method: str, against: str) -> Figure:
-    """K (or C) of each impact by two methods, as Bland and Altman plot them."""
+def method_figures(run: FitRun) -> list[Figure]:
+    """K and C of each impact by the thesis's method and this fit, as Bland and Altman plot them."""
+    return [_methods(run, q) for q in QUANTITIES]
+
+
+def _methods(run: FitRun, quantity: str) -> Figure:
     table = method_values(run, quantity)
-    table = table[(table[[method, against]] > 0).all(axis=1)]
+    table = table[(table > 0).all(axis=1)]
     rows = pd.DataFrame(
         {
             "impact": table.index,
-            "mean": np.sqrt((table[method] * table[against]).to_numpy()),
-            "ratio": (table[method] / table[against]).to_numpy(),
+            "mean": np.sqrt((table["dds"] * table["posterior"]).to_numpy()),
+            "ratio": (table["dds"] / table["posterior"]).to_numpy(),
         }
     )
-    title = f"{METHODS[method]} over {METHODS[against]}"
-    words = said("figures.methods", q=quantity, title=title)
-    return study.agreement(shown_rows(rows), f"geometric mean {quantity} ({UNITS[quantity]})", title, words)
+    words = said("figures.methods", q=quantity, title=TITLE)
+    return study.agreement(shown_rows(rows), f"geometric mean {quantity} ({UNITS[quantity]})", TITLE, words)
 
 
 def mass(run: FitRun, quantity: str = "K", *, thesis: bool = False) -> Figure:
@@ -225,12 +225,15 @@ def recorded_force(run: FitRun) -> Figure:
     return of_traces.recording(rows, "force", unit, words)
 
 
-def residual_p(run: FitRun, one_step: np.ndarray) -> Figure:
+def residual_figures(run: FitRun, left: traces.Residuals) -> list[Figure]:
+    """Of the residuals: the p-values where they were tested, and the autocorrelation at lag 1."""
+    return [*([residual_p(run)] if run.tested else []), lag_one(run, left)]
+
+
+def residual_p(run: FitRun) -> Figure:
     """Sorted p-values of the residuals of every impact being the model's noise."""
     tested = np.array(list(run.tested.values()))
-    sets = {"what the fit leaves": tested, "one step ahead, exact ARMA(2,1)": one_step}
-    known = {name: values for name, values in sets.items() if np.isfinite(values).any()}
-    return of_traces.sorted_p(known, traces.STRUCTURED, said("figures.residual_p"))
+    return of_traces.sorted_p(tested, traces.STRUCTURED, said("figures.residual_p"))
 
 
 def lag_one(run: FitRun, left: traces.Residuals) -> Figure:
@@ -273,11 +276,6 @@ def slope_figures(run: FitRun) -> list[Figure]:
 def repeat_figures(run: FitRun) -> list[Figure]:
     """Successive measurements of one person, of K and of C, where there are several pairs."""
     return [repeatability(run, q) for q in QUANTITIES if len(repeats(run, q)) > 1]
-
-
-def method_figures(run: FitRun) -> list[Figure]:
-    """Every pair of methods, of K and of C."""
-    return [methods(run, q, *pair) for q in QUANTITIES for pair in combinations(METHODS, 2)]
 
 
 def _bound(figure: Callable[..., Figure]) -> property:

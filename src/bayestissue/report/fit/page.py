@@ -72,7 +72,6 @@ def page_of(run: FitRun, **served: Any) -> str:
         thesis=bool(model.get("comparison", {}).get("formulas")),
         factors=factors(run.impacts_table),
         residuals=traces.residuals(run),
-        one_step_p=traces.one_step_p(run),
         exponent_plots=[
             figures.exponent(run, quantity)
             for quantity in dict.fromkeys((*answers.answering(run).values(), posterior.OWN_DEPTH))

@@ -35,7 +35,6 @@ COMPARABLE = {"K": "K_secant_N_per_m", "C": "C_equivalent_N_s_per_m"}
 TABLES = (
     *POSTERIOR_TABLES,
     "cross_validation",
-    "estimates_exact",
     "estimates_dds",
     "interval_sources",
     "contrasts",
@@ -65,7 +64,6 @@ class FitRun(PosteriorRun):
     """
 
     cross_validation: pd.DataFrame
-    estimates_exact: pd.DataFrame
     estimates_dds: pd.DataFrame
     truth: pd.DataFrame
     interval_sources: pd.DataFrame
@@ -112,7 +110,7 @@ class FitRun(PosteriorRun):
     def estimates_by_method(self) -> dict[str, pd.DataFrame]:
         """For K and for C, in N/m and N s/m, a row an impact: its posterior and its point estimates.
 
-        Posterior ``median``, ``eti50_*`` and ``eti90_*``, of `symbols`; ``exact``; ``dds``; ``truth``, of
+        Posterior ``median``, ``eti50_*`` and ``eti90_*``, of `symbols`; ``dds``; ``truth``, of
         another element's tissue the secant stiffness or equivalent damping. What an impact lacks is NaN.
         """
         names = ["median", "eti50_low", "eti50_high", "eti90_low", "eti90_high"]
@@ -120,8 +118,7 @@ class FitRun(PosteriorRun):
         tables = {}
         for q, column in COLUMNS.items():
             table = self.of_impacts(self.symbols[q])[names].copy()
-            for method, estimates in (("exact", self.estimates_exact), ("dds", self.estimates_dds)):
-                table[method] = estimates.set_index("impact")[column].reindex(table.index)
+            table["dds"] = self.estimates_dds.set_index("impact")[column].reindex(table.index)
             comparable = same or self.symbols[q] != q
             true = COMPARABLE[q] if comparable and COMPARABLE[q] in self.truth else column
             table["truth"] = self.truth.set_index("impact")[true].reindex(table.index)

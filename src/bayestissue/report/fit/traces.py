@@ -14,8 +14,8 @@ from bayestissue.inference.points.whiteness import autocorrelation
 from bayestissue.report.fit.estimates import evenly_spaced
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.fit.sentences import said
-from bayestissue.report.settings import LIMITS, WORTH
-from bayestissue.report.wording import listed, percent
+from bayestissue.report.settings import LIMITS
+from bayestissue.report.wording import percent
 
 STRUCTURED = 0.01
 OTHER_NOISE = 0.01
@@ -114,19 +114,6 @@ def force_impact(run: FitRun) -> int:
     return middle_impact(run) if followed or worst is None else names.index(worst)
 
 
-def one_step_p(run: FitRun) -> np.ndarray:
-    """Ljung-Box p-values of the exact ARMA(2,1) fits' one-step residuals [impact], NaN where none is.
-
-    Of a fit of decelerations, which no ARMA(2,1) is asked to describe, there are none.
-    """
-    if run.likelihood == "impact":
-        return np.full(len(run.impacts), np.nan)
-    table = run.estimates_exact.set_index("impact").reindex(run.impacts)
-    if "whiteness_p" not in table:
-        return np.full(len(table), np.nan)
-    return pd.to_numeric(table["whiteness_p"], errors="coerce").to_numpy(float)
-
-
 SCALES = {"deceleration": ("m/s²", 1.0), "force": ("N", 1.0), "displacement": ("mm", 1e3)}
 
 
@@ -168,29 +155,11 @@ def other_noise(run: FitRun, left: Residuals) -> bool:
     return not run.tested and left.other_noise_p < OTHER_NOISE
 
 
-def residual_words(run: FitRun, left: Residuals, one_step: np.ndarray) -> list[str]:
+def residual_words(run: FitRun, left: Residuals) -> list[str]:
     """Whether the residuals have structure, and whether the model expects what they have."""
     sentences = [said("traces.inside", share=percent(inside_band(left)))]
     if run.tested:
         of_force = [run.force_form["words"]] if run.force_form else []
         return [*sentences, str(run.diagnostics["model_form"]["words"]), *of_force]
-    if np.isfinite(one_step).any():
-        sentences.append(
-            _structure("One step ahead, by the exact point fit", one_step, np.array(run.impacts))
-        )
     inside, also = left.lag_one["inside"], said("traces.other_noise") if other_noise(run, left) else ""
     return [*sentences, said("traces.lag_one", inside=int(inside.sum()), all=len(inside), also=also)]
-
-
-def _structure(what: str, p: np.ndarray, names: np.ndarray) -> str:
-    tested = np.isfinite(p)
-    count, total = int((p[tested] < STRUCTURED).sum()), int(tested.sum())
-    # By Bonferroni: so small that among all of them not even one would be expected.
-    sure = names[tested][p[tested] * total < STRUCTURED]
-    if count > WORTH.structured_share * total:
-        verdict = said("traces.structured")
-    elif sure.size:
-        verdict = said("traces.structured_some", names=listed([str(name) for name in sure]))
-    else:
-        verdict = said("traces.unstructured")
-    return said("traces.structure", what=what, count=count, total=total, verdict=verdict)

@@ -21,7 +21,7 @@ _MEASURED = files("bayestissue.report.fit").joinpath("coverage.csv")
 
 def likelihood_words(run: FitRun) -> str:
     """What each trace is taken for."""
-    name, noise = _element(run), said(f"recorders.{recorder_noise(run)}")
+    name = _element(run)
     additions = []
     if has_discrepancy(run):
         additions += [said("model.discrepancy"), said(f"model.{'own_K' if run.element_alone else 'of_both'}")]
@@ -34,21 +34,13 @@ def likelihood_words(run: FitRun) -> str:
         met = element(name)
         meanings = "; ".join(f"{one.name} ({one.unit}): {one.meaning}" for one in met.parameters)
         other = {"title": met.title, "meanings": meanings}
-    if other:
-        law = said("model.element", noise=noise, **other)
-    else:
-        law = said(f"likelihoods.{run.likelihood}", noise=noise)
+    law = said("model.element", **other) if other else said(f"likelihoods.{run.likelihood}")
     return " ".join([law, *additions])
 
 
 def has_discrepancy(run: FitRun) -> bool:
     """Whether the fit has a force beside the element's."""
     return bool(run.record.get("discrepancy"))
-
-
-def recorder_noise(run: FitRun) -> str:
-    """The noise of the recorder as the model file names it: "white" or "autoregressive"."""
-    return str(run.record.get("model", {}).get("noise", "white"))
 
 
 def _element(run: FitRun) -> str:
@@ -60,8 +52,6 @@ def unused_priors(run: FitRun) -> tuple[str, ...]:
     unused: tuple[str, ...] = () if run.likelihood == "arma" else ("atanh_theta1", "sd_atanh_theta1")
     if not has_discrepancy(run):
         unused = (*unused, "discrepancy", "sd_discrepancy")
-    if recorder_noise(run) == "white":
-        unused = (*unused, "atanh_noise_correlation", "sd_atanh_noise_correlation")
     return unused
 
 
@@ -79,8 +69,7 @@ def signal_words(run: FitRun) -> str:
 def limits(run: FitRun) -> list[str]:
     """What this model can't tell, one paragraph each."""
     if run.likelihood not in ("arma", "a2"):
-        coloured = recorder_noise(run) != "white"
-        return [said("model.shape"), *[said("model.passes_for_noise")] * coloured]
+        return [said("model.shape")]
     paragraphs = [said(f"noise.{run.shown}")]
     theta1 = run.of_impacts("theta1")
     if run.likelihood == "arma" and len(theta1):
@@ -109,7 +98,7 @@ def error_of_end(draws: int, p: float = 0.05) -> float:
 
 def coverage_table(run: FitRun) -> Table | None:
     """Coverage of this likelihood's intervals on simulated impacts; None where none was measured."""
-    if has_discrepancy(run) or recorder_noise(run) != "white":
+    if has_discrepancy(run):
         return None
     with _MEASURED.open(encoding="utf-8") as stream:
         coverage = pd.read_csv(stream)

@@ -1,0 +1,133 @@
+"""Each displacement by itself: against direct integration, the truth, and what the table promises."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+import pytest
+
+import bayestissue as bt
+from bayestissue.dataset import Dataset
+from bayestissue.hierarchy.specification import Formulas, read_specification
+from bayestissue.hierarchy.trace_data import prepare
+from bayestissue.inference.factors.likelihoods import log_likelihoods
+from bayestissue.inference.points.notes import NO_ANSWER
+from bayestissue.inference.single.posterior import single_posteriors
+from bayestissue.likelihood.arma.arma21 import arma21_series
+from bayestissue.oscillator import impact_motion, spring_damper_inverse, time_to_peak, to_differences
+from bayestissue.resources import shared
+
+pytestmark = pytest.mark.slow
+
+COUNT, MASS, VELOCITY, DT = 200, 0.7, 1.5, 5e-4
+# Of the longest recording.
+WIDTH = 128
+# Three binomial standard errors of a share of nine in ten.
+TOLERANCE = 3 * np.sqrt(0.09 / COUNT)
+
+
+def tissues() -> tuple[np.ndarray, np.ndarray]:
+    random = np.random.default_rng(0)
+    return 3000 * np.exp(0.2 * random.normal(size=COUNT)), 25 * np.exp(0.2 * random.normal(size=COUNT))
+
+
+@partial(jax.jit, static_argnames="width")
+def driven(omega_n: jax.Array, zeta: jax.Array, share: float, width: int) -> jax.Array:
+    """Displacements that shocks drive, ``share`` of the peak deceleration times the interval squared."""
+    motion = impact_motion(DT * jnp.arange(width), omega_n[:, None], zeta[:, None], VELOCITY)
+    sigma = share * motion.deceleration.max(1) * DT**2
+    shocks = sigma * jax.random.normal(jax.random.key(1), (width + 1, len(omega_n)))
+    return arma21_series(motion.displacement[:, :2], shocks[2:], *to_differences(omega_n, zeta, DT))
+
+
+def recorded(share: float, mass_sd: float = 0.0) -> Dataset:
+    """To 1.3 times the time to peak, with the noise that an ARMA(2,1) assumes."""
+    omega_n, zeta = (np.asarray(part) for part in spring_damper_inverse(*tissues(), MASS))
+    lengths = np.floor(1.3 * np.asarray(time_to_peak(omega_n, zeta)) / DT).astype(int) + 1
+    x = np.asarray(driven(omega_n, zeta, share, WIDTH))
+    impacts = {
+        "impact": [f"i{i}" for i in range(COUNT)],
+        "subject": "s",
+        "trial": "t",
+        "mass_kg": MASS,
+        "velocity_m_s": VELOCITY,
+    }
+    traces = [(DT * np.arange(n), row[:n]) for row, n in zip(x, lengths, strict=True)]
+    uncertainty = {"relative_mass_sd": mass_sd} if mass_sd else None
+    return bt.dataset(
+        pd.DataFrame(impacts), traces, quantity="displacement", unit="m", uncertainty=uncertainty
+    )
+
+
+@pytest.fixture(scope="module")
+def table() -> pd.DataFrame:
+    return bt.estimate(recorded(0.005))
+
+
+def test_nine_in_ten_intervals_hold_the_truth(table: pd.DataFrame) -> None:
+    for unit, truth in zip(("K_{}N_per_m", "C_{}N_s_per_m"), tissues(), strict=True):
+        held = (table[unit.format("low_")] <= truth) & (truth <= table[unit.format("high_")])
+        assert held.mean() == pytest.approx(0.9, abs=TOLERANCE)
+        assert np.median(np.abs(table[unit.format("")] / truth - 1)) < 0.02
+
+
+def test_the_row_is_that_of_one_oscillator(table: pd.DataFrame) -> None:
+    np.testing.assert_allclose(table["K_N_per_m"], MASS * table["omega_n_rad_s"] ** 2)
+    np.testing.assert_allclose(
+        table["C_N_s_per_m"], 2 * table["zeta"] * MASS * table["omega_n_rad_s"], rtol=1e-12
+    )
+    assert (table["sigma_a"] > 0).all()
+    assert table["theta1"].between(-1, 1).all()
+    assert (table["flags"] == "").all()
+    # What a deceleration alone has.
+    assert not {"noise_sd_m_s2", "whiteness_p", "peak_force_N"} & set(table)
+    assert list(table)[-2:] == ["pareto_k", "notes"]
+
+
+def test_an_error_of_the_mass_is_in_the_intervals(table: pd.DataFrame) -> None:
+    unsure = bt.estimate(recorded(0.005, mass_sd=0.02))
+    np.testing.assert_allclose(unsure["K_N_per_m"], table["K_N_per_m"], rtol=1e-12)
+    expected = np.hypot(table["K_se_N_per_m"], 0.02 * table["K_N_per_m"])
+    np.testing.assert_allclose(unsure["K_se_N_per_m"], expected, rtol=0.05)
+
+
+def test_what_a_displacement_does_not_tell_is_empty_and_noted() -> None:
+    table = bt.estimate(recorded(0.5))
+    untold = table["C_N_s_per_m"].isna()
+    assert untold.any()
+    assert (table.loc[untold, "C_low_N_s_per_m"] == 0).all()
+    assert np.isfinite(table["C_high_N_s_per_m"]).all()
+    assert (table["flags"] == "").all()
+    assert table.loc[untold, "notes"].str.contains(NO_ANSWER).all()
+
+
+def test_medians_and_intervals_are_those_of_direct_integration() -> None:
+    """Over a grid of log K, log C, log noise and artanh theta1."""
+    specification = read_specification(shared("models", "arma.toml"))
+    alone = specification.model_copy(update={"formula": Formulas(K="1", C="1")})
+    case = prepare(recorded(0.02).part(slice(1)), alone, source="test")
+    found = single_posteriors(case)
+    priors = case.model.priors
+    own = (priors.intercept.K, priors.intercept.C, priors.noise, priors.atanh_theta1)
+    middle, size = found.parameters[0], 25
+    spread = [np.log1p(one.sd[0] / one.median[0]) for one in (found.K, found.C)]
+    reach = [6 * spread[0], 6 * spread[1], 0.7, 2.0]
+    axes = [np.linspace(m - r, m + r, size) for m, r in zip(middle, reach, strict=True)]
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 1, 4)
+    log_prior = sum(-(((grid[:, 0, a] - p.mean) / p.sd) ** 2) / 2 for a, p in enumerate(own))
+    twice_zeta = np.exp(grid[:, 0, 1] - (grid[:, 0, 0] + np.asarray(case.data.log_mass)) / 2)
+    log_prior = log_prior + np.log(1 / (1 + twice_zeta**2) * twice_zeta / (1 + twice_zeta))
+    density = (log_likelihoods(case.model, case.data, grid)[:, 0] + log_prior).reshape([size] * 4)
+    weight = np.exp(density - density.max())
+    for place, mine in enumerate((found.K, found.C)):
+        mass = weight.sum(axis=tuple({0, 1, 2, 3} - {place}))
+        step = axes[place][1] - axes[place][0]
+        inner = np.concatenate([[0.0], np.cumsum(mass) / mass.sum()])
+        edges = np.append(axes[place] - step / 2, axes[place][-1] + step / 2)
+        expected = np.exp(np.interp([0.05, 0.5, 0.95], inner, edges))
+        ends = [mine.low[0], mine.median[0], mine.high[0]]
+        np.testing.assert_allclose(ends, expected, atol=0.15 * mine.sd[0])
