@@ -293,7 +293,7 @@ def _run(passed: bool) -> dict[str, object]:
                 },
                 "residual_correlation": {"distribution": "lkj", "concentration": 2.0},
             },
-            "sampler": {"chains": 4, "target_accept": 0.9},
+            "sampler": {"chains": 4, "effective": 400},
         },
         "seed": 0,
         "input_hash": "0123456789abcdef",

@@ -284,7 +284,7 @@ def test_a_stiffening_tissue_fitted_by_spring_and_damper_keeps_its_secant_stiffn
         )
     )
     specification = read_specification(shared("models", "impact.toml"))
-    fewer = {"sampler": Sampler(chains=2, warmup=300, draws=500)}
+    fewer = {"sampler": Sampler(chains=2, draws=500)}
     found = bt.fit(made.dataset("stiffening"), specification.model_copy(update=fewer), 1)
     assert "WARNING" in found.verdict
     assert found.diagnostics["model_form"]["score"] > 10

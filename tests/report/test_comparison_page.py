@@ -138,7 +138,8 @@ def test_runs_answer_the_same_questions_side_by_side(tmp_path) -> None:
         make_fit_run(tmp_path / name, two_sides=True, seed=seed) for name, seed in (("one", 1), ("two", 2))
     ]
     tables = {path.name: {"contrasts": pd.read_csv(path / "contrasts.csv")} for path in paths}
-    tables["two"]["questions"] = table_of_rows("questions", [{"question": "K > 1", "posterior": 0.9}])
+    claim = {"question": "K > 1", "posterior": 0.9, "unit": "", "level": ""}
+    tables["two"]["questions"] = table_of_rows("questions", [claim])
     answers = same_questions(tables)
     table = answers_table(answers, ["one", "two"])
     cells = {row.cells[0]: row.cells[1:] for row in table.rows}
