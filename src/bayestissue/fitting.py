@@ -322,12 +322,6 @@ def earlier_run(
     ]
     if record.get("input_hash") != dataset.input_hash:
         problems.append(Problem.stated("another-run.recordings", source, None, "input_hash", dataset.name))
-    # Where its chains ended is in arrays that are filled up, or are not.
-    plain, was = (versions.get("plain", "0") for versions in (runtime.versions(), record.get("versions", {})))
-    if plain != was:
-        problems.append(
-            Problem.stated("another-run.plain", source, None, "BAYESTISSUE_PLAIN", plain, there=was)
-        )
     if problems:
         raise InputError(problems)
     second = "score_without" in record.get("discrepancy", {})
