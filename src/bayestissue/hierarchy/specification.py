@@ -10,8 +10,6 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import (
     ConfigDict,
     Field,
-    ModelWrapValidatorHandler,
-    PrivateAttr,
     ValidationInfo,
     field_validator,
     model_validator,
@@ -74,10 +72,6 @@ class PracticalEquivalence(Table):
     ratio: Annotated[float, Field(gt=0, lt=1)] = 0.1
 
 
-# Of a sampler that there was: read, without effect.
-_OF_AN_EARLIER_SAMPLER = ("warmup", "thinning", "target_accept", "max_tree_depth", "path")
-
-
 class Sampler(Table):
     """Of the Markov chains that draw from the posterior.
 
@@ -93,21 +87,6 @@ class Sampler(Table):
     draws: Annotated[int, Field(ge=100, le=100_000)] = 1000
     effective: Annotated[int, Field(ge=50, le=100_000)] = 400
     transitions: Annotated[int, Field(ge=100, le=10_000_000)] = 40_000
-    _ignored: tuple[str, ...] = PrivateAttr(())
-
-    @model_validator(mode="wrap")
-    @classmethod
-    def _without_old_keys(cls, content: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
-        old = [key for key in _OF_AN_EARLIER_SAMPLER if isinstance(content, Mapping) and key in content]
-        sampler = handler({key: content[key] for key in content if key not in old} if old else content)
-        if old:
-            sampler._ignored = tuple(old)
-        return sampler
-
-    @property
-    def ignored(self) -> tuple[str, ...]:
-        """Keys of the file that an earlier version's sampler had, and that do nothing."""
-        return self._ignored
 
 
 class Comparison(Table):

@@ -32,7 +32,6 @@ from bayestissue.likelihood.linear_errors import (
     prior_errors,
 )
 from bayestissue.oscillator import spring_damper_inverse
-from bayestissue.runtime import PLAIN
 
 # A response this many times the trace is no impact; the products would keep seven digits.
 _GREATEST = 1e4
@@ -182,7 +181,7 @@ class MeasuredImpact:
     def log_density(self) -> Float[Array, " impact"]:
         """Log density of each recorded trace, its errors and its discrepancy integrated out."""
         record = self.record
-        if record.side_by_side and record.clipped is None and not PLAIN:
+        if record.side_by_side and record.clipped is None:
             omega_n, zeta = spring_damper_inverse(*self.parameters, record.mass)
             return spring_damper.log_likelihood(omega_n, zeta, self.noise_parameters.log_sigma, record)
         density = element_log_likelihood(self.element, self.parameters, self.noise_parameters, record)
