@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 import os
 import pickle
+import pydoc
 import subprocess
 import sys
 import threading
+from importlib.metadata import version
 from io import StringIO
 from pathlib import Path
 
@@ -142,7 +144,7 @@ assert {str(values.dtype) for values in fit.posterior["posterior"].data_vars.val
 def test_a_fit_in_a_fresh_interpreter_is_that_of_the_command(some_impacts: Path, tmp_path: Path):
     model = tmp_path / "few.toml"
     lines = ['name = "few"', 'likelihood = "a2"', "[formula]", 'K = "1"', 'C = "1"']
-    model.write_text("\n".join([*lines, "[sampler]", "chains = 2", "warmup = 100", "draws = 200"]))
+    model.write_text("\n".join([*lines, "[sampler]", "chains = 2", "draws = 200"]))
     environment = {name: value for name, value in os.environ.items() if name != "JAX_ENABLE_X64"}
     out = tmp_path / "run"
     alone = [sys.executable, "-c", FIT, str(some_impacts), str(model), str(tmp_path / "summary.csv")]
@@ -203,6 +205,14 @@ def test_whatever_is_like_an_array_is_an_argument(kind):
     )
     np.testing.assert_allclose(omega_n, [60.0, 70.0], ROUNDING)
     np.testing.assert_allclose(bt.spring_damper(omega_n, zeta, kind([0.1, 0.1]))[0], [360.0, 490.0], ROUNDING)
+
+
+def test_what_is_public_and_no_more_is_listed() -> None:
+    assert dir(bt) == sorted([*bt.__all__, "__version__"])
+    assert bt.__version__ == version("bayestissue")
+    shown = pydoc.plain(pydoc.render_doc(bt.dataset))
+    assert "bayestissue.dataset(impacts" in shown
+    assert "Args:" in shown
 
 
 @pytest.mark.parametrize("name", bt.__all__)

@@ -28,7 +28,6 @@ name = "small"
 likelihood = "arma"
 [sampler]
 chains = 2
-warmup = 150
 draws = 200
 """
 

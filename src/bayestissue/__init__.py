@@ -24,7 +24,6 @@ _PUBLIC: dict[str, str] = {
     "InputError": "bayestissue.errors",
     "Plan": "bayestissue.planning.plan",
     "Problem": "bayestissue.errors",
-    "Run": "bayestissue.finished",
     "read_run": "bayestissue.finished",
 }
 # What computes with JAX, and so in float64, whatever the caller's setting is.
@@ -49,6 +48,10 @@ __all__ = sorted([*_PUBLIC, *_COMPUTED, *_NUMERIC])
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version(__name__)
     if name not in __all__:
         raise AttributeError(f"module 'bayestissue' has no attribute {name!r}")
     module = import_module((_PUBLIC | _COMPUTED | _NUMERIC)[name])
@@ -67,4 +70,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return [*__all__, "__version__"]

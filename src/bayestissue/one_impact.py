@@ -15,12 +15,14 @@ from bayestissue.dataset.chain import Contact, Recorder, Uncertainty
 from bayestissue.dataset.model import Dataset
 from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.dataset.settings import Gravity, Zero
+from bayestissue.declarations import general
 from bayestissue.errors import InputError
 from bayestissue.figures.theme import Figure
 from bayestissue.figures.traces import recording
 from bayestissue.inference.points.notes import said_once
 from bayestissue.inference.single.estimates import by_impact, outcomes_in
 from bayestissue.outline import Outlined, Rows
+from bayestissue.report.wording import estimated
 from bayestissue.signal import SignalOptions, displacements
 from bayestissue.signal.quality import inspect
 
@@ -204,8 +206,9 @@ def impact_of(data: Dataset) -> Impact:
 
 def _in_words(value: float, interval: tuple[float, float], unit: str) -> str:
     if not np.isfinite(value):
-        bound = f", below {interval[1]:.4g} {unit} (95 %)" if np.isfinite(interval[1]) else ""
+        bound = f", below {general(interval[1])} {unit} (95 %)" if np.isfinite(interval[1]) else ""
         return _NO_ESTIMATE + bound
     if not np.isfinite(interval).all():
-        return f"{value:.4g} {unit}, no interval"
-    return f"{value:.4g} {unit} (90 %: {interval[0]:.4g} to {interval[1]:.4g})"
+        return f"{general(value)} {unit}, no interval"
+    median, low, high = estimated(value, *interval)
+    return f"{median} {unit} (90 %: {low} to {high})"

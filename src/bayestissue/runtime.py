@@ -20,6 +20,8 @@ from typing import Any
 
 from bayestissue import stopping
 
+# Of run folders: raised where this version no longer reads what the one before it wrote.
+FORMAT = 1
 LIBRARIES = ("bayestissue", "numpy", "scipy", "jax", "numpyro", "arviz", "pandas", "xarray")
 _FOLDER = "JAX_COMPILATION_CACHE_DIR"
 # The greatest seed that random numbers of every library can begin from.
@@ -217,8 +219,6 @@ def _remove_unused(folder: Path, most: int = _MOST_KEPT, target: int = _KEPT) ->
         path = Path(name)
         with suppress(OSError):
             path.unlink()
-            # Of an earlier version, which had JAX note the time.
-            path.with_name(f"{path.name.removesuffix('-cache')}-atime").unlink(missing_ok=True)
         left -= size
 
 
@@ -312,6 +312,7 @@ def run_record(command: str, kind: str, started: datetime, seconds: float, **con
     """The content of ``run.json``: which command, by which versions, of what, when and how long."""
     return {
         "program": "bayestissue",
+        "format": FORMAT,
         "command": command,
         "kind": kind,
         "versions": versions(),

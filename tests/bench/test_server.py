@@ -20,6 +20,7 @@ import pytest
 from opened import TOKEN, served
 from written_drops import drop, plan_of_drops, write
 
+from bayestissue.bench import server
 from bayestissue.bench.decisions import Decisions, one_line
 from bayestissue.bench.server import HOST
 from bayestissue.bench.views import DatasetView, DropsView, WatchView
@@ -274,3 +275,13 @@ def test_a_view_of_what_cannot_be_written_refuses_decisions(tmp_path: Path) -> N
     with pytest.raises(InputError, match="can be changed"):
         view.act("decide", {"impact": "a", "reason": "x"})
     assert not list(tmp_path.iterdir())
+
+
+def test_what_lacks_the_packages_of_a_page_names_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(server, "find_spec", lambda name: None)
+    without = " `bayestissue watch --plain` needs none."
+    for name, other in (("bayestissue open", ""), ("bayestissue watch", without)):
+        with pytest.raises(InputError) as raised:
+            server.require_server(name, other)
+        assert str(raised.value).startswith(name)
+        assert ("--plain" in str(raised.value)) == bool(other)

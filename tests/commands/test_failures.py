@@ -7,6 +7,7 @@ import json
 import shutil
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -217,3 +218,19 @@ def test_every_problem_of_json_is_json(bayestissue, tmp_path: Path) -> None:
     status, said = bayestissue("check", tmp_path / "nowhere", "--json")
     assert status == 2
     assert json.loads(said)["problems"]
+
+
+@pytest.mark.parametrize("quiet", [True, False])
+def test_a_quiet_command_prints_no_warning_of_a_library(
+    bayestissue, quiet: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def told(*_: object, **__: object) -> None:
+        np.log(np.array([-1.0]))
+        raise InputError.stated("no-file.recording", "here", remedy="")
+
+    monkeypatch.setattr("bayestissue.dataset.read_dataset", told)
+    with warnings.catch_warnings(record=True) as warned:
+        warnings.simplefilter("always")
+        status, _ = bayestissue("check", tmp_path, *["--quiet"] * quiet)
+    assert status == 2
+    assert bool(warned) != quiet

@@ -100,3 +100,51 @@ def test_of_tables_in_python_the_rows_are_counted_as_there(lab):
     made = bt.dataset(impacts, traces, **given, uncertainty=SETTINGS["uncertainty"])
     with pytest.raises(bt.InputError, match=r"impacts \(rows from 0\), row 2, column sex, impact"):
         bt.fit(made, K="sex")
+
+
+@pytest.mark.parametrize(
+    ("column", "subjects", "levels", "asked"),
+    [
+        ("group", "1 2 1 2", "treated treated control control", 1),
+        ("group", "1 2 1 2", "1 1 2 2", 1),
+        # Of people with names, and of what a person goes through, nobody is asked about.
+        ("group", "anna bert anna bert", "treated treated control control", 0),
+        ("condition", "1 2 1 2", "treated treated control control", 0),
+        ("Side", "1 2 3 1 4 5", "left left left right right right", 0),
+        ("shoe", "1 2 1 2", "bare bare shod shod", 0),
+        # In a factor that is constant for everybody else.
+        ("country", "1 2 3 1 4 5", "at at at de de de", 1),
+        ("height_cm", "1 2 3 1 4 5", "180 180 180 170 170 170", 0),
+        ("remark", "1 2 3 1 4 5", "good good good slipped good good", 0),
+    ],
+)
+def test_whoever_stands_in_two_groups_is_asked_about(
+    column: str, subjects: str, levels: str, asked: int
+) -> None:
+    people = subjects.split()
+    table = pd.DataFrame({"impact": [f"i{n}" for n in range(len(people))], "subject": people})
+    table = table.assign(mass_kg=1.0, velocity_m_s=1.0, **{column: levels.split()}).astype(str)
+    found = impact_table(table, np.arange(2, len(people) + 2), needs_velocity=True)
+    assert [p.code for p in found.warnings] == ["one-person-or-two"] * asked
+    assert all("one person or two?" in str(problem) for problem in found.warnings)
+
+
+@pytest.mark.parametrize("name", ["Subject", "Patient", "PARTICIPANT"])
+def test_a_column_of_people_is_the_subject_whatever_its_case(lab: Lab, name: str) -> None:
+    path = lab.path("impacts.csv")
+    expected = bt.read_dataset(path.parent).impacts["subject"].tolist()
+    path.write_text(path.read_text().replace("subject", name, 1))
+    assert bt.read_dataset(path.parent).impacts["subject"].tolist() == expected
+
+
+def test_a_formula_finds_columns_whatever_their_case_and_names_the_near_one() -> None:
+    rows = pd.DataFrame({"subject": list("aabbccdd"), "trial": "x", "mass_kg": [1.0, 2.0] * 4})
+    rows["Group"] = list("ttttcccc")
+    assert str(judge("group + (1|Patient)", rows, 1.0).terms) == "Group + (1|subject)"
+    assert judge("group + (1|Patient)", rows, 1.0).faults == ()
+    for formula in ("GRUP", "(1|grup)", "(grup|subject)"):
+        (fault,) = judge(formula, rows, 1.0).faults
+        assert fault.reason.endswith("; Group is near")
+    # Two that differ by case alone are two.
+    twice = rows.assign(group=list("tctctctc"))
+    assert str(judge("group", twice, 1.0).terms) == "group"

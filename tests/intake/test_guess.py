@@ -180,3 +180,82 @@ def test_a_condition_that_is_left_out_is_a_mass_and_velocity(mass, velocity, nam
     t = np.arange(100) / 1e3
     traces = [(t, 50 * np.sin(np.pi * t / 0.1))] * 4
     assert bt.dataset(table, traces, quantity="deceleration", unit="m/s^2").impacts["trial"].tolist() == names
+
+
+def six_people(folder: Path) -> Path:
+    """Recordings of three people in each of two groups, numbered anew in each, twice each."""
+    for group in ("treated", "control"):
+        (folder / group).mkdir(parents=True)
+        for number, path in enumerate(sorted(RECORDED.iterdir())[:6]):
+            shutil.copyfile(path, folder / group / f"{number // 2 + 1}_{number % 2 + 1}.lvm")
+    return folder
+
+
+@pytest.mark.parametrize("pattern", [None, "{group}/{subject}_{n}"])
+def test_people_numbered_anew_in_each_group_are_asked_about(tmp_path: Path, pattern: str | None) -> None:
+    said = {"mass_kg": "1", "velocity_m_s": "1"}
+    choices = Choices(quantity="deceleration", pattern=pattern, shared=said, unit="m/s^2")
+    intake = prepare(six_people(tmp_path / "r"), choices)
+    (question,) = intake.questions
+    assert "1 is in control and in treated: one person or two?" in question.wording
+    one, two = question.answers
+    assert (one, two) == ("{condition}/{subject}_{n}", "{group}/{subject:group}_{n}")
+    for answer, people in ((one, 3), (two, 6)):
+        answered = intake.answered(question, answer)
+        assert answered.questions == ()
+        assert len({row["subject"] for row in answered.facts.of_file.values()}) == people
+
+
+def test_people_numbered_anew_are_joined_with_a_table_by_group_and_number(tmp_path: Path) -> None:
+    table = tmp_path / "people.csv"
+    rows = [
+        f"{g},{n},{w}" for w, (g, n) in enumerate((g, n) for g in ("treated", "control") for n in (1, 2, 3))
+    ]
+    table.write_text("group,subject,who\n" + "\n".join(rows))
+    pattern = "{group}/{subject:group}_{n}"
+    intake = prepare(
+        six_people(tmp_path / "r"), Choices(quantity="deceleration", pattern=pattern, table=table)
+    )
+    who = {(row["subject"], row["who"]) for row in intake.facts.of_file.values()}
+    assert who == {(f"{g}-{n}", str(i)) for i, (g, n, _) in enumerate(row.split(",") for row in rows)}
+
+
+@pytest.mark.parametrize(
+    ("head", "people"),
+    [
+        ("file,Patient", 6),
+        ("file,Subject", 6),
+        ("file,PATIENT_ID", 6),
+        ("file,who", None),
+        ("file,subject", 6),
+    ],
+)
+def test_a_table_says_who_was_hit_in_whatever_case(tmp_path: Path, head: str, people: int | None) -> None:
+    lines = [head]
+    for number, path in enumerate(sorted(RECORDED.iterdir())[:6]):
+        shutil.copyfile(path, tmp_path / f"rec_{number}.lvm")
+        lines.append(f"rec_{number}.lvm,p{number}")
+    table = tmp_path / "facts.csv"
+    table.write_text("\n".join(lines))
+    said = {"mass_kg": "1", "velocity_m_s": "1"}
+    intake = prepare(tmp_path, Choices(quantity="deceleration", table=table, shared=said))
+    if people is None:
+        (question,) = intake.questions
+        assert "--set" not in question.line
+    else:
+        assert intake.questions == ()
+        assert len({row["subject"] for row in intake.facts.of_file.values()}) == people
+
+
+def test_a_table_that_does_not_say_who_was_hit_leaves_it_to_the_names(tmp_path: Path) -> None:
+    files = sorted(RECORDED.iterdir())
+    table = tmp_path / "facts.csv"
+    table.write_text("file,mass_kg\n" + "\n".join(f"{path.name},1" for path in files if "1.0kg" in path.name))
+    recorded = tmp_path / "r"
+    recorded.mkdir()
+    for path in files:
+        if "1.0kg" in path.name:
+            shutil.copyfile(path, recorded / path.name)
+    intake = prepare(recorded, Choices(quantity="deceleration", table=table, shared={"velocity_m_s": "1"}))
+    assert intake.questions == ()
+    assert {row["subject"] for row in intake.facts.of_file.values()} == {f"p{n}" for n in range(1, 7)}

@@ -23,6 +23,22 @@ def test_an_interval_shows_two_digits_of_its_width(low, high, expected):
     assert wording.interval(low, high) == expected
 
 
+@pytest.mark.parametrize(
+    ("numbers", "expected"),
+    [
+        ((50003.0, 48211.0, 51790.0), ("50000", "48200", "51800")),
+        ((50003.0, 50001.2, 50004.9), ("50003.0", "50001.2", "50004.9")),
+        ((312345.0, 0.0, 912345.0), ("310000", "0", "910000")),
+        ((50003.0, 50003.0, 50003.0), ("50000", "50000", "50000")),
+        ((0.0123456, 0.01234, 0.01235), ("0.01235", "0.01234", "0.01235")),
+        ((1.5, 1.25, math.inf), ("1.500", "1.250", "inf")),
+        ((math.nan, 0.0, 2.0), ("nan", "0", "2.000")),
+    ],
+)
+def test_a_median_and_its_interval(numbers, expected):
+    assert wording.estimated(*numbers) == expected
+
+
 @given(st.floats(-1e6, 1e6), st.floats(1e-4, 1e6))
 def test_rounding_moves_an_end_by_at_most_a_tenth_of_the_width(low, width):
     decimals = wording.decimals_of(width)

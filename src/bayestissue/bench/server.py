@@ -63,15 +63,18 @@ class View(Protocol):
         """Carry out what a button asks for. Raises KeyError, ValueError where that is nothing."""
 
 
-def require_server() -> None:
-    """Refuse to begin where the packages of the server are not installed.
+def require_server(command: str, otherwise: str = "") -> None:
+    """Refuse a ``command`` where the packages of the server are not installed.
+
+    ``otherwise`` is what needs none.
 
     Raises:
         InputError: how to install them.
     """
     missing = [name for name in ("starlette", "uvicorn") if find_spec(name) is None]
     if missing:
-        raise InputError.stated("no-campaign.server", "bench", value=f"no {' and no '.join(missing)}")
+        value = f"no {' and no '.join(missing)}"
+        raise InputError.stated("no-campaign.server", command, value=value, otherwise=otherwise)
 
 
 def application(view: View, port: int, token: str) -> Starlette:

@@ -42,6 +42,7 @@ from bayestissue.planning.assurance import weighted_quantiles
 from bayestissue.planning.information import spreads_of_nuisance, without_nuisance
 from bayestissue.planning.model import planned_model
 from bayestissue.planning.posterior import PlannedSites, posteriors
+from bayestissue.report.wording import estimated
 
 _FORMULA = "log(mass_kg) + (1|subject)"
 # Of people, masses and repeats of each: the table has room for so many, and doubles where they are more.
@@ -251,8 +252,8 @@ class Study:
         estimates = self.estimates(drop)
         if estimates is None:
             return []
-        middle, low, high = estimates.impact["K"]
-        words = [f"in the study so far K {middle:.4g} ({low:.4g} to {high:.4g}) N/m"]
+        middle, low, high = estimated(*estimates.impact["K"])
+        words = [f"in the study so far K {middle} ({low} to {high}) N/m"]
         wanted = f", wanted {self._wanted:.1%}" if self._wanted else ""
         return [*words, f"its person's K known to {estimates.width:.1%}{wanted}"]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import shutil
 import threading
@@ -37,7 +38,7 @@ from bayestissue.intake.folder import natural
 from bayestissue.intake.names import columns
 from bayestissue.one_impact import Impact, impact_of
 from bayestissue.one_impact import impact as one_impact
-from bayestissue.report.wording import PREDICTED
+from bayestissue.report.wording import PREDICTED, estimated
 from bayestissue.results import put
 from bayestissue.results.files import file_sha256
 from bayestissue.results.mark import discard, require_left_over, start_job
@@ -601,5 +602,6 @@ def _number(value: Any) -> float | None:
 
 
 def _interval(numbers: list[float | None]) -> str:
-    middle, low, high = (None if value is None else f"{value:.4g}" for value in numbers)
+    known = (math.nan if value is None else value for value in numbers)
+    middle, low, high = (None if text == "nan" else text for text in estimated(*known))
     return f"{middle or 'no number'} ({low} to {high})" if low and high else middle or "no number"

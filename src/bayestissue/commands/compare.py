@@ -154,9 +154,8 @@ def _finished(runs: list[Path], abouts: list[dict[str, Any]]) -> list[FinishedRu
 
     def read(run: tuple[str, Path, dict[str, Any]]) -> FinishedRun:
         name, path, record = run
-        remedy = "Fit again with this version."
         needed = _GROUPS | {"observed_data": (observed_by(record["model"]["likelihood"]),)}
-        groups = read_groups(path / "posterior.nc", needed, remedy, of_impacts=_OF_IMPACTS)
+        groups = read_groups(path / "posterior.nc", needed, _AGAIN, of_impacts=_OF_IMPACTS)
         tree = xr.DataTree.from_dict(groups)
         return FinishedRun(name, record["model"], tree, Finished.from_tree(tree, record["model"]))
 
@@ -227,6 +226,7 @@ def _print_posteriors(posteriors: pd.DataFrame) -> None:
     """Each quantity with what its intervals are of, and under it a line for each run."""
     from bayestissue.commands.console import line
     from bayestissue.inference.results.meanings import heading_words
+    from bayestissue.report.wording import estimated
 
     line("posteriors: median and 90 % interval", "italic")
     for (variable, level, label, unit), shown in posteriors.groupby(
@@ -235,5 +235,5 @@ def _print_posteriors(posteriors: pd.DataFrame) -> None:
         line(heading_words(str(variable), str(level), str(label)) + ("" if unit == "1" else f" ({unit})"))
         width = shown["run"].str.len().max()
         for row in shown.to_dict("records"):
-            median, low, high = (f"{row[name]:.4g}" for name in ("median", "eti90_low", "eti90_high"))
+            median, low, high = estimated(*(row[name] for name in ("median", "eti90_low", "eti90_high")))
             line(f"  {row['run']:{width}}  {median}, {low} to {high}")

@@ -125,13 +125,15 @@ def _varied(data: Dataset, method: Method, choices: dict[str, tuple[SignalOption
 def _print(data: Dataset, estimates: pd.DataFrame, varied: pd.DataFrame | None, out: Path) -> None:
     from bayestissue.commands.console import echo, explained, line, show, table
     from bayestissue.inference.points.notes import people_alone, said_once
+    from bayestissue.outline import counted
     from bayestissue.remedies import codes_in
+    from bayestissue.report.wording import estimated
 
     flagged = int((estimates["flags"] != "").sum())
     rows, people = [], people_alone(estimates)
     for name, words in (("K_N_per_m", "K (N/m)"), ("C_N_s_per_m", "C (N s/m)"), ("zeta", "zeta")):
         low, median, high = people[name].quantile([0.05, 0.5, 0.95])
-        rows.append((words, *(f"{value:.4g}" for value in (median, low, high))))
+        rows.append((words, *estimated(median, low, high)))
     which = "these impacts" if len(people) == len(estimates) else "people's impacts"
     title = f"{data.name}: {len(estimates)} impacts, {flagged} flagged"
     show(table(title, (which, "median", "5 % below", "95 % below"), rows))
@@ -143,17 +145,19 @@ def _print(data: Dataset, estimates: pd.DataFrame, varied: pd.DataFrame | None, 
         show(table(title, headings, map(_vary_row, varied.to_dict("records")), words=headings))
     if data.left_out:
         count = len({problem.impact for problem in data.left_out})
-        echo(f"{count} impacts left out: see left_out.csv")
+        echo(f"{counted(count, 'impact')} left out: see left_out.csv")
     texts = "; ".join([*estimates["flags"], *estimates["notes"]])
     explained([*codes_in(texts), *(problem.code for problem in data.left_out)])
     line(f"wrote {out / 'estimates.csv'} and {out / 'report.html'}")
 
 
 def _vary_row(row: dict[Hashable, Any]) -> list[str]:
+    from bayestissue.report.wording import estimated
+
     if row["note"]:
         return [row["choice"], row["value"], "", row["note"], ""]
     levels = (
-        f"{row[f'{name}_median']:.4g} ({row[f'{name}_5']:.4g} to {row[f'{name}_95']:.4g})"
+        "{} ({} to {})".format(*estimated(*(row[f"{name}_{end}"] for end in ("median", "5", "95"))))
         for name in ("K_N_per_m", "C_N_s_per_m")
     )
     return [row["choice"], row["value"], f"{row['estimated']:.0f}", *levels]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
@@ -17,13 +17,18 @@ if TYPE_CHECKING:
     from bayestissue.finished import Fit
     from bayestissue.words import Words
 
-_OF_CLAIMS = {"posterior": "{:.3f}", "prior": "{:.3f}", "bayes_factor": "{:.3g}", "mcse": "{:.2g}"}
-_OF_NUMBERS = {"median": "{:.4g}", "low": "{:.4g}", "high": "{:.4g}"}
+_OF_CLAIMS = {
+    "posterior": "{value:.3f}",
+    "prior": "{value:.3f}",
+    "bayes_factor": "{value:.3g}",
+    "mcse": "{value:.2g}",
+}
+_OF_NUMBERS = ("median", "low", "high")
 _OF_CHOICES = {
-    "posterior": "{:.3f}",
-    "rank_low": "{:g}",
-    "rank_high": "{:g}",
-    "expected_loss": "{:.3g}",
+    "posterior": "{value:.3f}",
+    "rank_low": "{value:g}",
+    "rank_high": "{value:g}",
+    "expected_loss": "{value:.3g}",
 }
 # "from" and "to" stand beside a median.
 _HEADINGS = {
@@ -190,16 +195,22 @@ def print_answers(answers: pd.DataFrame, nouns: Words) -> None:
     import pandas as pd
 
     from bayestissue.commands.console import explained, line, show, table
+    from bayestissue.declarations import filled, general
     from bayestissue.remedies import codes_in
+    from bayestissue.report.wording import estimated
 
     chosen = answers["level"] != ""
     numbers = ~chosen & answers["median"].notna()
     claims = ~chosen & ~numbers
 
     def cells(row: Mapping[Any, Any], forms: Mapping[str, str]) -> list[str]:
-        return [form.format(row[name]) if pd.notna(row[name]) else "" for name, form in forms.items()]
+        return [filled(form, value=row[name]) if pd.notna(row[name]) else "" for name, form in forms.items()]
 
-    def headings(forms: Mapping[str, str]) -> list[str]:
+    def numbers_of(row: Mapping[Any, Any]) -> list[str]:
+        texts = estimated(*(row[name] for name in _OF_NUMBERS))
+        return ["" if text == "nan" else text for text in texts]
+
+    def headings(forms: Iterable[str]) -> list[str]:
         return [_HEADINGS.get(name, name) for name in forms]
 
     if claims.any():
@@ -207,14 +218,16 @@ def print_answers(answers: pd.DataFrame, nouns: Words) -> None:
         show(table("probability of each claim", ["claim", *headings(_OF_CLAIMS)], rows))
     if numbers.any():
         rows = [
-            [row["question"], *cells(row, _OF_NUMBERS), row["unit"], f"{row['mcse']:.2g}"]
+            [row["question"], *numbers_of(row), row["unit"], general(row["mcse"], 2)]
             for row in answers[numbers].to_dict("records")
         ]
         names = ["quantity", *headings(_OF_NUMBERS), "unit", _HEADINGS["mcse"]]
         show(table("median and 90 % interval", names, rows, words=("quantity", "unit")))
     for question, levels in answers[chosen].groupby("question", sort=False):
-        forms = _OF_NUMBERS | _OF_CHOICES
-        rows = [[row["level"], *cells(row, forms), row["unit"]] for row in levels.to_dict("records")]
+        rows = [
+            [row["level"], *numbers_of(row), *cells(row, _OF_CHOICES), row["unit"]]
+            for row in levels.to_dict("records")
+        ]
         names = ["level", *headings(_OF_NUMBERS), "is best", *headings(_OF_CHOICES)[1:], "unit"]
         show(table(str(question), names, rows, words=("level", "unit")))
     for question, of_question in answers.groupby("question", sort=False):

@@ -69,8 +69,8 @@ def run(
             The dataset is called after it.
         pattern: How file names are read; guessed from the names unless given. A name in braces is a column of
             impacts.csv; {} is what does not matter. mass_g, velocity_cm_s, drop_height_m, _cm and _mm are
-            converted (v = sqrt(2 g h), for a pendulum too). With / the folders above the file are read as
-            well.
+            converted (v = sqrt(2 g h), for a pendulum too). {subject:group} counts
+            anew in each group. With / the folders above the file are read as well.
         table: A table with a column file, the name of a recording, and a column for each fact; with a column
             number too, a row for each impact of a recording. Without file it is joined by the columns that
             names have too, such as subject.

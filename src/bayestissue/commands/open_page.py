@@ -40,7 +40,7 @@ def run(
     if not is_run and not (folder / SETTINGS).is_file():
         value = "neither" if folder.is_dir() else "a file" if folder.exists() else "no such folder"
         raise InputError.stated("not-a-run.open", str(folder), value=value)
-    require_server()
+    require_server("bayestissue open")
     with ExitStack() as locks:
         if not is_run:
             from bayestissue.bench.views import DatasetView

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import warnings
 from collections.abc import Callable
 from copy import copy
 from pathlib import Path
@@ -26,7 +27,16 @@ Overwrite = Annotated[
         help="Replace what --out holds, if that is results of bayestissue and nothing else.",
     ),
 ]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
+
+
+def _quiet(quiet: bool) -> bool:
+    if quiet:
+        # What libraries say of numbers that are not finite, to who programs with them.
+        warnings.simplefilter("ignore")
+    return quiet
+
+
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.", callback=_quiet)]
 Port = Annotated[
     int,
     typer.Option("--port", help="Of the page on this machine; a free one unless given.", min=0, max=65535),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,6 +11,7 @@ import typer
 from bayestissue import results, runtime
 from bayestissue.commands.options import FormulaOfC, Json, Model, OtherSeed, Out, Overwrite, Quiet
 from bayestissue.errors import InputError, all_of
+from bayestissue.outline import counted
 from bayestissue.planning.settings import PLAN as SETTINGS
 from bayestissue.words import Words
 
@@ -83,6 +84,7 @@ def run(
         plan = with_changes(plan, source, "goal", studies=studies, seed=seed)
         study = study_of(plan, source)
         if not quiet and not file:
+            _say_compared(options, echo)
             _say_factors(plan, Words(study.words), echo)
         known = known_studies(target.path)
         # Studies are kept by what they depend on, so that those of another plan do no harm.
@@ -143,6 +145,15 @@ def _levels(texts: Sequence[str] | None, option: str, example: str) -> dict[str,
             words = {"option": option, "example": example}
             raise InputError.stated("option-value.levels", "command line", None, option, text, **words)
     return levels or None
+
+
+def _say_compared(options: Mapping[str, Any], echo: Callable[[str], None]) -> None:
+    """What several options of one value each mean, which others take for one design of all of them."""
+    for option, noun in (("--masses", "mass"), ("--velocities", "velocity")):
+        values = options[option] or []
+        if len(values) > 1 and not any("," in value for value in values):
+            together = f"write {option} {','.join(values)}"
+            echo(f"{counted(len(values), 'design')} of one {noun} each; for one design of all, {together}")
 
 
 def _say_factors(plan: PlanSpecification, nouns: Words, echo: Callable[[str], None]) -> None:

@@ -59,7 +59,7 @@ def run(
     if not plain:
         from bayestissue.bench.server import require_server
 
-        require_server()
+        require_server("bayestissue watch", " `bayestissue watch --plain` needs none.")
     say = (lambda _: None) if quiet else echo
     folder = out or default_out(recordings)
     with locked_folder(folder, (recordings, campaign, plan)):

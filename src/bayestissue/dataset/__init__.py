@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import sys
 from importlib import import_module
+from inspect import getdoc, signature
 from types import ModuleType
 from typing import Any
 
@@ -43,3 +44,5 @@ class _Callable(ModuleType):
 
 
 sys.modules[__name__].__class__ = _Callable
+# What `help` shows of a package is this text.
+__doc__ = f"bayestissue.dataset{signature(_from_arrays)}\n\n{getdoc(_from_arrays)}\n\n{__doc__}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -26,6 +27,10 @@ REFERENCE = ("reference_K_N_per_m", "reference_K_sd_N_per_m")
 # Columns that tell days apart, as labs call them.
 SESSIONS = ("session", "day", "date", "visit", "week", "occasion", "sitzung", "tag", "datum", "termin")
 _GROUPS = ("subject", "trial")
+# Columns whose levels are people of their own, and those that a person goes through, besides sessions.
+_BETWEEN = ("group", "arm", "cohort", "sex", "gender", "gruppe", "kohorte", "geschlecht")
+WITHIN = ("condition", "side", "leg", "foot", "seite", "impact", "n", "file")
+_NUMBERED = re.compile(r"\D{0,8}\d+")
 
 
 _DECLARED = declared(__package__, "columns.toml")
@@ -80,6 +85,39 @@ def session_column(impacts: pd.DataFrame) -> str | None:
     return next((str(name) for name in impacts if str(name).lower() in SESSIONS), None)
 
 
+def in_two_levels(impacts: pd.DataFrame, most: int = 6) -> Iterator[tuple[str, str, list[str]]]:
+    """Of each factor that seems to be of whole people the first person in several of its levels, and these.
+
+    People who are numbered anew in each group count as one otherwise. A factor of whole people is called a
+    group or the like, or has words, and one of them for most people; each is somebody's only one.
+
+    Args:
+        impacts: one a row, with ``subject``.
+        most: levels of a factor.
+    """
+    for name in impacts.columns.difference([*RESERVED, *REFERENCE, *SESSIONS, *WITHIN], sort=False):
+        rows = impacts.loc[impacts[name].notna() & (impacts[name] != ""), ["subject", name]]
+        if str(name).lower() in (*SESSIONS, *WITHIN) or str(name) in _DECLARED or rows[name].nunique() > most:
+            continue
+        levels = rows.groupby("subject", sort=False)[name].unique()
+        several = levels[levels.map(len) > 1]
+        constant = {level for of_person in levels[levels.map(len) == 1] for level in of_person}
+        if str(name).lower() in _BETWEEN:
+            several = several[[bool(_NUMBERED.fullmatch(str(person))) for person in several.index]]
+        elif (
+            pd.api.types.is_numeric_dtype(impacts[name])
+            or 2 * len(several) >= len(levels)
+            or not all(constant.issuperset(many) for many in several)
+        ):
+            continue
+        for person, many in several.head(1).items():
+            yield (
+                str(name),
+                str(person),
+                [f"{level:g}" if isinstance(level, float) else level for level in many],
+            )
+
+
 def counts(impacts: pd.DataFrame) -> str:
     """How many impacts, people and conditions a checked table has, and how many impacts of phantoms."""
     known = of_phantoms(impacts)
@@ -130,6 +168,10 @@ def impact_table(cells: pd.DataFrame, rows: np.ndarray, *, needs_velocity: bool)
     if set(CROP) <= set(table):
         problems += _reversed(table, columns)
     warnings += [*_unlikely(table, rows), *_alike_names(table, columns)]
+    for name, person, levels in in_two_levels(table):
+        index = cells["subject"].tolist().index(person)
+        words = {"name": name, "levels": " and in ".join(levels), "first": levels[0]}
+        warnings.append(columns["subject"].problem(index, "one-person-or-two", **words))
     return ImpactTable(table, rows, problems, warnings)
 
 

@@ -8,10 +8,14 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
+import pandas as pd
+
+from bayestissue.dataset.impacts import WITHIN, in_two_levels
 from bayestissue.dataset.recordings import MIN_SAMPLES, RATE_WITHIN
 from bayestissue.dataset.settings import DIMENSIONS
 from bayestissue.dataset.units import EXAMPLES, Dimension, dimension_of, to_si
 from bayestissue.errors import InputError, Problem, refuse
+from bayestissue.intake.facts import Facts
 from bayestissue.intake.folder import ChannelSummary, File, RecorderFolder
 from bayestissue.intake.names import is_height
 
@@ -147,6 +151,14 @@ class Question:
             raise InputError.stated("option-value.rate", self.option, value=text) from None
 
 
+_OF_TABLE = Question(
+    "--pattern",
+    "who was hit: name a column of the table subject, or say where names of files have it",
+    (),
+    "{subject}_{n}",
+)
+
+
 def settle(
     choices: Choices, recordings: RecorderFolder, facts: frozenset[str]
 ) -> tuple[Choices, list[Question]]:
@@ -219,9 +231,27 @@ def settle(
         for name, (what, example) in _NEEDED.items()
         if name not in facts and name not in optional
     ]
+    if choices.table is not None and len(recordings.files) > 1:
+        # One name for all of the people of a table is nobody's answer.
+        questions = [_OF_TABLE if q.option == "--set subject=" else q for q in questions]
     if choices.gravity is None and any(map(is_height, facts)):
         questions.append(Question("--gravity", _FALLS, ("drop", "none"), "drop"))
     return replace(choices, force_channel=force if choices.quantity in BESIDE_FORCE else {}), questions
+
+
+def people_twice(pattern: str | None, facts: Facts) -> list[Question]:
+    """Whether a person in several levels of what tells people apart is one, by the pattern that says so."""
+    if pattern is None or "{subject}" not in pattern:
+        return []
+    rows = pd.DataFrame(facts.of_file.values())
+    for name, person, levels in in_two_levels(rows) if "subject" in rows else ():
+        if f"{{{name}}}" not in pattern:
+            continue
+        one = pattern.replace(f"{{{name}}}", next(f"{{{w}}}" for w in WITHIN if f"{{{w}}}" not in pattern))
+        two = pattern.replace("{subject}", f"{{subject:{name}}}")
+        what = f"{person} is in {' and in '.join(levels)}: one person or two? In this order"
+        return [Question("--pattern", what, (one, two), two)]
+    return []
 
 
 def _one_of(answers: Sequence[str], option: str, what: str) -> str | Question:

@@ -99,10 +99,12 @@ class Pattern:
     Attributes:
         text: as it was given.
         fields: the names in it, in order.
+        within: of a name the field in each of whose levels it counts anew, as ``{subject:group}``.
     """
 
     text: str
     fields: tuple[str, ...]
+    within: Mapping[str, str]
     _parts: tuple[tuple[str, str | None], ...]
 
     @classmethod
@@ -117,7 +119,8 @@ class Pattern:
         except ValueError as error:
             raise _unfit(text, str(error)) from None
         names = [name for _, name, _, _ in parsed if name]
-        if any(spec or conversion for _, _, spec, conversion in parsed):
+        within = {name: spec for _, name, spec, _ in parsed if name and spec}
+        if any(conversion for *_, conversion in parsed) or not {*within.values()} <= {*names} - {*within}:
             raise _unfit(text, "a format after a name")
         if odd := [name for name in names if not name.isidentifier()]:
             raise _unfit(text, f"{{{odd[0]}}}")
@@ -125,7 +128,7 @@ class Pattern:
             raise _unfit(text, f"{{{max(names, key=names.count)}}} twice")
         if not names:
             raise _unfit(text, "no name in braces")
-        return cls(text, tuple(names), tuple((literal, name) for literal, name, _, _ in parsed))
+        return cls(text, tuple(names), within, tuple((literal, name) for literal, name, _, _ in parsed))
 
     def read(self, file: str, suffix: str) -> dict[str, str]:
         """The fields of a file.
@@ -152,6 +155,11 @@ class Pattern:
                 "file-names.two-ways", file, value=" or ".join(readings), pattern=self.text
             )
         return shortest
+
+    def whole(self, fields: Mapping[str, str]) -> dict[str, str]:
+        """The fields of a file; one that counts anew in each level of another has that before it."""
+        levels = {name: f"{fields[other]}-{fields[name]}" for name, other in self.within.items()}
+        return {**fields, **levels}
 
     def fits(self, file: str, suffix: str) -> bool:
         """Whether the name of a file has the fields, in one way or in several."""
@@ -199,7 +207,9 @@ _WORDS = declared(__package__, "words.toml")
 _UNITS: dict[str, str] = _WORDS["units"]
 _PAIRS = [(set(one), set(other)) for one, other in _WORDS["pairs"]]
 _SIDES = frozenset(word for pair in _PAIRS for side in pair for word in side)
-_SESSIONS, _TIMES, _REPEATS = (frozenset(_WORDS[name]) for name in ("sessions", "times", "repeats"))
+_SESSIONS, _TIMES, _REPEATS, _GROUPS = (
+    frozenset(_WORDS[name]) for name in ("sessions", "times", "repeats", "groups")
+)
 # A person's name among parts that are all alike.
 _PERSON = re.compile(
     r"(?!(rec|run|rep|nr|n|r|day|ses|exp|hit)\d)([^\W\d]{1,3}|subj(ect)?|person|patient)\d{1,3}"
@@ -304,6 +314,11 @@ def _pieces(columns: Sequence[Sequence[str]]) -> list[str]:
     constant = [len(set(texts)) == 1 and _PERSON.fullmatch(texts[0]) is not None for texts in columns]
     if "subject" not in taken and taken and True in constant:
         pieces[constant.index(True)], taken = "{subject}", taken | {"subject"}
+    # Two counts behind a word, as in athletes/1_2: the word is a group, and the first count the person.
+    if "group" not in taken and pieces.count("{n}") > 1 and "{subject}" in pieces:
+        at = pieces.index("{subject}")
+        if all(text.isalpha() for text in columns[at]):
+            pieces[at], pieces[pieces.index("{n}")] = "{group}", "{subject}"
     # Counts alone, as in 01_1, 01_2: the first is the person.
     if "subject" not in taken and "{n}" in pieces:
         pieces[pieces.index("{n}")] = "{subject}"
@@ -324,6 +339,8 @@ def _recognised(texts: set[str]) -> str | None:
         return "{side}"
     if {text.lower() for text in texts} <= _TIMES:
         return "{session}"
+    if {text.lower() for text in texts} <= _GROUPS:
+        return "{group}"
     if after is None:
         return None
     if not after and before.lower() in _SESSIONS:

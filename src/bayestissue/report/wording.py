@@ -9,7 +9,7 @@ from typing import Any
 
 import pandas as pd
 
-from bayestissue.declarations import declared, sentences
+from bayestissue.declarations import declared, general, sentences
 from bayestissue.inference.results.meanings import COLUMNS, UNITS
 from bayestissue.words import NOUNS, Words
 
@@ -36,6 +36,7 @@ PREDICTED = {
     "HIC36": ("HIC36", "1", 1.0),
 }
 
+_LARGE, _NARROW = 1e7, 1e-5
 
 SENTENCES = declared(__package__, "sentences.toml")
 said = sentences(__package__)
@@ -59,8 +60,7 @@ def nouns_of_plan(content: Mapping[str, Any]) -> Words:
     named += [name.replace("_", " ") for key in ("questions", "precision") for name in plan.get(key, {})]
     for factor in plan["candidates"].get("factors", []):
         named += [factor["name"], *factor["levels"]]
-    sensors = [*plan["candidates"].get("recorders", []), *plan.get("channel", [])]
-    named += [sensor["name"] for sensor in sensors]
+    named += [recorder["name"] for recorder in plan["candidates"].get("recorders", [])]
     # A goal that is called as the program's noun is called by the plan's: its sentences are full of it.
     nouns = {noun for pair in NOUNS.values() for noun in pair}
     return Words(content.get("words", {}), {name for name in named if name.casefold() not in nouns})
@@ -117,6 +117,19 @@ def interval(low: float, high: float, decimals: int | None = None) -> str:
     """``low to high`` with digits that suit the interval's width."""
     decimals = decimals_of(high - low) if decimals is None else decimals
     return f"{number(low, decimals)} to {number(high, decimals)}"
+
+
+def estimated(median: float, low: float, high: float) -> tuple[str, str, str]:
+    """A median and the ends of its interval, as digits that suit the interval's width, without exponents.
+
+    Numbers that are very large, or very near to each other, have four significant digits.
+    """
+    numbers = (median, low, high)
+    finite = [abs(value) for value in numbers if math.isfinite(value)]
+    usual = len(finite) == len(numbers) and max(finite) < _LARGE and high - low > _NARROW
+    form = decimals(decimals_of(high - low)) if usual else digits(4)
+    first, second, third = (form(value) if math.isfinite(value) else f"{value:g}" for value in numbers)
+    return first, second, third
 
 
 def percent(ratio: float) -> str:
@@ -179,7 +192,7 @@ def covariate_words(row: Mapping[Any, Any]) -> str:
     """What a row of predictions was given, such as "subject s01, mass_kg 1.2"."""
     excluded = ("new", "draws", "simulated", "note")
     covariates = {
-        name: f"{value:.4g}" if isinstance(value, float) else str(value)
+        name: general(value) if isinstance(value, float) else str(value)
         for name, value in row.items()
         if name not in excluded and not str(name).startswith(tuple(PREDICTED))
     }

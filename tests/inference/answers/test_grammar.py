@@ -81,6 +81,11 @@ def test_levels_may_be_bare_or_in_quotes() -> None:
         ("not K", 4),
         ("1e999 < K", 0),
         ("K $ 2", 2),
+        ("K between 3000 and 2000", 19),
+        ("K between 3 and 3", 16),
+        ("3000 < K <= 2000", 12),
+        ("2000 > K ≥ 3000", 0),
+        ("critical(mass_kg, critical(mass_kg, K < 3) < 2)", 43),
     ],
 )
 def test_a_slip_has_its_place(text: str, place: int) -> None:

@@ -21,6 +21,7 @@ from bayestissue.inference.single import estimates as single_estimates
 from bayestissue.inference.single.estimates import OUTCOME_COLUMNS
 from bayestissue.inference.single.posterior import POINTS, single_posteriors
 from bayestissue.resources import shared
+from bayestissue.results.tables import columns_of
 from bayestissue.signal import SignalOptions
 from bayestissue.simulation import Simulation, simulate
 from bayestissue.simulation.campaign import Campaign
@@ -38,7 +39,7 @@ def made(impacts: int, chain: dict[str, float], **tissue: object) -> Campaign:
     conditions = [{"trial": "a", "mass_kg": 0.7, "velocity_m_s": 1.5}]
     design = {"conditions": conditions, "subjects": impacts}
     content = {"name": "single", "seed": 3, "design": design, "tissue": own, "recording": chain}
-    content["gravity"] = own.pop("gravity", "none")
+    content |= {"gravity": own.pop("gravity", "none"), "headform": own.pop("headform", False)}
     return simulate(Simulation.model_validate(content))
 
 
@@ -187,6 +188,19 @@ def test_an_impact_alone_has_the_same_row(campaign: Campaign, table: pd.DataFram
             # What the sites' search leaves moves the points by far less than a hundredth of the error.
             error = 0.01 * among[f"{name}_se_{unit}"]
             assert alone[f"{name}{end}_{unit}"] == pytest.approx(among[f"{name}{end}_{unit}"], abs=error)
+
+
+def test_a_headform_s_impacts_have_the_head_injury_criterion(table: pd.DataFrame):
+    hit = made(FEW, {"noise_relative_to_peak": 0.005}, headform=True)
+    found = bt.estimate(hit.dataset("headform"))
+    for name in ("HIC15", "HIC36"):
+        true = hit.truth[name].to_numpy()
+        assert found[name].to_numpy() == pytest.approx(true, rel=0.05)
+        assert (found[f"{name}_low"] <= found[name]).all()
+        assert (found[name] <= found[f"{name}_high"]).all()
+        assert (found[f"{name}_high"] > true).sum() >= FEW / 2
+    assert {*found} <= {*columns_of("estimates")}
+    assert not any(name.startswith("HIC") for name in table)
 
 
 @pytest.mark.slow

@@ -15,6 +15,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
+from bayestissue.declarations import general
 from bayestissue.hierarchy.effects import intercept, parameter_of
 from bayestissue.hierarchy.formulas.formula import judge
 from bayestissue.hierarchy.formulas.group_terms import (
@@ -80,7 +81,7 @@ def fixed_parts(node: Node, recorded: Recorded, posterior: xr.Dataset | None) ->
         if value is None:
             continue
         position = min(quantity.position for side in sides for quantity in quantities(side))
-        actual = f"{value:.4g}, whatever K and C are"
+        actual = f"{general(value)}, whatever K and C are"
         missing = _missing_terms(sides, recorded)
         if not missing:
             yield QuestionError(position, actual, "a quantity that data can change")

@@ -21,6 +21,7 @@ deep; what a tree may be is limited besides. `bayestissue.inference.answers.mean
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
@@ -244,6 +245,18 @@ def _made(symbol: str, operands: list[Node], position: int, *, claim: bool) -> O
     return Operation(symbol, tuple(operands), position, depth)
 
 
+def _nodes(node: Node) -> Iterator[Node]:
+    yield node
+    for operand in node.operands if isinstance(node, Operation) else ():
+        yield from _nodes(operand)
+
+
+def _require_ascending(low: Node, high: Node) -> None:
+    """Refuse ends between which there is no number."""
+    if isinstance(low, Number) and isinstance(high, Number) and low.value >= high.value:
+        raise QuestionError(high.position, f"{high.value:g}", f"a number above {low.value:g}")
+
+
 class _Maker:
     """What the parser calls for each rule, with its parts; a place in brackets left empty is None."""
 
@@ -301,6 +314,8 @@ class _Maker:
         if not isinstance(claim, Operation) or claim.symbol not in COMPARISONS:
             expected = f"one of {' '.join(COMPARISONS)} between two numbers"
             raise QuestionError(claim.position, "no single comparison", expected)
+        if any(isinstance(node, Critical) for node in _nodes(claim)):
+            raise QuestionError(claim.position, f"{CRITICAL}() within {CRITICAL}()", "a claim without one")
         return Critical(CRITICAL, (claim,), column.position, claim.depth + 1, column.name)
 
     def call(self, parts: list[Any]) -> Node:
@@ -329,9 +344,13 @@ class _Maker:
 
     def compared(self, parts: list[Any]) -> Node:
         tokens, sides = parts[1::2], parts[::2]
+        signs = [_SAME.get(token, str(token)) for token in tokens]
+        for left, (first, last), right in zip(sides, pairwise(signs), sides[2:], strict=False):
+            if first[0] == last[0]:
+                _require_ascending(*((left, right) if first[0] == "<" else (right, left)))
         comparisons: list[Node] = [
-            _made(_SAME.get(token, str(token)), list(pair), token.start_pos, claim=False)
-            for token, pair in zip(tokens, pairwise(sides), strict=True)
+            _made(sign, list(pair), token.start_pos, claim=False)
+            for sign, token, pair in zip(signs, tokens, pairwise(sides), strict=True)
         ]
         return (
             comparisons[0]
@@ -341,4 +360,5 @@ class _Maker:
 
     def between(self, parts: list[Any]) -> Node:
         middle, token, low, _, high = parts
+        _require_ascending(low, high)
         return _made("between", [middle, low, high], token.start_pos, claim=False)

@@ -13,6 +13,7 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from bayestissue.dataset.chain import STANDARD_GRAVITY
+from bayestissue.declarations import general
 from bayestissue.elements import REFERENCE_DIAMETER_M, element
 from bayestissue.elements.element import GRAVITY
 from bayestissue.elements.impact import loops_of
@@ -240,7 +241,10 @@ def beyond(words: str, value: float, measured: ArrayLike) -> list[Coded]:
     if not over > 0:
         return []
     return [
-        Coded(f"{words} beyond those measured, {low:.4g} to {high:.4g}, by {over:.2g}", "beyond-measured")
+        Coded(
+            f"{words} beyond those measured, {general(low)} to {general(high)}, by {general(over, 2)}",
+            "beyond-measured",
+        )
     ]
 
 

@@ -251,7 +251,6 @@ def _unknown(recorded: Recorded, condition: Condition) -> list[Coded]:
 
 
 _POSITIVE = {"mass_kg": "kg", "velocity_m_s": "m/s", "diameter_m": "m", DROP_HEIGHT: "cm"}
-_LABEL = "impact"
 _TABLE = "table (rows from 0)"
 
 
@@ -262,7 +261,7 @@ def read_conditions(
 
     Args:
         table: a CSV file or a pandas table, whose columns are among those of the run's ``impacts.csv``.
-            ``impact`` may name the rows, and `DROP_HEIGHT` stand in place of a velocity.
+            `DROP_HEIGHT` may stand in place of a velocity.
         recorded: of the run.
         gravity: along its motion [m/s^2], without which a height of fall gives no velocity.
 
@@ -304,18 +303,17 @@ def _is_number(name: str, recorded: Recorded) -> bool:
 
 
 def _columns(cells: pd.DataFrame, recorded: Recorded, label: str) -> Iterator[Problem]:
-    """Columns that the run does not have, or has not kept."""
+    """Columns that the run does not have."""
     # A height in another unit, which no formula is of, would move nothing.
     moves = [n for n in map(str, recorded.rows) if n in recorded.needed or not n.startswith("drop_height")]
     usable = list(dict.fromkeys([*moves, *_POSITIVE]))
     for name in map(str, cells):
-        if name not in (*usable, _LABEL):
+        if name not in usable:
             near = difflib.get_close_matches(name, usable, n=1)
             remedy = f'Is it "{near[0]}"?' if near else "Rename or remove the column."
+            remedy = "Each row is a new impact: remove the column." if name == "impact" else remedy
             numbers = {"usable": ", ".join(usable), "remedy": remedy}
             yield Problem.stated("prediction-table.column", label, 1, name, name, **numbers)
-    for name in recorded.lacking:
-        yield Problem.stated("damaged-run.column", label, None, name)
 
 
 def _wrong(cells: pd.DataFrame, rows: np.ndarray, recorded: Recorded, label: str) -> Iterator[Problem]:
@@ -325,9 +323,9 @@ def _wrong(cells: pd.DataFrame, rows: np.ndarray, recorded: Recorded, label: str
             wanted, hint = "", ""
             if has_control_characters(text):
                 wanted = "text on one line and without control characters"
-            elif text and name != _LABEL and _is_number(name, recorded):
+            elif text and _is_number(name, recorded):
                 wanted = _no_number(name, text)
-            elif text and name != _LABEL and known is not None and text not in known:
+            elif text and known is not None and text not in known:
                 wanted = f"one of {', '.join(known[:8])}"
                 near = difflib.get_close_matches(text, known, n=1)
                 hint = f'Is it "{near[0]}"? ' if near else ""

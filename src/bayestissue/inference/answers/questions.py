@@ -24,6 +24,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from bayestissue.declarations import general
 from bayestissue.elements.outcomes import HEADFORM_OUTCOMES, OUTCOMES
 from bayestissue.errors import Coded, InputError, Problem, all_of, printable
 from bayestissue.hierarchy.recorded import Recorded
@@ -315,7 +316,7 @@ def _beyond_fastest(finished: Finished, node: Critical, posterior: xr.DataArray)
     fastest = float(finished.recorded.rows.get("velocity_m_s", pd.Series(dtype=float)).max())
     measured = fall_height(fastest) if node.column == DROP_HEIGHT else fastest
     share = float((posterior > measured).mean())
-    limit = f"{measured:.4g} {ALONG[node.column]}"
+    limit = f"{general(float(measured))} {ALONG[node.column]}"
     words = f"in {100 * share:.3g} % of the draws beyond those measured, up to {limit}"
     return Coded(words, "beyond-measured") if share else ""
 

@@ -9,6 +9,7 @@ import xarray as xr
 from jaxtyping import Float, Int
 from scipy.stats import f
 
+from bayestissue.declarations import general
 from bayestissue.elements.element import Element
 from bayestissue.errors import Coded
 from bayestissue.hierarchy.effects import RESPONSES, intercept, parameter_of, sd_impact
@@ -41,7 +42,9 @@ class Pooled(NamedTuple):
     def words(self) -> Coded:
         """What differs, between which levels, and the line of the model file that lets it."""
         low, high = (choose(self.medians, key=lambda level: self.medians[level]) for choose in (min, max))
-        ends = " and ".join(f"{self.medians[level]:.3g} {self.unit} at {level}" for level in (low, high))
+        ends = " and ".join(
+            f"{general(self.medians[level], 3)} {self.unit} at {level}" for level in (low, high)
+        )
         return Coded(
             f"{self.parameter} differs between levels of {self.factor} ({ends}), "
             "and its formula takes them as alike: predictions of depth, force and time there are those of a "

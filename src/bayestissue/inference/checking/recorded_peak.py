@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float
 from scipy.stats import norm
 
 from bayestissue.dataset.chain import STANDARD_GRAVITY
+from bayestissue.declarations import general
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.checking import sentence
 from bayestissue.inference.checking.model_form import NAMED
@@ -91,9 +92,9 @@ def judge_peaks(dataset: Dataset, prepared: Prepared, summary: pd.DataFrame) -> 
         of=len(names),
         named=first_of(named, NAMED),
         impact=names[first],
-        recorded=f"{np.exp(float(prepared.data.log_peak[first])) / STANDARD_GRAVITY:.4g}",
-        low=f"{low[first]:.4g}",
-        high=f"{high[first]:.4g}",
+        recorded=general(np.exp(float(prepared.data.log_peak[first])) / STANDARD_GRAVITY),
+        low=general(low[first]),
+        high=general(high[first]),
         remedy=sentence("peak.with_discrepancy" if prepared.model.discrepancy else "peak.without"),
     )
     return {"impacts": named, "of": len(names), "words": words}

@@ -14,7 +14,7 @@ from jax import Array
 from jaxtyping import Float, Int
 from numpyro.infer import Predictive
 
-from bayestissue.elements.outcomes import OUTCOMES
+from bayestissue.elements.outcomes import HEADFORM_OUTCOMES, OUTCOMES
 from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.population import Population, shared_mass_errors
 from bayestissue.hierarchy.trace_data import Prepared
@@ -201,7 +201,7 @@ def recorded_outcomes(
 ) -> dict[str, Float[Array, " impact"]]:
     """The outcomes alone, given what was recorded: compiled sooner than `drawn_impacts` is."""
     impacts = Impacts.drawn(model, data, list(u.T), mass_error, key, jnp.asarray(True))
-    return named_quantities(impacts, OUTCOMES)
+    return named_quantities(impacts, HEADFORM_OUTCOMES if model.headform else OUTCOMES)
 
 
 def drawn_from_prior(

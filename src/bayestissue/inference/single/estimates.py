@@ -11,7 +11,8 @@ from jaxtyping import Bool
 
 from bayestissue.dataset import as_dataset
 from bayestissue.dataset.impacts import of_phantoms
-from bayestissue.elements.outcomes import NEVER, OUTCOMES
+from bayestissue.elements.head_injury import LONGEST
+from bayestissue.elements.outcomes import HEADFORM_OUTCOMES, NEVER
 from bayestissue.errors import Coded, InputError
 from bayestissue.hierarchy.design import build_design
 from bayestissue.hierarchy.specification import Formulas, read_specification
@@ -62,10 +63,11 @@ Told = Bool[np.ndarray, " impact"]
 # Of the peak: below it the likelihood's own approximations, to first order in the moment of contact, count;
 # of displacements rounding.
 _LEAST_NOISE = {"impact": 1e-5, "arma": 1e-9}
-# What an impact came to, and which number of its posterior; `time_to_peak_s` is the recorded one.
+# What an impact came to, and which number of its posterior; `time_to_peak_s` is the recorded one. The head
+# injury criterion is of a headform alone.
 OUTCOME_COLUMNS = {
     outcome_column(name, "" if which == "median" and name != "time_to_peak" else which): (name, which)
-    for name in OUTCOMES
+    for name in HEADFORM_OUTCOMES
     for which in ("median", "low", "high")
 } | {f"{name}_never": (name, "never") for name in NEVER}
 _FURTHER = (
@@ -181,7 +183,8 @@ def by_impact(
     if not rows.any():
         # Nothing to ask: the same columns without numbers.
         flags, notes = flags_of(dataset, signal, findings, {}), notes_of(signal, findings, noted)
-        none = dict.fromkeys(_FURTHER, np.full(len(rows), np.nan))
+        further = [name for name in _FURTHER if dataset.headform or not name.startswith(tuple(LONGEST))]
+        none = dict.fromkeys(further, np.full(len(rows), np.nan))
         return table_of(dataset, signal, {}, flags, notes, none), None
     design = build_design(specification.formula, dataset.impacts, reference_mass_kg=None, source="estimate")
     prepared = some_of(assemble(dataset, specification, design, signal), np.flatnonzero(rows))

@@ -99,8 +99,8 @@ class SinglePosteriors(NamedTuple):
         omega_n: natural frequency [rad/s].
         zeta: damping ratio.
         sigma: standard deviation of the recorder's noise [m/s^2], or of a displacement's shocks [m].
-        outcomes: what the impact came to, by the names of `bayestissue.elements.outcomes.OUTCOMES`; empty of
-            displacements.
+        outcomes: what the impact came to, by the names of `bayestissue.elements.outcomes.HEADFORM_OUTCOMES`,
+            of a headform all of them; empty of displacements.
         parameters: medians of log K, log C and the noise's parameters, K and C at the recorded mass.
         residuals: what the impact at the medians, and the chain's errors as the trace has them, leave of the
             trace [m/s^2]; 0 past its end; None of displacements.
