@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -242,14 +242,22 @@ class ModelSpecification(Table):
         """Whether the window holds the greatest penetration."""
         return self.signal.window in REACH_PEAK
 
-    def complete_priors(self) -> Priors:
-        """The priors, those of the element's parameters and of group terms too that the file leaves out."""
+    def complete_priors(self, found: Iterable[GroupTerm] = ()) -> Priors:
+        """The priors, those of the element's parameters and of group terms too that the file leaves out.
+
+        Args:
+            found: the group terms with the columns of a table, which formulas may write in another case.
+        """
         element_priors = {
             x.name: ElementPrior(log=Normal(distribution="normal", mean=math.log(x.typical), sd=x.log_sd))
             for x in element(self.element).extra
         }
         set_apart = self.priors.of_terms()
-        terms = {term: set_apart.get(term, SD_OF_TERM) for term in self.group_terms()}
+        folded = {str(term).casefold(): pair for term, pair in set_apart.items()}
+        all_terms = dict.fromkeys([*self.group_terms(), *(t for t in found if t not in (SUBJECT, TRIAL))])
+        terms = {
+            term: set_apart.get(term, folded.get(str(term).casefold(), SD_OF_TERM)) for term in all_terms
+        }
         return self.priors.model_copy(
             update={
                 "element": element_priors | self.priors.element,
