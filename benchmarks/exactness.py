@@ -24,13 +24,14 @@ from evidence import recorded
 from scipy.integrate import solve_ivp
 from scipy.linalg import cholesky, solve_triangular, toeplitz
 from statsmodels.tsa.arima.model import ARIMA
+from statsmodels.tsa.arima_process import arma_acovf
 
 from bayestissue.elements import element, element_names, impact
 from bayestissue.likelihood import arma21_log_likelihood
 from bayestissue.likelihood.arma.displacement import MeasuredDisplacement, displacement_record
 from bayestissue.likelihood.element.impact import MeasuredImpact, NoiseParameters
 from bayestissue.likelihood.element.record import Contact, DecelerationRecord
-from bayestissue.oscillator import autocovariance_arma21, to_discrete
+from bayestissue.oscillator import to_discrete
 from bayestissue.runtime import configure
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -70,7 +71,7 @@ def arma21() -> Iterator[Row]:
             ("a free start", "Kalman filter"): (free, filtered(w, theta1)),
         }
         if omega_dt > FINE:
-            gamma = np.asarray(autocovariance_arma21(np.arange(SAMPLES), phi1, phi2, theta1, SIGMA))
+            gamma = arma_acovf([1, -phi1, -phi2], [1, -theta1], SAMPLES, SIGMA**2)
             still = float(arma21_log_likelihood(x, phi1, phi2, theta1, SIGMA, start="stationary"))
             model = ARIMA(x, order=(2, 0, 1), trend="n", enforce_invertibility=False)
             by_filter = float(model.loglike([phi1, phi2, -theta1, SIGMA**2]))

@@ -54,10 +54,11 @@ class Interval(NamedTuple):
 
 def fitted(dataset: bt.Dataset, seed: int, model: Mapping[str, Any] | None = None) -> Fitted:
     """The posterior of a study by a model, or by that of what was recorded."""
-    specification, source = resolve(model, dataset.recorded, sampler=SAMPLER)
+    specification, source = resolve(model, dataset.recorded)
+    sampler = specification.sampler.model_copy(update=SAMPLER)
     _, prepared = prepare_without_phantoms(dataset, specification, source=source)
-    chains = sample(prepared, specification.sampler, seed)
-    draws = draws_of_chain(prepared, chains.thinned(specification.sampler.draws), seed)
+    chains = sample(prepared, sampler, seed)
+    draws = draws_of_chain(prepared, chains.thinned(sampler.draws), seed)
     return Fitted(prepared, of_draws(prepared, draws, seed), chains.verdict.passed)
 
 

@@ -17,6 +17,8 @@ from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.level_tables import curves_table, levels_table, loops_table
 from bayestissue.inference.answers.reliability import as_variables, coefficients, reliability, variances
 from bayestissue.inference.quantities.together import comparable_draws
+from bayestissue.results.tables import table_of_rows
+from bayestissue.runtime import FORMAT
 from made_once import made_once
 from tree_file import write_tree
 
@@ -79,6 +81,8 @@ def write_fit_run(
     recorded = Recorded.of_run(traces["constant_data"], about["model"])
     prior, found = _prior(posterior, seed), {}
     for name, draws in (("posterior", posterior), ("prior", prior)):
+        for q in ("K", "C"):
+            draws[f"{q}_typical_person"] = np.exp(draws[f"intercept_{q}"]).assign_attrs(unit=UNITS[q])
         repeatable = ("C",) if discrepancy else ("K", "C")
         each = {q: variances(draws, recorded, q, measurement_sd=0.01) for q in repeatable}
         found[name] = coefficients(each, draws)
@@ -89,8 +93,9 @@ def write_fit_run(
     law = None if discrepancy else Law("kelvin_voigt", 0.0)
     compared = Comparison(posterior, recorded, ["K", "C"], law=law)
     tables["contrasts"], tables["levels"] = contrasts_table(compared, 0.1), levels_table(compared)
-    if pictures:
-        tables["loops"], tables["curves"] = loops_table(compared), curves_table(compared)
+    drawn = {"loops": loops_table, "curves": curves_table} if pictures else {}
+    tables |= {name: drawn[name](compared) if drawn else table_of_rows(name) for name in ("loops", "curves")}
+    tables["agreement"] = table_of_rows("agreement")
     tables["reliability"] = reliability(found["posterior"], found["prior"])
     for name, table in tables.items():
         table.to_csv(folder / f"{name}.csv", index=False)
@@ -335,6 +340,7 @@ def _about(passed: bool, likelihood: str, quantity: str, exponent: float | None)
     formula = "(1|subject) + (1|trial)" if exponent is None else "log(mass_kg) + (1|subject) + (1|trial)"
     return {
         "program": "bayestissue",
+        "format": FORMAT,
         "command": "fit",
         "kind": "fit",
         "dataset": "made up",
@@ -355,6 +361,8 @@ def _about(passed: bool, likelihood: str, quantity: str, exponent: float | None)
             },
         },
         "uncertainty": {"relative_mass_sd": 0.002, "velocity_sd_m_s": 0.005, "relative_gain_sd": 0.0},
+        "terms_left_out": [],
+        "columns_not_used": [],
         "left_out": ["traces, impact t9-s9: found 3; expected 8 samples. Record faster."],
         "seed": 0,
         "input_hash": "0123456789abcdef",

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from bayestissue.runtime import FORMAT
 from made_once import made_once
 
 CHAINS, DRAWS = 2, 150
@@ -76,6 +77,7 @@ def _posterior(rng: np.random.Generator, exponent: float) -> xr.DataTree:
             f"sd_trial_{q}": (("chain", "draw"), sd_trial),
             f"sd_impact_{q}": (("chain", "draw"), sd_impact),
             f"intercept_{q}": (("chain", "draw"), level),
+            f"{q}_typical_person": (("chain", "draw"), np.exp(level)),
             f"linear_intercept_{q}": (("chain", "draw"), 0.1 + 0.2 * rng.standard_normal(shape)),
             f"linear_slope_{q}": (("chain", "draw"), mean_slope * (1 + 0.02 * rng.standard_normal(shape))),
         }
@@ -273,7 +275,8 @@ def _diagnostics(passed: bool) -> dict[str, object]:
 
 def _run(passed: bool) -> dict[str, object]:
     return {
-        "program": "bayestissue 0.1.0",
+        "program": "bayestissue",
+        "format": FORMAT,
         "command": "reproduce",
         "kind": "published",
         "versions": {"python": "3.12", "numpy": "2.3"},
@@ -290,7 +293,7 @@ def _run(passed: bool) -> dict[str, object]:
                 },
                 "residual_correlation": {"distribution": "lkj", "concentration": 2.0},
             },
-            "sampler": {"chains": 4, "target_accept": 0.9},
+            "sampler": {"chains": 4, "effective": 400},
         },
         "seed": 0,
         "input_hash": "0123456789abcdef",

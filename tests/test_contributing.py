@@ -53,10 +53,11 @@ print("quantity", momentum, element_attributes()["momentum"]["unit"])
 
 import typer
 from bayestissue.cli import app
-(option,) = (one for one in typer.main.get_command(app).commands["fit"].params if one.name == "draws")
+options = typer.main.get_command(app).commands["plan"].params
+(option,) = (one for one in options if one.name == "probability")
 print("setting", option.opts[0], option.help)
 try:
-    bt.fit(data, draws=5)
+    bt.plan(people=4, masses_kg=[0.5, 1.0], ask="mass_exponent_K < 0.5", probability=0.3)
 except bt.InputError as refused:
     print("setting", refused)
 """
@@ -69,7 +70,7 @@ ANOTHER = {
     "plainfloat": "shortfloat",
     ".f64": ".f32",
     "too-quiet": "too-loud",
-    "draws": "kept",
+    "probability": "sureness",
 }
 
 
@@ -146,8 +147,8 @@ def test_recipes_work_as_they_are_written(copied: Path) -> None:
     assert said[3] == "too-quiet: The recording is too quiet"
     # 2 kg at 1.5 m/s.
     assert "quantity 3.0 N s" in said
-    assert "setting --draws Of a chain that are kept, at most; as the model has it unless given." in said
-    assert re.search(r"setting .*sampler\.draws: found 5; expected greater than or equal to 100", done.stdout)
+    assert any(line.startswith("setting --probability What a claim has to be more probable") for line in said)
+    assert re.search(r"setting .*goal\.probability: found 0\.3; expected greater than 0\.5", done.stdout)
 
 
 TITLES = [

@@ -144,7 +144,7 @@ assert {str(values.dtype) for values in fit.posterior["posterior"].data_vars.val
 def test_a_fit_in_a_fresh_interpreter_is_that_of_the_command(some_impacts: Path, tmp_path: Path):
     model = tmp_path / "few.toml"
     lines = ['name = "few"', 'likelihood = "a2"', "[formula]", 'K = "1"', 'C = "1"']
-    model.write_text("\n".join([*lines, "[sampler]", "chains = 2", "warmup = 100", "draws = 200"]))
+    model.write_text("\n".join([*lines, "[sampler]", "chains = 2", "draws = 200"]))
     environment = {name: value for name, value in os.environ.items() if name != "JAX_ENABLE_X64"}
     out = tmp_path / "run"
     alone = [sys.executable, "-c", FIT, str(some_impacts), str(model), str(tmp_path / "summary.csv")]

@@ -183,18 +183,22 @@ def a_simulated_dataset_with_recordings_put_in(out: Path) -> str:
     return "a dataset that was changed"
 
 
-def earlier_results_and_a_table(out: Path) -> str:
-    earlier_results(out)
-    (out / "my.csv").write_text("mine")
-    return "my.csv"
-
-
-def earlier_results(out: Path) -> None:
+def earlier_results(out: Path) -> str:
     """As a version without marks wrote them."""
     out.mkdir()
     (out / "run.json").write_text('{"program": "bayestissue 0.1.0", "command": "estimate"}')
-    for name in ("estimates.csv", "report.html", ".DS_Store"):
-        (out / name).write_text("")
+    (out / "estimates.csv").write_text("")
+    return "nothing that says that bayestissue wrote it"
+
+
+def an_earlier_dataset(out: Path) -> str:
+    """As a version wrote it whose mark has no hash."""
+    with results_at(out) as folder:
+        (folder / "dataset.toml").write_text('name = "simulated"')
+    mark = json.loads((out / ".bayestissue.json").read_text())
+    del mark["content_hash"]
+    (out / ".bayestissue.json").write_text(json.dumps(mark))
+    return "a dataset that was changed"
 
 
 @pytest.mark.parametrize(
@@ -206,7 +210,8 @@ def earlier_results(out: Path) -> None:
         results_and_a_link,
         someone_elses,
         a_simulated_dataset_with_recordings_put_in,
-        earlier_results_and_a_table,
+        earlier_results,
+        an_earlier_dataset,
     ],
 )
 def test_overwrite_replaces_nothing_that_the_program_did_not_write(
@@ -219,13 +224,11 @@ def test_overwrite_replaces_nothing_that_the_program_did_not_write(
     assert sorted(path.relative_to(tmp_path) for path in tmp_path.rglob("*")) == before
 
 
-def test_overwrite_replaces_results_of_earlier_versions_and_what_simulate_wrote(tmp_path: Path) -> None:
-    earlier_results(tmp_path / "earlier")
-    write(tmp_path / "earlier", "new", overwrite=True)
+def test_overwrite_replaces_what_simulate_wrote(tmp_path: Path) -> None:
     for _ in range(2):
         with results_at(tmp_path / "simulated", overwrite=True) as folder:
             (folder / "dataset.toml").write_text('name = "simulated"')
-    assert names(tmp_path) == ["earlier", "simulated"]
+    assert names(tmp_path) == ["simulated"]
 
 
 def test_committed_results_can_be_replaced() -> None:

@@ -12,9 +12,7 @@ from bayestissue.report import write_report
 from bayestissue.report.fit.page import page_of
 from bayestissue.report.fit.run import FURTHER_TABLES, TABLES, fit_run
 from bayestissue.results.tables import (
-    columns_of,
     declared_files,
-    joined,
     read_table,
     read_tables,
     table_of_rows,
@@ -52,13 +50,6 @@ def test_all_that_is_wrong_is_named_at_once(contrasts, tmp_path):
         ("contrasts.csv", 3, "low"),
         ("levels.csv", None, None),
     }
-
-
-def test_a_table_may_lack_what_earlier_versions_did_not_write(tmp_path):
-    table = table_of_rows("reliability").drop(columns=["varies", "prior_overlap"])
-    write_table(table, tmp_path / "reliability.csv")
-    assert list(read_table(tmp_path, "reliability")) == columns_of("reliability")[:-2]
-    assert list(joined("levels", [])) == columns_of("levels")
 
 
 def test_every_column_has_a_meaning_and_text_is_text():

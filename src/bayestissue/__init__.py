@@ -24,7 +24,6 @@ _PUBLIC: dict[str, str] = {
     "InputError": "bayestissue.errors",
     "Plan": "bayestissue.planning.plan",
     "Problem": "bayestissue.errors",
-    "Run": "bayestissue.finished",
     "read_run": "bayestissue.finished",
 }
 # What computes with JAX, and so in float64, whatever the caller's setting is.

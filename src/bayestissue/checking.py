@@ -17,7 +17,7 @@ from bayestissue.hierarchy.columns import few_valued
 from bayestissue.inference.points.notes import said_once
 from bayestissue.inference.results.meanings import few_valued_words
 from bayestissue.inference.single.phantoms import control_chart
-from bayestissue.outline import Outlined, Rows, short, span
+from bayestissue.outline import Outlined, Rows, counted, short, span
 from bayestissue.report.recordings_pages import check_page, kinds, quality_table
 from bayestissue.results.tables import table_of_rows
 from bayestissue.signal import Displacements, displacements
@@ -72,7 +72,7 @@ class Check(Outlined):
         left_out = len({problem.impact for problem in self.dataset.left_out})
         warned = len(kinds(self.warnings))
         fine = f"no errors, {warned} warning{'s' if warned > 1 else ''}" if warned else "fine"
-        fine += f" without the {left_out} impacts left out" if left_out else ""
+        fine += f" without the {counted(left_out, 'impact')} left out" if left_out else ""
         too_short = int((self.signal.n_below_limit < FEWEST_SAMPLES).sum())
         if not too_short:
             return fine

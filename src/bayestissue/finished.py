@@ -42,7 +42,7 @@ TABLES = (
 )
 # Where its chains ended.
 CHAIN = "chain.npz"
-_FURTHER = ("questions", "agreement", "estimates_dds")
+_FURTHER = ("agreement", "estimates_dds")
 _AGAIN = "Give the folder of a finished run of `bayestissue fit`."
 
 
@@ -191,7 +191,7 @@ class Fit(Outlined):
         """Where the chains ended, from which ``fit(..., continue_from=...)`` goes on: ``chain.npz``.
 
         Raises:
-            InputError: this is a run of an earlier version, or the file is missing.
+            InputError: the file is missing or damaged.
         """
         if self.end is not None:
             return self.end
@@ -374,10 +374,6 @@ class Fit(Outlined):
         return path
 
 
-# What a run that was read back was called.
-Run = Fit
-
-
 def read_run(path: str | Path) -> Fit:
     """Read a finished fit back from its folder.
 
@@ -395,9 +391,7 @@ def read_run(path: str | Path) -> Fit:
     if record["kind"] != "fit" or not isinstance(record.get("model"), dict):
         raise InputError(not_a_fit(folder, record, _AGAIN))
     require_files(folder, ["posterior.nc", "diagnostics.json"])
-    # An earlier version wrote no draws of the prior.
-    needed = {name: () for name in GROUPS if name != "prior"}
-    tree = open_tree(folder / "posterior.nc", needed, _AGAIN)
+    tree = open_tree(folder / "posterior.nc", dict.fromkeys(GROUPS, ()), _AGAIN)
     return Fit(record, tree, read_json(folder / "diagnostics.json"), cache(partial(_stored, folder)), folder)
 
 
@@ -441,9 +435,10 @@ def write_run(fit: Fit, folder: Path, say: Say | None = None) -> None:
         say("writing the results", 0, 1)
     results.write_tree(fit.posterior, folder / "posterior.nc")
     for name in (*TABLES, *_FURTHER):
-        # Few model files have questions, and runs of earlier versions fewer tables.
-        with suppress(KeyError):
-            results.write_table(fit.table(name), folder / f"{name}.csv")
+        results.write_table(fit.table(name), folder / f"{name}.csv")
+    # Few model files have questions.
+    with suppress(KeyError):
+        results.write_table(fit.table("questions"), folder / "questions.csv")
     # A simulated dataset knows the truth; the report draws it in.
     if fit.folder is not None and (truth := fit.folder / "truth.csv").is_file():
         shutil.copyfile(truth, folder / "truth.csv")

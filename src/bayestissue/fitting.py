@@ -6,7 +6,7 @@ import json
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from types import MappingProxyType
@@ -63,7 +63,6 @@ def fit(
     K: str | None = None,
     C: str | None = None,
     ask: str | Sequence[str] | Mapping[str, str] = (),
-    path: str | None = None,
     continue_from: Fit | str | Path | None = None,
     say: Say | None = None,
 ) -> Fit:
@@ -83,7 +82,6 @@ def fit(
             unless given.
         C: the same of log C; that of ``K`` unless given.
         ask: questions, as `Fit.ask` takes them, beside those of the model; a dict names them.
-        path: of an earlier version, which had several samplers; without effect.
         continue_from: a fit, or the folder of a run, of the same recordings and model: its chains go on where
             they ended, without a warm-up, until there are draws enough, and the draws are the new ones. Of
             the model, what ``[sampler]`` says of draws may be another, and the questions.
@@ -105,18 +103,72 @@ def fit(
     """
     from bayestissue.dataset import as_dataset
 
-    seed = _checked_seed(seed)
-    dataset = as_dataset(dataset)
-    specification, source = resolve(
-        model, dataset.quantity, formulas=formulas_of(K, C), questions=ask, sampler={"path": path}
-    )
+    seed, recorded = _checked_seed(seed), as_dataset(dataset)
     with _set_up():
-        dataset, prepared = prepare_without_phantoms(dataset, specification, source=source)
-        require_answerable(prepared, specification, source)
-        earlier = (
-            None if continue_from is None else earlier_run(continue_from, dataset, specification, prepared)
-        )
-        return fit_prepared(dataset, specification, prepared, seed, say or silent, earlier=earlier)
+        job = fit_job(recorded, model, seed, K=K, C=C, ask=ask, continue_from=continue_from)
+        return job.fit(say or silent)
+
+
+@dataclass(frozen=True, eq=False)
+class FitJob:
+    """A fit in which all that can be wrong was looked for, and nothing was sampled.
+
+    Attributes:
+        dataset: what is fitted.
+        specification: the model file.
+        prepared: the two as the sampler takes them.
+        seed: of all draws.
+        earlier: a run whose chains go on.
+    """
+
+    dataset: Dataset
+    specification: ModelSpecification
+    prepared: Prepared
+    seed: int
+    earlier: EarlierRun | None
+
+    def fit(self, say: Say, checkpoints: Path | None = None) -> Fit:
+        """Sample and label; ``checkpoints`` is a folder for finished parts."""
+        given = self.dataset, self.specification, self.prepared, self.seed
+        return fit_prepared(*given, say, checkpoints=checkpoints, earlier=self.earlier)
+
+
+def fit_job(
+    dataset: Dataset,
+    model: Model | None,
+    seed: int,
+    *,
+    K: str | None = None,
+    C: str | None = None,
+    ask: str | Sequence[str] | Mapping[str, str] = (),
+    continue_from: Fit | str | Path | None = None,
+    skip_short: bool = False,
+    resolved: Callable[[ModelSpecification], None] = lambda _: None,
+) -> FitJob:
+    """All steps of `fit` before the work, in their order.
+
+    Args:
+        dataset: what is fitted.
+        model: as of `fit`, and so ``seed``, ``K``, ``C``, ``ask``, ``continue_from``.
+        seed: of all draws.
+        K: what log K depends on.
+        C: the same of log C.
+        ask: questions.
+        continue_from: a run of the same.
+        skip_short: leave out impacts of too few samples, which are refused else.
+        resolved: told the model, before it meets the data.
+
+    Raises:
+        InputError: as of `fit`.
+    """
+    specification, source = resolve(model, dataset.quantity, formulas=formulas_of(K, C), questions=ask)
+    resolved(specification)
+    if skip_short:
+        dataset = without_short(dataset, specification, source)
+    dataset, prepared = prepare_without_phantoms(dataset, specification, source=source)
+    require_answerable(prepared, specification, source)
+    earlier = None if continue_from is None else earlier_run(continue_from, dataset, specification, prepared)
+    return FitJob(dataset, specification, prepared, seed, earlier)
 
 
 def numpyro_model(
@@ -173,7 +225,6 @@ def resolve(
     *,
     formulas: Mapping[str, str] = MappingProxyType({}),
     questions: str | Sequence[str] | Mapping[str, str] = (),
-    sampler: Mapping[str, Any] = MappingProxyType({}),
 ) -> tuple[ModelSpecification, str]:
     """The model that a name, a path, a dict or a specification stands for, and what messages call it.
 
@@ -182,7 +233,6 @@ def resolve(
         quantity: what was recorded, as `Dataset.recorded` has it.
         formulas: in place of the model's own, by response.
         questions: beside the model's own; those without names are question_1 and so on.
-        sampler: in place of the model's own settings of its sampler, where not None.
 
     Raises:
         InputError: there is no such model or file (see `resources.model_file`), or it is wrong.
@@ -190,11 +240,10 @@ def resolve(
     named_questions = {"question_1": questions} if isinstance(questions, str) else questions
     if not isinstance(named_questions, Mapping):
         named_questions = {f"question_{number}": text for number, text in enumerate(named_questions, start=1)}
-    sampler = {key: value for key, value in sampler.items() if value is not None}
-    if isinstance(model, ModelSpecification) and not (formulas or named_questions or sampler):
+    if isinstance(model, ModelSpecification) and not (formulas or named_questions):
         return model, f"model {model.name}"
     content, source, text = _content(model, quantity, formulas)
-    tables = {"formula": formulas, "questions": named_questions, "sampler": sampler}
+    tables = {"formula": formulas, "questions": named_questions}
     completed = content | {key: {**content.get(key, {}), **table} for key, table in tables.items() if table}
     return specification_of(completed, source, text=text), source
 
@@ -273,12 +322,6 @@ def earlier_run(
     ]
     if record.get("input_hash") != dataset.input_hash:
         problems.append(Problem.stated("another-run.recordings", source, None, "input_hash", dataset.name))
-    # Where its chains ended is in arrays that are filled up, or are not.
-    plain, was = (versions.get("plain", "0") for versions in (runtime.versions(), record.get("versions", {})))
-    if plain != was:
-        problems.append(
-            Problem.stated("another-run.plain", source, None, "BAYESTISSUE_PLAIN", plain, there=was)
-        )
     if problems:
         raise InputError(problems)
     second = "score_without" in record.get("discrepancy", {})

@@ -13,16 +13,9 @@ import jax
 import numpy as np
 from jaxtyping import Int
 
-from bayestissue.runtime import PLAIN
-
 
 def bucket(size: int) -> int:
-    """The least of a few sizes that holds ``size``: four to each power of two, at most a fourth too many.
-
-    With `PLAIN` it is ``size`` itself: nothing is filled up.
-    """
-    if PLAIN:
-        return int(size)
+    """The least of a few sizes that holds ``size``: four to each power of two, at most a fourth too many."""
     step = max(1, 2 ** (int(size).bit_length() - 3))
     return step * -(-int(size) // step)
 

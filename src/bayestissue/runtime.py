@@ -20,12 +20,9 @@ from typing import Any
 
 from bayestissue import stopping
 
+# Of run folders: raised where this version no longer reads what the one before it wrote.
+FORMAT = 1
 LIBRARIES = ("bayestissue", "numpy", "scipy", "jax", "numpyro", "arviz", "pandas", "xarray")
-
-
-# Whether every path that is there for speed is off: hand-written kernels, arrays that are filled up, blocks,
-# worker processes, kept compilations, draws in single precision. Answers are the same to rounding.
-PLAIN = os.environ.get("BAYESTISSUE_PLAIN", "") not in ("", "0")
 _FOLDER = "JAX_COMPILATION_CACHE_DIR"
 # The greatest seed that random numbers of every library can begin from.
 MOST_SEED = 2**63 - 1
@@ -185,8 +182,6 @@ def _cache_folder() -> Path | None:
     """
     from platformdirs import user_cache_path
 
-    if PLAIN:
-        return None
     # What is compiled belongs to one kind of processor and one version of the compiler.
     kind = hashlib.sha256(f"{_processor()} {version('jaxlib')}".encode()).hexdigest()[:12]
     folder = Path(os.environ.get(_FOLDER) or user_cache_path("bayestissue") / f"compiled-{kind}")
@@ -224,8 +219,6 @@ def _remove_unused(folder: Path, most: int = _MOST_KEPT, target: int = _KEPT) ->
         path = Path(name)
         with suppress(OSError):
             path.unlink()
-            # Of an earlier version, which had JAX note the time.
-            path.with_name(f"{path.name.removesuffix('-cache')}-atime").unlink(missing_ok=True)
         left -= size
 
 
@@ -290,18 +283,12 @@ def _bind(core: int | None) -> None:
 
 def cores() -> int:
     """The number of processor cores that work is shared out over: those this process may use."""
-    return 1 if PLAIN else len(CORES) or os.cpu_count() or 1
-
-
-def at_once(number: int) -> int:
-    """So many impacts are worked on at once, because that is fast; if `PLAIN` all of them."""
-    return 2**62 if PLAIN else number
+    return len(CORES) or os.cpu_count() or 1
 
 
 def versions() -> dict[str, str]:
-    """The versions that a result depends on, for `run.json`, and whether it is `PLAIN`."""
-    numbers = {"python": platform.python_version(), **{name: version(name) for name in LIBRARIES}}
-    return numbers | {"plain": "1"} if PLAIN else numbers
+    """The versions that a result depends on, for `run.json`."""
+    return {"python": platform.python_version(), **{name: version(name) for name in LIBRARIES}}
 
 
 @dataclass(frozen=True)
@@ -325,6 +312,7 @@ def run_record(command: str, kind: str, started: datetime, seconds: float, **con
     """The content of ``run.json``: which command, by which versions, of what, when and how long."""
     return {
         "program": "bayestissue",
+        "format": FORMAT,
         "command": command,
         "kind": kind,
         "versions": versions(),

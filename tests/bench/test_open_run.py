@@ -26,6 +26,7 @@ from bayestissue.dataset.left_out import FILE, reasons, write_left_out
 from bayestissue.errors import InputError
 from bayestissue.finished import read_run
 from bayestissue.report.wording import estimated, interval, significant
+from bayestissue.runtime import FORMAT
 from command_line import bayestissue
 
 pytestmark = pytest.mark.slow
@@ -332,7 +333,7 @@ def test_open_says_what_is_wrong_with_a_folder(tmp_path: Path, monkeypatch: pyte
         refused = bayestissue("open", folder)
         assert refused.status == 2
         assert words in refused.err
-    (tmp_path / "run.json").write_text('{"kind": "estimates"}')
+    (tmp_path / "run.json").write_text(json.dumps({"kind": "estimates", "format": FORMAT}))
     refused = bayestissue("open", tmp_path)
     assert refused.status == 2
     assert "[not-a-fit]" in refused.err

@@ -29,9 +29,7 @@ likelihood = "a2"
 stiff = "K > 1000"
 between_people = "max(K[subject]) / min(K[subject])"
 [sampler]
-path = "{path}"
 chains = 2
-warmup = {warmup}
 draws = {draws}
 """
 
@@ -54,16 +52,16 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def model_file(campaign: Path, path: str, warmup: int = 200, draws: int = 300) -> Path:
-    model = campaign / f"{path}-{draws}.toml"
-    model.write_text(MODEL.format(path=path, warmup=warmup, draws=draws), encoding="utf-8")
+def model_file(campaign: Path, draws: int = 300) -> Path:
+    model = campaign / f"of-{draws}.toml"
+    model.write_text(MODEL.format(draws=draws), encoding="utf-8")
     return model
 
 
 @pytest.fixture(scope="module")
 def finished(campaign: Path) -> Path:
     out = campaign / "finished"
-    fitted = bayestissue("fit", campaign / "data", "--model", model_file(campaign, "summary"), "--out", out)
+    fitted = bayestissue("fit", campaign / "data", "--model", model_file(campaign), "--out", out)
     # So few draws may well fail the diagnostics; then everything is written all the same.
     assert fitted.status in (0, 3), fitted.err
     return out
@@ -119,7 +117,7 @@ def test_the_model_files_questions_are_answered(finished: Path) -> None:
 
 
 def test_a_question_that_these_data_can_not_answer_stops_the_fit_before_it_begins(campaign: Path) -> None:
-    text = model_file(campaign, "summary").read_text(encoding="utf-8")
+    text = model_file(campaign).read_text(encoding="utf-8")
     model = campaign / "wrong.toml"
     model.write_text(text.replace("K > 1000", "K[subject=nobody] > 1"), encoding="utf-8")
     told = bayestissue("fit", campaign / "data", "--model", model, "--out", campaign / "never")
@@ -129,7 +127,7 @@ def test_a_question_that_these_data_can_not_answer_stops_the_fit_before_it_begin
 
 
 def test_a_finished_fit_goes_on(finished: Path, campaign: Path, tmp_path: Path) -> None:
-    model, out = model_file(campaign, "summary", draws=500), tmp_path / "longer"
+    model, out = model_file(campaign, draws=500), tmp_path / "longer"
     goes_on = ("--model", model, "--continue", finished, "--quiet")
     fitted = bayestissue("fit", campaign / "data", "--out", out, *goes_on)
     assert fitted.status in (0, 3), fitted.err
@@ -151,7 +149,7 @@ def test_what_can_not_go_on_is_refused_with_all_that_differs(
     finished: Path, campaign: Path, tmp_path: Path
 ) -> None:
     other, model = tmp_path / "other", tmp_path / "model.toml"
-    text = model_file(campaign, "summary").read_text(encoding="utf-8")
+    text = model_file(campaign).read_text(encoding="utf-8")
     model.write_text(text.replace("chains = 2", "chains = 3").replace('"a2"', '"arma"'), encoding="utf-8")
     shutil.copytree(finished, other)
     (other / "chain.npz").unlink()
@@ -160,7 +158,7 @@ def test_what_can_not_go_on_is_refused_with_all_that_differs(
     assert refused.status == 2
     assert 'column likelihood: found "arma"' in refused.err
     assert "column sampler.chains: found 3" in refused.err
-    refused = bayestissue(*arguments, "--model", model_file(campaign, "summary"), "--continue", other)
+    refused = bayestissue(*arguments, "--model", model_file(campaign), "--continue", other)
     assert refused.status == 2
     assert "chain.npz" in refused.err
     assert not (tmp_path / "never").exists()
@@ -207,7 +205,7 @@ def test_wrong_models_are_refused_before_anything_is_written(campaign: Path) -> 
 @pytest.mark.long
 def test_ten_kills_leave_the_draws_as_they_would_have_been(campaign: Path, tmp_path: Path) -> None:
     """Each tenth of a run's life has a kill at a random moment, and each resumed run the same draws."""
-    model = model_file(campaign, "exact", warmup=100, draws=200)
+    model = model_file(campaign, draws=200)
     # What is compiled is kept, so that a life is summaries, sampling and writing rather than compilation.
     kept = {"JAX_COMPILATION_CACHE_DIR": str(tmp_path / "compiled"), **ALWAYS_KEPT}
     environment = os.environ | kept

@@ -46,7 +46,6 @@ name = "small"
 likelihood = "{likelihood}"
 [sampler]
 chains = 2
-warmup = 150
 draws = 200
 """
 

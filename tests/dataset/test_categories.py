@@ -127,3 +127,24 @@ def test_whoever_stands_in_two_groups_is_asked_about(
     found = impact_table(table, np.arange(2, len(people) + 2), needs_velocity=True)
     assert [p.code for p in found.warnings] == ["one-person-or-two"] * asked
     assert all("one person or two?" in str(problem) for problem in found.warnings)
+
+
+@pytest.mark.parametrize("name", ["Subject", "Patient", "PARTICIPANT"])
+def test_a_column_of_people_is_the_subject_whatever_its_case(lab: Lab, name: str) -> None:
+    path = lab.path("impacts.csv")
+    expected = bt.read_dataset(path.parent).impacts["subject"].tolist()
+    path.write_text(path.read_text().replace("subject", name, 1))
+    assert bt.read_dataset(path.parent).impacts["subject"].tolist() == expected
+
+
+def test_a_formula_finds_columns_whatever_their_case_and_names_the_near_one() -> None:
+    rows = pd.DataFrame({"subject": list("aabbccdd"), "trial": "x", "mass_kg": [1.0, 2.0] * 4})
+    rows["Group"] = list("ttttcccc")
+    assert str(judge("group + (1|Patient)", rows, 1.0).terms) == "Group + (1|subject)"
+    assert judge("group + (1|Patient)", rows, 1.0).faults == ()
+    for formula in ("GRUP", "(1|grup)", "(grup|subject)"):
+        (fault,) = judge(formula, rows, 1.0).faults
+        assert fault.reason.endswith("; Group is near")
+    # Two that differ by case alone are two.
+    twice = rows.assign(group=list("tctctctc"))
+    assert str(judge("group", twice, 1.0).terms) == "group"

@@ -25,7 +25,7 @@ def test_an_impact_that_is_left_out_is_told_with_its_reason(lab: Lab) -> None:
         (name, 'hit the frame, "twice"', "left-out")
     ]
     assert rest.input_hash != whole.input_hash
-    assert "1 impacts left out" in check(rest).verdict
+    assert "1 impact left out" in check(rest).verdict
     write_left_out(lab.folder, {})
     assert not (lab.folder / FILE).exists()
     assert read_dataset(lab.folder).input_hash == whole.input_hash

@@ -340,6 +340,14 @@ def test_a_c3d_file_without_analog_channels_has_those_of_its_markers(tmp_path: P
     np.testing.assert_allclose(own.clock, np.arange(30) / 200.0, rtol=1e-6)
 
 
+def test_a_marker_at_the_origin_is_a_gap(tmp_path: Path) -> None:
+    """Some programs write a marker that no camera saw as 0, 0, 0 and a residual of 0."""
+    height = np.where(np.arange(30) == 7, 0.0, np.linspace(100.0, 80.0, 30))
+    markers(tmp_path / "a.c3d", height, 200.0)
+    own = contents_of(tmp_path / "a.c3d", "a.c3d").channels["HAMR.z"]
+    assert np.flatnonzero(np.isnan(np.asarray(own.values))).tolist() == [7]
+
+
 def test_sampling_rate_stands_in_for_times(lab: Lab) -> None:
     def write(path: Path, time: np.ndarray, value: np.ndarray) -> None:
         pd.DataFrame({"value": value}).to_csv(path, index=False)

@@ -117,13 +117,12 @@ def test_a_model_file_without_a_name_has_its_own(tmp_path: Path) -> None:
     assert read_specification(path).name == "calves"
 
 
-def test_keys_of_an_earlier_sampler_are_read_and_do_nothing(tmp_path: Path) -> None:
+def test_keys_of_an_earlier_sampler_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "model.toml"
     path.write_text('likelihood = "impact"\n[sampler]\npath = "exact"\nwarmup = 400\ndraws = 500\n')
-    sampler = read_specification(path).sampler
-    assert sampler.ignored == ("warmup", "path")
-    assert (sampler.draws, sampler.chains) == (500, 4)
-    assert "warmup" not in sampler.model_dump()
-    path.write_text('likelihood = "impact"\n[sampler]\nwarmups = 400\n')
-    with pytest.raises(InputError, match="warmups"):
+    with pytest.raises(InputError) as refused:
         read_specification(path)
+    assert {(problem.column, problem.code) for problem in refused.value.problems} == {
+        ("sampler.path", "retired"),
+        ("sampler.warmup", "retired"),
+    }

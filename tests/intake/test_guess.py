@@ -218,3 +218,44 @@ def test_people_numbered_anew_are_joined_with_a_table_by_group_and_number(tmp_pa
     )
     who = {(row["subject"], row["who"]) for row in intake.facts.of_file.values()}
     assert who == {(f"{g}-{n}", str(i)) for i, (g, n, _) in enumerate(row.split(",") for row in rows)}
+
+
+@pytest.mark.parametrize(
+    ("head", "people"),
+    [
+        ("file,Patient", 6),
+        ("file,Subject", 6),
+        ("file,PATIENT_ID", 6),
+        ("file,who", None),
+        ("file,subject", 6),
+    ],
+)
+def test_a_table_says_who_was_hit_in_whatever_case(tmp_path: Path, head: str, people: int | None) -> None:
+    lines = [head]
+    for number, path in enumerate(sorted(RECORDED.iterdir())[:6]):
+        shutil.copyfile(path, tmp_path / f"rec_{number}.lvm")
+        lines.append(f"rec_{number}.lvm,p{number}")
+    table = tmp_path / "facts.csv"
+    table.write_text("\n".join(lines))
+    said = {"mass_kg": "1", "velocity_m_s": "1"}
+    intake = prepare(tmp_path, Choices(quantity="deceleration", table=table, shared=said))
+    if people is None:
+        (question,) = intake.questions
+        assert "--set" not in question.line
+    else:
+        assert intake.questions == ()
+        assert len({row["subject"] for row in intake.facts.of_file.values()}) == people
+
+
+def test_a_table_that_does_not_say_who_was_hit_leaves_it_to_the_names(tmp_path: Path) -> None:
+    files = sorted(RECORDED.iterdir())
+    table = tmp_path / "facts.csv"
+    table.write_text("file,mass_kg\n" + "\n".join(f"{path.name},1" for path in files if "1.0kg" in path.name))
+    recorded = tmp_path / "r"
+    recorded.mkdir()
+    for path in files:
+        if "1.0kg" in path.name:
+            shutil.copyfile(path, recorded / path.name)
+    intake = prepare(recorded, Choices(quantity="deceleration", table=table, shared={"velocity_m_s": "1"}))
+    assert intake.questions == ()
+    assert {row["subject"] for row in intake.facts.of_file.values()} == {f"p{n}" for n in range(1, 7)}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -14,6 +15,8 @@ import bayestissue as bt
 from bayestissue.dataset.clock_times import seconds
 from bayestissue.dataset.recorders import contents_of
 from bayestissue.errors import InputError
+from command_line import bayestissue
+from dataset_bench import deceleration
 from recorder_files import xlsx
 
 RATE, VELOCITY = 2000.0, 1.2
@@ -145,3 +148,19 @@ def test_clock_times_of_a_workbook_are_seconds(tmp_path: Path) -> None:
     channels = contents_of(folder(tmp_path, table, "xlsx") / "s1.xlsx", "s1.xlsx").channels
     np.testing.assert_allclose(channels["Uhrzeit"].values, time, rtol=0, atol=1e-9)
     assert channels["Uhrzeit"].unit == "s"
+
+
+def test_a_time_that_stands_twice_is_refused_without_numpy_s_warnings(tmp_path: Path) -> None:
+    (tmp_path / "rec").mkdir()
+    time, value = deceleration(0.5, 1.2)
+    cells = pd.DataFrame({"t": time.round(3), "a": value})
+    cells.to_csv(tmp_path / "rec" / "r.csv", index=False)
+    facts = {"mass_kg": 0.5, "velocity_m_s": 1.2, "subject": "s", "trial": "x"}
+    sets = [text for name, fact in facts.items() for text in ("--set", f"{name}={fact}")]
+    options = ("--quantity", "deceleration", "--unit", "m/s^2", *sets)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        refused = bayestissue("init", tmp_path / "rec", "--out", tmp_path / "out", *options)
+    assert refused.status == 2
+    assert "times-disorder" in refused.err
+    assert "RuntimeWarning" not in refused.err

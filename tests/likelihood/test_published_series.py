@@ -14,9 +14,8 @@ from scipy.optimize import OptimizeResult, least_squares
 from scipy.signal import lfilter
 
 from bayestissue.inference.points.fit import PointFit, fit_points
-from bayestissue.likelihood import sine_transforms
-from bayestissue.likelihood.arma.arma21 import Start, log_likelihood
-from bayestissue.likelihood.transforms import SineTransforms
+from bayestissue.likelihood import arma21_log_likelihood
+from bayestissue.likelihood.arma.arma21 import Start
 
 
 class Published(NamedTuple):
@@ -94,30 +93,20 @@ def padded() -> tuple[list[str], np.ndarray, np.ndarray]:
 
 
 @partial(jax.jit, static_argnames="start")
-def expansions(data: SineTransforms, parameters: jax.Array, start: Start) -> tuple[jax.Array, ...]:
-    """Log likelihood at phi1, phi2, theta1 and the variance, its slope, and minus its second derivatives.
+def expansion_of(x: np.ndarray, at: jax.Array, start: Start) -> tuple[jax.Array, ...]:
+    """Log likelihood at phi1, phi2, theta1 and the variance, its slope, and minus its second derivatives."""
 
-    Of each series, along the first axis, at its own row of ``parameters``.
-    """
+    def value(at: jax.Array) -> jax.Array:
+        phi1, phi2, theta1, variance = at
+        return arma21_log_likelihood(x, phi1, phi2, theta1, jnp.sqrt(variance), start=start)
 
-    def log_likelihoods(at: jax.Array) -> tuple[jax.Array, jax.Array]:
-        phi1, phi2, theta1, variance = at.T
-        value = log_likelihood(data, 2 - phi1, 1 - phi1 - phi2, theta1, jnp.sqrt(variance), start=start)
-        return value.sum(), value
-
-    def bend(along: jax.Array) -> jax.Array:
-        slope = jax.grad(lambda at: log_likelihoods(at)[0])
-        return jax.jvp(slope, (parameters,), (jnp.broadcast_to(along, parameters.shape),))[1]
-
-    slope, value = jax.grad(log_likelihoods, has_aux=True)(parameters)
-    return value, slope, -jax.vmap(bend, out_axes=-1)(jnp.eye(4))
+    return *jax.value_and_grad(value)(at), -jax.hessian(value)(at)
 
 
 def expansion(name: str, parameters: np.ndarray, start: Start) -> list[np.ndarray]:
-    """That of one series at the given rows for all."""
-    names, x, lengths = padded()
-    parts = expansions(sine_transforms(x, lengths), parameters, start)
-    return [np.asarray(part)[names.index(name)] for part in parts]
+    """That of one series at its row of those for all."""
+    row = parameters[padded()[0].index(name)]
+    return [np.asarray(part) for part in expansion_of(series(name), jnp.asarray(row), start)]
 
 
 def as_published() -> np.ndarray:

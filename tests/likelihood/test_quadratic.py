@@ -7,8 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bayestissue.likelihood import SineTransforms, log_likelihood, quadratic, sine_transforms
-from bayestissue.likelihood.quadratic import quadratic_form
+from bayestissue.likelihood import arma21_log_likelihood, quadratic
 
 # Compiled once for all cases.
 log_determinant = jax.jit(quadratic.log_determinant)
@@ -19,20 +18,15 @@ bends_of_determinant = jax.jit(jax.vmap(jax.grad(slope_of_determinant)))
 
 @jax.jit
 @partial(jax.grad, argnums=1)
-def slopes_of_total(data: SineTransforms, p: jax.Array) -> jax.Array:
-    return log_likelihood(data, *p).sum()
+def slopes_of_total(x: np.ndarray, p: jax.Array) -> jax.Array:
+    return arma21_log_likelihood(x, *p).sum()
 
 
 bends_of_total = jax.jit(jax.jacfwd(slopes_of_total, argnums=1))
 
 
-def made(impacts: int = 3, n: int = 150) -> tuple:
-    data = sine_transforms(np.random.default_rng(0).normal(size=(impacts, n)).cumsum(1))
-    return (
-        data,
-        (jnp.ones(impacts), jnp.full(impacts, 0.1), jnp.full(impacts, 0.02)),
-        jnp.array([-1.0, 0.2, 0.9]),
-    )
+def walks(impacts: int) -> np.ndarray:
+    return np.random.default_rng(0).normal(size=(impacts, 150)).cumsum(1)
 
 
 @pytest.mark.parametrize("theta1", [-1.3, -1.0, -0.9999, -0.5, -0.4999, 0.0, 0.3, 1.0])
@@ -70,58 +64,23 @@ def test_slope_of_the_determinant_is_smooth_where_its_formulas_meet(count: int) 
 
 @pytest.mark.parametrize("theta1", [-1.0, -0.4, 0.0, 0.9])
 def test_second_derivatives_are_the_differences_of_the_first(theta1: float) -> None:
-    data, _, _ = made(impacts=1)
-    at = jnp.array([0.1, 0.02, theta1, 0.7])
-    curvature, step = bends_of_total(data, at), 1e-5
+    x, at = walks(1), jnp.array([1.9, -0.92, theta1, 0.7])
+    curvature, step = bends_of_total(x, at), 1e-5
     for k in range(4):
-        ahead, behind = (slopes_of_total(data, at.at[k].add(sign * step)) for sign in (1, -1))
+        ahead, behind = (slopes_of_total(x, at.at[k].add(sign * step)) for sign in (1, -1))
         # central differences: third derivatives by step squared, and rounding by 1e-16 / step
         scale = np.abs(curvature[k]).max()
         np.testing.assert_allclose(curvature[k], (ahead - behind) / (2 * step), rtol=1e-5, atol=1e-6 * scale)
 
 
 def test_chains_side_by_side_are_the_chains_one_by_one() -> None:
-    data, _, _ = made()
-    c1 = jnp.linspace(0.05, 0.15, 12).reshape(4, 3)
+    x, phi1 = walks(3), 2 - jnp.linspace(0.05, 0.15, 12).reshape(4, 3)
 
-    def total(c1: jax.Array) -> jax.Array:
-        return log_likelihood(data, c1, 0.02, -0.3, 0.5).sum()
+    def total(phi1: jax.Array) -> jax.Array:
+        return arma21_log_likelihood(x, phi1, 0.98 - phi1, -0.3, 0.5).sum()
 
-    values, slopes = jax.jit(jax.vmap(jax.value_and_grad(total)))(c1)
+    values, slopes = jax.jit(jax.vmap(jax.value_and_grad(total)))(phi1)
     for chain in range(4):
-        value, slope = jax.jit(jax.value_and_grad(total))(c1[chain])
+        value, slope = jax.jit(jax.value_and_grad(total))(phi1[chain])
         assert float(values[chain]) == pytest.approx(float(value), rel=1e-13)
         np.testing.assert_allclose(slopes[chain], slope, rtol=1e-12)
-
-
-def test_form_is_differentiable_by_the_data_too() -> None:
-    data, coefficients, theta1 = made()
-    direction = tuple(jnp.cos(column) for column in data.columns)
-
-    def form(step: jax.Array) -> jax.Array:
-        moved = tuple(c + step * d for c, d in zip(data.columns, direction, strict=True))
-        return quadratic_form(coefficients, theta1, moved, data.spread).sum()
-
-    both = jax.jit(jax.value_and_grad(form))
-    _, slope = both(jnp.array(0.0))
-    # a quadratic form: central differences are exact but for rounding
-    finite = (both(jnp.array(0.5))[0] - both(jnp.array(-0.5))[0]) / 1.0
-    assert float(slope) == pytest.approx(float(finite), rel=1e-9)
-
-
-def test_more_columns_carry_more_linear_unknowns() -> None:
-    # an offset of x is linear in the residual: a fourth column with its size for coefficient
-    n, offset = 150, 0.7
-    data, coefficients, theta1 = made(n=n)
-    moved = sine_transforms(np.asarray(data.x) + offset)
-    one = sine_transforms(np.ones((3, n)))
-    columns = (*data.columns, one.columns[2])
-    direct = quadratic_form(coefficients, theta1, moved.columns, data.spread)
-    linear = quadratic_form((*coefficients, offset * coefficients[2]), theta1, columns, data.spread)
-    np.testing.assert_allclose(linear, direct, rtol=1e-9)
-
-
-def test_frequencies_are_no_parameter() -> None:
-    data, coefficients, theta1 = made()
-    with pytest.raises(TypeError, match="frequencies"):
-        jax.grad(lambda s: quadratic_form(coefficients, theta1, data.columns, s).sum())(data.spread)

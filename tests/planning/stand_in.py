@@ -14,7 +14,6 @@ import pytest
 from bayestissue.planning import ledger as module
 from bayestissue.planning.assurance import Assessment, Goal, Progress
 from bayestissue.planning.population import BLOCK
-from bayestissue.simulation import Simulation
 
 
 def share(rows: pd.DataFrame, most: float = 1.0) -> float:
@@ -24,15 +23,10 @@ def share(rows: pd.DataFrame, most: float = 1.0) -> float:
 
 @dataclass
 class Kernel:
-    """What was asked of it: the number of designs and the blocks of each call.
-
-    Designs without a force and with inexact masses answer no more than ``one_sensor`` says, where it says so;
-    of any number of impacts a design answers as often as it may.
-    """
+    """What was asked of it: the number of designs and the blocks of each call."""
 
     most: float = 1.0
     normal: bool = True
-    one_sensor: float | None = None
     calls: list[tuple[int, range]] = field(default_factory=list)
 
     def __call__(
@@ -40,17 +34,12 @@ class Kernel:
         designs: Sequence[pd.DataFrame],
         _model: Any,
         _prior: Any,
-        simulation: Simulation,
+        _simulation: Any,
         *,
         seed: int,
         running: Any = None,
-        one_factor: bool = False,
-        unlimited: bool = False,
     ) -> Ready:
-        recording, most = simulation.recording, self.most
-        if self.one_sensor is not None and recording.force is None and recording.relative_mass_sd:
-            most = self.one_sensor
-        return Ready(self, designs, most, unlimited)
+        return Ready(self, designs)
 
 
 @dataclass
@@ -62,8 +51,6 @@ class Traces:
 class Ready:
     kernel: Kernel
     designs: Sequence[pd.DataFrame]
-    most: float
-    unlimited: bool
 
     @property
     def information(self) -> Traces:
@@ -79,20 +66,20 @@ class Ready:
         return [[self._of(rows, goal, study) for goal in goals] for rows in self.designs]
 
     def _of(self, rows: pd.DataFrame, goal: Goal, study: np.ndarray) -> Assessment:
-        answered = study < (self.most if self.unlimited else share(rows, self.most))
+        answered = study < share(rows, self.kernel.most)
         if goal.width is not None:
             width, p, truth = goal.width * np.where(answered, 0.9, 1.2), study * np.nan, study > 0
         else:
             yes = study * 100 % 4 > 1
             p, truth = np.where(answered, np.where(yes, 0.99, 0.01), 0.5), yes ^ (study < 0.03)
             width = study * np.nan
-        return Assessment(goal, self.probability, p, truth, width, study, study, study * 0 + 64)
+        return Assessment(goal, self.probability, p, truth, width, study * 0 + 64)
 
 
 @contextmanager
-def kernel(most: float = 1.0, *, normal: bool = True, one_sensor: float | None = None) -> Iterator[Kernel]:
+def kernel(most: float = 1.0, *, normal: bool = True) -> Iterator[Kernel]:
     """Plans within the block are assessed by the stand-in."""
-    stand_in = Kernel(most, normal, one_sensor)
+    stand_in = Kernel(most, normal)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "planner", stand_in)
         yield stand_in

@@ -350,17 +350,6 @@ def test_the_page_answers_its_title_on_the_first_screen(two_goals: Plan) -> None
     assert "log(mass_kg) + (1|subject) + (1|trial)" in page
 
 
-def test_what_stopping_early_does_is_said(two_goals: Plan) -> None:
-    looks = two_goals.content["looks"]["exponent"]
-    assert [look["people"] for look in looks] == [20, 40, 60, 90]
-    stopped = [look["stopped"] for look in looks]
-    assert stopped == sorted(stopped)
-    assert stopped[0] == pytest.approx(0.4)
-    assert looks[0]["misled"] == pytest.approx(0.03)
-    assert looks[0]["error"] == looks[0]["error_without"] == 0
-    assert "Stopping early" in page_of(two_goals.content, two_goals.designs, two_goals.about)
-
-
 @pytest.mark.slow
 def test_traces_that_no_normal_stands_for_are_warned_of(tmp_path: Path) -> None:
     options = ["--people", "60", "--masses", "0.5,1", "--ask", EXPONENT, "--studies", "100"]

@@ -202,3 +202,22 @@ def test_a_pilot_that_is_no_run_is_refused(tmp_path: Path) -> None:
 def test_factors_are_those_that_questions_name_by_two_levels() -> None:
     named = factors_named(["K[side=left] / K[side=right] > 1.1", "K[sex=f] > 1", "K >", "K[subject=new] > 1"])
     assert named == [SIDES]
+
+
+def test_a_second_sensor_is_refused_with_what_to_do() -> None:
+    force = {"noise_sd_N": 1.0}
+    recorders = [{"name": "cell", "noise_sd_m_s2": 0.1, "force": force}]
+    content = {
+        "candidates": {"people": 2, "masses_kg": [1.0], "recorders": recorders},
+        "channel": [{"name": "load cell", "quantity": "force"}],
+        "questions": {"stiff": "K > 1000"},
+    }
+    with pytest.raises(InputError) as caught:
+        plan_of(content, "plan.toml")
+    told = {problem.column: problem for problem in caught.value.problems}
+    assert set(told) == {"channel", "candidates.recorders.0.force"}
+    assert {problem.code for problem in told.values()} == {"retired"}
+    alone = {"people": 2, "masses_kg": [1.0]}
+    recording = {"noise_sd_m_s2": 0.1, "force": force}
+    with pytest.raises(InputError, match="designs are planned for the deceleration alone"):
+        plan_of({**content, "candidates": alone, "recording": recording}, "plan.toml")

@@ -65,11 +65,12 @@ def test_impacts_of_one_mass_share_an_error_of_the_declared_size() -> None:
 def test_one_mass_is_one_factor_of_all() -> None:
     of_masses, of_all = (planned([0.7], whose) for whose in ("mass", "all"))
     assert of_masses.model == of_all.model
-    assert of_masses.model.common is not None
+    assert of_masses.model.common_mass_sd == MASS_SD
     studies = drawn(of_masses)
     np.testing.assert_array_equal(studies.centre, drawn(of_all).centre)
     seen = errors_seen(of_masses, studies)
-    assert_allclose(seen, np.broadcast_to(studies.log_factor[:, None], seen.shape), atol=1e-4)
+    assert_allclose(seen, np.broadcast_to(seen[:, :1], seen.shape), atol=1e-4)
+    assert seen[:, 0].std() == pytest.approx(MASS_SD, rel=4 / np.sqrt(2 * BLOCK))
 
 
 @pytest.mark.parametrize("masses", [[0.5, 1.0], [0.7]])

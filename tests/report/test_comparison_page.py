@@ -4,7 +4,6 @@ import json
 import re
 import shutil
 
-import numpy as np
 import pandas as pd
 import pytest
 
@@ -13,6 +12,8 @@ from bayestissue.errors import InputError
 from bayestissue.inference.comparing import same_questions
 from bayestissue.report import write_report
 from bayestissue.report.comparison import answers_figure, answers_table
+from bayestissue.results.tables import table_of_rows
+from bayestissue.runtime import FORMAT
 from make_fit_run import make_fit_run
 from make_scored_run import make_scored_run
 from page_reader import Reader, figures
@@ -137,17 +138,8 @@ def test_runs_answer_the_same_questions_side_by_side(tmp_path) -> None:
         make_fit_run(tmp_path / name, two_sides=True, seed=seed) for name, seed in (("one", 1), ("two", 2))
     ]
     tables = {path.name: {"contrasts": pd.read_csv(path / "contrasts.csv")} for path in paths}
-    asked = pd.DataFrame(
-        {
-            "question": ["K > 1"],
-            "posterior": [0.9],
-            "median": [np.nan],
-            "low": [np.nan],
-            "high": [np.nan],
-            "unit": [""],
-        }
-    )
-    tables["two"]["questions"] = asked
+    claim = {"question": "K > 1", "posterior": 0.9, "unit": "", "level": ""}
+    tables["two"]["questions"] = table_of_rows("questions", [claim])
     answers = same_questions(tables)
     table = answers_table(answers, ["one", "two"])
     cells = {row.cells[0]: row.cells[1:] for row in table.rows}
@@ -166,6 +158,6 @@ def test_what_lacks_is_named(folder, tmp_path):
     with pytest.raises(InputError, match=r"posteriors\.csv"):
         write_report(out)
     (out / ".bayestissue.json").unlink()
-    (out / "run.json").write_text('{"kind": "comparison"}')
+    (out / "run.json").write_text(json.dumps({"kind": "comparison", "format": FORMAT}))
     with pytest.raises(InputError, match="runs"):
         write_report(out)

@@ -9,6 +9,7 @@ import pytest
 from bayestissue.errors import InputError
 from bayestissue.figures.browser import library
 from bayestissue.report import write_report
+from bayestissue.runtime import FORMAT
 from page_reader import figures
 
 
@@ -31,6 +32,7 @@ def make_estimates_run(folder, impacts=40):
     ).to_csv(folder / "estimates.csv", index=False)
     about = {
         "program": "bayestissue",
+        "format": FORMAT,
         "command": "estimate",
         "kind": "estimates",
         "options": {"window": "peak", "filter": None},

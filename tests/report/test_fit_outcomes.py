@@ -78,14 +78,6 @@ def test_without_compared_levels_there_is_no_such_card(tmp_path) -> None:
     assert 'id="outcomes"' not in html
 
 
-def test_of_a_run_of_an_earlier_version_the_ratios_stand_alone(tmp_path) -> None:
-    folder = make_fit_run(tmp_path / "run", two_sides=True)
-    (folder / "levels.csv").unlink()
-    html = write_report(folder).read_text(encoding="utf-8")
-    assert "What differs? left over right" in first_screen(html)
-    assert "which is best" not in html
-
-
 def test_of_several_levels_the_two_best_are_held_against_each_other(folder, tmp_path) -> None:
     copied = make_fit_run(tmp_path / "run", two_sides=True)
     table = pd.read_csv(copied / "levels.csv", keep_default_na=False)

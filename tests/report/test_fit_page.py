@@ -140,12 +140,6 @@ def test_it_tells_what_makes_the_intervals(folder, html):
     assert table.count("taken as true") == 6
 
 
-def test_a_run_of_an_earlier_version_has_no_sources(tmp_path):
-    folder = make_fit_run(tmp_path)
-    (folder / "interval_sources.csv").unlink()
-    assert "fit again" in plain(page_of(folder))
-
-
 @pytest.mark.slow
 def test_failed_diagnostics_are_loud_on_the_first_screen_of_any_likelihood(tmp_path):
     html = page_of(make_fit_run(tmp_path, passed=False, likelihood="impact", coloured=True))

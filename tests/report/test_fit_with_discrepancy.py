@@ -110,15 +110,6 @@ def test_words_say_whose_k_is(run: FitRun) -> None:
     assert first.startswith("K_secant, these impacts together")
 
 
-def test_a_run_of_an_earlier_version_opens_and_has_its_secant_as_k(tmp_path: Path) -> None:
-    earlier = read(make_fit_run(tmp_path / "run", likelihood="impact", own_depth=0.3))
-    earlier.record["discrepancy"] = {"rms_of_peak": 0.05}
-    html = plain(page_of(earlier))
-    assert re.search(r"K = \d{4} N/m", html)
-    assert "So is K, of impacts, people and the population." in html
-    assert earlier.symbols == {"K": "K", "C": "C"}
-
-
 def test_an_answer_of_the_element_s_k_says_so_on_the_first_screen() -> None:
     of_claim = {"posterior": 0.6, "prior": 0.5, "note": f"rough; {ELEMENT_ALONE}"}
     of_number = {"median": 1200.0, "low": 1100.0, "high": 1300.0, "unit": "N/m", "note": ELEMENT_ALONE}

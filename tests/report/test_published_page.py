@@ -82,7 +82,7 @@ def test_model_priors_and_provenance_are_told(html):
         "log K ~ log(mass_kg) + (1|subject)",
         "normal, mean 0.5, sd 1",
         "lkj, concentration 2",
-        "sampler.target_accept",
+        "sampler.effective",
         "0123456789abcdef",
         "numpy 2.3",
     ):

@@ -2,19 +2,20 @@ from __future__ import annotations
 
 import json
 import shutil
+from pathlib import Path
 
-import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from bayestissue.cli import app
 from bayestissue.errors import InputError
 from bayestissue.report import write_report
-from bayestissue.report.fit.run import read_fit_run
-from bayestissue.report.fit.traces import residuals
 from bayestissue.report.run_folder import read_about
+from bayestissue.runtime import FORMAT
 from bayestissue.thesis.pages.published_run import read_published_run
 from make_fit_run import make_fit_run
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture
@@ -57,7 +58,7 @@ def test_a_run_json_that_no_run_wrote_is_refused(copied, content):
 
 
 def test_a_kind_of_run_that_has_no_report_is_refused(copied):
-    (copied / "run.json").write_text(json.dumps({"kind": "poem"}))
+    (copied / "run.json").write_text(json.dumps({"kind": "poem", "format": FORMAT}))
     (problem,) = problems_of(copied)
     assert (problem.column, problem.value) == ("kind", "poem")
 
@@ -83,19 +84,48 @@ def test_the_command_writes_the_page_and_says_where(copied):
     assert quiet.output == ""
 
 
-def with_samples(groups):
-    """As earlier versions named the dimension of samples, which ArviZ could not stack draws beside."""
-    return {
-        name: data.rename(time_index="sample") if "time_index" in data.dims else data
-        for name, data in groups.items()
-    }
+@pytest.mark.parametrize("written", [None, 0, 99])
+@pytest.mark.parametrize(
+    "words",
+    [
+        "report RUN",
+        "ask RUN K",
+        "predict RUN --at new.csv",
+        "export RUN --out out",
+        "open RUN",
+        "certify RUN --out out",
+        "compare RUN OTHER",
+        "fit data --continue RUN --out out",
+    ],
+)
+def test_a_run_of_another_version_is_refused_with_how_to_make_it_anew(
+    words: str, written: int | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run, other = make_fit_run(tmp_path / "run"), make_fit_run(tmp_path / "other")
+    about = json.loads((run / "run.json").read_text()) | {"format": written}
+    (run / "run.json").write_text(json.dumps({k: v for k, v in about.items() if v is not None}))
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "new.csv").write_text("mass_kg\n0.5\n")
+    shutil.copytree(ROOT / "data" / "example", tmp_path / "data")
+    named = {"RUN": str(run), "OTHER": str(other)}
+    told = CliRunner().invoke(app, [named.get(word, word) for word in words.split()])
+    (problem,) = told.exception.problems
+    assert problem.code == "another-version"
+    assert (problem.column, problem.value) == ("format", "none" if written is None else written)
+    assert "`bayestissue fit DATASET --out DIR`" in problem.remedy
+    assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.slow
-def test_an_earlier_version_s_run_is_read_as_before(tmp_path):
-    earlier = make_fit_run(tmp_path / "earlier", extended=with_samples)
-    read = [read_fit_run(each, read_about(each)) for each in (make_fit_run(tmp_path / "run"), earlier)]
-    assert read[1].groups["observed_data"]["deceleration"].dims == ("impact", "sample")
-    new, old = (residuals(run) for run in read)
-    np.testing.assert_array_equal(old.measured, new.measured)
-    np.testing.assert_array_equal(old.replicated, new.replicated)
+@pytest.mark.parametrize("words", ["report RUN", "ask RUN peak_force", "export RUN --out out", "open RUN"])
+def test_a_run_of_an_element_that_this_version_lacks_is_refused(
+    words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = make_fit_run(tmp_path / "run")
+    about = json.loads((run / "run.json").read_text())
+    about["model"]["element"] = "soap"
+    (run / "run.json").write_text(json.dumps(about))
+    monkeypatch.chdir(tmp_path)
+    told = CliRunner().invoke(app, [{"RUN": str(run)}.get(word, word) for word in words.split()])
+    (problem,) = told.exception.problems
+    assert (problem.code, problem.column, problem.value) == ("another-version", "model.element", "soap")
+    assert "kelvin_voigt" in problem.expected

@@ -64,10 +64,6 @@ def test_an_interaction_leads_and_what_goes_with_a_level_is_said(tmp_path) -> No
     assert "Between left and right also differs, and is part of the ratio: pad (p1 against p2)." in first
     assert "treated:after/before over control:after/before" in section(html, "comparisons")
     assert "also differs: pad" in section(html, "comparisons")
-    # An earlier version wrote no such columns.
-    table.drop(columns=["kind", "note"]).to_csv(folder / "contrasts.csv", index=False)
-    (folder / "levels.csv").unlink()
-    assert "What differs? left over right" in plain(write_report(folder).read_text(encoding="utf-8"))
 
 
 def test_columns_in_no_formula_lead_the_first_screen_as_questions(tmp_path) -> None:
@@ -80,16 +76,12 @@ def test_columns_in_no_formula_lead_the_first_screen_as_questions(tmp_path) -> N
         "varies": "4 levels",
         "formula": "log(mass_kg) + pad + (1|subject)",
     }
-    for columns in ([pad], ["pad"]):
-        path.write_text(json.dumps(record | {"columns_not_used": columns}), encoding="utf-8")
-        html = write_report(folder).read_text(encoding="utf-8")
-        first = plain(html[html.index('class="first"') : html.index("<nav")])
-        assert (
-            first.index("pad varies") < first.index("What differs by side") < first.index("What are K and C?")
-        )
-        if columns == [pad]:
-            asked = "pad varies (4 levels) and is not in the formula: does K differ by pad? --K"
-            assert f"{asked} &#34;{pad['formula']}&#34;" in first
+    path.write_text(json.dumps(record | {"columns_not_used": [pad]}), encoding="utf-8")
+    html = write_report(folder).read_text(encoding="utf-8")
+    first = plain(html[html.index('class="first"') : html.index("<nav")])
+    assert first.index("pad varies") < first.index("What differs by side") < first.index("What are K and C?")
+    asked = "pad varies (4 levels) and is not in the formula: does K differ by pad? --K"
+    assert f"{asked} &#34;{pad['formula']}&#34;" in first
 
 
 def test_every_comparison_stands_in_a_table(html) -> None:

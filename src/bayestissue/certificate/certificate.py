@@ -121,7 +121,7 @@ def certify(
 
     Raises:
         InputError: ``run`` is no finished fit, its recordings are not found, have changed, or are another's;
-            or it is of an earlier version, whose chains were not kept.
+            or its chains were not kept.
 
     Example:
         >>> certificate = bt.certify("runs/drops")

@@ -154,9 +154,8 @@ def _finished(runs: list[Path], abouts: list[dict[str, Any]]) -> list[FinishedRu
 
     def read(run: tuple[str, Path, dict[str, Any]]) -> FinishedRun:
         name, path, record = run
-        remedy = "Fit again with this version."
         needed = _GROUPS | {"observed_data": (observed_by(record["model"]["likelihood"]),)}
-        groups = read_groups(path / "posterior.nc", needed, remedy, of_impacts=_OF_IMPACTS)
+        groups = read_groups(path / "posterior.nc", needed, _AGAIN, of_impacts=_OF_IMPACTS)
         tree = xr.DataTree.from_dict(groups)
         return FinishedRun(name, record["model"], tree, Finished.from_tree(tree, record["model"]))
 

@@ -87,6 +87,7 @@ def run(
 def _print(data: Dataset, estimates: pd.DataFrame, out: Path) -> None:
     from bayestissue.commands.console import echo, explained, line, show, table
     from bayestissue.inference.points.notes import people_alone, said_once
+    from bayestissue.outline import counted
     from bayestissue.remedies import codes_in
     from bayestissue.report.wording import estimated
 
@@ -102,7 +103,7 @@ def _print(data: Dataset, estimates: pd.DataFrame, out: Path) -> None:
         line(sentence)
     if data.left_out:
         count = len({problem.impact for problem in data.left_out})
-        echo(f"{count} impacts left out: see left_out.csv")
+        echo(f"{counted(count, 'impact')} left out: see left_out.csv")
     texts = "; ".join([*estimates["flags"], *estimates["notes"]])
     explained([*codes_in(texts), *(problem.code for problem in data.left_out)])
     line(f"wrote {out / 'estimates.csv'} and {out / 'report.html'}")

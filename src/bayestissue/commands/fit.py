@@ -6,7 +6,7 @@ import hashlib
 import json
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from bayestissue.errors import Problem
+    from bayestissue.hierarchy.specification import ModelSpecification
     from bayestissue.hierarchy.trace_data import Prepared
     from bayestissue.remedies import Code
 
@@ -45,7 +46,6 @@ def run(
     C: FormulaOfC = None,
     ask: Annotated[list[str] | None, typer.Option(metavar="QUESTION")] = None,
     continue_from: Annotated[Path | None, typer.Option("--continue", metavar="RUN")] = None,
-    path: str | None = None,
     certify: bool = False,
     scheduler: Scheduler = None,
     seed: Seed = 0,
@@ -66,7 +66,6 @@ def run(
         continue_from: Folder of a finished fit of the same recordings and model, whose chains go on where
             they ended; may be --out itself, with --overwrite.
         certify: Then certify the fit, as `bayestissue certify` does, in OUT-certificate.
-        path: Of an earlier version, which had several samplers: without effect.
     """
     runtime.configure(one_core=True)
     with results.claim(out, overwrite=overwrite, command="fit", inputs=(dataset, model)) as target:
@@ -74,52 +73,35 @@ def run(
         from bayestissue.commands.finished_runs import print_answers
         from bayestissue.dataset import read_dataset
         from bayestissue.finished import CHAIN, page_html, write_run
-        from bayestissue.fitting import (
-            earlier_run,
-            fit_prepared,
-            formulas_of,
-            require_answerable,
-            resolve,
-            without_short,
-        )
+        from bayestissue.fitting import fit_job
         from bayestissue.inference.execution.workers import on_cluster
         from bayestissue.inference.samplers.diagnostics import headline, warned_codes
-        from bayestissue.inference.single.phantoms import prepare_without_phantoms
         from bayestissue.report import draw_page
 
         data = read_dataset(dataset, skip_bad=skip_bad)
-        specification, source = resolve(
-            model, data.quantity, formulas=formulas_of(K, C), questions=ask or [], sampler={"path": path}
-        )
-        if model is None and not quiet:
-            echo(f"model {specification.name}, that of a recorded {data.quantity}; --model takes another")
-        if specification.sampler.ignored and not quiet:
-            echo(f"without effect, of an earlier sampler: {', '.join(specification.sampler.ignored)}")
-        if skip_bad:
-            data = without_short(data, specification, source)
-        data, prepared = prepare_without_phantoms(data, specification, source=source)
-        require_answerable(prepared, specification, source)
-        earlier = None
-        if continue_from is not None:
-            earlier = earlier_run(continue_from, data, specification, prepared)
+
+        def resolved(specification: ModelSpecification) -> None:
+            if model is None and not quiet:
+                echo(f"model {specification.name}, that of a recorded {data.quantity}; --model takes another")
+
+        asked: dict[str, Any] = {"K": K, "C": C, "ask": ask or [], "continue_from": continue_from}
+        job = fit_job(data, model, seed, **asked, skip_short=skip_bad, resolved=resolved)
         nouns = Words(data.words)
-        codes = [] if quiet else _say_what_is_told(prepared, nouns, data.warnings)
+        codes = [] if quiet else _say_what_is_told(job.prepared, nouns, data.warnings)
         # What must be the same for a checkpoint to be one of this job.
-        content = [data.input_hash, specification.model_dump_json(), seed, runtime.versions()]
+        content = [data.input_hash, job.specification.model_dump_json(), seed, runtime.versions()]
         if continue_from is not None:
             content.append(runtime.content_hash([continue_from / CHAIN]))
-        job = hashlib.sha256(json.dumps(content).encode()).hexdigest()
+        key = hashlib.sha256(json.dumps(content).encode()).hexdigest()
         with Stages(quiet=quiet) as say:
-            with on_cluster(scheduler), target.unfinished(job) as finished:
-                fit = fit_prepared(
-                    data, specification, prepared, seed, say, checkpoints=finished, earlier=earlier
-                )
+            with on_cluster(scheduler), target.unfinished(key) as finished:
+                fit = job.fit(say, checkpoints=finished)
                 with target.folder() as folder:
                     write_run(fit, folder, say)
             say("writing the report", 0, 1)
             draw_page(target.path, partial(page_html, fit))
         if not quiet:
-            if specification.questions:
+            if job.specification.questions:
                 print_answers(fit.questions, nouns)
             echo(nouns(f"{headline(fit.diagnostics)}\n{fit.verdict}"))
             explained([*codes, *warned_codes(fit.diagnostics)])

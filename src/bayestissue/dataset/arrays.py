@@ -355,23 +355,7 @@ def _numbers(values: Any, label: str, column: str, impact: str | None) -> Number
 
 
 def _hash(settings: Settings, cells: pd.DataFrame, readings: Sequence[Reading]) -> str:
-    # What was not stated before there was a key for it leaves the hash as it was.
-    signal, fields = settings.signal, SignalSettings.model_fields
-    names = ("gravity", "zero", "contact", "limit")
-    later = {name for name in names if getattr(signal, name) == fields[name].default}
-    unsaid: dict[str, Any] = {"signal": later}
-    if not settings.impactor.headform:
-        unsaid["impactor"] = True
-    if not settings.words.values():
-        unsaid["words"] = True
-    if not settings.channel:
-        unsaid["channel"] = True
-    if settings.recorder is None:
-        unsaid["recorder"] = True
-    elif settings.recorder.noise is None:
-        unsaid["recorder"] = {"noise"}
-    stated = settings.model_dump(mode="json", exclude=unsaid)
-    digest = hashlib.sha256(json.dumps(stated, sort_keys=True).encode())
+    digest = hashlib.sha256(json.dumps(settings.model_dump(mode="json"), sort_keys=True).encode())
     digest.update(cells.to_csv(index=False).encode())
     for samples in (reading.samples for reading in readings):
         for array in (samples.impact, samples.start, samples.time, samples.value):

@@ -7,7 +7,7 @@ import difflib
 import io
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,39 @@ from bayestissue.outline import counted
 from bayestissue.results.tables import as_written
 
 FILE = "impacts.csv"
+
+
+# What the column "subject" may be called, in small letters.
+_SUBJECTS = (
+    *("patient", "participant", "person", "proband"),
+    *("subject_id", "patient_id", "participant_id", "person_id"),
+)
+
+
+def with_subject(names: Sequence[str]) -> list[str]:
+    """Names of columns with "subject" for `Subject`, `Patient` and the like, where there is one of these."""
+    for words in ((), ("subject",), _SUBJECTS):
+        alike = [name for name in names if name.casefold() in words or name == "subject"]
+        if len(alike) == 1:
+            return ["subject" if name == alike[0] else name for name in names]
+    return list(names)
+
+
+def in_whatever_case(name: str, columns: Iterable[str]) -> str:
+    """The column that a name means, in whatever case or by a word for "subject"; itself if none is."""
+    columns = list(columns)
+    alike = [column for column in columns if column.casefold() == name.casefold()]
+    if not alike and with_subject([name]) == ["subject"]:
+        alike = [column for column in columns if column == "subject"]
+    return name if name in columns or len(alike) != 1 else alike[0]
+
+
+def no_column(strange: Sequence[str], columns: Sequence[str]) -> str:
+    """That there are no columns of these names, with those that are near, as a clause."""
+    small = {column.lower(): column for column in columns}
+    near = [difflib.get_close_matches(name.lower(), list(small), n=1) for name in strange]
+    meant = ", ".join(small[name] for names in near for name in names)
+    return f"there is no column {', '.join(strange)}" + (f"; {meant} is near" if meant else "")
 
 
 def read_cells(
@@ -58,13 +91,14 @@ def read_cells(
         io.StringIO(text.body.tobytes().decode(), newline=""), strict=True, delimiter=text.delimiter
     )
     above = text.dialect.first_row - 1
+    text_names = with_subject(text.names) if "subject" in wanted else text.names
     body: list[list[str]] = []
     lines: list[int] = []
     try:
         for record in reader:
             cells = [
                 as_written(cell.strip() if name in NAMES else text.dialect.plain(cell.strip()))
-                for name, cell in zip_longest(text.names, record, fillvalue="")
+                for name, cell in zip_longest(text_names, record, fillvalue="")
             ][: len(record)]
             if any(cells) or (keep_empty and record):
                 body.append(cells)
@@ -73,7 +107,7 @@ def read_cells(
         raise InputError.stated(
             "cells-in-a-row.quotes", label, row=above + reader.line_num, value=str(error)
         ) from None
-    names = [as_written(name) for name in text.names]
+    names = list(map(as_written, text_names))
     # A spreadsheet writes empty columns where something once stood.
     width = max((at for at, name in enumerate(names, 1) if name), default=0)
     if not any(any(cells[width:]) for cells in body):
@@ -109,6 +143,7 @@ def cells_of(
     Raises:
         InputError: the names or the number of cells are wrong, or there is no record.
     """
+    names = with_subject(names) if "subject" in wanted else names
     problems = column_problems(label, names, wanted, row)
     problems += [p for p in column_problems(label, names, (), row) if p.column not in wanted]
     odd = {"control-characters": any(map(has_control_characters, names)), "empty": "" in names}

@@ -15,6 +15,7 @@ class PlausibleSettings:
         most_gravity: more than gravity is anywhere on Earth, m/s²: a greater number has another unit.
         largest_covariate: a model squares what it is given.
         apart: the masses, velocities or heights of one study do not leave a gap of this factor.
+        fall_off: of a velocity after a fall: friction takes less.
         begins: a recording has begun to go somewhere where it is this share of its farthest way from where it
             began.
         pulse: of the greatest deceleration: what is above it belongs to the pulse.
@@ -37,6 +38,7 @@ class PlausibleSettings:
     most_gravity: float = 9.9
     largest_covariate: float = 1e30
     apart: float = 50.0
+    fall_off: float = 0.05
     begins: float = 0.1
     pulse: float = 0.1
     fall_within: float = 0.05

@@ -8,7 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
+from jaxtyping import Float64
 
+from bayestissue.dataset.chain import STANDARD_GRAVITY
 from bayestissue.dataset.channels import checked_channel, declared, read_channels
 from bayestissue.dataset.checks import check_recordings, stated_problems
 from bayestissue.dataset.impacts import FILE as IMPACTS
@@ -17,6 +20,7 @@ from bayestissue.dataset.left_out import FILE as LEFT_OUT
 from bayestissue.dataset.left_out import LeftOut, read_left_out
 from bayestissue.dataset.limits import at_limit
 from bayestissue.dataset.model import Dataset, Trace
+from bayestissue.dataset.plausible import PLAUSIBLE
 from bayestissue.dataset.recordings import Reading, Recordings, Samples, Windows, crop
 from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.dataset.settings import Settings, SignalSettings, read_settings
@@ -25,6 +29,8 @@ from bayestissue.errors import InputError, Problem, along_with, collected
 from bayestissue.runtime import content_hash
 
 WORKBOOK = "impacts.xlsx"
+# Columns of a height of fall, and how many metres their unit has.
+_HEIGHTS = {"drop_height_m": 1.0, "drop_height_cm": 1e-2, "drop_height_mm": 1e-3}
 
 
 def read_dataset(path: str | Path, *, skip_bad: bool = False, whole: bool = False) -> Dataset:
@@ -166,7 +172,7 @@ def checked_dataset(
     _refuse_none_left(problems, table)
     bad = {problem.impact for problem in problems}
     warnings = [*_falls_unsaid(signal, impacts.columns), *by_hand.warnings]
-    warnings += [*table.warnings, *findings.warnings]
+    warnings += [*table.warnings, *_falls_contradicted(signal, table), *findings.warnings]
     keep = ~impacts["impact"].isin(list(bad)).to_numpy()
     return Dataset(
         name=settings.name,
@@ -198,6 +204,33 @@ def _falls_unsaid(signal: SignalSettings, columns: Iterable[str]) -> Iterator[Pr
     if heights and "gravity" not in signal.model_fields_set:
         value = f"a column {heights[0]}, and no signal.gravity"
         yield Problem.stated("gravity", SETTINGS, column="signal.gravity", value=value)
+
+
+def _falls_contradicted(signal: SignalSettings, table: ImpactTable) -> Iterator[Problem]:
+    """Rows of straight falls whose height and velocity at contact, √(2 g h), differ beyond their last digits.
+
+    A velocity that was measured, and not computed, is some hundredths lower in every row, which is no slip.
+    """
+    columns = [name for name in _HEIGHTS if name in table.table]
+    if signal.gravity != "drop" or not columns:
+        return
+    (name, *_), velocity = columns, table.table["velocity_m_s"].to_numpy()
+    height = pd.to_numeric(table.table[name], errors="coerce").to_numpy(float)
+    fallen = np.sqrt(2 * STANDARD_GRAVITY * _HEIGHTS[name] * np.where(height > 0, height, np.nan))
+    rounding = _last_digit(height) / (4 * height) * fallen + _last_digit(velocity) / 2
+    off = np.abs(velocity - fallen)
+    agree = off <= rounding * (1 + 1e-9)
+    wrong = (off > rounding * (1 + 1e-9)) & (agree.any() | (off > PLAUSIBLE.fall_off * fallen))
+    for at in np.flatnonzero(wrong):
+        words = {"height": height[at], "name": name, "fallen": fallen[at]}
+        where = IMPACTS, table.row[at], f"velocity_m_s and {name}"
+        value, impact = f"{velocity[at]:g} m/s and {height[at]:g}", str(table.table["impact"].iloc[at])
+        yield Problem.stated("unusual-value.fall", *where, value, impact=impact, **words)
+
+
+def _last_digit(values: Float64[np.ndarray, " impact"]) -> Float64[np.ndarray, " impact"]:
+    """What a unit of the last digit of each number is, as it would be written."""
+    return np.array([10.0 ** -len(f"{value:.12g}".partition(".")[2]) for value in values])
 
 
 def _impacts_file(folder: Path) -> Path:

@@ -79,11 +79,6 @@ class Recorded:
         return tuple(dict.fromkeys(name for one in self.responses.values() for name in one.terms.columns))
 
     @cached_property
-    def lacking(self) -> tuple[str, ...]:
-        """Columns of the formulas that an earlier version of the program did not keep."""
-        return tuple(name for name in self.needed if name not in self.rows)
-
-    @cached_property
     def terms(self) -> tuple[GroupTerm, ...]:
         """The group terms of all formulas, each once."""
         return tuple(dict.fromkeys(term for one in self.responses.values() for term in one.terms.groups))

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
     ConfigDict,
     Field,
-    ModelWrapValidatorHandler,
-    PrivateAttr,
     ValidationInfo,
     field_validator,
     model_validator,
@@ -74,10 +72,6 @@ class PracticalEquivalence(Table):
     ratio: Annotated[float, Field(gt=0, lt=1)] = 0.1
 
 
-# Of a sampler that there was: read, without effect.
-_OF_AN_EARLIER_SAMPLER = ("warmup", "thinning", "target_accept", "max_tree_depth", "path")
-
-
 class Sampler(Table):
     """Of the Markov chains that draw from the posterior.
 
@@ -93,21 +87,6 @@ class Sampler(Table):
     draws: Annotated[int, Field(ge=100, le=100_000)] = 1000
     effective: Annotated[int, Field(ge=50, le=100_000)] = 400
     transitions: Annotated[int, Field(ge=100, le=10_000_000)] = 40_000
-    _ignored: tuple[str, ...] = PrivateAttr(())
-
-    @model_validator(mode="wrap")
-    @classmethod
-    def _without_old_keys(cls, content: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
-        old = [key for key in _OF_AN_EARLIER_SAMPLER if isinstance(content, Mapping) and key in content]
-        sampler = handler({key: content[key] for key in content if key not in old} if old else content)
-        if old:
-            sampler._ignored = tuple(old)
-        return sampler
-
-    @property
-    def ignored(self) -> tuple[str, ...]:
-        """Keys of the file that an earlier version's sampler had, and that do nothing."""
-        return self._ignored
 
 
 class Comparison(Table):
@@ -263,14 +242,22 @@ class ModelSpecification(Table):
         """Whether the window holds the greatest penetration."""
         return self.signal.window in REACH_PEAK
 
-    def complete_priors(self) -> Priors:
-        """The priors, those of the element's parameters and of group terms too that the file leaves out."""
+    def complete_priors(self, found: Iterable[GroupTerm] = ()) -> Priors:
+        """The priors, those of the element's parameters and of group terms too that the file leaves out.
+
+        Args:
+            found: the group terms with the columns of a table, which formulas may write in another case.
+        """
         element_priors = {
             x.name: ElementPrior(log=Normal(distribution="normal", mean=math.log(x.typical), sd=x.log_sd))
             for x in element(self.element).extra
         }
         set_apart = self.priors.of_terms()
-        terms = {term: set_apart.get(term, SD_OF_TERM) for term in self.group_terms()}
+        folded = {str(term).casefold(): pair for term, pair in set_apart.items()}
+        all_terms = dict.fromkeys([*self.group_terms(), *(t for t in found if t not in (SUBJECT, TRIAL))])
+        terms = {
+            term: set_apart.get(term, folded.get(str(term).casefold(), SD_OF_TERM)) for term in all_terms
+        }
         return self.priors.model_copy(
             update={
                 "element": element_priors | self.priors.element,

@@ -155,7 +155,7 @@ def assemble(
 ) -> Prepared:
     """Model and data of a fit whose design and displacements are made, of a force too if there is one."""
     kind: Kind = specification.likelihood  # type: ignore[assignment]
-    priors, discrepancy = specification.complete_priors(), specification.discrepancy == "always"
+    priors, discrepancy = specification.complete_priors(design.terms), specification.discrepancy == "always"
     if force is not None and tells_added_mass(force, specification.element):
         declared = max(float(np.hypot(force.mass_sd, force.gain_sd)), _LEAST_RATIO_SD)
         priors = priors.model_copy(update={"log_force_ratio": normal(0.0, declared)})

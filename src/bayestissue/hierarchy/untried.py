@@ -41,21 +41,20 @@ def _tried(recorded: Recorded, name: str) -> dict[str, Any]:
     return {"column": name, "number": number, "varies": varies, "formula": str(terms) if accepted else ""}
 
 
-def untried_words(columns: Sequence[Mapping[str, Any] | str], shown: int = 4) -> list[str]:
-    """A question for each of the first columns, with the formula to try; of earlier versions names alone."""
-    known = [{"column": column} if isinstance(column, str) else column for column in columns]
-    words = [_question(column) for column in known[:shown]]
-    if further := [str(column["column"]) for column in known[shown:]]:
+def untried_words(columns: Sequence[Mapping[str, Any]], shown: int = 4) -> list[str]:
+    """A question for each of the first columns, with the formula to try."""
+    words = [_question(column) for column in columns[:shown]]
+    if further := [str(column["column"]) for column in columns[shown:]]:
         words.append(Coded(f"Also not in the formula: {', '.join(further)}.", "columns-not-used"))
     return words
 
 
 def _question(column: Mapping[str, Any]) -> str:
-    name, varies, formula = (column.get(key, "") for key in ("column", "varies", "formula"))
-    words = f"{name} varies{f' ({varies})' if varies else ''} and is not in the formula"
+    name, formula = column["column"], column["formula"]
+    words = f"{name} varies ({column['varies']}) and is not in the formula"
     if formula:
-        difference = f"change with {name}" if column.get("number") else f"differ by {name}"
-        words += f": does K {difference}? --K {_shell(str(formula))}"
+        difference = f"change with {name}" if column["number"] else f"differ by {name}"
+        words += f": does K {difference}? --K {_shell(formula)}"
     else:
         words += ": what differs there counts as scatter between impacts."
     return Coded(words, "columns-not-used")

@@ -175,7 +175,7 @@ class FinishedRun:
     def outcomes(self) -> dict[str, xr.DataArray]:
         """`OF_OUTCOMES`, [chain, draw] or [chain, draw, subject]; none without a law or a velocity."""
         run = self.finished
-        if run.law is None or run.recorded.lacking:
+        if run.law is None:
             return {}
         people = run.recorded.levels("subject") if run.recorded.tells_people else []
         conditions = [{}, *({"subject": person} for person in people)]
@@ -202,8 +202,7 @@ OF_OUTCOMES = {
 UNITS = {name: "N/m" if name.startswith("K") else "N s/m" for name in (*OF_IMPACTS, *OF_PEOPLE)}
 UNITS |= OF_OUTCOMES
 EXPONENTS = ("mass_exponent_K", *OF_SECANTS, "mass_exponent_C")
-_TYPICAL = {"K_typical_person": "intercept_K", "C_typical_person": "intercept_C"}
-_OF_LEVELS = (*_TYPICAL, "K_new", "C_new", "K_subject", "C_subject")
+_OF_LEVELS = ("K_typical_person", "C_typical_person", "K_new", "C_new", "K_subject", "C_subject")
 COMPARED = (*EXPONENTS, *OF_IMPACTS, *OF_PEOPLE, *_OF_LEVELS, *OF_OUTCOMES)
 _ELEMENTS = {"impact": "impacts", "subject": "people", "trial": "conditions"}
 # Far above rounding, far below any recorder's resolution.
@@ -310,9 +309,7 @@ def posteriors_by_run(runs: Sequence[FinishedRun]) -> pd.DataFrame:
 
 def _quantiles(run: FinishedRun) -> list[pd.DataFrame]:
     posterior = run.tree["posterior"].dataset
-    # Runs of earlier versions have a typical person's as an intercept.
-    typical = {name: xr.ufuncs.exp(posterior[log]) for name, log in _TYPICAL.items() if log in posterior}
-    typical |= {name: posterior[name] for name in COMPARED if name in posterior}
+    typical = {name: posterior[name] for name in COMPARED if name in posterior}
     if element_alone(posterior):
         # Beside a discrepancy K is the element's own part of the force.
         typical = {name: values for name, values in typical.items() if not of_element_alone(name)}
@@ -355,8 +352,8 @@ def same_questions(tables: Mapping[str, Mapping[str, pd.DataFrame]]) -> pd.DataF
                 claim = frame["posterior"].notna()
                 value = frame["posterior"].where(claim, frame["median"])
                 kind = frame["unit"].fillna("").where(~claim, "probability")
-                # Runs of earlier versions know no choices, which have an answer for each level.
-                level = frame["level"].fillna("") if "level" in frame else pd.Series("", frame.index)
+                # A choice has an answer for each level.
+                level = frame["level"].fillna("")
                 question = frame["question"] + level.where(level == "", ": " + level)
                 rows = frame.assign(question=question, kind=kind, value=value)[value.notna()]
             parts.append(rows.assign(run=run)[columns_of("answers")])

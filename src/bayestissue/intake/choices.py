@@ -151,6 +151,14 @@ class Question:
             raise InputError.stated("option-value.rate", self.option, value=text) from None
 
 
+_OF_TABLE = Question(
+    "--pattern",
+    "who was hit: name a column of the table subject, or say where names of files have it",
+    (),
+    "{subject}_{n}",
+)
+
+
 def settle(
     choices: Choices, recordings: RecorderFolder, facts: frozenset[str]
 ) -> tuple[Choices, list[Question]]:
@@ -223,6 +231,9 @@ def settle(
         for name, (what, example) in _NEEDED.items()
         if name not in facts and name not in optional
     ]
+    if choices.table is not None and len(recordings.files) > 1:
+        # One name for all of the people of a table is nobody's answer.
+        questions = [_OF_TABLE if q.option == "--set subject=" else q for q in questions]
     if choices.gravity is None and any(map(is_height, facts)):
         questions.append(Question("--gravity", _FALLS, ("drop", "none"), "drop"))
     return replace(choices, force_channel=force if choices.quantity in BESIDE_FORCE else {}), questions

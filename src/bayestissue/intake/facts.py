@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from bayestissue.dataset.cells import read_cells
+from bayestissue.dataset.cells import read_cells, with_subject
 from bayestissue.dataset.dialect import Stated
 from bayestissue.dataset.files import BEFORE_PART
 from bayestissue.errors import InputError, Problem, collected, refuse
@@ -117,6 +117,8 @@ class _Table:
     @classmethod
     def read(cls, path: Path, fields: Sequence[str], stated: Stated | None) -> _Table:
         cells, lines = read_cells(path, [], label=path.name, stated=stated)
+        if "subject" not in fields or FILE not in cells:
+            cells.columns = with_subject(list(map(str, cells.columns)))
         names = list(map(str, cells.columns))
         keys = () if FILE in names else tuple(n for n in fields if n in names and not is_number(n))
         records = tuple(zip((int(line) for line in lines), cells.to_dict("records"), strict=True))
@@ -202,9 +204,13 @@ def _alike(name: str) -> str:
     return name.casefold().lstrip("0") if name.isdigit() else name.casefold()
 
 
-def joins_by_names(table: Path, stated: Stated) -> bool:
-    """Whether a table has no column of the names of files, so that it is joined by what names say."""
-    return FILE not in read_cells(table, [], label=table.name, stated=stated)[0]
+def told_by(table: Path, stated: Stated) -> list[str]:
+    """What a table tells of each recording, if it names these; else nothing.
+
+    What it leaves open is guessed from the names of the recordings, and so is by what it is joined.
+    """
+    names = with_subject(list(map(str, read_cells(table, [], label=table.name, stated=stated)[0])))
+    return [name for name in names if name not in (FILE, NUMBER)] if FILE in names else []
 
 
 def _possible_names(file: File) -> set[str]:

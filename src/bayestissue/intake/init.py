@@ -17,7 +17,7 @@ from bayestissue.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES
 from bayestissue.errors import InputError, Problem
 from bayestissue.intake.build import Built, Cutting, build
 from bayestissue.intake.choices import BESIDE_FORCE, Choices, Question, forces_among, people_twice, settle
-from bayestissue.intake.facts import Facts, gather, joins_by_names
+from bayestissue.intake.facts import Facts, gather, told_by
 from bayestissue.intake.folder import ChannelSummary, RecorderFolder, look
 from bayestissue.intake.names import Pattern, guessed
 from bayestissue.outline import first_of
@@ -137,8 +137,9 @@ def prepare(folder: str | Path, choices: Choices) -> Intake:
     stated = checked(choices.text, Stated, file="--text")
     recordings = look(folder, suffix=suffix, ignore=ignore, stated=stated, sheets=sheets)
     guess = None
-    if choices.pattern is None and (choices.table is None or joins_by_names(choices.table, stated)):
-        guess = guessed(recordings.files, choices.shared)
+    told = told_by(choices.table, stated) if choices.table else []
+    if choices.pattern is None and "subject" not in told:
+        guess = guessed(recordings.files, [*choices.shared, *told])
     return _intake_from(recordings, replace(choices, pattern=guess or choices.pattern), guess)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bayestissue.likelihood.arma.arma21 import arma21_log_likelihood, log_likelihood
+from bayestissue.likelihood.arma.arma21 import arma21_log_likelihood
 from bayestissue.likelihood.transforms import SineTransforms, sine_transforms
 
-__all__ = ["SineTransforms", "arma21_log_likelihood", "log_likelihood", "sine_transforms"]
+__all__ = ["SineTransforms", "arma21_log_likelihood", "sine_transforms"]

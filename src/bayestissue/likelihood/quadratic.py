@@ -1,4 +1,4 @@
-"""The two parts of a Gaussian log density with an MA(1)'s covariance: w' T^-1 w and log det T.
+"""What a Gaussian log density with an MA(1)'s covariance takes: eigenvalues and log det T, and sums.
 
 T is tridiagonal, 1 + theta1^2 on and -theta1 beside the diagonal.
 """
@@ -10,12 +10,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from jax import Array
-from jax.custom_derivatives import SymbolicZero
-from jaxtyping import Float
-
-from bayestissue.runtime import PLAIN
-
-Columns = tuple[Float[Array, " block #impact lane"], ...]
 
 # (t coth t - 1) / t^2 in powers of t^2: 2^(2k) B_2k / (2k)! with Bernoulli's numbers.
 _COTH = (
@@ -37,14 +31,8 @@ def sums_over_frequencies(terms: tuple[Array, ...]) -> tuple[Array, ...]:
     the lanes in vector registers. One reduction of several operands is one loop, several are several.
 
     Args:
-        terms: each [block, impact, lane].
+        terms: two or more, each [block, impact, lane].
     """
-    if PLAIN:
-        return tuple(term.sum((0, -1)) for term in terms)
-    if len(terms) == 1:
-        blocks = [terms[0][block] for block in range(terms[0].shape[0])]
-        # The two sums would otherwise be made one again, which runs over scalars.
-        return (jax.lax.optimization_barrier(sum(blocks[1:], blocks[0])).sum(-1),)
     zeros = (jnp.zeros((), terms[0].dtype),) * len(terms)
     lanes = tuple(jax.lax.reduce(terms, zeros, _plus, (0,)))
     return tuple(jax.lax.reduce(lanes, zeros, _plus, (1,)))
@@ -58,63 +46,6 @@ def _plus(a: tuple[Array, ...], b: tuple[Array, ...]) -> tuple[Array, ...]:
 def _sums_jvp(primals: Any, tangents: Any) -> tuple[Any, Any]:
     # JAX's own derivative of a reduction of several operands is far slower than that of plain sums.
     return sums_over_frequencies(*primals), tuple(d.sum((0, -1)) for d in tangents[0])
-
-
-@jax.custom_jvp
-def quadratic_form(
-    coefficients: tuple[Float[Array, " impact"], ...],
-    theta1: Float[Array, " impact"],
-    columns: Columns,
-    spread: Float[Array, " block #impact lane"],
-) -> Float[Array, " impact"]:
-    """sum_j W_j^2 / l_j with W the sum of coefficient times column, and l the eigenvalues of T.
-
-    Value and first derivatives come from one pass over W / l and the columns.
-
-    Args:
-        coefficients: one per column, for each impact.
-        theta1: moving-average coefficient of each impact.
-        columns: transformed data in blocks of frequencies.
-        spread: 2 - 2 cos(j pi / (N + 1)) in the same blocks.
-    """
-    over, eigen = _weighted(coefficients, theta1, columns, spread)
-    return sums_over_frequencies((over**2 * eigen,))[0]
-
-
-def _quadratic_form_jvp(primals: Any, tangents: Any) -> tuple[Array, Array]:
-    coefficients, theta1, columns, spread = primals
-    d_coefficients, d_theta1, d_columns, d_spread = tangents
-    if not isinstance(d_spread, SymbolicZero):
-        raise TypeError("the frequencies are not something to differentiate by")
-    over, eigen = _weighted(coefficients, theta1, columns, spread)
-    square = over**2
-    terms, changes = [square * eigen], []
-    for column, d in zip(columns, d_coefficients, strict=True):
-        if not isinstance(d, SymbolicZero):
-            terms.append(over * column)
-            changes.append(2 * d)
-    if not isinstance(d_theta1, SymbolicZero):
-        terms.append(square * (2 * (1 - theta1)[:, None] - spread))
-        changes.append(d_theta1)
-    value, *slopes = sums_over_frequencies(tuple(terms))
-    change = sum((slope * d for slope, d in zip(slopes, changes, strict=True)), jnp.zeros_like(value))
-    for coefficient, d in zip(coefficients, d_columns, strict=True):
-        if not isinstance(d, SymbolicZero):
-            change = change + 2 * coefficient * (over * d).sum((0, -1))
-    return value, change
-
-
-quadratic_form.defjvp(_quadratic_form_jvp, symbolic_zeros=True)
-
-
-def _weighted(
-    coefficients: tuple[Array, ...], theta1: Array, columns: Columns, spread: Array
-) -> tuple[Array, Array]:
-    """W / l and l."""
-    w = sum(c[:, None] * column for c, column in zip(coefficients, columns, strict=True))
-    eigen = eigenvalues(theta1[:, None], spread)
-    # A product is computed anew wherever it is used; a quotient would be stored and read back.
-    return w * (1 / eigen), eigen
 
 
 @jax.custom_jvp

@@ -20,25 +20,13 @@ from bayestissue.oscillator.impact import (
     spring_damper_inverse,
     time_to_peak,
 )
-from bayestissue.oscillator.processes import (
-    autocovariance_a2,
-    autocovariance_arma21,
-    green_a2,
-    green_arma21,
-    green_arma21_implicit,
-)
 
 __all__ = [
     "Differences",
     "Motion",
     "arccos_branch",
-    "autocovariance_a2",
-    "autocovariance_arma21",
     "contact_duration",
     "from_differences",
-    "green_a2",
-    "green_arma21",
-    "green_arma21_implicit",
     "impact_motion",
     "peak_deceleration",
     "peak_displacement",

@@ -168,7 +168,7 @@ def _formulas(run: FitRun) -> str:
 
 def _untried(run: FitRun) -> str:
     """Which columns varied and are in no formula, as a sentence; empty where none."""
-    columns = [c if isinstance(c, str) else c["column"] for c in run.record.get("columns_not_used", [])]
+    columns = [column["column"] for column in run.record["columns_not_used"]]
     if not columns:
         return ""
     return f" No formula is of {listed(columns)}: what differs there counts as scatter between impacts."
@@ -290,7 +290,7 @@ def _table(run: FitRun) -> pd.DataFrame:
     for (factor, level, against), part in compared.groupby(["factor", "level", "against"], sort=False):
         same_levels = run.contrasts[(run.contrasts["level"] == level) & (run.contrasts["against"] == against)]
         of_factor = f" of {factor}" if (same_levels["factor"] != factor).any() else ""
-        name = "ratio of ratios" if study.kinds(run)[part.index[0]] == INTERACTION else "ratio"
+        name = "ratio of ratios" if part["kind"].iloc[0] == INTERACTION else "ratio"
         rows.append([f"{level} over {against}{of_factor}, {name}", *_cells(part, "ratio")])
     rows.append(["mass exponent", *(_cell(exponent(run, by[q])) for q in QUANTITIES)])
     forms = run.reliability.set_index(["measure", "form", "unit"]).sort_index()

@@ -19,7 +19,6 @@ from bayestissue.hierarchy.formulas.formula import DEFAULT_FORMULA, judge
 from bayestissue.hierarchy.formulas.group_terms import quoted
 from bayestissue.hierarchy.priors import term_of_group, term_of_slope
 from bayestissue.hierarchy.specification import ModelSpecification
-from bayestissue.hierarchy.trace_data import no_force
 from bayestissue.inference.answers.grammar import Choice, Quantity, QuestionError, claims, parse
 from bayestissue.inference.answers.law import MOTION, Law
 from bayestissue.inference.answers.meaning import quantities, searched
@@ -158,9 +157,6 @@ def _unsuited(plan: PlanSpecification, model: ModelSpecification, source: str) -
     if model.likelihood != "impact":
         where = source, None, "model", model.likelihood
         problems.append(Problem.stated("impossible-plan.likelihood", *where))
-    if plan.one_factor and (why := no_force(model)):
-        key = "channel" if plan.channel else "recording.force"
-        problems.append(Problem.stated("impossible-plan.force", source, None, key, "force", why=why))
     return problems
 
 

@@ -21,24 +21,23 @@ from jaxtyping import Bool, Float
 
 from bayestissue.elements.outcomes import OUTCOMES
 from bayestissue.hierarchy.effects import RESPONSES
-from bayestissue.hierarchy.force import CommonFactor
 from bayestissue.hierarchy.recorded import Recorded
 from bayestissue.hierarchy.specification import ModelSpecification
-from bayestissue.inference.answers.grammar import Node, Operation, claims, parse
+from bayestissue.inference.answers.grammar import Node, parse
 from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.meaning import draws_of, quantities
 from bayestissue.inference.answers.reliability import coefficients, variances
 from bayestissue.planning.information import Information, TypicalTissue, information
 from bayestissue.planning.law import planned_law
 from bayestissue.planning.population import DesignPrior, Streams, Truths
-from bayestissue.planning.posterior import PlannedSites, Posteriors, posteriors, with_all_known
+from bayestissue.planning.posterior import PlannedSites, Posteriors, posteriors
 from bayestissue.planning.running import Running
 from bayestissue.planning.studies import Arrangement, Studies, arrangements, draw_studies
 from bayestissue.runtime import cores
 from bayestissue.simulation.specification import Simulation
 
 Progress = Callable[[str, int, int], None]
-PER_STUDY = {"p": float, "true": bool, "width": float, "estimate": float, "value": float, "effective": float}
+PER_STUDY = {"p": float, "true": bool, "width": float, "effective": float}
 
 
 @dataclass(frozen=True)
@@ -75,8 +74,6 @@ class Assessment:
         p: of each study, the posterior probability of the claim; NaN of an expression.
         true: whether the claim is true of the study's truth.
         width: half width of the interval; NaN of a claim.
-        estimate: posterior mean of the expression, or of what a claim compares.
-        value: the same of the study's truth.
         effective: of the points that each posterior was integrated by, how many count.
     """
 
@@ -85,8 +82,6 @@ class Assessment:
     p: Float[np.ndarray, " study"]
     true: Bool[np.ndarray, " study"]
     width: Float[np.ndarray, " study"]
-    estimate: Float[np.ndarray, " study"]
-    value: Float[np.ndarray, " study"]
     effective: Float[np.ndarray, " study"]
 
     @property
@@ -146,8 +141,6 @@ class Planner:
         prior: where each study's truth comes from.
         seed: of all studies.
         law: what outcomes follow; None where there is no law of force.
-        unlimited: whether all is known but for a factor that all masses have in common, as of any number of
-            impacts and people.
     """
 
     arranged: Sequence[Arrangement]
@@ -155,7 +148,6 @@ class Planner:
     prior: DesignPrior
     seed: int
     law: Law | None = None
-    unlimited: bool = False
 
     def assess(
         self,
@@ -222,9 +214,6 @@ class Planner:
         probability: float,
     ) -> tuple[list[Assessment], Float[np.ndarray, "study coordinate"]]:
         model = arrangement.model
-        if self.unlimited:
-            drawn = with_all_known(model, studies.truths.hyperparameters, studies.b, studies.log_factor)
-            return self._answered(arrangement, position, studies, drawn, goals, probability), start
         present = np.broadcast_to(arrangement.present[position], studies.centre.shape[:2])
         sites = PlannedSites(model, arrangement.columns, arrangement.precision, studies.centre, present)
         drawn = posteriors(sites, start)
@@ -242,12 +231,12 @@ class Planner:
         """What the posteriors of one design's studies say of each goal."""
         answers = _Answers(arrangement, position, self.information, goals, self.law)
         posterior = answers.dataset(drawn.hyperparameters, drawn.b)
-        true = {name: values[:, None] for name, values in studies.truths.hyperparameters.items()}
-        truth = answers.dataset(true, studies.b[:, None])
+        single = {name: values[:, None] for name, values in studies.truths.hyperparameters.items()}
+        truth = answers.dataset(single, studies.b[:, None])
         assessed = []
         for goal in goals:
-            values, true_values = (answers.values(goal.node, draws) for draws in (posterior, truth))
-            assessed.append(_assessment(goal, probability, drawn, values, true_values))
+            values, true = (answers.values(goal.node, draws) for draws in (posterior, truth))
+            assessed.append(_assessment(goal, probability, drawn, values, true))
         return assessed
 
 
@@ -255,11 +244,10 @@ def _assessment(
     goal: Goal,
     probability: float,
     posterior: Posteriors,
-    drawn: tuple[np.ndarray, np.ndarray],
-    truth: tuple[np.ndarray, np.ndarray],
+    values: Float[np.ndarray, "study draw"],
+    true: Float[np.ndarray, "study draw"],
 ) -> Assessment:
-    """Of the values of a goal and of what it compares, each [study, draw], by the posterior and in truth."""
-    values, compared = drawn
+    """Of the values of a goal by the posterior and in truth, which has one draw."""
     none = np.full(len(values), np.nan)
     # A time that never comes in some draws has no mean, nor need it have a width.
     with np.errstate(invalid="ignore"):
@@ -269,10 +257,7 @@ def _assessment(
             ends = [(1 - goal.level) / 2, (1 + goal.level) / 2]
             low, high = weighted_quantiles(values, posterior.weight, ends)
             p, width = none, np.sqrt(high / low) - 1 if goal.relative else (high - low) / 2
-        estimate = (compared * posterior.weight).sum(axis=1)
-    return Assessment(
-        goal, probability, p, truth[0][:, 0] > 0.5, width, estimate, truth[1][:, 0], posterior.effective
-    )
+    return Assessment(goal, probability, p, true[:, 0] > 0.5, width, posterior.effective)
 
 
 def weighted_quantiles(
@@ -322,22 +307,12 @@ class _Answers:
         of_names = {f"{c.name}_{c.quantity}": c.drawn for c in coefficients(of_responses, draws)}
         return xr.Dataset({name: (("chain", "draw"), of_names[name]) for name in names & set(of_names)})
 
-    def values(
-        self, node: Node, draws: xr.Dataset
-    ) -> tuple[Float[np.ndarray, "study draw"], Float[np.ndarray, "study draw"]]:
-        """The values of a question in each draw, 1 or 0 of a claim, and of the expression it compares."""
+    def values(self, node: Node, draws: xr.Dataset) -> Float[np.ndarray, "study draw"]:
+        """The values of a question in each draw, 1 or 0 of a claim."""
         over_levels = any(level.value is None for quantity in quantities(node) for level in quantity.levels)
         recorded = self._recorded if over_levels else self.arrangement.design.recorded
-
-        def evaluated(part: Node) -> np.ndarray:
-            values = draws_of(part, draws, recorded, self.law)
-            return values.transpose("chain", "draw").to_numpy().astype(float)
-
-        values = evaluated(node)
-        if not claims(node):
-            return values, values
-        one = isinstance(node, Operation) and node.symbol in ("<", "<=", ">", ">=", "between")
-        return values, evaluated(node.operands[0]) if one else np.full(values.shape, np.nan)  # type: ignore[union-attr]
+        values = draws_of(node, draws, recorded, self.law)
+        return values.transpose("chain", "draw").to_numpy().astype(float)
 
 
 def planner(
@@ -348,8 +323,6 @@ def planner(
     *,
     seed: int = 0,
     running: Running | None = None,
-    one_factor: bool = False,
-    unlimited: bool = False,
 ) -> Planner:
     """Make designs ready to be assessed.
 
@@ -361,9 +334,6 @@ def planner(
         seed: of all studies.
         running: a study that has begun: each design is then what is still to come, and ``prior`` a
             `RunningPrior`.
-        one_factor: whether an error of the mass is the same in all impacts, as a fit takes it where a force
-            can show it; without a force then too.
-        unlimited: see `Planner`.
 
     Raises:
         InputError: a formula asks for what a design can't identify, or the recorder's traces are no data
@@ -373,25 +343,18 @@ def planner(
         designs = [pd.concat([running.rows, design], ignore_index=True)[list(design)] for design in designs]
     rows = pd.concat([*designs], ignore_index=True)
     reference = specification.reference_mass_kg or float(np.exp(np.log(rows["mass_kg"]).mean()))
-    recording = simulation.recording
-    force, common = recording.force, None
-    if one_factor or force is not None:
-        gains = [recording.relative_gain_sd, force.relative_gain_sd] if force else [0.0]
-        common = CommonFactor(mass_sd=recording.relative_mass_sd, gain_sd=float(np.hypot.reduce(gains)))
     arranged = arrangements(
         designs,
         specification,
         reference_mass_kg=reference,
-        relative_mass_sd=0.0 if common else recording.relative_mass_sd,
-        common=common,
-        force=force is not None,
+        relative_mass_sd=simulation.recording.relative_mass_sd,
     )
     truths = prior.truths(arranged[0].model, arranged[0].design, Streams(seed, 0))
     tissue = typical_tissue(truths, arranged[0], reference)
     known = information(rows, specification, tissue, simulation, seed)
     with_traces = [arrangement.with_traces(known, running) for arrangement in arranged]
     law = planned_law(specification, simulation.gravity)
-    return Planner(with_traces, known, prior, seed, law, unlimited)
+    return Planner(with_traces, known, prior, seed, law)
 
 
 def typical_tissue(truths: Truths, arrangement: Arrangement, reference_mass_kg: float) -> TypicalTissue:

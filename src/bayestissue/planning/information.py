@@ -6,10 +6,9 @@ as the noise or an element's further parameters, is integrated out under its own
 
     P = P_uu - P_un (P_nn + D_n)^-1 P_nu,
 
-and planned impacts take these precisions in turn. Of a force beside the deceleration the log of it over mass
-times deceleration stays in u, since what makes it up is common to all impacts. Whether a Gaussian can stand
-for the traces at all shows in how far the sites' centres are from the truth: the mean of (m - u)' P (m - u)
-over the length of u is 1 if it can.
+and planned impacts take these precisions in turn. Whether a Gaussian can stand for the traces at all shows in
+how far the sites' centres are from the truth: the mean of (m - u)' P (m - u) over the length of u is 1 if it
+can.
 """
 
 from __future__ import annotations
@@ -25,7 +24,6 @@ from jaxtyping import Float
 
 from bayestissue.dataset.settings import Gravity, RecorderSettings
 from bayestissue.elements import element
-from bayestissue.errors import InputError
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
 from bayestissue.hierarchy.trace_data import prepare
@@ -36,7 +34,14 @@ from bayestissue.inference.factors.expansions import first_guess
 from bayestissue.inference.factors.sites import laplace_sites
 from bayestissue.planning.settings import PLAN as SETTINGS
 from bayestissue.simulation.campaign import simulate
-from bayestissue.simulation.specification import Condition, Design, Recording, Simulation, Tissue
+from bayestissue.simulation.specification import (
+    Condition,
+    Design,
+    RecordedDeceleration,
+    Recording,
+    Simulation,
+    Tissue,
+)
 
 _CONDITION = ("mass_kg", "velocity_m_s", "diameter_m")
 
@@ -60,7 +65,7 @@ class TypicalTissue:
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """Precisions of log K and log C from one impact's recordings, of a force's ratio too where there is one.
+    """Precisions of log K and log C from one impact's recording.
 
     Attributes:
         conditions: ``mass_kg``, ``velocity_m_s`` and, where it counts, ``diameter_m``.
@@ -81,7 +86,7 @@ class Information:
     @property
     def measurement_sd(self) -> dict[str, float]:
         """The standard deviation that one trace leaves log K and log C: the median over people."""
-        covariance = np.linalg.inv(self.precision)[..., :2, :2]
+        covariance = np.linalg.inv(self.precision)
         return {q: float(np.sqrt(np.median(covariance[..., k, k]))) for k, q in enumerate("KC")}
 
     def of_rows(self, rows: pd.DataFrame) -> Float[np.ndarray, "impact parameter parameter"]:
@@ -111,7 +116,7 @@ def information(
 
     Raises:
         InputError: the recorder's traces are no data for this analysis, as where the window has too few
-            samples, or the analysis can't be of its force.
+            samples.
     """
     columns = [name for name in _CONDITION if name in rows]
     conditions = rows[columns].drop_duplicates(ignore_index=True)
@@ -136,7 +141,8 @@ def information(
                 element=specification.element,
                 parameters={parameter.name: parameter.typical for parameter in further},
             ),
-            "recording": _of_one_impact(simulation.recording),
+            # An error of the mass is part of how impacts scatter, and not of what one impact tells.
+            "recording": simulation.recording.model_copy(update={"relative_mass_sd": 0.0}),
         }
     )
     campaign = simulate(planned, seed)
@@ -148,12 +154,6 @@ def information(
     start = first_guess(prepared)
     start[:, :2] = truth
     nuisance = start[:, 2:]
-    if planned.recording.force is not None:
-        if prepared.force is None:
-            where = specification.name, None, "recording.force", planned.recording.force.place
-            raise InputError.stated("impossible-plan.force", *where, why=prepared.force_unused)
-        # Masses and gains are the stated ones.
-        truth = np.column_stack([truth, np.zeros(len(truth))])
     spread = spreads_of_nuisance(specification, prepared.model.nuisance)
     sd = np.concatenate([np.maximum(tissue.sd, 1e-3), spread])
     log_mass = np.log(prepared.signal.mass / tissue.reference_mass_kg)
@@ -162,7 +162,7 @@ def information(
     smooth = with_normal_errors(prepared.data)
     sites = map_impacts(partial(laplace_sites, prepared.model), smooth, start, prior)
     size = truth.shape[1]
-    centre, precision = without_nuisance(sites, spread, ratio=size > len(tissue.mean))
+    centre, precision = without_nuisance(sites, spread)
     deviation = centre - truth
     calibration = float(np.einsum("ia,iab,ib->i", deviation, precision, deviation).mean() / size)
     return Information(
@@ -170,35 +170,21 @@ def information(
     )
 
 
-def _of_one_impact(recording: Recording) -> Recording:
-    """The chain without errors of the mass and a force's gain.
-
-    They are part of how impacts scatter, or common to all of them, and not of what one impact tells.
-    """
-    force = recording.force and recording.force.model_copy(update={"relative_gain_sd": 0.0})
-    return recording.model_copy(update={"relative_mass_sd": 0.0, "force": force})
-
-
 def without_nuisance(
-    sites: GaussianFactor, spread: Float[np.ndarray, " nuisance"], *, ratio: bool = False
-) -> tuple[Float[np.ndarray, "impact kept"], Float[np.ndarray, "impact kept kept"]]:
+    sites: GaussianFactor, spread: Float[np.ndarray, " nuisance"]
+) -> tuple[Float[np.ndarray, "impact 2"], Float[np.ndarray, "impact 2 2"]]:
     """Centre and precision of log K and log C, the other parameters integrated out.
 
     Args:
         sites: of all parameters of each impact.
         spread: prior standard deviation of each of the others, about the site's centre.
-        ratio: whether the last parameter, of a force beside the deceleration, is kept too.
     """
-    # A force's ratio, the last one, stands behind log K and log C.
-    order = np.r_[0, 1, -1, 2 : sites.centre.shape[1] - 1] if ratio else np.arange(sites.centre.shape[1])
     P, shift, centre = (np.asarray(part) for part in (sites.precision, sites.shift, sites.centre))
-    P, shift, centre = P[:, order[:, None], order], shift[:, order], centre[:, order]
-    n_kept, spread = 2 + ratio, spread[order[2 + ratio :] - 2]
-    across = np.linalg.solve(P[:, n_kept:, n_kept:] + np.diag(spread**-2.0), P[:, n_kept:, :n_kept])
-    precision = P[:, :n_kept, :n_kept] - P[:, :n_kept, n_kept:] @ across
+    across = np.linalg.solve(P[:, 2:, 2:] + np.diag(spread**-2.0), P[:, 2:, :2])
+    precision = P[:, :2, :2] - P[:, :2, 2:] @ across
     # A site may be written about another point than its maximum.
-    gained = shift[:, :n_kept] - np.einsum("ina,in->ia", across, shift[:, n_kept:])
-    return centre[:, :n_kept] + np.linalg.solve(precision, gained[..., None])[..., 0], precision
+    gained = shift[:, :2] - np.einsum("ina,in->ia", across, shift[:, 2:])
+    return centre[:, :2] + np.linalg.solve(precision, gained[..., None])[..., 0], precision
 
 
 def spreads_of_nuisance(specification: ModelSpecification, nuisance: Sequence[str]) -> np.ndarray:
@@ -208,8 +194,9 @@ def spreads_of_nuisance(specification: ModelSpecification, nuisance: Sequence[st
 
 
 def simulation_of(
-    recording: Recording, *, recorder: RecorderSettings | None = None, gravity: Gravity = "none"
+    recording: RecordedDeceleration, *, recorder: RecorderSettings | None = None, gravity: Gravity = "none"
 ) -> Simulation:
     """A specification of which the measuring chain alone counts."""
     tissue = Tissue(K_N_per_m=3000.0, C_N_s_per_m=25.0)
-    return Simulation(name="plan", tissue=tissue, recording=recording, recorder=recorder, gravity=gravity)
+    chain = Recording(**{name: getattr(recording, name) for name in RecordedDeceleration.model_fields})
+    return Simulation(name="plan", tissue=tissue, recording=chain, recorder=recorder, gravity=gravity)

@@ -29,18 +29,13 @@ _COLUMNS = ["key", "study", "normal", *PER_STUDY]
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """One design with its analysis, what is believed of the tissue, and the measuring chain.
-
-    ``one_factor`` and ``unlimited`` are those of `planner`.
-    """
+    """One design with its analysis, what is believed of the tissue, and the measuring chain."""
 
     design: Candidate
     model: ModelSpecification
     prior: DesignPrior
     simulation: Simulation
     running: Running | None = None
-    one_factor: bool = False
-    unlimited: bool = False
 
     @cached_property
     def key(self) -> str:
@@ -48,9 +43,8 @@ class Case:
         rows = self.design.rows().to_csv(index=False)
         chain = self.simulation.model_dump_json()
         recorded = "" if self.running is None else _content(self.running.centre)
-        model, kinds = self.model.model_dump_json(), (self.one_factor, self.unlimited)
-        further = [kinds] * any(kinds)
-        return sha256_of([rows, model, _content(self.prior), chain, recorded, runtime.versions(), *further])
+        model, prior = self.model.model_dump_json(), _content(self.prior)
+        return sha256_of([rows, model, prior, chain, recorded, runtime.versions()])
 
 
 class Ledger:
@@ -83,19 +77,14 @@ class Ledger:
         for case in cases:
             done = min(len(self._studies.get(self._key(case, goal), ())) for goal in goals) // BLOCK
             if done < blocks:
-                shared = id(case.model), id(case.prior), id(case.simulation), case.one_factor, case.unlimited
+                shared = id(case.model), id(case.prior), id(case.simulation)
                 groups.setdefault((done, *shared), []).append(case)
         total = sum((blocks - first) * len(group) for (first, *_), group in groups.items())
         before = 0
         for (first, *_), group in groups.items():
             one = group[0]
             rows = [case.design.rows() for case in group]
-            kinds: dict[str, Any] = {
-                "running": one.running,
-                "one_factor": one.one_factor,
-                "unlimited": one.unlimited,
-            }
-            ready = planner(rows, one.model, one.prior, one.simulation, seed=self._seed, **kinds)
+            ready = planner(rows, one.model, one.prior, one.simulation, seed=self._seed, running=one.running)
             for begin in range(first, blocks, SETTINGS.kept_blocks):
                 now, say = range(begin, min(begin + SETTINGS.kept_blocks, blocks)), self._after(before, total)
                 answers = ready.assess(goals, now, probability=self._probability, progress=say)

@@ -1,7 +1,6 @@
 """The hierarchy of a planned study: log K and log C of each impact, measured with a known precision.
 
-Of an impact there are log K and log C, and beside a force the log of it over mass times deceleration. What
-else a trace tells, such as its noise, is integrated out of its precision beforehand
+What else a trace tells, such as its noise, is integrated out of its precision beforehand
 (`bayestissue.planning.information`), and everything that follows is the hierarchy of a fit: u ~ N(X b, D^-1),
 with a Gaussian factor of u in the place of each trace.
 """
@@ -23,20 +22,18 @@ from numpyro.distributions import biject_to
 from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.effects import RESPONSES
-from bayestissue.hierarchy.force import CommonFactor
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign
 from bayestissue.hierarchy.levels import log_at_levels
 from bayestissue.hierarchy.population import (
     EffectParts,
     SharedMasses,
-    force_ratio,
     heavier,
     population_design,
     whose_errors,
 )
 from bayestissue.hierarchy.priors import Priors
 from bayestissue.hierarchy.specification import ModelSpecification
-from bayestissue.hierarchy.traces import FORCE, Hierarchy, hyperparameters_at
+from bayestissue.hierarchy.traces import Hierarchy, hyperparameters_at
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,9 +46,8 @@ class PlannedModel(Hierarchy):
         correlated: whether the deviations of log K and log C of one impact are.
         log_mass_sd: standard deviation of the error of the recorded log mass.
         known: the hyperparameters that the analysis knows, by name; empty of a real one.
-        common: what is declared of a factor that all masses have in common, in the place of errors of their
-            own; None where they have those.
-        force: whether a force is recorded too, which shows that factor.
+        common_mass_sd: standard deviation of the log of a factor that all masses have in common, in the place
+            of errors of their own; None where they have those.
     """
 
     locations: EffectParts
@@ -59,13 +55,7 @@ class PlannedModel(Hierarchy):
     correlated: bool
     log_mass_sd: float = 0.0
     known: Mapping[str, float] | None = None
-    common: CommonFactor | None = None
-    force: bool = False
-
-    @property
-    def nuisance(self) -> tuple[str, ...]:
-        """Of a force, what it is over mass times deceleration."""
-        return FORCE[-1:] if self.force else ()
+    common_mass_sd: float | None = None
 
     @cached_property
     def unknown(self) -> tuple[str, ...]:
@@ -76,8 +66,7 @@ class PlannedModel(Hierarchy):
     def key(self) -> tuple[Any, ...]:
         """All that what is compiled for this model depends on."""
         known = tuple(sorted((self.known or {}).items()))
-        shape = self.locations, self.priors, self.correlated, self.log_mass_sd, known
-        return *shape, self.common, self.force
+        return self.locations, self.priors, self.correlated, self.log_mass_sd, known, self.common_mass_sd
 
     def __hash__(self) -> int:
         return hash(self.key)
@@ -103,12 +92,9 @@ class PlannedModel(Hierarchy):
         self, b: Float[np.ndarray, "study draw location"], standard: Float[np.ndarray, "study draw"]
     ) -> Float[np.ndarray, "study draw location"]:
         """Effects at the true masses, whose common factor is drawn from standard normals given b."""
-        if self.common is None:
+        if self.common_mass_sd is None:
             return b
-        log_factor = self.common.mass_sd * standard
-        if self.force:
-            log_factor = self.common.log_mass_factor(b[..., force_ratio(self.locations)], standard)
-        return heavier(self.locations, b, log_factor)
+        return heavier(self.locations, b, self.common_mass_sd * standard)
 
     def draws(
         self, design: Design, values: Mapping[str, np.ndarray], b: Float[np.ndarray, "chain draw location"]
@@ -135,28 +121,22 @@ def planned_model(
     specification: ModelSpecification,
     design: Design,
     relative_mass_sd: float = 0.0,
-    common: CommonFactor | None = None,
-    *,
-    force: bool = False,
 ) -> tuple[PlannedModel, PopulationDesign]:
     """The analysis of a study with this design, and its X arranged.
 
     Args:
         specification: the model file.
         design: its formulas over the rows of the study.
-        relative_mass_sd: of the recorded mass, as far as not all masses have one error in common.
-        common: what is declared of a factor that all masses have in common, where a force shows it.
-        force: whether a force is recorded too.
+        relative_mass_sd: of the recorded mass.
     """
     priors = specification.complete_priors()
     # The parameters of an element besides K and C are part of a trace's precision.
     responses = {q: design.responses[q] for q in RESPONSES}
-    nuisance = FORCE[-1:] if force else ()
     mass_kg = design.recorded.rows["mass_kg"].to_numpy(float)
     whose = whose_errors(specification.mass_error, mass_kg)
-    if whose == "all" and common is None:
-        common, relative_mass_sd = CommonFactor(mass_sd=relative_mass_sd, gain_sd=0.0), 0.0
-    masses = SharedMasses.stated(whose, relative_mass_sd, design.subject, mass_kg)
-    effects, columns = population_design(replace(design, responses=responses), priors, nuisance, masses)
+    common = relative_mass_sd if whose == "all" else None
+    own = 0.0 if whose == "all" else relative_mass_sd
+    masses = SharedMasses.stated(whose, own, design.subject, mass_kg)
+    effects, columns = population_design(replace(design, responses=responses), priors, (), masses)
     correlated = specification.residual_correlation
-    return PlannedModel(effects, priors, correlated, relative_mass_sd, common=common, force=force), columns
+    return PlannedModel(effects, priors, correlated, own, common_mass_sd=common), columns

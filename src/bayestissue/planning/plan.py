@@ -27,8 +27,7 @@ from bayestissue.planning.specification import MOST_PEOPLE, PlanSpecification, p
 from bayestissue.planning.words import answer, in_own_words, limit_words, paragraph, warning, what_limits
 from bayestissue.report.run_folder import draw_page
 from bayestissue.results.tables import table_of_rows, typed
-from bayestissue.settings import Table
-from bayestissue.simulation.specification import Simulation
+from bayestissue.simulation.specification import Recording
 
 PLAN, DESIGNS, STUDIES = "plan.json", "designs", "studies.parquet"
 
@@ -226,7 +225,6 @@ def carry_out(
             study.prior,
             study.simulations[design.recorder],
             study.running,
-            one_factor=study.plan.one_factor,
         )
         for number, design in enumerate(study.designs)
     ]
@@ -243,8 +241,6 @@ def carry_out(
     together = [case for name, case in variants.items() if name != "many people"]
     ledger.assess([*together, *limits.values()], study.goals, fewer)
     (base,) = ledger.assess([cases[chosen]], study.goals, fewer)
-
-    sensors = _sensors(study, ledger, cases, reached, minutes, fewer) if study.plan.one_factor else []
 
     def numbers(case: Case) -> dict[str, Any]:
         (assessed,) = ledger.assess([case], study.goals, fewer)
@@ -265,8 +261,6 @@ def carry_out(
         "normal_traces": normal,
         "chosen": chosen + 1,
         "reaches": reaching,
-        **({"sensors": sensors} if sensors else {}),
-        "looks": {} if study.running else _looks(cases, assessments, chosen),
         "held_open": {} if reaching else _held_open(cases[chosen], study.goals),
         "variants": {name: numbers(case) for name, case in variants.items()},
         "limits": {key: {"words": limit_words(key), **numbers(case)} for key, case in limits.items()},
@@ -284,34 +278,6 @@ def _in_words(content: dict[str, Any]) -> dict[str, Any]:
     content |= {"answer": answer(content), "paragraph": paragraph(content), "warning": warning(content)}
     content["limiting"] = what_limits(content)
     return in_own_words(content)
-
-
-def _sensors(
-    study: Study,
-    ledger: Ledger,
-    cases: Sequence[Case],
-    reached: Sequence[float],
-    minutes: Sequence[float],
-    studies: int,
-) -> list[dict[str, Any]]:
-    """Of each recorder the cheapest design that answers, or the best, and what no number of impacts adds."""
-    sensors = []
-    for name, simulation in study.simulations.items():
-        of_recorder = [number for number, case in enumerate(cases) if case.design.recorder == name]
-        best = _best(of_recorder, reached, minutes)
-        limit = replace(cases[best], unlimited=True)
-        kinds = {"unlimited": limit, "exact": replace(limit, simulation=_at_exact_masses(limit.simulation))}
-        assessed = dict(zip(kinds, ledger.assess([*kinds.values()], study.goals, studies), strict=True))
-        sensors.append(
-            {
-                "recorder": name,
-                "force": simulation.recording.force is not None,
-                "design": best + 1,
-                "reaches": reached[best] >= 1,
-                **{kind: {one.goal.name: _of_goal(one) for one in goals} for kind, goals in assessed.items()},
-            }
-        )
-    return sensors
 
 
 def _best(numbers: Sequence[int], reached: Sequence[float], minutes: Sequence[float]) -> int:
@@ -364,29 +330,20 @@ def _limits(case: Case) -> dict[str, Case]:
     for stem in (term.stem for term in terms if term != SUBJECT):
         limits[stem] = replace(case, prior=WithoutSpread(case.prior, f"sd_{stem}"))
     for name, share in (("noise", SETTINGS.better_noise), ("chain", 0.0)):
-        noise = name == "noise"
-        better = _with_less(chain, share, noise=noise)
-        if chain.force is not None:
-            better = better.model_copy(update={"force": _with_less(chain.force, share, noise=noise)})
+        better = _with_less(chain, share, noise=name == "noise")
         if better != chain:
             limits[name] = replace(case, simulation=simulation.model_copy(update={"recording": better}))
     return limits
 
 
-def _at_exact_masses(simulation: Simulation) -> Simulation:
-    """The same measuring chain with masses that are known."""
-    exact = simulation.recording.model_copy(update={"relative_mass_sd": 0.0})
-    return simulation.model_copy(update={"recording": exact})
-
-
-def _with_less[Sensor: Table](sensor: Sensor, share: float, *, noise: bool) -> Sensor:
-    """A share of the standard deviations of a sensor: of its noise, or of all its other errors."""
+def _with_less(chain: Recording, share: float, *, noise: bool) -> Recording:
+    """A share of the standard deviations of a measuring chain: of its noise, or of all its other errors."""
     names = [
         name
-        for name in type(sensor).model_fields
+        for name in Recording.model_fields
         if ("_sd" in name or name.startswith("noise_")) and name.startswith("noise_") == noise
     ]
-    return sensor.model_copy(update={name: share * getattr(sensor, name) for name in names})
+    return chain.model_copy(update={name: share * getattr(chain, name) for name in names})
 
 
 def _held_open(case: Case, goals: Sequence[Goal]) -> dict[str, list[dict[str, Any]]]:
@@ -407,49 +364,9 @@ def _held_open(case: Case, goals: Sequence[Goal]) -> dict[str, list[dict[str, An
     }
 
 
-def _looks(
-    cases: Sequence[Case], assessments: Sequence[Sequence[Assessment]], chosen: int
-) -> dict[str, list[dict[str, float | None]]]:
-    """Of each claim, what follows if the study stops at the first number of people that answers it.
-
-    The numbers are those of the candidates that are the chosen one but for their people: the share of studies
-    that have stopped by each, of those that have a wrong answer, and by how much what the claim compares is
-    estimated too large at the stop and, without stops, at that number.
-    """
-    people = {
-        number: case.design.people
-        for number, case in enumerate(cases)
-        if case.design.with_people(0) == cases[chosen].design.with_people(0)
-    }
-    sequence = sorted(people, key=lambda number: people[number])
-    tables: dict[str, list[dict[str, float | None]]] = {}
-    for position, assessment in enumerate(assessments[chosen]):
-        if assessment.goal.width is not None or len(sequence) < 2:
-            continue
-        looks = [assessments[number][position] for number in sequence]
-        # [look, study]
-        answers = np.array([look.yes | look.no for look in looks])
-        error = np.array([look.estimate - look.value for look in looks])
-        stops = answers & (np.cumsum(answers, axis=0) == 1)
-        stopped = np.cumsum(stops, axis=0) > 0
-        misled = np.cumsum(stops & [look.yes != look.true for look in looks], axis=0)
-        error_of_stop = np.cumsum(np.where(stops, error, 0.0), axis=0)
-        tables[assessment.goal.name] = [
-            {
-                "people": people[number],
-                "stopped": float(stopped[look].mean()),
-                "misled": float(misled[look].mean()),
-                "error": _mean(error_of_stop[look, stopped[look]]),
-                "error_without": _mean(error[look]),
-            }
-            for look, number in enumerate(sequence)
-        ]
-    return tables
-
-
 def _mean(values: np.ndarray) -> float | None:
-    """The mean; None of what has none, as of a claim that compares nothing."""
-    return float(values.mean()) if len(values) and np.isfinite(values).all() else None
+    """The mean; None of what has none."""
+    return float(values.mean()) if np.isfinite(values).all() else None
 
 
 def _at_one_truth(prior: DesignPrior) -> DesignPrior:

@@ -7,7 +7,7 @@ closed form. Points are Sobol's, the same of all studies.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import Any, NamedTuple
@@ -24,7 +24,6 @@ from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign
 from bayestissue.hierarchy.gaussian.conditional import Data, log_marginal
 from bayestissue.hierarchy.gaussian.effects import effects_from_standard, integrate_effects
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
-from bayestissue.hierarchy.population import heavier
 from bayestissue.planning.model import PlannedModel
 from bayestissue.planning.settings import INTEGRATION as SETTINGS
 
@@ -78,7 +77,7 @@ def posteriors(sites: PlannedSites, start: Float[np.ndarray, "study coordinate"]
     points, repeats = (SETTINGS.points, SETTINGS.effects) if size else (1, SETTINGS.points * SETTINGS.effects)
     columns, effects = sites.columns._replace(cell=np.zeros(0, int)), sites.model.locations.size
     # One more number is of the factor that all masses have in common.
-    width = effects + (sites.model.common is not None)
+    width = effects + (sites.model.common_mass_sd is not None)
     # Of each study points of its own, that what they are wrong by averages out.
     random = np.random.default_rng(11)
     shift, sign = random.uniform(size=(studies, size + 1)), random.choice([-1.0, 1.0], (studies, width))
@@ -105,33 +104,6 @@ def posteriors(sites: PlannedSites, start: Float[np.ndarray, "study coordinate"]
         np.repeat(weight / repeats, repeats, axis=1),
         1 / (weight**2).sum(axis=1),
         mode if size else start,
-    )
-
-
-def with_all_known(
-    model: PlannedModel,
-    hyperparameters: Mapping[str, Float[np.ndarray, " study"]],
-    b: Float[np.ndarray, "study location"],
-    log_factor: Float[np.ndarray, " study"],
-) -> Posteriors:
-    """Posteriors of studies that know everything but a factor which all masses have in common.
-
-    Args:
-        model: of the analysis.
-        hyperparameters: of each study's truth, by name.
-        b: its effects.
-        log_factor: log of that factor.
-    """
-    points = SETTINGS.points
-    recorded = heavier(model.locations, b, -log_factor)
-    shape = (len(b), points, b.shape[1])
-    standard = np.broadcast_to(ndtri((np.arange(points) + 0.5) / points), shape[:2])
-    return Posteriors(
-        {name: np.repeat(values[:, None], points, axis=1) for name, values in hyperparameters.items()},
-        model.at_true_masses(np.broadcast_to(recorded[:, None], shape), standard),
-        np.full(shape[:2], 1 / points),
-        np.full(len(b), float(points)),
-        np.zeros((len(b), 0)),
     )
 
 

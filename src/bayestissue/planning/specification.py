@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Self
 
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
@@ -17,23 +17,20 @@ from bayestissue.simulation.specification import (
     Condition,
     Factor,
     Positive,
-    RecordedForce,
-    Recording,
+    RecordedDeceleration,
     require_samples_to_filter,
 )
 
 Minutes = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Count = Annotated[int, Field(ge=1)]
 # A recorder of a usual kind, where a plan says nothing of it.
-USUAL = Recording(
+USUAL = RecordedDeceleration(
     noise_relative_to_peak=0.005,
     offset_sd_m_s2=0.2,
     relative_gain_sd=0.005,
     velocity_sd_m_s=0.01,
     relative_mass_sd=0.002,
 )
-# What a recorder without a name is called beside one with a further channel.
-FIRST = "accelerometer"
 # More designs than a reader compares; a slip of the grid rather than a wish.
 MOST_DESIGNS = 500
 # More need more memory than a machine has: studies are drawn and analysed a hundred at a time.
@@ -72,13 +69,13 @@ class PlannedFactor(Factor):
         return not self.of_people
 
 
-def _with_noise(recording: Recording) -> Recording:
+def _with_noise(recording: RecordedDeceleration) -> RecordedDeceleration:
     if not (recording.noise_sd_m_s2 or recording.noise_relative_to_peak):
         raise ValueError("noise_sd_m_s2 or noise_relative_to_peak above 0, as every recorder has noise")
     return recording
 
 
-class PlannedRecorder(Recording):
+class PlannedRecorder(RecordedDeceleration):
     """A recorder to compare, with the keys of [recording]; what it leaves out is 0.
 
     Attributes:
@@ -88,24 +85,6 @@ class PlannedRecorder(Recording):
     name: Annotated[str, Field(min_length=1)]
 
     _noise = model_validator(mode="after")(_with_noise)
-
-
-class PlannedChannel(RecordedForce):
-    """A further channel, with the words of a [[channel]] of dataset.toml, its noise and its zero's error.
-
-    Attributes:
-        name: what tables call it, such as load cell.
-        quantity: what it records: force, alone.
-    """
-
-    name: Annotated[str, Field(min_length=1)]
-    quantity: Literal["force"]
-
-    @model_validator(mode="after")
-    def _noise(self) -> Self:
-        if not (self.noise_sd_N or self.noise_relative_to_peak):
-            raise ValueError("noise_sd_N or noise_relative_to_peak above 0, as every sensor has noise")
-        return self
 
 
 class Candidates(Table):
@@ -244,8 +223,6 @@ class PlanSpecification(Table):
         recording: the measuring chain. Left out, a usual one: noise of 0.5 % of the peak, gain to 0.5 %, zero
             to 0.2 m/s², velocity to 0.01 m/s, mass to 0.2 %, at 10 kHz. Where the table is written, what it
             leaves out is 0.
-        channel: one table [[channel]], as in dataset.toml: a force beside the deceleration. Every design is
-            then planned without it and with it, and an error of the mass is one of all impacts.
         recorder: a table [recorder] as in dataset.toml: a low-pass.
         gravity: the part of gravity along the motion, as signal.gravity of dataset.toml.
         population: what is believed of people and tissue before the study.
@@ -266,8 +243,7 @@ class PlanSpecification(Table):
     formula: dict[str, str] = Field(default_factory=dict)
     reference_mass_kg: Positive | None = None
     candidates: Candidates
-    recording: Recording = USUAL
-    channel: Annotated[tuple[PlannedChannel, ...], Field(max_length=1)] = ()
+    recording: RecordedDeceleration = USUAL
     recorder: RecorderSettings | None = None
     gravity: Gravity = "none"
     population: Population = Population()
@@ -297,43 +273,10 @@ class PlanSpecification(Table):
             require_samples_to_filter(self.recorder, recording)
         return self
 
-    @model_validator(mode="after")
-    def _one_force(self) -> Self:
-        own = self._recorders()
-        recorded = [name for name, recording in own.items() if recording.force]
-        if self.channel and recorded:
-            raise ValueError("either [[channel]] or a force of the recording")
-        if self.after and (self.channel or recorded):
-            raise ValueError("[[channel]] and a force of the recording only without [after]")
-        if self.channel and not all(recording.relative_mass_sd for recording in own.values()):
-            raise ValueError("relative_mass_sd above 0 beside [[channel]]: it is the mass that a force shows")
-        return self
-
-    def _recorders(self) -> dict[str, Recording]:
+    @property
+    def recordings(self) -> dict[str, RecordedDeceleration]:
+        """The measuring chain of each recorder, by its name; "" where there is one alone."""
         return {recorder.name: recorder for recorder in self.candidates.recorders} or {"": self.recording}
-
-    @property
-    def recordings(self) -> dict[str, Recording]:
-        """The measuring chain of each recorder, by its name; "" where there is one alone.
-
-        Each is there without a further channel and with it.
-        """
-        recordings = self._recorders()
-        for channel in self.channel:
-            recordings = {
-                name: recording.model_copy(update={"force": force})
-                for recorder, recording in recordings.items()
-                for name, force in (
-                    (f"{recorder or FIRST} alone", None),
-                    (f"{recorder or FIRST} and {channel.name}", channel),
-                )
-            }
-        return recordings
-
-    @property
-    def one_factor(self) -> bool:
-        """Whether an error of the mass is one of all impacts, in every design, as some record a force."""
-        return any(recording.force is not None for recording in self.recordings.values())
 
 
 def read_plan(path: Path) -> PlanSpecification:

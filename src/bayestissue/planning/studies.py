@@ -17,8 +17,7 @@ import pandas as pd
 from jaxtyping import Bool, Float
 
 from bayestissue.hierarchy.design import Design, build_design
-from bayestissue.hierarchy.effects import RESPONSES, intercept
-from bayestissue.hierarchy.force import CommonFactor
+from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expected
 from bayestissue.hierarchy.population import MASS_ERROR, shared_mass_errors
 from bayestissue.hierarchy.specification import ModelSpecification
@@ -41,8 +40,7 @@ class Arrangement:
         design: the formulas over all rows.
         model: the analysis.
         columns: X, arranged.
-        precision: of log K and log C of each impact, from its trace; beside a force of its ratio to mass
-            times deceleration too.
+        precision: of log K and log C of each impact, from its trace.
         recorded: of the impacts that a running study has, the first ones, the centres of their sites.
     """
 
@@ -75,8 +73,6 @@ def arrangements(
     *,
     reference_mass_kg: float,
     relative_mass_sd: float = 0.0,
-    common: CommonFactor | None = None,
-    force: bool = False,
 ) -> list[Arrangement]:
     """The designs, those over the same conditions together, before it is known what traces tell.
 
@@ -84,9 +80,7 @@ def arrangements(
         designs: each one's impacts: ``subject``, ``trial``, ``mass_kg``, ``velocity_m_s`` and factors.
         specification: the analysis.
         reference_mass_kg: the mass that K and C are stated at, of all designs.
-        relative_mass_sd: of the recorded mass, as far as not all masses have one error in common.
-        common: what is declared of a factor that all masses have in common.
-        force: whether a force is recorded too.
+        relative_mass_sd: of the recorded mass.
 
     Raises:
         InputError: a formula asks for what a design can't identify.
@@ -106,8 +100,8 @@ def arrangements(
         design = build_design(
             specification.formula, rows, reference_mass_kg=reference_mass_kg, source=specification.name
         )
-        model, columns = planned_model(specification, design, relative_mass_sd, common, force=force)
-        size = len(RESPONSES) + len(model.nuisance)
+        model, columns = planned_model(specification, design, relative_mass_sd)
+        size = len(RESPONSES)
         nothing = np.zeros((len(rows), size, size)), np.zeros((0, size))
         arranged.append(Arrangement(tuple(numbers), rows, present, design, model, columns, *nothing))
     return arranged
@@ -125,13 +119,11 @@ class Studies:
         truths: hyperparameters and fixed effects of each.
         b: all fixed and group effects.
         centre: of each impact's site.
-        log_factor: log of the factor that all masses have in common, 0 where they have none.
     """
 
     truths: Truths
     b: Float[np.ndarray, "study location"]
     centre: Float[np.ndarray, "study impact parameter"]
-    log_factor: Float[np.ndarray, " study"]
 
 
 def draw_studies(arrangement: Arrangement, truths: Truths, streams: Streams) -> Studies:
@@ -143,13 +135,7 @@ def draw_studies(arrangement: Arrangement, truths: Truths, streams: Streams) -> 
         streams: the block's random numbers.
     """
     model, impacts, known_errors = arrangement.model, len(arrangement.rows), truths.mass_errors
-    b, log_factor, fixed = np.zeros((BLOCK, model.locations.size)), np.zeros(BLOCK), dict(truths.fixed)
-    if model.common is not None:
-        log_factor = model.common.mass_sd * streams.normal("mass", 1)[:, 0]
-        if known_errors is not None and not model.force:
-            log_factor = known_errors[:, 0]
-        ratio = log_factor[:, None] + model.common.gain_sd * streams.normal("gain", 1)
-        fixed |= {intercept(name): ratio for name in model.nuisance}
+    b = np.zeros((BLOCK, model.locations.size))
     for part in model.locations.blocks:
         where = model.locations.parts[part.name]
         if part.name == MASS_ERROR:
@@ -167,7 +153,7 @@ def draw_studies(arrangement: Arrangement, truths: Truths, streams: Streams) -> 
             effects[:, :levels] = np.where(np.isnan(known), effects[:, :levels], known)
             b[:, where] = effects
         else:
-            b[:, where] = fixed[part.name]
+            b[:, where] = truths.fixed[part.name]
     means = np.moveaxis(np.asarray(expected(arrangement.columns, jnp.asarray(b))), 0, -1)
     sd_K, sd_C = truths.hyperparameters["sd_impact_K"], truths.hyperparameters["sd_impact_C"]
     correlation = truths.hyperparameters.get("residual_correlation", np.zeros(BLOCK))
@@ -178,18 +164,14 @@ def draw_studies(arrangement: Arrangement, truths: Truths, streams: Streams) -> 
     scatter[..., 1] = sd_C[:, None] * (correlation[:, None] * standard[..., 0] + across * standard[..., 1])
     # A heavier impactor than recorded makes K and C look smaller alike: of each impact, or of all.
     of_mass = model.own_mass_sd * streams.normal("mass", impacts)
-    if model.common is not None:
-        of_mass = np.broadcast_to(log_factor[:, None], (BLOCK, impacts))
-    by_mass = np.stack([of_mass, of_mass, *(np.zeros_like(of_mass) for _ in model.nuisance)], axis=-1)
+    if model.common_mass_sd is not None:
+        drawn = model.common_mass_sd * streams.normal("mass", 1)
+        of_mass = np.broadcast_to(drawn if known_errors is None else known_errors[:, :1], (BLOCK, impacts))
+    by_mass = np.stack([of_mass, of_mass], axis=-1)
     # Of P = L L' an error L'^-1 z has the covariance P^-1.
     root = np.linalg.cholesky(arrangement.precision)
     errors = streams.normal("errors", 2 * impacts).reshape(BLOCK, impacts, 2)
-    for name in model.nuisance:
-        own = truths.hyperparameters[f"sd_{name}"][:, None] * streams.normal(name, impacts)
-        scatter = np.concatenate([scatter, own[..., None]], axis=-1)
-        further = streams.normal(f"errors of {name}", impacts)
-        errors = np.concatenate([errors, further[..., None]], axis=-1)
     measured = np.linalg.solve(np.swapaxes(root, -1, -2), errors[..., None])[..., 0]
     centre = means + scatter - by_mass + measured
     centre[:, : len(arrangement.recorded)] = arrangement.recorded
-    return Studies(truths, b, centre, log_factor)
+    return Studies(truths, b, centre)

@@ -31,11 +31,9 @@ def answer(content: Content) -> str:
     """
     wanted = number(content["plan"]["goal"]["assurance"], 2)
     design, count = content["designs"][content["chosen"] - 1], len(content["designs"])
-    sensors = sensor_words(content)
     if content["reaches"]:
-        head = design_words(design, content)
         which = "" if count == 1 else f": the cheapest of {count} designs that reaches {wanted}"
-        return " ".join([f"{head}, {_answers(design)}{which}.", *sensors])
+        return f"{design_words(design, content)}, {_answers(design)}{which}."
     which = (
         f"This design does not answer with a probability of {wanted}: "
         if count == 1
@@ -49,57 +47,7 @@ def answer(content: Content) -> str:
         if enough
         else f"{people} would not either, {_shares(many)}: {_what_holds_it_open(content)}."
     )
-    return " ".join([f"{which}{design_words(design, content)}, {_answers(design)}. {plateau}", *sensors])
-
-
-def sensor_words(content: Content) -> list[str]:
-    """What it takes with one sensor and with two, a sentence each, and what the second is worth in impacts.
-
-    Where no number of impacts is enough, since what is declared of mass and gains limits the answer, the
-    sentence says so.
-
-    Args:
-        content: of ``plan.json``.
-    """
-    sensors, designs, sentences = content.get("sensors", []), content["designs"], []
-    for one in sensors:
-        by = f"With {one['recorder']}" if one["recorder"] else "With deceleration and force"
-        limiting = _limited(one, content)
-        most = max(design["impacts"] for design in designs if design["recorder"] == one["recorder"])
-        if one["reaches"]:
-            sentences.append(f"{by} it takes {counted(designs[one['design'] - 1]['impacts'], 'impact')}.")
-        elif limiting:
-            what = "mass and gains" if one["force"] else "the mass"
-            left = f"what is declared of {what} alone leaves {listed(limiting)}"
-            sentences.append(f"{by} no number of impacts is enough: {left}.")
-        else:
-            sentences.append(f"{by} it takes more than the {counted(most, 'impact')} of these designs.")
-    # Without a further channel and with it they take turns.
-    pairs = list(zip(sensors[::2], sensors[1::2], strict=True)) if content["plan"].get("channel") else []
-    for alone, with_force in pairs:
-        if alone["reaches"] and with_force["reaches"]:
-            impacts, fewer = (designs[one["design"] - 1]["impacts"] for one in (alone, with_force))
-            saved = f"{counted(impacts - fewer, 'impact')} of {impacts}" if fewer < impacts else "no impacts"
-            which = f" ({with_force['recorder']})" if len(pairs) > 1 else ""
-            sentences.append(f"The second sensor saves {saved}{which}.")
-    return sentences
-
-
-def _limited(sensors: Content, content: Content) -> list[str]:
-    """Of each goal that nothing but exact masses would reach, what any number of impacts leaves."""
-    aim, precision = content["plan"]["goal"], content["plan"].get("precision", {})
-    texts = content["plan"]["questions"]
-    left = []
-    for name, goal in sensors["unlimited"].items():
-        if goal["answered"] >= aim["assurance"] or sensors["exact"][name]["answered"] < aim["assurance"]:
-            continue
-        if name in texts:
-            left.append(f"{texts[name]} undecided in {percent(goal['undecided'])} of the studies")
-        elif goal["width"] is not None:
-            wanted = precision[name]
-            width = percent(goal["width"]) if wanted.get("relative") else general(goal["width"], 2)
-            left.append(f"± {width} of {wanted['of']} (wanted: ± {half_width(wanted)})")
-    return left
+    return f"{which}{design_words(design, content)}, {_answers(design)}. {plateau}"
 
 
 def _what_holds_it_open(content: Content) -> str:

@@ -102,12 +102,8 @@ def questions_table(answers: pd.DataFrame) -> Table:
 
 
 def _rows(answers: pd.DataFrame) -> list[dict[str, Any]]:
-    # Tables of older runs have no units, and no choices.
-    names = [name for name in ("unit", "level") if name in answers]
-    texts = {"unit": "", "level": ""} | {name: answers[name].astype(object).fillna("") for name in names}
-    lacking = dict.fromkeys(("rank_low", "rank_high", "expected_loss"), np.nan)
-    columns: dict[Any, Any] = lacking | dict(answers.items()) | texts
-    return answers.assign(**columns).to_dict("records")  # type: ignore[return-value]
+    texts = {name: answers[name].astype(object).fillna("") for name in ("unit", "level")}
+    return answers.assign(**texts).to_dict("records")  # type: ignore[return-value]
 
 
 def answered(lines: Sequence[Mapping[str, str]], answers: pd.DataFrame, saved: str) -> Markup:

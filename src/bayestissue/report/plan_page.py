@@ -85,9 +85,6 @@ def settings(plan: Mapping[str, Any], *keys: str) -> Table:
     """Tables of the plan, those that it has; recorders that are compared stand among the candidates."""
     compared = ["recording"] if plan["candidates"].get("recorders") else []
     tables = {key: plan[key] for key in keys if key in plan and key not in compared}
-    # There is one further channel at the most.
-    for further in tables.pop("channel", []):
-        tables["channel"] = further
     return settings_table(tables)
 
 
@@ -248,27 +245,6 @@ def gains_table(content: Mapping[str, Any]) -> Table:
     )
 
 
-def sensors_table(content: Mapping[str, Any]) -> Table:
-    """Of each recorder's best design what it reaches of each goal, and what any number of impacts would."""
-    rows = []
-    for one in content["sensors"]:
-        best = content["designs"][one["design"] - 1]
-        for name, least in one["unlimited"].items():
-            goal = best["goals"][name]
-            ends = {"least": _share(least) if least["width"] is None else digits(2)(least["width"])}
-            rows.append({**best, **goal, **ends, "goal": name})
-    return table_of(
-        rows,
-        Field("recorder", lambda row: row["recorder"] or "deceleration and force"),
-        *_goal_fields(next(iter(content["sensors"]))["unlimited"]),
-        number_field("impacts", words=decimals(0)),
-        Field("assurance", _share, "number"),
-        *_WIDTHS,
-        Field("any number", lambda row: row["least"], "number"),
-        empty=False,
-    )
-
-
 def gain(goal: Mapping[str, Any]) -> str:
     """What is added to the assurance of a goal."""
     return with_error(goal["gain"], goal["gain_se"])
@@ -283,16 +259,4 @@ def power_table(content: Mapping[str, Any]) -> Table:
         Field("goal", goal_name),
         Field("assurance", lambda name: _share(chosen[name]), "number"),
         Field("power at one truth", lambda name: _share(truth[name]), "number"),
-    )
-
-
-def looks_table(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """What stopping at the first answer does, by the number of people at each look."""
-    return table_of(
-        rows,
-        number_field("people", words=str),
-        number_field("stopped by then", "stopped", decimals(2)),
-        number_field("answered wrongly", "misled", decimals(2)),
-        number_field("estimate too large by", "error", digits(2)),
-        number_field("without stops", "error_without", digits(2)),
     )

@@ -99,9 +99,8 @@ def typical(run: PosteriorRun, quantity: str) -> Spread:
 
 
 def typical_draws(run: PosteriorRun, quantity: str) -> np.ndarray:
-    """Draws of it, [draw]; runs of earlier versions have it of the first category alone."""
-    name = f"{quantity}_typical_person"
-    return run.draws(name) if run.has(name) else np.exp(run.draws(f"intercept_{quantity}"))
+    """Draws of it, [draw]."""
+    return run.draws(f"{quantity}_typical_person")
 
 
 def new_person(run: PosteriorRun, quantity: str) -> Spread:

@@ -20,6 +20,7 @@ from bayestissue.outline import short
 from bayestissue.remedies import Code
 from bayestissue.results import damaged, whole_file
 from bayestissue.results.tables import AGAIN, HELD, wrong_in
+from bayestissue.runtime import FORMAT
 
 # Of every run with a posterior.
 POSTERIOR_TABLES = ("summary", "hypotheses", "sensitivity")
@@ -69,8 +70,8 @@ def read_about(folder: Path) -> dict[str, Any]:
     """The content of ``run.json``, which every finished run holds.
 
     Raises:
-        InputError: the folder or the file is missing, it isn't the JSON object that a run writes, or a file
-            of the run is not as it was written.
+        InputError: the folder or the file is missing, it isn't the JSON object that a run writes, a version
+            wrote it whose files or element this one does not know, or a file is not as it was written.
     """
     path = folder / "run.json"
     if not path.is_file():
@@ -85,7 +86,24 @@ def read_about(folder: Path) -> dict[str, Any]:
     if not isinstance(record.get("kind"), str):
         keys = ", ".join(record) or "no keys"
         raise InputError(wrong_in(path, 'the key "kind"', value=keys, code="not-a-run"))
+    _require_version(path, record)
     return record
+
+
+def _require_version(path: Path, record: Mapping[str, Any]) -> None:
+    """Raise an `InputError` of a ``run.json`` whose files, or whose element, this version does not know."""
+    if record.get("format") != FORMAT:
+        command = "fit DATASET" if record["kind"] == "fit" else f"{record.get('command', record['kind'])} ..."
+        where = str(path), None, "format", record.get("format", "none")
+        raise InputError.stated("another-version.format", *where, format=FORMAT, command=command)
+    model = record.get("model")
+    name = model.get("element") if isinstance(model, Mapping) else None
+    if name is not None:
+        from bayestissue.elements import element_names
+
+        if name not in (known := element_names()):
+            where = str(path), None, "model.element", name
+            raise InputError.stated("another-version.element", *where, known=", ".join(known))
 
 
 def require_files(folder: Path, names: list[str]) -> None:

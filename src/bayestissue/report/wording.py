@@ -60,8 +60,7 @@ def nouns_of_plan(content: Mapping[str, Any]) -> Words:
     named += [name.replace("_", " ") for key in ("questions", "precision") for name in plan.get(key, {})]
     for factor in plan["candidates"].get("factors", []):
         named += [factor["name"], *factor["levels"]]
-    sensors = [*plan["candidates"].get("recorders", []), *plan.get("channel", [])]
-    named += [sensor["name"] for sensor in sensors]
+    named += [recorder["name"] for recorder in plan["candidates"].get("recorders", [])]
     # A goal that is called as the program's noun is called by the plan's: its sentences are full of it.
     nouns = {noun for pair in NOUNS.values() for noun in pair}
     return Words(content.get("words", {}), {name for name in named if name.casefold() not in nouns})

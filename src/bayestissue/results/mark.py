@@ -2,8 +2,6 @@
 
 A result folder holds ``.bayestissue.json``: the command, and of every file its name, size and SHA-256. Of a
 dataset, as `simulate` and `Dataset.write` make it, it has one hash of the contents, since people change it.
-Results of earlier versions have no hashes, or no mark; their ``run.json`` and the names of their files tell
-them.
 """
 
 from __future__ import annotations
@@ -27,14 +25,6 @@ _PAGES = frozenset({"report.html", "check.html"})
 _DATASET = "dataset.toml"
 # What file managers leave in any folder, and a page that a killed process had not finished.
 _LITTER = re.compile(r"\.DS_Store|Thumbs\.db|desktop\.ini|\..+\.partial-\w+(\.html)?")
-_EARLIER = frozenset(
-    f"{name}.csv"
-    for name in (  # noqa: SIM905 - names are easier read so
-        "audit causes centring comparison confusion cross_validation estimates estimates_dds estimates_exact "
-        "hypotheses implied interval_sources left_out observed posteriors predictive predictive_checks "
-        "reliability reproduction sensitivity summary truth vary"
-    ).split()
-) | {"campaigns.parquet", "diagnostics.json", "posterior.nc", "report.html", "run.json"}
 
 
 def write_mark(folder: Path, command: str) -> None:
@@ -99,12 +89,10 @@ def foreign(folder: Path) -> list[str]:
         return ["a dataset" if dataset else "nothing that says that bayestissue wrote it"]
     others = [name for name in _entries(folder, written) if name not in written]
     mark = _read(folder / MARK)
-    if "content_hash" in mark and not others:
+    if (folder / _DATASET).exists() and not others:
         files = [name for name in mark["files"] if (folder / name).is_file()]
-        if len(files) < len(mark["files"]) or mark["content_hash"] != _content_hash(folder, files):
+        if len(files) < len(mark["files"]) or mark.get("content_hash") != _content_hash(folder, files):
             return ["a dataset that was changed since it was written"]
-    if (folder / _DATASET).exists() and "content_hash" not in mark:
-        return ["a dataset"]
     return others
 
 
@@ -135,9 +123,6 @@ def _written(folder: Path) -> frozenset[str] | None:
     mark = _read(folder / MARK)
     if mark.get("program") == "bayestissue" and isinstance(mark.get("files"), dict):
         return frozenset(mark["files"]) | _PAGES | {MARK}
-    record = _read(folder / "run.json")
-    if str(record.get("program", "")).split(" ")[0] == "bayestissue" and "command" in record:
-        return _EARLIER
     return None
 
 

@@ -228,7 +228,7 @@ class RecordedForce(Table):
     recorder: RecorderSettings | None = None
 
 
-class Recording(Table):
+class RecordedDeceleration(Table):
     """The measuring chain. Standard deviations of 0 and an absent ``bits`` mean a perfect one.
 
     What is recorded of mass and velocity is the design's; the true values scatter about it. The recorder
@@ -248,7 +248,6 @@ class Recording(Table):
         velocity_sd_m_s: standard deviation of the velocity at contact about the stated one.
         relative_mass_sd: standard deviation of the mass about the stated one, as a fraction of it, below 0.3.
         mass_factor: what all stated masses are to be multiplied by: 1.1 makes them 10 % too small.
-        force: a table [recording.force]: a force beside the deceleration.
         range_m_s2: the recorder clips beyond this, either way; left out, it does not.
         bits: the range has 2 to this power steps; left out, it has none.
     """
@@ -264,7 +263,6 @@ class Recording(Table):
     velocity_sd_m_s: Spread = 0.0
     relative_mass_sd: Annotated[float, Field(ge=0, lt=0.3)] = 0.0
     mass_factor: Positive = 1.0
-    force: RecordedForce | None = None
     range_m_s2: Positive | None = None
     bits: Annotated[int, Field(ge=6, le=32)] | None = None
 
@@ -275,7 +273,21 @@ class Recording(Table):
         return self
 
 
-def require_samples_to_filter(recorder: RecorderSettings | None, recording: Recording) -> None:
+class Recording(RecordedDeceleration):
+    """The measuring chain. Standard deviations of 0 and an absent ``bits`` mean a perfect one.
+
+    What is recorded of mass and velocity is the design's; the true values scatter about it. The recorder
+    samples at a phase of its own, so that contact falls anywhere within a sampling interval, unless it is
+    triggered.
+
+    Attributes:
+        force: a table [recording.force]: a force beside the deceleration.
+    """
+
+    force: RecordedForce | None = None
+
+
+def require_samples_to_filter(recorder: RecorderSettings | None, recording: RecordedDeceleration) -> None:
     """Raise a ValueError where a digital low-pass has its corner above half of the sampling rate."""
     low_pass, most = recorder and recorder.values(), recording.sampling_rate_hz / 2
     if low_pass and low_pass.digital and low_pass.low_pass_hz >= most:

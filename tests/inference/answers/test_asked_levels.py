@@ -285,7 +285,7 @@ def test_what_an_outcome_can_not_be_asked_of(study: Finished, question: str, why
 
 
 def test_beside_a_discrepancy_no_law_is_known(study: Finished) -> None:
-    with pytest.raises(InputError, match="beside a discrepancy, or without a free mass, there is no law"):
+    with pytest.raises(InputError, match="beside a discrepancy there is no law"):
         ask(replace(study, discrepancy=True), numbered(["peak_force[mass_kg=5]"]))
 
 

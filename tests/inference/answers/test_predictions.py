@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from bayestissue import Run, read_run
+from bayestissue import Fit, read_run
 from bayestissue.elements import outcomes
 from bayestissue.errors import InputError
 from bayestissue.inference.answers.finished import Finished
@@ -23,6 +23,7 @@ from bayestissue.inference.answers.questions import ask, numbered
 from bayestissue.inference.results.labels import ATTRIBUTES, element_attributes
 from bayestissue.inference.samplers.diagnostics import ELEMENT_ALONE
 from bayestissue.oscillator.impact import peak_displacement, time_to_peak
+from bayestissue.results.mark import write_mark
 from make_fit_run import make_fit_run
 
 AT = pd.DataFrame(
@@ -35,11 +36,11 @@ AT = pd.DataFrame(
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+def run(tmp_path_factory: pytest.TempPathFactory) -> Fit:
     return read_run(make_fit_run(tmp_path_factory.mktemp("predicted") / "run"))
 
 
-def sure(run: Run, gravity: float = 0.0, **sd: float) -> Finished:
+def sure(run: Fit, gravity: float = 0.0, **sd: float) -> Finished:
     """The run with these standard deviations in place of its own, conditions and exponents without effect."""
     posterior = run.posterior["posterior"].to_dataset().copy()
     named = {"sd_impact_K": 0.0, "sd_impact_C": 0.0, "sd_subject_K": 0.0, "sd_subject_C": 0.0}
@@ -54,7 +55,7 @@ def sure(run: Run, gravity: float = 0.0, **sd: float) -> Finished:
 
 
 @pytest.mark.slow
-def test_a_row_of_empty_cells_is_a_row_of_a_file(run: Run, tmp_path: Path) -> None:
+def test_a_row_of_empty_cells_is_a_row_of_a_file(run: Fit, tmp_path: Path) -> None:
     """Predictions are joined to their rows by position."""
     path = tmp_path / "at.csv"
     path.write_text("subject,mass_kg,velocity_m_s\n,,\ns1,0.7,1.5\n,,\n\ns1,1.1,2\n")
@@ -69,7 +70,7 @@ def test_a_row_of_empty_cells_is_a_row_of_a_file(run: Run, tmp_path: Path) -> No
 
 @pytest.mark.slow
 @pytest.mark.parametrize("gravity", [0.0, 9.80665])
-def test_without_scatter_the_peaks_are_those_of_the_formulas(run: Run, gravity: float) -> None:
+def test_without_scatter_the_peaks_are_those_of_the_formulas(run: Fit, gravity: float) -> None:
     finished = sure(run, gravity)
     table = predict(finished, read_conditions(AT, finished.recorded))
     draws = finished.posterior
@@ -94,7 +95,7 @@ def test_without_scatter_the_peaks_are_those_of_the_formulas(run: Run, gravity: 
 
 
 @pytest.mark.slow
-def test_a_headform_has_the_head_injury_criterion_too(run: Run) -> None:
+def test_a_headform_has_the_head_injury_criterion_too(run: Fit) -> None:
     plain = sure(run)
     headform = replace(plain, headform=True)
     at = {"subject": "s1", "mass_kg": 4.6, "velocity_m_s": 3.0}
@@ -116,7 +117,7 @@ def test_a_headform_has_the_head_injury_criterion_too(run: Run) -> None:
 
 
 @pytest.mark.slow
-def test_a_new_impact_scatters_and_a_new_person_does_besides(run: Run) -> None:
+def test_a_new_impact_scatters_and_a_new_person_does_besides(run: Fit) -> None:
     finished = sure(run, sd_impact_K=0.2, sd_subject_K=0.5)
     table = predict(finished, read_conditions(AT, finished.recorded))
     width = np.log(table["K_N_per_m_high"] / table["K_N_per_m_low"]) / 2 / 1.645
@@ -125,7 +126,7 @@ def test_a_new_impact_scatters_and_a_new_person_does_besides(run: Run) -> None:
     assert width[1] == pytest.approx(np.hypot(0.5, 0.206), rel=0.3)
 
 
-def test_beside_a_discrepancy_there_are_no_peaks(run: Run) -> None:
+def test_beside_a_discrepancy_there_are_no_peaks(run: Fit) -> None:
     finished = sure(run)
     without = Finished(finished.posterior, None, finished.recorded, discrepancy=True)
     table = predict(without, [{"mass_kg": 1.0}])
@@ -149,7 +150,7 @@ def test_beside_a_discrepancy_there_are_no_peaks(run: Run) -> None:
     assert not ask(without, numbered(asked[:4]))["note"].str.contains(ELEMENT_ALONE, regex=False).any()
 
 
-def test_from_the_run_and_its_table_all_faults_at_once(run: Run, tmp_path: Path) -> None:
+def test_from_the_run_and_its_table_all_faults_at_once(run: Fit, tmp_path: Path) -> None:
     file = tmp_path / "new.csv"
     file.write_text("subject,mass_kg,velocity_m_s\ns1,-2,x\ns1,,1e9\n", encoding="utf-8")
     with pytest.raises(InputError) as error:
@@ -165,7 +166,7 @@ def test_from_the_run_and_its_table_all_faults_at_once(run: Run, tmp_path: Path)
         run.predict(pd.DataFrame({"mass_kg": [1.0, -1.0]}))
 
 
-def test_the_caller_may_compute_in_float32(run: Run) -> None:
+def test_the_caller_may_compute_in_float32(run: Fit) -> None:
     import jax
 
     with jax.enable_x64(False):
@@ -176,18 +177,18 @@ def test_the_caller_may_compute_in_float32(run: Run) -> None:
 
 
 @pytest.mark.parametrize("place", ["file/joint.nc", "file/deeper/joint.parquet"])
-def test_a_place_that_cant_be_written_is_refused(run: Run, tmp_path: Path, place: str) -> None:
+def test_a_place_that_cant_be_written_is_refused(run: Fit, tmp_path: Path, place: str) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="can be made and written"):
         run.predict(AT, draws=tmp_path / place)
 
 
-def test_an_impact_is_no_column_of_new_ones(run: Run) -> None:
+def test_an_impact_is_no_column_of_new_ones(run: Fit) -> None:
     with pytest.raises(InputError, match="Each row is a new impact"):
         run.predict(pd.DataFrame({"impact": ["t0-s0"], "mass_kg": [1.0]}))
 
 
-def test_joint_draws_are_those_of_the_table(run: Run, tmp_path: Path) -> None:
+def test_joint_draws_are_those_of_the_table(run: Fit, tmp_path: Path) -> None:
     draws = run.predicted_draws(AT)
     assert draws.sizes == {"chain": 2, "draw": 100, "row": 3}
     table = run.predict(AT, draws=tmp_path / "joint.parquet")
@@ -206,7 +207,7 @@ def test_joint_draws_are_those_of_the_table(run: Run, tmp_path: Path) -> None:
         assert kept["peak_force"].attrs == {"unit": "N", "long_name": "greatest force on the impactor"}
 
 
-def test_a_difference_of_rows_is_as_unsure_as_it_is(run: Run) -> None:
+def test_a_difference_of_rows_is_as_unsure_as_it_is(run: Fit) -> None:
     """Two impacts on one new person share that person, whom nobody knows; on two they do not."""
     finished = sure(run, sd_subject_K=0.5)
     at = pd.DataFrame({"subject": ["new", "new", "another"], "mass_kg": 0.7, "trial": "t0"})
@@ -217,7 +218,7 @@ def test_a_difference_of_rows_is_as_unsure_as_it_is(run: Run) -> None:
     assert float((one - another).std()) == pytest.approx(np.sqrt(2) * 0.5, rel=0.2)
 
 
-def test_draws_are_whole_or_not_there_and_cost_no_other_file(run: Run, tmp_path: Path) -> None:
+def test_draws_are_whole_or_not_there_and_cost_no_other_file(run: Fit, tmp_path: Path) -> None:
     path, at = tmp_path / "joint.nc", AT.iloc[:1]
     with pytest.raises(InputError, match=r'found "\.csv"; expected a name that ends in \.parquet or \.nc'):
         run.predict(at, draws=tmp_path / "joint.csv")
@@ -230,6 +231,7 @@ def test_draws_are_whole_or_not_there_and_cost_no_other_file(run: Run, tmp_path:
         run.predict(at, draws=path, overwrite=True)
     assert path.read_text(encoding="utf-8") == "something else"
     assert run.folder is not None
+    write_mark(run.folder, "fit")
     with pytest.raises(InputError, match="a folder inside other results"):
         run.predict(at, draws=run.folder / "posterior.nc", overwrite=True)
     with pytest.raises(InputError, match="masskg"):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from bayestissue import Run, read_run
+from bayestissue import Fit, read_run
 from bayestissue.errors import InputError
 from bayestissue.inference.answers.questions import ask, ask_what_can_be, numbered, of_model
 from bayestissue.results.tables import columns_of
@@ -16,17 +16,17 @@ from make_fit_run import make_fit_run
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+def run(tmp_path_factory: pytest.TempPathFactory) -> Fit:
     return read_run(make_fit_run(tmp_path_factory.mktemp("asked") / "run"))
 
 
 @pytest.fixture(scope="module")
-def draws(run: Run) -> xr.Dataset:
+def draws(run: Fit) -> xr.Dataset:
     return run.posterior["posterior"].dataset
 
 
 @pytest.mark.slow
-def test_a_claim_has_probability_prior_bayes_factor_and_error(run: Run, draws: xr.Dataset) -> None:
+def test_a_claim_has_probability_prior_bayes_factor_and_error(run: Fit, draws: xr.Dataset) -> None:
     row = run.ask("K[subject=s1] / K[subject=s2] > 1.1").iloc[0]
     prior = run.posterior["prior"].dataset
 
@@ -42,7 +42,7 @@ def test_a_claim_has_probability_prior_bayes_factor_and_error(run: Run, draws: x
     assert (row["draws"], row["prior_draws"]) == (200, 300)
 
 
-def test_reliability_has_a_prior_and_a_bayes_factor(run: Run, draws: xr.Dataset) -> None:
+def test_reliability_has_a_prior_and_a_bayes_factor(run: Fit, draws: xr.Dataset) -> None:
     middle = float(draws["ICC_A1_K"].median())
     row = run.ask(f"ICC_A1_K > {middle}").iloc[0]
     prior = float((run.posterior["prior"]["ICC_A1_K"] > middle).mean())
@@ -50,14 +50,14 @@ def test_reliability_has_a_prior_and_a_bayes_factor(run: Run, draws: xr.Dataset)
     assert row["bayes_factor"] == pytest.approx((1 - prior) / prior)
 
 
-def test_a_number_that_the_data_leave_as_it_was_says_so(run: Run) -> None:
+def test_a_number_that_the_data_leave_as_it_was_says_so(run: Fit) -> None:
     as_before = replace(run.finished, prior=run.finished.posterior)
     told = ask(as_before, numbered(["K[mass_kg=1.2]", "K[mass_kg=1.2] > 2400"]))
     assert told["note"].str.contains("largely prior: the two overlap by 100 %").tolist() == [True, False]
     assert (run.ask("K[mass_kg=1.2]")["note"] == "").all()
 
 
-def test_an_expression_has_a_median_and_an_interval(run: Run, draws: xr.Dataset) -> None:
+def test_an_expression_has_a_median_and_an_interval(run: Fit, draws: xr.Dataset) -> None:
     row = run.ask("K[subject=s1, mass_kg=1.4] / 1000").iloc[0]
     log = (
         draws["intercept_K"]
@@ -70,7 +70,7 @@ def test_an_expression_has_a_median_and_an_interval(run: Run, draws: xr.Dataset)
     assert np.isnan(row["posterior"])
 
 
-def test_what_quantities_mean(run: Run, draws: xr.Dataset) -> None:
+def test_what_quantities_mean(run: Fit, draws: xr.Dataset) -> None:
     people = draws["K_subject"]
     expected = {
         "K": np.exp(draws["intercept_K"]),
@@ -88,7 +88,7 @@ def test_what_quantities_mean(run: Run, draws: xr.Dataset) -> None:
 
 
 @pytest.mark.slow
-def test_a_number_has_the_unit_of_its_quantities_where_they_share_one(run: Run) -> None:
+def test_a_number_has_the_unit_of_its_quantities_where_they_share_one(run: Fit) -> None:
     expected = {
         "K": "N/m",
         "C[subject=s1]": "N s/m",
@@ -105,7 +105,7 @@ def test_a_number_has_the_unit_of_its_quantities_where_they_share_one(run: Run) 
     assert run.ask(*expected).set_index("question")["unit"].to_dict() == expected
 
 
-def test_a_bayes_factor_that_draws_can_not_give_is_left_out_with_the_reason(run: Run) -> None:
+def test_a_bayes_factor_that_draws_can_not_give_is_left_out_with_the_reason(run: Fit) -> None:
     table = run.ask("mass_exponent_K < 0.5", "K > 1", "K_new > 0")
     assert table["bayes_factor"].isna().all()
     assert table["note"].str.contains("Bayes factor").all()
@@ -113,7 +113,7 @@ def test_a_bayes_factor_that_draws_can_not_give_is_left_out_with_the_reason(run:
     assert 0.003 < table["mcse"].max() < 0.006
 
 
-def test_a_run_without_prior_draws_says_so(run: Run) -> None:
+def test_a_run_without_prior_draws_says_so(run: Fit) -> None:
     tree = xr.DataTree.from_dict({k: run.posterior[k].dataset for k in ("posterior", "constant_data")})
     row = replace(run, posterior=tree).ask("K > 2500").iloc[0]
     assert 0 < row["posterior"] < 1
@@ -121,7 +121,7 @@ def test_a_run_without_prior_draws_says_so(run: Run) -> None:
     assert "no prior" in row["note"]
 
 
-def test_all_that_is_wrong_is_told_with_its_place_and_near_names(run: Run) -> None:
+def test_all_that_is_wrong_is_told_with_its_place_and_near_names(run: Fit) -> None:
     with pytest.raises(InputError) as error:
         run.ask("K[subject=s7] > 1", "K > 2000", "K_subjct > 3", "K[shoe=1]", "K[subject]", "K[mass_kg=-1]",
                 "mean(K[subject] / K[trial])", "log(mass_exponent_K)", "K >")  # fmt: skip
@@ -138,7 +138,7 @@ def test_all_that_is_wrong_is_told_with_its_place_and_near_names(run: Run) -> No
     assert "question 9, column 4" in told[7]
 
 
-def test_a_model_files_question_without_an_answer_says_why(run: Run) -> None:
+def test_a_model_files_question_without_an_answer_says_why(run: Fit) -> None:
     table = ask_what_can_be(run.finished, of_model({"a": "K > 2500", "b": "K_strange > 1"}, "m.toml"))
     assert table.columns.tolist() == columns_of("questions")
     assert table["name"].tolist() == ["a", "b"]

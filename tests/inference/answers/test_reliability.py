@@ -147,6 +147,7 @@ def posterior() -> tuple[xr.Dataset, Recorded]:
     sds = {"subject": 0.3, "trial": 0.1, "subject_side": 0.05, "session": 0.02, "team": 0.2, "impact": 0.04}
     found = {f"sd_{name}_K": sd * np.exp(0.1 * rng.standard_normal(shape)) for name, sd in sds.items()}
     found["intercept_K"] = np.log(2000) + 0.01 * rng.standard_normal(shape)
+    found["K_typical_person"] = np.exp(found["intercept_K"])
     rows = pd.DataFrame(
         [
             (f"p{person}", f"t{trial}", side, f"p{person}-{trial % 2}", f"team{person % 2}", 1.0)

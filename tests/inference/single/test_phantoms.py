@@ -124,7 +124,7 @@ def by_least_squares(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("by_least_squares")
 def test_beside_phantoms_a_mass_is_no_person_s_own() -> None:
     dataset, _ = with_phantom(25.0)
-    model = resolve("impact", "deceleration", formulas={}, questions=[], sampler={})[0]
+    model = resolve("impact", "deceleration")[0]
     of_people = model.model_copy(update={"mass_error": "subject"})
     with pytest.raises(InputError, match='mass_error = "impact"') as error:
         prepare_without_phantoms(dataset, of_people, source="mine.toml")

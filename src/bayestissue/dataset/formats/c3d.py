@@ -84,7 +84,8 @@ def _markers(table: np.ndarray, parameters: Parameters, header: _Header) -> dict
     clock = clock_of(rate, len(table))
     labels, (unit,) = _texts(parameters, "LABELS", count, "POINT"), _texts(parameters, "UNITS", 1, "POINT")
     points = table.reshape(len(table), count, COORDINATES).astype(np.float64)
-    visible = points[..., -1:] >= 0
+    # Programs write a gap as a residual below 0, or as the origin, where no marker is to the last digit.
+    visible = (points[..., -1:] >= 0) & (points[..., :3] != 0).any(axis=-1, keepdims=True)
     places = np.where(visible, (1.0 if header.scale < 0 else header.scale) * points, np.nan)
     return {
         f"{name}.{letter}": Channel(places[:, number, axis], clock, unit)

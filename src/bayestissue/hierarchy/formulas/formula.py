@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float
 
+from bayestissue.dataset.cells import in_whatever_case, no_column
 from bayestissue.errors import Coded
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, SUBJECT, TRIAL, GroupTerm, written
 from bayestissue.hierarchy.formulas.identifiability import (
@@ -35,6 +36,8 @@ FUNCTIONS = {"log": np.log, "sqrt": np.sqrt}
 _EVALUATED = "terms that can be evaluated: columns, +, :, {arithmetic}, C(), log() and sqrt()"
 _QUOTED = re.compile(r"`[^`]*`|\"[^\"]*\"|'[^']*'")
 _EVALUATES_TO_NOTHING = "it can't be evaluated: check its numbers, and whether all its columns hold numbers"
+# Names, or what is in quotation marks, which is no name; no function.
+_NAMED = re.compile(rf"{_QUOTED.pattern}|(?<![\w.])[^\W\d][\w.]*\b(?!\s*\()")
 _CALLED = re.compile(r"([^\W\d][\w.]*)\s*\(")
 
 
@@ -97,6 +100,7 @@ def judge(formula: str, rows: pd.DataFrame, reference_mass_kg: float) -> Judged:
         rows: one an impact (or a cell of the design), with ``subject``, ``trial``, ``mass_kg``, covariates.
         reference_mass_kg: at which, and at every other covariate's mean, the columns are zero.
     """
+    formula = _NAMED.sub(lambda found: in_whatever_case(found[0], map(str, rows.columns)), formula)
     try:
         if "~" in _QUOTED.sub("", formula):
             raise ValueError(formula)
@@ -218,7 +222,7 @@ def _unknown(terms: Terms, rows: pd.DataFrame) -> list[Fault]:
     for group in terms.groups:
         if strange := sorted(terms.slopes.get(group.slope, frozenset()) - set(usable)):
             expected = f"columns of the data: {', '.join(usable)}"
-            faults.append(Fault(str(group), expected, f"there is no column {', '.join(strange)}"))
+            faults.append(Fault(str(group), expected, no_column(strange, usable)))
     for term, variables in terms.common.items():
         strange = sorted(variables - set(usable))
         labels = sorted(variables & set(LABELS))
@@ -228,7 +232,7 @@ def _unknown(terms: Terms, rows: pd.DataFrame) -> list[Fault]:
             faults.append(Fault(term, _EVALUATED, f"there is no {unknown[0]}()"))
         elif strange:
             expected = f"columns of the data: {', '.join(usable)}"
-            faults.append(Fault(term, expected, f"there is no column {', '.join(strange)}"))
+            faults.append(Fault(term, expected, no_column(strange, usable)))
         elif labels:
             wanted = f"{labels[0]} as a group effect, written (1|{labels[0]})"
             faults.append(Fault(term, wanted, f"{labels[0]} is a name and no covariate"))

@@ -16,6 +16,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float
 
+from bayestissue.dataset.cells import no_column
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, Grouping, GroupTerm, grouping_of
 
 # The relative precision of a table given to three or four digits: a smaller difference, or a combination of
@@ -79,7 +80,7 @@ def unsuited_columns(terms: Sequence[GroupTerm], rows: pd.DataFrame) -> list[Fau
         if strange:
             usable = [name for name in rows.columns if name not in RESERVED_DIMENSIONS]
             expected = f"columns of the data: {', '.join(usable)}"
-            faults.append(Fault(str(term), expected, f"there is no column {', '.join(strange)}"))
+            faults.append(Fault(str(term), expected, no_column(strange, usable)))
         elif "impact" in term.factors:
             reason = "an impact's own scatter is in every model, as sd_impact_K and sd_impact_C"
             faults.append(Fault(str(term), "levels of several impacts", reason))

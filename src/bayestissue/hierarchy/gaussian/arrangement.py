@@ -26,7 +26,6 @@ from jaxtyping import Bool, Float, Int
 
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.padding import bucket
-from bayestissue.runtime import at_once
 
 
 class TableSettings(NamedTuple):
@@ -38,7 +37,7 @@ class TableSettings(NamedTuple):
             which is the least work unless most slots are then empty.
     """
 
-    impacts_at_once: int = at_once(4096)
+    impacts_at_once: int = 4096
     slots_per_cell: int = 2
 
 

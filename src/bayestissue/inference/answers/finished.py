@@ -42,7 +42,7 @@ class Finished:
 
     @property
     def element_alone(self) -> bool:
-        """Whether K is not the tissue's but the element's; earlier versions' runs have K_secant as K."""
+        """Whether K is not the tissue's but the element's."""
         return element_alone(self.posterior)
 
     @property

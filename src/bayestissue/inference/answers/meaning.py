@@ -335,10 +335,6 @@ def _of_response(quantity: Quantity, recorded: Recorded) -> list[QuestionError]:
 
 def _of_levels(quantity: Quantity, recorded: Recorded) -> Iterator[QuestionError]:
     needed = _columns_of(quantity.name, recorded)
-    if lacking := [name for name in needed if name in recorded.lacking]:
-        expected = f"a run that keeps the column {', '.join(lacking)}"
-        yield QuestionError(quantity.position, quantity.name, expected, "Fit again with this version.")
-        return
     free = [level for level in quantity.levels if level.value is None]
     for level in free[1:]:
         yield QuestionError(level.position, level.column, "one column without a level at most")

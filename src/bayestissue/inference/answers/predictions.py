@@ -303,7 +303,7 @@ def _is_number(name: str, recorded: Recorded) -> bool:
 
 
 def _columns(cells: pd.DataFrame, recorded: Recorded, label: str) -> Iterator[Problem]:
-    """Columns that the run does not have, or has not kept."""
+    """Columns that the run does not have."""
     # A height in another unit, which no formula is of, would move nothing.
     moves = [n for n in map(str, recorded.rows) if n in recorded.needed or not n.startswith("drop_height")]
     usable = list(dict.fromkeys([*moves, *_POSITIVE]))
@@ -314,8 +314,6 @@ def _columns(cells: pd.DataFrame, recorded: Recorded, label: str) -> Iterator[Pr
             remedy = "Each row is a new impact: remove the column." if name == "impact" else remedy
             numbers = {"usable": ", ".join(usable), "remedy": remedy}
             yield Problem.stated("prediction-table.column", label, 1, name, name, **numbers)
-    for name in recorded.lacking:
-        yield Problem.stated("damaged-run.column", label, None, name)
 
 
 def _wrong(cells: pd.DataFrame, rows: np.ndarray, recorded: Recorded, label: str) -> Iterator[Problem]:

@@ -51,7 +51,7 @@ import pandas as pd
 import xarray as xr
 from jaxtyping import Float
 
-from bayestissue.hierarchy.effects import intercept, parameter_of, sd_impact
+from bayestissue.hierarchy.effects import parameter_of, sd_impact
 from bayestissue.hierarchy.formulas.group_terms import SUBJECT, TRIAL, GroupTerm, grouping_of
 from bayestissue.hierarchy.recorded import Recorded
 from bayestissue.inference.answers.agreement import SD_OF_95_PERCENT
@@ -157,10 +157,7 @@ def coefficients(variances_of: Mapping[str, Variances], draws: xr.Dataset) -> li
 
 
 def _of_response(q: str, variances: Variances, draws: xr.Dataset) -> Iterator[Coefficient]:
-    name = f"{q}_typical_person"
-    # Draws of earlier versions have it as an intercept.
-    log = intercept(parameter_of(q))
-    typical = draws[name].to_numpy() if name in draws else np.exp(draws[log].to_numpy())
+    typical = draws[f"{q}_typical_person"].to_numpy()
     known = bool((variances.people > 0).any())
     forms = {"C": "consistency", "A": "agreement"}
     varies = {letter: variances.varies(agreement=letter == "A") for letter in forms} | {"R": ()}

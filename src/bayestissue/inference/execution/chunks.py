@@ -14,7 +14,7 @@ from bayestissue import runtime
 from bayestissue.hierarchy.traces import TraceData
 from bayestissue.inference.execution.workers import cluster, computed
 
-BLOCK = runtime.at_once(512)
+BLOCK = 512
 # With fewer blocks a second process takes longer to begin than it saves.
 _FEW = 40
 # Blocks that a worker is given at once.

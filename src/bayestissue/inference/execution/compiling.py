@@ -10,8 +10,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from bayestissue.runtime import PLAIN
-
 Function = Callable[..., Any]
 # XLA spends most of a compilation on making the result fast. Level 1 compiles in a fifth less time and its
 # steps are as fast, but those of slopes were measured to take up to four times as long.
@@ -37,8 +35,7 @@ def by_row(
     A row is a draw, say, and its ``axes`` two if draws are [chain, draw, ...].
 
     ``size`` rows go into one compiled call, which makes as many of them as there are: one compilation serves
-    any number. With `PLAIN` each row has a call of its own. Not to be called from within another compiled
-    function.
+    any number. Not to be called from within another compiled function.
 
     Args:
         size: about as many rows as are often asked for at once.
@@ -47,7 +44,6 @@ def by_row(
         static_argnames: as of `jax.jit`, among these.
         options: of the compiler.
     """
-    size = 1 if PLAIN else size
 
     def decorated(function: Function) -> Function:
         @partial(jax.jit, static_argnames=static_argnames, compiler_options=options)

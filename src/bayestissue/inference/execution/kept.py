@@ -11,7 +11,6 @@ import numpy as np
 from jaxtyping import Int
 
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.runtime import PLAIN
 
 SHOWN = 1000
 # Draws times impacts that fit into memory.
@@ -42,8 +41,8 @@ def kept_draws(chains: int, draws: int, impacts: int) -> Int[np.ndarray, " kept"
 
 
 def in_single(values: np.ndarray) -> np.ndarray:
-    """Draws in single precision, whose seven digits are more than they know; if `PLAIN` as they are."""
-    return values if PLAIN else values.astype(np.float32)
+    """Draws in single precision, whose seven digits are more than they know."""
+    return values.astype(np.float32)
 
 
 def some_of(prepared: Prepared, rows: Int[np.ndarray, " row"]) -> Prepared:

@@ -18,11 +18,10 @@ from bayestissue.likelihood import SineTransforms, sine_transforms
 from bayestissue.likelihood.transforms import FILLED
 from bayestissue.oscillator import arccos_branch, from_differences, spring_damper
 from bayestissue.padding import bucket
-from bayestissue.runtime import PLAIN, at_once
 
 Method = Literal["exact", "dds"]
 Column = Float[np.ndarray, " impact"]
-BATCH = at_once(256)
+BATCH = 256
 _FEWEST = 16
 _FEW = 500
 _TYPES: dict[str, type] = {"branch": int, "noiseless": bool, "theta1_at_limit": bool}
@@ -126,8 +125,7 @@ def _fit_of_batch(
 def _batches(count: int) -> Iterator[np.ndarray]:
     """Batches of 16, 32 ... impacts, so that few sizes are ever compiled; filled up with the last impact."""
     size = -(-count // -(-count // BATCH))
-    if not PLAIN:
-        size = max(_FEWEST, 2 ** (size - 1).bit_length())
+    size = max(_FEWEST, 2 ** (size - 1).bit_length())
     for begin in range(0, count, size):
         yield np.minimum(np.arange(begin, begin + size), count - 1)
 

@@ -83,10 +83,7 @@ ONE_IMPACT = Coded(
 
 
 def element_alone(variables: Container[Hashable]) -> bool:
-    """Whether K, in a run with these variables, is the element's own part of the force beside a discrepancy.
-
-    Runs of earlier versions have K_secant as K.
-    """
+    """Whether K of a run with these variables is the element's own part of the force beside a discrepancy."""
     return TOGETHER in variables
 
 

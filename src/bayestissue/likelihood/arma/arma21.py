@@ -11,50 +11,11 @@ from jax import Array
 from jax.typing import ArrayLike
 from jaxtyping import Float
 
-from bayestissue.likelihood.quadratic import eigenvalues, log_determinant, quadratic_form
-from bayestissue.likelihood.transforms import SineTransforms, sine_transform, spread_of
-from bayestissue.oscillator.processes import start_moments
-from bayestissue.runtime import PLAIN
+from bayestissue.likelihood.quadratic import eigenvalues, log_determinant
+from bayestissue.likelihood.transforms import sine_transform, spread_of
 
 Start = Literal["free", "stationary"]
 LOG_2PI = 1.8378770664093453
-
-
-def log_likelihood(
-    data: SineTransforms,
-    c1: ArrayLike,
-    c2: ArrayLike,
-    theta1: ArrayLike,
-    sigma_a: ArrayLike,
-    start: Start = "free",
-) -> Float[Array, " impact"]:
-    """Exact log likelihood of each impact, from sine transforms made once.
-
-    Free start: the density of x_3 ... x_n given x_1 and x_2 when the shock before the window is an
-    unconditioned N(0, sigma_a^2), -(N log(2 pi sigma_a^2) + log det T + W' L^-1 W / sigma_a^2) / 2, with
-    W = DST(x''_t + c1 x'_{t-1} + c2 x_{t-2}). Stationary start: the density of all x_t.
-
-    Args:
-        data: see `bayestissue.likelihood.sine_transforms`.
-        c1: 2 - phi1, for each impact.
-        c2: 1 - phi1 - phi2.
-        theta1: moving-average coefficient, any real number; the derivative is clean at -1 and 1.
-        sigma_a: standard deviation of the shocks [m].
-        start: "free" or "stationary"; the latter is -inf where the process is not stationary.
-    """
-    shape = data.size.shape
-    c1, c2, theta1, sigma_a = (
-        jnp.broadcast_to(jnp.asarray(p, float), shape) for p in (c1, c2, theta1, sigma_a)
-    )
-    form_of = quadratic_form.fun if PLAIN else quadratic_form
-    form = form_of((jnp.ones(shape), c1, c2), theta1, data.columns, data.spread)
-    free = _free(form, theta1, sigma_a, data.size)
-    if start == "free":
-        return free
-    first = jnp.sqrt(data.spread * (4 - data.spread) / (2 * (data.size[:, None] + 1)))
-    w = data.columns[0] + c1[:, None] * data.columns[1] + c2[:, None] * data.columns[2]
-    end = (first * w / eigenvalues(theta1[:, None], data.spread)).sum((0, -1))
-    return free + _stationary(data.x[:, 0], data.x[:, 1], end, (c1, c2, theta1, sigma_a), data.size)
 
 
 @partial(jax.jit, static_argnames="start")
@@ -67,6 +28,10 @@ def arma21_log_likelihood(
     start: Start = "free",
 ) -> Array:
     """The exact log likelihood of x_t = phi1 x_{t-1} + phi2 x_{t-2} + a_t - theta1 a_{t-1} (eq. 4).
+
+    Free start: -(N log(2 pi sigma_a^2) + log det T + W' L^-1 W / sigma_a^2) / 2, N = n - 2, with
+    W = DST(x''_t + c1 x'_{t-1} + c2 x_{t-2}), c1 = 2 - phi1, c2 = 1 - phi1 - phi2, and T and its eigenvalues
+    L as of `bayestissue.likelihood.quadratic`.
 
     Args:
         x: one series of at least three samples on the last axis [m]; leading axes broadcast with the
@@ -97,13 +62,14 @@ def arma21_log_likelihood(
     transformed = sine_transform(w)
     spread = jnp.asarray(spread_of(count), x.dtype)
     over = transformed / eigenvalues(theta1[..., None], spread)
-    free = _free((transformed * over).sum(-1), theta1, sigma_a, jnp.asarray(float(count)))
+    size = jnp.asarray(float(count))
+    scale = size * (LOG_2PI + 2 * jnp.log(sigma_a)) + log_determinant(theta1, size)
+    free = -(scale + (transformed * over).sum(-1) / sigma_a**2) / 2
     if start == "free":
         return free
     first = jnp.sqrt(spread * (4 - spread) / (2 * (count + 1)))
     end = (first * over).sum(-1)
-    parameters = (c1, c2, theta1, sigma_a)
-    return free + _stationary(x[..., 0], x[..., 1], end, parameters, jnp.asarray(float(count)))
+    return free + _stationary(x[..., 0], x[..., 1], end, (c1, c2, theta1, sigma_a), size)
 
 
 def arma21_series(
@@ -134,9 +100,20 @@ def arma21_series(
     return jnp.moveaxis(jnp.concatenate([x1[None], x2[None], later]), 0, -1)
 
 
-def _free(form: Array, theta1: Array, sigma_a: Array, count: Array) -> Array:
-    scale = count * (LOG_2PI + 2 * jnp.log(sigma_a)) + log_determinant(theta1, count)
-    return -(scale + form / sigma_a**2) / 2
+def start_moments(c1: Array, c2: Array, theta1: Array, sigma_a: Array) -> tuple[Array, Array]:
+    """gamma_0 and gamma_0 - gamma_1 of a stationary ARMA(2,1), the difference without cancellation.
+
+    Args:
+        c1: 2 - phi1.
+        c2: 1 - phi1 - phi2.
+        theta1: moving-average coefficient.
+        sigma_a: standard deviation of the shocks.
+    """
+    one_minus_phi2 = 2 - (c1 - c2)
+    # this is (1 - phi2)(1 + theta1^2) - 2 theta1 phi1
+    top = one_minus_phi2 * (1 - theta1) ** 2 + 2 * theta1 * c2
+    flat = sigma_a**2 * top / ((c1 - c2) * (4 - 2 * c1 + c2))
+    return flat / c2, (flat + theta1 * sigma_a**2) / one_minus_phi2
 
 
 def _stationary(x1: Array, x2: Array, end: Array, parameters: tuple[Array, ...], count: Array) -> Array:

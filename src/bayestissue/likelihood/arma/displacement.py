@@ -34,7 +34,6 @@ from bayestissue.likelihood.quadratic import eigenvalues, log_determinant, sums_
 from bayestissue.likelihood.transforms import FILLED, transformed
 from bayestissue.oscillator import to_differences
 from bayestissue.padding import bucket, padded_zeros
-from bayestissue.runtime import PLAIN
 
 
 class DisplacementRecord(NamedTuple):
@@ -147,6 +146,9 @@ def displacement_products(
 ) -> Products:
     """Products of w_t = x''_t + c1 x'_{t-1} + c2 (x_{t-2} - x_e) and of what the errors' columns become.
 
+    From those of w without gravity's constant, 1, t and t^2, in one pass over frequencies. The constant
+    becomes c2, the ramp c1 dt + c2 t, half the parabola dt^2 + c1 dt (t + dt / 2) + c2 t^2 / 2, all at t - 2.
+
     Args:
         record: the traces.
         c1: 2 - phi1, for each impact.
@@ -154,37 +156,11 @@ def displacement_products(
         theta1: moving-average coefficient.
         fall: c2 x_e [m].
     """
-    entries = sums_over_frequencies(_terms(*_parts(record, c1, c2, theta1)))
-    return _products(entries, c1, c2, theta1, fall, record)
-
-
-def _parts(
-    record: DisplacementRecord, c1: Array, c2: Array, theta1: Array
-) -> tuple[tuple[Array, ...], Array]:
-    """w, without gravity, 1, t and t^2 by frequency, and 1 over the eigenvalues of T."""
     bend, slope, level, *powers = record.columns
     parts = (bend + c1[:, None] * slope + c2[:, None] * level, *powers)
-    return parts, 1 / eigenvalues(theta1[:, None], record.spread)
-
-
-def _terms(parts: tuple[Array, ...], weight: Array) -> tuple[Array, ...]:
+    weight = 1 / eigenvalues(theta1[:, None], record.spread)
     over = [part * weight for part in parts]
-    return tuple(over[a] * parts[b] for a in range(len(parts)) for b in range(a + 1))
-
-
-def _products(
-    entries: tuple[Array, ...],
-    c1: Array,
-    c2: Array,
-    theta1: Array,
-    fall: Array,
-    record: DisplacementRecord,
-) -> Products:
-    """From the products of w, 1, t and t^2 to those of w less gravity's constant and the errors' columns.
-
-    The constant becomes c2, the ramp c1 dt + c2 t, half the parabola
-    dt^2 + c1 dt (t + dt / 2) + c2 t^2 / 2, all at t - 2.
-    """
+    entries = sums_over_frequencies(tuple(over[a] * parts[b] for a in range(4) for b in range(a + 1)))
     plain, dt = from_lower_entries(entries), record.dt
     columns = (
         (c2,),
@@ -199,59 +175,6 @@ def _products(
         lower += [with_w[a], *(small.dot(columns[b], rows[a]) for b in range(a + 1))]
     count = record.n_samples - 2.0
     return Products(from_lower_entries(lower), log_determinant(theta1, count), count)
-
-
-@jax.custom_jvp
-def recorded_log_likelihood(
-    c1: Float[Array, " impact"],
-    c2: Float[Array, " impact"],
-    theta1: Float[Array, " impact"],
-    log_sigma: Float[Array, " impact"],
-    fall: Float[Array, " impact"],
-    record: DisplacementRecord,
-) -> Float[Array, " impact"]:
-    """Log density of the recorded traces, errors integrated out: one pass over frequencies, two with slopes.
-
-    Args:
-        c1: 2 - phi1.
-        c2: 1 - phi1 - phi2.
-        theta1: moving-average coefficient.
-        log_sigma: log of the shocks' standard deviation [m].
-        fall: c2 x_e [m].
-        record: the traces.
-    """
-    products = displacement_products(record, c1, c2, theta1, fall)
-    return marginal_log_likelihood(products, log_sigma, record.error_sd)
-
-
-@recorded_log_likelihood.defjvp
-def _recorded_jvp(primals: Any, tangents: Any) -> tuple[Array, Array]:
-    """Slopes by way of the products take one more pass; all others are of a few numbers an impact."""
-    c1, c2, theta1, log_sigma, fall, record = primals
-    parts, weight = _parts(record, c1, c2, theta1)
-    entries = sums_over_frequencies(_terms(parts, weight))
-
-    def density(
-        entries: tuple[Array, ...], c1: Array, c2: Array, theta1: Array, log_sigma: Array, fall: Array
-    ) -> Array:
-        products = _products(entries, c1, c2, theta1, fall, record)
-        return marginal_log_likelihood(products, log_sigma, record.error_sd)
-
-    value, pull_back = jax.vjp(density, entries, c1, c2, theta1, log_sigma, fall)
-    # Made before the second pass, not anew for each of its frequencies.
-    by_entries, *slopes = jax.lax.optimization_barrier(pull_back(jnp.ones_like(value)))
-    rows = from_lower_entries(tuple(slope[:, None] for slope in by_entries))
-    over = [part * weight for part in parts]
-    toward = [small.dot(rows[a][: a + 1], over[: a + 1]) for a in range(4)]
-    by_w = rows[0][0] * over[0] + small.dot(rows[0], over)
-    by_eigenvalue = -small.dot(toward, over)
-    # Two loops: one of all three sums has more in hand than a processor has registers.
-    more = (
-        *sums_over_frequencies((by_w * record.columns[1], by_w * record.columns[2])),
-        *sums_over_frequencies((by_eigenvalue * (record.spread - 2 * (1 - theta1)[:, None]),)),
-    )
-    changes = [(slope + extra) * d for slope, extra, d in zip(slopes, more, tangents, strict=False)]
-    return value, sum(changes, slopes[3] * tangents[3] + slopes[4] * tangents[4])
 
 
 @jax.tree_util.register_dataclass
@@ -293,10 +216,7 @@ class MeasuredDisplacement:
 
     def log_density(self) -> Float[Array, " impact"]:
         """Log density of each recorded trace, its errors integrated out."""
-        c1, c2, theta1 = self.differences()
-        # Its slopes by hand, or as JAX makes them.
-        density = recorded_log_likelihood.fun if PLAIN else recorded_log_likelihood
-        return density(c1, c2, theta1, self.log_sigma, c2 * self.equilibrium(), self.record)
+        return marginal_log_likelihood(self.products(), self.log_sigma, self.record.error_sd)
 
     def draw_errors(self, key: Array) -> Float[Array, "impact 3"]:
         """The chain's errors given the recorded traces: constant, ramp and parabola."""

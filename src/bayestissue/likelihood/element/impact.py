@@ -32,7 +32,6 @@ from bayestissue.likelihood.linear_errors import (
     prior_errors,
 )
 from bayestissue.oscillator import spring_damper_inverse
-from bayestissue.runtime import PLAIN
 
 # A response this many times the trace is no impact; the products would keep seven digits.
 _GREATEST = 1e4
@@ -52,10 +51,6 @@ class NoiseParameters(NamedTuple):
     log_discrepancy: Float[Array, " impact"] | None = None
     log_force_sigma: Float[Array, " impact"] | None = None
     log_force_ratio: Float[Array, " impact"] | None = None
-
-    def noise(self, record: DecelerationRecord) -> noise.Noise:
-        """The noise on the record's samples."""
-        return noise.noise_of(record, self.ratio())
 
     def ratio(self) -> Float[Array, " impact"]:
         """The discrepancy's rms over sigma."""
@@ -79,7 +74,7 @@ def _densities(
 
 def _products(predicted: Response, parameters: NoiseParameters, record: DecelerationRecord) -> Products:
     """Of the residual and the errors' columns, in all channels."""
-    products = contact.products(predicted, record, parameters.noise(record))
+    products = contact.products(predicted, record, noise.noise_of(record, parameters.ratio()))
     if parameters.log_force_sigma is None or parameters.log_force_ratio is None:
         return products
     sigmas = parameters.log_sigma, parameters.log_force_sigma
@@ -182,7 +177,7 @@ class MeasuredImpact:
     def log_density(self) -> Float[Array, " impact"]:
         """Log density of each recorded trace, its errors and its discrepancy integrated out."""
         record = self.record
-        if record.side_by_side and record.clipped is None and not PLAIN:
+        if record.side_by_side and record.clipped is None:
             omega_n, zeta = spring_damper_inverse(*self.parameters, record.mass)
             return spring_damper.log_likelihood(omega_n, zeta, self.noise_parameters.log_sigma, record)
         density = element_log_likelihood(self.element, self.parameters, self.noise_parameters, record)

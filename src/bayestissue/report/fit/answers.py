@@ -108,7 +108,7 @@ def secant_sentence(run: FitRun) -> str:
 
 
 def averaged_over(run: FitRun, variable: str) -> str:
-    """The columns that a variable is averaged over; empty where none, or an earlier version made it."""
+    """The columns that a variable is averaged over; empty where none."""
     return str(run.groups["posterior"][variable].attrs.get("averaged_over", ""))
 
 

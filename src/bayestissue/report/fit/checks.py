@@ -217,8 +217,6 @@ def _half_width(sd: float) -> str:
 def sources_words(run: FitRun) -> list[str]:
     """What makes most of the interval of an impact and a new person, and what the fit takes for granted."""
     sources = run.interval_sources
-    if sources.empty:
-        return []
     levels = _levels(run)
     shares = [
         f"Of the 90 % interval of a {words}: "

@@ -233,7 +233,7 @@ def _measured(run: FitRun, factor: str, quantity: str) -> pd.DataFrame:
 
 
 def has_outcomes(run: FitRun) -> bool:
-    """Whether the run has pictures of what impacts do; those of earlier versions have none."""
+    """Whether the run has pictures of what impacts do."""
     of_levels = bool((run.levels["quantity"] == FIRST).any())
     return not run.undescribed and (of_levels or len(run.loops) > 0)
 

@@ -32,12 +32,19 @@ from bayestissue.words import Words
 
 # What means the same for every element, where the truth is another element's.
 COMPARABLE = {"K": "K_secant_N_per_m", "C": "C_equivalent_N_s_per_m"}
-TABLES = (*POSTERIOR_TABLES, "cross_validation", "estimates_dds")
-# Not every run has them: only simulated data a truth, earlier runs less, few model files questions.
-FURTHER_TABLES = (
-    *("truth", "interval_sources", "contrasts", "levels", "loops", "curves"),
-    *("reliability", "questions"),
+TABLES = (
+    *POSTERIOR_TABLES,
+    "cross_validation",
+    "estimates_dds",
+    "interval_sources",
+    "contrasts",
+    "levels",
+    "loops",
+    "curves",
+    "reliability",
 )
+# Only simulated data have a truth, and few model files questions.
+FURTHER_TABLES = ("truth", "questions")
 # What the page can't do without, by group of `posterior.nc`.
 _NEEDED = {
     "posterior": ("K", "C", "K_new", "C_new", "intercept_K", "intercept_C"),
@@ -53,8 +60,7 @@ class FitRun(PosteriorRun):
     """What the files of a `fit` say.
 
     Draws of single impacts are left out of ``groups``: their medians and intervals stand in ``summary``.
-    ``truth`` is empty unless the data were simulated, ``questions`` unless some were asked, and all of
-    `FURTHER_TABLES` where an earlier version made the run.
+    ``truth`` is empty unless the data were simulated, ``questions`` unless some were asked.
     """
 
     cross_validation: pd.DataFrame
@@ -75,10 +81,7 @@ class FitRun(PosteriorRun):
 
     @property
     def element_alone(self) -> bool:
-        """Whether beside a discrepancy K is the element's own, and the tissue's stiffness is K_secant.
-
-        Runs of earlier versions have K_secant as K.
-        """
+        """Whether beside a discrepancy K is the element's own, and the tissue's stiffness is K_secant."""
         return element_alone(self.groups["posterior"])
 
     @property

@@ -9,7 +9,7 @@ import pandas as pd
 
 from bayestissue.dataset.impacts import SESSIONS
 from bayestissue.errors import Coded
-from bayestissue.inference.answers.contrasts import ALSO, COMBINATIONS, INTERACTION, LEVELS
+from bayestissue.inference.answers.contrasts import ALSO, INTERACTION, LEVELS
 from bayestissue.inference.results.meanings import (
     ICC,
     MDC,
@@ -50,7 +50,7 @@ def leading_levels(run: FitRun) -> dict[str, list[str]]:
 
 
 def _first(run: FitRun, kind: str) -> list[dict[str, Any]]:
-    of_kind = run.contrasts[kinds(run) == kind]
+    of_kind = run.contrasts[run.contrasts["kind"] == kind]
     contrasts = []
     # Of several levels the two best: a table beside has them all.
     best = {factor: set(levels[:2]) for factor, levels in leading_levels(run).items() if len(levels) > 2}
@@ -77,13 +77,6 @@ def _first(run: FitRun, kind: str) -> list[dict[str, Any]]:
     return contrasts[: LIMITS.comparisons]
 
 
-def kinds(run: FitRun) -> pd.Series:
-    """The kind of each comparison; of runs of earlier versions by their factor."""
-    if "kind" in run.contrasts:
-        return run.contrasts["kind"]
-    return run.contrasts["factor"].str.contains(":").map({True: COMBINATIONS, False: LEVELS})
-
-
 def contrast_name(kind: str, factor: str, level: str, against: str) -> str:
     """What is held against what, such as "left over right" or "after over before, treated over control"."""
     if kind == INTERACTION:
@@ -103,11 +96,11 @@ def _parted(level: str, against: str) -> tuple[tuple[str, str], tuple[str, str]]
 
 
 def _note_words(shown: list[dict[Any, Any]]) -> list[str]:
-    """What goes with a difference, as a sentence; none of runs of earlier versions."""
+    """What goes with a difference, as a sentence."""
     notes = [
         said("study.part_of_ratio", **row, what=str(row["note"]).removeprefix(ALSO))
         for row in shown
-        if row.get("note")
+        if row["note"]
     ]
     return notes[:1]
 
@@ -176,7 +169,7 @@ def outcomes_table(run: FitRun) -> Table:
     if rows.empty:
         return Table(())
     by = rows.assign(words=[_spread(row, "ratio").words for row in rows.to_dict("records")])
-    names = [name for name in ("factor", "level", "against", "note") if name in rows]
+    names = ["factor", "level", "against", "note"]
     wide = by.pivot_table("words", names, "quantity", aggfunc="first", sort=False).reset_index()
     return table_of(
         wide[: LIMITS.rows],
@@ -207,8 +200,8 @@ _COMPARED = (Field("of", "factor"), Field("comparison", lambda row: f"{row['leve
 
 
 def _noted(rows: pd.DataFrame) -> list[Field]:
-    """A column of notes, where there are some; runs of earlier versions have none."""
-    return [Field("note")] * bool("note" in rows and rows["note"].ne("").any())
+    """A column of notes, where there are some."""
+    return [Field("note")] * bool(rows["note"].ne("").any())
 
 
 def repeatability(run: FitRun) -> list[dict[str, Any]]:
@@ -260,8 +253,7 @@ def _cells(row: dict[Any, Any] | None) -> tuple[str, str]:
 
 
 def _largely_prior(row: dict[Any, Any]) -> bool:
-    # Runs of earlier versions don't say.
-    return bool(row.get("prior_overlap", np.nan) > MOSTLY)
+    return bool(row["prior_overlap"] > MOSTLY)
 
 
 def prior_words(run: FitRun) -> str:
@@ -330,9 +322,7 @@ def _changes(cells: dict[tuple[str, str, str, str], dict[Any, Any]], q: str) -> 
     changes: dict[str, str] = {}
     for (quantity, measure, form, unit), row in cells.items():
         if (quantity, measure, unit) == (q, MDC, _PERCENT):
-            change, varies = _spread(row), row.get("varies")
-            # Runs of earlier versions don't say what varies.
-            varied = varies.split(", ") if isinstance(varies, str) and varies else []
+            change, varied = _spread(row), row["varies"].split(", ") if row["varies"] else []
             where = f"where {listed(varied)} may differ" if varied else "all else the same"
             _, between, means = form.partition(", ")
             words = f"{change.value}\N{NO-BREAK SPACE}% ({change.range})"
