@@ -71,8 +71,7 @@ def test_the_tables_of_all_commands_are_tame(capsys: pytest.CaptureFixture[str])
     compare.print_comparison(pd.concat([names, names.assign(data="x")]), people)
     data = SimpleNamespace(name=BAD, left_out=(Problem(BAD, BAD, BAD, impact=BAD, code="no-file"),))
     table = pd.DataFrame({"K_N_per_m": [1.0], "C_N_s_per_m": 1.0, "zeta": 1.0, "flags": BAD, "notes": BAD})
-    varied = pd.DataFrame({"choice": ["window"], "value": ["peak"], "note": [BAD]})
-    estimate._print(data, table, varied, Path(BAD.replace("\0", "")))
+    estimate._print(data, table, Path(BAD.replace("\0", "")))
     written = capsys.readouterr().out
     assert tame(written)
     assert written.count(SHOWN[:40]) >= 10

@@ -226,7 +226,6 @@ def test_columns_come_back_from_a_run() -> None:
     model = {"formula": {"K": "age + shoe"}, "reference_mass_kg": 1.5}
     recorded = Recorded.of_run(constants, model)
     assert set(recorded.rows) == {"mass_kg", "velocity_m_s", "subject", "trial", "my:side", "age"}
-    assert recorded.lacking == ("shoe",)
     assert recorded.is_number("age")
     assert recorded.levels("my:side") == ["left", "right"]
     pd.testing.assert_series_equal(

@@ -94,7 +94,7 @@ def test_a_table_of_one_row_a_person_is_joined(clinic: Path, tmp_path: Path) -> 
     assert refused.status == 2
     assert "expected a row for subject p2, side right (p2.xlsx#before_right)" in refused.err
     assert "expected one row for subject p2, side left" in refused.err
-    (tmp_path / "few.csv").write_text("person,mass_kg\np1,1\n")
+    (tmp_path / "few.csv").write_text("athlete_name,mass_kg\np1,1\n")
     refused = init(clinic, tmp_path / "e", "--table", tmp_path / "few.csv")
     assert "expected a column file, or one that the names of the recordings have too" in refused.err
     assert not (tmp_path / "e").exists()
