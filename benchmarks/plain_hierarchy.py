@@ -98,7 +98,7 @@ def check_density(model: TraceModel, data: TraceData, u: list[Array]) -> None:
     time = record.first_time[:, None] + jnp.arange(record.x.shape[1]) * record.dt[:, None]
     x = record.x - (errors[:, :1] + errors[:, 1:2] * time + errors[:, 2:] * time**2 / 2)
     known = record._replace(error_sd=jnp.zeros_like(record.error_sd))
-    exact = replace(data, record=known.with_traces(np.asarray(x), np.asarray(record.n_samples)))
+    exact = replace(data, record=known.with_traces(np.asarray(x)))
     np.testing.assert_allclose(
         trace_density(model, data, u, errors), trace_likelihood(model, exact, u).log_density(), rtol=1e-7
     )

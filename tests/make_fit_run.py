@@ -351,7 +351,7 @@ def _about(passed: bool, likelihood: str, quantity: str, exponent: float | None)
             "name": likelihood,
             "description": "A made-up model.",
             "likelihood": likelihood,
-            "signal": {"window": "peak", "equilibrium": "rest"},
+            "signal": {"window": "peak"},
             "reference_mass_kg": 0.7,
             "formula": {"K": formula, "C": formula},
             "residual_correlation": True,

@@ -499,16 +499,14 @@ def _points_and_flags(
     Of `_MANY` impacts and more, spoilt recordings are left to `check`: to look for them would take as long as
     the fit.
     """
-    from bayestissue.inference.points.estimates import THESIS, flags_of, thesis_table
+    from bayestissue.inference.points.estimates import flags_of, thesis_table
     from bayestissue.signal import SignalOptions, displacements
     from bayestissue.signal.quality import inspect
 
     findings = inspect(dataset, options) if len(dataset.impacts) < _MANY else []
-    of_thesis, of_default = (
-        signal if chosen == options else displacements(dataset, chosen)
-        for chosen in (THESIS, SignalOptions())
-    )
-    return thesis_table(dataset, of_thesis, findings), flags_of(dataset, of_default, findings, {})
+    of_default = signal if options == SignalOptions() else displacements(dataset)
+    of_thesis = thesis_table(dataset, displacements(dataset, rule="trapezoidal"), findings)
+    return of_thesis, flags_of(dataset, of_default, findings, {})
 
 
 def _second_fit(

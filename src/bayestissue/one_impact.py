@@ -23,7 +23,7 @@ from bayestissue.inference.points.notes import said_once
 from bayestissue.inference.single.estimates import by_impact, outcomes_in
 from bayestissue.outline import Outlined, Rows
 from bayestissue.report.wording import estimated
-from bayestissue.signal import SignalOptions, displacements
+from bayestissue.signal import displacements
 from bayestissue.signal.quality import inspect
 
 if TYPE_CHECKING:
@@ -178,9 +178,8 @@ def impact_of(data: Dataset) -> Impact:
     """
     if data.quantity == "displacement":
         raise InputError.stated("unsuited-likelihood.one", SETTINGS, None, "signal.quantity", data.quantity)
-    options = SignalOptions()
-    signal = displacements(data, options)
-    table, posteriors = by_impact(data, signal, options, inspect(data, options))
+    signal = displacements(data)
+    table, posteriors = by_impact(data, signal, inspect(data))
     inside = np.arange(signal.n_samples[0])
     recorded = signal.deceleration[0, inside]
     left = np.full(len(inside), np.nan)

@@ -78,13 +78,13 @@ def test_posteriors_stand_side_by_side_whatever_was_recorded(out):
     assert table.loc[("K_subject", "s0"), "unit"].unique().tolist() == ["N/m"]
 
 
-def test_another_rest_position_is_another_density(runs, tmp_path):
-    signal = {"window": "peak", "equilibrium": "sample-mean"}
+def test_another_window_is_another_density(runs, tmp_path):
+    signal = {"window": "rebound"}
     model = json.loads((runs["a2"] / "run.json").read_text())["model"] | {"signal": signal}
     other = make_scored_run(tmp_path / "centred", shift=-1e-3, about={"model": model})
     compared(runs["a2"], other, out=tmp_path / "out")
     table = pd.read_csv(tmp_path / "out" / "comparison.csv")
-    assert set(table["data"]) == {"displacement, equilibrium rest", "displacement, equilibrium sample-mean"}
+    assert set(table["data"]) == {"displacement, window peak", "displacement, window rebound"}
     assert table["elpd_difference"].isna().all()
     html = (tmp_path / "out" / "report.html").read_text()
     assert "different numbers" in html

@@ -64,7 +64,7 @@ def test_writes_a_whole_run(dataset: Path, tmp_path: Path, monkeypatch, capsys) 
     assert about["kind"] == "estimates"
     assert about["method"] == "impact"
     assert re.fullmatch("[0-9a-f]{64}", about["input_hash"])
-    assert about["model"]["signal"]["equilibrium"] == "rest"
+    assert about["model"]["signal"] == {"contact": "automatic", "window": "peak"}
 
 
 @pytest.mark.slow
@@ -77,29 +77,12 @@ def test_conditional_run_shows_what_centring_does(dataset: Path, tmp_path: Path,
     assert (pd.read_csv(out / "estimates.csv")["K_N_per_m"] > 6000).all()
 
 
-# Every window has a length of its own, for which more is compiled by the default method.
-@pytest.mark.slow
-@pytest.mark.parametrize("options", [("--method", "dds"), pytest.param((), marks=pytest.mark.long)])
-def test_varies_a_signal_choice(
-    dataset: Path, tmp_path: Path, monkeypatch, capsys, options: tuple[str, ...]
-) -> None:
-    out = tmp_path / "run"
-    vary = "--vary", "window", "--vary", "filter"
-    code = bayestissue(monkeypatch, "estimate", dataset, "--out", out, *options, *vary)
-    assert code == 0
-    assert "K and C against each choice" in capsys.readouterr().out
-    varied = pd.read_csv(out / "vary.csv", dtype={"value": str}).set_index(["choice", "value"])
-    assert {("window", "peak"), ("window", "0.5"), ("filter", "600")} <= set(varied.index)
-    assert varied.loc[("window", "peak"), "estimated"] == 4
-
-
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["--vary", "mass"], "window"),
         (["--model", "nowhere.toml"], "nowhere.toml"),
         (["--model", "impct"], "Write impact for the one of that name"),
-        (["--model", "elsewhere/dds.toml"], "Write dds for the one that comes with the program"),
+        (["--model", "elsewhere/impact.toml"], "Write impact for the one that comes with the program"),
     ],
 )
 def test_wrong_choices_end_with_status_2_and_nothing_written(
@@ -161,4 +144,6 @@ def test_recorded_heel_strikes_have_estimates(heel_strikes: Path, tmp_path: Path
     assert bayestissue(monkeypatch, "estimate", heel_strikes, "--out", tmp_path / "run", "--quiet") == 0
     table = pd.read_csv(tmp_path / "run" / "estimates.csv")
     assert len(table) == 216
-    assert (table["K_N_per_m"] > 0).mean() > 0.9
+    # Some thirty samples each tell K of most of them, and C of few.
+    assert (table["K_N_per_m"] > 0).mean() > 0.7
+    assert np.isfinite(table["K_high_N_per_m"]).all()

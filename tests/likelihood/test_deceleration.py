@@ -95,7 +95,7 @@ slopes_of = jax.jit(jax.grad(lambda *parts: densities(*parts).sum(), argnums=(0,
 @jax.jit
 def density_of(value: jax.Array) -> jax.Array:
     """Of any traces, by the way that serves every element."""
-    record = RECORD.with_traces(value, RECORD.n_samples)
+    record = RECORD.with_traces(value)
     return element_log_likelihood(TISSUE, spring_and_damper(*AT[:2]), NoiseParameters(AT[2]), record)
 
 
@@ -124,7 +124,7 @@ def test_density_is_that_of_the_dense_normal() -> None:
     assert_allclose(densities(*AT), dense_log_density(np.asarray(RECORD.d)), rtol=1e-6)
     other = 1.1 * np.asarray(RECORD.d)
     assert_allclose(density_of(other), dense_log_density(other), rtol=1e-6)
-    of_other = replace(measured(), record=RECORD.with_traces(other, RECORD.n_samples))
+    of_other = replace(measured(), record=RECORD.with_traces(other))
     assert_allclose(of_other.log_density(), density_of(other), rtol=1e-10)
 
 

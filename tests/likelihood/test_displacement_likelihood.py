@@ -55,7 +55,7 @@ def densities(*parts: jax.Array | None) -> jax.Array:
 
 def density_of(value: np.ndarray) -> jax.Array:
     """Of other traces of the same record."""
-    return replace(measured(), record=RECORD.with_traces(value, LENGTHS)).log_density()
+    return replace(measured(), record=RECORD.with_traces(value)).log_density()
 
 
 def filtered(x: np.ndarray, i: int) -> np.ndarray:

@@ -243,14 +243,3 @@ def test_its_slopes_are_those_of_differences() -> None:
         (both(at.at[i].add(step))[0] - both(at.at[i].add(-step))[0]) / (2 * step) for i in range(len(at))
     ]
     np.testing.assert_allclose(both(at)[1], differences, rtol=1e-5, atol=1e-4)
-
-
-def test_a_shorter_window_is_shorter_in_both_channels() -> None:
-    record, *_ = recorded()
-    assert record.force is not None
-    same = record.with_traces(record.d, record.n_samples)
-    np.testing.assert_array_equal(same.force.n_samples, [ROWS])
-    # Until the 21st sample, 10.2 ms after contact: 0.3 + 14 * 0.7 = 10.1 ms.
-    shorter = record.with_traces(record.d, np.array([21]))
-    np.testing.assert_array_equal(shorter.force.n_samples, [15])
-    assert (np.asarray(shorter.force.y)[0, 15:] == 0).all()

@@ -65,9 +65,9 @@ def test_time_zero_far_from_contact_is_flagged(clock):
 
 def test_a_threshold_is_passed_later_than_contact():
     lab = record([Impact(67.0, 0.02)], 1e4, before=0.02)
-    late = displacements(lab, SignalOptions(contact="threshold", threshold=0.2))
-    # d is nearly V omega sin(omega t) + 2 zeta omega V, a fifth of its peak at about 0.16 / omega.
-    assert late.contact_time_s[0] == pytest.approx(0.16 / 67, rel=0.1)
+    late = displacements(lab, SignalOptions(contact="threshold"))
+    # d is nearly V omega (sin(omega t) + 2 zeta), a twentieth of its peak of 0.97 at about 0.0085 / omega.
+    assert late.contact_time_s[0] == pytest.approx(0.0085 / 67, rel=0.1)
 
 
 def test_a_blip_before_contact_is_not_contact():

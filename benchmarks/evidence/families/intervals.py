@@ -199,29 +199,6 @@ def posteriors() -> Named:
 
 
 @family
-def heelstrike() -> Named:
-    rows = raw("heelstrike")
-
-    def between(name: str, scale: float, digits: int) -> list[str]:
-        ends = (rows[f"{name}_{end}"] / scale for end in ("median", "low", "high"))
-        return [f"{m:.{digits}f} ({a:.{digits}f} to {b:.{digits}f})" for m, a, b in zip(*ends, strict=True)]
-
-    shown = pd.DataFrame(
-        {
-            "person": rows["subject"],
-            "rank": [f"{a:.0f} to {b:.0f}" for a, b in rows[["rank_low", "rank_high"]].to_numpy()],
-            "K, kN/m": between("K", 1e3, 0),
-            "K over the typical person's": between("ratio", 1, 2),
-            "C, N s/m": between("C", 1, 0),
-        }
-    )
-    yield "table", block(table(shown), "heelstrike")
-    width = (rows["K_high"] / rows["K_low"]).median()
-    text = f"90 % intervals of people's K span a factor of {width:.1f}"
-    yield "sentence", Figure(text, names("heelstrike"))
-
-
-@family
 def recorder() -> Named:
     lines = raw("recorder")
     counts = ["impacts", "K held", "C held", "suspected"]

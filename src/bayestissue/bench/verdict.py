@@ -12,7 +12,7 @@ from bayestissue.remedies import Code, codes_in, entries
 _SPOILT = frozenset(
     {"spike", "repeated-samples", "zero-moved", "starts-above-zero", "starts-below-zero", "starts-deep"}
     | {"no-law", "contact-doubtful", "no-zero-velocity", "too-few-samples", "too-deep"}
-    | {"velocity-off", "several-impacts", "no-answer", "sensor-noise", "recording-twice"}
+    | {"velocity-off", "several-impacts", "no-answer", "recording-twice"}
 )
 Kind = Literal["good", "again", "look"]
 

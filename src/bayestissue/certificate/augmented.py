@@ -101,7 +101,7 @@ def augmented(
     recorded = prepared.data.record.traces
     quantity = "deceleration" if isinstance(prepared.data.record, DecelerationRecord) else "displacement"
     traces = np.concatenate([np.asarray(recorded), drawn[quantity]])
-    record = twice.data.record.with_traces(traces, np.asarray(twice.data.record.n_samples))
+    record = twice.data.record.with_traces(traces)
     groupings = {name: replace(one, code=one.code[rows]) for name, one in design.groupings.items()}
     study = replace(
         twice,
@@ -124,7 +124,7 @@ def _with_motion(
         v = np.gradient(x, axis=1) / dt
     else:
         v = recorded.velocity[:, None] - _integral(deceleration - recorded.gravity[:, None], dt)
-        x = _integral(v, dt) - recorded.equilibrium[:, None]
+        x = _integral(v, dt)
     motion: dict[str, Any] = {"x": x, "v": v, "deceleration": deceleration}
     both: dict[str, Any] = {
         name: np.concatenate([getattr(recorded, name), np.where(inside, values, 0.0)])

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -19,8 +18,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from bayestissue.dataset import Dataset
-    from bayestissue.inference.single.estimates import Method
-    from bayestissue.signal import SignalOptions
 
 
 def run(
@@ -28,7 +25,6 @@ def run(
     out: Out,
     method: Literal["impact", "dds"] = "impact",
     model: Annotated[str | None, typer.Option(metavar="NAME|FILE")] = None,
-    vary: list[str] | None = None,
     scheduler: Scheduler = None,
     skip_bad: SkipBad = False,
     overwrite: Overwrite = False,
@@ -40,9 +36,8 @@ def run(
     Args:
         method: impact: the posterior of each impact given its own trace and its measuring chain. dds: the
             thesis's conditional fit about the sample mean, without intervals.
-        model: A model, by name or as a file, as in fit; its [signal] table says how x is made from the
-            recording.
-        vary: Also tabulate K and C over the values of a signal choice: window, contact, filter.
+        model: A model, by name or as a file, as in fit; its [signal] table says where contact is in the
+            recordings, and which part of them is used.
     """
     start = Start()
     with claim(out, overwrite=overwrite, command="estimate", inputs=(dataset, model)) as target:
@@ -50,26 +45,19 @@ def run(
         from bayestissue.commands.console import Stages, echo
         from bayestissue.dataset import read_dataset
         from bayestissue.inference.execution.workers import on_cluster
-        from bayestissue.inference.points.estimates import THESIS
         from bayestissue.inference.single.estimates import estimate
         from bayestissue.report.estimates_page import page_of
         from bayestissue.report.run_folder import draw_page
-        from bayestissue.signal import SignalOptions, alternatives, displacements, read_signal_options
+        from bayestissue.signal import SignalOptions, displacements, read_signal_options
         from bayestissue.simulation.centring import centring_table
 
         file = None if model is None else model_file(model, lambda content: "signal" in content)
-        options = THESIS if method == "dds" else SignalOptions()
-        if file:
-            options = read_signal_options(file)
-        choices = {choice: alternatives(choice, options) for choice in vary or ()}
+        options = read_signal_options(file) if file else SignalOptions()
         data = read_dataset(dataset, skip_bad=skip_bad)
         with on_cluster(scheduler), Stages(quiet=quiet, patience_s=30.0) as say:
             table = estimate(data, method=method, options=options, say=say)
-            varied = _varied(data, method, choices) if choices else None
         with target.folder() as staging:
             tables = {"estimates": table}
-            if varied is not None:
-                tables["vary"] = varied
             if method == "dds":
                 # What this fit makes of one tissue under several masses, so that readers can judge their own.
                 tables["centring"] = centring_table()
@@ -93,36 +81,10 @@ def run(
         if as_json:
             echo(table.to_json(orient="records", force_ascii=False))
         elif not quiet:
-            _print(data, table, varied, target.path)
+            _print(data, table, target.path)
 
 
-def _varied(data: Dataset, method: Method, choices: dict[str, tuple[SignalOptions, ...]]) -> pd.DataFrame:
-    """Median K and C, the middle nine tenths, and the number of impacts with an estimate, per choice."""
-    import pandas as pd
-
-    from bayestissue.errors import InputError
-    from bayestissue.inference.points.notes import people_alone
-    from bayestissue.inference.single.estimates import estimates
-    from bayestissue.signal import displacements
-
-    rows: list[dict[str, Any]] = []
-    for choice, options in choices.items():
-        for option in options:
-            row: dict[str, Any] = {"choice": choice, "value": str(getattr(option, choice))}
-            try:
-                table = people_alone(estimates(data, displacements(data, option), method, option))
-            except InputError as error:
-                rows.append({**row, "note": "; ".join(str(problem) for problem in error.problems[:1])})
-                continue
-            row["estimated"] = int(table["K_N_per_m"].notna().sum())
-            for name in ("K_N_per_m", "C_N_s_per_m"):
-                low, median, high = table[name].quantile([0.05, 0.5, 0.95])
-                row |= {f"{name}_median": median, f"{name}_5": low, f"{name}_95": high}
-            rows.append({**row, "note": ""})
-    return pd.DataFrame(rows)
-
-
-def _print(data: Dataset, estimates: pd.DataFrame, varied: pd.DataFrame | None, out: Path) -> None:
+def _print(data: Dataset, estimates: pd.DataFrame, out: Path) -> None:
     from bayestissue.commands.console import echo, explained, line, show, table
     from bayestissue.inference.points.notes import people_alone, said_once
     from bayestissue.outline import counted
@@ -139,25 +101,9 @@ def _print(data: Dataset, estimates: pd.DataFrame, varied: pd.DataFrame | None, 
     show(table(title, (which, "median", "5 % below", "95 % below"), rows))
     for sentence in said_once(estimates["notes"]):
         line(sentence)
-    if varied is not None:
-        title = "K and C against each choice: the median impact (nine in ten impacts)"
-        headings = ("choice", "value", "impacts", "K (N/m)", "C (N s/m)")
-        show(table(title, headings, map(_vary_row, varied.to_dict("records")), words=headings))
     if data.left_out:
         count = len({problem.impact for problem in data.left_out})
         echo(f"{counted(count, 'impact')} left out: see left_out.csv")
     texts = "; ".join([*estimates["flags"], *estimates["notes"]])
     explained([*codes_in(texts), *(problem.code for problem in data.left_out)])
     line(f"wrote {out / 'estimates.csv'} and {out / 'report.html'}")
-
-
-def _vary_row(row: dict[Hashable, Any]) -> list[str]:
-    from bayestissue.report.wording import estimated
-
-    if row["note"]:
-        return [row["choice"], row["value"], "", row["note"], ""]
-    levels = (
-        "{} ({} to {})".format(*estimated(*(row[f"{name}_{end}"] for end in ("median", "5", "95"))))
-        for name in ("K_N_per_m", "C_N_s_per_m")
-    )
-    return [row["choice"], row["value"], f"{row['estimated']:.0f}", *levels]

@@ -224,7 +224,7 @@ def with_discrepancy(dataset: Dataset, specification: ModelSpecification, prepar
 
 def unsuited(dataset: Dataset, specification: ModelSpecification, source: str) -> list[Problem]:
     """What the model asks for that these recordings can't give; ``source`` is the model file's name."""
-    likelihood, smoothing = specification.likelihood, specification.signal.filter
+    likelihood = specification.likelihood
     of_traces, of_decelerations = likelihood in KINDS, likelihood == "impact"
     checks: list[tuple[bool, tuple[str, Any, Code], str, str]] = [
         (
@@ -247,12 +247,6 @@ def unsuited(dataset: Dataset, specification: ModelSpecification, source: str) -
             "of the displacement has no place for",
             "Use models/impact.toml. Without the table [recorder] this model would run, with K and C too "
             "small: `check` says by how much.",
-        ),
-        (
-            of_decelerations and smoothing != "none",
-            ("signal.filter", smoothing, "unsuited-likelihood"),
-            '"none", since a filter leaves noise that is not white',
-            "Take signal.filter out: the likelihood itself tells impact from noise.",
         ),
     ]
     problems = [
@@ -317,8 +311,7 @@ def _record(
     if specification.likelihood == "impact":
         record = _deceleration_record(dataset, specification, signal, velocity_sd, offset_sd, force)
         return record, np.abs(signal.deceleration).max(axis=1)
-    at_rest = specification.signal.equilibrium != "sample-mean" or not dataset.gravity
-    gravity = signal.gravity if at_rest and dataset.gravity else None
+    gravity = signal.gravity if dataset.gravity else None
     level_sd = signal.velocity * signal.contact_time_sd
     # Along gravity a gain in error is an offset too, and a contact time a velocity.
     velocity_sd = np.hypot(velocity_sd, signal.gravity * signal.contact_time_sd)
@@ -326,18 +319,14 @@ def _record(
     if dataset.quantity == "displacement":
         level_sd = np.hypot(level_sd, chain.offset_sd)
         velocity_sd, offset_sd = np.zeros_like(velocity_sd), np.zeros_like(offset_sd)
-        at_rest = False
-    peak = signal.peak_displacement
-    if specification.signal.equilibrium == "estimated":
-        level_sd = np.hypot(level_sd, peak)
     errors = np.stack([level_sd, velocity_sd, offset_sd], axis=1)
     start = (signal.n_samples, signal.first_sample_s, signal.dt)
     of_traces = displacement_record(signal.x, *start, errors, gravity)
-    if at_rest:
+    if dataset.quantity != "displacement":
         share = _share(chain.velocity_sd_m_s, velocity_sd)
         known = (jnp.asarray(signal.velocity), jnp.asarray(share))
         of_traces = of_traces._replace(velocity=known[0], velocity_share=known[1])
-    return of_traces, peak
+    return of_traces, signal.peak_displacement
 
 
 def _diameters(dataset: Dataset) -> dict[str, np.ndarray]:
@@ -356,7 +345,7 @@ def common_depth(signal: Displacements) -> float:
 
     It comes from the recordings, so that it is one number: the same for every impact and every draw.
     """
-    return float((signal.x.max(axis=1) + signal.equilibrium).min())
+    return float(signal.x.max(axis=1).min())
 
 
 def _deceleration_record(

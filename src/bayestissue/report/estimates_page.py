@@ -33,15 +33,6 @@ _HEADINGS = {
 # Of the method "impact".
 _CAME_TO = {"peak_force_N": "peak force (N)", "peak_depth_m": "peak depth (m)"}
 _OF_POSTERIORS = _RECORDED | {"zeta": "ζ"} | INTERVALS | _CAME_TO
-_FURTHER_HEADINGS = {
-    f"{COLUMNS[q]}_{which}": title
-    for q in QUANTITIES
-    for which, title in (
-        ("median", f"{q} ({UNITS[q]}), median impact"),
-        ("5", f"{q}, 5 % of impacts below"),
-        ("95", f"{q}, 95 % of impacts below"),
-    )
-}
 # Tables that a run may hold beside its estimates, with their heading and what to look for.
 _FURTHER: dict[str, list[str]] = SENTENCES["beside_estimates"]
 _SETTINGS = ("options", "method", "signal", "model")
@@ -175,9 +166,8 @@ def plain_table(name: str, frame: pd.DataFrame) -> Table:
     def field(column: str) -> Field:
         otherwise = "number" if pd.api.types.is_numeric_dtype(frame[column]) else "text"
         kind = declared[column].kind if column in declared else otherwise
-        title = _FURTHER_HEADINGS.get(column, column)
         if kind == "text":
-            return Field(title, column, "words" if column in ("expected", "remedy", "note") else "text")
-        return number_field(title, column, "{:.0f}".format if kind == "whole" else digits(4))
+            return Field(column, column, "words" if column in ("expected", "remedy") else "text")
+        return number_field(column, column, "{:.0f}".format if kind == "whole" else digits(4))
 
     return table_of(frame, *map(field, map(str, frame)))

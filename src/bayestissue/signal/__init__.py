@@ -1,12 +1,11 @@
 """From a recording to the displacement of one impact: offset, contact, integration, window."""
 
 from bayestissue.signal.displacement import Displacements, displacements
-from bayestissue.signal.options import SignalOptions, alternatives, read_signal_options
+from bayestissue.signal.options import SignalOptions, read_signal_options
 
 __all__ = [
     "Displacements",
     "SignalOptions",
-    "alternatives",
     "displacements",
     "read_signal_options",
 ]

@@ -137,7 +137,7 @@ def _onset(recordings: Recordings, options: SignalOptions, noise: Column) -> Ons
     rise = recordings.span(first, first_where(passed, first))
     reach = np.maximum(CONTACT.reach * most, CONTACT.rises * rise) + 2 * recordings.dt
     if options.contact == "threshold":
-        level = offset + options.threshold * (peak - offset)
+        level = offset + CONTACT.threshold * (peak - offset)
         first = last_below(level) + 1
         most = least = _since_crossing(recordings, level, first) * recordings.span(first - 1, first)
         reach = reach + np.maximum(recordings.span(shown, first), 0)
@@ -174,7 +174,7 @@ def displacement_contact(recordings: Recordings, options: SignalOptions) -> tupl
         return from_time_zero(recordings)
     x = np.where(recordings.inside, recordings.value, -np.inf)
     top = np.argmax(x, axis=1)
-    level = options.threshold * x.max(axis=1) if options.contact == "threshold" else np.zeros(len(x))
+    level = CONTACT.threshold * x.max(axis=1) if options.contact == "threshold" else np.zeros(len(x))
     until_peak = np.arange(x.shape[1]) <= top[:, None]
     # A rest of exact zeros, as a coarse recorder writes it, is before contact; its last zero may be contact.
     still = np.pad((x[:, :-1] == level[:, None]) & (x[:, 1:] == level[:, None]), ((0, 0), (0, 1)))

@@ -12,8 +12,8 @@ from bayestissue.dataset.model import Dataset
 from bayestissue.errors import Coded
 from bayestissue.signal.beyond_limit import beyond_limit
 from bayestissue.signal.contact import Onset, displacement_contact, find_onset
-from bayestissue.signal.filters import ahead_s, low_pass
-from bayestissue.signal.integration import clear_velocity, cumulative, derivatives
+from bayestissue.signal.filters import ahead_s
+from bayestissue.signal.integration import Rule, clear_velocity, cumulative, derivatives
 from bayestissue.signal.options import SignalOptions
 from bayestissue.signal.phase import BETWEEN, ContactEvidence, Phase, phase_of
 from bayestissue.signal.settings import CONTACT, WINDOW
@@ -49,9 +49,9 @@ class Displacements:
     """Displacements of all impacts over their windows, in SI units.
 
     Attributes:
-        x: [impact, sample], m, measured from the equilibrium that the options name; 0 past a row's end.
+        x: [impact, sample], m, since contact; 0 past a row's end.
         v: [impact, sample], velocity, m/s.
-        deceleration: [impact, sample], m/s², offset removed and filtered; along gravity force over mass.
+        deceleration: [impact, sample], m/s², offset removed; along gravity force over mass.
         n_samples: [impact], samples in the window.
         dt: [impact], sampling interval, s; of uneven times the mean one.
         sample_number: [impact, sample], times of x since the first sample, in sampling intervals: 0, 1, 2 and
@@ -62,7 +62,6 @@ class Displacements:
         mass: [impact], kg.
         velocity: [impact], at contact, m/s.
         gravity: [impact], along the motion, m/s².
-        equilibrium: [impact], m: x + equilibrium is the displacement since contact.
         contact_time_s: [impact], on the recording's own clock.
         contact_time_sd: [impact], s; 0 where contact was given.
         first_sample_s: [impact], time from contact to the first sample of x, s.
@@ -101,7 +100,6 @@ class Displacements:
     mass: Column
     velocity: Column
     gravity: Column
-    equilibrium: Column
     contact_time_s: Column
     contact_time_sd: Column
     first_sample_s: Column
@@ -139,16 +137,19 @@ class Displacements:
         return self.first_sample_s[:, None] + self.sample_number * self.dt[:, None]
 
 
-def displacements(dataset: Dataset, options: SignalOptions | None = None) -> Displacements:
+def displacements(
+    dataset: Dataset, options: SignalOptions | None = None, rule: Rule = "quintic"
+) -> Displacements:
     """The displacement of every impact, from contact over the window that the options choose.
 
-    v(t) = V − ∫(d − g) and x(t) = ∫v from contact on, both by the rule that the options name (thesis, section
-    2.2), g being gravity along the motion; recorded displacements are taken as they are, from their value at
-    contact. The samples of x are the recorder's own: the first one lies up to one interval after contact,
-    where x is already above 0.
+    v(t) = V − ∫(d − g) and x(t) = ∫v from contact on (thesis, section 2.2), g being gravity along the motion;
+    recorded displacements are taken as they are, from their value at contact. The samples of x are the
+    recorder's own: the first one lies up to one interval after contact, where x is already above 0.
 
-    Raises:
-        InputError: the filter class asks for a higher sampling rate than an impact has.
+    Args:
+        dataset: the recordings.
+        options: where contact is, and how far the window goes.
+        rule: of both integrations; the thesis's is trapezoidal.
     """
     options = options or SignalOptions()
     mass, velocity = (dataset.impacts[name].to_numpy(dtype=float) for name in ("mass_kg", "velocity_m_s"))
@@ -163,7 +164,7 @@ def displacements(dataset: Dataset, options: SignalOptions | None = None) -> Dis
 
     if dataset.quantity == "displacement":
         return _joined([_recorded(met(rows), options) for rows in blocks])
-    signals, evidence = zip(*(_integrated(met(rows), options) for rows in blocks), strict=True)
+    signals, evidence = zip(*(_integrated(met(rows), options, rule) for rows in blocks), strict=True)
     if dataset.recorder is not None:
         # No force jumps behind a low-pass, and contact has no interval of its own.
         return _joined(signals)
@@ -171,7 +172,7 @@ def displacements(dataset: Dataset, options: SignalOptions | None = None) -> Dis
     of_all = ContactEvidence(*map(np.concatenate, zip(*evidence, strict=True)))
     phase = phase_of(of_all, sd, dataset.contact)
     if phase.known:
-        signals = tuple(_integrated(met(rows), options, phase)[0] for rows in blocks)
+        signals = tuple(_integrated(met(rows), options, rule, phase)[0] for rows in blocks)
     signal = _joined(signals)
     noted = [[*row, ON_SAMPLE] for row in signal.notes] if phase.known and phase.judged else signal.notes
     return replace(signal, phase=phase, notes=noted)
@@ -187,25 +188,20 @@ class _Met(NamedTuple):
 
 
 def _integrated(
-    met: _Met, options: SignalOptions, phase: Phase = BETWEEN
+    met: _Met, options: SignalOptions, rule: Rule, phase: Phase = BETWEEN
 ) -> tuple[Displacements, ContactEvidence]:
     recordings, mass, velocity, gravity = met
     onset = find_onset(recordings, options)
-    offset = onset.offset if options.remove_offset else np.zeros_like(onset.offset)
-    removed = onset.quiet & options.remove_offset
-    offset_sd = np.where(removed, onset.offset_sd, np.nan)
     part = from_sample(recordings, onset.first)
-    part = replace(part, value=part.value - offset[:, None])
+    part = replace(part, value=part.value - onset.offset[:, None])
     recorded, clipped, bracket = part.value, np.zeros_like(part.value), (onset.least, onset.most)
     if recordings.clipped is not None:
         clipped = from_sample(replace(recordings, value=recordings.clipped), onset.first).value
         part = replace(part, value=beyond_limit(part, clipped, velocity, gravity, bracket))
-    if options.filter != "none":
-        part = replace(part, value=low_pass(part.value, part.dt, options.filter))
     d, inside, dt = part.value, part.inside, part.dt
     slowing = replace(part, value=d - gravity[:, None])
-    first = cumulative(slowing, options.integration)
-    second = cumulative(replace(part, value=first), options.integration)
+    first = cumulative(slowing, rule)
+    second = cumulative(replace(part, value=first), rule)
     bracketed = (onset.most > onset.least) & (onset.most < 1.5 * dt) & ~onset.blurred & ~part.uneven
     known = np.where(bracketed, phase.place * dt, np.nan)
     start = find_start(part, (first, second), velocity, gravity, bracket, known)
@@ -221,10 +217,10 @@ def _integrated(
     }
     signal = _windowed(
         part, (x, v, d if recordings.clipped is None else recorded), clipped, stop, start, options, flags,
-        {NO_OFFSET: options.remove_offset & ~onset.quiet, UNEVEN: part.uneven},
-        mass=mass, velocity=velocity, gravity=gravity, offset=offset, offset_sd=offset_sd,
-        noise_sd=onset.noise_sd, interval_s=np.where(bracketed, dt, 0.0),
-        **_before(recordings, onset, offset, removed),
+        {NO_OFFSET: ~onset.quiet, UNEVEN: part.uneven},
+        mass=mass, velocity=velocity, gravity=gravity, offset=onset.offset,
+        offset_sd=np.where(onset.quiet, onset.offset_sd, np.nan), noise_sd=onset.noise_sd,
+        interval_s=np.where(bracketed, dt, 0.0), **_before(recordings, onset),
     )  # fmt: skip
     # Beyond the sensor's limit a trace is what a spring and damper makes of it: it tells nothing of contact.
     bracketed &= (clipped == 0).all(axis=1)
@@ -235,16 +231,16 @@ def _integrated(
     return signal, ContactEvidence(start.free, start.free_sd, start.by_velocity, dt, bracketed, at_zero)
 
 
-def _before(recordings: Recordings, onset: Onset, offset: Column, removed: Mask) -> dict[str, Any]:
+def _before(recordings: Recordings, onset: Onset) -> dict[str, Any]:
     """What was recorded before the first sample in contact: see `Displacements`."""
     index = onset.first[:, None] - BEFORE + np.arange(BEFORE)
-    value = np.take_along_axis(recordings.value, np.maximum(index, 0), axis=1) - offset[:, None]
+    value = np.take_along_axis(recordings.value, np.maximum(index, 0), axis=1) - onset.offset[:, None]
     since_first = recordings.sample_number_of(index) - recordings.sample_number_of(onset.first)[:, None]
     return {
         "before": np.where(index >= 0, value, 0.0),
         "before_s": since_first * recordings.dt[:, None],
         "n_before": np.minimum(onset.first, BEFORE),
-        "n_since_quiet": onset.first - np.where(removed, onset.quiet_samples, 0),
+        "n_since_quiet": onset.first - np.where(onset.quiet, onset.quiet_samples, 0),
         "reach_s": onset.reach,
         "blurred": onset.blurred,
     }
@@ -254,9 +250,6 @@ def _recorded(met: _Met, options: SignalOptions) -> Displacements:
     """Of recorded displacements."""
     recordings, mass, velocity, gravity = met
     noise = noise_sd(recordings)
-    if options.filter != "none":
-        whole = from_sample(recordings, np.zeros_like(recordings.n))
-        recordings = replace(recordings, value=low_pass(whole.value, whole.dt, options.filter))
     first, since_contact = displacement_contact(recordings, options)
     share = since_contact / recordings.dt
     level = at(recordings.value, first)
@@ -311,10 +304,6 @@ def _windowed(
         n = np.where(longer, np.maximum(n, samples_in("rebound", stop, *moved)), n)
     used = np.arange(int(n.max())) < n[:, None]
     x, v, deceleration, clipped = (np.where(used, rows[:, : used.shape[1]], 0) for rows in (*motion, clipped))
-    equilibrium = np.zeros(len(n))
-    if options.equilibrium == "sample-mean":
-        equilibrium = x.sum(axis=1) / np.maximum(n, 1)
-        x = np.where(used, x - equilibrium[:, None], 0)
     return Displacements(
         x=x,
         v=v,
@@ -324,7 +313,6 @@ def _windowed(
         sample_number=part.sample_numbers[:, : used.shape[1]],
         uneven=part.uneven,
         clipped=clipped,
-        equilibrium=equilibrium,
         contact_time_s=part.start - since_contact,
         contact_time_sd=start.since_contact_sd,
         first_sample_s=since_contact,

@@ -1,4 +1,4 @@
-"""Low-pass filters: those of a recorder, as poles of a continuous filter, and SAE J211's of a recording."""
+"""Low-pass filters of recorders, as poles of a continuous filter or sections of a digital one."""
 
 from __future__ import annotations
 
@@ -9,50 +9,8 @@ import numpy as np
 from jaxtyping import Complex, Float, Num
 
 from bayestissue.dataset.chain import Recorder
-from bayestissue.dataset.settings import SAE_CORNER
-from bayestissue.errors import InputError
 from bayestissue.signal.settings import FILTER
 from bayestissue.signal.traces import Column, Rows
-
-
-def low_pass(values: Rows, dt: Column, frequency_class: int) -> Rows:
-    """Four-pole phaseless Butterworth low-pass of a channel frequency class, row by row.
-
-    The -3 dB corner lies at 5/3 of the class in Hz. Either end is continued by its reflection through the
-    end point, so that a row that begins at a jump keeps it.
-
-    Args:
-        values: [impact, sample].
-        dt: sampling interval of each row in s.
-        frequency_class: 60, 180, 600 or 1000.
-
-    Raises:
-        InputError: an impact is sampled too slowly for this class.
-
-    Source: SAE J211-1, appendix C; ISO 6487.
-    """
-    # A third of a second to import, which only those who filter should wait for.
-    from scipy.signal import sosfiltfilt
-
-    corner = SAE_CORNER * frequency_class
-    rates = np.round(1 / dt, 3)
-    too_slow = rates <= 2 * corner
-    if too_slow.any():
-        raise InputError.stated(
-            "filter-too-slow",
-            "signal options",
-            column="signal.filter",
-            value=f"{rates[too_slow].min():g} Hz",
-            least=2 * corner,
-            frequency_class=frequency_class,
-        )
-    filtered = np.empty_like(values)
-    for rate in np.unique(rates):
-        rows = rates == rate
-        sections = _design(Recorder(corner), fs=rate, output="sos")
-        reach = min(values.shape[1] - 1, int(rate / frequency_class))
-        filtered[rows] = sosfiltfilt(sections, values[rows], axis=1, padlen=reach)
-    return filtered
 
 
 def on_even_grid(values: Rows, rate: float, recorder: Recorder) -> Rows:

@@ -25,6 +25,7 @@ class ContactSettings:
             deviations are then a sixth of the peak.
         rounding: recorded numbers are rounded; below this fraction of the peak a difference means nothing.
         most_jump: of the greatest force, that a first sample may have where contact is judged by it.
+        threshold: of the peak, that the trace passes at contact where that is so chosen.
     """
 
     scatter_samples: int = 20
@@ -39,6 +40,7 @@ class ContactSettings:
     blur: float = 30.0
     rounding: float = 1e-6
     most_jump: float = 0.9
+    threshold: float = 0.05
 
 
 CONTACT = ContactSettings()

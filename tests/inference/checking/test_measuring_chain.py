@@ -180,14 +180,6 @@ def test_another_law_is_not_blamed_on_the_chain(impact: Prepare) -> None:
     assert "can't be told" in found["words"]
 
 
-@pytest.mark.parametrize(
-    "made",
-    [
-        {"likelihood": "arma", "signal": {"equilibrium": "sample-mean"}},
-        {"likelihood": "impact", "element": "standard_linear"},
-    ],
-    ids=["from their own mean", "another element"],
-)
-def test_what_has_no_known_rate_of_false_alarms_is_not_asked(good: Dataset, made: dict) -> None:
-    specification = ModelSpecification.model_validate({"name": "m", **made})
+def test_what_has_no_known_rate_of_false_alarms_is_not_asked(good: Dataset) -> None:
+    specification = ModelSpecification(name="m", likelihood="impact", element="standard_linear")
     assert judge(prepare(good, specification, source="the model")) == {}

@@ -10,12 +10,11 @@ import pytest
 import bayestissue as bt
 from bayestissue.dataset.chain import Uncertainty
 from bayestissue.dataset.model import Dataset, Trace
-from bayestissue.inference.points.estimates import THESIS
 from bayestissue.inference.points.fit import PointFit, fit_points
 from bayestissue.inference.points.notes import said_once
 from bayestissue.oscillator import impact_motion, spring_damper_inverse, time_to_peak
 from bayestissue.resources import shared
-from bayestissue.signal import SignalOptions, displacements, read_signal_options
+from bayestissue.signal import SignalOptions, displacements
 
 COLUMNS = [
     *("impact", "subject", "trial", "mass_kg", "velocity_m_s", "n_samples", "sampling_interval_s"),
@@ -162,7 +161,3 @@ def test_a_window_too_short_to_fit_has_a_row_without_numbers() -> None:
     assert np.isnan(table["K_N_per_m"][0])
     assert "fewer than 8 samples" in table["flags"][0]
     assert np.isfinite(table["K_N_per_m"][1])
-
-
-def test_the_thesis_s_choices_are_those_of_its_model_file() -> None:
-    assert read_signal_options(shared("models", "dds.toml")) == THESIS

@@ -15,7 +15,7 @@ from bayestissue.dataset import Dataset
 from bayestissue.hierarchy.specification import Formulas, read_specification
 from bayestissue.hierarchy.trace_data import prepare
 from bayestissue.inference.factors.likelihoods import log_likelihoods
-from bayestissue.inference.points.notes import NO_ANSWER
+from bayestissue.inference.points.notes import C_UNTOLD
 from bayestissue.inference.single.posterior import single_posteriors
 from bayestissue.likelihood.arma.arma21 import arma21_series
 from bayestissue.oscillator import impact_motion, spring_damper_inverse, time_to_peak, to_differences
@@ -102,7 +102,7 @@ def test_what_a_displacement_does_not_tell_is_empty_and_noted() -> None:
     assert (table.loc[untold, "C_low_N_s_per_m"] == 0).all()
     assert np.isfinite(table["C_high_N_s_per_m"]).all()
     assert (table["flags"] == "").all()
-    assert table.loc[untold, "notes"].str.contains(NO_ANSWER).all()
+    assert table.loc[untold, "notes"].str.contains(C_UNTOLD).all()
 
 
 def test_medians_and_intervals_are_those_of_direct_integration() -> None:

@@ -22,7 +22,6 @@ from bayestissue.inference.single.estimates import OUTCOME_COLUMNS
 from bayestissue.inference.single.posterior import POINTS, single_posteriors
 from bayestissue.resources import shared
 from bayestissue.results.tables import columns_of
-from bayestissue.signal import SignalOptions
 from bayestissue.simulation import Simulation, simulate
 from bayestissue.simulation.campaign import Campaign
 
@@ -298,8 +297,6 @@ def test_what_it_cannot_do_is_refused(campaign: Campaign):
     dataset = replace(
         campaign.dataset("single"), impacts=campaign.impacts.head(2), traces=campaign.dataset("x").traces[:2]
     )
-    with pytest.raises(bt.InputError, match='"none", since a filter'):
-        bt.estimate(dataset, method="impact", options=SignalOptions(filter=180))
     with pytest.raises(ValueError, match='"impact" or "dds"'):
         bt.estimate(dataset, method="best")
 

@@ -120,7 +120,7 @@ def judge(prepared: Prepared, expansions: GaussianFactor | None = None) -> dict[
         (medians); ``structure_left`` and ``words``. ``passed`` is None where decelerations stay structured
         even so: what the traces then ask of the chain may be the tissue's law.
     """
-    if not _rate_is_known(prepared) or prepared.signal.equilibrium.any():
+    if not _rate_is_known(prepared):
         return {}
     rows = some_impacts(len(prepared.impacts))
     prepared = some_of(prepared, rows)

@@ -32,9 +32,7 @@ def first_guess(prepared: Prepared) -> Float[np.ndarray, "impact parameter"]:
     if prepared.model.kind == "impact":
         (K, C), fit = _of_motion(signal), None
     else:
-        centred = signal.equilibrium.any()
-        gravity = None if centred else signal.gravity
-        fit = fit_points(signal.x, signal.n_samples, signal.dt, signal.mass, "exact", gravity=gravity)
+        fit = fit_points(signal.x, signal.n_samples, signal.dt, signal.mass, "exact", gravity=signal.gravity)
         K, C = fit.K, fit.C
     stiffness = np.where(np.isfinite(K) & (K > 0), K, signal.mass * (np.pi / 2 / signal.time_to_peak) ** 2)
     lightly = 0.1 * np.sqrt(stiffness * signal.mass)
@@ -60,8 +58,7 @@ def first_guess(prepared: Prepared) -> Float[np.ndarray, "impact parameter"]:
 
 def _of_motion(signal: Displacements) -> Float[np.ndarray, "2 impact"]:
     """K and C by least squares of M d on penetration and velocity, as integrated from d."""
-    # Since contact: where x is measured from elsewhere, that is no part of the force.
-    moved = np.stack([signal.x + signal.equilibrium[:, None], signal.v], axis=-1)
+    moved = np.stack([signal.x, signal.v], axis=-1)
     inside = (np.arange(moved.shape[1]) < signal.n_samples[:, None]) & (signal.clipped == 0)
     moved = np.where(inside[..., None], moved, 0.0)
     squares = np.einsum("isa,isb->iab", moved, moved)

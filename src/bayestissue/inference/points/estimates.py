@@ -15,7 +15,6 @@ from bayestissue.inference.points.notes import (
     ANOTHER_PEAK,
     ARCCOS,
     AT_A_LIMIT,
-    NO_ANSWER,
     NO_OSCILLATOR,
     NOISELESS,
     NOT_FILTERED,
@@ -26,7 +25,7 @@ from bayestissue.inference.points.notes import (
     UNUSED,
 )
 from bayestissue.oscillator import peak_displacement
-from bayestissue.signal import Displacements, SignalOptions
+from bayestissue.signal import Displacements
 from bayestissue.signal.displacement import FEWEST_SAMPLES
 from bayestissue.signal.quality import Finding, raised
 from bayestissue.signal.quality.inspection import KINDS
@@ -50,8 +49,6 @@ _OSCILLATOR = {
     "K_N_per_m": "K",
     "C_N_s_per_m": "C",
 }
-# As the thesis made displacements (sections 2.2 and 2.3).
-THESIS = SignalOptions(integration="trapezoidal", equilibrium="sample-mean")
 Masks = Mapping[Coded, np.ndarray]
 
 
@@ -63,11 +60,15 @@ def thesis_table(dataset: Dataset, signal: Displacements, findings: Sequence[Fin
 
     Args:
         dataset: the recordings.
-        signal: what was made of them.
+        signal: what was made of them, as in the thesis (section 2.2) by the trapezoidal rule.
         findings: what `bayestissue.signal.quality.inspect` found; flagged.
     """
     rows = (signal.n_samples >= FEWEST_SAMPLES) & ~signal.uneven & ~signal.clipped.any(axis=1)
-    fit = fit_points(signal.x[rows], signal.n_samples[rows], signal.dt[rows], signal.mass[rows], "dds")
+    # Deviations from the mean of the window (section 2.3); the fit takes off what rounding leaves of it.
+    inside = np.arange(signal.x.shape[1]) < signal.n_samples[:, None]
+    mean = signal.x.sum(axis=1) / np.maximum(signal.n_samples, 1)
+    x = np.where(inside, signal.x - mean[:, None], 0.0)
+    fit = fit_points(x[rows], signal.n_samples[rows], signal.dt[rows], signal.mass[rows], "dds")
     values = {name: in_rows(column, rows) for name, column in fit._asdict().items()}
     K, C, noiseless, all_of_them = values["K"], values["C"], values["noiseless"], np.ones(len(rows), bool)
     with np.errstate(invalid="ignore"):
@@ -86,8 +87,8 @@ def thesis_table(dataset: Dataset, signal: Displacements, findings: Sequence[Fin
             ANOTHER_PEAK: another_peak(signal, values["omega_n"], values["zeta"]),
         }
     if dataset.quantity == "displacement":
-        noted[NO_ANSWER] = np.any(list(failed.values()), axis=0)
-        failed = {}
+        # Sound ones come to it too: the way of a position sensor's noise.
+        noted, failed = noted | failed, {}
     flags, notes = flags_of(dataset, signal, findings, failed), notes_of(signal, findings, noted)
     return table_of(dataset, signal, values, flags, notes)
 

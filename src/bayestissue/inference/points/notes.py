@@ -30,7 +30,7 @@ STRUCTURED = Coded(
     "structured-residuals",
 )
 UNCORRECTED = Coded("importance weights are not to be trusted: its interval may miss", "pareto-k")
-# Flags that say that the fit came to no answer, whether or not the recording is sound.
+# Flags, and of displacements notes, that the fit came to no answer, whether or not the recording is sound.
 NO_OSCILLATOR = Coded("no oscillator has these coefficients", "no-answer")
 NOT_POSITIVE = Coded("K or C is not positive", "no-answer")
 AT_A_LIMIT = Coded("zeta at a limit", "no-answer")
@@ -38,15 +38,14 @@ K_UNTOLD = Coded("the recording does not tell K: no estimate", "no-answer")
 C_UNTOLD = Coded("the recording does not tell C: no estimate", "no-answer")
 K_MOSTLY_UNTOLD = Coded("most recordings of its trial do not tell K: its interval may miss", "mostly-untold")
 C_MOSTLY_UNTOLD = Coded("most recordings of its trial do not tell C: its interval may miss", "mostly-untold")
-# The same of a displacement, where sound recordings come to it too.
-NO_ANSWER = Coded("the fit came to no answer", "sensor-noise")
 
 ANOTHER_VELOCITY = KINDS["velocity-contradicted"].flag
 _NAMED = 5
 # What `said_once` may meet in the column ``notes``.
 _NOTES = (
-    *(THETA1, ARCCOS, NOT_FILTERED, NOISELESS, NO_ANSWER, ANOTHER_PEAK, UNUSED, PHANTOM),
-    *(UNCORRECTED, K_MOSTLY_UNTOLD, C_MOSTLY_UNTOLD, NO_OFFSET, ON_SAMPLE, UNEVEN, LONGER),
+    *(THETA1, ARCCOS, NOT_FILTERED, NOISELESS, ANOTHER_PEAK, UNUSED, PHANTOM, UNCORRECTED),
+    *(NO_OSCILLATOR, NOT_POSITIVE, AT_A_LIMIT, K_UNTOLD, C_UNTOLD, K_MOSTLY_UNTOLD, C_MOSTLY_UNTOLD),
+    *(NO_OFFSET, ON_SAMPLE, UNEVEN, LONGER),
     KINDS["contact-earlier"].flag,
     KINDS["at-limit"].flag,
 )

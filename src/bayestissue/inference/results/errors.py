@@ -126,7 +126,7 @@ def as_expected(prepared: Prepared, u: Float[np.ndarray, "impact parameter"]) ->
         prepared.model, replace(data, record=bare), quiet[None], jax.random.PRNGKey(0)[None]
     )
     trace = np.nan_to_num(np.asarray(replicated["displacement"][0]))
-    return replace(data, record=data.record.with_traces(trace, np.asarray(data.record.n_samples)))
+    return replace(data, record=data.record.with_traces(trace))
 
 
 @compiled_quickly

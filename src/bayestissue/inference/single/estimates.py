@@ -20,7 +20,6 @@ from bayestissue.hierarchy.trace_data import Prepared, assemble, only_by_impact,
 from bayestissue.inference.checking.recorded_peak import missed_peaks
 from bayestissue.inference.execution.kept import some_of
 from bayestissue.inference.points.estimates import (
-    THESIS,
     always_noted,
     another_peak,
     at_a_limit,
@@ -37,7 +36,6 @@ from bayestissue.inference.points.notes import (
     C_UNTOLD,
     K_MOSTLY_UNTOLD,
     K_UNTOLD,
-    NO_ANSWER,
     NOISELESS,
     STRUCTURED,
     UNCORRECTED,
@@ -96,7 +94,7 @@ def estimate(
             its measuring chain integrated out, and weak priors (those of ``models/impact.toml``, of
             displacements ``models/arma.toml``, on the intercepts and the noise, and one of the damping
             ratio). "dds" for points by the thesis's conditional least squares about the sample mean.
-        options: how the displacement is made from the recording; the method's own unless given.
+        options: where contact is in the recordings, and which part of them is used.
         say: told the stage, how much of it is done, and its total.
 
     Returns:
@@ -122,50 +120,26 @@ def estimate(
     if method not in ("impact", "dds"):
         raise ValueError(f'method is "impact" or "dds", not {method!r}')
     dataset = as_dataset(dataset)
-    options = options or (THESIS if method == "dds" else SignalOptions())
     findings = inspect(dataset, options)
-    return estimates(dataset, displacements(dataset, options), method, options, findings, say=say)
+    if method == "impact":
+        return by_impact(dataset, displacements(dataset, options), findings, say=say)[0]
+    if problems := only_by_impact(dataset, "estimate --method dds", "method", "dds"):
+        raise InputError(problems)
+    return thesis_table(dataset, displacements(dataset, options, "trapezoidal"), findings)
 
 
-def estimates(
-    dataset: Dataset,
-    signal: Displacements,
-    method: Method,
-    options: SignalOptions,
-    findings: Sequence[Finding] = (),
-    *,
-    say: Say | None = None,
-) -> pd.DataFrame:
-    """The table of `estimate` for displacements that were made with these options.
+def by_impact(
+    dataset: Dataset, signal: Displacements, findings: Sequence[Finding], *, say: Say | None = None
+) -> tuple[pd.DataFrame, SinglePosteriors | None]:
+    """The table of `estimate` by the method "impact", and the posteriors where there are samples enough.
 
-    Impacts of fewer than eight samples have a row without numbers.
+    Impacts of fewer than eight samples have a row without numbers; without any other there are no posteriors.
 
     Args:
         dataset: the recordings.
         signal: what was made of them.
-        method: see `estimate`.
-        options: what it was made with.
         findings: what `bayestissue.signal.quality.inspect` found; flagged.
         say: as of `estimate`.
-    """
-    if method == "impact":
-        return by_impact(dataset, signal, options, findings, say=say)[0]
-    if problems := only_by_impact(dataset, "estimate --method dds", "method", "dds"):
-        raise InputError(problems)
-    return thesis_table(dataset, signal, findings)
-
-
-def by_impact(
-    dataset: Dataset,
-    signal: Displacements,
-    options: SignalOptions,
-    findings: Sequence[Finding] = (),
-    *,
-    say: Say | None = None,
-) -> tuple[pd.DataFrame, SinglePosteriors | None]:
-    """The table of `estimates` by the method "impact", and the posteriors where there are samples enough.
-
-    Arguments as of `estimates`; without any such impact there are no posteriors.
 
     Raises:
         InputError: displacements have uneven times, or a low-pass is declared of them.
@@ -173,7 +147,7 @@ def by_impact(
     displaced = dataset.quantity == "displacement"
     alone: dict[str, object] = {"formula": Formulas(K="1", C="1"), "discrepancy": "none"}
     # Whoever shares an impact's error of mass, an impact alone has it.
-    alone |= {"mass_error": "impact", "signal": options}
+    alone |= {"mass_error": "impact"}
     file = shared("models", "arma.toml" if displaced else "impact.toml")
     specification = read_specification(file).model_copy(update=alone)
     if problems := unsuited(dataset, specification, "estimate"):
@@ -194,19 +168,15 @@ def by_impact(
     untold = _untold(posteriors, noiseless)
     oscillator = _oscillator(prepared, posteriors, untold)
     wrong = _wrong(dataset, prepared, posteriors, oscillator, untold, noiseless)
-    noted = {NOISELESS: in_rows(noiseless, rows), **noted}
-    if displaced:
-        # Sound recordings come to it too: the way of a position sensor's noise.
-        noted |= {
-            flag: in_rows(wrong[flag], rows) for flag in (UNCORRECTED, K_MOSTLY_UNTOLD, C_MOSTLY_UNTOLD)
-        }
-        no_answer = [wrong[flag] for flag in (AT_A_LIMIT, ANOTHER_PEAK, K_UNTOLD, C_UNTOLD)]
-        noted[NO_ANSWER], wrong = in_rows(np.any(no_answer, axis=0), rows), {}
 
     def in_table(columns: Mapping[Any, np.ndarray]) -> dict[Any, np.ndarray]:
         """Of all impacts of the dataset."""
         return {name: in_rows(column, rows) for name, column in columns.items()}
 
+    noted = {NOISELESS: in_rows(noiseless, rows), **noted}
+    if displaced:
+        # Sound recordings come to it too: the way of a position sensor's noise.
+        noted, wrong = noted | in_table(wrong), {}
     table = table_of(
         dataset,
         signal,

@@ -49,8 +49,7 @@ class DisplacementRecord(NamedTuple):
         spread: 2 - 2 cos(j pi / (n - 1)) in the same blocks.
         error_sd: standard deviations of the constant [m], the ramp [m/s] and the parabola [m/s^2].
         gravity: g, along the motion [m/s^2]; None where there is none.
-        velocity: recorded velocity at contact [m/s]; None where there is none, or the traces have another
-            mean than at rest.
+        velocity: recorded velocity at contact [m/s]; None where there is none.
         velocity_share: of the variance of the ramp that which an error of the velocity makes.
     """
 
@@ -95,12 +94,10 @@ class DisplacementRecord(NamedTuple):
             "offset_error": "offset",
         }
 
-    def with_traces(
-        self, traces: Float[np.ndarray, "impact sample"], n_samples: Int[np.ndarray, " impact"]
-    ) -> DisplacementRecord:
-        """The record of other traces, or of fewer of their samples."""
-        same = map(np.asarray, (self.first_time, self.dt, self.error_sd))
-        record = displacement_record(traces, n_samples, *same)
+    def with_traces(self, traces: Float[np.ndarray, "impact sample"]) -> DisplacementRecord:
+        """The record of other traces."""
+        same = map(np.asarray, (self.n_samples, self.first_time, self.dt, self.error_sd))
+        record = displacement_record(traces, *same)
         others = {name: getattr(self, name) for name in ("gravity", "velocity", "velocity_share")}
         return record._replace(**others)
 

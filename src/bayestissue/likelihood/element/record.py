@@ -204,14 +204,6 @@ class ForceRows(NamedTuple):
         usable = None if self.usable is None else padded_zeros(self.usable, 1)
         return self._replace(y=padded_zeros(self.y, 1), usable=usable)
 
-    def until(self, end: Float[Array, " impact"]) -> ForceRows:
-        """The samples until so long after contact [s], the one there among them."""
-        # Where it is not a sample by the rounding of its time alone.
-        count = jnp.floor((end - self.first_time) / self.dt + 1.01).astype(int)
-        n_samples = jnp.clip(count, 0, self.n_samples)
-        inside = jnp.arange(self.y.shape[1]) < n_samples[:, None]
-        return self._replace(y=jnp.where(inside, self.y, 0.0), n_samples=n_samples)
-
 
 class DecelerationRecord(NamedTuple):
     """What the likelihood reads of a set of deceleration traces.
@@ -361,17 +353,9 @@ class DecelerationRecord(NamedTuple):
         """For how many sampling intervals before contact a filter that looks ahead has an answer."""
         return 0 if self.low_pass is None else self.low_pass.lead
 
-    def with_traces(
-        self,
-        traces: Float[Array | np.ndarray, "impact sample"],
-        n_samples: Int[Array | np.ndarray, " impact"],
-    ) -> DecelerationRecord:
-        """The record of other traces, or of fewer of their samples; of a force those until their end."""
-        record = self._replace(n_samples=jnp.asarray(n_samples))
-        if self.force is not None:
-            end = self.first_time + (record.n_samples - 1) * self.dt
-            record = record._replace(force=self.force.until(end))
-        return record._replace(d=jnp.where(record.inside(), jnp.asarray(traces), 0.0))
+    def with_traces(self, traces: Float[Array | np.ndarray, "impact sample"]) -> DecelerationRecord:
+        """The record of other traces."""
+        return self._replace(d=jnp.where(self.inside(), jnp.asarray(traces), 0.0))
 
     def impacts(self, rows: Int[np.ndarray, " row"]) -> DecelerationRecord:
         """The record of some impacts; the recorder's filter and noise are those of all."""

@@ -56,14 +56,10 @@ def unused_priors(run: FitRun) -> tuple[str, ...]:
 
 
 def signal_words(run: FitRun) -> str:
-    """The window and the zero of the displacement."""
-    signal = run.record.get("model", {}).get("signal", {})
-    window, zero = str(signal.get("window", "peak")), str(signal.get("equilibrium", "rest"))
+    """The window."""
+    window = str(run.record.get("model", {}).get("signal", {}).get("window", "peak"))
     until = SENTENCES["windows"].get(window, f"from contact to {window} of the time to zero velocity")
-    text = f"The window goes {until}."
-    if run.likelihood == "impact":
-        return text
-    return f"{text} The zero of x is {SENTENCES['equilibria'].get(zero, zero)}."
+    return f"The window goes {until}."
 
 
 def limits(run: FitRun) -> list[str]:

@@ -154,8 +154,7 @@ def _inspected(part: Dataset, options: SignalOptions, implied: list[velocity.Imp
         deep = (start > PULSE.above) & (np.where(early, recorded.value, np.inf).min(axis=1) > 0)
         yield from (*findings, KINDS["starts-deep"].where(deep, start))
         return
-    whole = {"window": "rebound", "filter": "none", "equilibrium": "rest"}
-    signal = displacements(part, options.model_copy(update=whole))
+    signal = displacements(part, options.model_copy(update={"window": "rebound"}))
     findings += _at_rest(recorded, signal.time_to_peak, part.gravity)
     above, longest = start > PULSE.above, np.zeros_like(start)
     if part.recorder is None:

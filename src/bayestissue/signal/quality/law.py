@@ -138,7 +138,7 @@ def _sum_of_squares(signal: Displacements, used: Mask, variance: Column, change:
     """The least sum of squares in units of the variance, that of the errors in theirs included."""
     time = signal.since_contact_s[:, : used.shape[1]]
     v = signal.v + change[:, None] * time
-    x = signal.x + signal.equilibrium[:, None] + change[:, None] * time**2 / 2
+    x = signal.x + change[:, None] * time**2 / 2
     a, b = np.maximum(_coefficients(np.stack([v, x], axis=-1), signal.deceleration, used), 0).T
     errors = (a[:, None] + b[:, None] * time) * LAW.velocity * signal.velocity[:, None]
     late = (b * signal.velocity * signal.dt / np.sqrt(12))[:, None] + np.zeros_like(time)

@@ -48,12 +48,10 @@ def suspected(signal: Displacements) -> Suspected:
     """Ask every recording for a low-pass of 20 Hz to a quarter of the sampling rate.
 
     Args:
-        signal: decelerations from contact to zero velocity, unfiltered.
+        signal: decelerations from contact to zero velocity.
     """
     used = np.arange(signal.x.shape[1]) < signal.n_samples[:, None]
-    start = law.Start(
-        signal.sample_number, signal.dt, signal.x[:, 0] + signal.equilibrium, signal.v[:, 0], signal.gravity
-    )
+    start = law.Start(signal.sample_number, signal.dt, signal.x[:, 0], signal.v[:, 0], signal.gravity)
     peak = np.where(used, signal.deceleration, 0).max(axis=1)
     with np.errstate(all="ignore"):
         plain = law.least_sum_of_squares(signal.deceleration, used, start)

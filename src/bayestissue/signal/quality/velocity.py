@@ -85,7 +85,7 @@ def implied(
     """The velocity that each trace implies.
 
     Args:
-        signal: over the rebound, its equilibrium at rest.
+        signal: over the rebound.
         noise_sd: standard deviation of the recorder's noise, m/s².
         peak: of the deceleration, m/s².
         velocity_sd: as declared, with that of the gain, as a fraction of the velocity.
