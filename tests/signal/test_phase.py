@@ -106,6 +106,15 @@ def test_what_is_declared_is_not_judged(zero):
     assert (declared.kind, declared.judged) == ("before" if zero else "first", False)
 
 
+def test_an_impact_by_itself_has_the_place_of_contact_as_a_parameter() -> None:
+    made = lab(0.0, noise=0.01, number=1)
+    assert displacements(made).phase.kind == "undecided"
+    impacts = made.impacts.assign(impact="i", subject="s", mass_kg=0.5)
+    traces = [(made.traces[0].time_s, made.traces[0].value)]
+    row = bt.estimate(bt.dataset(impacts, traces, quantity="deceleration", unit="m/s^2")).iloc[0]
+    assert row["C_low_N_s_per_m"] < 12 < row["C_high_N_s_per_m"]
+
+
 # A declared contact is no question; here all recordings tell, on a clock that knows nothing of contact.
 @pytest.mark.long
 @pytest.mark.parametrize("anywhere", [False, True])

@@ -81,7 +81,7 @@ def _of_reliability() -> dict[str, dict[str, str]]:
     rng = np.random.default_rng(0)
     some = {name: rng.uniform(0.1, 0.2, (2, 3)) for name in ("people", "within", "impacts", "trial")}
     found = Variances(some["people"], 0.0, {"trial": (some["trial"], 3.0)}, {}, some["impacts"], 0.01, 3.0)
-    draws = xr.Dataset({f"intercept_{q}": (("chain", "draw"), some["within"]) for q in ("K", "C")})
+    draws = xr.Dataset({f"{q}_typical_person": (("chain", "draw"), some["within"]) for q in ("K", "C")})
     labelled = as_variables(coefficients({"K": found, "C": found}, draws))
     return {str(k): dict(v.attrs) for k, v in labelled.items()}
 

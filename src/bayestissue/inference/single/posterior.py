@@ -25,6 +25,7 @@ from scipy.stats import chi2, norm, qmc
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import (
+    CONTACT,
     TraceData,
     TraceModel,
     impact_likelihood,
@@ -141,7 +142,8 @@ def single_posteriors(
             impacts where there are many.
     """
     priors = prepared.model.priors
-    of_noise = (getattr(priors, name) for name in prepared.model.nuisance)
+    # Contact's place has the prior of the recordings together, below.
+    of_noise = (getattr(priors, name) for name in prepared.model.nuisance if name != CONTACT)
     normal = (priors.intercept.K, priors.intercept.C, *of_noise)
     mean, sd = (np.array([getattr(prior, name) for prior in normal], float) for name in ("mean", "sd"))
     if prepared.model.contact:
