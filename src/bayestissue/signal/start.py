@@ -98,7 +98,7 @@ def find_start(
         delta * duration,
         delta_sd * duration,
         np.where(given, known, (least + most) / 2),
-        width / np.sqrt(12),
+        np.sqrt(width**2 * (1 / 12)),
         width > 0,
         free * duration,
         free_sd * duration,
