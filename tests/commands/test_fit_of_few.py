@@ -150,7 +150,7 @@ def test_a_mass_that_never_varies_costs_the_exponent_only(
     """Before any fit; what the page says of it is tested on a run that is made up."""
     data = read_dataset(simulated(tmp_path, 3, [("slow", 0.7, 1.5), ("fast", 0.7, 2.0)]))
     prepared = prepare(data, ModelSpecification(name="m", likelihood="a2"), source="m.toml")
-    fit._say_what_is_told(prepared, PLAIN)
+    fit._say_what_is_told(prepared, PLAIN, ())
     said = capsys.readouterr().out
     assert "Left out of the formula: log(mass_kg), since the mass is 0.7 kg in every impact." in said
     assert "(1|subject), since" not in said

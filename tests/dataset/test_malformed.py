@@ -161,10 +161,10 @@ CASES = [
     ),
     case(
         "unknown table",
-        _toml("[uncertainty]", "[noise]"),
+        _toml("[uncertainty]", "[sensors]"),
         D,
         "row 8",
-        "column noise",
+        "column sensors",
         "uncertainty",
         "remove",
     ),

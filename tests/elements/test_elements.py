@@ -331,7 +331,7 @@ def test_an_absurd_impact_is_no_concern_of_the_others(absurd):
     """Of the exponentials of several matrices each is what it is alone."""
     sound = np.array([[[0.0, 1.0], [-2.0, -0.3]], [[0.0, 1.0], [-40.0, -5.0]]])
     other = np.array([[[0.0, 1.0], [-absurd, -absurd]]])
-    exponential = jax.jit(linear.exponential)
+    exponential = jax.jit(linear._exponential)
     alone = np.stack([np.asarray(exponential(matrix)) for matrix in sound])
     among = np.asarray(exponential(np.concatenate([sound, other])))[:2]
     # Sums of a dozen products in another order.
