@@ -65,7 +65,8 @@ def prepared(K: str, table: dict[str, Any], **model: Any) -> Prepared:
     traces = [(time, trace + rng.normal(size=len(time))) for _ in range(len(rows))]
     rows = rows.assign(impact=[f"i{n}" for n in range(len(rows))], velocity_m_s=V)
     uncertainty = {"relative_mass_sd": 0.2}
-    data = dataset(rows, traces, quantity="deceleration", unit="m/s^2", uncertainty=uncertainty)
+    stated = {"uncertainty": uncertainty, "contact": "between"}
+    data = dataset(rows, traces, quantity="deceleration", unit="m/s^2", **stated)
     from bayestissue.fitting import resolve
 
     content = {"likelihood": "impact", "formula": {"K": K, "C": K}, **model}
