@@ -155,10 +155,12 @@ def test_the_reference_has_every_result_file(manual):
     shown = code(manual, "results")
     for name, file in FILES.items():
         assert {name, *file.columns} <= shown
-    assert {path.name for path in (ROOT / "docs" / "reports").glob("*/*")} <= {*FILES, "truth.toml"}
+    assert {path.name for path in REPORTS} <= {*FILES, "truth.toml"}
 
 
-TABLES = sorted(f"{path.parent.name}/{path.name}" for path in (ROOT / "docs" / "reports").glob("*/*.csv"))
+# The causes are the answer of an earlier version, which the page of the thesis shows.
+REPORTS = [path for path in (ROOT / "docs" / "reports").glob("*/*") if path.parent.name != "causes"]
+TABLES = sorted(f"{path.parent.name}/{path.name}" for path in REPORTS if path.suffix == ".csv")
 
 
 @pytest.mark.parametrize("name", TABLES)
