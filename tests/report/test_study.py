@@ -128,9 +128,6 @@ def test_what_the_data_leave_to_the_prior_is_said(tmp_path) -> None:
     assert "overlaps the prior of the model file by 62 %" in text
     assert "of which few conditions say little" in text
     assert re.search(r"ICC\(A,1\) \S+ \S+ to \S+, largely prior \S+ \S+ to \S+ intraclass", text)
-    # An earlier version wrote no such column.
-    table.drop(columns="prior_overlap").to_csv(folder / "reliability.csv", index=False)
-    assert "Largely prior: of" not in write_report(folder).read_text(encoding="utf-8")
 
 
 def test_methods_stand_side_by_side_with_limits_of_agreement(html) -> None:
