@@ -194,7 +194,7 @@ def assemble(
         jax.device_put(columns),
         jax.device_put(effects.mean),
         jax.device_put(np.log(signal.mass)),
-        jax.device_put(np.log(peak)),
+        jax.device_put(np.log(np.maximum(peak, 1e-300))),
     )
     return Prepared(
         model,
