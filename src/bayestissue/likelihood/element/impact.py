@@ -179,9 +179,10 @@ class MeasuredImpact:
         record = self.record
         if record.side_by_side and record.clipped is None:
             omega_n, zeta = spring_damper_inverse(*self.parameters, record.mass)
-            return spring_damper.log_likelihood(omega_n, zeta, self.noise_parameters.log_sigma, record)
+            density = spring_damper.log_likelihood(omega_n, zeta, self.noise_parameters.log_sigma, record)
+            return density + record.log_seen_in_interval()
         density = element_log_likelihood(self.element, self.parameters, self.noise_parameters, record)
-        return density + self._of_shared_errors()
+        return density + self._of_shared_errors() + record.log_seen_in_interval()
 
     def _of_shared_errors(self) -> Array | float:
         """What makes the product over n impacts have the density of an error that all share once.

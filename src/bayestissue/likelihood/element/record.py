@@ -21,6 +21,8 @@ from bayestissue.padding import padded_zeros
 
 # Among the errors of the measuring chain; the gain, if it is another than the velocity's, is between them.
 VELOCITY, OFFSET, CONTACT = 0, -2, -1
+# By so much of an interval contact may seem to be beyond it.
+_CLEAR = 0.1
 # Those of a force's zero and of its clock, where there is one.
 OF_FORCE = (2, 3)
 _MERGED = {
@@ -239,6 +241,7 @@ class DecelerationRecord(NamedTuple):
         interval: the sampling interval in which the place of contact is a parameter of the impact [s], 0 of
             one whose contact is not known to be in one; ``first_time`` is from its middle. None where contact
             is no parameter.
+        earlier: where contact is a parameter and put there, by how many of these intervals before the middle.
     """
 
     d: Float[Array, "impact sample"]
@@ -261,6 +264,7 @@ class DecelerationRecord(NamedTuple):
     force: ForceRows | None = None
     shared_by: Float[Array, " impact"] | None = None
     interval: Float[Array, " impact"] | None = None
+    earlier: Float[Array, " impact"] | None = None
 
     @classmethod
     def from_arrays(
@@ -389,7 +393,18 @@ class DecelerationRecord(NamedTuple):
     def with_contact_earlier(self, by: Float[Array, " impact"]) -> DecelerationRecord:
         """The same traces with contact so many sampling intervals before the middle of its own."""
         assert self.interval is not None  # noqa: S101 - for the type checker
-        return self.with_first_time(self.first_time + by * self.interval)
+        return self.with_first_time(self.first_time + by * self.interval)._replace(earlier=by)
+
+    def log_seen_in_interval(self) -> Float[Array, " impact"] | float:
+        """What the samples at both ends of contact's interval say of its place: it is between them.
+
+        The earlier one shows no force and the later one does. The likelihood of the others goes on smoothly
+        beyond, as this does, so that a place at a sample is as likely as any.
+        """
+        if self.earlier is None or self.interval is None:
+            return 0.0
+        beyond = jnp.maximum(jnp.abs(self.earlier) - (0.5 + _CLEAR), 0.0)
+        return jnp.where(self.interval > 0, -jnp.square(beyond / _CLEAR) / 2, 0.0)
 
     def with_first_time(self, first_time: Float[Array, " impact"]) -> DecelerationRecord:
         """The same traces, all of them, with contact so long before the first sample [s]."""
