@@ -42,6 +42,9 @@ QUANTITIES = {
         "sd_impact_C",
     ),
     *("ICC_C1_K", "SEM_chain_K", "K_new", "C_new", "K_side", "residual_correlation"),
+}
+# The same where a force tells the mass.
+OF_CHANNELS = QUANTITIES | {
     *("mass", "mass_factor", "gain_factor", "moving_mass_kg", "K_trial", "energy_absorbed"),
 }
 # The error of a normal's 5 % or 95 % point over that of its mean, of its median, and of its deviation.
@@ -104,7 +107,7 @@ def fits(model: str, element: str = "kelvin_voigt", campaigns: int = CAMPAIGNS) 
     rows: list[tuple[str, float, float, float]] = []
     for seed in range(1, campaigns + 1):
         fit = bt.fit(campaign(element, seed), model, K="log(mass_kg) + side + (1|subject)")
-        rows += _of_fit(fit, seed)
+        rows += _of_fit(fit, seed, QUANTITIES)
         if (model, seed) == ("impact", 1):
             rows += _shown(fit)
         for row in fit.ask("K[side=left] / K[side=right] > 1", "mass_exponent_K > 0.3").to_dict("records"):
@@ -112,9 +115,9 @@ def fits(model: str, element: str = "kelvin_voigt", campaigns: int = CAMPAIGNS) 
     return _table(rows)
 
 
-def _of_fit(fit: Any, seed: int) -> Iterator[tuple[str, float, float, float]]:
+def _of_fit(fit: Any, seed: int, quantities: set[str]) -> Iterator[tuple[str, float, float, float]]:
     """Posterior intervals, and what the fit says against its model."""
-    for row in fit.summary[fit.summary["variable"].isin(QUANTITIES)].to_dict("records"):
+    for row in fit.summary[fit.summary["variable"].isin(quantities)].to_dict("records"):
         name = f"{seed} {row['variable']} {row['label']}".rstrip()
         sd, mcse = row["sd"], row["mcse_mean"]
         yield f"{name} median", row["median"], sd, OF_MEDIAN * mcse
@@ -166,7 +169,7 @@ def _of_channels(dataset: Callable[[], Any], model: str | None = None) -> pd.Dat
     """One fit of a dataset with two channels."""
     import bayestissue as bt
 
-    return _table(_of_fit(bt.fit(dataset(), model), 1))
+    return _table(_of_fit(bt.fit(dataset(), model), 1, OF_CHANNELS))
 
 
 def _points() -> pd.DataFrame:
