@@ -163,7 +163,8 @@ def sampled(
         path = jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *retained)
         verdict = look(*quantities(path), sampler.effective)
         in_a_row = in_a_row + 1 if verdict.passed else 0
-        stage = f"sampling, R-hat {verdict.r_hat:.3f}, {verdict.effective:.0f} effective draws"
+        effective = f"{verdict.effective:.0f} of {sampler.effective:.0f} effective draws"
+        stage = f"sampling, R-hat {verdict.r_hat:.3f}, {effective}"
         last = len(paths) >= most
         if in_a_row >= settings.in_a_row or last:
             yield Sampled(path, jax.tree.map(_mean, *rates), len(paths), verdict)
