@@ -32,7 +32,7 @@ from jaxtyping import Float
 from bayestissue.dataset.cells import cells_of, read_cells
 from bayestissue.elements import element
 from bayestissue.elements.outcomes import NEVER
-from bayestissue.errors import Coded, InputError, Problem, has_control_characters
+from bayestissue.errors import Coded, InputError, Problem, has_control_characters, path_argument
 from bayestissue.hierarchy.effects import RESPONSES, parameter_of, sd_impact
 from bayestissue.hierarchy.levels import NEW
 from bayestissue.hierarchy.recorded import Condition, Recorded
@@ -273,9 +273,10 @@ def read_conditions(
         body = [[_text(value) for value in row] for row in table.itertuples(index=False, name=None)]
         cells, rows = cells_of([str(n) for n in table], body, range(first, len(body)), (), label=label)
     else:
+        path = path_argument("table", table, "a pandas table, or the path of a CSV file")
         label = str(table)
         remedy = "Write one: a header with columns of impacts.csv, and a row for each new impact."
-        cells, rows = read_cells(Path(table), (), label=label, keep_empty=True, remedy=remedy)
+        cells, rows = read_cells(path, (), label=label, keep_empty=True, remedy=remedy)
     if problems := list(_columns(cells, recorded, label)):
         raise InputError(problems)
     if problems := [*_wrong(cells, rows, recorded, label), *_heights(cells, rows, recorded, gravity, label)]:
